@@ -1,0 +1,47 @@
+"""Errors that a user can act on, and the exit codes of the command line.
+
+Every error message is one line that names the file, the place in it, the value and
+the limit it breaks, and what to do.
+"""
+
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """What the exit status of an `occlog` command says."""
+
+    DONE = 0
+    BUG = 1
+    USAGE = 2
+    LOSSY = 3  # finished, but input was lost on the way; what was lost is listed
+    BAD_INPUT = 4  # bad or unreadable input, or a file that cannot be written
+    DIFFERENT = 5  # `diff` found a difference
+    THRESHOLD = 6  # `evaluate --fail-if` was not met
+    EXISTS = 7  # the output exists and --overwrite was not given
+    INTERRUPTED = 130
+
+
+class OcclogError(Exception):
+    """Base of all errors that occlog raises on purpose; `exit_code` is what the command returns."""
+
+    exit_code: ExitCode = ExitCode.BAD_INPUT
+
+
+class InputError(OcclogError):
+    """An input is missing, damaged, or says something that cannot be."""
+
+
+class OutputError(OcclogError):
+    """An output cannot be written (full disk, missing folder, no permission)."""
+
+
+class OutputExistsError(OcclogError):
+    """The output is already there and may not be overwritten."""
+
+    exit_code = ExitCode.EXISTS
+
+
+class UsageError(OcclogError):
+    """Options that contradict each other or that this input does not allow."""
+
+    exit_code = ExitCode.USAGE

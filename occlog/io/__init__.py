@@ -1,0 +1,1 @@
+"""File formats to records and back; knows no algorithm."""

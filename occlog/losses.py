@@ -1,0 +1,30 @@
+"""Input that was lost on the way: listed in every output and told by exit code 3."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """One stretch of input that could not be used.
+
+    Attributes:
+        source: file or sensor.
+        place: where in it (frame, byte offset, row, time).
+        what: what is missing and why.
+        count: how many items (frames, messages, rows) were lost; 0 when that cannot be known.
+    """
+
+    source: str
+    place: str
+    what: str
+    count: int = 0
+
+    def __str__(self) -> str:
+        lost = f" ({self.count} lost)" if self.count else ""
+        return f"{self.source}: {self.place}: {self.what}{lost}"
+
+    def as_dict(self) -> dict[str, str | int]:
+        """The loss as JSON-ready values."""
+        return asdict(self)

@@ -1,0 +1,367 @@
+"""The tables that pass between stages: frozen column records, NumPy only, no file formats.
+
+Each column states its dtype, unit and meaning once.  `occlog.io.parquet` and
+`occlog.io.recording` derive their schemas from the same declaration, and
+`schemas/` publishes them.
+
+Conventions (all tables)
+    * `t_ns` is int64 nanoseconds since the Unix epoch; rows are ordered by it.
+    * World frame: x, y on the ground, z up, in the scene's length unit (metres unless
+      the scene says otherwise).  Angles are radians from +x towards +y in [-pi, pi).
+    * Pixels carry `_px`; x to the right, y down, the centre of the first pixel is (0, 0).
+    * NaN is allowed only in columns declared with `nan=...`, which says what it means.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from .columns import (
+    Bools,
+    Floats,
+    Floats32,
+    Ints,
+    Ints32,
+    Strings,
+    Table,
+    check_order,
+    column,
+    first_row,
+)
+from .errors import InputError
+
+APPEARANCE_BINS = 72
+"""Length of an appearance histogram: 8 x 8 hue-saturation bins, then 8 brightness bins of grey pixels."""
+
+UNLABELLED = -1
+"""`target_id` of a measurement that has not been assigned to a target."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bearings(Table):
+    """What each sensor says about the direction of a target.
+
+    A camera that delivered a frame but did not see the target has a row with
+    `seen` false: that is information.  A camera without a frame has no row.
+    Rows with `target_id` = -1 are candidates that may come from any object; a sensor
+    may have several of them at one time.
+    """
+
+    NAME: ClassVar[str] = "bearings"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the camera or array in the scene")
+    target_id: Ints32 = column("i4", "1", "target the measurement belongs to; -1 = not assigned")
+    seen: Bools = column("?", "1", "true: a measurement; false: the sensor looked and did not see the target")
+    bearing: Floats = column(
+        "f8", "rad", "azimuth of the sight line from +x towards +y, in [-pi, pi)", nan="not seen"
+    )
+    sigma: Floats = column("f8", "rad", "standard deviation of the bearing, > 0", nan="not seen")
+    u_px: Floats = column(
+        "f8", "px", "horizontal offset from the principal point, to the right, in the undistorted and levelled image",
+        nan="not seen, or the sensor is not a camera",
+    )  # fmt: skip
+    sigma_px: Floats = column("f8", "px", "standard deviation of u_px, > 0", nan="not seen, or not a camera")
+    score: Floats = column(
+        "f8", "1", "likeness to the target or confidence, 0 to 1", nan="unknown or not seen"
+    )
+
+    def check(self) -> None:
+        """Times in order, angles wrapped, measurements complete where seen and absent where not."""
+        check_order(self)
+        value = np.isfinite(self.bearing) & np.isfinite(self.sigma)
+        if (wrong := value != self.seen).any():
+            row = first_row(wrong)
+            raise InputError(
+                f"Bearings: row {row}: seen is {bool(self.seen[row])} but bearing is {self.bearing[row]}"
+            )
+        bad = self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma > 0))
+        if bad.any():
+            row = first_row(bad)
+            raise InputError(
+                f"Bearings: row {row}: bearing {self.bearing[row]:g} rad must be in [-pi, pi) "
+                f"and sigma {self.sigma[row]:g} rad above 0"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Views(Table):
+    """People-sized clusters (or detector boxes) of every camera and frame."""
+
+    NAME: ClassVar[str] = "views"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "cluster")
+
+    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the camera in the scene")
+    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
+    cluster: Ints32 = column("i4", "1", "number of the cluster in the frame, from 0, by falling area")
+    x_px: Floats = column("f8", "px", "centre of the cluster in the image as recorded, to the right")
+    y_px: Floats = column("f8", "px", "centre of the cluster in the image as recorded, down")
+    cov_xx_px: Floats = column("f8", "px^2", "spread of the cluster's pixels")
+    cov_xy_px: Floats = column("f8", "px^2", "spread of the cluster's pixels")
+    cov_yy_px: Floats = column("f8", "px^2", "spread of the cluster's pixels")
+    left_px: Floats = column("f8", "px", "left edge of the bounding box")
+    top_px: Floats = column("f8", "px", "upper edge of the bounding box")
+    width_px: Floats = column("f8", "px", "width of the bounding box, > 0")
+    height_px: Floats = column("f8", "px", "height of the bounding box, > 0")
+    area_px: Floats = column("f8", "px^2", "foreground pixels, or the box's area for a detector's box")
+    bearing: Floats = column(
+        "f8", "rad", "azimuth of the sight line through the centre, in [-pi, pi)", nan="camera without pose"
+    )
+    sigma: Floats = column("f8", "rad", "standard deviation of the bearing, > 0", nan="camera without pose")
+    u_px: Floats = column("f8", "px", "as in bearings", nan="camera without pose")
+    sigma_px: Floats = column("f8", "px", "standard deviation of u_px, > 0", nan="camera without pose")
+    confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not from a detector")
+    likeness: Floats = column(
+        "f8", "1", "Bhattacharyya coefficient with the target's appearance, 0 to 1", nan="no appearance"
+    )
+    target_id: Ints32 = column(
+        "i4", "1", "target that the cluster was told to be; -1 = another object, or not decided"
+    )
+    appearance: Floats32 = column(
+        "f4", "1", "colour histogram, sums to 1: 8x8 hue-saturation bins, then 8 brightness bins of grey pixels",
+        nan="no appearance", width=APPEARANCE_BINS,
+    )  # fmt: skip
+
+    def check(self) -> None:
+        """Times in order, boxes of positive size."""
+        check_order(self)
+        bad = ~((self.width_px > 0) & (self.height_px > 0))
+        if bad.any():
+            row = first_row(bad)
+            raise InputError(
+                f"Views: row {row}: box of {self.width_px[row]:g} x {self.height_px[row]:g} px must have a positive size"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Boxes(Table):
+    """A person detector's boxes, or the true ones: what is ingested instead of, or beside, video.
+
+    A frame without any box is one row with `box` = -1 and NaN elsewhere, so that
+    "looked, saw nobody" is kept apart from "no frame".
+    """
+
+    NAME: ClassVar[str] = "boxes"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "box")
+
+    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the camera in the scene")
+    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
+    box: Ints32 = column("i4", "1", "number of the box in the frame, from 0; -1 = the frame has no box")
+    target_id: Ints32 = column("i4", "1", "identity given by the source; -1 = none")
+    left_px: Floats = column("f8", "px", "left edge", nan="the frame has no box")
+    top_px: Floats = column("f8", "px", "upper edge", nan="the frame has no box")
+    width_px: Floats = column("f8", "px", "width, > 0", nan="the frame has no box")
+    height_px: Floats = column("f8", "px", "height, > 0", nan="the frame has no box")
+    confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not given")
+
+    def check(self) -> None:
+        """Times in order, boxes of positive size."""
+        check_order(self)
+        bad = (self.box >= 0) & ~((self.width_px > 0) & (self.height_px > 0))
+        if bad.any():
+            row = first_row(bad)
+            raise InputError(
+                f"{type(self).__name__}: row {row}: box of {self.width_px[row]:g} x {self.height_px[row]:g} px "
+                "must have a positive size"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthBoxes(Boxes):
+    """True boxes of the targets in each view (same columns as `Boxes`)."""
+
+    NAME: ClassVar[str] = "truth_boxes"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Doa(Table):
+    """Directions of arrival from microphone arrays (or any direction finder)."""
+
+    NAME: ClassVar[str] = "doa"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "source_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the array in the scene")
+    source_id: Ints32 = column("i4", "1", "identity given by the source; -1 = none")
+    azimuth: Floats = column("f8", "rad", "world azimuth from +x towards +y, in [-pi, pi)")
+    elevation: Floats = column(
+        "f8", "rad", "above the horizontal plane, in [-pi/2, pi/2]", nan="planar array"
+    )
+    sigma_azimuth: Floats = column(
+        "f8", "rad", "standard deviation, > 0", nan="not given: the array's noise applies"
+    )
+    sigma_elevation: Floats = column("f8", "rad", "standard deviation, > 0", nan="not given or planar")
+    confidence: Floats = column("f8", "1", "strength of the peak, 0 to 1", nan="not given")
+
+    def check(self) -> None:
+        """Times in order, azimuths wrapped."""
+        check_order(self)
+        bad = ~(np.abs(self.azimuth) <= np.pi)
+        if bad.any():
+            raise InputError(
+                f"Doa: row {first_row(bad)}: azimuth {self.azimuth[first_row(bad)]:g} rad must be in [-pi, pi)"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Occluders(Table):
+    """Gaussian priors of the moving occluders' positions."""
+
+    NAME: ClassVar[str] = "occluders"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "occluder_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    occluder_id: Ints32 = column("i4", "1", "number of the occluder")
+    x: Floats = column("f8", "m", "mean position")
+    y: Floats = column("f8", "m", "mean position")
+    cov_xx: Floats = column("f8", "m^2", "position covariance")
+    cov_xy: Floats = column("f8", "m^2", "position covariance")
+    cov_yy: Floats = column("f8", "m^2", "position covariance")
+
+    def check(self) -> None:
+        """Times in order."""
+        check_order(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth(Table):
+    """True positions on the ground of the targets and of the objects that hide them."""
+
+    NAME: ClassVar[str] = "truth"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity; targets and occluders share one numbering")
+    role: Strings = column("U", "1", "`target` or `occluder`")
+    x: Floats = column("f8", "m", "position")
+    y: Floats = column("f8", "m", "position")
+    z: Floats = column("f8", "m", "height of the point above the ground", nan="not known")
+
+    def check(self) -> None:
+        """Times in order, known roles."""
+        check_order(self)
+        bad = ~np.isin(self.role, ("target", "occluder"))
+        if bad.any():
+            raise InputError(
+                f"Truth: row {first_row(bad)}: role {self.role[first_row(bad)]!r} must be target or occluder"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks(Table):
+    """Estimated states on the ground with their covariance."""
+
+    NAME: ClassVar[str] = "tracks"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track")
+    x: Floats = column("f8", "m", "estimated position")
+    y: Floats = column("f8", "m", "estimated position")
+    vx: Floats = column("f8", "m/s", "estimated velocity", nan="the method does not estimate it")
+    vy: Floats = column("f8", "m/s", "estimated velocity", nan="the method does not estimate it")
+    cov_xx: Floats = column("f8", "m^2", "position covariance")
+    cov_xy: Floats = column("f8", "m^2", "position covariance")
+    cov_yy: Floats = column("f8", "m^2", "position covariance")
+
+    def check(self) -> None:
+        """Times in order, covariances positive semi-definite up to rounding."""
+        check_order(self)
+        det = self.cov_xx * self.cov_yy - self.cov_xy**2
+        slack = 1e-9 * (self.cov_xx * self.cov_yy + 1e-300)
+        bad = ~((self.cov_xx >= 0) & (self.cov_yy >= 0) & (det >= -slack))
+        if bad.any():
+            raise InputError(f"Tracks: row {first_row(bad)}: the covariance is not positive semi-definite")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnostics(Table):
+    """How a filter fared at each step."""
+
+    NAME: ClassVar[str] = "diagnostics"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track")
+    ess: Floats = column("f8", "1", "effective sample size of the weights, 1 to the number of particles")
+    log_likelihood: Floats = column(
+        "f8", "1", "log of the predictive likelihood of the scan", nan="no measurement had weight"
+    )
+    n_looked: Ints32 = column("i4", "1", "sensors that delivered a frame in the scan")
+    n_seen: Ints32 = column("i4", "1", "sensors that saw the target")
+    fallback: Strings = column(
+        "U", "1", "empty, `sir` (auxiliary stage skipped) or `restart` (particles drawn anew)"
+    )
+    cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
+
+    def check(self) -> None:
+        """Times in order."""
+        check_order(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Errors(Table):
+    """Estimate minus truth at each time of the estimate."""
+
+    NAME: ClassVar[str] = "errors"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time of the estimate since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the target")
+    x: Floats = column("f8", "m", "estimated position")
+    y: Floats = column("f8", "m", "estimated position")
+    truth_x: Floats = column("f8", "m", "true position, interpolated to the time of the estimate")
+    truth_y: Floats = column("f8", "m", "true position, interpolated to the time of the estimate")
+    error_x: Floats = column("f8", "m", "estimate minus truth")
+    error_y: Floats = column("f8", "m", "estimate minus truth")
+    error: Floats = column("f8", "m", "distance between estimate and truth")
+    nees: Floats = column("f8", "1", "normalised squared error e' P^-1 e", nan="the covariance is singular")
+
+    def check(self) -> None:
+        """Times in order."""
+        check_order(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bound(Table):
+    """Posterior Cramer-Rao bound of the position for the sensors that really saw the target."""
+
+    NAME: ClassVar[str] = "bound"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the target")
+    bound_xx: Floats = column("f8", "m^2", "lower bound of the error covariance")
+    bound_xy: Floats = column("f8", "m^2", "lower bound of the error covariance")
+    bound_yy: Floats = column("f8", "m^2", "lower bound of the error covariance")
+    bound: Floats = column("f8", "m", "square root of the trace: lower bound of the RMSE")
+    n_seen: Ints32 = column("i4", "1", "sensors that saw the target")
+
+    def check(self) -> None:
+        """Times in order."""
+        check_order(self)
+
+
+TABLES: dict[str, type[Table]] = {
+    table.NAME: table
+    for table in (
+        Bearings,
+        Views,
+        Boxes,
+        TruthBoxes,
+        Doa,
+        Occluders,
+        Truth,
+        Tracks,
+        Diagnostics,
+        Errors,
+        Bound,
+    )
+}
+"""Every table by the name that its files carry."""

@@ -1,0 +1,145 @@
+"""The place and its sensors: room, static occluders, cameras, microphone arrays, clocks.
+
+A scene is validated once, when it is built; everything downstream trusts it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from .columns import Floats
+from .core import camera as cam
+from .errors import InputError
+
+UNKNOWN_ROOM_MARGIN = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera; see `occlog.core.camera` for frames and angles.
+
+    Lengths in the scene's unit, angles in radians.  `placed` is false for a camera
+    whose pose is not known: it can be detected in, but gives no bearing.
+    """
+
+    name: str
+    position: Floats  # (3,) centre; z is 0 when the height is not known
+    rotation: Floats  # (3, 3) world-from-camera
+    focal_px: Floats  # (2,)
+    principal_px: Floats  # (2,)
+    image_size: tuple[int, int] | None = None  # width, height
+    distortion: Floats = field(default_factory=lambda: np.zeros(5))
+    distortion_model: str = "brown"
+    fov: float = np.pi / 2  # full horizontal field of view
+    range: float = np.inf
+    sigma_position: float = 0.0
+    sigma_yaw: float = 0.0
+    sigma_read_px: float = 2.0
+    rate_hz: float | None = None
+    clock: str | None = None
+    placed: bool = True
+
+    @cached_property
+    def yaw(self) -> float:
+        """Azimuth of the optical axis [rad]."""
+        return cam.angles_from_rotation(self.rotation)[0]
+
+    @property
+    def ground(self) -> Floats:
+        """(2,) centre projected to the ground."""
+        return self.position[:2]
+
+    def rays(self, pixels: Floats) -> Floats:
+        """(N, 3) world directions of the sight lines through (N, 2) recorded pixels."""
+        return cam.pixels_to_rays(
+            pixels, self.focal_px, self.principal_px, self.distortion, self.distortion_model, self.rotation
+        )
+
+    def project(self, points: Floats) -> Floats:
+        """(N, 2) recorded pixels of (N, 3) world points; NaN behind the camera."""
+        return cam.points_to_pixels(
+            points,
+            self.position,
+            self.focal_px,
+            self.principal_px,
+            self.distortion,
+            self.distortion_model,
+            self.rotation,
+        )
+
+    def bearings(self, pixels: Floats) -> Floats:
+        """(N,) azimuths [rad] of the sight lines through (N, 2) recorded pixels."""
+        return cam.rays_to_azimuth(self.rays(pixels))
+
+    def u_px(self, bearings: Floats) -> Floats:
+        """(N,) horizontal offsets in the levelled image, to the right, of azimuths."""
+        return cam.azimuth_to_u(bearings, self.yaw, float(self.focal_px[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class MicrophoneArray:
+    """A microphone array that delivers directions of arrival."""
+
+    name: str
+    position: Floats  # (3,)
+    yaw: float = 0.0
+    microphones: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) in the array's frame
+    sigma: float = np.radians(3.0)  # of one direction [rad]
+    range: float = np.inf
+    rate_hz: float | None = None
+    clock: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Occluder:
+    """A static occluder: what stands behind it, seen from a sensor, is hidden."""
+
+    name: str
+    polygon: Floats  # (K, 2), counter-clockwise
+    height: float = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """World time = sensor time - offset - drift * (sensor time - start)."""
+
+    name: str
+    offset_ns: int = 0
+    drift_ppm: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything that does not move."""
+
+    cameras: tuple[Camera, ...] = ()
+    arrays: tuple[MicrophoneArray, ...] = ()
+    occluders: tuple[Occluder, ...] = ()
+    clocks: tuple[Clock, ...] = ()
+    room: Floats | None = None  # (K, 2), counter-clockwise; None: unbounded
+    room_height: float = 2.5
+    length_unit: str = "m"
+
+    def camera(self, name: str) -> Camera:
+        """The camera of that name; InputError names the ones there are."""
+        for camera in self.cameras:
+            if camera.name == name:
+                return camera
+        known = ", ".join(c.name for c in self.cameras) or "none"
+        raise InputError(f"scene: no camera named {name!r}; the scene has: {known}")
+
+    @cached_property
+    def region(self) -> Floats:
+        """(K, 2) polygon in which a target can be: the room, or else a box around all sensors."""
+        if self.room is not None:
+            return self.room
+        places = [s.position[:2] for s in (*self.cameras, *self.arrays)]
+        if not places:
+            raise InputError("scene: neither a room nor a sensor says where targets can be; add `room`")
+        low, high = np.min(places, axis=0), np.max(places, axis=0)
+        pad = UNKNOWN_ROOM_MARGIN + 0.1 * float(np.max(high - low))
+        (x0, y0), (x1, y1) = low - pad, high + pad
+        return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])

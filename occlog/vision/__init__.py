@@ -1,0 +1,1 @@
+"""Images in, clusters, appearance and rendered images out; no file access."""
