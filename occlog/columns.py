@@ -105,12 +105,9 @@ def as_column(c: Column, values: Any) -> NDArray[Any]:
         return _empty_column(c, 0)
     if c.kind == "U":
         return array.astype(np.str_)
-    casting = (
-        "same_kind"
-        if array.dtype.kind in "fiub" and not (array.dtype.kind == "f" and c.dtype.kind in "iu")
-        else "safe"
-    )
-    return array.astype(c.dtype, casting=casting, copy=False)  # type: ignore[no-any-return]
+    if array.dtype.kind == "f" and c.dtype.kind in "iu":
+        raise InputError(f"{c.name}: fractional numbers where whole ones ({c.kind}) are declared")
+    return np.asarray(array.astype(c.dtype, casting="same_kind", copy=False))
 
 
 def check_columns(record: Table) -> None:
@@ -121,9 +118,7 @@ def check_columns(record: Table) -> None:
         values = getattr(record, c.name)
         ok = values.dtype.kind == "U" if c.kind == "U" else values.dtype == c.dtype
         if not ok or values.shape[1:] != ((c.width,) if c.width else ()):
-            raise InputError(
-                f"{name}.{c.name}: want {c.kind} of width {c.width}, got {values.dtype} {values.shape}"
-            )
+            raise InputError(f"{name}.{c.name}: want {c.kind} of width {c.width}, got {values.dtype} {values.shape}")
         length = len(values) if length is None else length
         if len(values) != length:
             raise InputError(f"{name}.{c.name}: {len(values)} rows, want {length}")
@@ -151,4 +146,5 @@ def check_order(table: Table) -> None:
 
 
 def first_row(mask: Bools) -> int:
+    """Index of the first true row of a mask that has one."""
     return int(np.flatnonzero(mask)[0])

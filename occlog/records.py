@@ -57,18 +57,14 @@ class Bearings(Table):
     sensor: Strings = column("U", "1", "name of the camera or array in the scene")
     target_id: Ints32 = column("i4", "1", "target the measurement belongs to; -1 = not assigned")
     seen: Bools = column("?", "1", "true: a measurement; false: the sensor looked and did not see the target")
-    bearing: Floats = column(
-        "f8", "rad", "azimuth of the sight line from +x towards +y, in [-pi, pi)", nan="not seen"
-    )
+    bearing: Floats = column("f8", "rad", "azimuth of the sight line from +x towards +y, in [-pi, pi)", nan="not seen")
     sigma: Floats = column("f8", "rad", "standard deviation of the bearing, > 0", nan="not seen")
     u_px: Floats = column(
         "f8", "px", "horizontal offset from the principal point, to the right, in the undistorted and levelled image",
         nan="not seen, or the sensor is not a camera",
     )  # fmt: skip
     sigma_px: Floats = column("f8", "px", "standard deviation of u_px, > 0", nan="not seen, or not a camera")
-    score: Floats = column(
-        "f8", "1", "likeness to the target or confidence, 0 to 1", nan="unknown or not seen"
-    )
+    score: Floats = column("f8", "1", "likeness to the target or confidence, 0 to 1", nan="unknown or not seen")
 
     def check(self) -> None:
         """Times in order, angles wrapped, measurements complete where seen and absent where not."""
@@ -76,9 +72,7 @@ class Bearings(Table):
         value = np.isfinite(self.bearing) & np.isfinite(self.sigma)
         if (wrong := value != self.seen).any():
             row = first_row(wrong)
-            raise InputError(
-                f"Bearings: row {row}: seen is {bool(self.seen[row])} but bearing is {self.bearing[row]}"
-            )
+            raise InputError(f"Bearings: row {row}: seen is {bool(self.seen[row])} but bearing is {self.bearing[row]}")
         bad = self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma > 0))
         if bad.any():
             row = first_row(bad)
@@ -119,9 +113,7 @@ class Views(Table):
     likeness: Floats = column(
         "f8", "1", "Bhattacharyya coefficient with the target's appearance, 0 to 1", nan="no appearance"
     )
-    target_id: Ints32 = column(
-        "i4", "1", "target that the cluster was told to be; -1 = another object, or not decided"
-    )
+    target_id: Ints32 = column("i4", "1", "target that the cluster was told to be; -1 = another object, or not decided")
     appearance: Floats32 = column(
         "f4", "1", "colour histogram, sums to 1: 8x8 hue-saturation bins, then 8 brightness bins of grey pixels",
         nan="no appearance", width=APPEARANCE_BINS,
@@ -134,7 +126,7 @@ class Views(Table):
         if bad.any():
             row = first_row(bad)
             raise InputError(
-                f"Views: row {row}: box of {self.width_px[row]:g} x {self.height_px[row]:g} px must have a positive size"
+                f"Views: row {row}: box of {self.width_px[row]:g} x {self.height_px[row]:g} px must have a size above 0"
             )
 
 
@@ -166,10 +158,8 @@ class Boxes(Table):
         bad = (self.box >= 0) & ~((self.width_px > 0) & (self.height_px > 0))
         if bad.any():
             row = first_row(bad)
-            raise InputError(
-                f"{type(self).__name__}: row {row}: box of {self.width_px[row]:g} x {self.height_px[row]:g} px "
-                "must have a positive size"
-            )
+            size = f"{self.width_px[row]:g} x {self.height_px[row]:g} px"
+            raise InputError(f"{type(self).__name__}: row {row}: box of {size} must have a size above 0")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,12 +180,8 @@ class Doa(Table):
     sensor: Strings = column("U", "1", "name of the array in the scene")
     source_id: Ints32 = column("i4", "1", "identity given by the source; -1 = none")
     azimuth: Floats = column("f8", "rad", "world azimuth from +x towards +y, in [-pi, pi)")
-    elevation: Floats = column(
-        "f8", "rad", "above the horizontal plane, in [-pi/2, pi/2]", nan="planar array"
-    )
-    sigma_azimuth: Floats = column(
-        "f8", "rad", "standard deviation, > 0", nan="not given: the array's noise applies"
-    )
+    elevation: Floats = column("f8", "rad", "above the horizontal plane, in [-pi/2, pi/2]", nan="planar array")
+    sigma_azimuth: Floats = column("f8", "rad", "standard deviation, > 0", nan="not given: the array's noise applies")
     sigma_elevation: Floats = column("f8", "rad", "standard deviation, > 0", nan="not given or planar")
     confidence: Floats = column("f8", "1", "strength of the peak, 0 to 1", nan="not given")
 
@@ -204,9 +190,8 @@ class Doa(Table):
         check_order(self)
         bad = ~(np.abs(self.azimuth) <= np.pi)
         if bad.any():
-            raise InputError(
-                f"Doa: row {first_row(bad)}: azimuth {self.azimuth[first_row(bad)]:g} rad must be in [-pi, pi)"
-            )
+            row = first_row(bad)
+            raise InputError(f"Doa: row {row}: azimuth {self.azimuth[row]:g} rad must be in [-pi, pi)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -295,9 +280,7 @@ class Diagnostics(Table):
     )
     n_looked: Ints32 = column("i4", "1", "sensors that delivered a frame in the scan")
     n_seen: Ints32 = column("i4", "1", "sensors that saw the target")
-    fallback: Strings = column(
-        "U", "1", "empty, `sir` (auxiliary stage skipped) or `restart` (particles drawn anew)"
-    )
+    fallback: Strings = column("U", "1", "empty, `sir` (auxiliary stage skipped) or `restart` (particles drawn anew)")
     cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
 
     def check(self) -> None:

@@ -34,7 +34,7 @@ class Camera:
     distortion: Floats = field(default_factory=lambda: np.zeros(5))
     distortion_model: str = "brown"
     fov: float = np.pi / 2  # full horizontal field of view
-    range: float = np.inf
+    range: float = np.inf  # farthest distance at which a target is seen
     sigma_position: float = 0.0
     sigma_yaw: float = 0.0
     sigma_read_px: float = 2.0
@@ -136,10 +136,36 @@ class Scene:
         """(K, 2) polygon in which a target can be: the room, or else a box around all sensors."""
         if self.room is not None:
             return self.room
-        places = [s.position[:2] for s in (*self.cameras, *self.arrays)]
+        places = [c.position[:2] for c in self.cameras] + [a.position[:2] for a in self.arrays]
         if not places:
             raise InputError("scene: neither a room nor a sensor says where targets can be; add `room`")
         low, high = np.min(places, axis=0), np.max(places, axis=0)
         pad = UNKNOWN_ROOM_MARGIN + 0.1 * float(np.max(high - low))
         (x0, y0), (x1, y1) = low - pad, high + pad
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+
+def camera_rotation(yaw: float, pitch: float, roll: float) -> Floats:
+    """(3, 3) world-from-camera rotation; see `occlog.core.camera`."""
+    return cam.rotation_from_angles(yaw, pitch, roll)
+
+
+def camera_fov(
+    size: tuple[int, int], focal_px: Floats, principal_px: Floats, distortion: Floats, model: str, rotation: Floats
+) -> float:
+    """Full horizontal field of view [rad]: twice the largest azimuth, off the optical axis, of a border pixel.
+
+    A pitched camera sees a wider range of azimuths at the near edge of the floor;
+    sight lines steeper than 75 degrees are left out, where azimuth loses its meaning.
+    """
+    w, h = size
+    across, down = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
+    sides = [np.column_stack([np.full(33, x), down]) for x in (-0.5, w - 0.5)]
+    ends = [np.column_stack([across, np.full(33, y)]) for y in (-0.5, h - 0.5)]
+    rays = cam.pixels_to_rays(np.vstack(sides + ends), focal_px, principal_px, distortion, model, rotation)
+    flat = np.hypot(rays[:, 0], rays[:, 1])
+    rays = rays[flat > np.tan(np.radians(15.0)) * np.abs(rays[:, 2])]
+    if not len(rays):
+        return 2.0 * np.pi
+    yaw = cam.angles_from_rotation(rotation)[0]
+    return float(min(2.0 * np.abs(cam.wrap_angle(cam.rays_to_azimuth(rays) - yaw)).max(), 2.0 * np.pi))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
-def wrap_angle(angle: Floats) -> Floats:
+def wrap_angle(angle: Floats | float) -> Floats:
     """Wrap angles [rad] to [-pi, pi)."""
     wrapped = (np.asarray(angle, dtype=np.float64) + np.pi) % (2.0 * np.pi) - np.pi
     # The sum may round up to 2 pi itself for angles just below -pi.
@@ -68,7 +68,7 @@ def _polynomial(xy: Floats, coefficients: Floats, model: str) -> Floats:
     x, y = xy[:, 0], xy[:, 1]
     r2 = x * x + y * y
     if model == "tsai":
-        return xy * (1.0 + k1 * r2)[:, None]
+        return np.asarray(xy * (1.0 + k1 * r2)[:, None])
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     dx = 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
     dy = p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
@@ -170,8 +170,5 @@ def noise_variance(
     """Variance of z given the position, [Ercan] Eq. 2 [px^2]; d must be positive."""
     ratio2 = 1.0 + (h / d) ** 2
     f2 = focal_px**2
-    return (
-        f2 * ratio2**2 * sigma_yaw**2
-        + f2 * ratio2 / d**2 * sigma_position**2
-        + np.asarray(sigma_read_px) ** 2
-    )
+    calibration = f2 * ratio2**2 * sigma_yaw**2 + f2 * ratio2 / d**2 * sigma_position**2
+    return np.asarray(calibration + np.asarray(sigma_read_px) ** 2)
