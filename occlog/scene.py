@@ -12,6 +12,8 @@ import numpy as np
 
 from .columns import Floats
 from .core import camera as cam
+from .core.geometry import inside_polygon
+from .core.pockets import pockets
 from .errors import InputError
 
 UNKNOWN_ROOM_MARGIN = 1.0
@@ -143,6 +145,20 @@ class Scene:
         pad = UNKNOWN_ROOM_MARGIN + 0.1 * float(np.max(high - low))
         (x0, y0), (x1, y1) = low - pad, high + pad
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+    def blockers(self, ground: Floats) -> tuple[Floats, ...]:
+        """Polygons that hide targets from a sensor at (2,) `ground`.
+
+        These are the static occluders and, in a room that is not convex, the pockets
+        between room and convex hull (except one that holds the sensor itself): a sight
+        line inside the hull leaves the room if and only if it passes through a pocket.
+        """
+        walls = () if self.room is None else pockets(self.room)
+        here = np.asarray(ground, dtype=np.float64)[None, :2]
+        return (
+            *(o.polygon for o in self.occluders),
+            *(w for w in walls if not inside_polygon(here, w)[0]),
+        )
 
 
 def camera_rotation(yaw: float, pitch: float, roll: float) -> Floats:
