@@ -1,0 +1,118 @@
+"""The `occlog` command: commands are loaded when they are used, errors become one line and an exit code."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from typing import Any
+
+import click
+
+from .. import __version__
+from ..errors import ExitCode, OcclogError
+
+COMMANDS = {
+    "simulate": "Make a recording with ground truth from a scene.",
+    "ingest": "Gather video, detections, DOA logs and calibration into one recording.",
+    "detect": "Reduce the frames of a recording to bearings.",
+    "track": "Estimate target tracks from bearings.",
+    "evaluate": "Compare tracks with the truth and with the Cramer-Rao bound.",
+    "report": "Show a run as one offline page and a picture.",
+    "run": "Do all stages of a configuration into a run folder.",
+    "diff": "Say whether two outputs are the same, and where they first differ.",
+    "info": "Print what a scene, a recording or a table holds.",
+    "schema": "Print the schema of a table, a message or a file format.",
+}
+"""Every command with its one-line summary, in the order of a pipeline; kept here so that --help loads none."""
+
+EPILOG = """\b
+Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is listed);
+4 bad or unreadable input, or an output that cannot be written; 5 diff found a difference;
+6 a threshold of evaluate --fail-if was not met; 7 the output exists; 130 interrupted.
+
+\b
+  occlog run examples/demo.yaml -o run/        every stage, from video to report
+  occlog info run/tracks.parquet               what is in a file
+"""
+
+
+class LazyGroup(click.Group):
+    """Group whose commands are imported from `occlog.cli.NAME` when they are called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """All commands, in the order of a pipeline."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """The command's module is imported here; None for an unknown name."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"occlog.cli.{cmd_name}")
+        command: click.Command = module.command
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Suggest the nearest command for an unknown one."""
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            import difflib
+
+            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
+            hint = f"Did you mean {near[0]!r}?" if near else f"Commands: {', '.join(COMMANDS)}."
+            ctx.fail(f"No such command {args[0]!r}. {hint}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LazyGroup, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="occlog")
+def cli() -> None:
+    """From recorded multi-camera video and acoustic logs to evaluated tracks."""
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the command line and leave the process with its exit code."""
+    sys.exit(run(args))
+
+
+def run(args: list[str] | None = None) -> int:
+    """Run the command line; the exit code."""
+    try:
+        result: Any = cli.main(args=args, prog_name="occlog", standalone_mode=False)
+        sys.stdout.flush()
+        return int(result) if isinstance(result, int) else ExitCode.DONE
+    except click.exceptions.Abort:
+        return _fail("interrupted", ExitCode.INTERRUPTED)
+    except KeyboardInterrupt:
+        return _fail("interrupted", ExitCode.INTERRUPTED)
+    except click.exceptions.Exit as stop:
+        return int(stop.exit_code)
+    except click.UsageError as error:
+        error.show()
+        return ExitCode.USAGE
+    except click.ClickException as error:
+        return _fail(error.format_message(), ExitCode.BAD_INPUT)
+    except OcclogError as error:
+        return _fail(str(error), error.exit_code)
+    except BrokenPipeError:
+        return _broken_pipe()
+    except MemoryError:
+        return _fail("out of memory; use fewer particles or a smaller image scale, or free memory", ExitCode.BAD_INPUT)
+
+
+def _fail(message: str, code: ExitCode) -> int:
+    one_line = " ".join(message.split())
+    click.echo(f"occlog: error: {one_line}" if code != ExitCode.INTERRUPTED else f"occlog: {one_line}", err=True)
+    return code
+
+
+def _broken_pipe() -> int:
+    """The reader of our output has gone (`| head`): stop quietly."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return ExitCode.DONE

@@ -1,0 +1,140 @@
+"""Options that several commands share, so that they mean the same everywhere.
+
+-o, --output PATH      the main output                          all that write
+--overwrite            replace outputs that exist               all that write
+--scene PATH           scene file, instead of the recording's   detect track evaluate report
+--seed N               seed of all random numbers               simulate track run
+--json                 the summary as JSON on standard output   all
+-v / -q                more / fewer messages                    all
+--workers N            threads; the result does not depend on it   detect run
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from ..errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from ..losses import Loss
+    from ..scene import Scene
+
+F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
+PATH = click.Path(path_type=Path)
+
+overwrite_opt = click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+json_opt = click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
+seed_opt = click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random numbers."
+)
+scene_opt = click.option(
+    "--scene", type=PATH, default=None, help="Scene file (YAML); default: the one in the recording."
+)
+workers_opt = click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=None,
+    help="Threads; default: one a processor. The result is the same.",
+)
+
+
+def output_opt(help_text: str, *, required: bool = True) -> Callable[[F], F]:
+    """`-o/--output` with its meaning for this command."""
+    return click.option("-o", "--output", type=PATH, required=required, help=help_text)
+
+
+def verbosity_opt(command: F) -> F:
+    """`-v` and `-q`: the difference of their counts is passed as `verbosity`."""
+    return click.option(
+        "-v", "--verbose", "verbosity", count=True, help="Say more on standard error."
+    )(click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on standard error.")(command))  # fmt: skip
+
+
+def note(message: str, quiet: bool = False) -> None:
+    """A line on standard error."""
+    if not quiet:
+        click.echo(f"occlog: {message}", err=True)
+
+
+def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet: bool = False) -> Iterator[T]:
+    """The items, with a progress bar on standard error when that is a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield from items
+        return
+    from tqdm import tqdm
+
+    yield from tqdm(items, desc=label, total=total, file=sys.stderr, leave=False)
+
+
+def echo_summary(summary: Mapping[str, Any], as_json: bool) -> None:
+    """The result on standard output: one JSON object, or `key: value` lines for a person."""
+    if as_json:
+        click.echo(json.dumps(_plain(summary), sort_keys=True))
+        return
+    width = max((len(k) for k in summary), default=0)
+    for key, value in summary.items():
+        if isinstance(value, list | tuple | dict) and not value:
+            continue
+        click.echo(f"{key.replace('_', ' ') + ':':<{width + 2}}{_shown(value)}")
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{k} {_shown(v)}" for k, v in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(_shown(v) for v in value)
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    """JSON-ready: paths as text, NaN as null."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
+        return None
+    return value if isinstance(value, str | int | float | bool | type(None)) else str(value)
+
+
+def finish(summary: Mapping[str, Any], losses: Iterable[Loss], as_json: bool) -> int:
+    """Print the summary and list what was lost; exit code 0, or 3 if anything was."""
+    lost = list(losses)
+    echo_summary({**summary, "losses": [loss.as_dict() for loss in lost]} if as_json else summary, as_json)
+    for loss in lost:
+        click.echo(f"occlog: lost: {loss}", err=True)
+    return ExitCode.LOSSY if lost else ExitCode.DONE
+
+
+def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool) -> None:
+    """Refuse outputs that exist, that are also inputs, or that are named twice, before any work is done."""
+    from ..io.atomic import check_writable
+
+    wanted = [Path(p) for p in outputs if p is not None]
+    used = {Path(p).resolve() for p in inputs if p is not None}
+    for n, path in enumerate(wanted):
+        if path.resolve() in used:
+            raise UsageError(f"{path}: is an input too; give the output another name")
+        if path.resolve() in {p.resolve() for p in wanted[:n]}:
+            raise UsageError(f"{path}: is named for two outputs; give each its own name")
+        check_writable(path, overwrite)
+
+
+def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scene:
+    """The scene of `--scene`, or else the one in the recording."""
+    if scene is not None:
+        from ..io.scene_file import read_scene
+
+        return read_scene(scene)
+    if recording is None:
+        raise UsageError(f"{where}: holds no scene; give one with --scene")
+    return recording
