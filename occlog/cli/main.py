@@ -94,8 +94,8 @@ def run(args: list[str] | None = None) -> int:
     except click.exceptions.Exit as stop:
         return int(stop.exit_code)
     except click.UsageError as error:
-        error.show()
-        return ExitCode.USAGE
+        path = error.ctx.command_path if error.ctx else "occlog"
+        return _fail(f"{error.format_message().rstrip('.')}; see {path} --help", ExitCode.USAGE)
     except click.ClickException as error:
         return _fail(error.format_message(), ExitCode.BAD_INPUT)
     except OcclogError as error:

@@ -35,8 +35,9 @@ seed_opt = click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random numbers."
 )
 scene_opt = click.option(
-    "--scene", type=PATH, default=None, help="Scene file (YAML); default: the one in the recording."
+    "--scene", type=PATH, default=None, help="Scene file (YAML), or a recording that holds one."
 )
+quiet_opt = click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on standard error.")
 workers_opt = click.option(
     "--workers",
     type=click.IntRange(min=1),
@@ -48,13 +49,6 @@ workers_opt = click.option(
 def output_opt(help_text: str, *, required: bool = True) -> Callable[[F], F]:
     """`-o/--output` with its meaning for this command."""
     return click.option("-o", "--output", type=PATH, required=required, help=help_text)
-
-
-def verbosity_opt(command: F) -> F:
-    """`-v` and `-q`: the difference of their counts is passed as `verbosity`."""
-    return click.option(
-        "-v", "--verbose", "verbosity", count=True, help="Say more on standard error."
-    )(click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on standard error.")(command))  # fmt: skip
 
 
 def note(message: str, quiet: bool = False) -> None:
@@ -130,11 +124,23 @@ def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None],
 
 
 def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scene:
-    """The scene of `--scene`, or else the one in the recording."""
+    """The scene of `--scene` (YAML, or a recording that holds one), or else `recording`, that of the input."""
     if scene is not None:
-        from ..io.scene_file import read_scene
-
-        return read_scene(scene)
+        found = read_scene_of(scene)
+        if found is None:
+            raise UsageError(f"{scene}: this recording holds no scene; give a scene file with --scene")
+        return found
     if recording is None:
         raise UsageError(f"{where}: holds no scene; give one with --scene")
     return recording
+
+
+def read_scene_of(path: Path) -> Scene | None:
+    """The scene in a YAML file or in a recording; None for a recording without one."""
+    if path.suffix.lower() == ".mcap":
+        from ..io.recording import open_recording
+
+        return open_recording(path).scene
+    from ..io.scene_file import read_scene
+
+    return read_scene(path)
