@@ -111,7 +111,11 @@ def _camera_lines(scene: Scene) -> Iterator[str]:
             yield f"{c.name}: {size}no pose: gives no bearings"
             continue
         x, y, z = c.position
-        tilt = f", pitch {d['pitch_deg']:.1f}, roll {d['roll_deg']:.1f}" if abs(d["pitch_deg"]) + abs(d["roll_deg"]) > 0.05 else ""
+        tilt = (
+            f", pitch {d['pitch_deg']:.1f}, roll {d['roll_deg']:.1f}"
+            if abs(d["pitch_deg"]) + abs(d["roll_deg"]) > 0.05
+            else ""
+        )
         yield (
             f"{c.name}: {size}at ({x:.3g}, {y:.3g}, {z:.3g}), yaw {d['yaw_deg']:.1f}{tilt} deg, "
             f"f {c.focal_px[0]:.5g} px, fov {d['fov_deg']:.1f} deg"
@@ -169,7 +173,9 @@ def _describe_table(path: Path, rows: int) -> dict[str, Any]:
         start, end = found["time_ns"]
         lines.append(f"time      {_utc(start)} to {_utc(end)}, {(end - start) / 1e9:.3f} s")
     lines += _provenance_lines(found["provenance"]) if found["provenance"] else []
-    lines += [f"lost      {loss['source']}: {loss['place']}: {loss['what']}" for loss in found["provenance"].get("losses", ())]
+    lines += [
+        f"lost      {loss['source']}: {loss['place']}: {loss['what']}" for loss in found["provenance"].get("losses", ())
+    ]
     lines += [f"column    {c['name']} [{c.get('unit', '?')}]: {c.get('doc', '')}" for c in found["columns"]]
     lines += _first_rows(path, rows) if rows and found["rows"] else []
     return {"kind": "table", **found, "_lines": lines}

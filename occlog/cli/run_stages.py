@@ -1,0 +1,191 @@
+"""From a run configuration to the commands of its stages.
+
+The keys of a stage are the long options of its command, with underscores for dashes, so
+that whatever a command can do a configuration can say, and both are checked alike.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..errors import InputError
+
+SOURCES = ("recording", "simulate", "ingest")
+STAGES = ("detect", "track", "evaluate", "report")
+COMMON = ("seed", "scene", "quiet")
+KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One command with its arguments."""
+
+    name: str
+    command: click.Command
+    args: tuple[str, ...]
+    output_paths: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Config:
+    """A run configuration: where it came from and its keys."""
+
+    path: Path
+    values: dict[str, Any]
+
+    def stage(self, name: str) -> dict[str, Any]:
+        """Keys of a stage; empty if it is not mentioned."""
+        return dict(self.values.get(name) or {})
+
+
+def read_config(path: Path) -> Config:
+    """The configuration in a YAML file; InputError names unknown keys and the nearest valid one."""
+    from ..io.yaml_file import read_yaml
+
+    values = read_yaml(path, dict, "a run configuration (YAML)")
+    for key in values:
+        if key not in KEYS:
+            raise InputError(f"{path}: unknown key {key!r}; {_nearest(str(key), KEYS)}")
+    if values.get("occlog_run") != 1:
+        raise InputError(f"{path}: want `occlog_run: 1` (the version of this format), got {values.get('occlog_run')!r}")
+    given = [s for s in SOURCES if s in values]
+    if len(given) != 1:
+        raise InputError(f"{path}: give exactly one of {', '.join(SOURCES)}; got {', '.join(given) or 'none'}")
+    for name in ("simulate", "ingest", *STAGES):
+        if not isinstance(values.get(name) or {}, dict):
+            raise InputError(f"{path}: {name}: want keys and values, got {values[name]!r}")
+    return Config(path, values)
+
+
+def plan(config: Config, folder: Path) -> list[Stage]:
+    """The stages in order, with outputs in the run folder."""
+    recording = folder / "recording.mcap"
+    stages: list[Stage] = []
+    if "simulate" in config.values or "ingest" in config.values:
+        name = "simulate" if "simulate" in config.values else "ingest"
+        stages.append(_stage(config, name, {"output": recording}, ()))
+    else:
+        recording = config.path.resolve().parent / str(config.values["recording"])
+    out = {n: folder / f"{n}.parquet" for n in ("bearings", "views", "tracks", "diagnostics", "errors", "bound")}
+    scene = {"scene": config.values.get("scene", str(recording))}
+    stages.append(_stage(config, "detect", {"output": out["bearings"], "views": out["views"]}, (str(recording),)))
+    stages.append(
+        _stage(
+            config,
+            "track",
+            {"output": out["tracks"], "diagnostics": out["diagnostics"]},
+            (str(out["bearings"]),),
+            scene,
+        )
+    )
+    metrics = folder / "metrics.json"
+    results = {"output": metrics, "errors": out["errors"], "bound": out["bound"]}
+    inputs = {**scene, "bearings": str(out["bearings"]), **_truth(config, recording, stages)}
+    stages.append(_stage(config, "evaluate", results, (str(out["tracks"]),), inputs))
+    stages.append(_report(config, folder, recording, out, metrics, scene))
+    return stages
+
+
+def _truth(config: Config, recording: Path, stages: list[Stage]) -> dict[str, str]:
+    """`--truth` for evaluate: the recording, unless the configuration names another or says there is none."""
+    given = config.stage("evaluate")
+    if "truth" in given:
+        return {}
+    simulated = "simulate" in config.values
+    ingested = "truth" in config.stage("ingest")
+    return {"truth": str(recording)} if simulated or ingested or _holds_truth(recording, stages) else {}
+
+
+def _holds_truth(recording: Path, stages: list[Stage]) -> bool:
+    if stages or not recording.is_file():
+        return False
+    from ..io.recording import open_recording
+    from ..records import Truth
+
+    return open_recording(recording).has(Truth)
+
+
+def _report(
+    config: Config, folder: Path, recording: Path, out: dict[str, Path], metrics: Path, scene: dict[str, Any]
+) -> Stage:
+    page = {"output": folder / "report.html", "png": folder / "report.png"}
+    names = ("bearings", "diagnostics", "errors", "bound")
+    inputs = {**scene, **{n: str(out[n]) for n in names}, "metrics": str(metrics)}
+    return _stage(config, "report", page, (str(out["tracks"]),), {**inputs, **_truth(config, recording, [])})
+
+
+def _stage(
+    config: Config,
+    name: str,
+    outputs: dict[str, Path],
+    arguments: tuple[str, ...],
+    inputs: dict[str, Any] | None = None,
+) -> Stage:
+    command: click.Command = importlib.import_module(f"occlog.cli.{name}").command
+    values = {**_common(config, command), **(inputs or {}), **config.stage(name)}
+    for key in outputs:
+        if key in config.stage(name):
+            raise InputError(f"{config.path}: {name}.{key}: outputs of a run lie in its folder; remove this key")
+    args = [*arguments, *_to_args(config, name, command, {**values, **outputs}), "--quiet"]
+    return Stage(name, command, tuple(args), tuple(str(p) for p in outputs.values()))
+
+
+def _common(config: Config, command: click.Command) -> dict[str, Any]:
+    names = {p.name for p in command.params}
+    return {k: config.values[k] for k in ("seed",) if k in config.values and k in names}
+
+
+def _to_args(config: Config, name: str, command: click.Command, values: dict[str, Any]) -> list[str]:
+    """Command-line arguments of the keys of a stage."""
+    options = {_key(p): p for p in command.params}
+    ahead: list[str] = []
+    args: list[str] = []
+    for key, value in values.items():
+        param = options.get(key)
+        if param is None:
+            raise InputError(f"{config.path}: unknown key {key!r} in {name}; {_nearest(key, sorted(options))}")
+        if isinstance(param, click.Argument):
+            ahead += [str(v) for v in _listed(value)]
+        else:
+            args += _option_args(config, name, key, param, value)
+    return ahead + args
+
+
+def _key(param: click.Parameter) -> str:
+    """The key of an option: its long name with underscores; an argument's own name."""
+    long = [o for o in param.opts if o.startswith("--")]
+    return long[0].removeprefix("--").replace("-", "_") if long else str(param.name)
+
+
+def _listed(value: Any) -> list[Any]:
+    if isinstance(value, dict):
+        return [f"{k}={v}" for k, v in value.items()]
+    return value if isinstance(value, list) else [value]
+
+
+def _option_args(config: Config, name: str, key: str, param: click.Parameter, value: Any) -> list[str]:
+    flag = param.opts[-1] if not param.opts[0].startswith("--") else param.opts[0]
+    if getattr(param, "is_flag", False):
+        if not isinstance(value, bool):
+            raise InputError(f"{config.path}: {name}.{key}: want true or false, got {value!r}")
+        negative = param.secondary_opts
+        return [flag] if value else negative[:1]
+    if value is None:
+        return []
+    values = _listed(value)
+    if param.nargs not in (1, -1):
+        return [flag, *(str(v) for v in values)]
+    if len(values) > 1 and not getattr(param, "multiple", False):
+        return [flag, ",".join(str(v) for v in values)]
+    return [part for v in values for part in (flag, str(v))]
+
+
+def _nearest(key: str, valid: tuple[str, ...] | list[str]) -> str:
+    near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    return f"did you mean {near[0]!r}?" if near else f"valid keys: {', '.join(valid)}"
