@@ -82,6 +82,16 @@ class Table:
             return cls.empty()
         return cls(**{c.name: np.concatenate([getattr(t, c.name) for t in tables]) for c in cls.columns()})
 
+    @classmethod
+    def merge(cls, parts: Iterable[Self]) -> Self:
+        """One table from parts that overlap in time, its rows ordered by the key (stable)."""
+        tables = [part for part in parts if len(part)]
+        if not tables:
+            return cls.empty()
+        values = {c.name: np.concatenate([getattr(t, c.name) for t in tables]) for c in cls.columns()}
+        order = np.lexsort([values[name] for name in reversed(cls.KEY)])
+        return cls(**{name: column[order] for name, column in values.items()})
+
     def take(self, rows: Any) -> Self:
         """The rows selected by a mask, a slice or an index array."""
         return type(self)(**{c.name: getattr(self, c.name)[rows] for c in self.columns()})

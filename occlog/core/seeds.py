@@ -1,0 +1,28 @@
+"""Random number generators that do not depend on the order or the number of workers."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+
+class Stage(IntEnum):
+    """What random numbers are drawn for; numbers are never reused, so that old seeds keep their meaning."""
+
+    WORLD_START = 0  # first places and destinations
+    WORLD_MOTION = 1  # one item an object
+    CAMERA_NOISE = 2  # one item a camera, as for all below
+    CAMERA_CHANCE = 3  # misses and false alarms
+    CAMERA_CALIBRATION = 4
+    ARRAY_NOISE = 5
+    ARRAY_CHANCE = 6
+    RENDER_SENSOR = 7  # image noise: items are (camera, frame)
+    RENDER_LIGHT = 8
+    RENDER_CLOTHES = 9
+    TRACK = 16
+
+
+def generator(seed: int, stage: Stage, *items: int, run: int = 0) -> np.random.Generator:
+    """The generator of one stage and item (object, sensor, or sensor and frame) of one run."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run, int(stage), *items)))
