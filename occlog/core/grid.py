@@ -100,6 +100,6 @@ def _joined(last: Grid, chunk: Grid) -> Grid:
 
 
 def _places(grid: Grid, times: Ints) -> Floats:
-    flat = grid.xyz.reshape(len(grid.t_ns), -1)
+    flat = grid.xyz.reshape(len(grid.t_ns), 3 * len(grid.ids))
     places, _ = interpolate_positions(times, grid.t_ns, flat, int(NO_LIMIT))
-    return places.reshape(len(times), -1, 3)
+    return places.reshape(len(times), len(grid.ids), 3)
