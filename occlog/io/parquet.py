@@ -26,6 +26,7 @@ from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 
 SCHEMA_KEY = "occlog.schema"
 ROWS_PER_GROUP = 65_536
+BYTES_PER_GROUP = 4 * 1024 * 1024
 T = TypeVar("T", bound=Table)
 
 _ARROW = {
@@ -68,15 +69,11 @@ def to_arrow(table: Table, schema: pa.Schema) -> pa.Table:
     for c, f in zip(table.columns(), schema, strict=True):
         values = getattr(table, c.name)
         if c.width:
-            flat = pa.array(
-                np.ascontiguousarray(values).reshape(-1), type=f.type.value_type, from_pandas=False
-            )
+            flat = pa.array(np.ascontiguousarray(values).reshape(-1), type=f.type.value_type, from_pandas=False)
             arrays.append(pa.FixedSizeListArray.from_arrays(flat, c.width))
         elif c.kind == "U":
             names, codes = np.unique(values, return_inverse=True)
-            arrays.append(
-                pa.DictionaryArray.from_arrays(pa.array(codes, pa.int32()), pa.array(names, pa.string()))
-            )
+            arrays.append(pa.DictionaryArray.from_arrays(pa.array(codes, pa.int32()), pa.array(names, pa.string())))
         else:
             arrays.append(pa.array(values, type=f.type, from_pandas=False))
     return pa.Table.from_arrays(arrays, schema=schema)
@@ -92,9 +89,7 @@ def _column_from_arrow(c: Column, values: Any) -> np.ndarray[Any, Any]:
     if isinstance(values, pa.ChunkedArray):
         values = values.combine_chunks()
     if values.null_count:
-        raise InputError(
-            f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)"
-        )
+        raise InputError(f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)")
     if c.width:
         return np.array(values.flatten().to_numpy(zero_copy_only=False), c.dtype).reshape(-1, c.width)
     if c.kind == "U":
@@ -122,7 +117,7 @@ class TableWriter:
         self._table = table
         self._schema = arrow_schema(table, provenance, length_unit)
         self._pending: list[Table] = []
-        self._pending_rows = 0
+        self._pending_rows = self._pending_bytes = 0
         self._output = open_output(Path(path), overwrite)
         self._writer: pq.ParquetWriter | None = None
 
@@ -141,14 +136,15 @@ class TableWriter:
         self.rows += len(table)
         self._pending.append(table)
         self._pending_rows += len(table)
-        if self._pending_rows >= ROWS_PER_GROUP:
+        self._pending_bytes += sum(getattr(table, c.name).nbytes for c in table.columns())
+        if self._pending_rows >= ROWS_PER_GROUP or self._pending_bytes >= BYTES_PER_GROUP:
             self._flush()
 
     def _flush(self) -> None:
         if self._pending_rows and self._writer is not None:
             whole = self._table.concat(self._pending)
             self._writer.write_table(to_arrow(whole, self._schema), row_group_size=ROWS_PER_GROUP)
-        self._pending, self._pending_rows = [], 0
+        self._pending, self._pending_rows, self._pending_bytes = [], 0, 0
 
     def annotate(self, provenance: Provenance) -> None:
         """Replace the provenance by one that is known only after the last row (for example what was lost)."""
@@ -228,14 +224,10 @@ def _check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
         raise InputError(f"{path}: holds {found or 'no occlog table'}, want {want}")
     for c in table.columns():
         if schema.get_field_index(c.name) < 0:
-            raise InputError(
-                f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}"
-            )
+            raise InputError(f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}")
         have, kind = schema.field(c.name).type, _ARROW[c.kind]
         kind = pa.list_(kind, c.width) if c.width else kind
-        same = have == kind or (
-            c.kind == "U" and (pa.types.is_string(have) or pa.types.is_large_string(have))
-        )
+        same = have == kind or (c.kind == "U" and (pa.types.is_string(have) or pa.types.is_large_string(have)))
         if not same and not (pa.types.is_dictionary(have) and c.kind == "U"):
             raise InputError(f"{path}: column {c.name} is {have}, want {kind}")
 
@@ -298,8 +290,6 @@ def describe(path: Path) -> dict[str, Any]:
 
 
 def _time_span(file: pq.ParquetFile) -> list[int] | None:
-    groups: Iterable[Any] = (
-        file.metadata.row_group(i).column(0).statistics for i in range(file.num_row_groups)
-    )
+    groups: Iterable[Any] = (file.metadata.row_group(i).column(0).statistics for i in range(file.num_row_groups))
     spans = [(s.min, s.max) for s in groups if s is not None and s.has_min_max]
     return [min(s[0] for s in spans), max(s[1] for s in spans)] if spans else None

@@ -1,0 +1,22 @@
+"""The published schemas are those of the code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from occlog.io.schemas import SCHEMAS, schema_text
+
+FOLDER = Path(__file__).resolve().parents[2] / "schemas"
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_published_text_is_up_to_date(name: str) -> None:
+    published = FOLDER / f"{name}.json"
+    assert published.is_file(), "run `make schemas`"
+    assert published.read_text() == schema_text(name), "run `make schemas` and raise the table's VERSION if it changed"
+
+
+def test_nothing_else_is_published() -> None:
+    assert sorted(p.stem for p in FOLDER.glob("*.json")) == sorted(SCHEMAS)
