@@ -1,1 +1,1 @@
-"""Records in, figures and page out."""
+"""Figures and pages: records in, one offline page and one picture out."""

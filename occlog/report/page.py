@@ -1,0 +1,175 @@
+"""Puts a report together: figures, tables and words into one page, and the main ones into one picture."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure as Canvas
+from matplotlib.figure import FigureBase
+
+from .accuracy import draw_accuracy
+from .filterplot import draw_filter
+from .floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, outside, plan_limits
+from .model import ReportInput, ReportPage
+from .picture import build_picture
+from .sensortable import sensor_rows
+from .sight import distances
+from .sightplot import draw_sight
+from .style import COLOURS, DARK, house_style, label, new_figure, raw_svg
+from .summary import headline, metric_figures, number, plural, row_counts
+from .svg import page_svg
+from .visibility import MOST_ROWS, draw_visibility, sensors, watched
+
+WIDTH = 8.4
+MOST_TARGETS = 6
+"""More targets than these are in the tables and the floor plan, but get no figures of their own."""
+
+
+@dataclass(frozen=True)
+class Plot:
+    """One figure of the page: the picture, its heading, and what it says in words."""
+
+    heading: str
+    svg: Markup
+    caption: str
+
+
+def build_report(data: ReportInput) -> ReportPage:
+    """The page and the picture of a run; the same input gives the same bytes.
+
+    Raises:
+        InputError: neither a scene nor tracks (raised by `ReportInput`).
+    """
+    with house_style():
+        plots = _plots(data)
+        png = build_picture(data)
+    return ReportPage(_render(data, plots), png)
+
+
+def _plots(data: ReportInput) -> list[Plot]:
+    out = [_floorplan(data)]
+    for target in data.targets[:MOST_TARGETS]:
+        out += _accuracy(data, target) or _sight(data, target)
+    out += [_visibility(data, target) for target in watched(data)[:MOST_TARGETS]]
+    return out + _filter(data)
+
+
+def _plot(name: str, heading: str, caption: str, size: tuple[float, float], draw: Callable[[FigureBase], None]) -> Plot:
+    canvas: Canvas = new_figure(*size)
+    draw(canvas)
+    return Plot(heading, Markup(page_svg(raw_svg(canvas), name, heading, caption)), caption)
+
+
+def _floorplan(data: ReportInput) -> Plot:
+    size = np.diff(plan_limits(data), axis=0)[0]
+    height = float(np.clip(WIDTH * 0.88 * size[1] / size[0] + 1.0, 3.4, 8.4))
+    words = ["Seen from above, x and y to the same scale."]
+    if data.scene is not None and data.scene.room is None:
+        words.append("The scene states no room.")
+    if data.scene is not None and any(not c.placed for c in data.scene.cameras):
+        names = ", ".join(label(c.name) for c in data.scene.cameras if not c.placed)
+        words.append(f"Not drawn, as their pose is not known: {names}.")
+    if data.truth is not None:
+        moving = len(np.unique(data.truth.target_id[data.truth.role == "occluder"]))
+        if moving > MOST_MOVING_OCCLUDERS:
+            words.append(f"The {moving} moving occluders are not drawn.")
+    if (since := bold_from(data)) is not None:
+        recent = number(float(f"{(data.time.end_ns - since) / data.time.ns_per_unit:.3g}"))
+        words.append(f"The paths are long: the last {recent} {data.time.unit} are bold, what came before is faint.")
+    if (gone := outside(data)) > 0:
+        words.append(f"{plural(gone, 'estimate')} outside the drawing.")
+    return _plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
+
+
+def _whose(data: ReportInput, target: int) -> str:
+    return "" if len(data.targets) <= 1 else f", target {target}"
+
+
+def _accuracy(data: ReportInput, target: int) -> list[Plot]:
+    errors = data.errors
+    if errors is None or not (rows := errors.target_id == target).any():
+        return []
+    rmse = float(np.sqrt(np.mean(errors.error[rows] ** 2)))
+    worst = float(errors.error[rows].max())
+    caption = f"RMSE {number(rmse)} {label(data.unit)}, largest error {number(worst)} {label(data.unit)}"
+    if data.bound is not None and (own := data.bound.target_id == target).any():
+        bound = float(np.sqrt(np.mean(data.bound.bound[own] ** 2)))
+        caption += f"; the posterior Cramér–Rao bound on the RMSE is {number(bound)} {label(data.unit)}"
+    heading = f"Error and bound over time{_whose(data, target)}"
+    size = (WIDTH, 5.6)
+    return [_plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
+
+
+def _sight(data: ReportInput, target: int) -> list[Plot]:
+    """What can be said without truth."""
+    tracks, bearings, scene = data.tracks, data.bearings, data.scene
+    if tracks is None or bearings is None or scene is None:
+        return []
+    _, distance = distances(tracks, bearings, scene, target)
+    if not len(distance):
+        return []
+    rms, share = float(np.sqrt(np.mean(distance**2))), number(float(np.percentile(distance, 95)))
+    caption = (
+        f"There is no truth to compare with. Above: distance of the track from where the sight lines of at least two "
+        f"sensors meet, RMS {number(rms)} {label(data.unit)}, 95 % below {share} {label(data.unit)}. "
+        f"Below: measured minus expected direction of each sighting, in degrees."
+    )
+    heading = f"Track and sight lines{_whose(data, target)}"
+    name, size = f"sight{target}", (WIDTH, 4.6)
+    return [_plot(name, heading, caption, size, lambda f: draw_sight(f, data, tracks, bearings, scene, target))]
+
+
+def _visibility(data: ReportInput, target: int) -> Plot:
+    bearings = data.bearings
+    assert bearings is not None  # `watched` names no target without bearings
+    rows = min(len(sensors(data)), MOST_ROWS)
+    whose = ", any object" if target < 0 else ("" if len(watched(data)) == 1 else f", target {target}")
+    caption = "A bar is blue as far up as the target was seen in the frames of that time."
+    if len(sensors(data)) > rows:
+        caption += f" The first {rows} of {len(sensors(data))} sensors are drawn."
+    size = (WIDTH, 1.15 + 0.27 * rows)
+    heading = f"What each sensor saw{whose}"
+    return _plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, bearings, target))
+
+
+def _filter(data: ReportInput) -> list[Plot]:
+    diagnostics = data.diagnostics
+    if diagnostics is None or not len(diagnostics):
+        return []
+    lowest = number(round(float(diagnostics.ess.min()), 1))
+    fallbacks = int(np.count_nonzero(diagnostics.fallback != ""))
+    steps = plural(len(diagnostics), "step")
+    caption = f"Lowest effective sample size {lowest}; {plural(fallbacks, 'fallback')} in {steps}."
+    return [_plot("filter", "Filter", caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
+
+
+def _render(data: ReportInput, plots: list[Plot]) -> str:
+    environment = Environment(
+        loader=PackageLoader("occlog.report"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    return environment.get_template("report.html.j2").render(
+        title=data.title,
+        unit=data.unit,
+        start=data.time.start,
+        headline=headline(data),
+        metrics=metric_figures(data),
+        rows=row_counts(data),
+        sensors=sensor_rows(data),
+        plots=plots,
+        left_out=data.targets[MOST_TARGETS:],
+        losses=data.losses,
+        provenance=_provenance(data.provenance),
+        light=COLOURS,
+        dark=DARK,
+    )
+
+
+def _provenance(values: Any) -> str:
+    return json.dumps(values, indent=2, sort_keys=True, ensure_ascii=False, default=str) if values else ""

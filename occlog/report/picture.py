@@ -1,0 +1,89 @@
+"""The main figures in one picture: floor plan, error and bound, what each sensor saw, key figures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import NamedTuple
+
+from matplotlib.figure import FigureBase
+
+from .accuracy import draw_accuracy
+from .floorplan import draw_floorplan
+from .model import ReportInput
+from .sight import distances
+from .sightplot import draw_sight
+from .style import COLOURS, label, new_figure, to_png
+from .summary import headline
+from .visibility import draw_visibility, sensors, watched
+
+
+class Panel(NamedTuple):
+    """One part of the picture."""
+
+    heading: str
+    height: float
+    draw: Callable[[FigureBase], None]
+
+
+DPI = 110.0
+SIZE = (15.0, 9.6)
+
+
+def build_picture(data: ReportInput) -> bytes:
+    """PNG of the run; targets after the first are in the floor plan only."""
+    canvas = new_figure(*SIZE)
+    top, middle = canvas.subfigures(2, 1, height_ratios=[1.0, 8.0], squeeze=False)[:, 0]
+    _figures(top, data)
+    panels = _panels(data)
+    if not panels:
+        draw_floorplan(middle, data)
+    else:
+        left, right = middle.subfigures(1, 2, width_ratios=[1.0, 1.05], squeeze=False)[0]
+        draw_floorplan(left, data)
+        _head(left, "Floor plan")
+        rows = [panel.height for panel in panels]
+        parts = right.subfigures(len(panels), 1, height_ratios=rows, squeeze=False)[:, 0]
+        for part, panel in zip(parts, panels, strict=True):
+            _head(part, panel.heading)
+            panel.draw(part)
+    texts = {"Title": data.title, "Description": json.dumps(data.provenance, sort_keys=True, default=str)}
+    return to_png(canvas, DPI, texts)
+
+
+def _figures(figure: FigureBase, data: ReportInput) -> None:
+    """Title and key figures as text."""
+    figure.text(0.012, 0.8, label(data.title, 90), fontsize=15, fontweight="bold", va="center")
+    shown = headline(data)[:7]
+    step = 0.98 / max(len(shown), 6)
+    for i, item in enumerate(shown):
+        x = 0.012 + i * step
+        figure.text(x, 0.36, f"{item.value} {label(item.unit, 8)}".strip(), fontsize=15, va="center")
+        words = f"{item.name}, {item.note}" if item.note else item.name
+        figure.text(x, 0.08, label(words, 42), fontsize=8.5, va="center", color=COLOURS["muted"])
+
+
+def _head(figure: FigureBase, text: str) -> None:
+    figure.suptitle(text, x=0.015, ha="left", fontsize=10.5, fontweight="bold")
+
+
+def _panels(data: ReportInput) -> list[Panel]:
+    """What stands beside the floor plan: the first target's error, and who saw it."""
+    out: list[Panel] = []
+    tracks, bearings, scene, errors = data.tracks, data.bearings, data.scene, data.errors
+    first = data.targets[0] if data.targets else None
+    whose = "" if len(data.targets) <= 1 else f", target {first}"
+    if first is not None and errors is not None and (errors.target_id == first).any():
+        out.append(Panel(f"Error and bound{whose}", 4.8, lambda f: draw_accuracy(f, data, errors, first)))
+    elif (
+        first is not None and tracks is not None and bearings is not None and scene is not None
+        and len(distances(tracks, bearings, scene, first)[0])
+    ):  # fmt: skip
+        heading = f"Track to where sight lines meet{whose}"
+        out.append(Panel(heading, 4.4, lambda f: draw_sight(f, data, tracks, bearings, scene, first)))
+    seen = watched(data)
+    if bearings is not None and seen:
+        target = first if first in seen else seen[0]
+        height = min(1.4 + 0.24 * len(sensors(data)), 4.6)
+        out.append(Panel(f"What each sensor saw{whose}", height, lambda f: draw_visibility(f, data, bearings, target)))
+    return out

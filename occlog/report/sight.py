@@ -1,0 +1,139 @@
+"""What a sensor can see, and where sight lines meet: plane geometry for drawing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..columns import Floats, Ints
+from ..core.camera import wrap_angle
+from ..core.triangulate import MET, sight_lines_meet
+from ..records import Bearings, Tracks
+from ..scene import Scene
+
+RAYS = 121
+
+
+def visible_area(origin: Floats, yaw: float, fov: float, reach: float, walls: Floats) -> Floats:
+    """Polygon that a sensor sees: a wedge cut off where a wall stands in the way.
+
+    Args:
+        origin: (2,) position of the sensor.
+        yaw: azimuth of the optical axis [rad].
+        fov: full opening angle [rad]; 2 pi or more is all around.
+        reach: farthest distance, finite and > 0.
+        walls: (S, 2, 2) line segments that hide what is behind them.
+
+    Returns:
+        (K, 2) corners, the sensor first (unless it sees all around).
+    """
+    half = min(fov / 2.0, np.pi)
+    corners = walls.reshape(-1, 2) - origin
+    toward = wrap_angle(np.arctan2(corners[:, 1], corners[:, 0]) - yaw)
+    toward = np.concatenate([toward - 1e-6, toward + 1e-6])
+    offsets = np.concatenate([np.linspace(-half, half, RAYS), toward[np.abs(toward) <= half]])
+    azimuth = yaw + np.unique(offsets)
+    direction = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    edge = origin + np.minimum(_hits(origin, direction, walls), reach)[:, None] * direction
+    return edge if half >= np.pi else np.vstack([origin, edge])
+
+
+def _hits(origin: Floats, direction: Floats, walls: Floats) -> Floats:
+    """(R,) distance along each ray to the nearest wall; inf where there is none."""
+    if not len(walls):
+        return np.full(len(direction), np.inf)
+    start, along = walls[:, 0] - origin, walls[:, 1] - walls[:, 0]
+    cross = direction[:, :1] * along[:, 1] - direction[:, 1:] * along[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = (start[:, 0] * along[:, 1] - start[:, 1] * along[:, 0]) / cross
+        place = (start[:, 0] * direction[:, 1:] - start[:, 1] * direction[:, :1]) / cross
+    # A sensor may be mounted on the wall itself: such a wall does not hide anything from it.
+    near = 1e-6 * (1.0 + np.abs(walls).max())
+    hit = (distance > near) & (place >= -1e-9) & (place <= 1.0 + 1e-9)
+    return np.asarray(np.where(hit, distance, np.inf).min(axis=1))
+
+
+def edges_of(polygon: Floats) -> Floats:
+    """(K, 2, 2) edges of a closed polygon."""
+    return np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
+
+
+def places(scene: Scene) -> dict[str, Floats]:
+    """(2,) position on the ground of each sensor whose pose is known, by name."""
+    cameras = {c.name: c.ground for c in scene.cameras if c.placed}
+    return cameras | {a.name: a.position[:2] for a in scene.arrays}
+
+
+def positions_at(tracks: Tracks, target: int, t_ns: Ints) -> Floats:
+    """(N, 2) estimated positions of a target at given times, by linear interpolation; NaN outside the track."""
+    rows = np.flatnonzero(tracks.target_id == target)
+    if not len(rows):
+        return np.full((len(t_ns), 2), np.nan)
+    # Times relative to the track's start, so that a float carries nanoseconds.
+    start = tracks.t_ns[rows[0]]
+    known, wanted = (tracks.t_ns[rows] - start).astype(float), (t_ns - start).astype(float)
+    return np.column_stack([np.interp(wanted, known, v[rows], left=np.nan, right=np.nan) for v in (tracks.x, tracks.y)])
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Measured minus expected direction of a target at each sighting, ordered by time."""
+
+    t_ns: Ints
+    sensor: Ints  # index into names
+    names: tuple[str, ...]
+    residual: Floats  # rad, in [-pi, pi)
+    sigma: Floats  # rad
+
+
+def residuals(tracks: Tracks, bearings: Bearings, scene: Scene, target: int) -> Residuals:
+    """How far a track is from the sight lines of the sensors that saw its target.
+
+    Sightings outside the track's time and those of sensors without a pose are left out;
+    so are candidates that were not assigned to a target.
+    """
+    known = places(scene)
+    names = tuple(known)
+    index = _index(bearings.sensor, names)
+    rows = np.flatnonzero((bearings.target_id == target) & bearings.seen & (index >= 0))
+    estimate = positions_at(tracks, target, bearings.t_ns[rows])
+    origins = np.array([known[n] for n in names]).reshape(-1, 2)[index[rows]]
+    delta = estimate - origins
+    value = wrap_angle(bearings.bearing[rows] - np.arctan2(delta[:, 1], delta[:, 0]))
+    ok = np.isfinite(value)
+    rows = rows[ok]
+    return Residuals(bearings.t_ns[rows], index[rows], names, value[ok], bearings.sigma[rows])
+
+
+def _index(names: np.ndarray, known: tuple[str, ...]) -> Ints:
+    """(N,) position of each name in `known`, -1 where it is not there."""
+    unique, inverse = np.unique(names, return_inverse=True)
+    numbers = np.array([known.index(n) if n in known else -1 for n in unique], dtype=np.int64)
+    return numbers[inverse] if len(unique) else np.empty(0, np.int64)
+
+
+def meeting_points(bearings: Bearings, scene: Scene, target: int) -> tuple[Ints, Floats]:
+    """Times (N,) and most likely points (N, 2) where the sight lines of at least two sensors meet.
+
+    A scan is all rows of equal time; scans whose sight lines are all but parallel or do
+    not meet are left out.
+    """
+    known = places(scene)
+    names = tuple(known)
+    index = _index(bearings.sensor, names)
+    rows = np.flatnonzero((bearings.target_id == target) & bearings.seen & (index >= 0))
+    origins = np.array([known[n] for n in names]).reshape(-1, 2)[index[rows]]
+    times, starts = np.unique(bearings.t_ns[rows], return_index=True)
+    starts = np.append(starts, len(rows))
+    meeting = sight_lines_meet(origins, bearings.bearing[rows], bearings.sigma[rows], starts)
+    met = meeting.status == MET
+    return times[met], meeting.xy[met]
+
+
+def distances(tracks: Tracks, bearings: Bearings, scene: Scene, target: int) -> tuple[Ints, Floats]:
+    """Times and distances between a track and the point where the sight lines of a scan meet."""
+    t_ns, meeting = meeting_points(bearings, scene, target)
+    distance = np.hypot(*(positions_at(tracks, target, t_ns) - meeting).T)
+    ok = np.isfinite(distance)
+    return t_ns[ok], distance[ok]
