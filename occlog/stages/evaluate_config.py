@@ -1,0 +1,86 @@
+"""What `evaluate` is asked for, and what it gives back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from ..errors import InputError
+from ..records import Bound, Errors
+
+NS = 1_000_000_000
+METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+
+
+@dataclass(frozen=True)
+class EvaluateConfig:
+    """Options of `evaluate`; lengths in the scene's unit.
+
+    The motion of the bound: `waypoint` is a walk with noise `sigma_v` whose drift is known
+    ([Ercan] Eq. 5 with known destination and speed); `cv` is a constant velocity
+    disturbed by white acceleration, not known in advance.
+    """
+
+    max_gap_s: float = 1.0  # truth is interpolated between samples at most this far apart
+    match: str = "id"  # tracks to truth: `id`, or `optimal` (least overall RMSE)
+    skip_s: float = 0.0  # `settled_` figures leave out this much after each target's first estimate
+    from_ns: int | None = None  # and everything before this time
+    gate_sigma: float = 4.0  # a bearing within this many standard deviations of the truth is of the target
+    gate_px: float | None = None  # the same in pixels, for cameras, instead of gate_sigma
+    occluder_diameter: float | None = None  # of moving objects; None: they hide nothing
+    motion: str = "waypoint"
+    sigma_v: float | None = None  # noise gathered in 1 s per axis; None: `default_sigma_v`
+    acceleration_density: float = 1.0  # of `cv` [length^2 / s^3]
+    sigma_speed: float = 1.5  # prior of each velocity component, `cv` [length / s]
+    prior_cov: tuple[float, float, float] | None = None  # xx, xy, yy at the first look; None: anywhere in the room
+    held_out: tuple[str, ...] = ()  # sensors that the tracks were made without
+    held_out_gate: float = 0.05  # [rad]
+    meet_min_sensors: int = 2  # sight lines that must meet
+    meet_window_s: float = 0.0  # looks this close together count as one time
+    meet_loss: str = "huber"  # `gauss`, `huber` or `cauchy`
+    meet_limit: float | None = None  # share of the distances up to this is given
+    meet_min_crossing: float = math.radians(5.0)
+    box_overlap: float = 0.5  # intersection over union from which a view is of a true box
+
+    def __post_init__(self) -> None:
+        for name in ("max_gap_s", "skip_s", "acceleration_density", "meet_window_s", "meet_min_crossing"):
+            _check(name, getattr(self, name), getattr(self, name) >= 0, "at least 0")
+        for name in ("gate_sigma", "sigma_speed", "held_out_gate"):
+            _check(name, getattr(self, name), getattr(self, name) > 0, "above 0")
+        for name in ("gate_px", "occluder_diameter", "meet_limit"):
+            value = getattr(self, name)
+            _check(name, value, value is None or value > 0, "above 0")
+        _check("sigma_v", self.sigma_v, self.sigma_v is None or self.sigma_v >= 0, "at least 0")
+        _check("box_overlap", self.box_overlap, 0 < self.box_overlap <= 1, "above 0 and at most 1")
+        _check("meet_min_sensors", self.meet_min_sensors, self.meet_min_sensors >= 2, "at least 2")
+        _check("match", self.match, self.match in ("id", "optimal"), "id or optimal")
+        _check("motion", self.motion, self.motion in ("waypoint", "cv"), "waypoint or cv")
+        _check("meet_loss", self.meet_loss, self.meet_loss in ("gauss", "huber", "cauchy"), "gauss, huber or cauchy")
+        if self.prior_cov is not None:
+            xx, xy, yy = self.prior_cov
+            _check("prior_cov", self.prior_cov, xx > 0 and xx * yy > xy**2, "xx, xy, yy of a positive covariance")
+
+    @property
+    def limit_ns(self) -> int:
+        """Widest gap of the truth that is bridged [ns]."""
+        return round(self.max_gap_s * NS)
+
+
+def _check(name: str, value: object, good: bool, limit: str) -> None:
+    finite = not isinstance(value, float) or math.isfinite(value)
+    if not (good and finite):
+        raise InputError(f"evaluate: {name} is {value}, must be {limit}")
+
+
+def default_sigma_v(length_unit: str) -> float:
+    """Noise of a walker after 1 s: [Ercan]'s 0.33 in units of its own, 0.05 m for people, as `simulate` has it."""
+    return 0.33 if length_unit not in METRES else 0.05 / METRES[length_unit]
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What came out; `metrics` are flat, with the unit as the end of the name."""
+
+    metrics: dict[str, float]
+    errors: Errors = field(default_factory=Errors.empty)
+    bound: Bound = field(default_factory=Bound.empty)
