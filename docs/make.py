@@ -1,0 +1,70 @@
+"""Writes the reference pages that are made from the code: commands and tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from occlog.cli.main import COMMANDS, cli
+from occlog.columns import Table
+from occlog.records import TABLES
+
+FOLDER = Path(__file__).resolve().parent
+WIDTH = 100
+
+
+def help_text(command: click.Command, name: str) -> str:
+    """`--help` of a command as it is printed at a fixed width."""
+    context = click.Context(
+        command, info_name=name, max_content_width=WIDTH, terminal_width=WIDTH,
+        help_option_names=["-h", "--help"],
+    )  # fmt: skip
+    return command.get_help(context).rstrip()
+
+
+def commands_page() -> str:
+    """The command line: the help of every command."""
+    parts = ["# The command line\n\nMade by `make docs` from the `--help` of every command.\n"]
+    parts.append(f"```text\n{help_text(cli, 'occlog')}\n```\n")
+    for name in COMMANDS:
+        command = cli.get_command(click.Context(cli), name)
+        if command is not None:
+            parts.append(f"## occlog {name}\n\n```text\n{help_text(command, f'occlog {name}')}\n```\n")
+    return "\n".join(parts)
+
+
+def table_section(table: type[Table]) -> str:
+    """Columns of one table."""
+    summary = " ".join((table.__doc__ or "").split())
+    rows = [
+        f"| `{c.name}` | {c.dtype.name if c.kind != 'U' else 'string'}{f' x {c.width}' if c.width else ''} "
+        f"| {c.unit} | {c.doc}{f' (NaN: {c.nan})' if c.nan else ''} |"
+        for c in table.columns()
+    ]
+    head = f"## {table.NAME}\n\n{summary}\n\nSorted by {', '.join(f'`{k}`' for k in table.KEY)}.\n\n"
+    return head + "| column | type | unit | meaning |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
+
+
+def tables_page() -> str:
+    """Every table with its columns."""
+    head = (
+        "# Tables\n\nMade by `make docs` from `occlog/records.py`; `occlog schema NAME` prints them as JSON.\n\n"
+        "Time is int64 nanoseconds since the Unix epoch. World frame: x, y on the ground, z up, in the scene's\n"
+        "length unit (m below stands for it). Angles are radians from +x towards +y in [-pi, pi). Pixels: x to the\n"
+        "right, y down, the centre of the first pixel is (0, 0).\n"
+    )
+    return "\n".join([head, *(table_section(t) for t in TABLES.values())])
+
+
+PAGES = {"commands.md": commands_page, "tables.md": tables_page}
+
+
+def main() -> None:
+    """Write every page."""
+    for name, make in PAGES.items():
+        (FOLDER / name).write_text(make(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
