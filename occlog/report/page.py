@@ -41,15 +41,15 @@ class Plot:
 
 
 def build_report(data: ReportInput) -> ReportPage:
-    """The page and the picture of a run; the same input gives the same bytes.
+    """The page and the picture of a run; the same input gives the same bytes."""
+    return ReportPage(build_page(data), build_picture(data))
 
-    Raises:
-        InputError: neither a scene nor tracks (raised by `ReportInput`).
-    """
+
+def build_page(data: ReportInput) -> str:
+    """The page of a run as HTML: self-contained, without scripts."""
     with house_style():
         plots = _plots(data)
-        png = build_picture(data)
-    return ReportPage(_render(data, plots), png)
+    return _render(data, plots)
 
 
 def _plots(data: ReportInput) -> list[Plot]:

@@ -6,14 +6,14 @@ import json
 from collections.abc import Callable
 from typing import NamedTuple
 
-from matplotlib.figure import FigureBase
+from matplotlib.figure import FigureBase, SubFigure
 
 from .accuracy import draw_accuracy
 from .floorplan import draw_floorplan
 from .model import ReportInput
 from .sight import distances
 from .sightplot import draw_sight
-from .style import COLOURS, label, new_figure, to_png
+from .style import COLOURS, house_style, label, new_figure, to_png
 from .summary import headline
 from .visibility import draw_visibility, sensors, watched
 
@@ -32,23 +32,28 @@ SIZE = (15.0, 9.6)
 
 def build_picture(data: ReportInput) -> bytes:
     """PNG of the run; targets after the first are in the floor plan only."""
-    canvas = new_figure(*SIZE)
-    top, middle = canvas.subfigures(2, 1, height_ratios=[1.0, 8.0], squeeze=False)[:, 0]
-    _figures(top, data)
-    panels = _panels(data)
-    if not panels:
-        draw_floorplan(middle, data)
-    else:
-        left, right = middle.subfigures(1, 2, width_ratios=[1.0, 1.05], squeeze=False)[0]
-        draw_floorplan(left, data)
-        _head(left, "Floor plan")
-        rows = [panel.height for panel in panels]
-        parts = right.subfigures(len(panels), 1, height_ratios=rows, squeeze=False)[:, 0]
-        for part, panel in zip(parts, panels, strict=True):
-            _head(part, panel.heading)
-            panel.draw(part)
     texts = {"Title": data.title, "Description": json.dumps(data.provenance, sort_keys=True, default=str)}
-    return to_png(canvas, DPI, texts)
+    with house_style():
+        canvas = new_figure(*SIZE)
+        top, middle = canvas.subfigures(2, 1, height_ratios=[1.0, 8.0], squeeze=False)[:, 0]
+        _figures(top, data)
+        _arrange(middle, data, _panels(data))
+        return to_png(canvas, DPI, texts)
+
+
+def _arrange(figure: SubFigure, data: ReportInput, panels: list[Panel]) -> None:
+    """Floor plan on the left, what there is beside it."""
+    if not panels:
+        draw_floorplan(figure, data)
+        return
+    left, right = figure.subfigures(1, 2, width_ratios=[1.0, 1.05], squeeze=False)[0]
+    draw_floorplan(left, data)
+    _head(left, "Floor plan")
+    heights = [panel.height for panel in panels]
+    parts = right.subfigures(len(panels), 1, height_ratios=heights, squeeze=False)[:, 0]
+    for part, panel in zip(parts, panels, strict=True):
+        _head(part, panel.heading)
+        panel.draw(part)
 
 
 def _figures(figure: FigureBase, data: ReportInput) -> None:

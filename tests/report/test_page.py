@@ -1,0 +1,263 @@
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import cv2
+import matplotlib
+import numpy as np
+import pytest
+from made_up import merged, ring_scene, run
+
+from occlog.errors import InputError
+from occlog.losses import Loss
+from occlog.records import Bearings, Diagnostics, Errors, Tracks, Truth
+from occlog.report.model import ReportInput, TimeAxis
+from occlog.report.page import build_page, build_report
+from occlog.report.summary import headline
+
+EVIL = '<script>alert("x")</script>\' onload=$x_1$ style="color: red" ]]>\x07'
+
+
+class Tags(HTMLParser):
+    """Collects tags with their attributes and the text between them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def parsed(html: str) -> Tags:
+    tags = Tags()
+    tags.feed(html)
+    return tags
+
+
+def rows_of(html: str, heading: str) -> dict[str, list[str]]:
+    """Cells of the table after a heading by the row's first cell."""
+    section = html[html.index(f">{heading}</h2>") :]
+    body = section[section.index("<tbody>") : section.index("</tbody>")]
+    out = {}
+    for row in re.findall(r"<tr>(.*?)</tr>", body, re.DOTALL):
+        cells = [re.sub("<.*?>", "", c).strip() for c in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL)]
+        out[cells[0]] = cells[1:]
+    return out
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return build_page(run(steps=150, targets=2, cameras=4))
+
+
+def test_same_input_same_bytes_whatever_the_users_settings() -> None:
+    first = build_report(run(steps=40, cameras=2))
+    with matplotlib.rc_context({"font.size": 30, "axes.grid": False, "svg.fonttype": "path", "lines.linewidth": 9}):
+        second = build_report(run(steps=40, cameras=2))
+        assert matplotlib.rcParams["font.size"] == 30
+    assert first.html == second.html
+    assert first.png == second.png
+
+
+def test_page_needs_nothing_from_outside_and_no_script(page: str) -> None:
+    tags = parsed(page)
+    assert not {"script", "link", "iframe", "object", "embed", "base"} & {t for t, _ in tags.tags}
+    for tag, attributes in tags.tags:
+        for name, value in attributes.items():
+            assert not name.startswith("on"), (tag, name)
+            assert name != "style", tag
+            if name in ("href", "src", "xlink:href"):
+                assert (value or "").startswith("#"), (tag, value)
+    outside = re.sub(r'xmlns(:\w+)?="[^"]*"', "", page)
+    assert "http://" not in outside
+    assert "https://" not in outside
+    policy = next(a["content"] for _, a in tags.tags if a.get("http-equiv") == "Content-Security-Policy")
+    assert "default-src 'none'" in (policy or "")
+
+
+def test_ids_are_unique_and_references_lead_somewhere(page: str) -> None:
+    ids = re.findall(r'\sid="([^"]*)"', page)
+    assert len(ids) == len(set(ids))
+    referred = set(re.findall(r'(?:url\(#|href="#)([^")]+)', page))
+    for names in re.findall(r'aria-labelledby="([^"]*)"', page):
+        referred |= set(names.split())
+    assert referred <= set(ids)
+    assert len(referred) > 10
+
+
+def test_figures_are_well_formed_and_described(page: str) -> None:
+    figures = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
+    assert len(figures) == 1 + 2 + 2 + 1  # plan; errors and sightings of two targets; filter
+    for text in figures:
+        root = ElementTree.fromstring(text)
+        assert root.get("role") == "img"
+        assert len(root.findtext("{http://www.w3.org/2000/svg}desc") or "") > 20
+        assert "nan" not in text.lower().replace("nance", "")
+
+
+def test_colours_can_be_changed_by_the_page(page: str) -> None:
+    drawn = "".join(re.findall(r"<svg.*?</svg>", page, re.DOTALL))
+    loose = set(re.findall(r'(?<!,)"?(#[0-9a-f]{6})\b', re.sub(r"var\([^)]*\)", "", drawn)))
+    assert loose <= {"#000000", "#ffffff"}
+    assert "var(--t0,#" in drawn
+    assert "prefers-color-scheme: dark" in page
+
+
+def test_tables_have_captions_and_scoped_headers(page: str) -> None:
+    tags = [t for t, _ in parsed(page).tags]
+    assert tags.count("table") == tags.count("caption") >= 3
+    assert all(a.get("scope") in ("col", "row") for t, a in parsed(page).tags if t == "th")
+
+
+def test_figures_in_words_with_units(page: str) -> None:
+    rows = rows_of(page, "Figures")
+    assert rows["RMSE"][:2] == ["0.71", "m"]
+    assert rows["recall"][:2] == ["83", "%"]
+    assert rows["RMSE / bound"][:2] == ["1.18", ""]
+
+
+def test_headline_is_the_rmse_of_the_errors() -> None:
+    data = run(steps=200)
+    want = np.sqrt(np.mean(data.errors.error**2))
+    tile = next(item for item in headline(data) if item.name == "RMSE")
+    assert tile.unit == "m"
+    assert float(tile.value) == pytest.approx(want, rel=1e-3)
+
+
+def test_sensor_table_in_degrees() -> None:
+    data = run(steps=200, cameras=2)
+    row = rows_of(build_page(data), "Sensors")["camera 1"]
+    kind, _, heading, fov, looks, seen, share, off, ratio = row
+    own = data.bearings.sensor == "camera 1"
+    assert kind == "camera"
+    assert float(heading.replace("\N{MINUS SIGN}", "-")) == pytest.approx(np.degrees(0.3 - np.pi), abs=0.06)
+    assert fov == "80"
+    assert int(looks) == own.sum()
+    assert int(seen) == data.bearings.seen[own].sum()
+    assert float(share) == pytest.approx(100 * data.bearings.seen[own].mean(), abs=0.06)
+    assert 0.1 < float(off) < 10
+    assert float(ratio) == pytest.approx(np.radians(float(off)) / 0.01, rel=0.02)
+
+
+def test_every_label_is_escaped() -> None:
+    data = run(steps=40, cameras=2)
+    text = np.where(data.bearings.sensor == "camera 1", EVIL, data.bearings.sensor)
+    columns = {c.name: getattr(data.bearings, c.name) for c in Bearings.columns()} | {"sensor": text}
+    page = build_page(
+        run(steps=40, cameras=2, bearings=Bearings.of(**columns), title=EVIL, metrics={EVIL: 1.0, "note": EVIL},
+            provenance={EVIL: EVIL}, losses=(Loss(EVIL, EVIL, EVIL, 3),))
+    )  # fmt: skip
+    found = parsed(page)
+    assert "script" not in [t for t, _ in found.tags]
+    assert all(not name.startswith("on") for _, a in found.tags for name in a)
+    assert any('<script>alert("x")</script>' in text for text in found.text)
+    for text in re.findall(r"<svg.*?</svg>", page, re.DOTALL):
+        ElementTree.fromstring(text)
+
+
+@pytest.mark.slow
+def test_long_tracks_make_small_pages() -> None:
+    report = build_report(run(steps=100_000, cameras=4))
+    assert len(report.html.encode()) < 1_500_000
+    assert len(report.png) < 2_500_000
+    assert "the last" in report.html
+
+
+def test_an_outlier_is_named_and_does_not_set_the_scale() -> None:
+    data = run(steps=300)
+    x = data.tracks.x.copy()
+    x[100] = 1e5
+    error = data.errors.error.copy()
+    error[100] = 1e5
+    tracks = Tracks.of(**{c.name: getattr(data.tracks, c.name) for c in Tracks.columns()} | {"x": x})
+    errors = Errors.of(**{c.name: getattr(data.errors, c.name) for c in Errors.columns()} | {"error": error})
+    page = build_page(run(steps=300, cameras=2, tracks=tracks, errors=errors, bearings=None, diagnostics=None))
+    assert "1 estimate outside the drawing" in page
+    assert "1 step above, up to 1e+05 m at 10 s" in page
+
+
+@pytest.mark.parametrize("missing", ["scene", "tracks bearings", "truth errors", "bound diagnostics"])
+def test_any_part_may_be_missing(missing: str) -> None:
+    data = run(steps=20, cameras=2, **dict.fromkeys(missing.split()))
+    assert build_page(data).endswith("</html>\n")
+
+
+def test_picture_has_its_size_and_says_how_it_was_made() -> None:
+    report = build_report(run(steps=20, cameras=2, errors=None))
+    assert b"ab" * 32 in report.png
+    image = cv2.imdecode(np.frombuffer(report.png, np.uint8), cv2.IMREAD_COLOR)
+    assert image.shape == (1056, 1650, 3)
+
+
+def test_without_truth_the_sight_lines_are_shown() -> None:
+    page = build_page(run(steps=100, cameras=4, truth=None, errors=None, bound=None, metrics={}))
+    assert "Track and sight lines" in page
+    assert "Error and bound" not in page
+    assert "off sight lines" in page
+
+
+def test_scene_alone_and_tracks_alone() -> None:
+    assert "Floor plan" in build_page(ReportInput(scene=ring_scene(3)))
+    assert "Floor plan" in build_page(ReportInput(tracks=run(steps=5).tracks))
+    with pytest.raises(InputError, match="neither a scene nor tracks"):
+        ReportInput(truth=run(steps=5).truth)
+
+
+def test_empty_tables() -> None:
+    page = build_page(
+        ReportInput(
+            scene=ring_scene(2), tracks=Tracks.empty(), bearings=Bearings.empty(), truth=Truth.empty(),
+            errors=Errors.empty(), diagnostics=Diagnostics.empty(),
+        )
+    )  # fmt: skip
+    assert rows_of(page, "Tables read")["tracks"] == ["0", "empty"]
+
+
+def test_a_single_step() -> None:
+    assert "Floor plan" in build_page(run(steps=1, cameras=2))
+
+
+def test_a_target_that_stands_still_with_a_singular_covariance() -> None:
+    n = 10
+    zero = np.zeros(n)
+    still = merged(Tracks, [{
+        "t_ns": np.arange(n), "target_id": np.zeros(n, int), "x": zero + 3, "y": zero, "vx": zero, "vy": zero,
+        "cov_xx": zero, "cov_xy": zero, "cov_yy": zero,
+    }])  # fmt: skip
+    assert "Floor plan" in build_page(ReportInput(tracks=still))
+
+
+def test_losses_are_listed() -> None:
+    page = build_page(ReportInput(scene=ring_scene(1), losses=(Loss("cam1.mp4", "frame 80", "ends early", 20),)))
+    assert rows_of(page, "Input that was lost")["cam1.mp4"] == ["frame 80", "ends early", "20"]
+    assert re.search(r"<dt>input lost</dt><dd class=\"value\">20<", page)
+
+
+def test_many_targets_get_no_figures_of_their_own() -> None:
+    page = build_page(run(steps=30, cameras=1, targets=8, bearings=None, diagnostics=None))
+    assert page.count("Error and bound over time") == 2 * 6  # heading and title of the figure
+    assert "2 more targets" in page
+
+
+@pytest.mark.parametrize(
+    ("start", "length_s", "unit", "begin"),
+    [
+        (0, 100, "s", "0.000 s"),
+        (1_700_000_000_123_456_789, 1200, "min", "2023-11-14 22:13:20.123 UTC"),
+        (5, 86_400, "h", "0.000 s"),
+        (2**63 - 10**15, 100, "s", "2262-03-31 "),
+    ],
+)
+def test_time_axis(start: int, length_s: int, unit: str, begin: str) -> None:
+    axis = TimeAxis(start, start + length_s * 10**9)
+    assert axis.unit == unit
+    assert axis.start.startswith(begin)
+    per_unit = {"s": 1, "min": 60, "h": 3600}[unit]
+    assert axis.of(np.array([axis.end_ns]))[0] == pytest.approx(length_s / per_unit)
