@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -176,7 +177,7 @@ def _pair_candidates(
     told = set(zip(labelled.t_ns.tolist(), labelled.target.tolist(), strict=True))
     picked: list[tuple[int, int, bool]] = []  # row, target, whether that row is of the target
     stray = 0
-    for n, (start, end) in enumerate(zip(first.tolist(), [*first[1:].tolist(), len(rows)], strict=True)):
+    for n, (start, end) in enumerate(pairwise([*first.tolist(), len(rows)])):
         present = [k for k in everyone if places[k][1][n]]
         if not any(k in targets for k in present):
             continue
