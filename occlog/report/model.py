@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..losses import Loss
 from ..records import Bearings, Bound, Diagnostics, Errors, Tracks, Truth
 from ..scene import Scene
+from .sight import Residuals, distances, residuals
 
 NS = 1_000_000_000
 CALENDAR_FROM_NS = 365 * 86_400 * NS
@@ -119,6 +120,20 @@ class ReportInput:
         if not tracked and self.truth is not None:
             tracked = [self.truth.target_id[self.truth.role == "target"]]
         return tuple(int(i) for i in np.unique(np.concatenate(tracked))) if tracked else ()
+
+    @cached_property
+    def sight(self) -> dict[int, tuple[Ints, Floats]]:
+        """Times and distances of each target's track from where its sight lines meet; empty where they cannot."""
+        if self.tracks is None or self.bearings is None or self.scene is None:
+            return {}
+        return {target: distances(self.tracks, self.bearings, self.scene, target) for target in self.targets}
+
+    @cached_property
+    def residuals(self) -> dict[int, Residuals]:
+        """What each target's track leaves of the directions it was seen in."""
+        if self.tracks is None or self.bearings is None or self.scene is None:
+            return {}
+        return {target: residuals(self.tracks, self.bearings, self.scene, target) for target in self.targets}
 
 
 @dataclass(frozen=True)

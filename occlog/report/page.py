@@ -13,16 +13,17 @@ from markupsafe import Markup
 from matplotlib.figure import Figure as Canvas
 from matplotlib.figure import FigureBase
 
+from ..records import UNLABELLED
 from .accuracy import draw_accuracy
+from .figures import groups, number
 from .filterplot import draw_filter
 from .floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, outside, plan_limits
 from .model import ReportInput, ReportPage
 from .picture import build_picture
 from .sensortable import sensor_rows
-from .sight import distances
 from .sightplot import draw_sight
 from .style import COLOURS, DARK, house_style, label, new_figure, raw_svg
-from .summary import headline, metric_figures, number, plural, row_counts
+from .summary import headline, plural, rms, row_counts, with_bound
 from .svg import page_svg
 from .visibility import MOST_ROWS, draw_visibility, sensors, watched
 
@@ -95,12 +96,13 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
     errors = data.errors
     if errors is None or not (rows := errors.target_id == target).any():
         return []
-    rmse = float(np.sqrt(np.mean(errors.error[rows] ** 2)))
-    worst = float(errors.error[rows].max())
-    caption = f"RMSE {number(rmse)} {label(data.unit)}, largest error {number(worst)} {label(data.unit)}"
-    if data.bound is not None and (own := data.bound.target_id == target).any():
-        bound = float(np.sqrt(np.mean(data.bound.bound[own] ** 2)))
-        caption += f"; the posterior Cramér–Rao bound on the RMSE is {number(bound)} {label(data.unit)}"
+    unit = label(data.unit)
+    caption = (
+        f"RMSE {number(rms(errors.error[rows]))} {unit}, largest error {number(float(errors.error[rows].max()))} {unit}"
+    )
+    if data.bound is not None:
+        _, bound = with_bound(errors.take(rows), data.bound.take(data.bound.target_id == target))
+        caption += f"; the posterior Cramér–Rao bound on the RMSE is {number(bound)} {unit}" if bound > 0 else ""
     heading = f"Error and bound over time{_whose(data, target)}"
     size = (WIDTH, 5.6)
     return [_plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
@@ -108,21 +110,23 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
 
 def _sight(data: ReportInput, target: int) -> list[Plot]:
     """What can be said without truth."""
-    tracks, bearings, scene = data.tracks, data.bearings, data.scene
-    if tracks is None or bearings is None or scene is None:
+    if target not in data.residuals or not len(data.residuals[target].residual):
         return []
-    _, distance = distances(tracks, bearings, scene, target)
-    if not len(distance):
-        return []
-    rms, share = float(np.sqrt(np.mean(distance**2))), number(float(np.percentile(distance, 95)))
-    caption = (
-        f"There is no truth to compare with. Above: distance of the track from where the sight lines of at least two "
-        f"sensors meet, RMS {number(rms)} {label(data.unit)}, 95 % below {share} {label(data.unit)}. "
-        f"Below: measured minus expected direction of each sighting, in degrees."
-    )
-    heading = f"Track and sight lines{_whose(data, target)}"
-    name, size = f"sight{target}", (WIDTH, 4.6)
-    return [_plot(name, heading, caption, size, lambda f: draw_sight(f, data, tracks, bearings, scene, target))]
+    words = ["There is no truth to compare with."]
+    distance, unit = data.sight[target][1], label(data.unit)
+    if len(distance):
+        words.append(
+            f"Above: distance of the track from where the sight lines of at least two sensors meet, RMS "
+            f"{number(rms(distance))} {unit}, 95 % below {number(float(np.percentile(distance, 95)))} {unit}. Below:"
+        )
+    words.append("measured minus expected direction of each sighting, in degrees.")
+    if watched(data) == (UNLABELLED,):
+        words.append("The bearings name no target, so those nearest to the track are shown.")
+    text = " ".join(words).replace(". m", ". M")
+    name, size = f"sight{target}", (WIDTH, 4.6 if len(distance) else 2.9)
+    return [
+        _plot(name, f"Track and sight lines{_whose(data, target)}", text, size, lambda f: draw_sight(f, data, target))
+    ]
 
 
 def _visibility(data: ReportInput, target: int) -> Plot:
@@ -159,7 +163,7 @@ def _render(data: ReportInput, plots: list[Plot]) -> str:
         unit=data.unit,
         start=data.time.start,
         headline=headline(data),
-        metrics=metric_figures(data),
+        groups=groups(data.metrics, data.unit),
         rows=row_counts(data),
         sensors=sensor_rows(data),
         plots=plots,

@@ -11,7 +11,6 @@ from matplotlib.figure import FigureBase, SubFigure
 from .accuracy import draw_accuracy
 from .floorplan import draw_floorplan
 from .model import ReportInput
-from .sight import distances
 from .sightplot import draw_sight
 from .style import COLOURS, house_style, label, new_figure, to_png
 from .summary import headline
@@ -75,17 +74,13 @@ def _head(figure: FigureBase, text: str) -> None:
 def _panels(data: ReportInput) -> list[Panel]:
     """What stands beside the floor plan: the first target's error, and who saw it."""
     out: list[Panel] = []
-    tracks, bearings, scene, errors = data.tracks, data.bearings, data.scene, data.errors
+    bearings, errors = data.bearings, data.errors
     first = data.targets[0] if data.targets else None
     whose = "" if len(data.targets) <= 1 else f", target {first}"
     if first is not None and errors is not None and (errors.target_id == first).any():
         out.append(Panel(f"Error and bound{whose}", 4.8, lambda f: draw_accuracy(f, data, errors, first)))
-    elif (
-        first is not None and tracks is not None and bearings is not None and scene is not None
-        and len(distances(tracks, bearings, scene, first)[0])
-    ):  # fmt: skip
-        heading = f"Track to where sight lines meet{whose}"
-        out.append(Panel(heading, 4.4, lambda f: draw_sight(f, data, tracks, bearings, scene, first)))
+    elif first is not None and first in data.residuals and len(data.residuals[first].residual):
+        out.append(Panel(f"Track and sight lines{whose}", 4.4, lambda f: draw_sight(f, data, first)))
     seen = watched(data)
     if bearings is not None and seen:
         target = first if first in seen else seen[0]

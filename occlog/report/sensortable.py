@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..columns import Floats
+from .figures import number
 from .model import ReportInput
-from .sight import residuals
 from .style import label
-from .summary import number
-from .visibility import sensors, watched
+from .visibility import sensors
 
 
 @dataclass(frozen=True)
@@ -67,11 +66,8 @@ def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
 
 def _fits(data: ReportInput) -> dict[str, tuple[str, str]]:
     """RMS distance of the track from each sensor's sight lines: in degrees, and in its own standard deviations."""
-    if data.tracks is None or data.bearings is None or data.scene is None:
-        return {}
     squares: dict[str, list[Floats]] = {}
-    for target in watched(data):
-        found = residuals(data.tracks, data.bearings, data.scene, target)
+    for found in data.residuals.values():
         for i, name in enumerate(found.names):
             rows = found.sensor == i
             values = np.column_stack([found.residual[rows], found.residual[rows] / found.sigma[rows]]) ** 2

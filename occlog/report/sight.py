@@ -9,7 +9,7 @@ import numpy as np
 from ..columns import Floats, Ints
 from ..core.camera import wrap_angle
 from ..core.triangulate import MET, sight_lines_meet
-from ..records import Bearings, Tracks
+from ..records import UNLABELLED, Bearings, Tracks
 from ..scene import Scene
 
 RAYS = 121
@@ -90,20 +90,32 @@ class Residuals:
 def residuals(tracks: Tracks, bearings: Bearings, scene: Scene, target: int) -> Residuals:
     """How far a track is from the sight lines of the sensors that saw its target.
 
-    Sightings outside the track's time and those of sensors without a pose are left out;
-    so are candidates that were not assigned to a target.
+    Sightings outside the track's time and those of sensors without a pose are left out.
+    Where no bearing is labelled with the target, the candidate nearest to the track is
+    taken from each frame that has any.
     """
     known = places(scene)
     names = tuple(known)
     index = _index(bearings.sensor, names)
-    rows = np.flatnonzero((bearings.target_id == target) & bearings.seen & (index >= 0))
+    label = target if (bearings.target_id == target).any() else UNLABELLED
+    rows = np.flatnonzero((bearings.target_id == label) & bearings.seen & (index >= 0))
     estimate = positions_at(tracks, target, bearings.t_ns[rows])
     origins = np.array([known[n] for n in names]).reshape(-1, 2)[index[rows]]
     delta = estimate - origins
     value = wrap_angle(bearings.bearing[rows] - np.arctan2(delta[:, 1], delta[:, 0]))
-    ok = np.isfinite(value)
-    rows = rows[ok]
-    return Residuals(bearings.t_ns[rows], index[rows], names, value[ok], bearings.sigma[rows])
+    keep = np.flatnonzero(np.isfinite(value))
+    if label == UNLABELLED:
+        keep = _nearest(bearings.t_ns[rows], index[rows], value, keep)
+    rows = rows[keep]
+    return Residuals(bearings.t_ns[rows], index[rows], names, value[keep], bearings.sigma[rows])
+
+
+def _nearest(t_ns: Ints, sensor: Ints, value: Floats, rows: Ints) -> Ints:
+    """Of the given rows the one with the smallest value for each time and sensor, ascending."""
+    order = rows[np.lexsort([np.abs(value[rows]), sensor[rows], t_ns[rows]])]
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (np.diff(t_ns[order]) != 0) | (np.diff(sensor[order]) != 0)
+    return np.sort(order[first])
 
 
 def _index(names: np.ndarray, known: tuple[str, ...]) -> Ints:
@@ -116,19 +128,40 @@ def _index(names: np.ndarray, known: tuple[str, ...]) -> Ints:
 def meeting_points(bearings: Bearings, scene: Scene, target: int) -> tuple[Ints, Floats]:
     """Times (N,) and most likely points (N, 2) where the sight lines of at least two sensors meet.
 
-    A scan is all rows of equal time; scans whose sight lines are all but parallel or do
-    not meet are left out.
+    Scans whose sight lines are all but parallel or do not meet are left out; a line that
+    misses the others counts for less (Huber's loss).
     """
     known = places(scene)
     names = tuple(known)
     index = _index(bearings.sensor, names)
     rows = np.flatnonzero((bearings.target_id == target) & bearings.seen & (index >= 0))
+    rows, scan = _scans(bearings.t_ns, index, rows)
     origins = np.array([known[n] for n in names]).reshape(-1, 2)[index[rows]]
-    times, starts = np.unique(bearings.t_ns[rows], return_index=True)
-    starts = np.append(starts, len(rows))
-    meeting = sight_lines_meet(origins, bearings.bearing[rows], bearings.sigma[rows], starts)
+    _, first = np.unique(scan, return_index=True)
+    starts = np.append(first, len(rows))
+    meeting = sight_lines_meet(origins, bearings.bearing[rows], bearings.sigma[rows], starts, "huber")
     met = meeting.status == MET
-    return times[met], meeting.xy[met]
+    return bearings.t_ns[rows[first]][met], meeting.xy[met]
+
+
+def _scans(t_ns: Ints, sensor: Ints, rows: Ints) -> tuple[Ints, Ints]:
+    """Rows that form scans, and the scan of each, ascending; a scan has each sensor at most once.
+
+    A scan is all rows of equal time; where sensors do not share their times, it is all
+    rows within one period of a sensor.
+    """
+    if not len(rows):
+        return rows, rows
+    _, scan, count = np.unique(t_ns[rows], return_inverse=True, return_counts=True)
+    if np.mean(count[scan] > 1) < 0.5:
+        steps = [
+            np.median(np.diff(t_ns[own])) for s in np.unique(sensor[rows]) if len(own := rows[sensor[rows] == s]) > 1
+        ]
+        period = max(int(np.median(steps)) if steps else 1, 1)
+        scan = (t_ns[rows] - t_ns[rows[0]]) // period
+    _, first = np.unique(np.column_stack([scan, sensor[rows]]), axis=0, return_index=True)
+    first = np.sort(first)
+    return rows[first], scan[first]
 
 
 def distances(tracks: Tracks, bearings: Bearings, scene: Scene, target: int) -> tuple[Ints, Floats]:

@@ -9,11 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
 
-from ..records import Bearings, Tracks
-from ..scene import Scene
+from ..columns import Floats, Ints
 from .accuracy import line, mark_clipped
 from .model import ReportInput
-from .sight import Residuals, distances, residuals
+from .sight import Residuals
 from .style import COLOURS, label, target_colour
 from .thin import extremes, running_rms, sensible_top
 
@@ -22,25 +21,30 @@ DOT_COLOURS = ("t0", "t3", "t2", "t1", "t5", "t4")
 DOT_MARKERS = ("o", "s", "^", "v", "D", "P")
 
 
-def draw_sight(
-    figure: FigureBase, data: ReportInput, tracks: Tracks, bearings: Bearings, scene: Scene, target: int
-) -> None:
+def draw_sight(figure: FigureBase, data: ReportInput, target: int) -> None:
     """Draw the distance to the meeting point, and each sensor's residual in degrees below it."""
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
-    t_ns, distance = distances(tracks, bearings, scene, target)
-    colour = target_colour(data.targets.index(target))
-    line(above, data.time, t_ns, distance, color=colour, linewidth=0.8, alpha=0.7, label="distance")
-    line(above, data.time, t_ns, running_rms(distance), color=colour, linewidth=2.0, label="RMS so far")
-    top = sensible_top(distance)
-    above.set_ylim(0.0, top)
-    mark_clipped(above, data.time, t_ns, distance, top, data.unit)
-    above.set_ylabel(f"distance [{label(data.unit)}]")
-    handles = above.get_legend_handles_labels()[0]
-    handles += _residuals(below, data, residuals(tracks, bearings, scene, target))
+    t_ns, distance = data.sight[target]
+    handles: list[Line2D] = []
+    if len(distance):
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
+        handles += _distance(above, data, t_ns, distance, target_colour(data.targets.index(target)))
+    else:
+        below = figure.add_subplot()
+    handles += _residuals(below, data, data.residuals[target])
     below.set_xlabel(data.time.label)
     below.set_xlim(0.0, max(data.time.length, 1e-9))
     if handles:
         figure.legend(handles=handles[:20], loc="outside lower center", ncols=min(len(handles), 6))
+
+
+def _distance(axes: Axes, data: ReportInput, t_ns: Ints, distance: Floats, colour: str) -> list[Line2D]:
+    line(axes, data.time, t_ns, distance, color=colour, linewidth=0.8, alpha=0.7, label="distance")
+    line(axes, data.time, t_ns, running_rms(distance), color=colour, linewidth=2.0, label="RMS so far")
+    top = sensible_top(distance)
+    axes.set_ylim(0.0, top)
+    mark_clipped(axes, data.time, t_ns, distance, top, data.unit)
+    axes.set_ylabel(f"distance [{label(data.unit)}]")
+    return [handle for handle in axes.get_legend_handles_labels()[0] if isinstance(handle, Line2D)]
 
 
 def _residuals(axes: Axes, data: ReportInput, found: Residuals) -> list[Line2D]:

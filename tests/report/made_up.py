@@ -62,7 +62,7 @@ def run(
     given: dict[str, Any] = {
         "title": "A made-up run",
         "scene": scene,
-        "metrics": {"rmse": 0.71, "rmse_x": 0.5, "bound": 0.6, "ratio": 1.18, "recall": 0.83},
+        "metrics": {"rmse_m": 0.71, "rmse_x_m": 0.5, "bound_rmse_m": 0.6, "bound_ratio": 1.18, "detection_rate": 0.83},
         "provenance": {"program": "occlog", "version": "0.1", "seed": 1, "inputs": inputs},
     }
     return ReportInput(**(given | tables | more))

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from made_up import ring_scene, run
 
+from occlog.core.camera import wrap_angle
+from occlog.records import Bearings
 from occlog.report.sight import distances, edges_of, meeting_points, positions_at, residuals, visible_area
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 6.0], [0.0, 6.0]])
@@ -80,3 +82,32 @@ def test_sensors_without_pose_are_left_out() -> None:
     found = residuals(data.tracks, data.bearings, scene, 0)
     assert set(np.unique(found.sensor)) <= {0, 1}
     assert found.names == ("camera 1", "camera 2")
+
+
+def moved(bearings: Bearings, **columns: np.ndarray) -> Bearings:
+    values = {c.name: getattr(bearings, c.name) for c in Bearings.columns()} | columns
+    return Bearings.of(**values).sorted()
+
+
+def test_sensors_that_do_not_share_their_times_still_meet() -> None:
+    data = run(steps=200, cameras=4)
+    _, number = np.unique(data.bearings.sensor, return_inverse=True)
+    apart = moved(data.bearings, t_ns=np.sort(data.bearings.t_ns + number * 1_000_000))
+    together, _ = meeting_points(data.bearings, data.scene, 0)
+    found, points = meeting_points(apart, data.scene, 0)
+    assert len(found) == pytest.approx(len(together), abs=10)
+    true = np.column_stack([data.truth.x, data.truth.y])[np.searchsorted(data.truth.t_ns, found, side="right") - 1]
+    # The target moves by up to 1.2 m a frame.
+    assert np.median(np.hypot(*(points - true).T)) < 1.5
+
+
+def test_the_nearest_candidate_is_taken_where_none_is_labelled() -> None:
+    data = run(steps=100, cameras=2)
+    own = moved(data.bearings, target_id=np.full(len(data.bearings), -1))
+    away = np.where(own.seen, wrap_angle(own.bearing + 0.7), np.nan)
+    both = Bearings.merge([own, moved(own, bearing=away)])
+    want = residuals(data.tracks, data.bearings, data.scene, 0)
+    found = residuals(data.tracks, both, data.scene, 0)
+    np.testing.assert_array_equal(found.residual, want.residual)
+    np.testing.assert_array_equal(found.t_ns, want.t_ns)
+    assert len(meeting_points(both, data.scene, 0)[0]) == 0

@@ -1,0 +1,113 @@
+"""The words for every metric that `occlog evaluate` writes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+LENGTH = "length"
+SHARE = "share"
+
+
+class Word(NamedTuple):
+    """A metric: its key without target, sensor and unit, and what it is called."""
+
+    group: str
+    base: str
+    name: str
+    unit: str = ""
+    note: str = ""
+    short: bool = True  # shown for each target or sensor too
+
+
+_ACCURACY, _BOUND, _TRUST = "Accuracy", "Bound", "Consistency"
+_SEEN, _MEET, _HELD, _VIEWS = "Detection", "Sight lines", "Prediction of held-out sensors", "Views and true boxes"
+
+WORDS: tuple[Word, ...] = (
+    Word(_ACCURACY, "rmse", "RMSE", LENGTH, "root mean square distance between estimate and truth"),
+    Word(_ACCURACY, "rmse_x", "RMSE along x", LENGTH, "root mean square error along one axis"),
+    Word(_ACCURACY, "rmse_y", "RMSE along y", LENGTH, "root mean square error along one axis"),
+    Word(_ACCURACY, "error_mean", "mean error", LENGTH, "mean distance between estimate and truth"),
+    Word(_ACCURACY, "error_median", "median error", LENGTH, "half of the estimates are nearer than this"),
+    Word(_ACCURACY, "error_p95", "95 % of errors below", LENGTH),
+    Word(_ACCURACY, "error_max", "largest error", LENGTH),
+    Word(_ACCURACY, "bias_x", "bias along x", LENGTH, "mean of estimate minus truth"),
+    Word(_ACCURACY, "bias_y", "bias along y", LENGTH, "mean of estimate minus truth"),
+    Word(_ACCURACY, "estimates", "estimates", "", "compared with the truth"),
+    Word(_ACCURACY, "estimates_without_truth", "estimates without truth", "", "no truth near enough in time"),
+    Word(_ACCURACY, "estimates_unmatched", "estimates of no target", "", "their track belongs to no true target"),
+    Word(_ACCURACY, "tracks", "tracks"),
+    Word(_ACCURACY, "tracks_unmatched", "tracks of no target"),
+    Word(_ACCURACY, "targets", "true targets"),
+    Word(_ACCURACY, "targets_unmatched", "true targets without track"),
+    Word(_ACCURACY, "time_coverage", "time covered", SHARE, "of the targets' true path"),
+    Word(_BOUND, "bound_rmse", "bound on the RMSE", LENGTH, "posterior Cramér–Rao bound for what was really visible"),
+    Word(_BOUND, "bound_ratio", "RMSE / bound", "", "1 is the best possible"),
+    Word(_BOUND, "bound_estimates", "times compared", "", "that have both an error and a bound"),
+    Word(_TRUST, "nees_mean", "mean NEES", "", "normalised squared error; 2 where the filter's covariance is right"),
+    Word(_TRUST, "nees_share_95", "inside the 95 % ellipse", SHARE, "95 where the filter's covariance is right"),
+    Word(_TRUST, "nees_singular", "singular covariances", "", "", False),
+    Word(_SEEN, "detection_rate", "detected of visible", SHARE, "visible targets that were seen where they are"),
+    Word(_SEEN, "false_alarms_per_frame", "false alarms a frame"),
+    Word(_SEEN, "detection_frames", "frames", "", "", False),
+    Word(_SEEN, "detection_looks", "looks", "", "a frame of a sensor, for each target"),
+    Word(_SEEN, "detection_looks_without_truth", "looks without truth", "", "", False),
+    Word(_SEEN, "visible", "target visible", "", "in view and not hidden, by the truth"),
+    Word(_SEEN, "detected", "detected", "", "visible, and seen where it is"),
+    Word(_SEEN, "missed", "missed", "", "visible, but not seen where it is"),
+    Word(_SEEN, "detected_hidden", "detected though hidden", "", "", False),
+    Word(_SEEN, "correct_rejections", "rightly not seen", "", "", False),
+    Word(_SEEN, "false_alarms", "false alarms", "", "seen where no target is"),
+    Word(_SEEN, "bearing_rms", "RMS bearing error", "px"),
+    Word(_SEEN, "bearing_bias", "mean bearing error", "px"),
+    Word(_SEEN, "bearing_rms", "RMS bearing error", "mrad"),
+    Word(_SEEN, "bearing_nis", "squared error / variance", "", "1 where the stated noise is right"),
+    Word(_SEEN, "bearings_unmatched", "bearings of no target", "", "labelled with a target that the truth has not"),
+    Word(
+        _MEET,
+        "sight_lines_distance_rms",
+        "RMS distance",
+        LENGTH,
+        "of the track from where the sight lines meet",
+    ),
+    Word(_MEET, "sight_lines_distance_median", "median distance", LENGTH),
+    Word(_MEET, "sight_lines_distance_p95", "95 % of distances below", LENGTH),
+    Word(_MEET, "sight_lines_distance_max", "largest distance", LENGTH),
+    Word(_MEET, "sight_lines_share_within", "within the limit", SHARE, "distances up to the limit that was asked for"),
+    Word(_MEET, "sight_lines_sigma_median", "uncertainty of the meeting point", LENGTH, "median standard deviation"),
+    Word(_MEET, "sight_lines_residual_rms", "RMS miss of the sight lines", "mrad", "of their own meeting point"),
+    Word(_MEET, "sight_lines_scans", "scans", "", "with sight lines from enough sensors"),
+    Word(
+        _MEET,
+        "sight_lines_refused",
+        "scans without meeting point",
+        "",
+        "sight lines nearly parallel, or that do not meet",
+    ),
+    Word(_MEET, "sight_lines_compared", "scans compared", "", "during the track"),
+    Word(
+        _HELD, "held_out_median", "median miss", "px", "of the nearest reported bearing; the track was made without it"
+    ),
+    Word(_HELD, "held_out_median_chance", "median miss by chance", "px", "with frames and predictions shifted in time"),
+    Word(_HELD, "held_out_p95", "95 % of misses below", "px"),
+    Word(_HELD, "held_out_rms", "RMS miss", "px"),
+    Word(_HELD, "held_out_rms_within", "RMS miss inside the gate", "px"),
+    Word(_HELD, "held_out_bias", "mean miss", "px", "", False),
+    Word(_HELD, "held_out_median", "median miss", "mrad"),
+    Word(_HELD, "held_out_rms", "RMS miss", "mrad", "", False),
+    Word(
+        _HELD, "held_out_share_within", "inside the gate", SHARE, "of the frames in which the target should be in view"
+    ),
+    Word(_HELD, "held_out_share_within_chance", "inside the gate by chance", SHARE),
+    Word(_HELD, "held_out_frames", "frames", "", "in which the track is in view"),
+    Word(_HELD, "held_out_reported", "frames with a bearing", "", "", False),
+    Word(_VIEWS, "views_recall", "recall", SHARE, "true boxes that a view was found for"),
+    Word(_VIEWS, "views_precision", "precision", SHARE, "views that are of a true box"),
+    Word(_VIEWS, "views_error_rms", "RMS horizontal error", "px"),
+    Word(_VIEWS, "views_error_median", "median horizontal error", "px"),
+    Word(_VIEWS, "views_error_bias", "mean horizontal error", "px"),
+    Word(_VIEWS, "views_frames", "frames", "", "", False),
+    Word(_VIEWS, "views_true_boxes", "true boxes"),
+    Word(_VIEWS, "views_matched", "views of a true box", "", "", False),
+    Word(_VIEWS, "views_false", "other views", "", "", False),
+    Word(_VIEWS, "views_without_truth", "views in frames without truth"),
+)
