@@ -35,27 +35,27 @@ class EvaluateConfig:
     prior_cov: tuple[float, float, float] | None = None  # xx, xy, yy at the first look; None: anywhere in the room
     held_out: tuple[str, ...] = ()  # sensors that the tracks were made without
     held_out_gate: float = 0.05  # [rad]
-    meet_min_sensors: int = 2  # sight lines that must meet
-    meet_window_s: float = 0.0  # looks this close together count as one time
-    meet_loss: str = "huber"  # `gauss`, `huber` or `cauchy`
-    meet_limit: float | None = None  # share of the distances up to this is given
-    meet_min_crossing: float = math.radians(5.0)
+    lines_min_sensors: int = 2  # sight lines that must meet
+    lines_window_s: float = 0.0  # looks this close together count as one time
+    lines_loss: str = "huber"  # `gauss`, `huber` or `cauchy`
+    lines_limit: float | None = None  # share of the distances up to this is given
+    lines_min_crossing: float = math.radians(5.0)
     box_overlap: float = 0.5  # intersection over union from which a view is of a true box
 
     def __post_init__(self) -> None:
-        for name in ("max_gap_s", "skip_s", "acceleration_density", "meet_window_s", "meet_min_crossing"):
+        for name in ("max_gap_s", "skip_s", "acceleration_density", "lines_window_s", "lines_min_crossing"):
             _check(name, getattr(self, name), getattr(self, name) >= 0, "at least 0")
         for name in ("gate_sigma", "sigma_speed", "held_out_gate"):
             _check(name, getattr(self, name), getattr(self, name) > 0, "above 0")
-        for name in ("gate_px", "occluder_diameter", "meet_limit"):
+        for name in ("gate_px", "occluder_diameter", "lines_limit"):
             value = getattr(self, name)
             _check(name, value, value is None or value > 0, "above 0")
         _check("sigma_v", self.sigma_v, self.sigma_v is None or self.sigma_v >= 0, "at least 0")
         _check("box_overlap", self.box_overlap, 0 < self.box_overlap <= 1, "above 0 and at most 1")
-        _check("meet_min_sensors", self.meet_min_sensors, self.meet_min_sensors >= 2, "at least 2")
+        _check("lines_min_sensors", self.lines_min_sensors, self.lines_min_sensors >= 2, "at least 2")
         _check("match", self.match, self.match in ("id", "optimal"), "id or optimal")
         _check("motion", self.motion, self.motion in ("waypoint", "cv"), "waypoint or cv")
-        _check("meet_loss", self.meet_loss, self.meet_loss in ("gauss", "huber", "cauchy"), "gauss, huber or cauchy")
+        _check("lines_loss", self.lines_loss, self.lines_loss in ("gauss", "huber", "cauchy"), "gauss, huber or cauchy")
         if self.prior_cov is not None:
             xx, xy, yy = self.prior_cov
             _check("prior_cov", self.prior_cov, xx > 0 and xx * yy > xy**2, "xx, xy, yy of a positive covariance")

@@ -32,7 +32,7 @@ class Meetings(NamedTuple):
 def meeting_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> dict[int, Meetings]:
     """Meeting points for every target that labelled bearings name, by its identity.
 
-    Sensors held out are left out.  Scans with fewer than `meet_min_sensors` lines are not
+    Sensors held out are left out.  Scans with fewer than `lines_min_sensors` lines are not
     in the result.
     """
     use = bearings.seen & (bearings.target_id >= 0) & ~np.isin(bearings.sensor, config.held_out)
@@ -43,14 +43,14 @@ def meeting_points(bearings: Bearings, scene: Scene, config: EvaluateConfig) -> 
 
 
 def _meet(rows: Bearings, grounds: Mapping[str, Floats], config: EvaluateConfig) -> Meetings:
-    starts = scan_starts(rows, round(config.meet_window_s * NS))
+    starts = scan_starts(rows, round(config.lines_window_s * NS))
     size = np.diff(starts)
-    keep = size >= config.meet_min_sensors
+    keep = size >= config.lines_min_sensors
     rows, size = rows.take(np.repeat(keep, size)), size[keep]
     starts = np.concatenate([[0], np.cumsum(size)])
     origins = np.array([grounds[name] for name in rows.sensor.tolist()]).reshape(-1, 2)
     found = triangulate.sight_lines_meet(
-        origins, rows.bearing, rows.sigma, starts, config.meet_loss, config.meet_min_crossing
+        origins, rows.bearing, rows.sigma, starts, config.lines_loss, config.lines_min_crossing
     )
     scan = np.repeat(np.arange(len(size)), size)
     since = np.bincount(scan, weights=(rows.t_ns - rows.t_ns[starts[scan]]).astype(np.float64), minlength=len(size))
@@ -94,16 +94,16 @@ def _figures(distance: Floats, meetings: list[Meetings], total: int, unit: str, 
     met = sum(int(np.count_nonzero(m.status == triangulate.MET)) for m in meetings)
     spread = np.concatenate([np.sqrt(m.covariance[:, 0, 0] + m.covariance[:, 1, 1]) for m in meetings])
     out: Metrics = {
-        "meet_scans": total,
-        "meet_refused": total - met,
-        "meet_compared": len(distance),
-        f"meet_distance_max_{unit}": quantile(distance, 1.0),
-        f"meet_distance_p95_{unit}": quantile(distance, 0.95),
-        f"meet_distance_median_{unit}": quantile(distance, 0.5),
-        f"meet_distance_rms_{unit}": root_mean_square(distance),
-        f"meet_sigma_median_{unit}": quantile(spread[np.isfinite(spread)], 0.5),
-        "meet_residual_rms_mrad": 1e3 * root_mean_square(np.concatenate([m.residual for m in meetings])),
+        "sight_lines_scans": total,
+        "sight_lines_refused": total - met,
+        "sight_lines_compared": len(distance),
+        f"sight_lines_distance_max_{unit}": quantile(distance, 1.0),
+        f"sight_lines_distance_p95_{unit}": quantile(distance, 0.95),
+        f"sight_lines_distance_median_{unit}": quantile(distance, 0.5),
+        f"sight_lines_distance_rms_{unit}": root_mean_square(distance),
+        f"sight_lines_sigma_median_{unit}": quantile(spread[np.isfinite(spread)], 0.5),
+        "sight_lines_residual_rms_mrad": 1e3 * root_mean_square(np.concatenate([m.residual for m in meetings])),
     }
-    if config.meet_limit is not None:
-        out["meet_share_within"] = ratio(int(np.count_nonzero(distance <= config.meet_limit)), len(distance))
+    if config.lines_limit is not None:
+        out["sight_lines_share_within"] = ratio(int(np.count_nonzero(distance <= config.lines_limit)), len(distance))
     return out

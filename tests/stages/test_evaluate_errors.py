@@ -160,9 +160,9 @@ def test_singular_covariances_are_counted_not_averaged() -> None:
         ({"gate_sigma": 0.0}, "gate_sigma"),
         ({"gate_px": -3.0}, "gate_px"),
         ({"prior_cov": (1.0, 2.0, 1.0)}, "prior_cov"),
-        ({"meet_min_sensors": 1}, "meet_min_sensors"),
+        ({"lines_min_sensors": 1}, "lines_min_sensors"),
         ({"box_overlap": 1.5}, "box_overlap"),
-        ({"meet_loss": "l1"}, "meet_loss"),
+        ({"lines_loss": "l1"}, "lines_loss"),
     ],
 )
 def test_options_out_of_range(options: dict, name: str) -> None:

@@ -1,0 +1,107 @@
+"""The figures of `evaluate` as a person reads them: a few lines, then a table by target and one by sensor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+
+Entry = tuple[str, str, str]
+
+# Heading, then (name without unit, label, unit); `length` stands for the scene's unit.
+GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
+    ("errors", (
+        ("rmse", "RMSE", "length"), ("rmse_x", "along x", "length"), ("rmse_y", "along y", "length"),
+        ("error_mean", "mean", "length"), ("error_median", "median", "length"), ("error_p95", "95 %", "length"),
+        ("error_max", "largest", "length"), ("nees_mean", "mean NEES (consistent: 2)", ""),
+        ("nees_share_95", "inside the 95 % ellipse", ""), ("estimates", "estimates", ""),
+        ("estimates_without_truth", "left out: no truth in time", ""),
+        ("estimates_unmatched", "left out: of no target", ""), ("time_coverage", "truth covered", ""),
+    )),
+    ("settled", (
+        ("settled_rmse", "RMSE", "length"), ("settled_bound_rmse", "bound", "length"),
+        ("settled_bound_ratio", "RMSE / bound", ""), ("settled_estimates", "estimates", ""),
+    )),
+    ("bound", (("bound_rmse", "bound on the RMSE", "length"), ("bound_ratio", "RMSE / bound", ""))),
+    ("bearings", (
+        ("detection_rate", "detection rate", ""), ("detected", "detected", ""), ("missed", "missed", ""),
+        ("false_alarms", "false alarms", ""), ("false_alarms_per_frame", "false alarms a frame", ""),
+        ("correct_rejections", "hidden and not reported", ""), ("bearing_rms", "RMS error", "px"),
+        ("bearing_bias", "bias", "px"), ("bearing_rms", "RMS error", "mrad"),
+    )),
+    ("sight lines", (
+        ("sight_lines_distance_max", "track to meeting point, largest", "length"),
+        ("sight_lines_distance_median", "median", "length"), ("sight_lines_distance_p95", "95 %", "length"),
+        ("sight_lines_share_within", "share within the limit", ""), ("sight_lines_compared", "scans compared", ""),
+        ("sight_lines_refused", "scans refused (lines nearly parallel)", ""),
+        ("sight_lines_residual_rms", "lines miss the meeting point by", "mrad"),
+    )),
+    ("held out", (
+        ("held_out_median", "median residual", "px"), ("held_out_median_chance", "  by chance", "px"),
+        ("held_out_rms", "RMS residual", "px"), ("held_out_p95", "95 %", "px"),
+        ("held_out_median", "median residual", "mrad"), ("held_out_share_within", "frames predicted", ""),
+        ("held_out_share_within_chance", "  by chance", ""), ("held_out_frames", "frames", ""),
+    )),
+    ("views", (
+        ("views_recall", "recall", ""), ("views_recall_clear", "  in the clear", ""),
+        ("views_recall_front", "  in front of others", ""), ("views_recall_hidden", "  partly hidden", ""),
+        ("views_precision", "precision", ""), ("views_error_rms", "horizontal RMS error", "px"),
+        ("views_error_rms_clear", "  in the clear", "px"), ("views_error_rms_front", "  in front of others", "px"),
+        ("views_error_rms_hidden", "  partly hidden", "px"),
+    )),
+)  # fmt: skip
+
+BY_TARGET = (("rmse", "RMSE", "length"), ("bound_rmse", "bound", "length"), ("bound_ratio", "ratio", ""),
+             ("nees_mean", "NEES", ""), ("estimates", "estimates", ""))  # fmt: skip
+BY_SENSOR = (("detection_rate", "rate", ""), ("detected", "detected", ""), ("missed", "missed", ""),
+             ("false_alarms", "false", ""), ("bearing_rms", "RMS", "px"), ("held_out_median", "held out", "px"),
+             ("views_recall", "recall", ""), ("views_precision", "precision", ""))  # fmt: skip
+
+
+def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
+    """Lines of text: only groups and columns that the metrics have."""
+    lines: list[str] = []
+    for heading, entries in GROUPS:
+        shown = [(label, metrics[key], of) for key, label, of in _keys(entries, "", unit) if key in metrics]
+        if shown:
+            lines += ["", heading] if lines else [heading]
+            lines += [f"  {label:<38}{number(value):>12} {of}".rstrip() for label, value, of in shown]
+    for kind, columns in (("target", BY_TARGET), ("sensor", BY_SENSOR)):
+        names = _names(metrics, kind, columns, unit)
+        lines += _table(metrics, kind, names, columns, unit) if names else []
+    return lines
+
+
+def number(value: float) -> str:
+    """Four digits; whole numbers in full; a dash for what is not a number."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.0f}" if value == round(value) and abs(value) < 1e15 else f"{value:.4g}"
+
+
+def _keys(entries: Iterable[Entry], whose: str, unit: str) -> Iterator[tuple[str, str, str]]:
+    """Full name, label and unit of each entry."""
+    for name, label, of in entries:
+        of = unit if of == "length" else of
+        yield f"{name}{whose}_{of}" if of else f"{name}{whose}", label, of
+
+
+def _names(metrics: Mapping[str, float], kind: str, columns: Iterable[Entry], unit: str) -> list[str]:
+    """Targets or sensors that have a figure in one of the columns, in the order of the metrics."""
+    found: dict[str, None] = {}
+    for pattern, _, _ in _keys(columns, f"_{kind}_\0", unit):
+        start, end = pattern.split("\0")
+        for key in metrics:
+            if key.startswith(start) and key.endswith(end):
+                found[key[len(start) : len(key) - len(end)]] = None
+    return list(found)
+
+
+def _table(metrics: Mapping[str, float], kind: str, names: list[str], columns: Iterable[Entry], unit: str) -> list[str]:
+    used = [c for c in columns if any(k in metrics for n in names for k, _, _ in _keys([c], f"_{kind}_{n}", unit))]
+    width = max(10, *(len(n) + 2 for n in names))
+    titles = [f"{label} [{of}]" if of else label for _, label, of in _keys(used, "", unit)]
+    lines = ["", f"{kind:<{width}}" + "".join(f"{title:>15}" for title in titles)]
+    for name in names:
+        cells = [metrics.get(key, math.nan) for key, _, _ in _keys(used, f"_{kind}_{name}", unit)]
+        lines.append(f"{name:<{width}}" + "".join(f"{number(value):>15}" for value in cells))
+    return lines
