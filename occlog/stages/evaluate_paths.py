@@ -54,6 +54,16 @@ class Expected(NamedTuple):
     in_view: Bools  # (N,) in front, in the field of view and in range
     clear: Bools  # (N,) in view and not behind a wall or a static occluder
 
+    def reshape(self, shape: tuple[int, ...]) -> Expected:
+        """The same in another shape."""
+        floats = (self.bearing.reshape(shape), self.u_px.reshape(shape), self.variance_px.reshape(shape))
+        return Expected(*floats, self.in_view.reshape(shape), self.clear.reshape(shape))
+
+    def take(self, rows: Ints) -> Expected:
+        """The entries at these places of the first axis."""
+        floats = (self.bearing[rows], self.u_px[rows], self.variance_px[rows])
+        return Expected(*floats, self.in_view[rows], self.clear[rows])
+
 
 @dataclass(frozen=True, eq=False)
 class Sensor:

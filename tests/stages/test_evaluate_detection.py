@@ -113,6 +113,20 @@ def test_candidates_are_paired_one_to_one_and_strays_counted() -> None:
     assert m["bearing_rms_px"] == pytest.approx(math.sqrt((1 + 4) / 2))
 
 
+def test_candidates_go_to_visible_objects_before_hidden_ones() -> None:
+    # The occluder at u = -2 is behind a pillar; the candidate at -2 is the target's at 0, not the occluder's
+    place = scene(EAST, occluders=(box("pillar", 14, 10.15, 16, 11),))
+    true = both(truth([0.0], [10, 10]), truth([0.0], [18, 10.36], 5, "occluder"))
+    m = figures(pixels(EAST, [0.0], [-2.0], target=-1), true, place)
+    assert (m["detected"], m["missed"], m["false_alarms"]) == (1, 0, 0)
+    # Without the pillar it is the nearer object's
+    m = figures(pixels(EAST, [0.0], [-2.0], target=-1), true, scene(EAST))
+    assert (m["detected"], m["missed"], m["false_alarms"]) == (0, 1, 0)
+    # A second candidate may still be of the hidden one
+    m = figures(pixels(EAST, [0.0, 0.0], [-2.0, -3.0], target=-1), true, place)
+    assert (m["detected"], m["false_alarms"]) == (1, 0)
+
+
 def test_one_candidate_between_two_targets_is_of_one_of_them() -> None:
     true = both(truth([0.0], [10, 10], 0), truth([0.0], [10, 10.3], 1))
     m = figures(pixels(EAST, [0.0], [-1.0], target=-1), true, scene(EAST))
