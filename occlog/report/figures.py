@@ -15,6 +15,8 @@ from .vocabulary import LENGTH, SHARE, WORDS, Word
 WHOSE = r"(?:_target_(?P<target>-?\d+)|_sensor_(?P<sensor>.+?)|_(?P<box>clear|front|hidden))?"
 BOXES = {"clear": "in the clear", "front": "in front of others", "hidden": "partly hidden"}
 SETTLED = "settled_"
+LONGEST_FIRST = sorted(WORDS, key=lambda word: -len(word.base))
+"""So that `detected_hidden` is not read as `detected` of what is `hidden`."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 def _parse(key: str, value: Any, length_unit: str) -> Metric:
     settled = key.startswith(SETTLED)
     plain = key.removeprefix(SETTLED)
-    for word in WORDS:
+    for word in LONGEST_FIRST:
         if not plain.startswith(word.base):
             continue
         unit = length_unit if word.unit == LENGTH else word.unit if word.unit in ("px", "mrad") else ""

@@ -56,6 +56,12 @@ def test_figures_for_each_target_and_sensor() -> None:
     assert dict(table.rows) == {"target_3": ("6", "–"), "cam_1_px": ("–", "4")}
 
 
+def test_a_longer_name_is_not_read_as_a_shorter_one() -> None:
+    (group,) = groups({"detected": 5.0, "detected_hidden": 2.0}, "m")
+    assert [(f.name, f.value) for f in group.figures] == [("detected", "5"), ("detected though hidden", "2")]
+    assert group.breakdowns == []
+
+
 def test_settled_figures_stand_apart() -> None:
     first, second = groups({"settled_rmse_m": 1.0, "rmse_m": 2.0}, "m")
     assert (first.title, first.figures[0].value) == ("Accuracy", "2")
