@@ -20,7 +20,7 @@ class Grid(NamedTuple):
     t_ns: Ints  # (C,) rising
     ids: Ints  # (n,) rising
     target: Bools  # (n,): a target, not an occluder
-    xyz: Floats  # (C, n, 3); NaN where an object is absent
+    xyz: Floats  # (C, n, k) x, y, z and whatever else changes with time; NaN where an object is absent
 
 
 class Look(NamedTuple):
@@ -28,7 +28,7 @@ class Look(NamedTuple):
 
     t_ns: Ints  # (T,)
     first: int  # number of the first of these frames in the sensor's stream
-    xyz: Floats  # (T, n, 3) places of the objects at these times
+    xyz: Floats  # (T, n, k) the same at these times
 
 
 def to_grid(t_ns: Ints, ids: NDArray[np.integer], target: Bools, xyz: Floats) -> Grid:
@@ -90,7 +90,7 @@ def looks(chunks: Iterable[Grid], rates_hz: Sequence[float | None]) -> Iterator[
 
 def _joined(last: Grid, chunk: Grid) -> Grid:
     """The last row of the chunk before, as far as its objects are still there, and the chunk."""
-    before = np.full((1, len(chunk.ids), 3), np.nan)
+    before = np.full((1, *chunk.xyz.shape[1:]), np.nan)
     common, old, new = np.intersect1d(last.ids, chunk.ids, return_indices=True)
     if len(common):
         before[0, new] = last.xyz[-1, old]
@@ -100,6 +100,7 @@ def _joined(last: Grid, chunk: Grid) -> Grid:
 
 
 def _places(grid: Grid, times: Ints) -> Floats:
-    flat = grid.xyz.reshape(len(grid.t_ns), 3 * len(grid.ids))
+    n, k = grid.xyz.shape[1:]
+    flat = grid.xyz.reshape(len(grid.t_ns), n * k)
     places, _ = interpolate_positions(times, grid.t_ns, flat, int(NO_LIMIT))
-    return places.reshape(len(times), len(grid.ids), 3)
+    return places.reshape(len(times), n, k)

@@ -14,7 +14,8 @@ from ..core.grid import Look, looks
 from ..core.seeds import Stage, generator
 from ..records import UNLABELLED, Doa, Truth
 from ..scene import MicrophoneArray, Scene
-from .simulate_cameras import ObserveConfig, truth_grid
+from ..truth_grid import truth_grid
+from .simulate_cameras import ObserveConfig
 
 
 class _Ear(NamedTuple):

@@ -15,12 +15,13 @@ import numpy as np
 
 from ..columns import Bools, Floats, Ints
 from ..core.camera import noise_variance, planar_offsets, u_to_azimuth
-from ..core.grid import Grid, Look, looks, to_grid
+from ..core.grid import Grid, Look, looks
 from ..core.seeds import Stage, generator
 from ..core.sight import behind_objects, behind_walls, in_view
 from ..errors import InputError
 from ..records import Bearings, Truth
 from ..scene import Camera, Scene
+from ..truth_grid import truth_grid
 
 
 @dataclass(frozen=True)
@@ -56,12 +57,6 @@ class _Sensor(NamedTuple):
     true_yaw: float
     noise: np.random.Generator
     chance: np.random.Generator
-
-
-def truth_grid(truth: Truth) -> Grid:
-    """The places of a table of truth on the grid of its times."""
-    places = np.column_stack([truth.x, truth.y, truth.z])
-    return to_grid(truth.t_ns, truth.target_id, truth.role == "target", places)
 
 
 def observe(scene: Scene, truth_chunks: Iterable[Truth], config: ObserveConfig, seed: int) -> Iterator[Bearings]:

@@ -1,0 +1,14 @@
+"""True paths as places on a grid of times."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .core.grid import Grid, to_grid
+from .records import Truth
+
+
+def truth_grid(truth: Truth) -> Grid:
+    """The (C, n, 3) places x, y, z in a table of truth; NaN where an object has no row."""
+    places = np.column_stack([truth.x, truth.y, truth.z])
+    return to_grid(truth.t_ns, truth.target_id, truth.role == "target", places)
