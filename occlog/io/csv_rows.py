@@ -33,6 +33,10 @@ class Rows:
     def __len__(self) -> int:
         return len(self.lines)
 
+    def pick(self, kept: Ints) -> Rows:
+        """The rows of an index array."""
+        return Rows(self.path, self.lines[kept], {name: cells[kept] for name, cells in self.cells.items()})
+
     def fail(self, row: int, message: str) -> InputError:
         """An InputError that names the file and the line of a row."""
         return InputError(f"{self.path}: line {int(self.lines[row])}: {message}")

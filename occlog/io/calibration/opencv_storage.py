@@ -1,0 +1,126 @@
+"""OpenCV FileStorage calibrations, YAML or XML: one file a camera.
+
+Read with an own parser: OpenCV's crashes on malformed files, and versions 4 and 5 write
+different headers.  Names of the parts differ from program to program; the usual ones are
+known.  Xc = R Xw + t; the unit is not stated: metres unless told.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ...columns import Floats
+from ...errors import InputError
+from ...scene import Camera
+from ..xml_file import parse_xml
+from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
+from .opencv_toml import rotation_from_vector
+
+MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "m", "matrix")
+DISTORTION = ("distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion", "dist", "d")
+ROTATION = ("r", "rotation", "rotation_matrix", "rvec", "rotation_vector")
+TRANSLATION = ("t", "tvec", "translation", "translation_vector")
+SIZE = (("image_width", "image_height"), ("width", "height"))
+MAX_NUMBERS = 10_000
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe loader that knows OpenCV's matrices."""
+
+
+def _node(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
+    return loader.construct_mapping(node, deep=True)
+
+
+for _tag in ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-matrix", "!opencv-matrix"):
+    _Loader.add_constructor(_tag, _node)
+
+
+def detect(text: str) -> bool:
+    """Whether a text is an OpenCV FileStorage with a camera matrix."""
+    return ("opencv_storage" in text[:400] or text.startswith("%YAML")) and "opencv-" in text
+
+
+def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
+    """One camera a file, named after the file."""
+    return tuple(_camera(path, options) for path in paths)
+
+
+def _camera(path: Path, options: CalibrationOptions) -> Camera:
+    where = f"{path}: camera {path.stem}"
+    text = read_text(path)
+    values = _from_xml(text, path) if text.lstrip().startswith("<") else _from_yaml(text, path)
+    matrix = _matrix(values, MATRIX, where)
+    rotation, translation = _matrix(values, ROTATION, where), _matrix(values, TRANSLATION, where).reshape(-1)
+    if rotation.size == 3:
+        rotation = rotation_from_vector(rotation.reshape(3))
+    if matrix.shape != (3, 3) or rotation.shape != (3, 3) or translation.shape != (3,):
+        raise InputError(f"{where}: want a 3 x 3 camera matrix, a rotation of 9 or 3 and a translation of 3 numbers")
+    found = [key for key in DISTORTION if key in values]
+    pose = Pose(
+        name=path.stem,
+        focal_px=[matrix[0, 0], matrix[1, 1]],
+        principal_px=[matrix[0, 2], matrix[1, 2]],
+        rotation=rotation,
+        centre=-rotation.T @ translation * scale_of(options, "m"),
+        image_size=options.image_size or _size(values),
+        distortion=_matrix(values, DISTORTION, where).reshape(-1).tolist() if found else (),
+    )
+    return build_camera(pose, where)
+
+
+def _from_yaml(text: str, path: Path) -> dict[str, Any]:
+    # `%YAML:1.0` (OpenCV 3 and 4) is not a directive of YAML; `%YAML 1.2` (OpenCV 5) is.
+    body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
+    try:
+        values = yaml.load(body, _Loader)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())[:100]})") from None
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: names no values; an OpenCV calibration was expected")
+    return {str(key).lower(): value for key, value in values.items()}
+
+
+def _from_xml(text: str, path: Path) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for element in parse_xml(text, path):
+        parts = {child.tag: (child.text or "").strip() for child in element}
+        values[element.tag.lower()] = (
+            {**parts, "data": parts["data"].split()} if "data" in parts else (element.text or "").strip()
+        )
+    return values
+
+
+def _matrix(values: dict[str, Any], names: tuple[str, ...], where: str) -> Floats:
+    """The first of the named values as an array."""
+    key = next((name for name in names if name in values), None)
+    if key is None:
+        raise InputError(f"{where}: has none of {', '.join(names)}")
+    value = values[key]
+    shape = None
+    if isinstance(value, dict):
+        rows, columns = str(value.get("rows")), str(value.get("cols"))
+        shape = (int(rows), int(columns)) if rows.isdigit() and columns.isdigit() else None
+        value = value.get("data")
+    try:
+        array = np.array(value, dtype=np.float64)
+        if array.size > MAX_NUMBERS:
+            raise ValueError
+        return array.reshape(shape) if shape else array
+    except (ValueError, TypeError):
+        raise InputError(f"{where}: {key} is not a matrix of numbers of the stated shape") from None
+
+
+def _size(values: dict[str, Any]) -> tuple[int, int] | None:
+    for width, height in SIZE:
+        if width in values and height in values:
+            try:
+                return int(values[width]), int(values[height])
+            except (TypeError, ValueError):
+                return None
+    return None

@@ -1,0 +1,108 @@
+"""TOML calibrations in OpenCV's convention (caliscope, anipose, Pose2Sim).
+
+Each table with `matrix` is a camera: `size`, `distortions` (k1, k2, p1, p2, k3),
+`rotation` as a 3 x 3 matrix or a rotation vector, and `translation`, with Xc = R Xw + t.
+The files do not state their unit: metres unless told.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...columns import Floats
+from ...errors import InputError
+from ...scene import Camera
+from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
+
+
+def detect(text: str) -> bool:
+    """Whether a text is a TOML calibration."""
+    try:
+        return any(True for _ in _tables(tomllib.loads(text)))
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return False
+
+
+def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
+    """The cameras of the file that are not marked `ignore`, named by `name` or by their table."""
+    cameras = []
+    for path in paths:
+        try:
+            root = tomllib.loads(read_text(path))
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise InputError(f"{path}: not TOML ({error}); correct this line") from None
+        cameras += [_camera(key, table, path, options) for key, table in _tables(root) if not table.get("ignore")]
+    return tuple(cameras)
+
+
+def _tables(root: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Name and content of every table that describes a camera, at the top or one level down."""
+    for key, value in root.items():
+        if not isinstance(value, dict):
+            continue
+        if "matrix" in value:
+            yield key, value
+            continue
+        for inner, table in value.items():
+            if isinstance(table, dict) and "matrix" in table:
+                # [cameras.0] has only a number for a name: cam_0, as its videos are called.
+                yield (f"cam_{inner}" if inner.isdigit() else inner), table
+
+
+def _camera(key: str, table: dict[str, Any], path: Path, options: CalibrationOptions) -> Camera:
+    name = str(table.get("name", key))
+    where = f"{path}: camera {name}"
+    if table.get("fisheye"):
+        raise InputError(f"{where}: has a fisheye lens, which cannot be used")
+    if table.get("rotation") is None or table.get("translation") is None:
+        raise InputError(f"{where}: has no rotation and translation; calibrate where it stands")
+    matrix = _array(table, "matrix", where)
+    if matrix.shape != (3, 3) or matrix[0, 1] or matrix[1, 0] or matrix[2].tolist() != [0, 0, 1]:
+        raise InputError(f"{where}: matrix {matrix.tolist()}; want [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+    rotation = _array(table, "rotation", where)
+    if rotation.size == 3:
+        rotation = rotation_from_vector(rotation.reshape(3))
+    translation = _array(table, "translation", where).reshape(-1)
+    if rotation.shape != (3, 3) or translation.shape != (3,):
+        raise InputError(f"{where}: rotation and translation must have 9 (or 3) and 3 numbers")
+    pose = Pose(
+        name=name,
+        focal_px=[matrix[0, 0], matrix[1, 1]],
+        principal_px=[matrix[0, 2], matrix[1, 2]],
+        rotation=rotation,
+        centre=-rotation.T @ translation * scale_of(options, "m"),
+        image_size=options.image_size or _size(table, where),
+        distortion=_array(table, "distortions", where).reshape(-1).tolist() if "distortions" in table else (),
+    )
+    return build_camera(pose, where)
+
+
+def _array(table: dict[str, Any], key: str, where: str) -> Floats:
+    try:
+        return np.array(table[key], dtype=np.float64)
+    except (ValueError, TypeError):
+        raise InputError(f"{where}: {key} must be numbers in rows of equal length") from None
+
+
+def _size(table: dict[str, Any], where: str) -> tuple[int, int] | None:
+    if "size" not in table:
+        return None
+    size = _array(table, "size", where).reshape(-1)
+    if len(size) != 2 or not np.isfinite(size).all():
+        raise InputError(f"{where}: size must be width and height in pixels")
+    return int(size[0]), int(size[1])
+
+
+def rotation_from_vector(vector: Floats) -> Floats:
+    """(3, 3) rotation about a vector by its length [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)

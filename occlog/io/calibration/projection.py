@@ -1,0 +1,87 @@
+"""Projection matrices: one text file a camera with three rows of four numbers.
+
+The pixel of a world point X is (u, v, w) = P (X, 1), divided by w.  P = K R (I | -C) is
+taken apart into intrinsic matrix K, rotation R and centre C; there is no distortion.  The
+file states neither the unit (metres unless told) nor the size of the images.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ...columns import Floats
+from ...errors import InputError
+from ...scene import Camera
+from .common import MAX_SKEW_PX, CalibrationOptions, Pose, build_camera, read_text, scale_of
+
+_SUFFIX = re.compile(r"[_-]?(P|proj|projection|matrix|calib|calibration)$", re.IGNORECASE)
+
+
+def detect(text: str) -> bool:
+    """Whether a text is a projection matrix."""
+    try:
+        return _matrix(text).shape == (3, 4)
+    except ValueError:
+        return False
+
+
+def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
+    """One camera a file, named after the file without `_P` and the like."""
+    return tuple(_camera(path, options) for path in paths)
+
+
+def _matrix(text: str) -> Floats:
+    rows = [line.replace(",", " ").split() for line in text.splitlines() if line.strip() and line.strip()[0] != "#"]
+    return np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
+
+
+def _camera(path: Path, options: CalibrationOptions) -> Camera:
+    name = _SUFFIX.sub("", path.stem) or path.stem
+    where = f"{path}: camera {name}"
+    try:
+        matrix = _matrix(read_text(path))
+    except ValueError as error:
+        raise InputError(f"{where}: not a matrix of numbers ({error}); three rows of four were expected") from None
+    if matrix.shape != (3, 4) or not np.isfinite(matrix).all():
+        raise InputError(f"{where}: {matrix.shape} numbers; three rows of four finite ones were expected")
+    k, rotation, centre = take_apart(matrix, where)
+    lean = abs(float(k[0, 1])) * _half_height(options) / float(k[1, 1])
+    if lean > MAX_SKEW_PX:
+        raise InputError(f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}")
+    pose = Pose(
+        name=name,
+        focal_px=[k[0, 0], k[1, 1]],
+        principal_px=[k[0, 2], k[1, 2]],
+        rotation=rotation,
+        centre=centre * scale_of(options, "m"),
+        image_size=options.image_size,
+    )
+    return build_camera(pose, where)
+
+
+def _half_height(options: CalibrationOptions) -> float:
+    return options.image_size[1] / 2 if options.image_size else 540.0
+
+
+def take_apart(matrix: Floats, where: str = "matrix") -> tuple[Floats, Floats, Floats]:
+    """Intrinsic matrix K (K[2, 2] = 1), camera-from-world rotation and centre of a projection matrix.
+
+    InputError for a matrix whose camera would lie at infinity.
+    """
+    left = matrix[:, :3]
+    if abs(np.linalg.det(left)) < 1e-12 * np.linalg.norm(left) ** 3:
+        raise InputError(f"{where}: the left 3 x 3 part cannot be inverted; the camera would lie at infinity")
+    # P and -P show the same image; the one with a positive determinant has points in front at w > 0.
+    matrix = matrix * np.sign(np.linalg.det(left))
+    left = matrix[:, :3]
+    # RQ decomposition by QR of the matrix with its rows reversed.
+    flip = np.eye(3)[::-1]
+    q, r = np.linalg.qr((flip @ left).T)
+    k, rotation = flip @ r.T @ flip, flip @ q.T
+    signs = np.diag(np.sign(np.diag(k)))
+    k, rotation = k @ signs, signs @ rotation
+    centre: Floats = -np.asarray(np.linalg.solve(left, matrix[:, 3]), dtype=np.float64)
+    return np.asarray(k / k[2, 2]), np.asarray(rotation), centre
