@@ -23,7 +23,7 @@ from .boxes import BoxFile, read_boxes, survey_boxes
 from .csv_rows import first_line, is_header, read_plain, read_rows
 from .inputs import check_input
 from .truth_board import read_board
-from .truth_positions import COLUMNS, TruthOptions, csv_positions, gather
+from .truth_positions import COLUMNS, TruthOptions, csv_positions, gather, mot_positions
 from .truth_xml import read_xml_boxes
 
 WHAT = "ground truth"
