@@ -207,7 +207,7 @@ def read_tables(paths: Paths) -> Tables:
     from ..records import Bearings, Tracks, Views
 
     truth, boxes, recorded = _read_truth(paths.truth) if paths.truth is not None else (None, None, None)
-    scene = options.load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
+    scene = _scene(paths, recorded)
     for path in (paths.tracks, paths.truth):
         _check_unit(path, scene)
     if paths.views is not None and boxes is None:
@@ -220,6 +220,15 @@ def read_tables(paths: Paths) -> Tables:
         _read_rows(paths.bearings, Bearings),
         _read_rows(paths.views, Views),
     )
+
+
+def _scene(paths: Paths, recorded: Scene | None) -> Scene:
+    """The scene of `--scene` or of the recording; views are compared without one."""
+    from ..scene import Scene
+
+    if paths.tracks is None and paths.bearings is None and paths.scene is None:
+        return recorded or Scene()
+    return options.load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
 
 
 def _read_rows(path: Path | None, table: type[T]) -> T | None:

@@ -67,8 +67,9 @@ class EvaluateConfig:
 
 
 def _check(name: str, value: object, good: bool, limit: str) -> None:
-    finite = not isinstance(value, float) or math.isfinite(value)
-    if not (good and finite):
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"evaluate: {name} is {value}, must be a finite number")
+    if not good:
         raise InputError(f"evaluate: {name} is {value}, must be {limit}")
 
 
