@@ -124,7 +124,7 @@ def gather(path: Path, parts: list[Positions]) -> Truth:
     return Truth.of(t_ns=p.t_ns, target_id=p.target_id, role=p.role, x=p.x, y=p.y, z=p.z)
 
 
-def _motcsv_positions(rows: Rows, options: TruthOptions) -> Positions | None:
+def mot_positions(rows: Rows, options: TruthOptions) -> Positions | None:
     """World positions of the rows that have one (the last three columns are not all -1)."""
     if len(rows.cells) < 10:
         return None
