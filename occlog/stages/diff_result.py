@@ -1,0 +1,143 @@
+"""What a comparison found, and how far apart values may lie."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+RTOL = 1e-9
+"""Relative tolerance of golden files: processors differ in the last bits."""
+
+RTOL_SINGLE = 4.8e-7
+"""The same for 4-byte numbers, whose last bit is larger: four of their steps."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Two numbers are the same if |a - b| <= atol + rtol max(|a|, |b|)."""
+
+    atol: float = 0.0
+    rtol: float = 0.0
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How far apart numbers may lie; integers and labels are compared exactly unless their column is named.
+
+    Attributes:
+        default: for every fractional number that no other entry names.
+        columns: by `column` or `table.column` (or the last key of a JSON path).
+        units: by unit, e.g. `rad` or `m`.
+        time_ns: rows whose times differ by at most this are the same row.
+    """
+
+    default: Limit = Limit(rtol=RTOL)
+    columns: Mapping[str, Limit] = field(default_factory=dict)
+    units: Mapping[str, Limit] = field(default_factory=dict)
+    time_ns: int = 0
+
+    def named(self, table: str, column: str) -> Limit | None:
+        """The tolerance of a column that is named, if it is."""
+        return self.columns.get(f"{table}.{column}", self.columns.get(column))
+
+    def of(self, table: str, column: str, unit: str = "1", single: bool = False) -> Limit:
+        """The tolerance of a column of fractional numbers; `single` for 4-byte ones."""
+        limit = self.named(table, column) or self.units.get(unit)
+        if limit is not None:
+            return limit
+        if single and self.default.rtol == RTOL:
+            return Limit(self.default.atol, RTOL_SINGLE)
+        return self.default
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One thing that is not the same in A and B.
+
+    Attributes:
+        kind: `value`, `missing` (only in A), `added` (only in B), `schema` or `content`.
+        place: table, JSON path or file.
+        key: key of the row, by column.
+        column: column of the value, empty for whole rows.
+        a, b: both values as JSON-ready values; None where there is none.
+        difference: |a - b| where both are numbers; NaN where one of them is NaN.
+        limit: what the difference had to stay below.
+        unit: of both values.
+    """
+
+    kind: str
+    place: str
+    key: Mapping[str, Any] = field(default_factory=dict)
+    column: str = ""
+    a: Any = None
+    b: Any = None
+    difference: float | None = None
+    limit: float | None = None
+    unit: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready values, without those that say nothing."""
+        out: dict[str, Any] = {"kind": self.kind, "place": self.place}
+        out |= {"key": dict(self.key)} if self.key else {}
+        out |= {"column": self.column} if self.column else {}
+        out |= {"a": self.a, "b": self.b} if self.kind not in ("missing", "added") or self.a != self.b else {}
+        out |= {"difference": self.difference, "limit": self.limit} if self.difference is not None else {}
+        return out | ({"unit": self.unit} if self.unit else {})
+
+
+@dataclass(frozen=True)
+class ColumnDifference:
+    """How often a column differs, and where it differs most."""
+
+    rows: int
+    largest: Difference
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready values."""
+        return {"rows": self.rows, "largest": self.largest.as_dict()}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two tables, JSON values or files compared.
+
+    Attributes:
+        name: of the table or file.
+        what: what was counted: `rows`, `values` or `bytes`.
+        count_a, count_b: how many there are.
+        matched: how many are in both.
+        missing, added: how many are only in A, only in B.
+        columns: columns that differ, in the order of the table.
+        schema: differences of the declaration: columns, types, units, versions.
+        first: the first difference, in the order of time; None if there is none.
+    """
+
+    name: str
+    what: str = "rows"
+    count_a: int = 0
+    count_b: int = 0
+    matched: int = 0
+    missing: int = 0
+    added: int = 0
+    columns: Mapping[str, ColumnDifference] = field(default_factory=dict)
+    schema: tuple[Difference, ...] = ()
+    first: Difference | None = None
+
+    @property
+    def same(self) -> bool:
+        """Whether nothing differs."""
+        return self.first is None and not self.schema
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready values."""
+        return {
+            "name": self.name,
+            "same": self.same,
+            self.what: {"a": self.count_a, "b": self.count_b, "matched": self.matched},
+            "missing": self.missing,
+            "added": self.added,
+            "columns": {name: found.as_dict() for name, found in self.columns.items()},
+            "schema": [found.as_dict() for found in self.schema],
+            "first": self.first.as_dict() if self.first is not None else None,
+        }
