@@ -169,7 +169,7 @@ def dress(number: int, target: bool, rng: np.random.Generator) -> Look:
     pattern, other = int(rng.integers(PLAIN, CHECKS + 1)), 0.6 if rng.random() < 0.5 else 1.3
     if target:
         hue, vivid, value = WARM[number % len(WARM)] + 0.05 * (number // len(WARM)), 0.85, 0.8
-        trousers, pattern, other = _bgr(0.62, 0.35, 0.28), HOOPS, 0.7
+        trousers, pattern, other = _bgr(0.6, 0.45, 0.5), HOOPS, 0.7
     skin = [tone * c for c in (150.0, 178.0, 224.0)]
     shoes = [38.0, 36.0, 34.0]
     first = np.array([skin, _bgr(0.07, 0.5, dark), _bgr(hue, vivid, value), trousers, shoes])

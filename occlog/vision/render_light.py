@@ -28,10 +28,12 @@ def lamps(region: Floats, height: float) -> Floats:
     steps = np.linspace(0.08, 0.92, 15)
     grid = np.array([low + (high - low) * (u, v) for u in steps for v in steps])
     clear = np.array([distance_to_boundary(x, y, region) if point_inside(x, y, region) else -1.0 for x, y in grid])
+    size = float(np.hypot(*(high - low)))
+    clear = np.round(clear / size, 9)  # the first of equally good places, whatever the unit of length
     first = grid[np.argmax(clear)]
-    away = np.hypot(*(grid - first).T)
+    away = np.round(np.hypot(*(grid - first).T) / size, 9)
     second = grid[np.argmax(np.where(clear > 0, np.minimum(away, 3.0 * clear), -1.0))]
-    reach = 0.6 * float(np.hypot(*(high - low)))
+    reach = 0.6 * size
     return np.array([[*p, 0.97 * height, w, reach] for p, w in zip((first, second), POWER, strict=True)])
 
 

@@ -177,7 +177,7 @@ def _sight_lines(camera: Camera, top: int, bottom: int, width: int) -> Floats:
 def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: int) -> None:
     """Fill some rows."""
     width = out.depth.shape[1]
-    rays = _sight_lines(camera, top, bottom, width)
+    rays = out.rays[top:bottom].reshape(-1, 3).astype(np.float64)
     t, hit = cast(camera.position, rays, solid.faces, solid.room, solid.height, solid.caps, solid.starts, solid.heights)
     colour = surface_colours(camera.position, rays, t, hit, solid)
     shape = (bottom - top, width, 4)
