@@ -2,42 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import cv2
 
 from ..errors import InputError
 from ..frames import Image
 from .inputs import check_input
 from .provenance import hash_file
+from .video_decode import Picture, VideoFile, decode, examine, quiet
 
 
 @dataclass
 class LinkedVideo:
-    """A video that is decoded forwards only."""
+    """A video that is decoded forwards only; frames keep the numbers that `occlog ingest` gave them."""
 
     path: Path
     where: str
-    capture: Any
-    next_index: int = field(default=0)
+    video: VideoFile
+    _pictures: Iterator[Picture] | None = field(default=None)
 
     def read(self, index: int) -> Image:
         """The frame of that number; frames before it are skipped, InputError where it cannot be decoded."""
-        while self.next_index < index:
-            self.next_index += 1
-            if not self.capture.grab():
-                raise InputError(f"{self.where}: frame {index}: {self.path} ends before it")
-        self.next_index += 1
-        ok, image = self.capture.read()
-        if not ok or image is None:
-            raise InputError(f"{self.where}: frame {index}: cannot be decoded from {self.path}")
-        return image  # type: ignore[no-any-return]
+        if self._pictures is None:
+            # Losses were told when the video was ingested.
+            self._pictures = decode(self.video, index, None, lambda _: None)
+        for picture in self._pictures:
+            if picture.index == index:
+                return picture.image
+            if picture.index > index:
+                break
+        raise InputError(f"{self.where}: frame {index}: cannot be decoded from {self.path}; ingest it again")
 
     def close(self) -> None:
         """Let go of the file."""
-        self.capture.release()
+        self._pictures = None
 
 
 def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> LinkedVideo:
@@ -49,7 +48,5 @@ def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> Li
     check_input(path, f"the video of camera {sensor} that {recording} links to")
     if hash_file(path) != link["sha256"]:
         raise InputError(f"{where}: {path} is not the video that was ingested (its content changed); ingest it again")
-    capture = cv2.VideoCapture(str(path))
-    if not capture.isOpened():
-        raise InputError(f"{where}: {path} cannot be opened as a video")
-    return LinkedVideo(path, where, capture)
+    quiet()
+    return LinkedVideo(path, where, examine(path))

@@ -1,0 +1,196 @@
+"""The work of `occlog ingest`: sources are opened, their frames and rows written in the order of time."""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from ..io.boxes import BoxFile, BoxOptions, BoxSurvey, read_boxes, survey_boxes
+from ..io.camera_source import CameraSource
+from ..io.decoder import Delivered
+from ..io.doa import read_doa
+from ..io.doa_rows import DoaOptions
+from ..io.frame_times import FrameTimes
+from ..io.inputs import check_input
+from ..io.provenance import Provenance, hash_file, hash_inputs
+from ..io.recording_writer import RecordingWriter
+from ..io.truth import read_truth
+from ..io.truth_positions import TruthOptions
+from ..losses import Loss
+from ..records import Boxes, Truth
+from ..scene import Scene
+from .ingest_plan import IngestPlan
+from .ingest_scene import base_scene, fit_sizes, match_cameras
+from .ingest_sources import clock_of, open_sources, read_clocks, sync_times
+from .options import note as tell
+from .options import progress
+
+
+@dataclass
+class Ingested:
+    """What has been written so far."""
+
+    frames: dict[str, int] = field(default_factory=dict)
+    rows: dict[str, int] = field(default_factory=dict)
+    losses: list[Loss] = field(default_factory=list)
+    failures: list[InputError] = field(default_factory=list)
+    times: dict[str, str] = field(default_factory=dict)
+
+
+def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[str, Any], list[Loss]]:
+    """Write the recording; the summary and what was lost."""
+
+    def note(message: str) -> None:
+        tell(message, quiet)
+
+    for path in (*plan.video.values(), *(p for _, p in plan.boxes)):
+        check_input(path, "an input")
+    done = Ingested()
+    scene = base_scene(plan, note)
+    survey = _survey(plan, scene)
+    wanted = list(dict.fromkeys([*plan.video, *plan.images, *(survey.cameras if survey else ())]))
+    scene = match_cameras(scene, wanted, plan)
+    with ExitStack() as stack:
+        sources = open_sources(plan, wanted, stack, done.losses, done.failures)
+        if done.failures and not sources:
+            raise done.failures[0]
+        scene = fit_sizes(scene, [(s.name, s.decoder.size) for s in sources], note)
+        times = _all_times(plan, wanted, sources, survey)
+        provenance = Provenance("ingest", plan.parameters(), None, hash_inputs(plan.inputs()))
+        writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=overwrite))
+        _write_frames(plan, sources, writer, done, quiet)
+        _write_tables(plan, scene, survey, times, writer, done)
+        done.times.update({name: t.source for name, t in times.items() if name not in done.times})
+        for name, source in sorted(done.times.items()):
+            note(f"camera {name}: {done.frames.get(name, 0)} frames, times from {source}")
+        parameters = {**plan.parameters(), "time_sources": dict(sorted(done.times.items()))}
+        writer.annotate(replace(provenance, parameters=parameters, losses=tuple(done.losses)))
+    return _summary(plan, done), done.losses
+
+
+def _summary(plan: IngestPlan, done: Ingested) -> dict[str, Any]:
+    return {
+        "recording": str(plan.output),
+        "frames": done.frames,
+        "rows": done.rows,
+        "times": dict(sorted(done.times.items())),
+    }
+
+
+def _survey(plan: IngestPlan, scene: Scene) -> BoxSurvey | None:
+    """Cameras and frames of the tables of boxes."""
+    if not plan.boxes:
+        return None
+    return survey_boxes(_box_files(plan), _known(plan, scene), _box_options(plan))
+
+
+def _box_files(plan: IngestPlan) -> list[BoxFile]:
+    return [BoxFile(path, name) for name, path in plan.boxes]
+
+
+def _known(plan: IngestPlan, scene: Scene) -> list[str]:
+    """Names of cameras that labels in tables can mean."""
+    given = [*plan.video, *plan.images, *(name for name, _ in plan.boxes if name is not None)]
+    return list(dict.fromkeys([*given, *([] if given else [c.name for c in scene.cameras])]))
+
+
+def _box_options(plan: IngestPlan) -> BoxOptions:
+    return BoxOptions(plan.frames, plan.first_number or 0, plan.confidence_scale, plan.ignore_extra_columns)
+
+
+def _all_times(
+    plan: IngestPlan, cameras: list[str], sources: list[CameraSource], survey: BoxSurvey | None
+) -> dict[str, FrameTimes]:
+    """Times of the frames of every camera: those of its images, of its sidecar, of its table, or of a given rate."""
+    found: dict[str, FrameTimes] = {}
+    clocks = read_clocks(plan, cameras)
+    own: Mapping[str, FrameTimes] = survey.times if survey else {}
+    opened = {s.name: s.times for s in sources}
+    for name in cameras:
+        times = opened.get(name) or clock_of(plan, name, clocks) or own.get(name)
+        if times is not None:
+            found[name] = times
+    return found
+
+
+def _write_frames(
+    plan: IngestPlan, sources: list[CameraSource], writer: RecordingWriter, done: Ingested, quiet: bool
+) -> None:
+    """Frames of all cameras in the order of time; a camera that fails on the way is a loss, unless all do."""
+    streams = [_guarded(source, done) for source in sources]
+    total = sum(s.decoder.frames or 0 for s in sources) or None
+    merged = heapq.merge(*streams, key=lambda item: (item[0], item[1]))
+    for t_ns, name, frame in progress(merged, "ingest", total, quiet=quiet):
+        if plan.store == "link":
+            writer.video_frame(name, t_ns, frame.index)
+        else:
+            writer.image(name, t_ns, frame.index, frame.data, frame.kind)
+        done.frames[name] = done.frames.get(name, 0) + 1
+    if done.failures and not done.frames:
+        raise done.failures[0]
+    for source in sources:
+        done.times[source.name] = source.times.source
+        if plan.store == "link" and source.name in done.frames:
+            link = os.path.relpath(source.path.resolve(), plan.output.resolve().parent)
+            writer.video(source.name, Path(link).as_posix(), hash_file(source.path))
+
+
+def _guarded(source: CameraSource, done: Ingested) -> Iterator[tuple[int, str, Delivered]]:
+    try:
+        for t_ns, frame in source.frames():
+            yield t_ns, source.name, frame
+    except InputError as error:
+        done.failures.append(error)
+        done.losses.append(Loss(source.path.name, "whole camera", str(error)))
+    done.losses.extend(source.losses)
+
+
+def _write_tables(
+    plan: IngestPlan,
+    scene: Scene,
+    survey: BoxSurvey | None,
+    times: dict[str, FrameTimes],
+    writer: RecordingWriter,
+    done: Ingested,
+) -> None:
+    """Rows of boxes, directions and truth."""
+    tables: list[Iterator[Any]] = []
+    if survey is not None:
+        known = _known(plan, scene)
+        tables.append(read_boxes(_box_files(plan), survey, times, known, _box_options(plan), Boxes))
+    for sensor, path in plan.doa:
+        tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor)))
+    sync = sync_times(plan) if plan.truth else None
+    for camera, path in plan.truth:
+        how = TruthOptions(plan.truth_format, camera, _known(plan, scene), times, sync, _box_options(plan))
+        tables.append(_truth(path, how, plan))
+    for chunks in tables:
+        for table in chunks:
+            writer.table(table)
+            done.rows[table.NAME] = done.rows.get(table.NAME, 0) + len(table)
+
+
+def _truth(path: Path, how: TruthOptions, plan: IngestPlan) -> Iterator[Any]:
+    """Tables of the truth; without cameras a frame rate given for all counts its frames."""
+    if not how.times:
+        rate = clock_of(plan, "", {})
+        how = replace(how, times={"": rate} if rate else {})
+    for table in read_truth(path, how):
+        if isinstance(table, Truth) and not len(table):
+            continue
+        yield table
+
+
+def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:
+    from .ingest_sources import start_of
+
+    return DoaOptions(
+        plan.doa_format, sensor, plan.doa_unit, plan.doa_convention, plan.doa_algorithm,
+        start_of(plan, sensor or ""), plan.ignore_extra_columns,
+    )  # fmt: skip
