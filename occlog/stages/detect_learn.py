@@ -1,0 +1,199 @@
+"""A first look at a recording: the empty scene, the size of people, and the target's appearance.
+
+Of each camera some frames are kept, spread evenly over the recording; the rest is not
+decoded.  What the camera shows when nobody is there, how large people are where the
+camera's pose does not tell, and what a person in a given box looks like come from these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from ..columns import Floats
+from ..errors import InputError
+from ..frames import Frame, Image
+from ..scene import Scene
+from ..vision.appearance import histogram
+from ..vision.empty_scene import empty_scene
+from ..vision.observed_size import DIFFERENCE, observed_sizes, person_like_blobs
+from ..vision.person_size import SizeMap
+from .detect import Learned
+from .detect_camera import known_sizes, plain_image
+from .detect_config import DetectConfig, Target
+
+SAMPLE_BYTES = 512 * 1024 * 1024
+"""Memory for the samples of all cameras together."""
+MOST_SAMPLES, FEWEST_SAMPLES = 48, 12
+THICKNESS = 0.5  # of a person's width: what is filled between the edges of a moving body
+UNKNOWN_THICKNESS = 0.06  # of the image's height, where the size of people is not known yet
+LEAST_PIXELS = 30  # of foreground in a box, for an appearance
+
+
+@dataclass(frozen=True)
+class TargetBox:
+    """A box drawn around a target in one frame."""
+
+    target_id: int
+    sensor: str
+    frame: int
+    left_px: float
+    top_px: float
+    width_px: float
+    height_px: float
+
+
+@dataclass
+class Samples:
+    """Frames of one camera kept for learning, at most `limit` of them, evenly spread.
+
+    Every `stride`-th frame is kept; when there are too many, every second one is dropped
+    and the stride doubles.
+    """
+
+    limit: int
+    images: list[Image] = field(default_factory=list)
+    stride: int = 1
+    count: int = 0
+    boxed: dict[int, Image] = field(default_factory=dict)  # frames with a target's box
+
+    def wants(self, number: int) -> bool:
+        """True if frame `number` of the camera (from 0) is to be kept."""
+        return number % self.stride == 0
+
+    def keep(self, number: int, image: Image) -> None:
+        """Keep an image that `wants` asked for."""
+        if len(self.images) == self.limit:
+            self.images = self.images[::2]
+            self.stride *= 2
+        if self.wants(number):
+            self.images.append(image)
+
+
+class _Seen(NamedTuple):
+    empty: Image
+    sizes: SizeMap | None
+
+
+def learn(
+    frames: Iterable[Frame],
+    scene: Scene,
+    config: DetectConfig,
+    boxes: Sequence[TargetBox] = (),
+    workers: int = 1,
+) -> tuple[Learned, tuple[Target, ...]]:
+    """What `detect` is to know beforehand, and the targets in the boxes.
+
+    Frames that cannot be decoded, or are of another size than the camera's first, are
+    left out here; `detect` reports them.
+
+    Args:
+        frames: of all cameras, in the order of time.
+        scene: must hold the cameras.
+        config: options.
+        boxes: around targets; each target's appearances are in the order of its boxes.
+        workers: threads.
+
+    Raises:
+        InputError: a box's frame is not there, or nothing stands out in the box.
+    """
+    samples = _sample(frames, len(scene.cameras), boxes, config)
+
+    def study(name: str) -> _Seen | None:
+        return _study(samples[name].images, name, scene, config)
+
+    with ThreadPoolExecutor(workers) as pool:
+        found = {n: s for n, s in zip(samples, pool.map(study, samples), strict=True) if s is not None}
+    learned = Learned(
+        {name: seen.empty for name, seen in found.items()},
+        {name: seen.sizes for name, seen in found.items() if seen.sizes is not None},
+    )
+    return learned, _targets(boxes, samples, learned)
+
+
+def _sample(
+    frames: Iterable[Frame], n_cameras: int, boxes: Sequence[TargetBox], config: DetectConfig
+) -> dict[str, Samples]:
+    wanted = {(b.sensor, b.frame) for b in boxes}
+    samples: dict[str, Samples] = {}
+    for frame in frames:
+        kept = samples.setdefault(frame.sensor, Samples(MOST_SAMPLES))
+        number, boxed = kept.count, (frame.sensor, frame.index) in wanted
+        kept.count += 1
+        if not (boxed or kept.wants(number)):
+            continue
+        try:
+            image = plain_image(frame.decode(), config.bits)
+        except InputError:
+            continue
+        if boxed:
+            kept.boxed[frame.index] = image
+        if not kept.images:
+            kept.limit = sample_limit(image.nbytes, n_cameras)
+        if kept.wants(number) and (not kept.images or image.shape == kept.images[0].shape):
+            kept.keep(number, image)
+    return samples
+
+
+def sample_limit(image_bytes: int, n_cameras: int) -> int:
+    """Samples of each camera that fit into memory, even so that none is wasted when the stride doubles."""
+    fits = SAMPLE_BYTES // max(1, image_bytes * n_cameras)
+    return int(np.clip(fits, FEWEST_SAMPLES, MOST_SAMPLES)) // 2 * 2
+
+
+def _study(images: list[Image], name: str, scene: Scene, config: DetectConfig) -> _Seen | None:
+    """The empty scene, and sizes of people unless the camera's pose tells them; None without images."""
+    if not images:
+        return None
+    size = (images[0].shape[1], images[0].shape[0])
+    sizes = known_sizes(scene.camera(name), scene, size, config)
+    thickness = THICKNESS * sizes.width_px if sizes is not None else UNKNOWN_THICKNESS * size[1]
+    empty = empty_scene(images, thickness)
+    if sizes is not None:
+        return _Seen(empty, None)
+    return _Seen(empty, observed_sizes(size, person_like_blobs(images, empty)))
+
+
+def _targets(boxes: Sequence[TargetBox], samples: dict[str, Samples], learned: Learned) -> tuple[Target, ...]:
+    ids = list(dict.fromkeys(b.target_id for b in boxes))
+    found: dict[int, list[Floats]] = {target_id: [] for target_id in ids}
+    for box in boxes:
+        image = samples[box.sensor].boxed.get(box.frame) if box.sensor in samples else None
+        if image is None:
+            raise InputError(
+                f"target {box.target_id}: the recording has no readable frame {box.frame} of camera {box.sensor!r}; "
+                f"it has {', '.join(f'{n} (0 to {s.count - 1})' for n, s in samples.items()) or 'no frames'}"
+            )
+        found[box.target_id].append(appearance_in_box(image, learned.empty.get(box.sensor), box))
+    return tuple(Target(i, np.stack(found[i])) for i in ids)
+
+
+def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floats:
+    """(72,) appearance of what differs from the empty scene inside a box.
+
+    Raises:
+        InputError: the box is off the image or hardly anything in it differs.
+    """
+    x0, y0 = max(round(box.left_px), 0), max(round(box.top_px), 0)
+    x1, y1 = round(box.left_px + box.width_px), round(box.top_px + box.height_px)
+    part = image[y0:y1, x0:x1]
+    where = f"target {box.target_id}: box in frame {box.frame} of camera {box.sensor}"
+    if 0 in part.shape:
+        raise InputError(f"{where}: lies off the image of {image.shape[1]} x {image.shape[0]} px")
+    if empty is None or empty.shape != image.shape:
+        return histogram(part)
+    difference = cv2.absdiff(part, empty[y0:y1, x0:x1])
+    if difference.ndim == 3:
+        difference = difference.max(axis=2)
+    mask = (difference > DIFFERENCE).astype(np.uint8)
+    if np.count_nonzero(mask) < LEAST_PIXELS:
+        raise InputError(
+            f"{where}: only {np.count_nonzero(mask)} pixels differ from the empty scene, want {LEAST_PIXELS}; "
+            "draw the box around the target, in a frame in which it moves"
+        )
+    return histogram(part, mask)
