@@ -53,12 +53,20 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
     columns_b = {c["name"]: c for c in b.get("columns", ())}
     out += [Difference("schema", name, {}, c, a="column") for c in columns_a if c not in columns_b]
     out += [Difference("schema", name, {}, c, b="column") for c in columns_b if c not in columns_a]
+    lengths = (a.get("length_unit"), b.get("length_unit"))
     for column in (c for c in columns_a if c in columns_b):
         for entry in ("type", "unit"):
             left, right = columns_a[column].get(entry), columns_b[column].get(entry)
-            if left != right:
+            # Other units of length have been named once already.
+            if left != right and not (entry == "unit" and _swapped(left, lengths) == right):
                 out.append(Difference("schema", name, {"entry": entry}, column, left, right))
     return tuple(out)
+
+
+def _swapped(unit: Any, lengths: tuple[Any, Any]) -> Any:
+    """A unit with one length unit in place of the other."""
+    old, new = lengths
+    return str(unit).replace(str(old), str(new)) if unit in (old, f"{old}^2", f"{old}/s") else unit
 
 
 def diff_bytes(name: str, a: bytes, b: bytes) -> Comparison:

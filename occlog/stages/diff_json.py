@@ -49,8 +49,8 @@ def _walk(
     """A difference, or `both`, for every value that is not a container."""
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         for k in (*a, *(k for k in b if k not in a)):
-            if provenance or not (k.startswith("_") or k == "provenance"):
-                yield from _child(_joined(path, k), k, a.get(k, _ABSENT), b.get(k, _ABSENT), name, limits, provenance)
+            if provenance or not (str(k).startswith("_") or k == "provenance"):
+                yield from _child(_joined(path, str(k)), str(k), a.get(k, _ABSENT), b.get(k, _ABSENT), name, limits, provenance)
     elif _is_list(a) and _is_list(b):
         for n in range(max(len(a), len(b))):
             place = f"{path}[{n}]"

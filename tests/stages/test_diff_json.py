@@ -128,13 +128,22 @@ def test_schemas() -> None:
     assert diff_schemas("t", a, copy.deepcopy(a)) == ()
     b = copy.deepcopy(a)
     b["length_unit"] = "ft"
-    b["columns"][0]["unit"] = "ft"
+    b["columns"][0]["unit"] = "rad"
     b["columns"][1] = {"name": "z", "type": "double", "unit": "m"}
     found = diff_schemas("t", a, b)
     assert [(d.column, d.a, d.b) for d in found] == [
-        ("length_unit", "m", "ft"), ("y", "column", None), ("z", None, "column"), ("x", "m", "ft"),
+        ("length_unit", "m", "ft"), ("y", "column", None), ("z", None, "column"), ("x", "m", "rad"),
     ]  # fmt: skip
     assert all(d.kind == "schema" for d in found)
+
+
+def test_another_unit_of_length_is_said_once() -> None:
+    def said(unit: str) -> dict[str, Any]:
+        units = {"x": unit, "v": f"{unit}/s", "p": f"{unit}^2", "u": "px"}
+        columns = [{"name": name, "type": "double", "unit": u} for name, u in units.items()]
+        return {"schema": "t", "version": 1, "length_unit": unit, "columns": columns}
+
+    assert [d.column for d in diff_schemas("t", said("m"), said("ft"))] == ["length_unit"]
 
 
 def test_outputs_of_earlier_stages_come_first() -> None:
