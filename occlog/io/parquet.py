@@ -281,6 +281,7 @@ def describe(path: Path) -> dict[str, Any]:
         metadata = {**(schema.metadata or {}), **(file.metadata.metadata or {})}
         return {
             "schema": name,
+            "version": int((schema.metadata or {})[SCHEMA_KEY.encode()].decode().partition("/")[2] or 0),
             "rows": file.metadata.num_rows,
             "length_unit": metadata.get(b"occlog.length_unit", b"m").decode(),
             "columns": columns,
