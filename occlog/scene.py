@@ -89,7 +89,7 @@ class MicrophoneArray:
     position: Floats  # (3,)
     yaw: float = 0.0
     microphones: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) in the array's frame
-    sigma: float = np.radians(3.0)  # of one direction [rad]
+    sigma: float = float(np.radians(3.0))  # of one direction [rad]
     range: float = np.inf
     rate_hz: float | None = None
     clock: str | None = None
