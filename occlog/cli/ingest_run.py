@@ -68,7 +68,8 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
         _write_tables(plan, scene, survey, times, writer, done)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
         for name, source in sorted(done.times.items()):
-            note(f"camera {name}: {done.frames.get(name, 0)} frames, times from {source}")
+            count = f"{done.frames[name]} frames, " if name in done.frames else ""
+            note(f"camera {name}: {count}times from {source}")
         parameters = {**plan.parameters(), "time_sources": dict(sorted(done.times.items()))}
         writer.annotate(replace(provenance, parameters=parameters, losses=tuple(done.losses)))
     return _summary(plan, done), done.losses
@@ -77,7 +78,7 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
 def _summary(plan: IngestPlan, done: Ingested) -> dict[str, Any]:
     return {
         "recording": str(plan.output),
-        "frames": done.frames,
+        "frames": dict(sorted(done.frames.items())),
         "rows": done.rows,
         "times": dict(sorted(done.times.items())),
     }
