@@ -26,7 +26,8 @@ from ..losses import Loss
 from ..records import Boxes, Truth
 from ..scene import Scene
 from .ingest_plan import IngestPlan
-from .ingest_scene import base_scene, fit_sizes, match_cameras
+from .ingest_scene import base_scene, match_cameras
+from .ingest_sizes import fit_sizes
 from .ingest_sources import clock_of, open_sources, read_clocks, sync_times
 from .options import note as tell
 from .options import progress
@@ -60,7 +61,7 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
         sources = open_sources(plan, wanted, stack, done.losses, done.failures)
         if done.failures and not sources:
             raise done.failures[0]
-        scene = fit_sizes(scene, [(s.name, s.decoder.size) for s in sources], note)
+        scene = fit_sizes(scene, [(s.name, s.decoder) for s in sources], note)
         times = _all_times(plan, wanted, sources, survey)
         provenance = Provenance("ingest", plan.parameters(), None, hash_inputs(plan.inputs()))
         writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=overwrite))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,13 +12,10 @@ from ..errors import InputError, UsageError
 from ..io.calibration import CalibrationOptions, describe, read_calibration
 from ..io.doa_logs import read_arrays
 from ..io.sensor_names import match_sensor, safe_name
-from ..scene import Camera, MicrophoneArray, Scene, camera_fov, camera_rotation
+from ..scene import Camera, MicrophoneArray, Scene, camera_rotation
 from .ingest_plan import IngestPlan
 from .options import load_scene
 
-CROP_PX = 16
-"""Video codecs cut or pad to multiples of 16 px; a difference up to this is not a change of scale."""
-SHAPE_SLACK = 0.01
 Note = Callable[[str], None]
 
 
@@ -85,39 +82,3 @@ def _unplaced(name: str, plan: IngestPlan) -> Camera:
         name=safe_name(name), position=np.zeros(3), rotation=camera_rotation(0.0, 0.0, 0.0),
         focal_px=np.array([width, width]), principal_px=np.zeros(2), image_size=plan.image_size, placed=False,
     )  # fmt: skip
-
-
-def fit_sizes(scene: Scene, sizes: Iterable[tuple[str, tuple[int, int]]], note: Note) -> Scene:
-    """The scene with cameras that fit the sizes of their frames."""
-    found = dict(sizes)
-    cameras = tuple(fit_size(c, found[c.name], note) if c.name in found else c for c in scene.cameras)
-    return replace(scene, cameras=cameras)
-
-
-def fit_size(camera: Camera, size: tuple[int, int], note: Note) -> Camera:
-    """The camera for frames of another size than it was calibrated with.
-
-    Up to 16 px less or more is taken for a cut or padded right and lower edge: pixels keep
-    their place.  Otherwise frames of the same shape are taken for scaled ones.
-
-    Raises:
-        InputError: the frames have another shape.
-    """
-    if camera.image_size is None or camera.image_size == size or not camera.placed:
-        return replace(camera, image_size=size)
-    (w0, h0), (w, h) = camera.image_size, size
-    change = f"camera {camera.name}: frames of {w} x {h} px, calibrated for {w0} x {h0}"
-    if abs(w - w0) <= CROP_PX and abs(h - h0) <= CROP_PX:
-        note(f"{change}: taken for cut at the right and lower edge")
-        fov = camera_fov(
-            size, camera.focal_px, camera.principal_px, camera.distortion, camera.distortion_model, camera.rotation
-        )
-        return replace(camera, image_size=size, fov=fov)
-    sx, sy = w / w0, h / h0
-    if abs(sx / sy - 1) > SHAPE_SLACK:
-        raise InputError(f"{change}: another shape; give the calibration of this video, or frames of its size")
-    note(f"{change}: taken for scaled by {sx:.4g}")
-    scale = np.array([sx, sy])
-    # The centre of the first pixel is (0, 0), so the image's corner is at -0.5.
-    principal = (camera.principal_px + 0.5) * scale - 0.5
-    return replace(camera, focal_px=camera.focal_px * scale, principal_px=principal, image_size=size)

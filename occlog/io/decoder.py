@@ -48,6 +48,7 @@ class Decoder:
         size: width and height of the frames [px].
         frames: number of frames announced, None if unknown.
         rate_hz: frame rate as stated, None if not.
+        bars: width of black bars at the left, top, right and lower edge [px].
         losses: what was lost; complete when all frames have been read.
     """
 
@@ -56,6 +57,7 @@ class Decoder:
     size: tuple[int, int] = (0, 0)
     frames: int | None = None
     rate_hz: float | None = None
+    bars: tuple[int, int, int, int] = (0, 0, 0, 0)
     losses: list[Loss] = field(default_factory=list)
 
     def __enter__(self) -> Self:
@@ -69,6 +71,7 @@ class Decoder:
             raise
         header, _ = message
         self.size, self.frames, self.rate_hz = tuple(header["size"]), header["frames"], header["rate"]
+        self.bars = tuple(header["bars"])
         return self
 
     def __exit__(

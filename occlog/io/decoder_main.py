@@ -18,10 +18,13 @@ import tempfile
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from ..errors import InputError
 from ..losses import Loss
+
+if TYPE_CHECKING:
+    from ..frames import Image
 
 _ADDRESS = re.compile(r"\[([^\]@]+) @ 0x[0-9a-f]+\] ?")
 MAX_TEXT = 90
@@ -99,19 +102,20 @@ def _video(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> 
 
     os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS
     video = examine(Path(job["path"]))
-    send(out, {"size": video.size, "frames": video.frames, "rate": video.rate_hz})
+    send(out, {"size": video.size, "frames": video.frames, "rate": video.rate_hz, "bars": video.bars})
     log.news()  # what was written about the trial frame will be written again
     for picture in decode(video, job["start"], job["stop"], losses.append, log.news):
         _deliver(job, out, picture.index, picture.pos_ns, picture.image)
 
 
 def _images(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> None:
-    from .image_codec import image_kind
+    from .image_codec import dark_bars, image_kind
     from .image_files import load
 
     files = [(int(index), Path(path)) for index, path in job["files"]]
-    size = _first_size(job, files)
-    send(out, {"size": size, "frames": len(files), "rate": None})
+    first = _first_image(job, files)
+    size = (first.shape[1], first.shape[0])
+    send(out, {"size": size, "frames": len(files), "rate": None, "bars": dark_bars(first)})
     log.news()
     delivered = 0
     for picture, data in load(files, size, losses.append, log.news):
@@ -125,18 +129,16 @@ def _images(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) ->
         raise InputError(f"{job['path']}: not one image can be used; first: {losses[0] if losses else 'none'}")
 
 
-def _first_size(job: dict[str, Any], files: list[tuple[int, Path]]) -> tuple[int, int]:
-    """Size of the first image that can be decoded."""
+def _first_image(job: dict[str, Any], files: list[tuple[int, Path]]) -> Image:
+    """The first image that can be decoded."""
     from .image_codec import decode_image
 
     reason = ""
     for _, file in files:
         try:
-            image = decode_image(file.read_bytes(), file.name)
+            return decode_image(file.read_bytes(), file.name)
         except (OSError, InputError) as error:
             reason = reason or str(error)
-            continue
-        return image.shape[1], image.shape[0]
     raise InputError(f"{job['path']}: not one image can be decoded ({reason})")
 
 

@@ -14,7 +14,8 @@ from ..frames import Image
 MAX_PIXELS = 100_000_000
 """Larger images are refused: 8192 x 8192 has 67 million pixels."""
 PNG_MARK = b"\x89PNG\r\n\x1a\n"
-STORES = ("png", "jpeg")
+BLACK = 24
+"""Mean of the brightest channel up to which a row or column is a black bar; codecs leave some noise in it."""
 
 
 def image_kind(data: bytes) -> str | None:
@@ -84,6 +85,15 @@ def decode_image(data: bytes, where: str) -> Image:
     if image is None:
         raise InputError(f"{where}: not an image that can be decoded ({len(data)} bytes)")
     return image  # type: ignore[no-any-return]
+
+
+def dark_bars(image: Image) -> tuple[int, int, int, int]:
+    """Width of the black bars at the left, top, right and lower edge [px], as converters add them."""
+    grey = image if image.ndim == 2 else image.max(axis=2)
+    columns, rows = grey.mean(axis=0) > BLACK, grey.mean(axis=1) > BLACK
+    if not columns.any() or not rows.any():
+        return 0, 0, 0, 0
+    return int(columns.argmax()), int(rows.argmax()), int(columns[::-1].argmax()), int(rows[::-1].argmax())
 
 
 def encode_image(image: Image, kind: str, quality: int) -> bytes:

@@ -21,12 +21,11 @@ from ..errors import InputError
 from ..frames import Image
 from ..losses import Loss
 from .frame_times import NS
+from .image_codec import MAX_PIXELS, dark_bars
 from .inputs import check_input
 from .video_container import Container, read_container
 from .video_ledger import Ledger
 
-MAX_PIXELS = 100_000_000
-"""Larger frames are refused: 8192 x 8192 has 67 million pixels."""
 PATIENCE = 64
 """Failed reads in a row, beyond the frames still expected, after which the file is taken to be at its end."""
 TRIAL = 4
@@ -57,6 +56,7 @@ class VideoFile:
     frames: int | None
     rate_hz: float | None
     container: Container | None
+    bars: tuple[int, int, int, int] = (0, 0, 0, 0)  # black, at the left, top, right and lower edge [px]
 
 
 def quiet() -> None:
@@ -100,7 +100,8 @@ def _describe(path: Path, capture: Any, container: Container | None) -> VideoFil
     ok, image = first.fetch() if first is not None else (False, None)
     if not ok or image is None:
         raise InputError(f"{path}: not one frame can be decoded{_faults(container)}; copy or repair the file")
-    return VideoFile(path, (image.shape[1], image.shape[0]), frames, rate if 1e-6 < rate <= 1e6 else None, container)
+    size = (image.shape[1], image.shape[0])
+    return VideoFile(path, size, frames, rate if 1e-6 < rate <= 1e6 else None, container, dark_bars(image))
 
 
 def _faults(container: Container | None) -> str:
