@@ -40,11 +40,13 @@ SETTINGS = (
     click.option("--gate-px", type=POSITIVE, default=None,
                  help="The same in pixels, for cameras, instead of --gate-sigma."),
     click.option("--occluder-diameter", type=POSITIVE, default=None, metavar="LENGTH",
-                 help="Moving objects of the truth hide what is behind them. [default: they hide nothing]"),
+                 help="Moving objects of the truth hide what is behind them. [default: that of `simulate` if it "
+                      "made the truth, else they hide nothing]"),
     click.option("--motion", type=click.Choice(["waypoint", "cv"]), default="waypoint", show_default=True,
                  help="Motion of the bound: a walk whose drift is known, or constant velocity with noise."),
     click.option("--sigma-v", type=AT_LEAST_0, default=None, metavar="LENGTH",
-                 help="Noise of the walk, per axis, after 1 s. [default: 0.05 m, or 0.33 in units of its own]"),
+                 help="Noise of the walk, per axis, after 1 s. [default: that of `simulate` if it made the truth, "
+                      "else 0.05 m, or 0.33 in units of its own]"),
     click.option("--acceleration-density", type=AT_LEAST_0, default=1.0, show_default=True,
                  help="Of --motion cv [length^2 / s^3]."),
     click.option("--sigma-speed", type=POSITIVE, default=1.5, show_default=True,
@@ -170,7 +172,8 @@ def run_evaluate(paths: Paths, values: Mapping[str, Any]) -> tuple[Evaluation, s
 
     _check_request(paths, values)
     options.check_outputs(paths.inputs, (paths.output, paths.errors, paths.bound), paths.overwrite)
-    t, config = read_tables(paths), make_config(values)
+    t = read_tables(paths)
+    config = make_config(with_defaults(values, paths.truth, t.scene.length_unit))
     result = evaluate(
         t.tracks, t.truth, t.bearings, t.scene, config, views=t.views, truth_boxes=t.truth_boxes
     )  # fmt: skip
@@ -189,6 +192,24 @@ def _check_request(paths: Paths, values: Mapping[str, Any]) -> None:
         raise UsageError("TRACKS alone cannot be evaluated; give --truth, --bearings or both")
     if values.get("held_out") and (paths.tracks is None or paths.bearings is None):
         raise UsageError("--held-out needs TRACKS made without that sensor and --bearings that include it")
+
+
+def with_defaults(values: Mapping[str, Any], truth: Path | None, unit: str) -> dict[str, Any]:
+    """The values, with noise of the walk and diameter of the simulation that made the truth where none are given."""
+    from ..io.recording import open_recording
+    from ..stages.evaluate_config import default_sigma_v
+
+    out = dict(values)
+    if truth is not None and truth.suffix.lower() == ".mcap":
+        made = open_recording(truth).provenance
+        world = made.parameters.get("world") if made.command == "simulate" else None
+        for name, known in (("sigma_v", "sigma"), ("occluder_diameter", "diameter")):
+            value = world.get(known) if isinstance(world, dict) else None
+            if out[name] is None and isinstance(value, int | float):
+                out[name] = float(value)
+    if out["sigma_v"] is None:
+        out["sigma_v"] = default_sigma_v(unit)
+    return out
 
 
 def make_config(values: Mapping[str, Any]) -> EvaluateConfig:
@@ -228,6 +249,8 @@ def _scene(paths: Paths, recorded: Scene | None) -> Scene:
 
     if paths.tracks is None and paths.bearings is None and paths.scene is None:
         return recorded or Scene()
+    if recorded is None and paths.scene is None and paths.bearings and paths.bearings.suffix.lower() == ".mcap":
+        recorded = options.read_scene_of(paths.bearings)
     return options.load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
 
 

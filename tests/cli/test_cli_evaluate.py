@@ -261,6 +261,27 @@ def test_names_of_held_out_sensors_may_have_commas() -> None:
     assert make_config(values).held_out == ("a", "b", "c")
 
 
+def test_motion_and_diameter_of_a_simulation_are_taken_over(folder: Path) -> None:
+    simulated = Provenance("simulate", {"world": {"sigma": 0.2, "diameter": 0.7}, "observe": None})
+    with RecordingWriter(folder / "simulated.mcap", SCENE, simulated) as writer:
+        writer.table(truth_table())
+    args = ["evaluate", "tracks.parquet", "--truth", "simulated.mcap", "--bearings", "bearings.parquet"]
+    used = []
+    for more in ([], ["--sigma-v", "0.9", "--occluder-diameter", "1"]):
+        assert run([*args, *more, "-o", "m.json", "--overwrite"]) == ExitCode.DONE
+        used.append(json.loads((folder / "m.json").read_text())["_provenance"]["parameters"])
+    assert [(p["sigma_v"], p["occluder_diameter"]) for p in used] == [(0.2, 0.7), (0.9, 1.0)]
+    assert run([*FULL, "-o", "m.json", "--overwrite"]) == ExitCode.DONE
+    plain = json.loads((folder / "m.json").read_text())["_provenance"]["parameters"]
+    assert (plain["sigma_v"], plain["occluder_diameter"]) == (0.05, None)
+
+
+def test_scene_of_a_recording_with_the_bearings(folder: Path) -> None:
+    with RecordingWriter(folder / "seen.mcap", SCENE, MADE) as writer:
+        writer.table(bearings_table())
+    assert run(["evaluate", "tracks.parquet", "--bearings", "seen.mcap"]) == ExitCode.DONE
+
+
 def test_summary_for_a_person() -> None:
     metrics = {
         "rmse_m": 0.123456, "rmse_target_0_m": 0.1, "rmse_target_12_m": math.nan, "estimates": 4000.0,
