@@ -90,7 +90,7 @@ def _axis_error(
         shown.append(spread)
     line(axes, data.time, errors.t_ns, values, color=colour, linewidth=0.8)
     axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.6, zorder=1)
-    axes.set_ylabel(f"{name} error [{label(data.unit)}]")
+    axes.set_ylabel(f"{name} error")
     top = sensible_top(*shown)
     axes.set_ylim(-top, top)
 

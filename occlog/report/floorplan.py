@@ -8,14 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
-from matplotlib.patches import Ellipse, Patch, Polygon, Rectangle
+from matplotlib.patches import Ellipse, Patch
 
 from ..columns import Bools, Floats
 from ..records import Tracks, Truth
-from ..scene import Camera, Scene
-from .labels import place_labels
+from ..scene import Scene
 from .model import ReportInput
-from .sight import edges_of, places, visible_area
+from .planscene import draw_scale_bar, draw_scene, name_sensors
+from .sight import places
 from .style import COLOURS, label, target_colour
 from .thin import broken, thin_path
 
@@ -49,9 +49,9 @@ def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel(f"x [{label(data.unit)}]")
     axes.set_ylabel(f"y [{label(data.unit)}]")
-    _scale_bar(axes, limits, label(data.unit))
+    bar = draw_scale_bar(axes, limits, label(data.unit))
     if data.scene is not None:
-        _name_sensors(axes, data.scene, limits)
+        name_sensors(axes, data.scene, limits, bar)
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
 
@@ -63,10 +63,11 @@ def plan_limits(data: ReportInput) -> Floats:
         points += [data.scene.room] if data.scene.room is not None else []
         points += [o.polygon for o in data.scene.occluders]
         points += [p[None] for p in places(data.scene).values()]
-    for table in (data.tracks, data.truth):
-        if table is not None and len(table):
-            xy = np.column_stack([table.x, table.y])
-            points.append(np.percentile(xy, [0.5, 99.5], axis=0) if len(xy) > 200 else xy)
+    paths = [t for t in (data.tracks, data.truth) if t is not None and len(t)]
+    for xy in (np.column_stack([table.x, table.y]) for table in paths):
+        points.append(np.percentile(xy, [0.5, 99.5], axis=0) if len(xy) > 200 else xy)
+    if data.scene is not None and data.scene.room is None and not paths:
+        points.append(_ahead(data.scene))
     if not points:
         return np.array([[0.0, 0.0], [1.0, 1.0]])
     everything = np.vstack(points)
@@ -75,6 +76,15 @@ def plan_limits(data: ReportInput) -> Floats:
     size = max(float((high - low).max()), 1e-6)
     grow = np.maximum(0.3 * size - (high - low), 0.0) / 2.0 + 0.06 * size
     return np.array([low - grow, high + grow])
+
+
+def _ahead(scene: Scene) -> Floats:
+    """(N, 2) points in front of the cameras, about as far as they are from each other."""
+    cameras = [c for c in scene.cameras if c.placed]
+    at = np.array([c.ground for c in cameras]).reshape(-1, 2)
+    spread = float(np.ptp(at, axis=0).max()) if len(at) else 0.0
+    ahead = np.array([[np.cos(c.yaw), np.sin(c.yaw)] for c in cameras]).reshape(-1, 2)
+    return np.asarray(at + (1.2 * spread if spread > 0 else 5.0) * ahead)
 
 
 def outside(data: ReportInput) -> int:
@@ -102,77 +112,6 @@ def bold_from(data: ReportInput) -> int | None:
                 starts.append(int(table.t_ns[rows[np.flatnonzero(to_go > RECENT * diagonal)[-1]]]))
             break
     return min(starts) if starts else None
-
-
-def draw_scene(axes: Axes, scene: Scene, limits: Floats) -> list[Line2D | Patch]:
-    """Draw what does not move; handles for the legend."""
-    handles: list[Line2D | Patch] = []
-    if scene.room is not None:
-        axes.add_patch(Polygon(scene.room, facecolor=COLOURS["room"], edgecolor="none", zorder=0.5))
-        axes.add_patch(Polygon(scene.room, fill=False, edgecolor=COLOURS["wall"], linewidth=1.6, zorder=2.6))
-    cameras = [c for c in scene.cameras if c.placed]
-    for camera in cameras:
-        _view(axes, scene, camera, limits)
-    for occluder in scene.occluders:
-        axes.add_patch(
-            Polygon(occluder.polygon, facecolor=COLOURS["pillar"], edgecolor=COLOURS["wall"], linewidth=0.8, zorder=2.5)
-        )
-    if cameras:
-        handles.append(_cameras(axes, cameras, limits))
-        handles.append(Patch(facecolor=COLOURS["view"], alpha=0.35, label="field of view"))
-    if scene.arrays:
-        at = np.array([a.position[:2] for a in scene.arrays])
-        handles += axes.plot(
-            at[:, 0], at[:, 1], "D", color=COLOURS["ink"], markersize=6, zorder=6, label="microphone array"
-        )
-    if scene.occluders:
-        handles.append(Patch(facecolor=COLOURS["pillar"], edgecolor=COLOURS["wall"], label="static occluder"))
-    return handles
-
-
-def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
-    """Field of view, cut off by occluders and by the room's walls."""
-    walls = [edges_of(o.polygon) for o in scene.occluders]
-    room = None if scene.room is None else Polygon(scene.room)
-    if (
-        scene.room is not None
-        and room is not None
-        and room.get_path().contains_point((camera.ground[0], camera.ground[1]))
-    ):
-        walls.append(edges_of(scene.room))
-    far = float(np.hypot(*(limits[1] - limits[0])))
-    blocks = np.concatenate(walls) if walls else np.empty((0, 2, 2))
-    area = visible_area(camera.ground, camera.yaw, camera.fov, min(camera.range, far), blocks)
-    wedge = Polygon(area, facecolor=COLOURS["view"], alpha=0.1, edgecolor=COLOURS["view"], linewidth=0.7, zorder=1.0)
-    axes.add_patch(wedge)
-    if scene.room is not None:
-        wedge.set_clip_path(Polygon(scene.room, transform=axes.transData))
-
-
-def _cameras(axes: Axes, cameras: list[Camera], limits: Floats) -> Line2D:
-    """Cameras as dots with their optical axes as short lines."""
-    length = 0.05 * float((limits[1] - limits[0]).max())
-    for camera in cameras:
-        tip = camera.ground + length * np.array([np.cos(camera.yaw), np.sin(camera.yaw)])
-        axes.annotate(
-            "", xy=(tip[0], tip[1]), xytext=(camera.ground[0], camera.ground[1]), zorder=5.5,
-            arrowprops={"arrowstyle": "-|>", "color": COLOURS["ink"], "linewidth": 1.1, "shrinkA": 0,
-                        "shrinkB": 0, "mutation_scale": 8},
-        )  # fmt: skip
-    at = np.array([c.ground for c in cameras])
-    line: Line2D
-    (line,) = axes.plot(
-        at[:, 0], at[:, 1], "s", color=COLOURS["ink"], markersize=5, zorder=6, label="camera, optical axis"
-    )
-    return line
-
-
-def _name_sensors(axes: Axes, scene: Scene, limits: Floats) -> None:
-    names: dict[tuple[float, float], list[str]] = {}
-    for name, xy in places(scene).items():
-        names.setdefault((float(xy[0]), float(xy[1])), []).append(label(name, 16))
-    texts = [label(", ".join(group), 40) for group in names.values()]
-    place_labels(axes, np.array(list(names)).reshape(-1, 2), texts, limits)
 
 
 def _moving_occluders(axes: Axes, truth: Truth) -> list[Line2D | Patch]:
@@ -260,18 +199,3 @@ def _ends(axes: Axes, path: Tracks | Truth, colour: str) -> None:
     edge: dict[str, Any] = {"markerfacecolor": COLOURS["halo"], "markeredgecolor": colour, "markeredgewidth": 1.6}
     axes.plot(path.x[:1], path.y[:1], "o", **edge, **style)
     axes.plot(path.x[-1:], path.y[-1:], "X", color=colour, **style)
-
-
-def _scale_bar(axes: Axes, limits: Floats, unit: str) -> None:
-    """A bar of a round length in the lower right corner, outside the room where there is space."""
-    size = limits[1] - limits[0]
-    goal = 0.15 * float(size.max())
-    power = 10.0 ** np.floor(np.log10(goal))
-    length = max(k * power for k in (1.0, 2.0, 5.0) if k * power <= goal)
-    right, low = limits[1, 0] - 0.02 * size[0], limits[0, 1] + 0.015 * size[1]
-    bar = Rectangle((right - length, low), length, 0.006 * float(size.max()), color=COLOURS["ink"], zorder=7)
-    axes.add_patch(bar)
-    axes.annotate(
-        f"{length:g} {unit}", (right - length, low), (-4, -1), textcoords="offset points",
-        ha="right", va="bottom", fontsize=8, zorder=7,
-    )  # fmt: skip

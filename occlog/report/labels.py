@@ -12,7 +12,9 @@ CHARACTER = 0.62
 """Mean width of a character in units of the font's size."""
 
 
-def place_labels(axes: Axes, points: Floats, texts: list[str], limits: Floats, size: float = 8.5) -> None:
+def place_labels(
+    axes: Axes, points: Floats, texts: list[str], limits: Floats, keep_free: list[Floats], size: float = 8.5
+) -> None:
     """Write a name at each point, on the side where it is free, outward first.
 
     Args:
@@ -20,14 +22,16 @@ def place_labels(axes: Axes, points: Floats, texts: list[str], limits: Floats, s
         points: (N, 2) in data coordinates.
         texts: N names.
         limits: (2, 2) lower and upper corner of the axes.
+        keep_free: boxes (2, 2) in data coordinates that no name should cover.
         size: of the font, in points.
     """
-    box = axes.get_window_extent()
+    window = axes.get_window_extent()
     extent = limits[1] - limits[0]
     # Points of the font a unit of the data takes; the axes keep equal scales inside their box.
-    scale = 72.0 / float(axes.figure.dpi) * min(box.width / extent[0], box.height / extent[1])
+    scale = 72.0 / float(axes.figure.dpi) * min(window.width / extent[0], window.height / extent[1])
     centre = limits.mean(axis=0)
-    taken: list[Floats] = [np.array([p, p]) * scale + np.array([[-5, -5], [5, 5]]) for p in points]
+    mark = np.array([[-5.0, -5.0], [5.0, 5.0]])
+    taken = [np.array([p, p]) * scale + mark for p in points] + [box * scale + 0.4 * mark for box in keep_free]
     for point, text in zip(points, texts, strict=True):
         shape = np.array([CHARACTER * size * len(text), size])
         offsets = _offsets(point - centre, shape)
