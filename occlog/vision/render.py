@@ -40,10 +40,12 @@ PERSON = 0.5
 class RenderConfig:
     """How the video looks."""
 
-    noise: float = 2.0  # standard deviation of the sensor noise of every pixel and colour [grey levels]
+    noise: float = 1.5  # standard deviation of the noise of every pixel, common to its colours [grey levels]
+    colour_noise: float = 1.0  # the same, of every colour alone [grey levels]
     light_drift: float = 0.03  # the light changes slowly by this share up and down
     light_period_s: float = 60.0  # in this time
     shadows: bool = True
+    texture: float = 1.0  # contrast of tiles, bricks and grain; 0: plain paint, which makes small files
     lookalike: bool = False  # occluders wear the same clothes as targets
     min_visible: float = 0.1  # a body has a box when at least this share of it is visible
     diameter: float = 3.33  # of an object in a scene whose unit is not a length: it is taken as 0.5 m
@@ -107,15 +109,16 @@ def render(scene: Scene, truth_chunks: Iterable[Truth], config: RenderConfig, se
     numbers = [i for i, camera in enumerate(scene.cameras) if camera.placed]
     cameras = [_checked(scene.cameras[i]) for i in numbers]
     noise = generator(seed, Stage.RENDER_SENSOR).standard_normal(NOISE, dtype=np.float32)
-    canvases = [canvas(scene, camera, metre, noise) for camera in cameras]
+    canvases = [canvas(scene, camera, metre, noise, config.texture) for camera in cameras]
     phase = generator(seed, Stage.RENDER_LIGHT).uniform(0.0, 2 * np.pi)
+    sigmas = (config.noise, config.colour_noise)
     start_ns: int | None = None
 
     def shot(job: _Job) -> Rendered:
         rng = generator(seed, Stage.RENDER_SENSOR, numbers[job.number], job.frame)
         angle = 2 * np.pi * (job.t_ns - (start_ns or 0)) * 1e-9 / config.light_period_s + phase
         gain = 1.0 + config.light_drift * math.sin(angle)
-        drawn = draw(canvases[job.number], job.rows, job.clothes, gain, config.noise, config.shadows, rng)
+        drawn = draw(canvases[job.number], job.rows, job.clothes, gain, sigmas, config.shadows, rng)
         return _rendered(cameras[job.number], job, drawn, config)
 
     grids = walking(map(truth_grid, truth_chunks), metre)

@@ -52,7 +52,7 @@ class Drawn(NamedTuple):
     visible: Ints  # (m, 5) the same of the visible parts
 
 
-def canvas(scene: Scene, camera: Camera, metre: float, noise: Floats32) -> Canvas:
+def canvas(scene: Scene, camera: Camera, metre: float, noise: Floats32, contrast: float = 1.0) -> Canvas:
     """Everything about a camera that does not change, and its work space.
 
     Args:
@@ -61,9 +61,10 @@ def canvas(scene: Scene, camera: Camera, metre: float, noise: Floats32) -> Canva
         metre: a metre in scene units.
         noise: (N,) standard normal numbers; every row of a frame takes a stretch of them from
             a random place on.  N must be well above three times the width of the image.
+        contrast: of the surfaces' grain.
     """
     lights = lamps(scene.region, scene.room_height)
-    return _on(camera, background(scene, camera, metre), lights, metre, noise)
+    return _on(camera, background(scene, camera, metre, contrast), lights, metre, noise)
 
 
 def bare_canvas(camera: Camera, lights: Floats, metre: float) -> Canvas:
@@ -88,7 +89,13 @@ def _on(camera: Camera, empty: Background, lights: Floats, metre: float, noise: 
 
 
 def draw(
-    c: Canvas, rows: Floats, clothes: Clothes, gain: float, sigma: float, shadows: bool, rng: np.random.Generator
+    c: Canvas,
+    rows: Floats,
+    clothes: Clothes,
+    gain: float,
+    sigmas: tuple[float, float],
+    shadows: bool,
+    rng: np.random.Generator,
 ) -> Drawn:
     """One frame.
 
@@ -97,7 +104,7 @@ def draw(
         rows: (n, 5) x, y, vx, vy, phase of the objects; a row with NaN is not there.
         clothes: of the n objects.
         gain: factor of the light.
-        sigma: standard deviation of the noise [grey levels].
+        sigmas: standard deviation of the noise common to the three colours, and of that of each colour [grey levels].
         shadows: whether bodies throw shadows on the floor.
         rng: source of the noise.
     """
@@ -107,9 +114,9 @@ def draw(
     if shadows:
         _shadows(c, rows[present], worn)
     extent, visible = _bodies(c, rows[present], worn)
-    rows_of_noise = rng.integers(0, len(c.noise) - 3 * c.image.shape[1], len(c.image), endpoint=True)
+    stretches = rng.integers(0, len(c.noise) - 3 * c.image.shape[1], (len(c.image), 2), endpoint=True)
     image = np.empty(c.image.shape, dtype=np.uint8)
-    finish_into(image, c.image, c.noise, rows_of_noise, gain, sigma)
+    finish_into(image, c.image, c.noise, stretches, gain, *sigmas)
     return Drawn(image, present, extent, visible)
 
 

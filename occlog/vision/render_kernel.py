@@ -250,22 +250,25 @@ def shadow_into(
 
 
 @kernel
-def finish_into(out: Bytes, image: Floats32, noise: Floats32, starts: Ints, gain: float, sigma: float) -> None:
+def finish_into(
+    out: Bytes, image: Floats32, noise: Floats32, starts: Ints, gain: float, common: float, single: float
+) -> None:
     """The frame as the sensor delivers it: `gain` times the light plus noise, rounded and clipped to 0-255.
 
     Args:
         out: (H, W, 3) the frame.
         image: (H, W, 3) light.
-        noise: (N,) standard normal numbers; a row of the image takes a stretch of them.
-        starts: (H,) where the stretch of each row starts, at most N - 3 W.
+        noise: (N,) standard normal numbers; a row of the image takes two stretches of them.
+        starts: (H, 2) where the stretches of each row start, at most N - 3 W.
         gain: factor of the light.
-        sigma: standard deviation of the noise.
+        common: standard deviation of the noise that is the same in the three colours.
+        single: standard deviation of the noise of each colour alone.
     """
-    width = image.shape[1]
-    g, sd = np.float32(gain), np.float32(sigma)
+    g, sd, sd1 = np.float32(gain), np.float32(common), np.float32(single)
     for row in range(image.shape[0]):
-        first = starts[row]
-        for col in range(width):
+        first, second = starts[row, 0], starts[row, 1]
+        for col in range(image.shape[1]):
+            shared = sd * noise[first + col] + np.float32(0.5)
             for b in range(3):
-                value = g * image[row, col, b] + sd * noise[first + 3 * col + b] + np.float32(0.5)
+                value = g * image[row, col, b] + shared + sd1 * noise[second + 3 * col + b]
                 out[row, col, b] = np.uint8(min(np.float32(255.0), max(np.float32(0.0), value)))

@@ -45,6 +45,7 @@ class Solid(NamedTuple):
     height: float  # of the ceiling
     lights: Floats  # (L, 5)
     metre: float  # a metre in scene units
+    contrast: float  # of the surfaces' grain
 
 
 class Background(NamedTuple):
@@ -100,7 +101,7 @@ def cast(
     return t_out, hit
 
 
-def solid_scene(scene: Scene, camera: Camera, metre: float) -> Solid:
+def solid_scene(scene: Scene, camera: Camera, metre: float, contrast: float) -> Solid:
     """What of the scene a camera can hit: the sides of walls and pillars that face it."""
     sides: list[list[float]] = []
     wall: list[bool] = []
@@ -121,6 +122,7 @@ def solid_scene(scene: Scene, camera: Camera, metre: float) -> Solid:
         scene.room_height,
         lamps(scene.region, scene.room_height),
         metre,
+        contrast,
     )
 
 
@@ -139,9 +141,9 @@ def _sides(polygon: Floats, height: float, ground: Floats, inner: bool) -> list[
     return found
 
 
-def background(scene: Scene, camera: Camera, metre: float) -> Background:
+def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0) -> Background:
     """The view of the empty room by one camera, with four sight lines a pixel."""
-    solid = solid_scene(scene, camera, metre)
+    solid = solid_scene(scene, camera, metre, contrast)
     out = blank(camera, len(solid.lights))
     height = out.depth.shape[0]
     for top in range(0, height, BAND):
@@ -229,17 +231,17 @@ def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: S
 def _surface(what: int, metres: Floats, solid: Solid) -> tuple[Floats, Floats]:
     """Colours before lighting of points on one surface, and its normal."""
     x, y, z = metres.T
-    k = what - FACES
+    k, contrast = what - FACES, solid.contrast
     if what == FLOOR:
-        return texture.floor_colour(x, y), np.array([0.0, 0.0, 1.0])
+        return texture.floor_colour(x, y, contrast), np.array([0.0, 0.0, 1.0])
     if what == CEILING:
-        return texture.ceiling_colour(x, y), np.array([0.0, 0.0, -1.0])
+        return texture.ceiling_colour(x, y, contrast), np.array([0.0, 0.0, -1.0])
     if k >= len(solid.faces):
-        return texture.pillar_colour(x, y, k), np.array([0.0, 0.0, 1.0])
+        return texture.pillar_colour(x, y, k, contrast), np.array([0.0, 0.0, 1.0])
     ax, ay, bx, by, height = solid.faces[k]
     length = np.hypot(bx - ax, by - ay)
     ex, ey = (bx - ax) / length, (by - ay) / length
     along = (x - ax / solid.metre) * ex + (y - ay / solid.metre) * ey
     if solid.wall[k]:
-        return texture.wall_colour(along, z, k, height / solid.metre), np.array([-ey, ex, 0.0])
-    return texture.pillar_colour(along, z, k), np.array([ey, -ex, 0.0])
+        return texture.wall_colour(along, z, k, height / solid.metre, contrast), np.array([-ey, ex, 0.0])
+    return texture.pillar_colour(along, z, k, contrast), np.array([ey, -ex, 0.0])

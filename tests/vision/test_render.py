@@ -13,7 +13,7 @@ from occlog.vision.render_reference import reference_appearances
 
 ROOM = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
 PILLAR = np.array([[4.0, 2.0], [4.5, 2.0], [4.5, 2.5], [4.0, 2.5]])
-QUIET = RenderConfig(noise=0.0, light_drift=0.0)
+QUIET = RenderConfig(noise=0.0, colour_noise=0.0, light_drift=0.0)
 
 pytestmark = pytest.mark.jit
 
@@ -82,20 +82,31 @@ def test_neither_workers_nor_chunks_nor_other_cameras_change_a_frame():
     assert (frames_of(where, table, config, seed=2)[0].image != one[0].image).any()
 
 
-def test_noise_has_the_stated_size_and_no_memory():
-    got = frames_of(scene(), still((3.0, 3.0), frames=12), RenderConfig(noise=4.0, light_drift=0.0))
+@pytest.mark.parametrize(("common", "single"), [(4.0, 0.0), (0.0, 4.0), (3.0, 2.0)])
+def test_noise_has_the_stated_size_and_no_memory(common, single):
+    """Variance, covariance of two colours and of two frames, each within 4 standard errors of 23 independent frames."""
+    got = frames_of(
+        scene(), still((3.0, 3.0), frames=24), dataclasses.replace(QUIET, noise=common, colour_noise=single)
+    )
     images = np.stack([r.image for r in got]).astype(float)
-    middle = (images > 20).all(axis=0) & (images < 235).all(axis=0)
-    values = images[:, middle]
-    n = values.size - values.shape[1]
-    spread = np.sqrt(np.sum((values - values.mean(axis=0)) ** 2) / n)
-    assert abs(spread / np.sqrt(16 + 1 / 12) - 1) < 4 / np.sqrt(2 * n)
-    a, b = values[:-1] - values.mean(axis=0), values[1:] - values.mean(axis=0)
-    assert abs(np.mean(a * b) / spread**2 + 1 / 12) < 0.02  # minus 1/12: the mean of 12 frames is taken off
+    middle = (images > 25).all(axis=(0, 3)) & (images < 230).all(axis=(0, 3))
+    values = images[:, middle] - images[:, middle].mean(axis=0)
+    n = 23 * values.shape[1]
+    variance = np.sum(values**2, axis=(0, 1)) / n
+    want = common**2 + single**2 + 1 / 12  # rounding
+    assert np.abs(variance - want).max() < 4 * want * np.sqrt(2 / n)
+    between_colours = np.sum(values[..., 0] * values[..., 1]) / n
+    assert abs(between_colours - common**2) < 4 * want / np.sqrt(n)
+    between_frames = np.sum(values[:-1] * values[1:], axis=(0, 1)) / n
+    assert np.abs(between_frames + want / 24).max() < 4 * want / np.sqrt(n)  # the mean was taken off
+    beside = images[:, :, 1:, 0] - images[:, :, :-1, 0]
+    beside = beside[:, middle[:, 1:] & middle[:, :-1]]
+    beside -= beside.mean(axis=0)
+    assert abs(beside.var() * 24 / 23 / (2 * want) - 1) < 0.03  # neighbours are independent
 
 
 def test_light_drifts_by_the_stated_share_over_the_stated_period():
-    config = RenderConfig(noise=0.0, light_drift=0.1, light_period_s=2.0)
+    config = dataclasses.replace(QUIET, light_drift=0.1, light_period_s=2.0)
     truth = still((3.0, 3.0), frames=41)  # 4 s: two periods
     images = np.stack([r.image for r in frames_of(scene(), truth, config)]).astype(float)
     usual = np.stack([r.image for r in frames_of(scene(), truth.take(slice(0, 2)))]).astype(float)[0]

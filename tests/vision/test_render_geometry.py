@@ -51,7 +51,7 @@ def sheet(number):
 def shot(cam, places, **values):
     clothes = outfit([person(i) for i in range(len(places))])
     on = sheet(VIEWS.index(cam)) if cam in VIEWS else canvas(SCENE, cam, 1.0, NOISE)
-    return draw(on, rows(*places, **values), clothes, 1.0, 0.0, False, np.random.default_rng(0))
+    return draw(on, rows(*places, **values), clothes, 1.0, (0.0, 0.0), False, np.random.default_rng(0))
 
 
 @pytest.mark.jit
@@ -113,7 +113,7 @@ def test_the_axis_of_a_standing_body_is_in_the_middle_of_its_pixels(place):
     toward = -np.array([np.cos(np.radians(yaw)), np.sin(np.radians(yaw))]) * 1e-6
     sheet = canvas(SCENE, cam, 1.0, NOISE)
     clothes, still = outfit([person(0)]), rows(place, velocity=tuple(toward))
-    image = draw(sheet, still, clothes, 1.0, 0.0, False, np.random.default_rng(0)).image
+    image = draw(sheet, still, clothes, 1.0, (0.0, 0.0), False, np.random.default_rng(0)).image
     empty = sheet.empty.colour
     changed = np.abs(image.astype(float) - np.floor(np.clip(empty, 0, 255) + 0.5)).max(axis=2) > 3
     axis = cam.project(np.array([[*place, z] for z in (1.1, 1.3, 1.6)]))

@@ -117,10 +117,10 @@ def test_surfaces_have_texture_and_stay_in_range():
     rng = np.random.default_rng(0)
     u, z = rng.uniform(0, 9, 4000), rng.uniform(0, 3, 4000)
     for colour in (
-        texture.floor_colour(u, z),
-        texture.wall_colour(u, z, 1, 3.0),
-        texture.pillar_colour(u, z, 2),
-        texture.ceiling_colour(u, z),
+        texture.floor_colour(u, z, 1.0),
+        texture.wall_colour(u, z, 1, 3.0, 1.0),
+        texture.pillar_colour(u, z, 2, 1.0),
+        texture.ceiling_colour(u, z, 1.0),
     ):
         assert colour.shape == (4000, 3)
         assert colour.min() >= 0

@@ -1,0 +1,117 @@
+"""The `occlog simulate` command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from . import options
+
+F = TypeVar("F", bound=Callable[..., Any])
+POSITIVE = click.FloatRange(min=0, min_open=True)
+AT_LEAST_0 = click.FloatRange(min=0)
+SHARE = click.FloatRange(0, 1)
+COUNT = click.IntRange(min=0)
+
+# Options of one list are fields of one configuration; None: its default, which depends on the length unit.
+WORLD = (
+    click.option("--steps", type=click.IntRange(min=1), default=None,
+                 help="Time steps. [default: 600, or 4000 in units of its own]"),
+    click.option("--seconds", type=AT_LEAST_0, default=None, help="Length of the recording, instead of --steps."),
+    click.option("--rate", "rate_hz", type=POSITIVE, default=None, metavar="HZ",
+                 help="Steps a second. [default: 10, or 1 in units of its own]"),
+    click.option("--targets", type=COUNT, default=None, help="Targets. [default: 1]"),
+    click.option("--occluders", type=COUNT, default=None, help="Other moving objects. [default: 0]"),
+    click.option("--diameter", type=POSITIVE, default=None, metavar="LENGTH",
+                 help="Of every object; their centres keep this distance. [default: 0.5 m, or 3.33]"),
+    click.option("--speed", type=POSITIVE, default=None, metavar="LENGTH",
+                 help="Way of an object in a second. [default: 1.2 m, or 1]"),
+    click.option("--sigma", type=AT_LEAST_0, default=None, metavar="LENGTH",
+                 help="Noise of the motion per axis, gathered in a second. [default: 0.05 m, or 0.33]"),
+    click.option("--redirect", type=SHARE, default=None,
+                 help="Probability of a new destination within a second; 0: only on arrival. [default: 0.095]"),
+    click.option("--clearance", type=AT_LEAST_0, default=None, metavar="LENGTH",
+                 help="Centres keep this distance from walls and static occluders. [default: 0.25 m, or 0; "
+                      "with --render at least half a diameter]"),
+    click.option("--z", type=AT_LEAST_0, default=None, metavar="LENGTH",
+                 help="Height of the objects' reference point. [default: 0.9 m, or not known]"),
+)  # fmt: skip
+
+OBSERVE = (
+    click.option("--bearings/--no-bearings", default=None,
+                 help="Simulate what cameras measure. [default: unless --render]"),
+    click.option("--noise", type=click.Choice(["white", "calibration"]), default=None,
+                 help="Errors of a camera's pose: new in every frame, or fixed in time. [default: white]"),
+    click.option("--miss", type=SHARE, default=None, help="Probability that a visible target is missed. [default: 0]"),
+    click.option("--false-alarm", type=SHARE, default=None,
+                 help="Probability that a frame without the target reports it all the same. [default: 0]"),
+)  # fmt: skip
+
+RENDER = (
+    click.option("--render", is_flag=True, help="Add video of every camera, true boxes, and the targets' appearance."),
+    click.option("--image-noise", type=AT_LEAST_0, default=None, metavar="LEVELS",
+                 help="Noise of every pixel, common to its colours: standard deviation in grey levels of 255. "
+                      "[default: 1.5]"),
+    click.option("--colour-noise", type=AT_LEAST_0, default=None, metavar="LEVELS",
+                 help="Noise of every colour alone. [default: 1]"),
+    click.option("--texture", type=AT_LEAST_0, default=None,
+                 help="Contrast of tiles, bricks and grain; 0, plain paint, makes small files. [default: 1]"),
+    click.option("--light-drift", type=click.FloatRange(0, 1, max_open=True), default=None,
+                 help="Share by which the light rises and falls. [default: 0.03]"),
+    click.option("--light-period", type=POSITIVE, default=None, metavar="SECONDS",
+                 help="Time in which it does so. [default: 60]"),
+    click.option("--shadows/--no-shadows", default=None, help="Shadows of people on the floor. [default: shadows]"),
+    click.option("--lookalike", is_flag=True, default=None, help="The others wear the same clothes as the targets."),
+)  # fmt: skip
+
+
+def settings(command: F) -> F:
+    """Add the options of all lists, in order."""
+    for option in reversed((*WORLD, *OBSERVE, *RENDER)):
+        command = option(command)
+    return command
+
+
+@click.command(name="simulate", short_help="Make a recording with ground truth from a scene.")
+@click.argument("scene", type=options.PATH)
+@options.output_opt("The recording (MCAP).")
+@settings
+@click.option("--fps", type=POSITIVE, default=None, metavar="HZ",
+              help="Frames a second of every camera, instead of the scene's rates.")  # fmt: skip
+@options.seed_opt
+@options.workers_opt
+@options.overwrite_opt
+@options.quiet_opt
+@options.json_opt
+def command(
+    scene: Path,
+    output: Path,
+    fps: float | None,
+    seed: int,
+    workers: int | None,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+    **values: Any,
+) -> int:
+    """Make a recording with ground truth from SCENE (YAML, or a recording that holds a scene).
+
+    Objects walk to random places of the room and go around each other and the static
+    occluders (Ercan et al. 2013, Sec. 6).  The recording holds their true paths and what
+    cameras measure of the targets (Eqs. 1-4) and microphone arrays hear of them; with
+    --render it holds video instead, for `occlog detect`.
+
+    \b
+      occlog simulate examples/room100.yaml -o room.mcap --steps 1000 --occluders 40 --seed 7
+      occlog simulate examples/room.yaml -o video.mcap --render --seconds 15 --occluders 3
+    """
+    from .simulate_run import make_setup, run_simulate
+
+    options.check_outputs([scene], [output], overwrite)
+    loaded = options.load_scene(scene, None, scene)
+    setup = make_setup(loaded, values, fps, workers)
+    summary = run_simulate(scene, setup, output, seed, overwrite=overwrite, quiet=quiet)
+    return options.finish(summary, [], as_json)
