@@ -99,12 +99,14 @@ def _run(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> No
 
 def _video(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> None:
     from .video_decode import CAPTURE_OPTIONS, decode, examine
+    from .video_sizes import size_changes
 
     os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS
     video = examine(Path(job["path"]))
     send(out, {"size": video.size, "frames": video.frames, "rate": video.rate_hz, "bars": video.bars})
-    log.news()  # what was written about the trial frame will be written again
-    for picture in decode(video, job["start"], job["stop"], losses.append, log.news):
+    sizes = size_changes(video.path)
+    log.news()  # what was written about the trial frame, or about packets, will be written again
+    for picture in decode(video, job["start"], job["stop"], losses.append, log.news, sizes):
         _deliver(job, out, picture.index, picture.pos_ns, picture.image)
 
 

@@ -17,6 +17,7 @@ from .frame_times import frames_to_ns
 from .video_container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_short, unknown_frames, unpack
 
 EMPTY = -1
+MIN_RATE, MAX_RATE = 0.01, 1e6
 _LISTS = (b"RIFF", b"LIST")
 
 
@@ -93,7 +94,7 @@ def _video_stream(data: mmap.mmap, header: Span) -> tuple[int, Fraction, int]:
         strh = next((c for c in _chunks(data, part.start + 4, part.stop) if c.kind == b"strh"), None)
         if strh is not None and data[strh.start : strh.start + 4] == b"vids":
             scale, rate, _, length = unpack(data, "<IIII", strh.start + 20)
-            if not 0 < rate / max(scale, 1) <= 1e6 or scale == 0:
+            if scale == 0 or not MIN_RATE <= rate / scale <= MAX_RATE:
                 raise BrokenContainerError(strh.start, f"a frame rate of {rate}/{scale}")
             return number, Fraction(rate, scale), length
         number += 1
@@ -101,21 +102,23 @@ def _video_stream(data: mmap.mmap, header: Span) -> tuple[int, Fraction, int]:
 
 
 def _container(data: mmap.mmap, found: _Found, stream: int, rate: Fraction, announced: int) -> Container:
-    tag = f"{stream:02d}".encode()
-    numbered = _numbered_chunks(data, found, tag)
-    last = max(numbered, default=-1) + 1
+    numbered = _numbered_chunks(data, found, f"{stream:02d}".encode())
+    number = np.fromiter(numbered, dtype=np.int64, count=len(numbered))
+    place, size = np.array(list(numbered.values()), dtype=np.int64).reshape(-1, 2).T
+    last = int(number.max(initial=-1)) + 1
     if announced > max(MAX_FRAMES, last):
         found.problems.append(("header", f"{announced} frames announced; that cannot be"))
         announced = last
     if announced == 0 and last:
         found.problems.append(("header", "it was never completed (its recorder was stopped)"))
     n = max(announced, last)
-    whole = {k: place + size <= len(data) for k, (place, size) in numbered.items()}
-    empty = {k for k, (_, size) in numbered.items() if size == 0}
-    broken = np.array([not whole.get(k, False) for k in range(n)], dtype=np.bool_)
-    kept = np.array([k for k in range(n) if k not in empty], dtype=np.int64)
-    row_of = {int(k): row for row, k in enumerate(kept)}
-    packets = np.array([row_of.get(k, EMPTY) for k in numbered], dtype=np.int64)
+    broken = np.ones(n, dtype=np.bool_)
+    broken[number] = place + size > len(data)
+    # An empty chunk stands for a frame that the recorder dropped: it takes its time, and has no picture.
+    shown = np.ones(n, dtype=np.bool_)
+    shown[number[size == 0]] = False
+    kept = np.flatnonzero(shown)
+    packets = np.where(shown[number], np.searchsorted(kept, number), EMPTY)
     pts = frames_to_ns(kept, rate.limit_denominator(10**6))
     return Container("avi", pts, broken[kept], False, rate, tuple(found.problems), packets)
 

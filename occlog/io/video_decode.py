@@ -25,6 +25,7 @@ from .image_codec import MAX_PIXELS, dark_bars
 from .inputs import check_input
 from .video_container import Container, read_container
 from .video_ledger import Ledger
+from .video_sizes import Changes, size_at
 
 PATIENCE = 64
 """Failed reads in a row, beyond the frames still expected, after which the file is taken to be at its end."""
@@ -33,7 +34,7 @@ TRIAL = 4
 WHAT = "a video file"
 CAPTURE_OPTIONS = (
     "protocol_whitelist;file|format_whitelist;mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,h264,"
-    "hevc,mjpeg,m4v,ivf,y4m,yuv4mpegpipe,dv,gif,apng,nut,rawvideo"
+    "hevc,mjpeg,jpeg_pipe,png_pipe,m4v,ivf,y4m,yuv4mpegpipe,dv,gif,apng,nut,rawvideo"
 )
 """What FFmpeg may open: files, and no play lists that name others."""
 
@@ -114,6 +115,7 @@ def decode(
     stop: int | None,
     lost: Callable[[Loss], None],
     complaint: Callable[[], str] = lambda: "",
+    sizes: Changes | None = None,
 ) -> Iterator[Picture]:
     """Pictures of frames start <= number < stop in order; what is missing is told to `lost` at the end.
 
@@ -125,9 +127,11 @@ def decode(
         stop: first frame number not wanted any more; None: to the end.
         lost: is called for everything that should be there and is not.
         complaint: what the decoder has written about damage since the last call, "" if nothing.
+        sizes: where the size of the frames changes, as `size_changes` finds it.
     """
     capture = _open(video.path, video.container)
-    ledger = Ledger(video.path, video.container, video.frames, video.size, start, stop)
+    size = sizes[0][1] if sizes else video.size
+    ledger = Ledger(video.path, video.container, video.frames, size, start, stop)
     try:
         for raw in _trusted(video.container, _raw_pictures(video.frames, capture, complaint)):
             if stop is not None and raw.index >= stop:
@@ -136,7 +140,7 @@ def decode(
                 continue
             ok, image = raw.fetch()
             ledger.note(raw.index, raw.complaint)
-            if ok and ledger.fits(raw.index, image):
+            if ok and ledger.fits(raw.index, size_at(sizes or [], raw.pos_ns) or (image.shape[1], image.shape[0])):
                 yield Picture(raw.index, raw.pos_ns, image)
     finally:
         capture.release()

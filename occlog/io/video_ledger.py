@@ -9,7 +9,6 @@ import numpy as np
 
 from ..columns import Ints
 from ..errors import InputError
-from ..frames import Image
 from ..losses import Loss
 from .video_container import Container
 
@@ -52,12 +51,11 @@ class Ledger:
         if complaint:
             self._complaints.append((index, complaint))
 
-    def fits(self, index: int, image: Image) -> bool:
+    def fits(self, index: int, size: tuple[int, int]) -> bool:
         """Note a picture that was decoded; false if it has another size than the others."""
         self.met += 1
         if self._seen is not None and index < len(self._seen):
             self._seen[index] = True
-        size = (image.shape[1], image.shape[0])
         if size == self._size:
             return True
         self._odd.append((index, size))

@@ -140,9 +140,7 @@ def _edited(data: mmap.mmap, moov: Span, trak: Span, samples: Samples, time: Int
     scale = ticks_per_second(data, need_box(data, moov, b"mvhd"))
     start = int(played[0, 1])
     length = int(played[0, 0]) * samples.scale / scale
-    # Durations are rounded to the coarser ticks of the movie: half a frame is left as slack.
-    slack = samples.scale / scale + (float(np.median(samples.duration)) / 2 if len(time) else 0.0)
-    stop = start + length + slack if length > 0 else np.inf
+    stop = start + length if length > 0 else np.inf
     return np.asarray((time >= start) & (time < stop), dtype=np.bool_)
 
 
