@@ -27,6 +27,8 @@ class Panel(NamedTuple):
 
 DPI = 110.0
 SIZE = (15.0, 9.6)
+MOST_ROWS = 20
+"""Sensors whose sightings fit beside the floor plan; the page has more."""
 
 
 def build_picture(data: ReportInput) -> bytes:
@@ -57,7 +59,7 @@ def _arrange(figure: SubFigure, data: ReportInput, panels: list[Panel]) -> None:
 
 def _figures(figure: FigureBase, data: ReportInput) -> None:
     """Title and key figures as text."""
-    figure.text(0.012, 0.8, label(data.title, 90), fontsize=15, fontweight="bold", va="center")
+    figure.text(0.012, 0.8, label(data.title, 80), fontsize=15, fontweight="bold", va="center")
     shown = headline(data)[:7]
     step = 0.98 / max(len(shown), 6)
     for i, item in enumerate(shown):
@@ -84,6 +86,9 @@ def _panels(data: ReportInput) -> list[Panel]:
     seen = watched(data)
     if bearings is not None and seen:
         target = first if first in seen else seen[0]
-        height = min(1.4 + 0.24 * len(sensors(data)), 4.6)
-        out.append(Panel(f"What each sensor saw{whose}", height, lambda f: draw_visibility(f, data, bearings, target)))
+        rows = min(len(sensors(data)), MOST_ROWS)
+        height = min(1.4 + 0.24 * rows, 4.8)
+        out.append(
+            Panel(f"What each sensor saw{whose}", height, lambda f: draw_visibility(f, data, bearings, target, rows))
+        )
     return out

@@ -53,7 +53,14 @@ def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
     far = float(np.hypot(*(limits[1] - limits[0])))
     blocks = np.concatenate(walls) if walls else np.empty((0, 2, 2))
     area = visible_area(camera.ground, camera.yaw, camera.fov, min(camera.range, far), blocks)
-    wedge = Polygon(area, facecolor=COLOURS["view"], alpha=0.1, edgecolor=COLOURS["view"], linewidth=0.7, zorder=1.0)
+    wedge = Polygon(
+        area,
+        facecolor=COLOURS["view"],
+        alpha=min(0.1, 1.2 / len(scene.cameras)),
+        edgecolor=COLOURS["view"],
+        linewidth=0.7,
+        zorder=1.0,
+    )
     axes.add_patch(wedge)
     if scene.room is not None:
         wedge.set_clip_path(Polygon(scene.room, transform=axes.transData))

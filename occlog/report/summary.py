@@ -18,7 +18,7 @@ def headline(data: ReportInput) -> list[Figure]:
     """The few figures on top of the page: accuracy first, then how much was processed."""
     out = _accuracy(data)
     if data.time.length > 0:
-        out.append(Figure("recorded time", number(round(data.time.length, 2)), data.time.unit))
+        out.append(Figure("recorded time", number(float(f"{data.time.length:.4g}")), data.time.unit))
     if data.tracks is not None:
         out.append(Figure("estimates", number(len(data.tracks)), "", f"of {plural(len(data.targets), 'target')}"))
     if data.bearings is not None and len(data.bearings):

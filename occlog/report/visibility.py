@@ -87,10 +87,12 @@ def sensors(data: ReportInput) -> tuple[str, ...]:
     return (*known, *(n for n in found if n not in known))
 
 
-def draw_visibility(figure: FigureBase, data: ReportInput, bearings: Bearings, target: int) -> None:
-    """Draw the rows of all sensors for one target, first sensor on top."""
+def draw_visibility(
+    figure: FigureBase, data: ReportInput, bearings: Bearings, target: int, most: int = MOST_ROWS
+) -> None:
+    """Draw the rows of all sensors, or of the first `most`, for one target; the first sensor is on top."""
     axes = figure.add_subplot()
-    names = sensors(data)[:MOST_ROWS]
+    names = sensors(data)[:most]
     shares = []
     for row, name in enumerate(names):
         found = sightings(bearings, name, target)
