@@ -137,8 +137,8 @@ def _job(state: CameraState, frames: list[Frame], before: Future[_Part] | None) 
 
 def _merge(parts: list[_Part]) -> Detections:
     return Detections(
-        Views.concat(p.views for p in parts).sorted(),
-        Bearings.concat(p.bearings for p in parts).sorted(),
+        Views.merge(p.views for p in parts),
+        Bearings.merge(p.bearings for p in parts),
         tuple(loss for p in sorted(parts, key=lambda p: p.losses[0].source if p.losses else "") for loss in p.losses),
         sum(p.frames for p in parts),
         sum(p.warmup for p in parts),

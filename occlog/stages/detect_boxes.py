@@ -36,7 +36,7 @@ def detect_boxes(boxes: Iterable[Boxes], scene: Scene, config: DetectConfig | No
             views.append(v)
             bearings.append(b)
         frames = len(np.unique(np.rec.fromarrays([chunk.t_ns, chunk.sensor])))
-        yield Detections(Views.concat(views).sorted(), Bearings.concat(bearings).sorted(), (), frames, 0)
+        yield Detections(Views.merge(views), Bearings.merge(bearings), (), frames, 0)
 
 
 def _of_camera(camera: Camera, boxes: Boxes, config: DetectConfig) -> tuple[Views, Bearings]:

@@ -14,9 +14,10 @@ from ..frames import Frame, Image
 from ..losses import Loss
 from ..scene import Camera, Scene
 from ..vision.background import Subtractor, foreground, make_subtractor
-from ..vision.clustering import Prior, cell_side, make_prior
+from ..vision.clustering import cell_side
 from ..vision.components import component_regions
 from ..vision.person_size import SizeMap, constant_sizes, sizes_from_camera
+from ..vision.prior import Prior, make_prior
 from ..vision.regions import Regions, cluster_regions
 from .detect_config import PERSON_HEIGHT, DetectConfig
 from .detect_target import Memory
@@ -124,7 +125,7 @@ def open_eye(state: CameraState, image: Image) -> Eye:
     size = (image.shape[1], image.shape[0])
     check_size(camera, size)
     empty = state.empty if state.empty is not None and state.empty.shape == image.shape else None
-    seed = zlib.crc32(camera.name.encode())
+    seed = zlib.crc32(camera.name.encode()) >> 1
     subtractor = make_subtractor(c.background, c.history, c.threshold, c.shadows, empty, seed)
     sizes = state.sizes if state.sizes is not None else known_sizes(camera, state.scene, size, c)
     if sizes is None:

@@ -56,7 +56,7 @@ class DetectConfig:
     least: float = 0.2  # smallest cluster, in pixels of a person in full view
     targets: tuple[Target, ...] = field(default=())
     lone_target_id: int = 0  # id of the one target when no appearance is known
-    likeness: float = 0.75  # least likeness (Bhattacharyya coefficient) to a target
+    likeness: float = 0.7  # least likeness (Bhattacharyya coefficient) to a target
     margin: float = 0.05  # likeness that closeness to where the target was last seen is worth
     memory_s: float = 1.0  # how long that counts
     min_confidence: float = 0.3  # of a detector's box

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..core.jit import kernel
 from .appearance import N_BINS, as_colour, normalised, pixel_bin
-from .clustering import Prior, place
+from .prior import Prior, place
 from .regions import Regions
 
 Floats = NDArray[np.float64]

@@ -16,7 +16,7 @@ from ..scene import Camera
 
 Floats = NDArray[np.float64]
 
-WIDTH_SHARE = 0.36  # width over height of a walking person with arms, seen from any side
+WIDTH_SHARE = 0.34  # width over height of a walking person with arms, seen from any side
 DEPTH_SHARE = 0.2
 FILL = 0.6  # share of a person's bounding box that is foreground
 GRID = 24  # cells of a size map along the longer side of the image

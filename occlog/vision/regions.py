@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ..core.jit import kernel
 from .appearance import N_BINS, as_colour, normalised, pixel_bin
 from .cells import gather
-from .clustering import Clusters, Prior, find_clusters
+from .clustering import Clusters, find_clusters
+from .prior import Prior
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
