@@ -1,0 +1,64 @@
+"""What a tracking method is: records of one scan in, an estimate out, and a state in between.
+
+An online method is two pure functions.  `init` makes the state before the first scan,
+`step` takes a scan in and returns the next state and the estimate; neither changes its
+arguments (but for the generator, from which it draws).  A state belongs to one target.
+Scans come in the order of their times, at any intervals, from any set of sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from numpy.random import Generator
+
+from ..columns import Bools, Floats, Ints
+from ..scene import Scene
+
+
+class Scan(NamedTuple):
+    """What all sensors say about a target at one time; R rows as in `occlog.records.Bearings`, by sensor.
+
+    A labelled sensor has one row.  An unlabelled one has a row for each candidate, or one
+    that is not `seen`.
+    """
+
+    t_ns: int
+    sensor: Ints  # (R,) place in `sensor_names`, rising
+    labelled: Bools  # (R,) false: candidates that may be of any object
+    seen: Bools  # (R,)
+    bearing: Floats  # (R,) [rad]
+    sigma: Floats  # (R,) [rad]
+    u_px: Floats  # (R,) NaN where the sensor gives no pixels
+    sigma_px: Floats  # (R,) NaN: the camera's read noise
+    score: Floats  # (R,) NaN: unknown
+
+
+class Estimate(NamedTuple):
+    """What a filter knows after a scan, and how it fared."""
+
+    xy: Floats  # (2,)
+    velocity: Floats  # (2,) per second; NaN if the method does not estimate it
+    covariance: Floats  # (2, 2) of xy
+    ess: float  # effective sample size
+    log_likelihood: float  # of the scan given those before; NaN if no state was possible
+    n_looked: int
+    n_seen: int
+    fallback: str  # as in `occlog.records.Diagnostics`
+    used: tuple[int, ...]  # sensors, places in `sensor_names`
+
+
+class Online(NamedTuple):
+    """A method that takes in one scan after the other."""
+
+    summary: str
+    config: type  # frozen dataclass of its settings, validated; see `settings.configure`
+    defaults: Callable[[str], Any]  # settings that suit a scene's length unit
+    init: Callable[[Scene, Any, Generator], Any]
+    step: Callable[[Any, Scan, Generator], tuple[Any, Estimate]]
+
+
+def sensor_names(scene: Scene) -> tuple[str, ...]:
+    """Names of all sensors of a scene, cameras first; `Scan.sensor` counts in this order."""
+    return (*(c.name for c in scene.cameras), *(a.name for a in scene.arrays))
