@@ -50,11 +50,11 @@ class Rows:
             values = cells.astype(np.float64)
         except ValueError:
             row = next(n for n, cell in enumerate(cells) if not _is_number(cell, blank))
-            raise self.fail(row, f"{name} is {cells[row]!r}; a number was expected; correct this line") from None
+            raise self.fail(row, f"{name} is {str(cells[row])!r}; a number was expected; correct this line") from None
         bad = np.isinf(values) if blank else ~np.isfinite(values)
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
-            raise self.fail(row, f"{name} is {cells[row]!r}; a finite number was expected; correct this line")
+            raise self.fail(row, f"{name} is {str(cells[row])!r}; a finite number was expected; correct this line")
         return values
 
     def ints(self, name: str) -> Ints:
@@ -67,7 +67,7 @@ class Rows:
         bad = (values != np.round(values)) | (np.abs(values) >= 2.0**53)
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
-            raise self.fail(row, f"{name} is {cells[row]!r}; a whole number was expected; correct this line")
+            raise self.fail(row, f"{name} is {str(cells[row])!r}; a whole number was expected; correct this line")
         return values.astype(np.int64)
 
     def has(self, name: str) -> bool:

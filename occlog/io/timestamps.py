@@ -142,7 +142,7 @@ def _by_camera(rows: Rows, cameras: Sequence[str]) -> dict[str, Ints]:
             continue  # the file may tell about more cameras than are ingested
         out[name] = _in_order(rows, t_ns[picked], picked)
     if not out:
-        raise InputError(f"{rows.path}: tells about {given[0]!r}, but none of {', '.join(cameras)}")
+        raise InputError(f"{rows.path}: tells about {str(given[0])!r}, but none of {', '.join(cameras)}")
     return out
 
 

@@ -84,7 +84,7 @@ def csv_positions(rows: Rows, options: TruthOptions) -> Positions:
     role = rows.cells["role"] if rows.has("role") else np.full(n, "target")
     wrong = np.flatnonzero(~np.isin(role, ("target", "occluder")))
     if len(wrong):
-        raise rows.fail(int(wrong[0]), f"role {role[wrong[0]]!r} must be target or occluder")
+        raise rows.fail(int(wrong[0]), f"role {str(role[wrong[0]])!r} must be target or occluder")
     return Positions(
         _row_times(rows, options),
         rows.ints("id") if rows.has("id") else np.zeros(n, dtype=np.int64),

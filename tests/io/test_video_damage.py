@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,7 @@ def check(path: Path, data: bytes, *, blurred: int = 0) -> tuple[list[int], list
     given, shown, losses = decoded(path)
     assert sum(g != s for g, s in zip(given, shown, strict=True)) <= blurred
     assert sum(loss.count for loss in losses if "place in" not in loss.what) == FRAMES - len(given)
-    assert all(a < b for a, b in zip(given, given[1:], strict=False))
+    assert all(a < b for a, b in pairwise(given))
     return given, losses
 
 
