@@ -174,6 +174,7 @@ def run_evaluate(paths: Paths, values: Mapping[str, Any]) -> tuple[Evaluation, s
     options.check_outputs(paths.inputs, (paths.output, paths.errors, paths.bound), paths.overwrite)
     t = read_tables(paths)
     config = make_config(with_defaults(values, paths.truth, t.scene.length_unit))
+    _check_held_out(paths.tracks, config.held_out)
     result = evaluate(
         t.tracks, t.truth, t.bearings, t.scene, config, views=t.views, truth_boxes=t.truth_boxes
     )  # fmt: skip
@@ -302,6 +303,19 @@ def _check_unit(path: Path | None, scene: Scene) -> None:
         raise InputError(
             f"{path}: lengths are in {unit}, but in {scene.length_unit} in the scene; use one scene for both"
         )
+
+
+def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:
+    """InputError if the tracks say that they were made with a sensor that is held out."""
+    from ..io.parquet import read_provenance
+
+    if tracks is None or not held_out or tracks.suffix.lower() == ".mcap":
+        return
+    used = read_provenance(tracks).parameters.get("sensors")
+    both = [name for name in held_out if isinstance(used, list) and name in used]
+    if both:
+        names = ",".join(both)
+        raise InputError(f"{tracks}: was made with {names}; make it again with `occlog track --without {names}`")
 
 
 def _write(paths: Paths, result: Evaluation, unit: str, config: EvaluateConfig) -> None:

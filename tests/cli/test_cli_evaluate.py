@@ -228,6 +228,16 @@ def test_held_out_without_truth(folder: Path, capsys: pytest.CaptureFixture[str]
     assert len(read_table(folder / "e.parquet", Errors)) == 0
 
 
+def test_tracks_made_with_the_held_out_sensor_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = Provenance("track", {"sensors": ["east", "north"]})
+    write_table(folder / "all.parquet", tracks_table(), made)
+    args = ["evaluate", "all.parquet", "--bearings", "bearings.parquet", "--scene", "scene.yaml"]
+    assert run([*args, "--held-out", "north"]) == ExitCode.BAD_INPUT
+    assert "was made with north; make it again with `occlog track --without north`" in capsys.readouterr().err
+    write_table(folder / "some.parquet", tracks_table(), Provenance("track", {"sensors": ["east"]}))
+    assert run(["evaluate", "some.parquet", *args[2:], "--held-out", "north"]) == ExitCode.DONE
+
+
 def test_views_against_true_boxes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     boxes = TruthBoxes.of(
         t_ns=T[:1], sensor=["east"], frame=[0], box=np.zeros(1, np.int32), target_id=np.zeros(1, np.int32),
