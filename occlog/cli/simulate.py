@@ -52,6 +52,9 @@ OBSERVE = (
 
 RENDER = (
     click.option("--render", is_flag=True, help="Add video of every camera, true boxes, and the targets' appearance."),
+    click.option("--store", type=click.Choice(["png", "ffv1"]), default=None,
+                 help="Video as PNG images in the recording, or lossless FFV1 files beside it, which are smaller. "
+                      "[default: png]"),
     click.option("--image-noise", type=AT_LEAST_0, default=None, metavar="LEVELS",
                  help="Noise of every pixel, common to its colours: standard deviation in grey levels of 255. "
                       "[default: 1.5]"),
@@ -109,9 +112,11 @@ def command(
       occlog simulate examples/room.yaml -o video.mcap --render --seconds 15 --occluders 3
     """
     from .simulate_run import make_setup, run_simulate
+    from .simulate_video import video_paths
 
     options.check_outputs([scene], [output], overwrite)
     loaded = options.load_scene(scene, None, scene)
     setup = make_setup(loaded, values, fps, workers)
+    options.check_outputs([scene], [output, *video_paths(setup, output).values()], overwrite)
     summary = run_simulate(scene, setup, output, seed, overwrite=overwrite, quiet=quiet)
     return options.finish(summary, [], as_json)

@@ -6,14 +6,12 @@ import itertools
 import json
 import os
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
 from ..errors import UsageError
-from ..io.image_codec import encode_image
 from ..io.provenance import Provenance, hash_inputs
 from ..io.recording_writer import RecordingWriter
 from ..records import Truth
@@ -26,22 +24,12 @@ from ..stages.simulate import (
     simulate_truth,
     world_config,
 )
-from ..vision.render import RenderConfig, Rendered, render
+from ..vision.render import RenderConfig
 from ..vision.render_reference import reference_appearances
 from . import options
+from .simulate_video import RENDER_ONLY, Setup, film
 
 APPEARANCE = "appearance.json"
-RENDER_ONLY = ("image_noise", "colour_noise", "texture", "light_drift", "light_period", "shadows", "lookalike")
-
-
-@dataclass(frozen=True)
-class Setup:
-    """Everything that decides on the recording, but for the seed."""
-
-    scene: Scene
-    world: WorldConfig
-    observe: ObserveConfig | None  # None: no simulated bearings
-    render: RenderConfig | None  # None: no video
 
 
 def make_setup(scene: Scene, values: Mapping[str, Any], fps: float | None, workers: int | None) -> Setup:
@@ -57,7 +45,8 @@ def make_setup(scene: Scene, values: Mapping[str, Any], fps: float | None, worke
     world = _world(scene, given, rendering)
     observing = bool(given.get("bearings", not rendering))
     watch = replace(ObserveConfig(diameter=world.diameter), **_of(ObserveConfig, given)) if observing else None
-    return Setup(scene, world, watch, _render(world, given, workers) if rendering else None)
+    video = _render(world, given, workers) if rendering else None
+    return Setup(scene, world, watch, video, given.get("store", "png"))
 
 
 def _of(kind: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -79,7 +68,7 @@ def _world(scene: Scene, given: Mapping[str, Any], rendering: bool) -> WorldConf
 
 def _render(world: WorldConfig, given: Mapping[str, Any], workers: int | None) -> RenderConfig:
     names = {"image_noise": "noise", "light_period": "light_period_s"}
-    values = {names.get(n, n): given[n] for n in RENDER_ONLY if n in given}
+    values = {names.get(n, n): given[n] for n in RENDER_ONLY if n in given and n != "store"}
     return RenderConfig(diameter=world.diameter, workers=workers or os.cpu_count() or 1, **values)
 
 
@@ -97,7 +86,7 @@ def run_simulate(
         if setup.render is None:
             deque(options.progress(chunks, "simulate", quiet=quiet), maxlen=0)
         else:
-            _film(writer, setup, chunks, seed, counts, quiet)
+            film(writer, setup, output, chunks, seed, counts, overwrite=overwrite, quiet=quiet)
     return _summary(setup, output, seed, counts)
 
 
@@ -109,6 +98,7 @@ def _parameters(setup: Setup) -> dict[str, Any]:
         values[name] = None if part is None else {k: None if v != v else v for k, v in asdict(part).items()}
     if values["render"] is not None:
         del values["render"]["workers"]
+        values["store"] = setup.store
     values["rates_hz"] = {c.name: c.rate_hz for c in setup.scene.cameras}
     return values
 
@@ -135,38 +125,6 @@ def _recorded(writer: RecordingWriter, setup: Setup, seed: int, counts: Counter[
         yield chunk
 
 
-def _film(
-    writer: RecordingWriter, setup: Setup, chunks: Iterable[Truth], seed: int, counts: Counter[str], quiet: bool
-) -> None:
-    """Render, compress and write the frames of all cameras."""
-    assert setup.render is not None
-    frames = render(setup.scene, chunks, setup.render, seed)
-    total = _frames_in_all(setup)
-    for frame, data in _compressed(options.progress(frames, "render", total, quiet=quiet), setup.render.workers):
-        writer.image(frame.sensor, frame.t_ns, frame.index, data, "png")
-        writer.table(frame.boxes)
-        counts.update(frames=1, image_bytes=len(data), boxes=int((frame.boxes.box >= 0).sum()))
-
-
-def _frames_in_all(setup: Setup) -> int:
-    length_s = (setup.world.steps - 1) * setup.world.step_s
-    rates = [c.rate_hz or 1.0 / setup.world.step_s for c in setup.scene.cameras if c.placed]
-    return sum(int(length_s * rate + 1e-9) + 1 for rate in rates)
-
-
-def _compressed(frames: Iterable[Rendered], workers: int) -> Iterator[tuple[Rendered, bytes]]:
-    """Frames with their PNG bytes, in order; some are compressed while the next ones are drawn."""
-    waiting: deque[tuple[Rendered, Future[bytes]]] = deque()
-    with ThreadPoolExecutor(workers) as pool:
-        for frame in frames:
-            waiting.append((frame, pool.submit(encode_image, frame.image, "png", 0)))
-            if len(waiting) > 2 * workers:
-                done, data = waiting.popleft()
-                yield done, data.result()
-        for done, data in waiting:
-            yield done, data.result()
-
-
 def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dict[str, Any]:
     world = setup.world
     summary: dict[str, Any] = {
@@ -183,5 +141,5 @@ def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dic
     if setup.scene.arrays:
         summary["doa"] = counts["doa"]
     if setup.render is not None:
-        summary |= {n: counts[n] for n in ("frames", "boxes", "image_bytes")}
+        summary |= {n: counts[n] for n in ("frames", "boxes", "video_bytes")}
     return summary

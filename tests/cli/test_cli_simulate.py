@@ -107,6 +107,29 @@ def test_video_boxes_and_appearance(room: Path, tmp_path: Path, capsys: pytest.C
     assert len(recording.read(Doa)) == 42
 
 
+def test_video_files_beside_the_recording_hold_the_same_frames(
+    room: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    png, ffv1 = tmp_path / "png.mcap", tmp_path / "ffv1.mcap"
+    args = ["--seconds", "1", "--occluders", "1", "--render", "--fps", "7", "--json"]
+    assert simulate(room, png, *args) == ExitCode.DONE
+    assert simulate(room, ffv1, *args, "--store", "ffv1") == ExitCode.DONE
+    large, small = (json.loads(line)["video_bytes"] for line in capsys.readouterr().out.splitlines())
+    assert small < 0.8 * large
+    a, b = (list(open_recording(p).frames()) for p in (png, ffv1))
+    assert len(a) == len(b) == 16
+    for x, y in zip(a, b, strict=True):
+        assert (x.t_ns, x.sensor, x.index) == (y.t_ns, y.sensor, y.index)
+        assert (x.decode() == y.decode()).all()
+    before = {p.name: digest(p) for p in tmp_path.glob("ffv1*")}
+    assert sorted(before) == ["ffv1.a.avi", "ffv1.b.avi", "ffv1.mcap"]
+    assert simulate(room, ffv1, *args, "--store", "ffv1") == ExitCode.EXISTS
+    ffv1.unlink()
+    assert simulate(room, ffv1, *args, "--store", "ffv1") == ExitCode.EXISTS  # its videos are still there
+    assert simulate(room, ffv1, *args, "--store", "ffv1", "--overwrite") == ExitCode.DONE
+    assert {p.name: digest(p) for p in tmp_path.glob("ffv1*")} == before
+
+
 def test_rates_of_world_and_cameras(room: Path, tmp_path: Path) -> None:
     out = tmp_path / "r.mcap"
     assert simulate(room, out, "--steps", "41", "--rate", "20", "--fps", "4", "-q") == ExitCode.DONE
@@ -130,6 +153,7 @@ def test_a_recording_can_be_the_scene(room: Path, tmp_path: Path) -> None:
     [
         (["--seconds", "3", "--steps", "4"], ExitCode.USAGE, "--seconds and --steps both say"),
         (["--lookalike"], ExitCode.USAGE, "--lookalike is about video; add --render"),
+        (["--store", "ffv1"], ExitCode.USAGE, "--store is about video"),
         (["--image-noise", "2"], ExitCode.USAGE, "--image-noise is about video"),
         (["--miss", "1.5"], ExitCode.USAGE, "--miss"),
         (["--occluders", "5000"], ExitCode.BAD_INPUT, "use fewer or smaller objects, or a larger room"),

@@ -1,0 +1,128 @@
+"""The video of `occlog simulate --render`: drawn, compressed and written frame by frame."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..io.image_codec import encode_image
+from ..io.provenance import hash_file
+from ..io.recording_writer import RecordingWriter
+from ..io.video_writer import LosslessVideo
+from ..records import Truth
+from ..scene import Camera, Scene
+from ..stages.simulate import ObserveConfig, WorldConfig
+from ..vision.render import RenderConfig, Rendered, render
+from . import options
+
+RENDER_ONLY = (
+    "store",
+    "image_noise",
+    "colour_noise",
+    "texture",
+    "light_drift",
+    "light_period",
+    "shadows",
+    "lookalike",
+)
+"""Options that mean nothing without --render."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything that decides on the recording, but for the seed."""
+
+    scene: Scene
+    world: WorldConfig
+    observe: ObserveConfig | None  # None: no simulated bearings
+    render: RenderConfig | None  # None: no video
+    store: str = "png"  # or "ffv1"
+
+
+def video_paths(setup: Setup, output: Path) -> dict[str, Path]:
+    """The video file of each camera, beside the recording; none where images go into it."""
+    if setup.render is None or setup.store != "ffv1":
+        return {}
+    return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras if c.placed}
+
+
+def film(
+    writer: RecordingWriter,
+    setup: Setup,
+    output: Path,
+    chunks: Iterable[Truth],
+    seed: int,
+    counts: Counter[str],
+    *,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Render all cameras along the chunks of truth; write video and true boxes, and count them."""
+    if setup.render is None:
+        return
+    frames = options.progress(
+        render(setup.scene, chunks, setup.render, seed), "render", _frames_in_all(setup), quiet=quiet
+    )
+    if setup.store == "png":
+        for frame, data in _compressed(frames, setup.render.workers):
+            writer.image(frame.sensor, frame.t_ns, frame.index, data, "png")
+            _count(writer, frame, counts)
+            counts["video_bytes"] += len(data)
+        return
+    paths = video_paths(setup, output)
+    _film_files(writer, setup, paths, frames, counts, overwrite)
+    for name, path in paths.items():
+        writer.video(name, path.name, hash_file(path))
+        counts["video_bytes"] += path.stat().st_size
+
+
+def _count(writer: RecordingWriter, frame: Rendered, counts: Counter[str]) -> None:
+    writer.table(frame.boxes)
+    counts.update(frames=1, boxes=int((frame.boxes.box >= 0).sum()))
+
+
+def _film_files(
+    writer: RecordingWriter,
+    setup: Setup,
+    paths: dict[str, Path],
+    frames: Iterable[Rendered],
+    counts: Counter[str],
+    overwrite: bool,
+) -> None:
+    with ExitStack() as stack:
+        videos: dict[str, LosslessVideo] = {}
+        for frame in frames:
+            if frame.sensor not in videos:
+                rate = _rate(setup, setup.scene.camera(frame.sensor))
+                size = (frame.image.shape[1], frame.image.shape[0])
+                video = LosslessVideo(paths[frame.sensor], size, rate, overwrite=overwrite)
+                videos[frame.sensor] = stack.enter_context(video)
+            videos[frame.sensor].write(frame.image)
+            writer.video_frame(frame.sensor, frame.t_ns, frame.index)
+            _count(writer, frame, counts)
+
+
+def _rate(setup: Setup, camera: Camera) -> float:
+    return camera.rate_hz or 1.0 / setup.world.step_s
+
+
+def _frames_in_all(setup: Setup) -> int:
+    length_s = (setup.world.steps - 1) * setup.world.step_s
+    return sum(int(length_s * _rate(setup, c) + 1e-9) + 1 for c in setup.scene.cameras if c.placed)
+
+
+def _compressed(frames: Iterable[Rendered], workers: int) -> Iterator[tuple[Rendered, bytes]]:
+    """Frames with their PNG bytes, in order; some are compressed while the next ones are drawn."""
+    waiting: deque[tuple[Rendered, Future[bytes]]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        for frame in frames:
+            waiting.append((frame, pool.submit(encode_image, frame.image, "png", 0)))
+            if len(waiting) > 2 * workers:
+                done, data = waiting.popleft()
+                yield done, data.result()
+        for done, data in waiting:
+            yield done, data.result()

@@ -1,0 +1,70 @@
+"""Lossless video files (FFV1 in AVI), half as large as PNG images."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+
+from ..errors import OutputError
+from ..frames import Image
+from .atomic import check_writable, open_output
+from .video_container import read_container
+
+
+class LosslessVideo:
+    """Context manager; the file appears, complete, when the block ends without an error.
+
+    AVI, because it carries neither times nor random numbers: equal images give equal bytes.
+    OpenCV does not say when it cannot write, so the frames in the file are counted at the end.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int], rate_hz: float, *, overwrite: bool = False) -> None:
+        """Prepare to write `path` with images of `size` (width, height)."""
+        self.path, self.size, self.rate_hz, self.overwrite = path, size, rate_hz, overwrite
+        self.frames = 0
+
+    def __enter__(self) -> Self:
+        """Open a temporary file."""
+        check_writable(self.path, self.overwrite)
+        self._folder = tempfile.TemporaryDirectory(prefix="occlog-")
+        self._draft = Path(self._folder.name) / "video.avi"
+        code = cv2.VideoWriter.fourcc(*"FFV1")
+        self._video = cv2.VideoWriter(str(self._draft), cv2.CAP_FFMPEG, code, self.rate_hz, self.size)
+        if not self._video.isOpened():
+            self._folder.cleanup()
+            raise OutputError(f"{self.path}: OpenCV here cannot write FFV1 video; keep PNG images instead")
+        return self
+
+    def write(self, image: Image) -> None:
+        """Add a frame; ValueError for one of another size, which OpenCV would drop silently."""
+        if image.shape != (self.size[1], self.size[0], 3):
+            raise ValueError(f"a frame of shape {image.shape} does not fit a video of {self.size}")
+        self._video.write(image)
+        self.frames += 1
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Complete the file, or drop it after an error."""
+        try:
+            self._video.release()
+            if kind is None:
+                self._finish()
+        finally:
+            self._folder.cleanup()
+
+    def _finish(self) -> None:
+        container = read_container(self._draft)
+        written = 0 if container is None else (container.frames or 0) - int(container.broken.sum())
+        if written != self.frames:
+            raise OutputError(
+                f"{self.path}: only {written} of {self.frames} frames could be written to {self._draft.parent}; "
+                "is the disk for temporary files full?"
+            )
+        with self._draft.open("rb") as draft, open_output(self.path, self.overwrite) as file:
+            shutil.copyfileobj(draft, file, 1 << 20)
