@@ -121,7 +121,11 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
             ordered = ordered and last <= boxes.frame[0] and bool((np.diff(boxes.frame) >= 0).all())
             last, rows = int(boxes.frame[-1]), rows + len(boxes.frame)
             note_times(chunk, boxes, cameras, stamps)
+        if file.camera is not None and file.camera not in cameras:
+            cameras.append(file.camera)
     where = ", ".join(str(f.path) for f in files)
+    if not rows and options.frames is None:
+        raise InputError(f"{where}: no row with a box; if nobody was seen in all frames, give --frames A:B")
     first, stop = options.frames or (int(low), int(high) + 1)
     check_range(first, stop, where)
     times = {name: table_times(found, first, stop, where) for name, found in stamps.items()}

@@ -99,7 +99,7 @@ def test_images_survive_coding_and_damage_is_seen(kind: str) -> None:
     if kind == "png":
         assert np.array_equal(back, image)
     for cut in (10, 100, len(data) // 2, len(data) - 3):
-        with pytest.raises(InputError, match="^x: "):
+        with pytest.raises(InputError, match=r"^x: "):
             decode_image(data[:cut], "x")
     with pytest.raises(InputError, match="not an image"):
         decode_image(b"", "x")
