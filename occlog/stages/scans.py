@@ -2,72 +2,103 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
+from difflib import get_close_matches
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from ..columns import Ints
+from ..columns import Bools, Floats, Ints, Ints32
 from ..errors import InputError
 from ..records import UNLABELLED, Bearings
-from ..trackers.method import Scan
+from ..scene import Scene
+from ..trackers.method import Scan, sensor_names
 
 
 class Group(NamedTuple):
-    """Rows that form one scan, of all targets."""
+    """R rows of `Bearings` that form one scan, of all targets; ordered by sensor, then target."""
 
     t_ns: int
-    rows: Bearings
-    sensor: Ints  # (R,) place of each row's sensor
+    sensor: Ints  # (R,) place in `sensor_names`
+    target: Ints32
+    seen: Bools
+    bearing: Floats
+    sigma: Floats
+    u_px: Floats
+    sigma_px: Floats
+    score: Floats
 
 
-def groups(
-    chunks: Iterable[Bearings], sensors: tuple[str, ...], used: frozenset[str], window_ns: int = 0
-) -> Iterator[Group]:
-    """Scans in the order of time.
+class Rows(NamedTuple):
+    """Which rows of the bearings to use."""
+
+    sensors: Collection[str]
+    targets: Collection[int] | None = None  # labelled rows of others are left out; None: all
+    unlabelled: bool = True
+
+
+def groups(chunks: Iterable[Bearings], scene: Scene, use: Rows, window_ns: int = 0) -> Iterator[Group]:
+    """Scans in the order of time; where chunks are cut does not matter.
 
     Args:
-        chunks: bearings in the order of time; a scan may be spread over chunks.
-        sensors: names of all sensors of the scene.
-        used: names of the sensors to use; rows of others are left out.
-        window_ns: rows at most this far apart form one scan, unless a sensor speaks twice; its
-            time is that of its last row.
+        chunks: bearings in the order of time.
+        scene: must have the sensors.
+        use: which rows to use.
+        window_ns: rows at most this far apart form one scan, unless a sensor speaks at two
+            times; the scan's time is that of its last row.
 
     Raises:
-        InputError: a sensor that the scene does not have, or time stamps that go back or repeat.
+        InputError: a sensor that the scene does not have or that has no pose, times that go back
+            from one chunk to the next, or two rows of a sensor for one target and time.
     """
-    places = {name: i for i, name in enumerate(sensors)}
-    rest = Bearings.empty()
+    names = sensor_names(scene)
+    unplaced = {c.name for c in scene.cameras if not c.placed} & set(use.sensors)
+    rest, last_ns, count = Bearings.empty(), None, 0
     for chunk in chunks:
-        _check_follows(rest, chunk)
-        table = Bearings.concat([rest, _known(chunk, places, used)])
+        if not len(chunk):
+            continue
+        _check_sensors(chunk, names, unplaced, count)
+        if last_ns is not None and chunk.t_ns[0] < last_ns:
+            raise InputError(
+                f"bearings: row {count}: sensor {str(chunk.sensor[0])!r}: time {chunk.t_ns[0]} ns comes after "
+                f"{last_ns} ns; sort by t_ns"
+            )
+        last_ns, count = int(chunk.t_ns[-1]), count + len(chunk)
+        table = Bearings.concat([rest, _chosen(chunk, use)])
         starts = _starts(table, window_ns)
-        for first, last in itertools.pairwise(starts):
-            yield _group(table.take(slice(first, last)), places)
+        yield from _split(table, starts, names)
+        # The last group may go on in the next chunk.
         rest = table.take(slice(starts[-1], None)) if len(table) else table
     if len(rest):
-        yield _group(rest, places)
+        yield from _split(rest, [0, len(rest)], names)
 
 
-def _check_follows(before: Bearings, chunk: Bearings) -> None:
-    if len(before) and len(chunk) and chunk.t_ns[0] < before.t_ns[-1]:
-        raise InputError(
-            f"bearings: sensor {chunk.sensor[0]}: time {chunk.t_ns[0]} ns comes after "
-            f"{before.t_ns[-1]} ns; sort by t_ns"
-        )
-
-
-def _known(chunk: Bearings, places: dict[str, int], used: frozenset[str]) -> Bearings:
-    names = np.unique(chunk.sensor)
-    for name in names:
-        if str(name) not in places:
-            known = ", ".join(places) or "none"
+def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], offset: int) -> None:
+    found, first = np.unique(chunk.sensor, return_index=True)
+    for name, row in zip(found.tolist(), (first + offset).tolist(), strict=True):
+        if name not in names:
+            raise InputError(f"bearings: row {row}: no sensor {name!r} in the scene; {nearest(name, names)}")
+        if name in unplaced:
             raise InputError(
-                f"bearings: sensor {name!s} is not in the scene, which has: {known}; give the right --scene"
+                f"bearings: row {row}: camera {name!r} has no pose in the scene; add its position and yaw, "
+                f"or leave it out (--without {name})"
             )
-    keep = [str(n) for n in names if str(n) in used]
-    return chunk if len(keep) == len(names) else chunk.take(np.isin(chunk.sensor, keep))
+
+
+def nearest(name: str, names: tuple[str, ...]) -> str:
+    """A hint for a sensor that does not exist: the nearest name, or all of them."""
+    near = get_close_matches(name, names, n=1)
+    return f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(names) or 'none'}"
+
+
+def _chosen(chunk: Bearings, use: Rows) -> Bearings:
+    keep = np.isin(chunk.sensor, list(use.sensors))
+    if use.targets is not None:
+        keep &= np.isin(chunk.target_id, [*use.targets, UNLABELLED])
+    if not use.unlabelled:
+        keep &= chunk.target_id != UNLABELLED
+    return chunk if keep.all() else chunk.take(keep)
 
 
 def _starts(table: Bearings, window_ns: int) -> list[int]:
@@ -75,52 +106,63 @@ def _starts(table: Bearings, window_ns: int) -> list[int]:
     if window_ns == 0 or not len(table):
         return [0, *(np.flatnonzero(np.diff(table.t_ns)) + 1).tolist()]
     starts = [0]
-    seen: dict[str, int] = {}
+    spoke: dict[str, int] = {}
     for row, (t_ns, sensor) in enumerate(zip(table.t_ns.tolist(), table.sensor.tolist(), strict=True)):
-        if t_ns - table.t_ns[starts[-1]] > window_ns or seen.get(sensor, t_ns) != t_ns:
+        if t_ns - table.t_ns[starts[-1]] > window_ns or spoke.get(sensor, t_ns) != t_ns:
             starts.append(row)
-            seen = {}
-        seen[sensor] = t_ns
+            spoke = {}
+        spoke[sensor] = t_ns
     return starts
 
 
-def _group(rows: Bearings, places: dict[str, int]) -> Group:
-    sensor = np.array([places[str(s)] for s in rows.sensor], dtype=np.int64)
-    order = np.lexsort((rows.target_id, sensor))
-    rows, sensor = _reorder(rows, order), sensor[order]
-    same = (np.diff(sensor) == 0) & (np.diff(rows.target_id) == 0) & (rows.target_id[1:] != UNLABELLED)
+def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterator[Group]:
+    """The groups between consecutive starts; rows after the last start are left."""
+    n = starts[-1]
+    if n == 0:
+        return
+    place = {name: i for i, name in enumerate(names)}
+    found, inverse = np.unique(table.sensor[:n], return_inverse=True)
+    sensor = np.array([place[name] for name in found.tolist()], dtype=np.int64)[inverse]
+    group = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    order = np.lexsort((table.target_id[:n], sensor, group))
+    _check_single(table, sensor, group, order)
+    ordered = Group(
+        0, sensor[order], table.target_id[order], table.seen[order], table.bearing[order], table.sigma[order],
+        table.u_px[order], table.sigma_px[order], table.score[order],
+    )  # fmt: skip
+    for first, last in pairwise(starts):
+        yield _part(ordered, int(table.t_ns[last - 1]), slice(first, last))
+
+
+def _part(g: Group, t_ns: int, s: slice) -> Group:
+    return Group(
+        t_ns, g.sensor[s], g.target[s], g.seen[s], g.bearing[s], g.sigma[s], g.u_px[s], g.sigma_px[s], g.score[s]
+    )
+
+
+def _check_single(table: Bearings, sensor: Ints, group: Ints, order: Ints) -> None:
+    """InputError where a sensor has two rows for a target in one group."""
+    target = table.target_id[order]
+    same = (np.diff(group) == 0) & (np.diff(sensor[order]) == 0) & (np.diff(target) == 0)
+    same &= target[1:] != UNLABELLED
     if same.any():
-        row = int(np.flatnonzero(same)[0])
+        row = int(order[1:][same][0])
         raise InputError(
-            f"bearings: sensor {rows.sensor[row]}: two rows for target {rows.target_id[row]} at {rows.t_ns[row]} ns; "
-            "a sensor has one row a target and time (candidates of unknown origin have target_id -1)"
+            f"bearings: sensor {str(table.sensor[row])!r} has two rows for target {table.target_id[row]} at "
+            f"{table.t_ns[row]} ns; a sensor has one row a target and time (candidates that may be of any object "
+            "have target_id -1)"
         )
-    return Group(int(rows.t_ns.max()), rows, sensor)
 
 
-def _reorder(rows: Bearings, order: Ints) -> Bearings:
-    """Rows in another order, with one time for all, as a scan has."""
-    values = {c.name: getattr(rows, c.name)[order] for c in Bearings.columns()}
-    values["t_ns"] = np.full(len(order), rows.t_ns.max(), dtype=np.int64)
-    return Bearings(**values)
-
-
-def scan_of(group: Group, target_id: int) -> Scan | None:
+def scan_of(group: Group, target: int) -> Scan | None:
     """What a scan says about one target: its own rows, and candidates of sensors that have none; None for nothing."""
-    rows = group.rows
-    own = rows.target_id == target_id
-    told = np.isin(group.sensor, group.sensor[own])
-    take = own | ((rows.target_id == UNLABELLED) & ~told)
+    own = group.target == target
+    take = own
+    free = group.target == UNLABELLED
+    if free.any():
+        take = own | (free & ~np.isin(group.sensor, group.sensor[own]))
     if not take.any():
         return None
-    return Scan(
-        t_ns=group.t_ns,
-        sensor=group.sensor[take],
-        labelled=own[take],
-        seen=rows.seen[take],
-        bearing=rows.bearing[take],
-        sigma=rows.sigma[take],
-        u_px=rows.u_px[take],
-        sigma_px=rows.sigma_px[take],
-        score=rows.score[take],
-    )
+    if take.all():
+        return Scan(group.t_ns, group.sensor, own, *group[3:])
+    return Scan(group.t_ns, group.sensor[take], own[take], *(column[take] for column in group[3:]))

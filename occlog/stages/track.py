@@ -1,134 +1,141 @@
-"""Bearings to tracks: one filter for each target, fed scan by scan."""
+"""Bearings to tracks: one filter a target, streaming."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from ..core.seeds import Stage, generator
 from ..errors import UsageError
-from ..records import Bearings, Diagnostics, Tracks
+from ..records import UNLABELLED, Bearings, Diagnostics, Tracks
 from ..scene import Scene
 from ..trackers import tracker
-from ..trackers.method import Estimate, Online, sensor_names
-from .scan import Choice, Group, groups
+from ..trackers.method import Estimate, sensor_names
+from .scans import Group, Rows, groups, nearest, scan_of
 
-
-@dataclass(frozen=True)
-class TrackConfig:
-    """What to track with."""
-
-    method: str = "apf"
-    settings: Any = None  # of the method, e.g. ApfConfig; None: the defaults for the scene's length unit
-    choice: Choice = field(default_factory=Choice)
+ROWS_PER_CHUNK = 4096
+FIRST_TARGET = 0
+"""Identity of the track when no measurement carries one."""
 
 
 class Tracked(NamedTuple):
-    """Estimates of some scans, in order of time, then target."""
+    """Some more rows of a track and how the filter fared; equal in number."""
 
     tracks: Tracks
     diagnostics: Diagnostics
 
 
 class _Filter(NamedTuple):
-    """A target's filter with its own random numbers."""
-
     state: Any
-    rng: np.random.Generator
+    rng: Generator
 
 
-class _Row(NamedTuple):
-    t_ns: int
-    target: int
-    estimate: Estimate
+def choose_sensors(scene: Scene, only: Iterable[str] = (), without: Iterable[str] = ()) -> frozenset[str]:
+    """Names of the sensors to use; UsageError names one that the scene does not have."""
+    names = sensor_names(scene)
+    only, without = list(only), list(without)
+    for name in (*only, *without):
+        if name not in names:
+            raise UsageError(f"no sensor {name!r} in the scene; {nearest(name, names)}")
+    used = frozenset(only or names) - frozenset(without)
+    if not used:
+        raise UsageError("no sensor is left to track with; leave out fewer of them")
+    return used
 
 
-def track(bearings: Iterable[Bearings], scene: Scene, config: TrackConfig, seed: int) -> Iterator[Tracked]:
-    """Track every target through the bearings, chunk by chunk; memory does not grow with their number.
+def track(
+    bearings: Iterable[Bearings],
+    scene: Scene,
+    config: Any,
+    seed: int,
+    *,
+    method: str = "apf",
+    sensors: frozenset[str] | None = None,
+    targets: tuple[int, ...] | None = None,
+    unlabelled: bool = True,
+    window_ns: int = 0,
+) -> Iterator[Tracked]:
+    """Tracks of all targets, chunk by chunk, in the order of time; memory does not grow with their length.
 
-    Each target has a filter of its own, which starts at its first row.  Unlabelled candidates
-    go to all filters, but not for a sensor that has a labelled row for the target.  Where
-    no target was labelled so far, they start one: the first of `config.choice.targets`, or 0.
+    Each labelled target has a filter of its own, with its own random numbers, which starts
+    with the target's first row; what one target's track is does not depend on the others.
+    Unlabelled candidates go to every filter, but not for a sensor that has a labelled row
+    for that target.  If no target was met before they start a track themselves, numbered by
+    the first of `targets`, or 0.
 
     Args:
         bearings: chunks in the order of time; where they are cut does not matter.
-        scene: sensors, room, static occluders.
-        config: method, settings, which rows to use.
-        seed: of all random numbers; each target has its own, so the estimate of one does not
-            depend on which others there are.
+        scene: the sensors, the room and what stands in it.
+        config: settings of the method, see `occlog.trackers`.
+        seed: of all random numbers.
+        method: a key of `TRACKERS`.
+        sensors: names of those to use; None: all.
+        targets: identities of those to track; None: all.
+        unlabelled: use candidates that are not assigned to a target.
+        window_ns: rows at most this far apart form one scan.
 
-    Returns:
-        Tracks and diagnostics with a row for every scan and target.  UsageError and InputError
-        for sensors, targets and rows that cannot be used.
+    Raises:
+        InputError: bearings that do not fit the scene or each other.
+        UsageError: a start (`config.start`) for several targets.
     """
-    method = tracker(config.method)
-    settings = method.defaults(scene.length_unit) if config.settings is None else config.settings
-    names = sensor_names(scene)
+    chosen, names = tracker(method), sensor_names(scene)
+    use = Rows(frozenset(names) if sensors is None else sensors, targets, unlabelled)
     filters: dict[int, _Filter] = {}
-    for batch in groups(bearings, scene, config.choice):
-        rows: list[_Row] = []
-        for group in batch:
-            for target in _concerned(group, filters, config.choice):
-                scan = group.scan(target)
-                if scan is None:
-                    continue
-                if target not in filters:
-                    filters[target] = _start(method, scene, settings, target, filters, seed)
-                state, estimate = method.step(filters[target].state, scan, filters[target].rng)
-                filters[target] = filters[target]._replace(state=state)
-                rows.append(_Row(group.t_ns, target, estimate))
-        if rows:
-            yield Tracked(_tracks(rows), _diagnostics(rows, names))
+    rows: list[tuple[int, int, Estimate]] = []
+    for group in groups(bearings, scene, use, window_ns):
+        for target in _targets(group, filters, targets):
+            scan = scan_of(group, target)
+            if scan is None:
+                continue
+            if target not in filters:
+                _check_start(config, target, filters)
+                rng = generator(seed, Stage.TRACK, target)
+                filters[target] = _Filter(chosen.init(scene, config, rng), rng)
+            state, estimate = chosen.step(filters[target].state, scan, filters[target].rng)
+            filters[target] = filters[target]._replace(state=state)
+            rows.append((group.t_ns, target, estimate))
+        if len(rows) >= ROWS_PER_CHUNK:
+            yield _tables(rows, names)
+            rows = []
+    if rows:
+        yield _tables(rows, names)
 
 
-def _concerned(group: Group, filters: dict[int, _Filter], choice: Choice) -> list[int]:
-    """Targets that the group may say something about, rising."""
-    labelled = group.targets()
-    if not filters and not labelled:
-        return [choice.targets[0] if choice.targets else 0]
-    return sorted({*labelled, *filters})
+def _targets(group: Group, filters: dict[int, _Filter], wanted: tuple[int, ...] | None) -> list[int]:
+    """Targets that a scan may be about, rising."""
+    labelled = {k for k in group.target.tolist() if k != UNLABELLED}
+    return sorted(labelled | set(filters)) or [wanted[0] if wanted else FIRST_TARGET]
 
 
-def _start(method: Online, scene: Scene, settings: Any, target: int, filters: dict[int, _Filter], seed: int) -> _Filter:
-    if getattr(settings, "start", None) is not None and filters:
-        others = ", ".join(str(k) for k in filters)
+def _check_start(config: Any, target: int, filters: dict[int, _Filter]) -> None:
+    if filters and getattr(config, "start", None) is not None:
+        others = ", ".join(str(k) for k in sorted(filters))
         raise UsageError(
-            f"a start says where one target is, but the bearings are of target {target} too, besides {others}; "
+            f"--start says where one target is, but there is target {target} besides {others}; "
             f"choose one, e.g. --target {target}"
         )
-    rng = generator(seed, Stage.TRACK, target)
-    return _Filter(method.init(scene, settings, rng), rng)
 
 
-def _tracks(rows: list[_Row]) -> Tracks:
-    xy = np.array([r.estimate.xy for r in rows])
-    velocity = np.array([r.estimate.velocity for r in rows])
-    covariance = np.array([r.estimate.covariance for r in rows])
-    return Tracks.of(
-        t_ns=[r.t_ns for r in rows],
-        target_id=np.array([r.target for r in rows], dtype=np.int32),
-        x=xy[:, 0],
-        y=xy[:, 1],
-        vx=velocity[:, 0],
-        vy=velocity[:, 1],
-        cov_xx=covariance[:, 0, 0],
-        cov_xy=covariance[:, 0, 1],
-        cov_yy=covariance[:, 1, 1],
+def _tables(rows: list[tuple[int, int, Estimate]], names: tuple[str, ...]) -> Tracked:
+    t_ns = np.array([r[0] for r in rows], dtype=np.int64)
+    target = np.array([r[1] for r in rows], dtype=np.int32)
+    estimates = [r[2] for r in rows]
+    xy, velocity = np.array([e.xy for e in estimates]), np.array([e.velocity for e in estimates])
+    cov = np.array([e.covariance for e in estimates])
+    tracks = Tracks(
+        t_ns, target, xy[:, 0], xy[:, 1], velocity[:, 0], velocity[:, 1], cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 1]
     )
-
-
-def _diagnostics(rows: list[_Row], names: tuple[str, ...]) -> Diagnostics:
-    estimates = [r.estimate for r in rows]
-    return Diagnostics.of(
-        t_ns=[r.t_ns for r in rows],
-        target_id=np.array([r.target for r in rows], dtype=np.int32),
-        ess=[e.ess for e in estimates],
-        log_likelihood=[e.log_likelihood for e in estimates],
+    diagnostics = Diagnostics(
+        t_ns=t_ns,
+        target_id=target,
+        ess=np.array([e.ess for e in estimates], dtype=np.float64),
+        log_likelihood=np.array([e.log_likelihood for e in estimates], dtype=np.float64),
         n_looked=np.array([e.n_looked for e in estimates], dtype=np.int32),
         n_seen=np.array([e.n_seen for e in estimates], dtype=np.int32),
-        fallback=[e.fallback for e in estimates],
-        cameras=[",".join(names[i] for i in e.used) for e in estimates],
+        fallback=np.array([e.fallback for e in estimates], dtype=np.str_),
+        cameras=np.array([",".join(names[i] for i in e.used) for e in estimates], dtype=np.str_),
     )
+    return Tracked(tracks, diagnostics)
