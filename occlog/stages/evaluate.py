@@ -48,6 +48,8 @@ def evaluate(
         matched = compare(tracks, truth, config)
         errors, pairs = matched.errors, matched.pairs
         metrics |= matched.counts | error_metrics(errors, scene.length_unit)
+    elif tracks is not None:
+        metrics |= {"tracks": len(np.unique(tracks.target_id)), "estimates_without_truth": len(tracks)}
     if bearings is not None and truth is not None:
         labels = _labels(bearings, truth, pairs)
         looks = looks_of(bearings, truth, scene, labels, config)

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from occlog.cli.evaluate import SETTINGS, make_config
+from occlog.cli.evaluate import SETTINGS
+from occlog.cli.evaluate_run import make_config
 from occlog.cli.evaluate_text import number, summary_lines
 from occlog.cli.main import run
 from occlog.errors import ExitCode

@@ -1,0 +1,210 @@
+"""Work of `occlog evaluate`: files and option values to an evaluation, and that to files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from ..errors import InputError, UsageError
+from ..io.json_file import write_json
+from ..io.parquet import describe, read_provenance, read_table, schema_name, write_table
+from ..io.provenance import Provenance, hash_inputs
+from ..io.recording import open_recording
+from ..records import Bearings, Tracks, Truth, TruthBoxes, Views
+from ..scene import Scene
+from ..stages.evaluate import EvaluateConfig, Evaluation, evaluate
+from ..stages.evaluate_config import default_sigma_v
+from . import options
+
+if TYPE_CHECKING:
+    from ..columns import Table
+
+T = TypeVar("T", bound="Table")
+
+
+@dataclass(frozen=True)
+class Paths:
+    """Files to read and to write; None where not given."""
+
+    tracks: Path | None = None
+    truth: Path | None = None
+    bearings: Path | None = None
+    views: Path | None = None
+    scene: Path | None = None
+    output: Path | None = None
+    errors: Path | None = None
+    bound: Path | None = None
+    overwrite: bool = False
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Every file that is read."""
+        given = (self.tracks, self.truth, self.bearings, self.views, self.scene)
+        return tuple(dict.fromkeys(p for p in given if p is not None))
+
+
+@dataclass(frozen=True)
+class Tables:
+    """What was read."""
+
+    scene: Scene
+    tracks: Tracks | None
+    truth: Truth | None
+    truth_boxes: TruthBoxes | None
+    bearings: Bearings | None
+    views: Views | None
+
+
+def run_evaluate(paths: Paths, values: Mapping[str, Any]) -> tuple[Evaluation, str]:
+    """Read, evaluate, write; the evaluation and the scene's length unit.
+
+    Args:
+        paths: inputs and outputs; outputs are written whole or not at all.
+        values: fields of EvaluateConfig as the options give them (degrees, milliradians).
+    """
+    _check_request(paths, values)
+    options.check_outputs(paths.inputs, (paths.output, paths.errors, paths.bound), paths.overwrite)
+    t = read_tables(paths)
+    config = make_config(with_defaults(values, paths.truth, t.scene.length_unit))
+    _check_held_out(paths.tracks, config.held_out)
+    result = evaluate(t.tracks, t.truth, t.bearings, t.scene, config, views=t.views, truth_boxes=t.truth_boxes)
+    _write(paths, result, t.scene.length_unit, config)
+    return result, t.scene.length_unit
+
+
+def _check_request(paths: Paths, values: Mapping[str, Any]) -> None:
+    if paths.views is not None and paths.truth is None:
+        raise UsageError("--views needs --truth with true boxes")
+    if paths.tracks is None and paths.views is None and (paths.bearings is None or paths.truth is None):
+        raise UsageError("nothing to compare: give TRACKS with --truth or --bearings, or --bearings with --truth")
+    if paths.tracks is not None and paths.truth is None and paths.bearings is None:
+        raise UsageError("TRACKS alone cannot be evaluated; give --truth, --bearings or both")
+    if values.get("held_out") and (paths.tracks is None or paths.bearings is None):
+        raise UsageError("--held-out needs TRACKS made without that sensor and --bearings that include it")
+
+
+def with_defaults(values: Mapping[str, Any], truth: Path | None, unit: str) -> dict[str, Any]:
+    """The values, with noise of the walk and diameter of the simulation that made the truth where none are given."""
+    out = dict(values)
+    if truth is not None and truth.suffix.lower() == ".mcap":
+        made = open_recording(truth).provenance
+        world = made.parameters.get("world") if made.command == "simulate" else None
+        for name, known in (("sigma_v", "sigma"), ("occluder_diameter", "diameter")):
+            value = world.get(known) if isinstance(world, dict) else None
+            if out[name] is None and isinstance(value, int | float):
+                out[name] = float(value)
+    if out["sigma_v"] is None:
+        out["sigma_v"] = default_sigma_v(unit)
+    return out
+
+
+def make_config(values: Mapping[str, Any]) -> EvaluateConfig:
+    """Configuration from option values: degrees and milliradians become radians, names may have commas."""
+    fields = dict(values)
+    fields["lines_min_crossing"] = math.radians(fields["lines_min_crossing"])
+    fields["held_out_gate"] = 1e-3 * fields["held_out_gate"]
+    fields["held_out"] = tuple(name for text in fields["held_out"] for name in text.split(",") if name)
+    return EvaluateConfig(**fields)
+
+
+def read_tables(paths: Paths) -> Tables:
+    """Everything that was named, with the scene of `--scene` or of the recording with the truth."""
+    truth, boxes, recorded = _read_truth(paths.truth) if paths.truth is not None else (None, None, None)
+    scene = _scene(paths, recorded)
+    for path in (paths.tracks, paths.truth):
+        _check_unit(path, scene)
+    if paths.views is not None and boxes is None:
+        raise InputError(f"{paths.truth}: holds no true boxes; --views needs a recording or a table that has them")
+    return Tables(
+        scene,
+        _read_rows(paths.tracks, Tracks),
+        truth,
+        boxes,
+        _read_rows(paths.bearings, Bearings),
+        _read_rows(paths.views, Views),
+    )
+
+
+def _scene(paths: Paths, recorded: Scene | None) -> Scene:
+    """The scene of `--scene` or of the recording; views are compared without one."""
+    if paths.tracks is None and paths.bearings is None and paths.scene is None:
+        return recorded or Scene()
+    if recorded is None and paths.scene is None and paths.bearings and paths.bearings.suffix.lower() == ".mcap":
+        recorded = options.read_scene_of(paths.bearings)
+    return options.load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
+
+
+def _read_rows(path: Path | None, table: type[T]) -> T | None:
+    """All rows of a table in a Parquet file or a recording."""
+    if path is None:
+        return None
+    if path.suffix.lower() != ".mcap":
+        return read_table(path, table)
+    recording = open_recording(path)
+    if not recording.has(table):
+        raise InputError(f"{path}: holds no {table.NAME}; give a recording or a table that has them")
+    return recording.read(table)
+
+
+def _read_truth(path: Path) -> tuple[Truth | None, TruthBoxes | None, Scene | None]:
+    """True positions and boxes, None where there are none, and the scene of a recording."""
+    if path.suffix.lower() == ".mcap":
+        recording = open_recording(path)
+        truth = recording.read(Truth) if recording.has(Truth) else None
+        boxes = recording.read(TruthBoxes) if recording.has(TruthBoxes) else None
+        if truth is None and boxes is None:
+            raise InputError(f"{path}: holds no truth; leave out --truth, or ingest the recording with its truth")
+        return truth, boxes, recording.scene
+    if schema_name(path) == TruthBoxes.NAME:
+        return None, read_table(path, TruthBoxes), None
+    return read_table(path, Truth), None, None
+
+
+def _check_unit(path: Path | None, scene: Scene) -> None:
+    """InputError if a table or a recording is in another unit than the scene."""
+    if path is None:
+        return
+    if path.suffix.lower() == ".mcap":
+        other = options.read_scene_of(path)
+        unit = scene.length_unit if other is None else other.length_unit
+    else:
+        unit = describe(path)["length_unit"]
+    if unit != scene.length_unit:
+        raise InputError(
+            f"{path}: lengths are in {unit}, but in {scene.length_unit} in the scene; use one scene for both"
+        )
+
+
+def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:
+    """InputError if the tracks say that they were made with a sensor that is held out."""
+    if tracks is None or not held_out or tracks.suffix.lower() == ".mcap":
+        return
+    used = read_provenance(tracks).parameters.get("sensors")
+    both = [name for name in held_out if isinstance(used, list) and name in used]
+    if both:
+        names = ",".join(both)
+        raise InputError(f"{tracks}: was made with {names}; make it again with `occlog track --without {names}`")
+
+
+def _write(paths: Paths, result: Evaluation, unit: str, config: EvaluateConfig) -> None:
+    provenance = _provenance(paths, config)
+    for path, table in ((paths.errors, result.errors), (paths.bound, result.bound)):
+        if path is not None:
+            write_table(path, table, provenance, overwrite=paths.overwrite, length_unit=unit)
+    if paths.output is not None:
+        values = {**result.metrics, "_provenance": provenance.as_dict()}
+        write_json(paths.output, values, overwrite=paths.overwrite)
+
+
+def _provenance(paths: Paths, config: EvaluateConfig) -> Provenance:
+    losses: dict[Any, None] = {}  # of all inputs, each once, in order
+    for path in paths.inputs:
+        kind = path.suffix.lower()
+        if kind == ".mcap":
+            losses |= dict.fromkeys(open_recording(path).losses)
+        elif kind == ".parquet":
+            losses |= dict.fromkeys(read_provenance(path).losses)
+    return Provenance("evaluate", asdict(config), None, hash_inputs(paths.inputs), tuple(losses))
