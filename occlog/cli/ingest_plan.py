@@ -94,14 +94,22 @@ class IngestPlan:
         if self.store == "link" and self.images:
             raise UsageError("--store link: only videos can be linked to; give png or jpeg for --images")
 
+    def files(self) -> list[tuple[Path, str]]:
+        """Every input that must be a file, and what it should be."""
+        tables = {"boxes": "a table of boxes", "doa": "a log of directions", "truth": "ground truth",
+                  "timestamps": "a table of time stamps", "arrays": "a table of places"}  # fmt: skip
+        found = [(path, "a video file") for path in self.video.values()]
+        for key, what in tables.items():
+            found += [(path, what) for _, path in getattr(self, key)]
+        return found + ([(self.scene, "a scene file")] if self.scene else [])
+
+    def paths(self) -> list[Path]:
+        """Every file and folder that is read, in a fixed order."""
+        return [*self.images.values(), *(path for path, _ in self.files()), *self.calibration]
+
     def inputs(self) -> list[Path]:
-        """Every file that is read, in a fixed order; a folder stands for the files in it."""
-        paths = [
-            *self.video.values(), *self.images.values(),
-            *(p for pairs in (self.boxes, self.doa, self.truth, self.timestamps, self.arrays) for _, p in pairs),
-            *self.calibration, *([self.scene] if self.scene else []),
-        ]  # fmt: skip
-        return [file for path in paths for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
+        """Every file that is read; a folder stands for the files in it."""
+        return [file for path in self.paths() for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
 
     def parameters(self) -> dict[str, Any]:
         """Options that change the result, without the folders of the files, for provenance."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import heapq
 import os
 from collections.abc import Iterator, Mapping
@@ -50,8 +51,8 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
     def note(message: str) -> None:
         tell(message, quiet)
 
-    for path in (*plan.video.values(), *(p for _, p in plan.boxes)):
-        check_input(path, "an input")
+    for path, what in plan.files():
+        check_input(path, what)
     done = Ingested()
     scene = base_scene(plan, note)
     survey = _survey(plan, scene)
@@ -63,10 +64,11 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
             raise done.failures[0]
         scene = fit_sizes(scene, [(s.name, s.decoder) for s in sources], note)
         times = _all_times(plan, wanted, sources, survey)
-        provenance = Provenance("ingest", plan.parameters(), None, hash_inputs(plan.inputs()))
+        provenance = Provenance("ingest", plan.parameters(), None, _hashes(plan))
         writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=overwrite))
-        _write_frames(plan, sources, writer, done, quiet)
+        # Tables first: a fault in one is then told before hours of video have been read.
         _write_tables(plan, scene, survey, times, writer, done)
+        _write_frames(plan, sources, writer, done, quiet)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
         for name, source in sorted(done.times.items()):
             count = f"{done.frames[name]} frames, " if name in done.frames else ""
@@ -83,6 +85,18 @@ def _summary(plan: IngestPlan, done: Ingested) -> dict[str, Any]:
         "rows": done.rows,
         "times": dict(sorted(done.times.items())),
     }
+
+
+def _hashes(plan: IngestPlan) -> tuple[tuple[str, str], ...]:
+    """Name and SHA-256 of every input; a folder has the hash of the names and hashes of its files."""
+    out: list[tuple[str, str]] = []
+    for path in plan.paths():
+        if path.is_dir():
+            inside = hash_inputs(sorted(p for p in path.iterdir() if p.is_file()))
+            out.append((path.name, hashlib.sha256(repr(inside).encode()).hexdigest()))
+        else:
+            out += hash_inputs([path])
+    return tuple(out)
 
 
 def _survey(plan: IngestPlan, scene: Scene) -> BoxSurvey | None:

@@ -14,7 +14,8 @@ from ..scene import Camera, Scene, camera_fov
 CROP_PX = 16
 """Video codecs cut or pad to multiples of 16 px; a difference up to this is not a change of scale."""
 SHAPE_SLACK = 0.01
-BAR_SLACK_PX = 2.0
+MIN_BAR_PX = 2.0
+BAR_SLACK_PX = 1.5
 
 Bars = tuple[int, int, int, int]
 
@@ -50,7 +51,7 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
     change = f"camera {camera.name}: frames of {size[0]} x {size[1]} px, calibrated for {int(old[0])} x {int(old[1])}"
     scale = float((new / old).min())
     margin = (new - old * scale) / 2
-    if margin.max() >= 1 and _has_bars(bars, margin):
+    if margin.max() >= MIN_BAR_PX and _has_bars(bars, margin):
         note(f"{change}: taken for scaled by {scale:.4g} between the black bars that they have")
         return _scaled(camera, size, np.array([scale, scale]), margin)
     if np.abs(new - old).max() <= CROP_PX:
@@ -65,7 +66,7 @@ def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[
 def _has_bars(bars: Bars, margin: np.ndarray) -> bool:
     """Whether the black bars are as wide as the margins (x, y) on both sides."""
     wanted = np.array([margin[0], margin[1], margin[0], margin[1]])
-    there = wanted >= 1
+    there = wanted >= MIN_BAR_PX
     return bool((np.abs(np.array(bars) - wanted)[there] <= BAR_SLACK_PX).all())
 
 

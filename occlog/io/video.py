@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from ..columns import Ints
-from ..errors import InputError
 from .frame_times import FrameTimes, as_rate
 from .video_container import Container, read_container
 
@@ -42,7 +41,7 @@ def video_times(
 
     Returns:
         Times whose `table_ns` and `rate` are both None where only the decoder knows the
-        time stamps (containers other than MP4, MKV and AVI).
+        time stamps: containers other than MP4, MKV and AVI, and damaged ones.
     """
     if fps is not None:
         return rate_times(fps, "given", start_ns)
@@ -53,7 +52,7 @@ def video_times(
         return FrameTimes(STAMPS, start_ns, container.pts_ns)
     rate = container.rate or (as_rate(stated_hz) if stated_hz else None)
     if rate is None:
-        raise InputError(f"{path}: says neither when its frames were taken nor how many a second; give --fps")
+        return FrameTimes(STAMPS, start_ns)
     repeats = container.stamped and container.pts_ns is not None
     return rate_times(rate, "time stamps of the file repeat" if repeats else "stated by the file", start_ns)
 

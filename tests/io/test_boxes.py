@@ -48,8 +48,8 @@ def test_frames_without_a_row_are_looked_saw_nobody(tmp_path: Path) -> None:
     columns = (boxes.frame, boxes.sensor, boxes.box, boxes.width_px)
     rows = list(zip(*(c.tolist() for c in columns), strict=True))
     nan = float("nan")
-    want = [(3, "a", 0, 5.0), (3, "b", 0, 20.0), (4, "a", -1, nan), (4, "b", -1, nan), (5, "a", 0, 3.0), (5, "a", 1, 2.0),
-            (5, "b", -1, nan)]  # fmt: skip
+    third, fourth = [(3, "a", 0, 5.0), (3, "b", 0, 20.0)], [(4, "a", -1, nan), (4, "b", -1, nan)]
+    want = [*third, *fourth, (5, "a", 0, 3.0), (5, "a", 1, 2.0), (5, "b", -1, nan)]
     assert str(rows) == str(want)
     assert boxes.t_ns.tolist() == [f * 10**8 for f in (3, 3, 4, 4, 5, 5, 5)]
     assert np.array_equal(boxes.confidence, [1, 0.5, nan, nan, nan, 0.25, nan], equal_nan=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -19,10 +20,15 @@ KINDS = {
 }  # fmt: skip
 
 
+@cache
+def _texture() -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return cv2.GaussianBlur(rng.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8), (0, 0), 2)
+
+
 def numbered(index: int, size: tuple[int, int] = (WIDTH, HEIGHT)) -> np.ndarray:
     """An image that shows its number as a row of light and dark squares above a texture."""
-    rng = np.random.default_rng(0)
-    image = cv2.GaussianBlur(rng.integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8), (0, 0), 2)
+    image = _texture().copy()
     for bit in range(BITS):
         level = 230 if index >> bit & 1 else 20
         cv2.rectangle(image, (bit * CELL, 0), (bit * CELL + CELL - 1, 59), (level,) * 3, -1)
