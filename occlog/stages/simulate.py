@@ -82,6 +82,8 @@ class WorldConfig:
             if not good:
                 limit = limits.get(name, "in [0, 1]" if name == "redirect" else "at least 0")
                 raise InputError(f"simulate: {name} is {getattr(self, name)}, must be {limit}")
+        if not self.targets + self.occluders:
+            raise InputError("simulate: targets and occluders are both 0; give at least one object")
 
     @property
     def motion(self) -> Motion:

@@ -92,6 +92,7 @@ def test_people_have_the_same_size_in_metres_and_feet():
         ({"redirect": 1.5}, r"redirect is 1.5, must be in \[0, 1\]"),
         ({"sigma": float("nan")}, "sigma is nan, must be a finite number"),
         ({"targets": -1}, "targets is -1, must be at least 0"),
+        ({"targets": 0}, "targets and occluders are both 0"),
     ],
 )
 def test_impossible_values_are_told(values, says):
@@ -103,6 +104,12 @@ def test_impossible_values_are_told(values, says):
 def test_a_room_that_is_too_small_is_told():
     with pytest.raises(InputError, match="use fewer or smaller objects, or a larger room"):
         truth(WorldConfig(steps=2, occluders=100, diameter=30.0))
+
+
+def test_occluders_alone_can_be_simulated():
+    table = truth(WorldConfig(steps=5, targets=0, occluders=2))
+    assert set(table.role) == {"occluder"}
+    assert table.target_id.tolist() == [0, 1] * 5
 
 
 @pytest.mark.jit
