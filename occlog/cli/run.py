@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -117,10 +118,11 @@ def _inside(folder: Path) -> Iterator[None]:
 
 
 def _do(stage: Stage) -> int:
-    """Run a stage's command; its exit code."""
-    result = stage.command.main(
-        args=[*stage.args, "--overwrite"], prog_name=f"occlog {stage.name}", standalone_mode=False
-    )
+    """Run a stage's command; its exit code. Its own summary is not shown: the run has one."""
+    with redirect_stdout(io.StringIO()):
+        result = stage.command.main(
+            args=[*stage.args, "--overwrite"], prog_name=f"occlog {stage.name}", standalone_mode=False
+        )
     return int(result) if isinstance(result, int) else ExitCode.DONE
 
 

@@ -86,38 +86,38 @@ def plan(config: Config, folder: Path) -> list[Stage]:
     )
     metrics = folder / "metrics.json"
     results = {"output": metrics, "errors": out["errors"], "bound": out["bound"]}
-    inputs = {**scene, "bearings": str(out["bearings"]), **_truth(config, recording, stages)}
+    truth = _truth(config, recording)
+    views = {"views": str(out["views"])} if truth else {}
+    inputs = {**scene, "bearings": str(out["bearings"]), **views, **truth}
     stages.append(_stage(config, "evaluate", results, (str(out["tracks"]),), inputs))
-    stages.append(_report(config, folder, recording, out, metrics, scene))
+    stages.append(_report(config, folder, out, metrics, {**scene, **truth}))
     return stages
 
 
-def _truth(config: Config, recording: Path, stages: list[Stage]) -> dict[str, str]:
-    """`--truth` for evaluate: the recording, unless the configuration names another or says there is none."""
-    given = config.stage("evaluate")
-    if "truth" in given:
-        return {}
-    simulated = "simulate" in config.values
-    ingested = "truth" in config.stage("ingest")
-    return {"truth": str(recording)} if simulated or ingested or _holds_truth(recording, stages) else {}
+def _truth(config: Config, recording: Path) -> dict[str, str]:
+    """`--truth`: the recording if it holds any, or will; nothing if the configuration names another file."""
+    if "truth" in config.stage("evaluate"):
+        return {"truth": str(config.stage("evaluate")["truth"])}
+    if "recording" not in config.values:
+        given = "simulate" in config.values or "truth" in config.stage("ingest")
+    else:
+        given = recording.is_file() and _holds_truth(recording)
+    return {"truth": str(recording)} if given else {}
 
 
-def _holds_truth(recording: Path, stages: list[Stage]) -> bool:
-    if stages or not recording.is_file():
-        return False
+def _holds_truth(recording: Path) -> bool:
     from ..io.recording import open_recording
-    from ..records import Truth
+    from ..records import Truth, TruthBoxes
 
-    return open_recording(recording).has(Truth)
+    opened = open_recording(recording)
+    return opened.has(Truth) or opened.has(TruthBoxes)
 
 
-def _report(
-    config: Config, folder: Path, recording: Path, out: dict[str, Path], metrics: Path, scene: dict[str, Any]
-) -> Stage:
+def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, Any]) -> Stage:
     page = {"output": folder / "report.html", "png": folder / "report.png"}
     names = ("bearings", "diagnostics", "errors", "bound")
-    inputs = {**scene, **{n: str(out[n]) for n in names}, "metrics": str(metrics)}
-    return _stage(config, "report", page, (str(out["tracks"]),), {**inputs, **_truth(config, recording, [])})
+    results = {n: str(out[n]) for n in names}
+    return _stage(config, "report", page, (str(out["tracks"]),), {**inputs, **results, "metrics": str(metrics)})
 
 
 def _stage(
