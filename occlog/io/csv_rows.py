@@ -17,7 +17,7 @@ from ..columns import Floats, Ints, Strings
 from ..errors import InputError
 from .inputs import check_input
 
-ROWS_PER_CHUNK = 65_536
+ROWS_PER_CHUNK = 16_384
 MAX_CELL = 200
 _NUMBER = re.compile(r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$")
 

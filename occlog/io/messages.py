@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from functools import cache
 from typing import Any, TypeVar
 
 import msgspec
@@ -31,6 +32,7 @@ def topic_of(table: type[Table], sensor: str) -> str:
     return f"/{table.NAME}/{sensor}" if _has_sensor(table) else f"/{table.NAME}"
 
 
+@cache
 def _has_sensor(table: type[Table]) -> bool:
     return any(c.name == "sensor" for c in table.columns())
 

@@ -14,7 +14,16 @@ from fractions import Fraction
 import numpy as np
 
 from .frame_times import frames_to_ns
-from .video_container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_short, unknown_frames, unpack
+from .video_container import (
+    MAX_FRAMES,
+    BrokenContainerError,
+    Container,
+    Span,
+    cut_short,
+    let_go,
+    unknown_frames,
+    unpack,
+)
 
 EMPTY = -1
 MIN_RATE, MAX_RATE = 0.01, 1e6
@@ -132,11 +141,12 @@ def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> dict[int, tu
     """
     out: dict[int, tuple[int, int]] = {}
     index = _index(data, found, tag)
-    number = 0
+    number = done = 0
     for movie in found.movies:
         at = movie.start + 4
         stop = min(movie.stop, len(data))
         while at + 8 <= stop:
+            done = let_go(data, at, done)
             kind, size = data[at : at + 4], unpack(data, "<I", at + 4)[0]
             if _is_name(kind) and (kind == b"LIST" or at + 8 + size <= movie.stop):
                 if kind[:2] == tag:

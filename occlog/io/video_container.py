@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import mmap
 import struct
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -20,6 +21,8 @@ from ..errors import InputError
 
 MAX_FRAMES = 10_000_000
 """A container that announces more frames than it holds is believed up to this number."""
+
+RELEASE_BYTES = 4 * 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +89,18 @@ def read_container(path: Path) -> Container | None:
             return video_mkv.parse(data) if video_mkv.recognised(data) else None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
+
+
+def let_go(data: mmap.mmap, upto: int, done: int) -> int:
+    """Give back the memory of the part that has been read, now and then; the byte up to which that was done.
+
+    Pages of a mapped file count as the process's memory as long as they are mapped.
+    """
+    if upto - done < RELEASE_BYTES:
+        return done
+    with suppress(AttributeError, ValueError, OSError):
+        data.madvise(mmap.MADV_DONTNEED, 0, upto // mmap.PAGESIZE * mmap.PAGESIZE)
+    return upto
 
 
 def unknown_frames(kind: str, *problems: tuple[str, str]) -> Container:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..columns import Bools, Ints
 from .frame_times import MAX_RATE_DENOMINATOR, NS
-from .video_container import MAX_FRAMES, BrokenContainerError, Container, cut_short, unknown_frames
+from .video_container import MAX_FRAMES, BrokenContainerError, Container, cut_short, let_go, unknown_frames
 
 EBML, SEGMENT, INFO, TRACKS, CLUSTER, CRC32 = 0x1A45DFA3, 0x18538067, 0x1549A966, 0x1654AE6B, 0x1F43B675, 0xBF
 TICK, DURATION = 0x2AD7B1, 0x4489
@@ -98,8 +98,9 @@ def _children(data: mmap.mmap, start: int, stop: int) -> Iterator[Element]:
 
 
 def _segment(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
-    at = start
+    at, done = start, 0
     while at < stop:
+        done = let_go(data, at, done)
         try:
             part = _element(data, at, stop)
             if part.id not in _LEVEL1:
