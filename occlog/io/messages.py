@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from functools import cache
 from typing import Any, TypeVar
 
 import msgspec
@@ -32,9 +31,9 @@ def topic_of(table: type[Table], sensor: str) -> str:
     return f"/{table.NAME}/{sensor}" if _has_sensor(table) else f"/{table.NAME}"
 
 
-@cache
 def _has_sensor(table: type[Table]) -> bool:
-    return any(c.name == "sensor" for c in table.columns())
+    # Asked for every message, so not through `columns()`.
+    return "sensor" in getattr(table, "__dataclass_fields__", {})
 
 
 def _listed(table: type[Table]) -> list[Column]:
