@@ -63,7 +63,7 @@ def parse(data: mmap.mmap) -> Container:
 
 
 def _walk_top(data: mmap.mmap, found: _Found) -> None:
-    for riff in _chunks(data, 0, len(data)):
+    for riff in _chunks(data, 0, len(data), padded=True):
         if riff.kind != b"RIFF":
             raise BrokenContainerError(riff.start - 8, f"a part named {riff.kind!r}")
         if riff.stop > len(data):
@@ -78,9 +78,13 @@ def _walk_top(data: mmap.mmap, found: _Found) -> None:
                 found.index = part
 
 
-def _chunks(data: mmap.mmap, start: int, stop: int) -> Iterator[Span]:
+def _chunks(data: mmap.mmap, start: int, stop: int, *, padded: bool = False) -> Iterator[Span]:
+    """Chunks between two bytes; `padded`: zeros behind the first one end them."""
+    first = start
     while start + 8 <= stop:
         kind = data[start : start + 4]
+        if padded and start > first and kind == bytes(4):
+            return
         (size,) = unpack(data, "<I", start + 4)
         if not _is_name(kind):
             raise BrokenContainerError(start, f"a part named {kind!r}")
@@ -154,12 +158,15 @@ def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> dict[int, tu
                     number += 1
                 at += 12 if kind == b"LIST" else 8 + size + (size & 1)
                 continue
-            ahead = [
-                (place, k)
-                for k, (place, _) in enumerate(index)
-                if k >= number and place > at and _fits(data, *index[k], tag)
-            ]
-            resume = min(ahead, default=None)
+            # Index entries rise in place and number, so the first that fits is the nearest.
+            resume = next(
+                (
+                    (index[k][0], k)
+                    for k in range(number, len(index))
+                    if index[k][0] > at and _fits(data, *index[k], tag)
+                ),
+                None,
+            )
             where = f"byte {at}"
             if resume is None:
                 found.problems.append((where, "damaged; frames behind it cannot be given a number and are left out"))

@@ -12,7 +12,9 @@ import pytest
 from video_samples import FRAMES, avi, jpeg, number_shown, numbered, write_video
 
 from occlog.errors import InputError
+from occlog.io.camera_source import video_source
 from occlog.io.decoder import Decoder, start_decoder
+from occlog.io.video import video_times
 
 
 def decoder(path: Path, **more: object) -> Decoder:
@@ -102,6 +104,18 @@ def test_frames_of_another_size_are_listed(tmp_path: Path) -> None:
     with decoder(path, store="none") as running:
         assert [f.index for f in running.delivered()] == [0, 1, 2, 3, 6, 7, 8, 9]
     assert [(loss.place, loss.count) for loss in running.losses] == [("frames 4-5", 2)]
+
+
+def test_a_container_that_only_the_decoder_knows(tmp_path: Path) -> None:
+    path = tmp_path / "v.mjpeg"
+    path.write_bytes(b"".join(jpeg(k, (80, 60) if k == 3 else (160, 120)) for k in range(10)))
+    times = video_times(path, start_ns=7)
+    assert (times.table_ns, times.rate) == (None, None)
+    source = video_source("cam", path, times, start=0, stop=None, store="none", quality=95)
+    with source.decoder:
+        frames = [(t, f.index) for t, f in source.frames()]
+    assert frames == [(40_000_000 * k + 7, k) for k in range(10) if k != 3]  # FFmpeg takes such streams for 25 fps
+    assert [(loss.place, loss.count) for loss in source.losses] == [("frame 3", 1)]
 
 
 def test_black_bars_are_measured(tmp_path: Path) -> None:

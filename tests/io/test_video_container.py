@@ -94,6 +94,12 @@ def test_frames_that_an_avi_recorder_dropped_are_not_expected(tmp_path: Path) ->
     assert found.packets.tolist() == [0, 1, 2, -1, -1, 3, 4, 5, 6, -1, 7, 8]
 
 
+def test_zeros_behind_an_avi_file_are_no_fault(tmp_path: Path) -> None:
+    found = of(tmp_path / "v.avi", avi([jpeg(k) for k in range(5)]) + bytes(4096))
+    assert found is not None
+    assert (found.frames, found.problems) == (5, ())
+
+
 def test_an_avi_header_that_was_never_completed_is_told(tmp_path: Path) -> None:
     found = of(tmp_path / "v.avi", avi([jpeg(k) for k in range(5)], announced=0))
     assert found is not None
