@@ -50,12 +50,13 @@ def command(config: Path, output: Path, force: bool, dry_run: bool, quiet: bool,
       occlog run examples/demo.yaml -o run/ && open run/report.html
       occlog run study.yaml -o run/ --json | jq .metrics.rmse_m
     """
-    stages = plan(read_config(config), output.resolve())
+    wanted = read_config(config)
+    list(plan(wanted, output.resolve()))  # every key is checked before anything runs
     folder = _folder(output, dry_run)
     state = _read_state(folder)
     codes: list[int] = []
     done: dict[str, str] = {}
-    for stage in stages:
+    for stage in plan(wanted, folder):
         with _inside(config.resolve().parent):
             key = _key(stage, folder)
             if not force and _is_current(state.get(stage.name), key, folder):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,54 +64,53 @@ def read_config(path: Path) -> Config:
     return Config(path, values)
 
 
-def plan(config: Config, folder: Path) -> list[Stage]:
-    """The stages in order, with outputs in the run folder."""
+def plan(config: Config, folder: Path) -> Iterator[Stage]:
+    """The stages in order, with outputs in the run folder.
+
+    What follows the recording depends on what it holds, so it must be there when the
+    iteration goes on; where it is not, what the configuration says is believed.
+    """
     recording = folder / "recording.mcap"
-    stages: list[Stage] = []
     if "simulate" in config.values or "ingest" in config.values:
         name = "simulate" if "simulate" in config.values else "ingest"
-        stages.append(_stage(config, name, {"output": recording}, ()))
+        yield _stage(config, name, {"output": recording}, ())
     else:
         recording = config.path.resolve().parent / str(config.values["recording"])
     out = {n: folder / f"{n}.parquet" for n in ("bearings", "views", "tracks", "diagnostics", "errors", "bound")}
     scene = {"scene": config.values.get("scene", str(recording))}
-    stages.append(_stage(config, "detect", {"output": out["bearings"], "views": out["views"]}, (str(recording),)))
-    stages.append(
-        _stage(
-            config,
-            "track",
-            {"output": out["tracks"], "diagnostics": out["diagnostics"]},
-            (str(out["bearings"]),),
-            scene,
-        )
-    )
+    yield _stage(config, "detect", {"output": out["bearings"], "views": out["views"]}, (str(recording),))
+    tracked = {"output": out["tracks"], "diagnostics": out["diagnostics"]}
+    yield _stage(config, "track", tracked, (str(out["bearings"]),), scene)
     metrics = folder / "metrics.json"
     results = {"output": metrics, "errors": out["errors"], "bound": out["bound"]}
-    truth = _truth(config, recording)
-    views = {"views": str(out["views"])} if truth else {}
-    inputs = {**scene, "bearings": str(out["bearings"]), **views, **truth}
-    stages.append(_stage(config, "evaluate", results, (str(out["tracks"]),), inputs))
-    stages.append(_report(config, folder, out, metrics, {**scene, **truth}))
-    return stages
+    truth = _truth(config, recording, out["views"])
+    inputs = {**scene, "bearings": str(out["bearings"]), **truth}
+    yield _stage(config, "evaluate", results, (str(out["tracks"]),), inputs)
+    yield _report(config, folder, out, metrics, {**scene, **{k: v for k, v in truth.items() if k == "truth"}})
 
 
-def _truth(config: Config, recording: Path) -> dict[str, str]:
-    """`--truth`: the recording if it holds any, or will; nothing if the configuration names another file."""
-    if "truth" in config.stage("evaluate"):
-        return {"truth": str(config.stage("evaluate")["truth"])}
-    if "recording" not in config.values:
-        given = "simulate" in config.values or "truth" in config.stage("ingest")
+def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
+    """`--truth`, and `--views` where there are true boxes; a file that the configuration names goes first."""
+    given = config.stage("evaluate").get("truth")
+    if given is not None:
+        return {"truth": str(given)}
+    simulated = config.stage("simulate") if "simulate" in config.values else None
+    if recording.is_file():
+        places, boxes = _held(recording)
     else:
-        given = recording.is_file() and _holds_truth(recording)
-    return {"truth": str(recording)} if given else {}
+        places = simulated is not None or "truth" in config.stage("ingest")
+        boxes = bool(simulated and simulated.get("render"))
+    found = {"truth": str(recording)} if places or boxes else {}
+    return {**found, "views": str(views)} if boxes else found
 
 
-def _holds_truth(recording: Path) -> bool:
+def _held(recording: Path) -> tuple[bool, bool]:
+    """Whether a recording holds true positions, and true boxes."""
     from ..io.recording import open_recording
     from ..records import Truth, TruthBoxes
 
     opened = open_recording(recording)
-    return opened.has(Truth) or opened.has(TruthBoxes)
+    return opened.has(Truth), opened.has(TruthBoxes)
 
 
 def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, Any]) -> Stage:
