@@ -92,8 +92,13 @@ def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, Any
     numbers = {k: v for k, v in values.items() if not k.startswith("_")}
     if as_json:
         return {"stages": done, "folder": str(folder), "metrics": numbers}
-    head = {k: v for k, v in numbers.items() if k.startswith(("rmse", "bound_r", "sight_lines")) and v is not None}
+    head = {k: v for k, v in numbers.items() if _is_headline(k) and v is not None}
     return {**done, "report": str(folder / "report.html"), **head}
+
+
+def _is_headline(name: str) -> bool:
+    whole = "_target_" not in name and "_sensor_" not in name
+    return whole and name.startswith(("rmse", "bound_r", "sight_lines_distance", "sight_lines_share"))
 
 
 def _folder(output: Path, dry_run: bool) -> Path:
