@@ -19,9 +19,11 @@ from ..vision.components import component_regions
 from ..vision.person_size import SizeMap, constant_sizes, sizes_from_camera
 from ..vision.prior import Prior, make_prior
 from ..vision.regions import Regions, cluster_regions
+from ..vision.shrink import enlarge, shrink, shrink_factor, shrink_sizes
 from .detect_config import PERSON_HEIGHT, DetectConfig
 from .detect_target import Memory
 
+UNKNOWN_SIDE_PX = 960  # longer side of shrunk images where the size of people is not known
 BLOCK = 16  # codecs cut images at the right and below to whole blocks
 
 
@@ -30,8 +32,9 @@ class Eye:
     """What is fixed for a camera once its first frame is known."""
 
     shape: tuple[int, ...]
+    shrink: int
     subtractor: Subtractor
-    sizes: SizeMap
+    sizes: SizeMap  # in the shrunk image
     prior: Prior
     side: int  # of the cells [px]
     started: bool  # from an image of the empty scene
@@ -103,6 +106,7 @@ def _look(state: CameraState, eye: Eye, frame: Frame, image: Image) -> tuple[str
     if image.shape != eye.shape:
         return f"image is {_size(image.shape)}, the camera's first was {_size(eye.shape)}", None
     c = state.config
+    image = shrink(image, eye.shrink)
     mask = foreground(eye.subtractor, image, frame.index, c.clean_px)
     state.seen += 1
     if not eye.started and state.seen <= c.warmup:
@@ -111,8 +115,10 @@ def _look(state: CameraState, eye: Eye, frame: Frame, image: Image) -> tuple[str
     if share > c.max_foreground:
         return f"foreground covers more than {c.max_foreground:.0%} of the image (light, or the camera moved)", None
     if c.method == "em":
-        return "", cluster_regions(image, mask, eye.side, eye.prior)
-    return "", component_regions(image, mask, eye.sizes.width_px, eye.prior)
+        regions = cluster_regions(image, mask, eye.side, eye.prior)
+    else:
+        regions = component_regions(image, mask, eye.sizes.width_px, eye.prior)
+    return "", enlarge(regions, eye.shrink)
 
 
 def open_eye(state: CameraState, image: Image) -> Eye:
@@ -124,7 +130,10 @@ def open_eye(state: CameraState, image: Image) -> Eye:
     camera, c = state.camera, state.config
     size = (image.shape[1], image.shape[0])
     check_size(camera, size)
-    empty = state.empty if state.empty is not None and state.empty.shape == image.shape else None
+    factor = shrink_of(camera, state.scene, size, c)
+    empty = state.empty
+    if empty is not None and empty.shape != shrink(image, factor).shape:
+        empty = None
     seed = zlib.crc32(camera.name.encode()) >> 1
     subtractor = make_subtractor(c.background, c.history, c.threshold, c.shadows, empty, seed)
     sizes = state.sizes if state.sizes is not None else known_sizes(camera, state.scene, size, c)
@@ -133,8 +142,9 @@ def open_eye(state: CameraState, image: Image) -> Eye:
             f"camera {camera.name}: nothing says how large people are in its images: it has no pose in metres, feet "
             "or inches, and no people were seen beforehand; give the height of a person in pixels (person_height_px)"
         )
+    sizes = shrink_sizes(sizes, factor)
     prior = make_prior(sizes, c.strength, c.penalty, c.least)
-    return Eye(image.shape, subtractor, sizes, prior, cell_side(sizes), empty is not None)
+    return Eye(image.shape, factor, subtractor, sizes, prior, cell_side(sizes), empty is not None)
 
 
 def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> SizeMap | None:
@@ -151,6 +161,14 @@ def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: Det
         return sizes_from_camera(camera, size, height, reach)
     except ValueError as error:
         raise InputError(f"camera {camera.name}: {error}; check its pose, or give person_height_px") from error
+
+
+def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> int:
+    """Factor by which a camera's images are shrunk, from the options or the size of people in them."""
+    if config.shrink is not None:
+        return config.shrink
+    sizes = known_sizes(camera, scene, size, config)
+    return shrink_factor(sizes.width_px) if sizes is not None else max(1, round(max(size) / UNKNOWN_SIDE_PX))
 
 
 def check_size(camera: Camera, size: tuple[int, int]) -> None:

@@ -49,6 +49,7 @@ class DetectConfig:
     warmup: int = 50  # frames without result at the start of a camera without an image of the empty scene
     max_foreground: float = 0.6  # share of the image above which a frame cannot be used
     bits: int | None = None  # significant bits of 16-bit images
+    shrink: int | None = None  # images are shrunk by this factor; None: as far as people stay wide enough
     person_height: float | None = None  # None: PERSON_HEIGHT of the scene's unit
     person_height_px: float | None = None  # the same everywhere in every image, instead of the camera's pose
     strength: float = 2.0  # of the prior on a cluster's shape, in persons' pixels
@@ -86,6 +87,8 @@ def _check_choices(c: DetectConfig) -> None:
             raise UsageError(f"detect: {name} {getattr(c, name)!r} is not one of: {', '.join(valid)}")
     if c.clean_px not in (0, 1, 3, 5):
         raise UsageError(f"detect: clean_px {c.clean_px} is not one of: 0, 3, 5")
+    if c.shrink is not None and not 1 <= c.shrink <= 16:
+        raise UsageError(f"detect: shrink {c.shrink} must be from 1 to 16")
     if c.bits is not None and not 8 <= c.bits <= 16:
         raise UsageError(f"detect: bits {c.bits} must be from 8 to 16")
 

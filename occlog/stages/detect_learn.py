@@ -18,13 +18,14 @@ import numpy as np
 from ..columns import Floats
 from ..errors import InputError
 from ..frames import Frame, Image
-from ..scene import Scene
+from ..scene import Camera, Scene
 from ..vision.appearance import histogram
 from ..vision.empty_scene import empty_scene
 from ..vision.observed_size import DIFFERENCE, observed_sizes, person_like_blobs
 from ..vision.person_size import SizeMap
+from ..vision.shrink import shrink
 from .detect import Learned
-from .detect_camera import known_sizes, plain_image
+from .detect_camera import known_sizes, plain_image, shrink_of
 from .detect_config import DetectConfig, Target
 
 SAMPLE_BYTES = 512 * 1024 * 1024
@@ -56,11 +57,18 @@ class Samples:
     and the stride doubles.
     """
 
-    limit: int
-    images: list[Image] = field(default_factory=list)
+    limit: int = 2
+    images: list[Image] = field(default_factory=list)  # shrunk
     stride: int = 1
     count: int = 0
+    shape: tuple[int, ...] | None = None  # of the camera's first image, before it was shrunk
+    shrink: int = 1
     boxed: dict[int, Image] = field(default_factory=dict)  # frames with a target's box
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the camera's images."""
+        return (self.shape[1], self.shape[0]) if self.shape is not None else (0, 0)
 
     def wants(self, number: int) -> bool:
         """True if frame `number` of the camera (from 0) is to be kept."""
@@ -102,10 +110,10 @@ def learn(
     Raises:
         InputError: a box's frame is not there, or nothing stands out in the box.
     """
-    samples = _sample(frames, len(scene.cameras), boxes, config)
+    samples = _sample(frames, scene, boxes, config)
 
     def study(name: str) -> _Seen | None:
-        return _study(samples[name].images, name, scene, config)
+        return _study(samples[name], scene.camera(name), scene, config)
 
     with ThreadPoolExecutor(workers) as pool:
         found = {n: s for n, s in zip(samples, pool.map(study, samples), strict=True) if s is not None}
@@ -117,12 +125,12 @@ def learn(
 
 
 def _sample(
-    frames: Iterable[Frame], n_cameras: int, boxes: Sequence[TargetBox], config: DetectConfig
+    frames: Iterable[Frame], scene: Scene, boxes: Sequence[TargetBox], config: DetectConfig
 ) -> dict[str, Samples]:
     wanted = {(b.sensor, b.frame) for b in boxes}
     samples: dict[str, Samples] = {}
     for frame in frames:
-        kept = samples.setdefault(frame.sensor, Samples(MOST_SAMPLES))
+        kept = samples.setdefault(frame.sensor, Samples())
         number, boxed = kept.count, (frame.sensor, frame.index) in wanted
         kept.count += 1
         if not (boxed or kept.wants(number)):
@@ -133,11 +141,18 @@ def _sample(
             continue
         if boxed:
             kept.boxed[frame.index] = image
-        if not kept.images:
-            kept.limit = sample_limit(image.nbytes, n_cameras)
-        if kept.wants(number) and (not kept.images or image.shape == kept.images[0].shape):
-            kept.keep(number, image)
+        if kept.shape is None:
+            _begin(kept, image, frame.sensor, scene, config)
+        if kept.wants(number) and image.shape == kept.shape:
+            kept.keep(number, shrink(image, kept.shrink))
     return samples
+
+
+def _begin(samples: Samples, image: Image, name: str, scene: Scene, config: DetectConfig) -> None:
+    """What is fixed by a camera's first image."""
+    samples.shape = image.shape
+    samples.shrink = shrink_of(scene.camera(name), scene, samples.size, config)
+    samples.limit = sample_limit(shrink(image, samples.shrink).nbytes, len(scene.cameras))
 
 
 def sample_limit(image_bytes: int, n_cameras: int) -> int:
@@ -146,17 +161,18 @@ def sample_limit(image_bytes: int, n_cameras: int) -> int:
     return int(np.clip(fits, FEWEST_SAMPLES, MOST_SAMPLES)) // 2 * 2
 
 
-def _study(images: list[Image], name: str, scene: Scene, config: DetectConfig) -> _Seen | None:
+def _study(samples: Samples, camera: Camera, scene: Scene, config: DetectConfig) -> _Seen | None:
     """The empty scene, and sizes of people unless the camera's pose tells them; None without images."""
-    if not images:
+    if not samples.images:
         return None
-    size = (images[0].shape[1], images[0].shape[0])
-    sizes = known_sizes(scene.camera(name), scene, size, config)
-    thickness = THICKNESS * sizes.width_px if sizes is not None else UNKNOWN_THICKNESS * size[1]
-    empty = empty_scene(images, thickness)
+    sizes = known_sizes(camera, scene, samples.size, config)
+    height = samples.images[0].shape[0]
+    thickness = THICKNESS * sizes.width_px / samples.shrink if sizes is not None else UNKNOWN_THICKNESS * height
+    empty = empty_scene(samples.images, thickness)
     if sizes is not None:
         return _Seen(empty, None)
-    return _Seen(empty, observed_sizes(size, person_like_blobs(images, empty)))
+    blobs = samples.shrink * person_like_blobs(samples.images, empty)
+    return _Seen(empty, observed_sizes(samples.size, blobs))
 
 
 def _targets(boxes: Sequence[TargetBox], samples: dict[str, Samples], learned: Learned) -> tuple[Target, ...]:
@@ -176,15 +192,23 @@ def _targets(boxes: Sequence[TargetBox], samples: dict[str, Samples], learned: L
 def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floats:
     """(72,) appearance of what differs from the empty scene inside a box.
 
+    Args:
+        image: (height, width, 3) BGR or (height, width) grey.
+        empty: image of the empty scene, may be shrunk; None: all of the box counts.
+        box: in pixels of the image.
+
     Raises:
         InputError: the box is off the image or hardly anything in it differs.
     """
-    x0, y0 = max(round(box.left_px), 0), max(round(box.top_px), 0)
-    x1, y1 = round(box.left_px + box.width_px), round(box.top_px + box.height_px)
+    factor = 1 if empty is None else max(1, image.shape[0] // empty.shape[0])
+    image = shrink(image, factor)
+    x0, y0 = (max(int(v / factor), 0) for v in (box.left_px, box.top_px))
+    x1 = max(int(np.ceil((box.left_px + box.width_px) / factor)), 0)
+    y1 = max(int(np.ceil((box.top_px + box.height_px) / factor)), 0)
     part = image[y0:y1, x0:x1]
     where = f"target {box.target_id}: box in frame {box.frame} of camera {box.sensor}"
     if 0 in part.shape:
-        raise InputError(f"{where}: lies off the image of {image.shape[1]} x {image.shape[0]} px")
+        raise InputError(f"{where}: lies off the image")
     if empty is None or empty.shape != image.shape:
         return histogram(part)
     difference = cv2.absdiff(part, empty[y0:y1, x0:x1])

@@ -19,7 +19,8 @@ from ..core.jit import kernel
 Bytes = NDArray[np.uint8]
 
 CHANGE = 12.0  # grey levels between two samples that mean motion, after smoothing
-SMOOTHING_PX = 2.0
+SMOOTHING_PX = 0.7  # more hides the edges of slow bodies
+COARSE_THICKNESS_PX = 30.0  # bodies are thinned to this before their edges are sought
 MAX_SAMPLES = 64  # size of the kernel's scratch space
 
 
@@ -30,12 +31,19 @@ def motion_masks(samples: Bytes, thickness_px: float) -> Bytes:
         samples: (n, height, width, channels) in order of time.
         thickness_px: bodies up to this thickness are filled between their moving edges.
     """
-    smooth = [cv2.GaussianBlur(s, (0, 0), SMOOTHING_PX) for s in samples]
+    # Edges of motion need no fine grid: thick bodies are filled in a coarser one.
+    coarse = max(1, int(thickness_px / COARSE_THICKNESS_PX))
+    height, width = samples.shape[1:3]
+    size = (max(1, width // coarse), max(1, height // coarse))
+    smooth = [
+        cv2.GaussianBlur(cv2.resize(s, size, interpolation=cv2.INTER_AREA), (0, 0), SMOOTHING_PX) for s in samples
+    ]
     changed = np.stack([_changed(a, b) for a, b in pairwise(smooth)])
     moving = np.concatenate([changed[:1], changed[:-1] | changed[1:], changed[-1:]])
-    side = 2 * round(thickness_px / 2) + 1
+    side = 2 * round(thickness_px / coarse / 2) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    return np.stack([cv2.morphologyEx(m, cv2.MORPH_CLOSE, disc) for m in moving])
+    closed = [cv2.morphologyEx(m, cv2.MORPH_CLOSE, disc) for m in moving]
+    return np.stack([cv2.resize(m, (width, height), interpolation=cv2.INTER_NEAREST) for m in closed])
 
 
 def _changed(a: Bytes, b: Bytes) -> Bytes:
