@@ -29,19 +29,17 @@ from ..scene import Scene
 from .ingest_plan import IngestPlan
 from .ingest_scene import base_scene, match_cameras
 from .ingest_sizes import fit_sizes
-from .ingest_sources import clock_of, open_sources, read_clocks, sync_times
+from .ingest_sources import Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
 from .options import note as tell
 from .options import progress
 
 
 @dataclass
-class Ingested:
+class Ingested(Failures):
     """What has been written so far."""
 
     frames: dict[str, int] = field(default_factory=dict)
     rows: dict[str, int] = field(default_factory=dict)
-    losses: list[Loss] = field(default_factory=list)
-    failures: list[InputError] = field(default_factory=list)
     times: dict[str, str] = field(default_factory=dict)
 
 
@@ -59,11 +57,11 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
     wanted = list(dict.fromkeys([*plan.video, *plan.images, *(survey.cameras if survey else ())]))
     scene = match_cameras(scene, wanted, plan)
     with ExitStack() as stack:
-        sources = open_sources(plan, wanted, stack, done.losses, done.failures)
+        sources = open_sources(plan, scene, wanted, stack, done)
         if done.failures and not sources:
             raise done.failures[0]
         scene = fit_sizes(scene, [(s.name, s.decoder) for s in sources], note)
-        times = _all_times(plan, wanted, sources, survey)
+        times = _all_times(plan, scene, sources, survey)
         provenance = Provenance("ingest", plan.parameters(), None, _hashes(plan))
         writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=overwrite))
         # Tables first: a fault in one is then told before hours of video have been read.
@@ -121,15 +119,19 @@ def _box_options(plan: IngestPlan) -> BoxOptions:
 
 
 def _all_times(
-    plan: IngestPlan, cameras: list[str], sources: list[CameraSource], survey: BoxSurvey | None
+    plan: IngestPlan, scene: Scene, sources: list[CameraSource], survey: BoxSurvey | None
 ) -> dict[str, FrameTimes]:
     """Times of the frames of every camera: those of its images, of its sidecar, of its table, or of a given rate."""
     found: dict[str, FrameTimes] = {}
-    clocks = read_clocks(plan, cameras)
+    cameras = [c.name for c in scene.cameras]
+    sidecars = read_sidecars(plan, cameras)
     own: Mapping[str, FrameTimes] = survey.times if survey else {}
     opened = {s.name: s.times for s in sources}
     for name in cameras:
-        times = opened.get(name) or clock_of(plan, name, clocks) or own.get(name)
+        times = opened.get(name)
+        if times is None and survey is not None and name in survey.cameras:
+            times = times_of(plan, name, sidecars) or own.get(name)
+            times = times.by(clock_of(scene, name)) if times is not None else None
         if times is not None:
             found[name] = times
     return found
@@ -181,7 +183,8 @@ def _write_tables(
         known = _known(plan, scene)
         tables.append(read_boxes(_box_files(plan), survey, times, known, _box_options(plan), Boxes))
     for sensor, path in plan.doa:
-        tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor)))
+        clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
+        tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks))
     sync = sync_times(plan) if plan.truth else None
     for camera, path in plan.truth:
         how = TruthOptions(plan.truth_format, camera, _known(plan, scene), times, sync, _box_options(plan))
@@ -195,7 +198,7 @@ def _write_tables(
 def _truth(path: Path, how: TruthOptions, plan: IngestPlan) -> Iterator[Any]:
     """Tables of the truth; without cameras a frame rate given for all counts its frames."""
     if not how.times:
-        rate = clock_of(plan, "", {})
+        rate = times_of(plan, "", {})
         how = replace(how, times={"": rate} if rate else {})
     for table in read_truth(path, how):
         if isinstance(table, Truth) and not len(table):
@@ -204,8 +207,6 @@ def _truth(path: Path, how: TruthOptions, plan: IngestPlan) -> Iterator[Any]:
 
 
 def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:
-    from .ingest_sources import start_of
-
     return DoaOptions(
         plan.doa_format, sensor, plan.doa_unit, plan.doa_convention, plan.doa_algorithm,
         start_of(plan, sensor or ""), plan.ignore_extra_columns,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,15 +11,24 @@ from ..columns import Ints
 from ..errors import InputError, UsageError
 from ..io.camera_source import CameraSource, image_source, video_source
 from ..io.frame_times import FrameTimes, as_rate
-from ..io.images import read_folders
+from ..io.images import ImageFolder, read_folders
 from ..io.timestamps import parse_time, read_sidecar
 from ..io.truth_board import read_sync_times
 from ..io.video import rate_times, sidecar_times, video_times
 from ..losses import Loss
+from ..scene import Clock, Scene
 from .ingest_plan import IngestPlan, for_sensor
 
-Clocks = dict[str, tuple[Ints, str]]
+Sidecars = dict[str, tuple[Ints, str]]
 """Times of frames and the name of the sidecar file, by camera."""
+
+
+@dataclass
+class Failures:
+    """What went wrong so far: what was lost, and the errors of cameras that could not be used at all."""
+
+    losses: list[Loss] = field(default_factory=list)
+    failures: list[InputError] = field(default_factory=list)
 
 
 def start_of(plan: IngestPlan, name: str) -> int:
@@ -27,9 +37,9 @@ def start_of(plan: IngestPlan, name: str) -> int:
     return 0 if text is None else parse_time(text)
 
 
-def read_clocks(plan: IngestPlan, cameras: list[str]) -> Clocks:
+def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
     """Sidecar times of each camera that has some."""
-    out: Clocks = {}
+    out: Sidecars = {}
     for name, path in plan.timestamps:
         names = [name] if name is not None else cameras
         if name is not None and name not in cameras:
@@ -41,30 +51,36 @@ def read_clocks(plan: IngestPlan, cameras: list[str]) -> Clocks:
     return out
 
 
-def clock_of(plan: IngestPlan, name: str, clocks: Clocks) -> FrameTimes | None:
+def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | None:
     """Times of a camera's frames from its sidecar or a given frame rate; None where neither is given."""
     rate = for_sensor(plan.fps, name)
-    if name in clocks:
+    if name in sidecars:
         if any(key == name for key, _ in plan.fps):
             raise UsageError(f"camera {name}: has both --timestamps and --fps; give one")
-        return sidecar_times(*clocks[name], start_of(plan, name))
+        return sidecar_times(*sidecars[name], start_of(plan, name))
     return rate_times(as_rate(rate), "given", start_of(plan, name)) if rate is not None else None
 
 
+def clock_of(scene: Scene, name: str) -> Clock | None:
+    """The clock that a camera or an array of the scene runs by."""
+    named = {**{a.name: a.clock for a in scene.arrays}, **{c.name: c.clock for c in scene.cameras}}.get(name)
+    return next((clock for clock in scene.clocks if clock.name == named), None)
+
+
 def open_sources(
-    plan: IngestPlan, cameras: list[str], stack: ExitStack, losses: list[Loss], failures: list[InputError]
+    plan: IngestPlan, scene: Scene, cameras: list[str], stack: ExitStack, done: Failures
 ) -> list[CameraSource]:
-    """The cameras with images, decoders running; one that cannot be opened is told in `losses`.
+    """The cameras with images, decoders running; one that cannot be opened is a loss.
 
     Args:
         plan: the options.
+        scene: the scene with the clocks of the cameras.
         cameras: every camera of the recording.
         stack: ends the decoders.
-        losses: what was lost is added here.
-        failures: errors of the cameras that cannot be opened are added here.
+        done: errors of the cameras that cannot be opened are added here.
     """
-    clocks = read_clocks(plan, cameras)
-    started = [*_videos(plan, clocks), *_folders(plan, clocks)]
+    sidecars = read_sidecars(plan, cameras)
+    started = [*_videos(plan, scene, sidecars), *_folders(plan, scene, sidecars)]
     opened: list[CameraSource] = []
     for source in started:
         stack.callback(source.decoder.close)
@@ -72,31 +88,36 @@ def open_sources(
         try:
             stack.enter_context(source.decoder)
         except InputError as error:
-            failures.append(error)
-            losses.append(Loss(source.path.name, f"camera {source.name}", f"left out: {error}"))
+            done.failures.append(error)
+            done.losses.append(Loss(source.path.name, f"camera {source.name}", f"left out: {error}"))
             continue
         opened.append(source)
     return opened
 
 
-def _videos(plan: IngestPlan, clocks: Clocks) -> list[CameraSource]:
+def _videos(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSource]:
     start, stop = plan.frames or (0, None)
     store = "none" if plan.store == "link" else (plan.store or "jpeg")
     out = []
     for name, path in plan.video.items():
-        times = clock_of(plan, name, clocks) or video_times(path, start_ns=start_of(plan, name))
+        times = times_of(plan, name, sidecars) or video_times(path, start_ns=start_of(plan, name))
+        times = times.by(clock_of(scene, name))
         out.append(video_source(name, path, times, start=start, stop=stop, store=store, quality=plan.jpeg_quality))
     return out
 
 
-def _folders(plan: IngestPlan, clocks: Clocks) -> list[CameraSource]:
+def _folders(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSource]:
     start, stop = plan.frames or (0, None)
     rates = {name: as_rate(rate) for name in plan.images if (rate := for_sensor(plan.fps, name)) is not None}
     starts = {name: start_of(plan, name) for name in plan.images}
-    folders = read_folders(plan.images, clocks, rates, starts, plan.first_number)
+    folders = read_folders(plan.images, sidecars, rates, starts, plan.first_number)
     store = plan.store or "keep"
+
+    def timed(name: str, folder: ImageFolder) -> ImageFolder:
+        return replace(folder, times=folder.times.by(clock_of(scene, name)))
+
     return [
-        image_source(name, folder, start=start, stop=stop, store=store, quality=plan.jpeg_quality)
+        image_source(name, timed(name, folder), start=start, stop=stop, store=store, quality=plan.jpeg_quality)
         for name, folder in folders.items()
     ]
 

@@ -75,10 +75,11 @@ class CameraSource:
         if not good:
             if not self.decoder.rate_hz:
                 raise InputError(f"{self.path}: has neither time stamps nor a frame rate; give --fps")
-            self.times = rate_times(as_rate(self.decoder.rate_hz), "stated by the file", self.times.start_ns)
+            rate = as_rate(self.decoder.rate_hz)
+            self.times = rate_times(rate, "stated by the file", self.times.start_ns).by(self.times.clock)
         for frame in chain(head, delivered):
             if good:
-                yield self.times.start_ns + (frame.pos_ns or 0), frame
+                yield int(self.times.world(np.array([self.times.start_ns + (frame.pos_ns or 0)]))[0]), frame
             else:
                 yield int(self.times.at(np.array([frame.index]))[0]), frame
 

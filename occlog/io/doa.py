@@ -13,7 +13,7 @@ Conventions of azimuth: `math` from +x towards +y; `compass` clockwise from nort
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,11 +22,12 @@ import numpy as np
 from ..columns import Floats, Ints, Strings
 from ..errors import InputError, UsageError
 from ..records import Doa
-from ..scene import MicrophoneArray
+from ..scene import Clock, MicrophoneArray
 from .csv_rows import first_line
 from .doa_logs import looks_like_telemetr, read_frida, read_telemetr
 from .doa_rows import DoaOptions, DoaRows
 from .doa_table import COLUMNS, read_table
+from .frame_times import to_world_time
 from .inputs import check_input
 from .sensor_names import match_sensor
 
@@ -58,13 +59,19 @@ FORMATS: dict[str, DoaFormat] = {
 """Every format; the order is that of detection."""
 
 
-def read_doa(path: Path, arrays: Sequence[MicrophoneArray], options: DoaOptions) -> Iterator[Doa]:
+def read_doa(
+    path: Path,
+    arrays: Sequence[MicrophoneArray],
+    options: DoaOptions,
+    clocks: Mapping[str, Clock] | None = None,
+) -> Iterator[Doa]:
     """Tables of directions, azimuths in the world's convention.
 
     Args:
         path: the log.
         arrays: arrays of the scene; sensors of the log are matched with their names.
         options: what the log does not say itself.
+        clocks: clocks of the arrays that do not run by world time.
 
     Raises:
         InputError: the log is malformed, names an array that is not there, or its times go back.
@@ -74,11 +81,13 @@ def read_doa(path: Path, arrays: Sequence[MicrophoneArray], options: DoaOptions)
     convention = options.convention or entry.convention
     names = [a.name for a in arrays]
     last: dict[str, int] = {}
+    first: dict[str, int] = {}
     for rows in entry.read(path, options):
         unique, inverse = np.unique(rows.sensor, return_inverse=True)
         matched = [match_sensor(str(label), names, str(path)) for label in unique]
         sensor = np.array(matched, dtype=np.str_)[inverse]
         _check_times(path, rows, sensor, last)
+        rows = _by_clocks(rows, sensor, clocks or {}, first)
         yaw = {a.name: a.yaw for a in arrays}
         offset = np.array([yaw[name] for name in matched])[inverse]
         yield _table(rows, sensor, to_world(rows.azimuth, convention, offset))
@@ -125,6 +134,17 @@ def _check_times(path: Path, rows: DoaRows, sensor: Strings, last: dict[str, int
                 f"{before[k]} ns); sort the log by time"
             )
         last[str(name)] = int(t_ns[-1])
+
+
+def _by_clocks(rows: DoaRows, sensor: Strings, clocks: Mapping[str, Clock], first: dict[str, int]) -> DoaRows:
+    """The rows with world times."""
+    t_ns = rows.t_ns.copy()
+    for name, clock in clocks.items():
+        mine = np.flatnonzero(sensor == name)
+        if len(mine):
+            start = first.setdefault(name, int(t_ns[mine[0]]))
+            t_ns[mine] = to_world_time(t_ns[mine], clock, start)
+    return rows._replace(t_ns=t_ns)
 
 
 def _table(rows: DoaRows, sensor: Strings, azimuth: Floats) -> Doa:

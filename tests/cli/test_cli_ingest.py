@@ -107,6 +107,23 @@ def test_a_sidecar_comes_before_the_container(place: Path, videos: dict[str, Pat
     assert times[:3] == [1_700_000_000_000_000_000, 1_700_000_000_041_000_000, 1_700_000_000_082_000_000]
 
 
+def test_the_error_of_a_clock_is_taken_out(place: Path, videos: dict[str, Path]) -> None:
+    text = SCENE.replace("yaw_deg: 30,", "yaw_deg: 30, clock: late,").replace(
+        "yaw_deg: 90}", "yaw_deg: 90, clock: late}"
+    )
+    (place / "scene.yaml").write_text(text + "clocks: [{name: late, offset_ns: 5000000, drift_ppm: 1000}]\n")
+    (place / "d.csv").write_text("time,sensor,azimuth_deg\n1,mic,10\n3,mic,10\n")
+    args = ("--video", f"cam1={videos['ffv1.mkv']}", "--video", f"cam2={videos['ffv1.mkv']}", "--start-time", "7")
+    assert ingest(place, *args, "--store", "link", "--doa", str(place / "d.csv")) == ExitCode.DONE
+    recording = open_recording(place / "out.mcap")
+    found = {(f.sensor, f.index): f.t_ns for f in recording.frames()}
+    assert found["cam2", 20] == 8_000_000_000
+    assert found["cam1", 20] == 8_000_000_000 - 5_000_000 - 1_000_000
+    assert recording.read(Doa).t_ns.tolist() == [8 * 10**9 - 5 * 10**6, 10 * 10**9 - 5 * 10**6 - 2 * 10**6]
+    told = recording.provenance.parameters["time_sources"]["cam1"]
+    assert told == "container time stamps; clock late taken out (5000000 ns, 1000 ppm)"
+
+
 @pytest.mark.parametrize(("rows", "lost"), [(FRAMES - 5, "5 lost"), (FRAMES + 3, "3 lost")])
 def test_a_sidecar_of_another_length_is_noticed(
     place: Path, videos: dict[str, Path], capsys: pytest.CaptureFixture[str], rows: int, lost: str
