@@ -85,7 +85,7 @@ def add_pixel(
     Eq. 1 with the variance of Eq. 2; nothing is added behind the camera.
     """
     x0, y0, c, s = sensors.xy[i, 0], sensors.xy[i, 1], sensors.axis[i, 0], sensors.axis[i, 1]
-    f, position2, yaw2 = noise.focal_px[i], noise.sigma_position[i] ** 2, noise.sigma_yaw[i] ** 2
+    f, sigma_position, yaw2 = noise.focal_px[i], noise.sigma_position[i], noise.sigma_yaw[i] ** 2
     f2, scale = f * f, share / ROOT_2PI
     for p in range(xy.shape[0]):
         dx, dy = xy[p, 0] - x0, xy[p, 1] - y0
@@ -94,7 +94,8 @@ def add_pixel(
             continue
         ratio = h / d
         spread = 1.0 + ratio * ratio
-        v = variance + f2 * spread * (spread * yaw2 + position2 / (d * d))
+        angle = sigma_position / d
+        v = variance + f2 * spread * (spread * yaw2 + angle * angle)
         residual = z - f * ratio
         out[p] += scale * math.exp(-0.5 * residual * residual / v) / math.sqrt(v)
 

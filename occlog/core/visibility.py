@@ -29,7 +29,7 @@ class Sensors(NamedTuple):
     first: Ints  # (S + 1,) walls of sensor i are first[i] to first[i + 1] - 1
     walls: Floats  # (V, 2) packed polygons
     starts: Ints  # (W + 1,)
-    cone: Floats  # (W, 5) right and left ray from the sensor around the wall, and square of its distance
+    cone: Floats  # (W, 8) of `_cone`: quick tests of whether a wall hides a place
 
 
 def make_sensors(xy: Floats, yaw: Floats, fov: Floats, reach: Floats, walls: Sequence[Sequence[Floats]]) -> Sensors:
@@ -55,26 +55,46 @@ def make_sensors(xy: Floats, yaw: Floats, fov: Floats, reach: Floats, walls: Seq
         np.asarray(reach, dtype=np.float64) ** 2,
         first,
         *pack_polygons([p for own in walls for p in own]),
-        np.array(cones, dtype=np.float64).reshape(-1, 5),
+        np.array(cones, dtype=np.float64).reshape(-1, 8),
     )
 
 
 def _cone(origin: Floats, wall: Floats) -> Floats:
-    """The (5,) row of `Sensors.cone`; rays of length 0 where the wall may be in any direction."""
+    """What the quick tests of a wall need.
+
+    Returns:
+        (8,): right ray and left ray from the origin around the wall (unit vectors; 0 where the
+        wall may be in any direction), square of its distance, and unit normal and offset of a
+        line, relative to the origin: within the rays and beyond the line everything is hidden.
+    """
+    wall = np.ascontiguousarray(wall, dtype=np.float64)
     rays = wall - origin
-    near = distance_to_boundary(origin[0], origin[1], np.ascontiguousarray(wall, dtype=np.float64))
-    row = np.array([0.0, 0.0, 0.0, 0.0, near**2])
+    row = np.zeros(8)
+    row[7] = np.inf
+    near = distance_to_boundary(origin[0], origin[1], wall)
     if near == 0.0 or inside_polygon(np.ascontiguousarray(origin[None, :2]), wall)[0]:
-        row[4] = 0.0
         return row
-    # Turning angles along the border; outside a polygon they add up to 0.
+    row[4] = near**2
+    # Angles along the border; outside a polygon the turns add up to 0.
     turns = np.angle(np.exp(1j * np.diff(np.arctan2(rays[:, 1], rays[:, 0]))))
     angle = np.concatenate([[0.0], np.cumsum(turns)])
-    right, left = int(np.argmin(angle)), int(np.argmax(angle))
-    if angle[left] - angle[right] < 0.99 * np.pi:
-        row[:2] = rays[right] / np.hypot(*rays[right])
-        row[2:4] = rays[left] / np.hypot(*rays[left])
+    right, left = rays[np.argmin(angle)], rays[np.argmax(angle)]
+    if angle.max() - angle.min() > 0.99 * np.pi:
+        return row
+    row[:2], row[2:4] = right / np.hypot(*right), left / np.hypot(*left)
+    chord = left - right
+    normal = np.array([chord[1], -chord[0]]) / np.hypot(*chord)
+    # The chord between the outermost corners is inside a convex wall; behind it nothing is seen.
+    # Of any other wall, nothing is seen behind the last of its corners.
+    row[5:7], row[7] = normal, normal @ right if _convex(wall) else np.max(rays @ normal)
     return row
+
+
+def _convex(polygon: Floats) -> bool:
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    following = np.roll(edges, -1, axis=0)
+    cross = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
+    return bool(np.all(cross >= 0.0) or np.all(cross <= 0.0))
 
 
 @kernel
@@ -101,10 +121,11 @@ def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
 def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, cone: Floats) -> None:
     """Set `seen` to false, in place, for places that the wall hides from (x0, y0).
 
-    Most places are clearly nearer than the wall, or clearly beside the rays around it;
+    Most places are clearly nearer than the wall, clearly beside it or clearly behind it;
     the exact test is only for the others.
     """
     rx, ry, lx, ly, near2 = cone[0], cone[1], cone[2], cone[3], cone[4] * (1.0 - SLACK)
+    nx, ny, offset = cone[5], cone[6], cone[7]
     for p in range(xy.shape[0]):
         if not seen[p]:
             continue
@@ -113,9 +134,11 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
         if r2 < near2:
             continue
         slack = SLACK * math.sqrt(r2)
-        if rx * dy - ry * dx < -slack or lx * dy - ly * dx > slack:
+        from_right, from_left = rx * dy - ry * dx, ly * dx - lx * dy
+        if from_right < -slack or from_left < -slack:
             continue
-        if segment_blocked(x0, y0, xy[p, 0], xy[p, 1], wall):
+        behind = from_right > slack and from_left > slack and nx * dx + ny * dy > offset + slack
+        if behind or segment_blocked(x0, y0, xy[p, 0], xy[p, 1], wall):
             seen[p] = False
 
 

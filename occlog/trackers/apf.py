@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from ..columns import Floats
+from ..columns import Bools, Floats
 from ..core import waypoint
 from ..core.floor import Floor, make_floor, on_floor, sample_floor
 from ..core.likelihood import Detection, Noise, agreement, log_likelihood
@@ -118,7 +118,8 @@ def _take_in(state: State, t_ns: int, looks: Looks, rng: Generator) -> Draw:
     particles, weights = state.particles, state.weights
     parts = max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
     for _ in range(parts - 1):
-        particles = _move(model, particles, dt / parts, rng)
+        arrived = waypoint.reached(particles, model.motion, model.floor)
+        particles = _move(model, particles, arrived, dt / parts, rng)
     draw = _auxiliary_step(model, particles, weights, looks, dt / parts, rng)
     return draw if math.isfinite(draw.log_likelihood) else _restart(model, looks, "restart", rng)
 
@@ -139,18 +140,17 @@ def _auxiliary_step(
     ratio = weights
     if effective_size(first) < config.resample_below * len(weights) or config.resample_below >= 1.0:
         parents = systematic_ancestors(first, config.particles, rng.random())
-        particles = waypoint.take(particles, parents)
+        particles, arrived = waypoint.take(particles, parents), arrived[parents]
         ratio = weights[parents] / first[parents] / config.particles
     # Stage 2: move them and weigh what came out
-    particles = _move(model, particles, dt, rng)
+    particles = _move(model, particles, arrived, dt, rng)
     weights, log_sum = normalise(log_of(ratio) + _log_likelihood(model, particles.xy, looks))
     return Draw(particles, weights, log_sum, fallback)
 
 
-def _move(model: Model, particles: Particles, dt: float, rng: Generator) -> Particles:
-    """Draw from the importance density of Sec. 4.1."""
+def _move(model: Model, particles: Particles, arrived: Bools, dt: float, rng: Generator) -> Particles:
+    """Draw from the importance density of Sec. 4.1; `arrived` is from `waypoint.reached`."""
     L = len(particles.speed)
-    arrived = waypoint.reached(particles, model.motion, model.floor)
     regime = waypoint.choose_regimes(particles, arrived, dt, model.motion, rng.random(L))
     places = sample_floor(int(np.count_nonzero(regime == waypoint.CHANGE)), model.floor, rng)
     return waypoint.move(particles, regime, places, rng.standard_normal((L, 2)), dt, model.motion)

@@ -15,6 +15,8 @@ from .method import Scan
 
 WIDEST = math.radians(170.0)
 """Fields of view are cut to this where the width of the image in z = f h/d is asked for."""
+LEAST_SIGMA = 1e-9
+"""Measurements without any noise get this much [px, rad], so that densities stay finite."""
 
 
 def pack_sensors(scene: Scene) -> Sensors:
@@ -75,6 +77,6 @@ def pack_looks(scan: Scan, read_px: Floats, use_score: bool) -> Looks:
         first=np.concatenate([before[start], before[-1:]]),
         pixel=pixel,
         value=np.where(pixel, -scan.u_px[seen], scan.bearing[seen]),
-        variance=np.where(pixel, sigma_px, scan.sigma[seen]) ** 2,
+        variance=np.maximum(np.where(pixel, sigma_px, scan.sigma[seen]), LEAST_SIGMA) ** 2,
         share=np.where(weigh, scan.score[seen], 1.0),
     )
