@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..columns import Ints
 from ..errors import InputError
-from ..scene import Clock
+
+if TYPE_CHECKING:
+    # The decoding processes need this module, and must start quickly.
+    from ..scene import Clock
 
 NS = 1_000_000_000
 MAX_SECONDS = 9e9

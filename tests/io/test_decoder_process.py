@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -181,3 +183,9 @@ def test_a_huge_image_is_refused_unread(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(bytes(data))
     with pytest.raises(InputError, match="60000 x 60000 px; the limit is"), images(tmp_path):
         pass
+
+
+def test_the_process_loads_little() -> None:
+    code = "import sys, occlog.io.decoder_main, occlog.io.video_decode, occlog.io.image_files; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"numba", "scipy", "pyarrow", "mcap", "shapely", "occlog.scene"} & set(done.stdout.split())
