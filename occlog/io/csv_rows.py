@@ -195,9 +195,10 @@ def _resolve(
         name = meaning.get(cell.lower())
         if name is None and cell.lower() not in ignored and not ignore_extra:
             near = difflib.get_close_matches(cell.lower(), list(meaning), n=1, cutoff=0.5)
+            known = ", ".join(aliases[0] for aliases in columns.values())
             hint = f"did you mean {near[0]!r}? " if near else ""
             raise InputError(
-                f"{path}: line {line}: unknown column {cell!r}; {hint}known: {', '.join(meaning)}; "
+                f"{path}: line {line}: unknown column {cell!r}; {hint}known: {known}; "
                 "rename it, or give --ignore-extra-columns"
             )
         if name is not None and name in names:

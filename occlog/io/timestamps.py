@@ -50,6 +50,8 @@ def parse_time(text: str, unit: str = "s") -> int:
         value = Decimal("NaN")
     if not value.is_finite():
         raise InputError(f"time {text!r}: neither a number nor a date and time such as 2024-05-01T12:00:00.25Z")
+    if value.adjusted() > 30:  # before any arithmetic, which could overflow
+        raise InputError(f"time {text!r}: out of range")
     if unit == "s" and abs(value) > LATEST_S:
         raise InputError(f"time {text!r}: too large for seconds; name the column t_ms, t_us or t_ns")
     ns = int((value * UNITS[unit]).to_integral_value())

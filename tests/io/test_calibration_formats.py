@@ -357,6 +357,8 @@ FAULTS = [
     ("a.toml", TOML.replace("rotation = [1.2, -0.3, 0.4]\n", ""), "no rotation and translation"),
     ("a.toml", TOML.replace("size = [640, 480]\n", ""), "give --image-size"),
     ("a.toml", TOML.replace("0.002]", "0.002, 0, 0.1, 0.2, 0.3]"), "8 distortion coefficients"),
+    ("a.toml", TOML.replace("0.1, -0.05", "-9.1, 40.5"), "cannot be undone"),
+    ("a.toml", TOML.replace("0.1, -0.05", "1e90, 0.5"), "cannot be undone"),
     ("a.toml", TOML + "fisheye = true\n", "fisheye"),
     ("a.toml", TOML + TOML.replace("[cam1]", "[cam2]"), "two cameras are named 'left'"),
     ("a.txt", "1 2 3 4\n5 6 7 8\n", "not a calibration of a known format"),

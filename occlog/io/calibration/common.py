@@ -17,6 +17,7 @@ from ..sensor_names import safe_name
 WHAT = "a camera calibration"
 MAX_BYTES = 16 * 2**20
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+MAX_ROUND_TRIP_PX = 0.5
 MAX_SKEW_PX = 1.0
 """A larger skew would shift bearings by more than the noise of a reading; `Camera` has none."""
 
@@ -93,7 +94,33 @@ def build_camera(pose: Pose, where: str) -> Camera:
         raise InputError(f"{where}: {len(given)} distortion coefficients; only k1, k2, p1, p2, k3 can be used")
     coefficients[: min(len(given), 5)] = given[:5]
     rotation = _rotation(pose.rotation, where).T
-    fov = camera_fov(size, focal, principal, coefficients, pose.model, rotation)
+    with np.errstate(all="ignore"):
+        fov = camera_fov(size, focal, principal, coefficients, pose.model, rotation)
+        camera = _camera(pose, centre, rotation, focal, principal, size, coefficients, fov)
+        off = _round_trip(camera, size)
+    # Tsai's model gives the sight line of a pixel directly; only the way back has to be solved.
+    if pose.model == "brown" and not off < MAX_ROUND_TRIP_PX:
+        raise InputError(f"{where}: the distortion {given.tolist()} cannot be undone at the edge of the image")
+    return camera
+
+
+def _round_trip(camera: Camera, size: tuple[int, int]) -> float:
+    """How far pixels of the image's border are from themselves after being undistorted and distorted again [px]."""
+    u, v = np.meshgrid(np.linspace(0, size[0] - 1, 9), np.linspace(0, size[1] - 1, 9))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    return float(np.abs(camera.project(camera.position + camera.rays(pixels)) - pixels).max())
+
+
+def _camera(
+    pose: Pose,
+    centre: Floats,
+    rotation: Floats,
+    focal: Floats,
+    principal: Floats,
+    size: tuple[int, int],
+    coefficients: Floats,
+    fov: float,
+) -> Camera:
     return Camera(
         name=safe_name(pose.name),
         position=centre,
