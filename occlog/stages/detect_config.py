@@ -55,9 +55,10 @@ class DetectConfig:
     strength: float = 2.0  # of the prior on a cluster's shape, in persons' pixels
     penalty: float = 0.05  # cost of one more cluster, in persons' pixels
     least: float = 0.2  # smallest cluster, in pixels of a person in full view
+    most: float = 5.0  # largest cluster that can be a target, in the same
     targets: tuple[Target, ...] = field(default=())
     lone_target_id: int = 0  # id of the one target when no appearance is known
-    likeness: float = 0.7  # least likeness (Bhattacharyya coefficient) to a target
+    likeness: float = 0.65  # least likeness (Bhattacharyya coefficient) to a target
     margin: float = 0.05  # likeness that closeness to where the target was last seen is worth
     memory_s: float = 1.0  # how long that counts
     min_confidence: float = 0.3  # of a detector's box
@@ -97,7 +98,7 @@ def _check_numbers(c: DetectConfig) -> None:
     for name in ("history", "batch"):
         if getattr(c, name) < 1:
             raise UsageError(f"detect: {name} {getattr(c, name)} must be at least 1")
-    for name in ("strength", "person_height", "person_height_px", "threshold", "least"):
+    for name in ("strength", "person_height", "person_height_px", "threshold", "least", "most"):
         value = getattr(c, name)
         if value is not None and not (math.isfinite(value) and value > 0):
             raise UsageError(f"detect: {name} {value} must be above 0")

@@ -59,11 +59,10 @@ def _cut(boxes: Floats, width: int) -> Bools:
 
 def _choose(state: CameraState, frames: _Frames, like: Floats) -> Ints:
     """(F, T) row of each target's region among all regions, -1 = not seen."""
-    r = frames.regions
-    widths = np.sqrt(r.person[:, 0])
     chosen = []
     for t_ns, a, b in zip(frames.t_ns.tolist(), frames.first[:-1], frames.first[1:], strict=True):
-        one = choose(t_ns, r.means[a:b], widths[a:b], r.mass[a:b], like[a:b], state.memory, state.config)
+        mine = Regions(*(column[a:b] for column in frames.regions))
+        one = choose(t_ns, mine, like[a:b], state.memory, state.config)
         chosen.append(np.where(one >= 0, one + a, -1))
     return np.array(chosen)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..columns import Floats, Ints
 from ..vision.appearance import likeness
+from ..vision.regions import Regions
 from .detect_config import DetectConfig
 
 JUMP = 2.0  # standard deviations of a person's width that a step of the target may be long and still count as close
@@ -26,49 +27,48 @@ def likenesses(appearance: Floats, config: DetectConfig) -> Floats:
     return np.column_stack(columns) if columns else np.empty((len(appearance), 0))
 
 
-def choose(
-    t_ns: int, centres: Floats, widths: Floats, mass: Floats, like: Floats, memory: Memory, config: DetectConfig
-) -> Ints:
+def choose(t_ns: int, regions: Regions, like: Floats, memory: Memory, config: DetectConfig) -> Ints:
     """(T,) region of each target in one frame, -1 = not seen; `memory` is brought up to date.
 
     With appearances, pairs of target and region are taken in falling order of likeness
     plus `margin` times closeness, each region for one target at most, as long as the
     likeness reaches its least value.  Without, the one target is the region with the
     most foreground, times 1 + closeness so that it does not change between similar ones.
+    A region that is much larger than a person is no target.
 
     Args:
         t_ns: time of the frame.
-        centres: (K, 2) [px].
-        widths: (K,) standard deviation of a person's pixels across [px].
-        mass: (K,) foreground pixels.
+        regions: K regions.
         like: (K, T) likenesses; ignored without targets.
         memory: of the camera.
         config: options.
     """
     n_targets = max(len(config.targets), 1)
-    close = np.column_stack([_closeness(t_ns, centres, widths, memory.last.get(n), config) for n in range(n_targets)])
+    close = np.column_stack([_closeness(t_ns, regions, memory.last.get(n), config) for n in range(n_targets)])
     chosen = np.full(n_targets, -1, dtype=np.int64)
-    if not len(centres):
+    plausible = regions.fill <= config.most
+    if not plausible.any():
         return chosen
     if not config.targets:
-        chosen[0] = int(np.argmax(mass * (1.0 + close[:, 0])))
+        chosen[0] = int(np.argmax(np.where(plausible, regions.mass * (1.0 + close[:, 0]), -np.inf)))
     else:
-        score = np.where(like >= config.likeness, like + config.margin * close, -np.inf)
+        good = plausible[:, None] & (like >= config.likeness)
+        score = np.where(good, like + config.margin * close, -np.inf)
         while (best := np.unravel_index(int(np.argmax(score)), score.shape)) and score[best] > -np.inf:
             k, n = int(best[0]), int(best[1])
             chosen[n] = k
             score[k, :] = score[:, n] = -np.inf
     for n in np.flatnonzero(chosen >= 0).tolist():
-        memory.last[n] = (t_ns, float(centres[chosen[n], 0]), float(centres[chosen[n], 1]))
+        x, y = regions.means[chosen[n]].tolist()
+        memory.last[n] = (t_ns, x, y)
     return chosen
 
 
-def _closeness(
-    t_ns: int, centres: Floats, widths: Floats, last: tuple[int, float, float] | None, config: DetectConfig
-) -> Floats:
+def _closeness(t_ns: int, regions: Regions, last: tuple[int, float, float] | None, config: DetectConfig) -> Floats:
     """(K,) 1 where the target was last seen, falling to 0 with distance; 0 everywhere if that is long ago."""
     if last is None or (t_ns - last[0]) * 1e-9 > config.memory_s:
-        return np.zeros(len(centres))
-    far = np.hypot(centres[:, 0] - last[1], centres[:, 1] - last[2]) / (JUMP * widths)
+        return np.zeros(len(regions.mass))
+    widths = np.sqrt(regions.person[:, 0])
+    far = np.hypot(regions.means[:, 0] - last[1], regions.means[:, 1] - last[2]) / (JUMP * widths)
     closeness: Floats = np.exp(-0.5 * far**2)
     return closeness

@@ -136,5 +136,5 @@ def _sorted_clusters(groups: Floats, labels: Ints, prior: Prior) -> Clusters:
         if labels[i] >= 0:
             labels[i] = rank[labels[i]]
     means, mass = groups[:, 1:3].copy(), groups[:, 0].copy()
-    expected, person = person_at(means, _sizes_of(groups, prior), prior)
+    expected, person = person_at(means, np.zeros(groups.shape[0]), prior)
     return Clusters(means, covs, mass, mass / person, expected, labels)
