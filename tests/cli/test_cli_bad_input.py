@@ -1,0 +1,212 @@
+"""Bad input and bad luck through the command line: one clear line, the right exit code, nothing half written."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+
+SCENE = """
+occlog_scene: 1
+room: [[0, 0], [8, 0], [8, 6], [0, 6]]
+cameras:
+- {name: a, position: [0, 0, 1.5], yaw_deg: 40, focal_px: 60, image_size_px: [64, 48]}
+- {name: b, position: [8, 0, 1.5], yaw_deg: 140, focal_px: 60, image_size_px: [64, 48]}
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a good scene, recording, bearings and tracks."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "scene.yaml").write_text(SCENE)
+    ok = [
+        ["simulate", f"{folder}/scene.yaml", "-o", f"{folder}/r.mcap", "--steps", "20", "-q"],
+        ["detect", f"{folder}/r.mcap", "-o", f"{folder}/b.parquet", "-q"],
+        [
+            "track",
+            f"{folder}/b.parquet",
+            "--scene",
+            f"{folder}/r.mcap",
+            "-o",
+            f"{folder}/t.parquet",
+            "--particles",
+            "50",
+        ],
+    ]
+    for args in ok:
+        assert run(args) == ExitCode.DONE
+    return folder
+
+
+@pytest.fixture
+def work(made: Path, tmp_path: Path) -> Path:
+    """A copy of the good files to damage."""
+    return Path(shutil.copytree(made, tmp_path / "work"))
+
+
+def damage(work: Path, how: str) -> None:
+    """Spoil one of the files."""
+    name, what = how.split(":")
+    path = work / name
+    raw = path.read_bytes()
+    if what == "missing":
+        path.unlink()
+    elif what == "empty":
+        path.write_bytes(b"")
+    elif what == "cut":
+        path.write_bytes(raw[: len(raw) // 2])
+    elif what == "flipped":
+        middle = len(raw) // 2
+        path.write_bytes(raw[:middle] + bytes(b ^ 255 for b in raw[middle : middle + 8]) + raw[middle + 8 :])
+    elif what == "folder":
+        path.unlink()
+        path.mkdir()
+    else:
+        change_bearings(path, what)
+
+
+def change_bearings(path: Path, what: str) -> None:
+    """Bearings that other programs might write."""
+    table = pq.read_table(path)
+    metadata = table.schema.metadata
+    t_ns = table["t_ns"].to_numpy().copy()
+    if what == "backwards":
+        t_ns[-1] = t_ns[0]
+    elif what == "repeated":
+        t_ns[:] = t_ns[0]
+    if what == "nan":
+        bearing = np.full(len(table), np.nan)
+        table = table.set_column(
+            table.schema.get_field_index("bearing"), table.schema.field("bearing"), pa.array(bearing)
+        )
+    elif what == "stranger":
+        table = table.set_column(1, "sensor", pa.array(["nobody"] * len(table)).dictionary_encode())
+    else:
+        table = table.set_column(0, table.schema.field("t_ns"), pa.array(t_ns))
+    pq.write_table(table.replace_schema_metadata(metadata), path)
+
+
+DETECT = ["detect", "r.mcap", "-o", "new.parquet"]
+TRACK = ["track", "b.parquet", "--scene", "scene.yaml", "-o", "new.parquet"]
+EVALUATE = ["evaluate", "t.parquet", "--truth", "r.mcap", "--scene", "scene.yaml", "-o", "new.json"]
+REPORT = ["report", "t.parquet", "--scene", "scene.yaml", "-o", "new.html"]
+SIMULATE = ["simulate", "scene.yaml", "-o", "new.mcap", "--steps", "5"]
+CASES = [
+    *[(f"r.mcap:{what}", DETECT, "r.mcap") for what in ("missing", "empty", "cut", "flipped", "folder")],
+    *[(f"b.parquet:{what}", TRACK, "b.parquet") for what in ("missing", "empty", "cut", "flipped", "folder")],
+    *[(f"t.parquet:{what}", EVALUATE, "t.parquet") for what in ("missing", "empty", "cut")],
+    *[(f"t.parquet:{what}", REPORT, "t.parquet") for what in ("missing", "cut")],
+    *[(f"scene.yaml:{what}", SIMULATE, "scene.yaml") for what in ("missing", "empty", "folder")],
+    ("b.parquet:backwards", TRACK, "goes back"),
+    ("b.parquet:repeated", TRACK, "two rows"),
+    ("b.parquet:nan", TRACK, "seen is True but bearing is nan"),
+    ("b.parquet:stranger", TRACK, "nobody"),
+]
+
+
+@pytest.mark.parametrize(("how", "args", "message"), CASES, ids=[f"{c[1][0]}-{c[0]}" for c in CASES])
+def test_exit_code_4_one_line_and_no_output(
+    work: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    how: str,
+    args: list[str],
+    message: str,
+) -> None:
+    damage(work, how)
+    before = sorted(os.listdir(work))
+    monkeypatch.chdir(work)
+    assert run([*args, "-q"]) == ExitCode.BAD_INPUT
+    out = capsys.readouterr()
+    assert out.out == ""
+    assert out.err.count("\n") == 1, out.err
+    assert message in out.err
+    assert sorted(os.listdir(work)) == before
+
+
+@pytest.mark.parametrize("args", [DETECT, TRACK, EVALUATE, REPORT, SIMULATE], ids=lambda a: a[0])
+def test_exit_code_7_for_an_output_that_exists(
+    work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], args: list[str]
+) -> None:
+    monkeypatch.chdir(work)
+    target = Path(args[args.index("-o") + 1])
+    target.write_text("old")
+    assert run([*args, "-q"]) == ExitCode.EXISTS
+    assert "--overwrite" in capsys.readouterr().err
+    assert target.read_text() == "old"
+    assert run([*args, "-q", "--overwrite"]) == ExitCode.DONE
+    assert target.read_bytes() != b"old"
+
+
+def test_exit_code_2_for_an_output_that_is_an_input(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = work / "b.parquet"
+    before = path.read_bytes()
+    args = ["track", str(path), "--scene", str(work / "scene.yaml"), "-o", str(path), "--overwrite"]
+    assert run(args) == ExitCode.USAGE
+    assert "is an input too" in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A real disk of 64 kB."""
+    path = tmp_path / "disk"
+    path.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(path)], capture_output=True, check=False
+    )
+    if mounted.returncode != 0:
+        pytest.skip("mounting a small disk is not allowed here")
+    yield path
+    subprocess.run(["umount", str(path)], check=True)
+
+
+@pytest.mark.parametrize("command", ["simulate", "detect"])
+def test_exit_code_4_for_a_full_disk(
+    work: Path, small_disk: Path, capfd: pytest.CaptureFixture[str], command: str
+) -> None:
+    args = {
+        "simulate": ["simulate", f"{work}/scene.yaml", "-o", f"{small_disk}/r.mcap", "--steps", "2000", "-q"],
+        "detect": ["detect", f"{work}/long.mcap", "-o", f"{small_disk}/b.parquet", "-q"],
+    }
+    if command == "detect":
+        assert (
+            run(["simulate", f"{work}/scene.yaml", "-o", f"{work}/long.mcap", "--steps", "2000", "-q"]) == ExitCode.DONE
+        )
+        capfd.readouterr()
+    assert run(args[command]) == ExitCode.BAD_INPUT
+    error = capfd.readouterr().err
+    assert "the disk is full" in error
+    assert error.count("\n") == 1
+    assert os.listdir(small_disk) == []
+
+
+@pytest.mark.parametrize(("how", "code"), [(signal.SIGINT, ExitCode.INTERRUPTED), (signal.SIGKILL, -9)])
+def test_stopped_in_the_middle(work: Path, how: int, code: int) -> None:
+    output = work / "long.mcap"
+    output.write_text("old")
+    args = ["simulate", str(work / "scene.yaml"), "-o", str(output), "--steps", "2000000", "--overwrite", "-q"]
+    process = subprocess.Popen([sys.executable, "-m", "occlog", *args], stderr=subprocess.PIPE, text=True)
+    time.sleep(6)
+    assert process.poll() is None, "it ended before it could be stopped"
+    process.send_signal(how)
+    _, error = process.communicate(timeout=30)
+    assert process.returncode == code
+    assert "Traceback" not in error
+    assert error.strip() == ("occlog: interrupted" if how == signal.SIGINT else "")
+    assert output.read_text() == "old"
+    assert not [name for name in os.listdir(work) if "partial" in name]
