@@ -29,7 +29,7 @@ SHARE = click.FloatRange(min=0, max=1)
 # Every option of this list is a field of DetectConfig, where its default stands.
 SETTINGS = (
     click.option("--method", type=click.Choice(["em", "components"]), default=None,
-                 help="Foreground to regions: mixture of person-shaped Gaussians, or connected components. [default: em]"),
+                 help="Foreground to regions: mixture of person-shaped Gaussians, or connected blobs. [default: em]"),
     click.option("--background", type=click.Choice(["mog2", "knn"]), default=None,
                  help="Background model. [default: mog2]"),
     click.option("--history", type=click.IntRange(min=1), default=None, metavar="FRAMES",
@@ -91,7 +91,8 @@ def settings(command: Any) -> Any:
 @options.json_opt
 def command(
     recording: Path, output: Path, views: Path | None, scene: Path | None, only: str, references: Path | None,
-    boxes: tuple[str, ...], learn: bool, workers: int | None, overwrite: bool, quiet: bool, as_json: bool, **values: Any,
+    boxes: tuple[str, ...], learn: bool, workers: int | None, overwrite: bool, quiet: bool, as_json: bool,
+    **values: Any,
 ) -> int:  # fmt: skip
     """Reduce the frames of RECORDING to bearings of its targets.
 

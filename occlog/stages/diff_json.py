@@ -50,7 +50,9 @@ def _walk(
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         for k in (*a, *(k for k in b if k not in a)):
             if provenance or not (str(k).startswith("_") or k == "provenance"):
-                yield from _child(_joined(path, str(k)), str(k), a.get(k, _ABSENT), b.get(k, _ABSENT), name, limits, provenance)
+                yield from _child(
+                    _joined(path, str(k)), str(k), a.get(k, _ABSENT), b.get(k, _ABSENT), name, limits, provenance
+                )
     elif _is_list(a) and _is_list(b):
         for n in range(max(len(a), len(b))):
             place = f"{path}[{n}]"
