@@ -86,4 +86,5 @@ def apf_defaults(length_unit: str) -> ApfConfig:
     if length_unit not in METRES:
         return config
     metre = 1.0 / METRES[length_unit]
-    return replace(config, speed=1.0 * metre, speed_spread=0.5 * metre, sigma_v=0.33 * metre)
+    # People stop, turn and hurry: their speed is learned faster than that of the reference scene's objects.
+    return replace(config, speed=1.0 * metre, speed_spread=0.5 * metre, sigma_v=0.4 * metre, phi=0.2)

@@ -53,8 +53,9 @@ def check_settings(config: Any, method: str, limits: Iterable[tuple[str, bool, s
     """InputError for a setting that is not finite or breaks its limit (name, whether it holds, what it is)."""
     for f in fields(config):
         value = getattr(config, f.name)
-        if isinstance(value, float) and not math.isfinite(value):
-            raise InputError(f"{method}: {f.name} is {value}, must be a finite number")
+        numbers = value if isinstance(value, tuple) else (value,)
+        if any(isinstance(n, float) and not math.isfinite(n) for n in numbers):
+            raise InputError(f"{method}: {f.name} is {value}, must be finite")
     for name, holds, limit in limits:
         if not holds:
             raise InputError(f"{method}: {name} is {getattr(config, name)}, must be {limit}")
