@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ..columns import Bools, Floats
+from ..columns import Bools, Floats, Ints
 from ..errors import InputError
 from ..records import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Views
 from ..scene import Camera, Scene
@@ -87,19 +87,23 @@ def _ranks(boxes: Boxes, area: Floats) -> np.ndarray[tuple[int], np.dtype[np.int
 def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: Sights) -> Bearings:
     if not camera.placed:
         return Bearings.empty()
-    empty = np.setdiff1d(boxes.t_ns, good.t_ns)
-    nothing = np.full(len(empty), np.nan)
     if np.isnan(seen.bearing).any():
         row = int(np.flatnonzero(np.isnan(seen.bearing))[0])
         raise InputError(f"camera {camera.name}: frame {good.frame[row]}: the box's sight line cannot be computed")
+    empty = np.setdiff1d(boxes.t_ns, good.t_ns)
+    nothing = np.full(len(empty), np.nan)
+    return Bearings.merge(
+        [
+            _rows(camera, good.t_ns, True, seen, good.confidence),
+            _rows(camera, empty, False, Sights(nothing, nothing, nothing, nothing), nothing),
+        ]
+    )
 
-    def column(values: Floats) -> Floats:
-        return np.concatenate([values, nothing])
 
+def _rows(camera: Camera, t_ns: Ints, found: bool, seen: Sights, score: Floats) -> Bearings:
+    n = len(t_ns)
     return Bearings.of(
-        t_ns=np.concatenate([good.t_ns, empty]), sensor=np.full(len(good) + len(empty), camera.name),
-        target_id=np.full(len(good) + len(empty), UNLABELLED, dtype=np.int32),
-        seen=np.arange(len(good) + len(empty)) < len(good),
-        bearing=column(seen.bearing), sigma=column(seen.sigma), u_px=column(seen.u_px),
-        sigma_px=column(seen.sigma_px), score=column(good.confidence),
+        t_ns=t_ns, sensor=np.full(n, camera.name), target_id=np.full(n, UNLABELLED, dtype=np.int32),
+        seen=np.full(n, found), bearing=seen.bearing, sigma=seen.sigma, u_px=seen.u_px, sigma_px=seen.sigma_px,
+        score=score,
     )  # fmt: skip
