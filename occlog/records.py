@@ -280,7 +280,10 @@ class Diagnostics(Table):
     )
     n_looked: Ints32 = column("i4", "1", "sensors that delivered a frame in the scan")
     n_seen: Ints32 = column("i4", "1", "sensors that saw the target")
-    fallback: Strings = column("U", "1", "empty, `sir` (auxiliary stage skipped) or `restart` (particles drawn anew)")
+    fallback: Strings = column(
+        "U", "1",
+        "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew) or `gap` (the same after a long gap)",
+    )  # fmt: skip
     cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
 
     def check(self) -> None:

@@ -1,0 +1,194 @@
+"""What `occlog track` does: read, track, write."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError, UsageError
+from ..io.parquet import TableWriter, iter_table, read_provenance
+from ..io.provenance import Provenance, hash_inputs
+from ..io.recording import open_recording
+from ..records import Bearings, Diagnostics, Doa, Tracks
+from ..stages.sources import bearings_of_doa, in_time
+from ..stages.track import choose_sensors, track
+from ..trackers import tracker
+from ..trackers.settings import configure
+from . import options
+
+if TYPE_CHECKING:
+    from ..columns import Table
+    from ..losses import Loss
+    from ..scene import Scene
+    from ..stages.track import Tracked
+
+METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to track and how."""
+
+    bearings: Path
+    scene: Path | None
+    doa: Path | None
+    method: str
+    settings: dict[str, str]
+    start: str | None
+    targets: tuple[int, ...]  # empty: all
+    unlabelled: bool
+    only: tuple[str, ...]  # sensors; empty: all
+    without: tuple[str, ...]
+    window_ns: int
+    seed: int
+
+
+class Inputs:
+    """The measurements as one stream, with the scene and what had been lost before."""
+
+    def __init__(self, request: Request) -> None:
+        """Open everything; nothing but headers is read yet."""
+        self.losses: dict[Loss, None] = {}  # each once, in order
+        recorded = open_recording(request.bearings).scene if is_recording(request.bearings) else None
+        self.scene: Scene = options.load_scene(request.scene, recorded, request.bearings)
+        streams: list[Iterable[Bearings]] = []
+        if not is_recording(request.bearings) or open_recording(request.bearings).has(Bearings):
+            streams.append(self._open(request.bearings, Bearings))
+        doa = request.doa
+        if doa is None and is_recording(request.bearings) and open_recording(request.bearings).has(Doa):
+            doa = request.bearings
+        if doa is not None:
+            streams.append(bearings_of_doa(self._open(doa, Doa), self.scene))
+        if not streams:
+            raise InputError(f"{request.bearings}: holds no bearings; make them with `occlog detect`")
+        self.chunks = _not_empty(in_time(streams), request.bearings)
+
+    def _open(self, path: Path, table: type[Any]) -> Iterator[Any]:
+        """Chunks of a table in a file of either kind."""
+        if not is_recording(path):
+            self.losses |= dict.fromkeys(read_provenance(path).losses)
+            return iter_table(path, table)
+        recording = open_recording(path)
+        if not recording.has(table):
+            raise InputError(f"{path}: holds no {table.NAME}; give a recording or a table that has them")
+        self.losses |= dict.fromkeys(recording.losses)
+        return recording.tables(table)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the name is that of a recording."""
+    return path.suffix.lower() == ".mcap"
+
+
+def _not_empty(chunks: Iterable[Bearings], path: Path) -> Iterator[Bearings]:
+    """The chunks; refuses input without rows, from which nothing can be tracked."""
+    rows = 0
+    for chunk in chunks:
+        rows += len(chunk)
+        yield chunk
+    if rows == 0:
+        raise InputError(f"{path}: has no rows; nothing can be tracked from it")
+
+
+def run_track(
+    request: Request, output: Path, diagnostics: Path | None, overwrite: bool, quiet: bool
+) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+    """Track and write; the summary, and what had been lost before."""
+    inputs = Inputs(request)
+    config = make_config(request, inputs.scene.length_unit)
+    sensors = choose_sensors(inputs.scene, request.only, request.without)
+    targets = request.targets or None
+    tracked = track(
+        options.progress(inputs.chunks, "track", quiet=quiet), inputs.scene, config, request.seed,
+        method=request.method, sensors=sensors, targets=targets, unlabelled=request.unlabelled,
+        window_ns=request.window_ns,
+    )  # fmt: skip
+    parameters = {
+        "method": request.method, "sensors": sorted(sensors), "targets": targets, "unlabelled": request.unlabelled,
+        "window_ns": request.window_ns, **asdict(config),
+    }  # fmt: skip
+    paths = [p for p in (request.bearings, request.scene, request.doa) if p is not None]
+    losses = tuple(inputs.losses)
+    provenance = Provenance("track", parameters, request.seed, hash_inputs(paths), losses)
+    outputs: list[tuple[Path | None, type[Table]]] = [(output, Tracks), (diagnostics, Diagnostics)]
+    tally = Tally()
+    with ExitStack() as stack:
+        writers = [
+            stack.enter_context(
+                TableWriter(p, t, provenance, overwrite=overwrite, length_unit=inputs.scene.length_unit)
+            )
+            for p, t in outputs
+            if p is not None
+        ]
+        for part in tracked:
+            for writer, table in zip(writers, part, strict=False):
+                writer.write(table)
+            tally.add(part)
+        if not tally.rows:
+            raise InputError(f"{request.bearings}: no row is of the chosen targets and sensors; choose others")
+    return {"tracks": str(output), "method": request.method, **tally.summary()}, losses
+
+
+def make_config(request: Request, unit: str) -> Any:
+    """Settings of the method: its defaults for the length unit, and what the options say."""
+    defaults = tracker(request.method).defaults(unit)
+    values = dict(request.settings)
+    if request.start is not None:
+        if "start" in values:
+            raise UsageError("--start and --set start=... say the same; give one of them")
+        values["start"] = parse_start(request.start, unit)
+    return configure(defaults, values, request.method)
+
+
+def parse_names(text: str) -> tuple[str, ...]:
+    """Names separated by commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def parse_setting(text: str) -> tuple[str, str]:
+    """NAME=VALUE."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise UsageError(f"--set {text}: want NAME=VALUE")
+    return name.strip(), value
+
+
+def parse_start(text: str, unit: str) -> str:
+    """X,Y,SIGMA of X,Y[,SIGMA]; half a metre, or 1 in a scene with units of its own, where SIGMA is left out."""
+    parts = text.split(",")
+    if len(parts) == 2:
+        parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))
+    if len(parts) != 3:
+        raise UsageError(f"--start {text}: want X,Y or X,Y,SIGMA")
+    return ",".join(parts)
+
+
+class Tally:
+    """Figures of the summary, gathered while streaming."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.rows = 0
+        self.targets: set[int] = set()
+        self.fallbacks: Counter[str] = Counter()
+        self.ess = 0.0
+
+    def add(self, part: Tracked) -> None:
+        """Count some more rows."""
+        self.rows += len(part.tracks)
+        self.targets.update(part.tracks.target_id.tolist())
+        self.fallbacks.update(f for f in part.diagnostics.fallback.tolist() if f)
+        self.ess += float(part.diagnostics.ess.sum())
+
+    def summary(self) -> dict[str, Any]:
+        """The figures."""
+        return {
+            "targets": len(self.targets),
+            "rows": self.rows,
+            "mean_effective_particles": self.ess / self.rows if self.rows else None,
+            "fallbacks": dict(sorted(self.fallbacks.items())),
+        }

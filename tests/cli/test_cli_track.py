@@ -1,0 +1,216 @@
+"""`occlog track` on files: inputs of every kind, options, exit codes, one-line errors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tracker_scenes import SECOND, observe, room100, walk, with_array
+
+from occlog.cli.main import run
+from occlog.cli.track import METHODS
+from occlog.cli.track_run import parse_start
+from occlog.errors import ExitCode
+from occlog.io.parquet import describe, read_provenance, read_table, write_table
+from occlog.io.provenance import Provenance
+from occlog.io.recording_writer import RecordingWriter
+from occlog.io.scene_file import scene_to_yaml
+from occlog.losses import Loss
+from occlog.records import UNLABELLED, Bearings, Diagnostics, Doa, Tracks
+from occlog.trackers import TRACKERS
+
+SCENE = with_array(room100(pillar=False), (50.0, 50.0), sigma=0.05)
+MADE = Provenance("detect", losses=(Loss("cam1", "frame 7", "cut", 1),))
+STEPS = 12
+
+
+def bearings(targets=(0,)):
+    parts = []
+    for k in targets:
+        rng = np.random.default_rng([1, k])
+        parts.append(observe(room100(pillar=False), walk(STEPS, rng), rng, target=k))
+    return Bearings.merge(parts)
+
+
+def doa():
+    path = walk(STEPS, np.random.default_rng([1, 0]))
+    return Doa.of(
+        t_ns=np.arange(STEPS) * SECOND, sensor=["array"] * STEPS, source_id=np.full(STEPS, -1, dtype=np.int32),
+        azimuth=np.arctan2(path[:, 1] - 50, path[:, 0] - 50), elevation=np.full(STEPS, np.nan),
+        sigma_azimuth=np.full(STEPS, np.nan), sigma_elevation=np.full(STEPS, np.nan), confidence=np.full(STEPS, np.nan),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "scene.yaml").write_text(scene_to_yaml(SCENE))
+    write_table(tmp_path / "bearings.parquet", bearings((0, 3)), MADE)
+    with RecordingWriter(tmp_path / "room.mcap", SCENE, MADE) as writer:
+        writer.table(bearings())
+        writer.table(doa())
+    return tmp_path
+
+
+def track(folder, *args, source="bearings.parquet"):
+    """Exit code of the command with few particles; outputs are `tracks.parquet` and `diagnostics.parquet`."""
+    return run(
+        ["track", str(folder / source), "-o", str(folder / "tracks.parquet"), "-q", "--particles", "100",
+         "--diagnostics", str(folder / "diagnostics.parquet"), *args]
+    )  # fmt: skip
+
+
+def with_scene(folder, *args):
+    return track(folder, "--scene", str(folder / "scene.yaml"), *args)
+
+
+def test_bearings_become_tracks_and_diagnostics(folder, capsys):
+    assert with_scene(folder, "--json", "--seed", "4") == ExitCode.LOSSY  # the detector had lost a frame
+    captured = capsys.readouterr()
+    summary = json.loads(captured.out)
+    assert (summary["targets"], summary["rows"], summary["method"]) == (2, 2 * STEPS, "apf")
+    assert 1 <= summary["mean_effective_particles"] <= 100
+    assert summary["losses"][0]["place"] == "frame 7"
+    tracks = read_table(folder / "tracks.parquet", Tracks)
+    diagnostics = read_table(folder / "diagnostics.parquet", Diagnostics)
+    assert len(tracks) == len(diagnostics) == 2 * STEPS
+    provenance = read_provenance(folder / "tracks.parquet")
+    assert provenance.command == "track"
+    assert provenance.seed == 4
+    assert provenance.parameters["particles"] == 100
+    assert [name for name, _ in provenance.inputs] == ["bearings.parquet", "scene.yaml"]
+    assert provenance.losses == MADE.losses
+    assert describe(folder / "tracks.parquet")["length_unit"] == "unit"
+
+
+def test_a_recording_brings_its_scene_and_its_directions_of_arrival(folder):
+    assert track(folder, source="room.mcap") == ExitCode.LOSSY
+    diagnostics = read_table(folder / "diagnostics.parquet", Diagnostics)
+    assert set(diagnostics.cameras.tolist()) == {",".join([*(f"cam{i}" for i in range(1, 9)), "array"])}
+    assert set(diagnostics.target_id.tolist()) == {0}
+
+
+def test_directions_of_arrival_of_another_file_can_be_added(folder):
+    write_table(folder / "doa.parquet", doa(), Provenance("ingest"))
+    assert with_scene(folder, "--doa", str(folder / "doa.parquet"), "--target", "0") == ExitCode.LOSSY
+    assert read_table(folder / "diagnostics.parquet", Diagnostics).cameras[0].endswith("cam8,array")
+    assert "doa.parquet" in dict(read_provenance(folder / "tracks.parquet").inputs)
+
+
+def test_the_same_seed_gives_the_same_file(folder):
+    with_scene(folder, "--seed", "5")
+    first = (folder / "tracks.parquet").read_bytes()
+    with_scene(folder, "--seed", "5", "--overwrite")
+    assert (folder / "tracks.parquet").read_bytes() == first
+    with_scene(folder, "--seed", "6", "--overwrite")
+    assert (folder / "tracks.parquet").read_bytes() != first
+
+
+def test_sensors_and_targets_can_be_chosen(folder):
+    with_scene(folder, "--cameras", "cam1, cam3,cam5", "--without", "cam3", "--target", "3")
+    diagnostics = read_table(folder / "diagnostics.parquet", Diagnostics)
+    assert set(diagnostics.cameras.tolist()) == {"cam1,cam5"}
+    assert set(diagnostics.target_id.tolist()) == {3}
+
+
+def test_a_track_without_labels_begins_at_the_start(folder):
+    rows = bearings()
+    values = {c.name: getattr(rows, c.name) for c in Bearings.columns()}
+    values["target_id"] = np.full(len(rows), UNLABELLED, dtype=np.int32)
+    write_table(folder / "boxes.parquet", Bearings(**values), Provenance("detect"))
+    first = walk(STEPS, np.random.default_rng([1, 0]))[0]
+    start = f"{first[0]},{first[1]},0.1"
+    args = ("--scene", str(folder / "scene.yaml"), "--start", start, "--target", "7")
+    assert track(folder, *args, source="boxes.parquet") == ExitCode.DONE
+    tracks = read_table(folder / "tracks.parquet", Tracks)
+    assert set(tracks.target_id.tolist()) == {7}
+    assert np.hypot(tracks.x[0] - first[0], tracks.y[0] - first[1]) < 0.2
+    nothing = track(folder, *args, "--labelled-only", "--overwrite", source="boxes.parquet")
+    assert nothing == ExitCode.BAD_INPUT
+
+
+def test_settings_go_to_the_method(folder):
+    with_scene(folder, "--set", "sigma_v=0.7", "--set", "detection=0.9")
+    parameters = read_provenance(folder / "tracks.parquet").parameters
+    assert (parameters["sigma_v"], parameters["detection"]) == (0.7, 0.9)
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "message"),
+    [
+        (["--cameras", "cam0"], ExitCode.USAGE, "no sensor 'cam0' in the scene; did you mean 'cam"),
+        (["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])], ExitCode.USAGE, "no sensor is left"),
+        (["--set", "sigmav=1"], ExitCode.USAGE, "no setting 'sigmav'; did you mean 'sigma_v'?"),
+        (["--set", "sigma_v"], ExitCode.USAGE, "--set sigma_v: want NAME=VALUE"),
+        (["--set", "phi=2"], ExitCode.BAD_INPUT, "apf: phi is 2.0, must be in [0, 1]"),
+        (["--start", "1"], ExitCode.USAGE, "--start 1: want X,Y or X,Y,SIGMA"),
+        (["--start", "1,2", "--set", "start=1,2,3"], ExitCode.USAGE, "give one of them"),
+        (["--start", "1,2"], ExitCode.USAGE, "choose one, e.g. --target 3"),
+        (["--target", "5"], ExitCode.BAD_INPUT, "no row is of the chosen targets and sensors"),
+        (["--doa", "bearings.parquet"], ExitCode.USAGE, "is an input too"),
+        (["--method", "kalman"], ExitCode.USAGE, "apf"),
+        (["--particles", "0"], ExitCode.USAGE, "--particles"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_leaves_no_output(folder, capsys, monkeypatch, args, code, message):
+    monkeypatch.chdir(folder)
+    if "--doa" in args:
+        args = [*args, "--diagnostics", "bearings.parquet"]
+    assert with_scene(folder, *args) == code
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (folder / "tracks.parquet").exists()
+    assert not (folder / "diagnostics.parquet").exists()
+
+
+def test_a_scene_is_needed_with_a_table(folder, capsys):
+    assert track(folder) == ExitCode.USAGE
+    assert "give one with --scene" in capsys.readouterr().err
+
+
+def test_files_that_are_missing_damaged_or_of_another_kind_are_refused(folder, capsys):
+    (folder / "cut.parquet").write_bytes((folder / "bearings.parquet").read_bytes()[:-40])
+    (folder / "empty.parquet").write_bytes(b"")
+    write_table(folder / "none.parquet", Bearings.empty(), Provenance("detect"))
+    with RecordingWriter(folder / "blank.mcap", SCENE, Provenance("ingest")):
+        pass
+    scene = ["--scene", str(folder / "scene.yaml")]
+    for name in ("missing.parquet", "cut.parquet", "empty.parquet", "none.parquet", "blank.mcap"):
+        assert track(folder, *scene, source=name) == ExitCode.BAD_INPUT
+        error = capsys.readouterr().err
+        assert name in error
+        assert error.count("\n") == 1
+    assert not (folder / "tracks.parquet").exists()
+
+
+def test_outputs_that_exist_are_kept(folder, capsys):
+    (folder / "tracks.parquet").write_text("precious")
+    assert with_scene(folder) == ExitCode.EXISTS
+    assert (folder / "tracks.parquet").read_text() == "precious"
+    assert "--overwrite" in capsys.readouterr().err
+
+
+def test_bearings_that_contradict_each_other_are_refused(folder, capsys):
+    rows = bearings()
+    twice = Bearings.merge([rows, rows.take(np.flatnonzero(rows.sensor == "cam2")[3:4])])
+    write_table(folder / "twice.parquet", twice, Provenance("detect"))
+    assert track(folder, "--scene", str(folder / "scene.yaml"), source="twice.parquet") == ExitCode.BAD_INPUT
+    assert "sensor 'cam2' has two rows for target 0 at 3000000000 ns" in capsys.readouterr().err
+
+
+def test_the_methods_of_the_option_are_those_there_are():
+    assert tuple(TRACKERS) == METHODS
+
+
+def test_a_start_without_sigma_is_half_a_metre_in_any_unit():
+    assert parse_start("1,2", "m") == "1,2,0.5"
+    assert float(parse_start("1,2", "ft").split(",")[2]) == pytest.approx(0.5 / 0.3048)
+    assert parse_start("1,2", "unit") == "1,2,1.0"
+    assert parse_start("1,2,3", "m") == "1,2,3"
+
+
+def test_importing_the_command_loads_nothing_heavy():
+    source = Path(__file__).resolve().parents[2] / "occlog" / "cli" / "track.py"
+    assert not any(word in source.read_text() for word in ("numpy", "pyarrow", "from ..stages", "from ..trackers"))
