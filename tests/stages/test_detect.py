@@ -18,6 +18,8 @@ from occlog.vision.appearance import histogram
 
 N = 12
 
+pytestmark = pytest.mark.jit  # whole recordings
+
 
 def learned(place: Scene) -> Learned:
     return Learned(empty={c.name: background(c.name) for c in place.cameras})

@@ -85,6 +85,7 @@ def test_a_camera_without_pose_gives_nan_and_no_regions_give_none() -> None:
     assert all(v.shape == (0,) for v in sights(cam, np.empty((0, 2)), flat(0), flat(0), flat(0)))
 
 
+@pytest.mark.jit
 def test_errors_of_made_up_people_stay_within_what_is_stated() -> None:
     # Bodies here are symmetric, so what posture would add is missing: errors must be below the stated sigma.
     place = scene(camera("a", 0.0, 0.0, 45.0, sigma_read_px=0.5), camera("b", 8.0, 0.0, 135.0, sigma_read_px=0.5))

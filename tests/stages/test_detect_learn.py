@@ -17,6 +17,8 @@ from occlog.vision.appearance import likeness, pixel_bin
 N = 24
 PLACE = scene()
 
+pytestmark = pytest.mark.jit  # whole recordings
+
 
 def recording() -> list[Frame]:
     return frames(PLACE, N, lambda k: [walk(N)[k]])
