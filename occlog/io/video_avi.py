@@ -163,7 +163,7 @@ def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> dict[int, tu
                 (
                     (index[k][0], k)
                     for k in range(number, len(index))
-                    if index[k][0] > at and _fits(data, *index[k], tag)
+                    if index[k][0] - 8 > at and _fits(data, *index[k], tag)
                 ),
                 None,
             )

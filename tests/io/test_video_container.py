@@ -148,3 +148,14 @@ def test_mutilated_files_never_escape_the_parser(
         assert (np.diff(found.pts_ns) >= 0).all()
         assert found.frames is not None
         assert found.frames < 20_000_000
+
+
+def test_a_chunk_that_reaches_beyond_its_list_does_not_hold_the_walk(tmp_path: Path) -> None:
+    data = bytearray(avi([jpeg(k) for k in range(5)]))
+    movi = data.index(b"movi") - 4
+    third = data.index(b"00dc", data.index(b"00dc", data.index(b"00dc", movi) + 1) + 1)
+    struct.pack_into("<I", data, movi, third + 100 - movi - 4)  # the list now ends inside the third chunk
+    found = of(tmp_path / "v.avi", bytes(data))
+    assert found is not None
+    assert found.frames == 5
+    assert found.problems
