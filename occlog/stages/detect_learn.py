@@ -12,7 +12,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from ..columns import Floats
@@ -20,6 +19,7 @@ from ..errors import InputError
 from ..frames import Frame, Image
 from ..scene import Camera, Scene
 from ..vision.appearance import histogram
+from ..vision.difference import difference
 from ..vision.empty_scene import empty_scene
 from ..vision.observed_size import DIFFERENCE, observed_sizes, person_like_blobs
 from ..vision.person_size import SizeMap
@@ -211,10 +211,7 @@ def appearance_in_box(image: Image, empty: Image | None, box: TargetBox) -> Floa
         raise InputError(f"{where}: lies off the image")
     if empty is None or empty.shape != image.shape:
         return histogram(part)
-    difference = cv2.absdiff(part, empty[y0:y1, x0:x1])
-    if difference.ndim == 3:
-        difference = difference.max(axis=2)
-    mask = (difference > DIFFERENCE).astype(np.uint8)
+    mask = (difference(part, empty[y0:y1, x0:x1]) > DIFFERENCE).astype(np.uint8)
     if np.count_nonzero(mask) < LEAST_PIXELS:
         raise InputError(
             f"{where}: only {np.count_nonzero(mask)} pixels differ from the empty scene, want {LEAST_PIXELS}; "

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.jit import kernel
+from .difference import difference
 
 Bytes = NDArray[np.uint8]
 
@@ -38,20 +39,12 @@ def motion_masks(samples: Bytes, thickness_px: float) -> Bytes:
     smooth = [
         cv2.GaussianBlur(cv2.resize(s, size, interpolation=cv2.INTER_AREA), (0, 0), SMOOTHING_PX) for s in samples
     ]
-    changed = np.stack([_changed(a, b) for a, b in pairwise(smooth)])
+    changed = np.stack([(difference(a, b) > CHANGE).astype(np.uint8) for a, b in pairwise(smooth)])
     moving = np.concatenate([changed[:1], changed[:-1] | changed[1:], changed[-1:]])
     side = 2 * round(thickness_px / coarse / 2) + 1
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    closed = [cv2.morphologyEx(m, cv2.MORPH_CLOSE, disc) for m in moving]
+    square = np.ones((side, side), np.uint8)
+    closed = [cv2.morphologyEx(m, cv2.MORPH_CLOSE, square) for m in moving]
     return np.stack([cv2.resize(m, (width, height), interpolation=cv2.INTER_NEAREST) for m in closed])
-
-
-def _changed(a: Bytes, b: Bytes) -> Bytes:
-    difference = cv2.absdiff(a, b)
-    if difference.ndim == 3:
-        difference = difference.max(axis=2)
-    changed: Bytes = (difference > CHANGE).astype(np.uint8)
-    return changed
 
 
 def empty_scene(samples: list[Bytes], thickness_px: float) -> Bytes:

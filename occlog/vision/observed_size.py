@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .difference import difference
 from .person_size import LOG_SIZE_SPREAD, SizeMap, cell_centres, sizes_from_heights
 
 Floats = NDArray[np.float64]
@@ -40,10 +41,7 @@ def _blobs(samples: list[Bytes], empty: Bytes, side: int) -> Floats:
 
 
 def _blobs_of(sample: Bytes, empty: Bytes, side: int) -> Floats:
-    difference = cv2.absdiff(sample, empty)
-    if difference.ndim == 3:
-        difference = difference.max(axis=2)
-    mask = cv2.medianBlur((difference > DIFFERENCE).astype(np.uint8), 5)
+    mask = cv2.medianBlur((difference(sample, empty) > DIFFERENCE).astype(np.uint8), 5)
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
     _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     left, top, width, height, area = stats[1:].T.astype(np.float64)
