@@ -16,7 +16,7 @@ test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest
 
 test-fast: $(VENV)/installed-dev
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit"
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit" tests/core tests/vision tests/trackers tests/stages
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
