@@ -10,7 +10,7 @@ import numpy as np
 from .geometry import Bools, Floats, Ints, inside_polygon, pack_polygons, point_inside
 from .jit import kernel
 
-ROUNDS = 1000
+ROUNDS = 200
 """Rounds of random places tried before the floor is called full."""
 
 

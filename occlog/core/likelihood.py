@@ -39,6 +39,8 @@ from .visibility import Sensors, seen_from
 ROOT_2PI = math.sqrt(2.0 * math.pi)
 NEAR = 1e-9
 """d / |h| from which on a place counts as in front of a camera."""
+NEAREST = 1e-100
+"""The same for d, so that nothing overflows."""
 TINY = 1e-150
 LEAST_FALSE = 1e-5
 
@@ -90,7 +92,7 @@ def add_pixel(
     for p in range(xy.shape[0]):
         dx, dy = xy[p, 0] - x0, xy[p, 1] - y0
         h, d = c * dy - s * dx, c * dx + s * dy
-        if not d > NEAR * abs(h):
+        if not d > max(NEAR * abs(h), NEAREST):
             continue
         ratio = h / d
         spread = 1.0 + ratio * ratio

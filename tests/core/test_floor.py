@@ -19,6 +19,7 @@ def test_the_floor_is_the_room_without_its_walls():
     np.testing.assert_array_equal(on_floor(xy, *floor), expected)
 
 
+@pytest.mark.jit
 def test_places_are_spread_evenly_over_the_floor():
     floor = make_floor(L_ROOM, [PILLAR])
     n = 40_000

@@ -39,7 +39,7 @@ def test_every_particle_appears_as_often_as_its_weight_says_give_or_take_one(val
 def test_counts_are_unbiased():
     rng = np.random.default_rng(4)
     weights = rng.dirichlet(np.full(6, 0.7))
-    n, runs = 10, 20_000
+    n, runs = 10, 5_000
     counts = sum(np.bincount(systematic_ancestors(weights, n, u), minlength=6) for u in rng.random(runs))
     # A count differs from n w by less than 1, so its standard deviation is at most 1/2: 4 standard errors.
     np.testing.assert_allclose(counts / runs, n * weights, atol=4 * 0.5 / np.sqrt(runs))

@@ -28,19 +28,19 @@ def slowly(xy, position, yaw, fov, reach, walls):
     return seen
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("fov_deg", [20.0, 90.0, 179.0, 200.0, 360.0])
 def test_what_is_seen_agrees_with_the_plain_geometry(seed, fov_deg):
     rng = np.random.default_rng(seed)
     walls = list(WALLS.values())
     position, yaw, reach = rng.uniform(-2, 12, 2), rng.uniform(-np.pi, np.pi), rng.choice([6.0, np.inf])
     fov = np.radians(fov_deg)
-    xy = np.ascontiguousarray(rng.uniform(-3, 13, (3000, 2)))
+    xy = np.ascontiguousarray(rng.uniform(-3, 13, (1000, 2)))
     sensors = make_sensors(position[None], np.array([yaw]), np.array([fov]), np.array([reach]), [walls])
     np.testing.assert_array_equal(seen_from(xy, 0, sensors), slowly(xy, position, yaw, fov, reach, walls))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     x=st.integers(-2, 12), y=st.integers(-2, 12), name=st.sampled_from(sorted(WALLS)), px=st.integers(-4, 26),
     py=st.integers(-4, 26),

@@ -33,6 +33,7 @@ def run(n, motion, dt, steps, rng, waiting=0.0, **start):
     return p
 
 
+@pytest.mark.jit
 def test_a_step_towards_the_destination_has_the_moments_of_equation_5():
     n = 200_000
     rng = np.random.default_rng(0)
@@ -58,6 +59,7 @@ def test_a_waiting_particle_stays_and_a_changing_one_goes_to_its_new_destination
     np.testing.assert_array_equal(p.xy, [[20.0, 20.0]] * 3)  # the old particles are as they were
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize(("arrived", "probabilities"), [(False, [0.9, 0.05, 0.05]), (True, [0.05, 0.9, 0.05])])
 def test_regimes_of_a_reference_step_have_the_papers_probabilities(arrived, probabilities):
     n = 100_000
@@ -75,6 +77,7 @@ def test_between_decisions_the_last_regime_goes_on():
         assert set(chosen.tolist()) == {kept}
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("parts", [1, 4, 20])
 def test_the_model_does_not_depend_on_how_a_second_is_cut(parts):
     """Share of changed destinations and moments of the displacement after one reference step."""
@@ -91,6 +94,7 @@ def test_the_model_does_not_depend_on_how_a_second_is_cut(parts):
     assert p.speed.mean() == pytest.approx(1.5, abs=0.02)
 
 
+@pytest.mark.jit
 def test_the_speed_of_short_steps_does_not_run_away():
     """Written with |x' - x| / dt, the speed would grow by sigma / sqrt(dt) in every step."""
     motion = Motion(1.0, 0.33, 0.3, 1.0, 0.0, 1.0, 0.0)
@@ -107,6 +111,7 @@ def test_a_destination_is_reached_within_a_reference_step_or_when_the_way_is_blo
     assert waypoint.reached(p, PAPER, FLOOR).tolist() == [True, False, True, True, False, True]
 
 
+@pytest.mark.jit
 def test_the_expected_position_is_the_mean_of_the_particles_that_keep_their_destination():
     n, dt = 200_000, 0.25
     motion = Motion(1.0, 0.33, 0.1, 0.85, 0.0, 0.05, 0.9)

@@ -32,6 +32,7 @@ def seen_from_everywhere(scene, xy, t_s, noise=None):
     return scan(t_s, [(i, u[i] + noise[i] if abs(u[i]) < 69 else None) for i in range(len(u))])
 
 
+@pytest.mark.jit
 def test_the_posterior_is_that_of_a_grid_filter():
     """A target that only diffuses (always MTD at speed 0) has a posterior that can be computed on a grid."""
     scene = room100(cameras=4)
@@ -74,6 +75,7 @@ def test_the_posterior_is_that_of_a_grid_filter():
         assert found_evidence == pytest.approx(log_evidence[t], abs=0.03)
 
 
+@pytest.mark.jit
 def test_sight_lines_without_noise_meet_at_the_estimate():
     scene = room100(sigma_position=0.0, sigma_yaw=0.0, sigma_read_px=0.2)
     truth = np.array([23.0, 71.0])
@@ -85,6 +87,7 @@ def test_sight_lines_without_noise_meet_at_the_estimate():
     assert np.hypot(*estimates[-1].velocity) < 0.5
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("seed", range(3))
 def test_a_walker_is_followed_with_a_consistent_covariance(seed):
     scene = room100(pillar=False)
@@ -102,6 +105,7 @@ def test_a_walker_is_followed_with_a_consistent_covariance(seed):
     assert np.median(np.hypot(*(velocity - moved).T)) < 0.7
 
 
+@pytest.mark.jit
 def test_a_target_that_nobody_sees_is_where_nobody_can_see_it():
     """With a detection model, silence is evidence."""
     scene = room100(cameras=1)  # sees all of the room but what is behind the pillar
@@ -113,6 +117,7 @@ def test_a_target_that_nobody_sees_is_where_nobody_can_see_it():
     assert state.weights[shadow].sum() > 0.99
 
 
+@pytest.mark.jit
 def test_particles_stay_on_the_floor():
     scene = room100()
     state, _ = run(scene, [scan(t, [(i, None) for i in range(8)]) for t in range(10)], ApfConfig(particles=2000))
@@ -120,6 +125,7 @@ def test_particles_stay_on_the_floor():
     assert on_floor(state.particles.xy[alive], *state.model.floor).all()
 
 
+@pytest.mark.jit
 def test_a_particle_behind_the_pillar_cannot_be_what_a_camera_sees():
     """[Ercan] Fig. 4: without softening, a seen target is not behind the pillar."""
     scene = room100(cameras=1)
@@ -152,7 +158,7 @@ def test_stage_one_is_skipped_when_no_expected_position_can_be():
 def test_particles_are_drawn_anew_when_none_can_be():
     """Literal zeros, as in the paper: a camera sees the target where no particle is."""
     scene = room100()
-    config = ApfConfig(particles=1000, start=(75.0, 75.0, 0.5), false=0.0, soften=0.0, lost_after=0)
+    config = ApfConfig(particles=500, start=(75.0, 75.0, 0.5), false=0.0, soften=0.0, lost_after=0)
     u = true_u(scene, (30.0, 20.0))
     seen = [(0, u[0]), (2, u[2])]
     scans = [scan(0, [(0, None)]), scan(1, seen), scan(2, seen)]
@@ -172,6 +178,7 @@ def test_a_scan_that_nothing_can_explain_is_told_by_nan():
     assert np.all(np.isfinite(estimates[1].xy))
 
 
+@pytest.mark.jit
 def test_a_filter_that_most_sensors_contradict_is_restarted_after_a_while():
     scene = room100(pillar=False)
     elsewhere = np.array([80.0, 20.0])
@@ -183,6 +190,7 @@ def test_a_filter_that_most_sensors_contradict_is_restarted_after_a_while():
     assert {e.fallback for e in run(scene, scans, ApfConfig(start=(20.0, 80.0, 1.0), lost_after=0))[1]} == {""}
 
 
+@pytest.mark.jit
 def test_one_false_bearing_among_many_neither_restarts_nor_misleads():
     scene = room100(pillar=False)
     truth = np.array([30.0, 60.0])
@@ -197,6 +205,7 @@ def test_one_false_bearing_among_many_neither_restarts_nor_misleads():
     assert np.hypot(*(estimates[9].xy - truth)) < 1.5
 
 
+@pytest.mark.jit
 def test_a_gap_is_predicted_through_up_to_the_limit_and_no_further():
     scene = room100(pillar=False)
     config = ApfConfig(particles=2000, max_gap_s=20.0)
@@ -210,6 +219,7 @@ def test_a_gap_is_predicted_through_up_to_the_limit_and_no_further():
     assert spread[2] == pytest.approx(100 * np.sqrt(2 / 12), rel=0.1)  # anywhere in the room
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("rate", [1.0, 10.0, 30.0])
 def test_tracking_does_not_depend_on_the_frame_rate(rate):
     """The same information a second, in more and worse frames."""
@@ -225,6 +235,7 @@ def test_tracking_does_not_depend_on_the_frame_rate(rate):
     assert np.median(tracks.vx[late]) == pytest.approx(1.0, abs=0.35)
 
 
+@pytest.mark.jit
 def test_cameras_that_take_turns_are_as_good_as_cameras_at_once():
     scene = room100(pillar=False)
     rng = np.random.default_rng(4)
@@ -239,6 +250,7 @@ def test_cameras_that_take_turns_are_as_good_as_cameras_at_once():
     assert np.sqrt(np.mean(np.sum(error[16:] ** 2, axis=1))) < 3.0
 
 
+@pytest.mark.jit
 def test_microphones_and_cameras_work_together():
     scene = with_array(room100(pillar=False, cameras=1), (100.0, 0.0), sigma=0.03)
     truth = np.array([40.0, 45.0])
@@ -258,6 +270,7 @@ def test_microphones_and_cameras_work_together():
     assert estimates[-1].n_seen == 2
 
 
+@pytest.mark.jit
 def test_one_of_several_people_is_followed_among_unlabelled_candidates():
     scene = room100(pillar=False)
     rng = np.random.default_rng(5)
