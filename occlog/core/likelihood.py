@@ -132,16 +132,25 @@ def densities(xy: Floats, k: int, scan: Scan, sensors: Sensors, noise: Noise) ->
 def factors(xy: Floats, k: int, scan: Scan, sensors: Sensors, noise: Noise, model: Detection) -> Floats:
     """(L,) factors of look k, as above, for targets at (L, 2) places."""
     seen = seen_from(xy, scan.sensor[k], sensors)
+    # Every factor is scale N + offset, with one pair for places that the sensor sees and one for others.
+    scale, offset, scale_else, offset_else = 0.0, 0.0, 0.0, 1.0
     if scan.first[k] == scan.first[k + 1]:
-        absent = model.miss if scan.labelled[k] else 1.0 - model.candidate
-        return np.where(seen, absent, 1.0)
-    total = densities(xy, k, scan, sensors, noise)
-    width = image_width(k, scan, noise)
-    if scan.labelled[k]:
-        floor = model.false / width
-        return np.where(seen, model.hit * total + model.miss * floor, model.soften * model.hit * total + floor)
-    found = 1.0 - model.candidate + (model.candidate * width / model.clutter) * total
-    return np.where(seen, found, 1.0)
+        offset = model.miss if scan.labelled[k] else 1.0 - model.candidate
+        out = np.zeros(xy.shape[0])
+    else:
+        width = image_width(k, scan, noise)
+        if scan.labelled[k]:
+            scale, offset = model.hit, model.miss * model.false / width
+            scale_else, offset_else = model.soften * model.hit, model.false / width
+        else:
+            scale, offset = model.candidate * width / model.clutter, 1.0 - model.candidate
+        out = densities(xy, k, scan, sensors, noise)
+    for p in range(out.shape[0]):
+        if seen[p]:
+            out[p] = scale * out[p] + offset
+        else:
+            out[p] = scale_else * out[p] + offset_else
+    return out
 
 
 @kernel

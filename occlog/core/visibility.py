@@ -6,7 +6,6 @@ go.  What hides a target besides (people who walk by) is not looked at here.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -107,11 +106,13 @@ def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
     x0, y0, reach2, cos2 = sensors.xy[i, 0], sensors.xy[i, 1], sensors.reach2[i], sensors.cos2[i]
     c, s = sensors.axis[i, 0], sensors.axis[i, 1]
     seen = np.empty(xy.shape[0], dtype=np.bool_)
+    around = cos2 < 0.0
     for p in range(xy.shape[0]):
         dx, dy = xy[p, 0] - x0, xy[p, 1] - y0
         r2 = dx * dx + dy * dy
         d = c * dx + s * dy
-        seen[p] = r2 <= reach2 and (cos2 < 0.0 or (d > 0.0 and d * d >= cos2 * r2))
+        # `&` and `|` evaluate both sides, so that the loop has no branches.
+        seen[p] = (r2 <= reach2) & (around | ((d > 0.0) & (d * d >= cos2 * r2)))
     for w in range(sensors.first[i], sensors.first[i + 1]):
         _hide_behind(seen, xy, x0, y0, sensors.walls[sensors.starts[w] : sensors.starts[w + 1]], sensors.cone[w])
     return seen
@@ -133,7 +134,7 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
         r2 = dx * dx + dy * dy
         if r2 < near2:
             continue
-        slack = SLACK * math.sqrt(r2)
+        slack = SLACK * (abs(dx) + abs(dy))
         from_right, from_left = rx * dy - ry * dx, ly * dx - lx * dy
         if from_right < -slack or from_left < -slack:
             continue
