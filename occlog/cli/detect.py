@@ -42,12 +42,14 @@ SETTINGS = (
                  help="Of a person. [default: 1.7 m]"),
     click.option("--person-height-px", type=POSITIVE, default=None, metavar="PX",
                  help="The same everywhere in every image, instead of what the cameras' poses say."),
-    click.option("--likeness", type=SHARE, default=None, help="Least likeness to the target. [default: 0.7]"),
+    click.option("--likeness", type=SHARE, default=None, help="Least likeness to the target. [default: 0.65]"),
     click.option("--min-confidence", type=SHARE, default=None, help="Of a detector's box. [default: 0.3]"),
+    click.option("--shrink", type=click.IntRange(1, 16), default=None, metavar="FACTOR",
+                 help="Shrink images first. [default: as far as people stay 100 px wide]"),
     click.option("--bits", type=click.IntRange(8, 16), default=None, help="Significant bits of 16-bit images."),
 )  # fmt: skip
 NAMES = ("method", "background", "history", "threshold", "shadows", "warmup", "person_height", "person_height_px",
-         "likeness", "min_confidence", "bits")  # fmt: skip
+         "likeness", "min_confidence", "shrink", "bits")  # fmt: skip
 
 
 def settings(command: Any) -> Any:
