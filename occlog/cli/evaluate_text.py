@@ -14,7 +14,7 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         ("error_mean", "mean", "length"), ("error_median", "median", "length"), ("error_p95", "95 %", "length"),
         ("error_max", "largest", "length"), ("nees_mean", "mean NEES (consistent: 2)", ""),
         ("nees_share_95", "inside the 95 % ellipse", ""), ("estimates", "estimates", ""),
-        ("estimates_without_truth", "left out: no truth in time", ""),
+        ("estimates_without_truth", "left out: no truth given, or none near in time", ""),
         ("estimates_unmatched", "left out: of no target", ""), ("time_coverage", "truth covered", ""),
     )),
     ("settled", (

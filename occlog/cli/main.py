@@ -32,8 +32,8 @@ Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is list
 6 a threshold of evaluate --fail-if was not met; 7 the output exists; 130 interrupted.
 
 \b
-  occlog run examples/demo.yaml -o run/        every stage, from video to report
-  occlog info run/tracks.parquet               what is in a file
+  occlog run sample_data/room/run.yaml -o run/   every stage, from video to report
+  occlog info run/tracks.parquet                 what is in a file
 """
 
 
@@ -93,6 +93,9 @@ def run(args: list[str] | None = None) -> int:
         return _fail("interrupted", ExitCode.INTERRUPTED)
     except click.exceptions.Exit as stop:
         return int(stop.exit_code)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return ExitCode.USAGE
     except click.UsageError as error:
         path = error.ctx.command_path if error.ctx else "occlog"
         return _fail(f"{error.format_message().rstrip('.')}; see {path} --help", ExitCode.USAGE)

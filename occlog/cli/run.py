@@ -47,7 +47,7 @@ def command(config: Path, output: Path, force: bool, dry_run: bool, quiet: bool,
     again are replaced; all else in the folder is left alone.
 
     \b
-      occlog run examples/demo.yaml -o run/ && open run/report.html
+      occlog run sample_data/room/run.yaml -o run/ && open run/report.html
       occlog run study.yaml -o run/ --json | jq .metrics.rmse_m
     """
     wanted = read_config(config)

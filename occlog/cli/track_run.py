@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, UsageError
-from ..io.parquet import TableWriter, iter_table, read_provenance
+from ..io.parquet import TableWriter, describe, iter_table, read_provenance
 from ..io.provenance import Provenance, hash_inputs
 from ..io.recording import open_recording
 from ..records import Bearings, Diagnostics, Doa, Tracks
@@ -70,7 +70,14 @@ class Inputs:
     def _open(self, path: Path, table: type[Any]) -> Iterator[Any]:
         """Chunks of a table in a file of either kind."""
         if not is_recording(path):
-            self.losses |= dict.fromkeys(read_provenance(path).losses)
+            made = read_provenance(path)
+            self.losses |= dict.fromkeys(made.losses)
+            unit = describe(path)["length_unit"]
+            if made.inputs and unit != self.scene.length_unit:  # without inputs nobody says what it was made from
+                raise UsageError(
+                    f"{path}: was made in a scene in {unit}, but the scene given is in {self.scene.length_unit}; "
+                    "give the --scene that it was made in"
+                )
             return iter_table(path, table)
         recording = open_recording(path)
         if not recording.has(table):

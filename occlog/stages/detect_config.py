@@ -53,7 +53,7 @@ class DetectConfig:
     person_height: float | None = None  # None: PERSON_HEIGHT of the scene's unit
     person_height_px: float | None = None  # the same everywhere in every image, instead of the camera's pose
     strength: float = 2.0  # of the prior on a cluster's shape, in persons' pixels
-    penalty: float = 0.05  # cost of one more cluster, in persons' pixels
+    penalty: float = 0.1  # cost of one more cluster, in persons' pixels
     least: float = 0.2  # smallest cluster, in pixels of a person in full view
     most: float = 5.0  # largest cluster that can be a target, in the same
     targets: tuple[Target, ...] = field(default=())

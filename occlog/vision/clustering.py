@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.jit import kernel
-from .em import Mixture, run_em
+from .em import Mixture, Statistics, run_em, shared_entropy
 from .moves import groups_of, merge, split
 from .person_size import SizeMap
 from .prior import Prior, best_size, person_at, place
@@ -25,6 +25,9 @@ Ints = NDArray[np.int64]
 MAX_STEPS = 12  # of EM between two changes
 TOLERANCE = 1e-3  # rise of J per pixel at which EM stops
 MAX_SPLITS = 2  # rounds of cutting in a frame
+MAX_TRIALS = 2  # rounds of doing without an unclear cluster
+MAX_DOUBTS = 3  # clusters tried in each
+DOUBT = 0.3  # entropy per pixel from which a cluster is unclear; log 2 = 0.69 is complete doubt
 SPECKS = 0.05  # share of the specks at the start
 
 
@@ -58,23 +61,75 @@ def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clus
         Clusters by falling mass; none where nothing is large enough.
     """
     labels = np.full(cells.shape[0], -1, dtype=np.int64)
-    area = float(prior.width * prior.height)
     groups = _groups_at(seeds(cells, corners, side, prior), prior)
-    total, splits = cells[:, 0].sum(), 0
+    splits, trials = 0, 0
     while groups.shape[0] > 0:
-        mixture, covs, nu = _mixture_of(groups, total, prior)
-        mixture, statistics = run_em(cells, mixture, covs, nu, area, labels, MAX_STEPS, TOLERANCE)
-        before = groups_of(statistics)
-        groups = merge(before, mixture.covs, prior)
+        fit = _fit(cells, groups, labels, prior)
+        before = groups_of(fit.statistics)
+        entropy = shared_entropy(cells, fit.mixture, _area(prior))
+        groups = merge(before, fit.mixture.covs, entropy, prior)
         if groups.shape[0] == before.shape[0] and splits < MAX_SPLITS:
             groups = split(cells, labels, groups, prior)
             splits += 1
+        if groups.shape[0] == before.shape[0] and trials < MAX_TRIALS:
+            groups = _without_the_unclear(cells, groups, entropy, fit.value, prior)
+            trials += 1
         if groups.shape[0] == before.shape[0]:
             groups = _large(groups, prior)
             if groups.shape[0] == before.shape[0]:
                 return _sorted_clusters(groups, labels, prior)
     labels[:] = -1
     return _sorted_clusters(groups, labels, prior)
+
+
+class _Fit(NamedTuple):
+    """What EM ends with."""
+
+    mixture: Mixture
+    statistics: Statistics
+    value: float  # of J without the cost of the clusters
+
+
+@kernel
+def _area(prior: Prior) -> float:
+    return float(prior.width * prior.height)
+
+
+@kernel
+def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
+    """EM from groups of pixels; labels are written."""
+    means = groups[:, 1:3].copy()
+    covs, person = person_at(means, _sizes_of(groups, prior), prior)
+    nu = prior.strength * person
+    mass = np.empty(groups.shape[0] + 1)
+    mass[:-1] = groups[:, 0]
+    total = cells[:, 0].sum()
+    mass[-1] = max(total - groups[:, 0].sum(), SPECKS * total)
+    posterior = np.empty((groups.shape[0], 3))
+    for k in range(groups.shape[0]):
+        posterior[k] = (nu[k] * covs[k] + groups[k, 3:]) / (nu[k] + groups[k, 0])
+    start = Mixture(means, posterior, mass)
+    mixture, statistics, value = run_em(cells, start, covs, nu, _area(prior), labels, MAX_STEPS, TOLERANCE)
+    return _Fit(mixture, statistics, value - prior.penalty * person.sum())
+
+
+@kernel
+def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: float, prior: Prior) -> Floats:
+    """The groups without one whose pixels others explain as well, if J rises without it.
+
+    Between two people who touch a third cluster can settle that no merging of pairs
+    removes.  The groups whose pixels could most easily be of another are tried.
+    """
+    doubt = entropy.sum(axis=1) / np.maximum(groups[:, 0], 1.0)
+    for k in np.argsort(-doubt, kind="mergesort")[:MAX_DOUBTS]:
+        if doubt[k] < DOUBT:
+            break
+        keep = np.ones(groups.shape[0], dtype=np.bool_)
+        keep[k] = False
+        fit = _fit(cells, groups[keep], np.empty(cells.shape[0], dtype=np.int64), prior)
+        if fit.value > value:
+            return groups_of(fit.statistics)
+    return groups
 
 
 @kernel
@@ -97,22 +152,6 @@ def _sizes_of(groups: Floats, prior: Prior) -> Floats:
         n, x, y, xx, xy, yy = groups[k]
         out[k] = best_size(n, xx, xy, yy, place(prior, x, y), prior)
     return out
-
-
-@kernel
-def _mixture_of(groups: Floats, total: float, prior: Prior) -> tuple[Mixture, Floats, Floats]:
-    """State of EM for groups of pixels, and the prior: covariances (K, 3) and strengths nu (K,)."""
-    n_groups = groups.shape[0]
-    means = groups[:, 1:3].copy()
-    covs, person = person_at(means, _sizes_of(groups, prior), prior)
-    nu = prior.strength * person
-    mass = np.empty(n_groups + 1)
-    mass[:-1] = groups[:, 0]
-    mass[-1] = max(total - groups[:, 0].sum(), SPECKS * total)
-    posterior = np.empty((n_groups, 3))
-    for k in range(n_groups):
-        posterior[k] = (nu[k] * covs[k] + groups[k, 3:]) / (nu[k] + groups[k, 0])
-    return Mixture(means, posterior, mass), covs, nu
 
 
 @kernel

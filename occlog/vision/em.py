@@ -59,6 +59,43 @@ def log_prior(covs: Floats, prior_covs: Floats, prior_mass: Floats) -> float:
     return total
 
 
+class _Shape(NamedTuple):
+    """What the densities of the clusters need."""
+
+    inverse: Floats  # (K, 3) of the covariances
+    log_scale: Floats  # (K,) logarithm of share / (2 pi sqrt(det))
+    speck: float  # density of the specks
+
+
+@kernel
+def _shape(mixture: Mixture, area: float) -> _Shape:
+    n_clusters = mixture.means.shape[0]
+    inverse, log_scale = np.empty((n_clusters, 3)), np.empty(n_clusters)
+    total = mixture.mass.sum()
+    for k in range(n_clusters):
+        xx, xy, yy = mixture.covs[k]
+        det = xx * yy - xy * xy
+        inverse[k] = yy / det, -xy / det, xx / det
+        share = mixture.mass[k] / total
+        log_scale[k] = math.log(share / (2.0 * math.pi * math.sqrt(det))) if share > 0.0 else -np.inf
+    return _Shape(inverse, log_scale, mixture.mass[n_clusters] / total / area)
+
+
+@kernel
+def _densities_into(density: Floats, cell: Floats, means: Floats, shape: _Shape) -> float:
+    """Write the clusters' densities (K,) at a cell, shares included; returns their sum with the specks'."""
+    n, x, y, cxx, cxy, cyy = cell
+    total = shape.speck
+    for k in range(means.shape[0]):
+        a, b, c = shape.inverse[k]
+        dx, dy = x - means[k, 0], y - means[k, 1]
+        # Mean over the cell's pixels of the squared Mahalanobis distance.
+        d2 = a * dx * dx + 2.0 * b * dx * dy + c * dy * dy + (a * cxx + 2.0 * b * cxy + c * cyy) / n
+        density[k] = math.exp(shape.log_scale[k] - 0.5 * d2) if d2 < FAR2 else 0.0
+        total += density[k]
+    return total
+
+
 @kernel
 def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[float, Statistics]:
     """Log-likelihood of the pixels and the statistics of their responsibilities.
@@ -72,51 +109,62 @@ def e_step(cells: Floats, mixture: Mixture, area: float, labels: Ints) -> tuple[
     Returns:
         First term of J at the current state, and the statistics.
     """
-    n_clusters = mixture.means.shape[0]
-    inverse = np.empty((n_clusters, 3))
-    log_scale = np.empty(n_clusters)
-    total_mass = mixture.mass.sum()
-    for k in range(n_clusters):
-        xx, xy, yy = mixture.covs[k]
-        det = xx * yy - xy * xy
-        inverse[k] = yy / det, -xy / det, xx / det
-        share = mixture.mass[k] / total_mass
-        log_scale[k] = math.log(share / (2.0 * math.pi * math.sqrt(det))) if share > 0.0 else -np.inf
-    speck = mixture.mass[n_clusters] / total_mass / area
+    means = mixture.means
+    n_clusters = means.shape[0]
+    shape = _shape(mixture, area)
     # Sums of 1, dx, dy, dx^2, dx dy, dy^2 about the old means, and each cell's scatter.
     sums = np.zeros((n_clusters, 6))
     speck_mass, log_likelihood = 0.0, 0.0
     density = np.empty(n_clusters)
     for i in range(cells.shape[0]):
-        n, x, y, cxx, cxy, cyy = cells[i]
-        total, best = speck, speck
+        total = _densities_into(density, cells[i], means, shape)
         labels[i] = -1
-        for k in range(n_clusters):
-            a, b, c = inverse[k]
-            dx, dy = x - mixture.means[k, 0], y - mixture.means[k, 1]
-            # Mean over the cell's pixels of the squared Mahalanobis distance.
-            d2 = a * dx * dx + 2.0 * b * dx * dy + c * dy * dy + (a * cxx + 2.0 * b * cxy + c * cyy) / n
-            density[k] = math.exp(log_scale[k] - 0.5 * d2) if d2 < FAR2 else 0.0
-            total += density[k]
-            if density[k] > best:
-                best = density[k]
-                labels[i] = k
         if total <= 0.0:
             continue
+        n, x, y, cxx, cxy, cyy = cells[i]
         log_likelihood += n * math.log(total)
-        speck_mass += n * speck / total
+        speck_mass += n * shape.speck / total
+        best = shape.speck
         for k in range(n_clusters):
             if density[k] > 0.0:
+                if density[k] > best:
+                    best = density[k]
+                    labels[i] = k
                 r = density[k] / total
                 w = r * n
-                dx, dy = x - mixture.means[k, 0], y - mixture.means[k, 1]
+                dx, dy = x - means[k, 0], y - means[k, 1]
                 sums[k, 0] += w
                 sums[k, 1] += w * dx
                 sums[k, 2] += w * dy
                 sums[k, 3] += w * dx * dx + r * cxx
                 sums[k, 4] += w * dx * dy + r * cxy
                 sums[k, 5] += w * dy * dy + r * cyy
-    return log_likelihood, _statistics(sums, mixture.means, speck_mass)
+    return log_likelihood, _statistics(sums, means, speck_mass)
+
+
+@kernel
+def shared_entropy(cells: Floats, mixture: Mixture, area: float) -> Floats:
+    """(K, K) entropy of which of two clusters a pixel is of, summed over the pixels that are of either.
+
+    It is what J loses, beside the fit, when the two become one.
+    """
+    n_clusters = mixture.means.shape[0]
+    shape = _shape(mixture, area)
+    density = np.empty(n_clusters)
+    out = np.zeros((n_clusters, n_clusters))
+    for i in range(cells.shape[0]):
+        total = _densities_into(density, cells[i], mixture.means, shape)
+        for a in range(n_clusters):
+            for b in range(a):
+                if density[a] > 0.0 and density[b] > 0.0:
+                    both = density[a] + density[b]
+                    p = density[a] / both
+                    if 1e-9 < p < 1.0 - 1e-9:
+                        bits = -p * math.log(p) - (1.0 - p) * math.log(1.0 - p)
+                        out[a, b] += cells[i, 0] * both / total * bits
+            for b in range(a):
+                out[b, a] = out[a, b]
+    return out
 
 
 @kernel
@@ -157,8 +205,12 @@ def run_em(
     labels: Ints,
     max_steps: int,
     tolerance: float,
-) -> tuple[Mixture, Statistics]:
-    """EM steps until J rises by less than `tolerance` per pixel, or `max_steps`; labels as in `e_step`."""
+) -> tuple[Mixture, Statistics, float]:
+    """EM steps until J rises by less than `tolerance` per pixel, or `max_steps`; labels as in `e_step`.
+
+    Returns:
+        The state, the statistics of its responsibilities, and J.
+    """
     total = cells[:, 0].sum()
     value, statistics = e_step(cells, mixture, area, labels)
     value += log_prior(mixture.covs, prior_covs, prior_mass)
@@ -170,4 +222,4 @@ def run_em(
         value = new
         if risen < tolerance * total:
             break
-    return mixture, statistics
+    return mixture, statistics, value

@@ -52,22 +52,27 @@ def group_worth(g: Floats, prior: Prior) -> float:
 
 
 @kernel
-def merge(groups: Floats, covs: Floats, prior: Prior) -> Floats:
-    """The groups (K, 6) after merging, best first, every pair whose union is worth more than its parts.
+def merge(groups: Floats, covs: Floats, entropy: Floats, prior: Prior) -> Floats:
+    """The groups (K, 6) after merging, best first, every pair whose union raises the objective.
+
+    The union must be worth more than both and the entropy between them: pixels that lie
+    between two clusters are explained by both of them together, and by each only in part.
 
     Args:
-        groups: pixels, means and scatter of the clusters.
+        groups: pixels, means and scatter of the clusters, by responsibilities.
         covs: (K, 3) their covariances in the mixture; only near pairs are tried.
+        entropy: (K, K) from `occlog.vision.em.shared_entropy`.
         prior: of the camera.
     """
-    groups, covs = groups.copy(), covs.copy()
+    groups, entropy = groups.copy(), entropy.copy()
     worths = np.array([group_worth(groups[k], prior) for k in range(groups.shape[0])])
     while True:
         best, best_a, best_b = 0.0, -1, -1
         for a in range(groups.shape[0]):
             for b in range(a):
                 if groups[a, 0] > 0.0 and groups[b, 0] > 0.0 and _near(groups[a], groups[b], covs[a], covs[b]):
-                    gain = group_worth(union(groups[a], groups[b]), prior) - worths[a] - worths[b]
+                    apart = worths[a] + worths[b] + entropy[a, b]
+                    gain = group_worth(union(groups[a], groups[b]), prior) - apart
                     if gain > best:
                         best, best_a, best_b = gain, a, b
         if best_a < 0:
@@ -75,6 +80,9 @@ def merge(groups: Floats, covs: Floats, prior: Prior) -> Floats:
         groups[best_a] = union(groups[best_a], groups[best_b])
         groups[best_b, 0] = 0.0
         worths[best_a] = group_worth(groups[best_a], prior)
+        # At least the entropy between the union and a third.
+        entropy[best_a] += entropy[best_b]
+        entropy[:, best_a] = entropy[best_a]
 
 
 @kernel

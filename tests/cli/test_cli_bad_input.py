@@ -210,3 +210,12 @@ def test_stopped_in_the_middle(work: Path, how: int, code: int) -> None:
     assert error.strip() == ("occlog: interrupted" if how == signal.SIGINT else "")
     assert output.read_text() == "old"
     assert not [name for name in os.listdir(work) if "partial" in name]
+
+
+def test_the_scene_of_another_unit_is_refused(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = work / "other.yaml"
+    other.write_text(SCENE.replace("occlog_scene: 1", "occlog_scene: 1\nlength_unit: unit"))
+    capsys.readouterr()
+    code = run(["track", str(work / "b.parquet"), "--scene", str(other), "-o", str(work / "new.parquet"), "-q"])
+    assert code == ExitCode.USAGE
+    assert "was made in a scene in m, but the scene given is in unit" in capsys.readouterr().err

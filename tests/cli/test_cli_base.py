@@ -113,3 +113,10 @@ def test_version() -> None:
     done = occlog("--version")
     assert done.returncode == 0
     assert done.stdout.startswith("occlog, version ")
+
+
+def test_no_command_shows_the_help() -> None:
+    done = occlog()
+    assert done.returncode == ExitCode.USAGE
+    assert done.stdout == ""
+    assert done.stderr == occlog("--help").stdout

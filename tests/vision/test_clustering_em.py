@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from occlog.vision.cells import gather
-from occlog.vision.em import Mixture, e_step, log_prior, m_step, run_em
+from occlog.vision.em import Mixture, e_step, log_prior, m_step, run_em, shared_entropy
 
 AREA = 5000.0
 
@@ -111,6 +111,26 @@ def test_the_prior_alone_shapes_a_cluster_without_pixels() -> None:
     np.testing.assert_allclose(got.covs, [[7.0, 2.0, 30.0]])
     assert got.mass.tolist() == [0.0, 16.0]
     assert labels.tolist() == [-1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_shared_entropy_is_that_of_the_responsibilities(seed: int) -> None:
+    mask, mixture, _, _ = random_case(seed, 3)
+    cells, _ = gather(mask, 1)
+    share = mixture.mass / mixture.mass.sum()
+    density = np.empty((len(cells), 4))
+    for k, (m, s) in enumerate(zip(mixture.means, matrix(mixture.covs), strict=True)):
+        d = cells[:, 1:3] - m
+        d2 = np.einsum("ni,ij,nj->n", d, np.linalg.inv(s), d)
+        density[:, k] = share[k] * np.exp(-0.5 * d2) / (2 * np.pi * np.sqrt(np.linalg.det(s)))
+    density[:, 3] = share[3] / AREA
+    r = density / density.sum(axis=1, keepdims=True)
+    got = shared_entropy(cells, mixture, AREA)
+    np.testing.assert_array_equal(got, got.T)
+    for a, b in ((1, 0), (2, 0), (2, 1)):
+        p = np.clip(r[:, a] / np.maximum(r[:, a] + r[:, b], 1e-300), 1e-15, 1 - 1e-15)
+        want = ((r[:, a] + r[:, b]) * (-p * np.log(p) - (1 - p) * np.log(1 - p))).sum()
+        assert got[a, b] == pytest.approx(want, rel=1e-3, abs=1e-3)
 
 
 def test_log_prior_is_greatest_at_the_persons_covariance() -> None:

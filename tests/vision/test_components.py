@@ -11,7 +11,7 @@ from occlog.vision.regions import Regions, cluster_regions
 
 SIZE = (160, 120)
 SIZES = constant_sizes(SIZE, 48.0)
-PRIOR = make_prior(SIZES, 2.0, 0.05, 0.2)
+PRIOR = make_prior(SIZES, 2.0, 0.1, 0.2)
 
 
 def picture() -> tuple[np.ndarray, np.ndarray]:
