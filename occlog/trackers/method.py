@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from numpy.random import Generator
 
 from ..columns import Bools, Floats, Ints
+from ..core.priors import Priors
 from ..scene import Scene
 
 
@@ -33,6 +34,7 @@ class Scan(NamedTuple):
     u_px: Floats  # (R,) NaN where the sensor gives no pixels
     sigma_px: Floats  # (R,) NaN: the camera's read noise
     score: Floats  # (R,) NaN: unknown
+    occluders: Priors | None = None  # None: nothing is known about moving occluders
 
 
 class Estimate(NamedTuple):
