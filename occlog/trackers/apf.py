@@ -34,7 +34,7 @@ from ..core.waypoint import Motion, Particles
 from ..errors import InputError
 from ..scene import Scene
 from .apf_config import ApfConfig
-from .method import Estimate, Scan
+from .method import Cloud, Estimate, Scan
 from .sensing import pack_looks, pack_noise, pack_sensors, read_noise
 
 NS = 1_000_000_000
@@ -106,6 +106,28 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     return after, _estimate(model, draw, looks)
 
 
+def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
+    """Where the target is thought to be at a time not before the last scan; the state stays as it is.
+
+    Particles are drawn from the importance density, as [Ercan] Sec. 5 wants them for the
+    selection of cameras.
+    """
+    if state.t_ns is None:
+        n = len(state.particles.speed)
+        return Cloud(state.particles.xy, np.full(n, 1.0 / n))
+    dt = min((t_ns - state.t_ns) / NS, state.model.config.max_gap_s)
+    return Cloud(_drift(state.model, state.particles, dt, rng).xy, state.weights)
+
+
+def _drift(model: Model, particles: Particles, dt: float, rng: Generator) -> Particles:
+    """Particles a time dt > 0 later, by steps no longer than the reference step."""
+    parts = max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
+    for _ in range(parts):
+        arrived = waypoint.reached(particles, model.motion, model.floor)
+        particles = _move(model, particles, arrived, dt / parts, rng)
+    return particles
+
+
 def _take_in(state: State, t_ns: int, looks: Looks, rng: Generator) -> Draw:
     model = state.model
     if state.t_ns is None:
@@ -117,9 +139,8 @@ def _take_in(state: State, t_ns: int, looks: Looks, rng: Generator) -> Draw:
         return _restart(model, looks, "gap", rng)
     particles, weights = state.particles, state.weights
     parts = max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
-    for _ in range(parts - 1):
-        arrived = waypoint.reached(particles, model.motion, model.floor)
-        particles = _move(model, particles, arrived, dt / parts, rng)
+    if parts > 1:
+        particles = _drift(model, particles, dt * (parts - 1) / parts, rng)
     draw = _auxiliary_step(model, particles, weights, looks, dt / parts, rng)
     return draw if math.isfinite(draw.log_likelihood) else _restart(model, looks, "restart", rng)
 

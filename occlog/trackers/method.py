@@ -37,6 +37,13 @@ class Scan(NamedTuple):
     occluders: Priors | None = None  # None: nothing is known about moving occluders
 
 
+class Cloud(NamedTuple):
+    """Where a filter thinks that the target is: L weighted places."""
+
+    xy: Floats  # (L, 2)
+    weights: Floats  # (L,), sum 1
+
+
 class Estimate(NamedTuple):
     """What a filter knows after a scan, and how it fared."""
 
