@@ -9,6 +9,8 @@ from ..core.waypoint import Motion
 from .settings import check_settings
 
 METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+FORMS = ("printed", "improved", "quadrature")
+PROBABILITIES = ("recursion", "independent", "exact")
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,14 @@ class ApfConfig:
     clutter: float = 1.0  # candidates of other objects expected in a frame
     use_score: bool = True  # weigh candidates by their score
 
+    # Moving occluders, [Ercan] Sec. 4.2; only with priors of their positions
+    likelihood: str = "independent"  # p(eta|u): `independent`, `recursion` (Eqs. 8-9) or `exact`
+    q: str = "improved"  # probability that one occluder hides the target: `printed` (Eq. 7), `improved`, `quadrature`
+    p_floor: float = 1e-2  # p(eta|u) is not below this (`independent`: each camera's factor of it)
+    occluder_diameter: float = 3.33
+    prior_max_age_s: float = 5.0  # older priors are not used
+    own_gate: float = 0.0  # priors this many standard deviations near the target are its own; 0: none is
+
     # When to give up
     max_gap_s: float = 60.0  # after a longer time without a scan particles are drawn anew
     lost_after: int = 3  # scans in a row that most sensors contradict; then particles are drawn anew; 0: never
@@ -49,15 +59,17 @@ class ApfConfig:
     def __post_init__(self) -> None:
         chance = {
             name: 0.0 <= getattr(self, name) <= 1.0
-            for name in ("phi", "beta1", "lambda1", "beta2", "lambda2", "defensive", "false", "soften", "candidate")
+            for name in ("phi", "beta1", "lambda1", "beta2", "lambda2", "defensive", "false", "soften", "candidate", "p_floor")
         }
         limits = [(name, good, "in [0, 1]") for name, good in chance.items()]
-        for name in ("reference_s", "clutter", "max_gap_s"):
+        for name in ("reference_s", "clutter", "max_gap_s", "occluder_diameter", "prior_max_age_s"):
             limits.append((name, getattr(self, name) > 0, "above 0"))
-        for name in ("speed", "speed_spread", "sigma_v", "resample_below", "lost_after"):
+        for name in ("speed", "speed_spread", "sigma_v", "resample_below", "lost_after", "own_gate"):
             limits.append((name, getattr(self, name) >= 0, "at least 0"))
         for name in ("particles", "start_factor"):
             limits.append((name, getattr(self, name) >= 1, "at least 1"))
+        for name, choices in (("likelihood", PROBABILITIES), ("q", FORMS)):
+            limits.append((name, getattr(self, name) in choices, "one of " + ", ".join(choices)))
         limits += [
             ("lambda1", self.beta1 + self.lambda1 <= 1.0 + 1e-12, "at most 1 - beta1"),
             ("lambda2", self.beta2 + self.lambda2 <= 1.0 + 1e-12, "at most 1 - beta2"),
@@ -87,4 +99,7 @@ def apf_defaults(length_unit: str) -> ApfConfig:
         return config
     metre = 1.0 / METRES[length_unit]
     # People stop, turn and hurry: their speed is learned faster than that of the reference scene's objects.
-    return replace(config, speed=1.0 * metre, speed_spread=0.5 * metre, sigma_v=0.4 * metre, phi=0.2)
+    return replace(
+        config, speed=1.0 * metre, speed_spread=0.5 * metre, sigma_v=0.4 * metre, phi=0.2,
+        occluder_diameter=0.5 * metre,
+    )  # fmt: skip
