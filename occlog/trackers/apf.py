@@ -34,6 +34,7 @@ from ..core.waypoint import Motion, Particles
 from ..errors import InputError
 from ..scene import Scene
 from .apf_config import ApfConfig
+from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .method import Cloud, Estimate, Scan
 from .sensing import pack_looks, pack_noise, pack_sensors, read_noise
 
@@ -60,6 +61,7 @@ class State(NamedTuple):
     weights: Floats  # (L,)
     t_ns: int | None
     astray: int  # scans in a row that most sensors contradicted
+    calibration: Calibration | None = None  # None: errors of poses are white noise
 
 
 class Draw(NamedTuple):
@@ -90,20 +92,29 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
         particles = _fresh(model, config.start, rng)
     except ValueError as error:
         raise InputError(f"scene: {error}; make the room larger") from error
-    return State(model, particles, np.full(len(particles.speed), 1.0 / len(particles.speed)), None, 0)
+    weights = np.full(len(particles.speed), 1.0 / len(particles.speed))
+    calibration = begin(scene, model.noise, model.read_px, model.sensors, config.calibrate)
+    return State(model, particles, weights, None, 0, calibration)
 
 
 def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     """The state after a scan, and what it says; the scan must not be earlier than the last."""
     model, config = state.model, state.model.config
     looks = pack_looks(scan, model.read_px, config.use_score)
+    calibration = state.calibration
+    if calibration is not None:
+        sensors, noise = corrected(calibration, model.noise, state.particles.xy, state.weights)
+        model = model._replace(sensors=sensors, noise=noise)
+        state, looks = state._replace(model=model), corrected_looks(calibration, looks)
     draw = _take_in(state, scan.t_ns, looks, rng)
     astray = _astray(state, draw, looks)
     if config.lost_after and astray >= config.lost_after:
         draw = _restart(model, looks, "restart", rng)
         astray = 0
-    after = State(model, draw.particles, draw.weights, scan.t_ns, astray)
-    return after, _estimate(model, draw, looks)
+    estimate = _estimate(model, draw, looks)
+    if calibration is not None:
+        calibration, estimate = learned(calibration, scan, estimate, config.calibrate_s)
+    return State(model, draw.particles, draw.weights, scan.t_ns, astray, calibration), estimate
 
 
 def predict(state: State, t_ns: int, rng: Generator) -> Cloud:

@@ -11,6 +11,8 @@ from .settings import check_settings
 METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
 FORMS = ("printed", "improved", "quadrature")
 PROBABILITIES = ("recursion", "independent", "exact")
+MODES = ("none", "joint", "initial")
+"""How `calibrate` treats errors of the cameras' poses."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,10 @@ class ApfConfig:
     prior_max_age_s: float = 5.0  # older priors are not used
     own_gate: float = 0.0  # priors this many standard deviations near the target are its own; 0: none is
 
+    # Errors of the cameras' poses that stay the same; see `occlog.trackers.calibration`
+    calibrate: str = "none"  # `none`: white noise, as [Ercan] has it; `joint`: estimate them; `initial`: at first only
+    calibrate_s: float = 100.0  # how long `initial` gathers
+
     # When to give up
     max_gap_s: float = 60.0  # after a longer time without a scan particles are drawn anew
     lost_after: int = 3  # scans in a row that most sensors contradict; then particles are drawn anew; 0: never
@@ -62,13 +68,13 @@ class ApfConfig:
             for name in ("phi", "beta1", "lambda1", "beta2", "lambda2", "defensive", "false", "soften", "candidate", "p_floor")
         }
         limits = [(name, good, "in [0, 1]") for name, good in chance.items()]
-        for name in ("reference_s", "clutter", "max_gap_s", "occluder_diameter", "prior_max_age_s"):
+        for name in ("reference_s", "clutter", "max_gap_s", "occluder_diameter", "prior_max_age_s", "calibrate_s"):
             limits.append((name, getattr(self, name) > 0, "above 0"))
         for name in ("speed", "speed_spread", "sigma_v", "resample_below", "lost_after", "own_gate"):
             limits.append((name, getattr(self, name) >= 0, "at least 0"))
         for name in ("particles", "start_factor"):
             limits.append((name, getattr(self, name) >= 1, "at least 1"))
-        for name, choices in (("likelihood", PROBABILITIES), ("q", FORMS)):
+        for name, choices in (("likelihood", PROBABILITIES), ("q", FORMS), ("calibrate", MODES)):
             limits.append((name, getattr(self, name) in choices, "one of " + ", ".join(choices)))
         limits += [
             ("lambda1", self.beta1 + self.lambda1 <= 1.0 + 1e-12, "at most 1 - beta1"),

@@ -44,6 +44,13 @@ class Cloud(NamedTuple):
     weights: Floats  # (L,), sum 1
 
 
+class SensorErrors(NamedTuple):
+    """Errors of the sensors' poses, true minus stated, as they are thought to be."""
+
+    mean: Floats  # (S, 3) dx, dy, dyaw [rad]
+    deviation: Floats  # (S, 3) standard deviations
+
+
 class Estimate(NamedTuple):
     """What a filter knows after a scan, and how it fared."""
 
@@ -56,6 +63,7 @@ class Estimate(NamedTuple):
     n_seen: int
     fallback: str  # as in `occlog.records.Diagnostics`
     used: tuple[int, ...]  # sensors, places in `sensor_names`
+    calibration: SensorErrors | None = None  # None: not estimated
 
 
 class Online(NamedTuple):

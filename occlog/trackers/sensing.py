@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,16 +20,23 @@ LEAST_SIGMA = 1e-9
 """Measurements without any noise get this much [px, rad], so that densities stay finite."""
 
 
-def pack_sensors(scene: Scene) -> Sensors:
-    """Positions, fields of view and walls of all sensors; sound goes past walls and comes from everywhere."""
+def pack_sensors(scene: Scene, walls: Sequence[Sequence[Floats]] | None = None) -> Sensors:
+    """Positions, fields of view and walls of all sensors; sound goes past walls and comes from everywhere.
+
+    Args:
+        scene: cameras and arrays.
+        walls: what hides things from each camera; None: what the scene says of the camera's place.
+    """
     cameras, arrays = scene.cameras, scene.arrays
+    if walls is None:
+        walls = [scene.blockers(c.ground) for c in cameras]
     places = [c.position[:2] for c in cameras] + [a.position[:2] for a in arrays]
     return make_sensors(
         np.array(places, dtype=np.float64).reshape(-1, 2),
         np.array([c.yaw for c in cameras] + [a.yaw for a in arrays], dtype=np.float64),
         np.array([c.fov for c in cameras] + [math.nan] * len(arrays), dtype=np.float64),
         np.array([c.range for c in cameras] + [a.range for a in arrays], dtype=np.float64),
-        [*(scene.blockers(c.ground) for c in cameras), *([()] * len(arrays))],
+        [*walls, *([()] * len(arrays))],
     )
 
 
