@@ -32,6 +32,8 @@ PRIOR_COUNT = 30.0
 """Weight, in residuals, of the assumption that bearings are as noisy as they say."""
 ROUNDS = 20
 CLOSE = 1e-6
+SETTLED = 1e-3
+"""Change of the errors, in prior deviations, at which the fit stops."""
 NEAREST = 0.02
 """Bearings whose target is nearer than this, relative to the farthest, are too far from linear."""
 FEW = 3
@@ -225,8 +227,8 @@ def solve(belief: Belief, scans: Sequence[Sights], places: Floats, starts: Float
         spread_now = deviation[:, None] * inverse * deviation
         used = float(len(deviation)) - float(np.trace(inverse))  # residuals that the fit has taken up
         after = Belief(new, spread_now, excess, max(count - used, 1.0) if count else 0.0)
-        moved = np.abs(new - mean).ravel() - 1e-6 * deviation
-        mean, settled = new, abs(after.scale - scale) < 1e-6 and bool(np.all(moved <= 0.0))
+        moved = np.abs(new - mean).ravel() - SETTLED * deviation
+        mean, settled = new, abs(after.scale - scale) < SETTLED and bool(np.all(moved <= 0.0))
         scale = after.scale
         if settled:
             break
