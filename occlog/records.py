@@ -292,6 +292,28 @@ class Diagnostics(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Calibration(Table):
+    """Errors of the sensors' poses, true minus stated, as a filter that estimates them has them after each scan."""
+
+    NAME: ClassVar[str] = "calibration"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "sensor")
+
+    t_ns: Ints = column("i8", "ns", "time of the scan since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track; every track has its own estimates")
+    sensor: Strings = column("U", "1", "name of the camera or array in the scene")
+    dx: Floats = column("f8", "m", "error of the position: add it to the scene's")
+    dy: Floats = column("f8", "m", "error of the position: add it to the scene's")
+    dyaw: Floats = column("f8", "rad", "error of the yaw: add it to the scene's")
+    sd_dx: Floats = column("f8", "m", "standard deviation")
+    sd_dy: Floats = column("f8", "m", "standard deviation")
+    sd_dyaw: Floats = column("f8", "rad", "standard deviation")
+
+    def check(self) -> None:
+        """Times in order."""
+        check_order(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Errors(Table):
     """Estimate minus truth at each time of the estimate."""
 
@@ -346,6 +368,7 @@ TABLES: dict[str, type[Table]] = {
         Truth,
         Tracks,
         Diagnostics,
+        Calibration,
         Errors,
         Bound,
     )

@@ -16,6 +16,12 @@ METHODS = ("apf",)
 @click.argument("bearings", type=options.PATH)
 @options.output_opt("Tracks (Parquet).")
 @click.option("--diagnostics", type=options.PATH, default=None, help="How the filter fared at each time (Parquet).")
+@click.option(
+    "--calibration",
+    type=options.PATH,
+    default=None,
+    help="Errors of the cameras' poses as estimated, with --set calibrate=joint or initial (Parquet).",
+)
 @options.scene_opt
 @click.option(
     "--doa",
@@ -57,7 +63,8 @@ METHODS = ("apf",)
 @options.quiet_opt
 @options.json_opt
 def command(
-    bearings: Path, output: Path, diagnostics: Path | None, scene: Path | None, doa: Path | None, method: str,
+    bearings: Path, output: Path, diagnostics: Path | None, calibration: Path | None, scene: Path | None,
+    doa: Path | None, method: str,
     particles: int | None, start: str | None, targets: tuple[int, ...], labelled_only: bool, only: str, without: str,
     window: float, settings: tuple[str, ...], seed: int, overwrite: bool, quiet: bool, as_json: bool,
 ) -> int:  # fmt: skip
@@ -75,7 +82,7 @@ def command(
     """
     from .track_run import Request, parse_names, parse_setting, run_track
 
-    options.check_outputs([bearings, scene, doa], [output, diagnostics], overwrite)
+    options.check_outputs([bearings, scene, doa], [output, diagnostics, calibration], overwrite)
     values = dict(parse_setting(text) for text in settings)
     if particles is not None:
         values["particles"] = str(particles)
@@ -83,5 +90,5 @@ def command(
         bearings, scene, doa, method, values, start, targets, not labelled_only, parse_names(only),
         parse_names(without), round(window * 1e9), seed,
     )  # fmt: skip
-    summary, losses = run_track(request, output, diagnostics, overwrite, quiet)
+    summary, losses = run_track(request, output, diagnostics, calibration, overwrite, quiet)
     return options.finish(summary, losses, as_json)

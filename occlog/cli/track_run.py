@@ -13,7 +13,7 @@ from ..errors import InputError, UsageError
 from ..io.parquet import TableWriter, describe, iter_table, read_provenance
 from ..io.provenance import Provenance, hash_inputs
 from ..io.recording import open_recording
-from ..records import Bearings, Diagnostics, Doa, Tracks
+from ..records import Bearings, Calibration, Diagnostics, Doa, Tracks
 from ..stages.sources import bearings_of_doa, in_time
 from ..stages.track import choose_sensors, track
 from ..trackers import tracker
@@ -102,11 +102,13 @@ def _not_empty(chunks: Iterable[Bearings], path: Path) -> Iterator[Bearings]:
 
 
 def run_track(
-    request: Request, output: Path, diagnostics: Path | None, overwrite: bool, quiet: bool
+    request: Request, output: Path, diagnostics: Path | None, calibration: Path | None, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Track and write; the summary, and what had been lost before."""
     inputs = Inputs(request)
     config = make_config(request, inputs.scene.length_unit)
+    if calibration is not None and config.calibrate == "none":
+        raise UsageError("--calibration wants estimates to write; add --set calibrate=joint or --set calibrate=initial")
     sensors = choose_sensors(inputs.scene, request.only, request.without)
     targets = request.targets or None
     tracked = track(
@@ -121,19 +123,21 @@ def run_track(
     paths = [p for p in (request.bearings, request.scene, request.doa) if p is not None]
     losses = tuple(inputs.losses)
     provenance = Provenance("track", parameters, request.seed, hash_inputs(paths), losses)
-    outputs: list[tuple[Path | None, type[Table]]] = [(output, Tracks), (diagnostics, Diagnostics)]
+    outputs: list[tuple[Path | None, type[Table]]] = [
+        (output, Tracks), (diagnostics, Diagnostics), (calibration, Calibration),
+    ]  # fmt: skip
     tally = Tally()
     with ExitStack() as stack:
         writers = [
-            stack.enter_context(
+            None if p is None else stack.enter_context(
                 TableWriter(p, t, provenance, overwrite=overwrite, length_unit=inputs.scene.length_unit)
             )
             for p, t in outputs
-            if p is not None
-        ]
+        ]  # fmt: skip
         for part in tracked:
-            for writer, table in zip(writers, part, strict=False):
-                writer.write(table)
+            for writer, table in zip(writers, part, strict=True):
+                if writer is not None:
+                    writer.write(table)
             tally.add(part)
         if not tally.rows:
             raise InputError(f"{request.bearings}: no row is of the chosen targets and sensors; choose others")

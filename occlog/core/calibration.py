@@ -46,6 +46,8 @@ class Belief(NamedTuple):
     covariance: Floats  # (3 S, 3 S), rows in the order of mean.ravel()
     excess: float  # sum of squared normalised residuals
     counted: float  # number of them
+    log_odds: float  # of errors that stay against errors drawn anew for every scan (Eq. 2), by what was measured
+    prior: Floats  # (3 S,) variances before any measurement
 
     @property
     def scale(self) -> float:
@@ -76,7 +78,7 @@ def no_evidence(sigma_position: Floats, sigma_yaw: Floats) -> Belief:
         sigma_yaw: (S,) [rad].
     """
     sigma = np.column_stack([sigma_position, sigma_position, sigma_yaw])
-    return Belief(np.zeros_like(sigma), np.diag(sigma.ravel() ** 2), 0.0, 0.0)
+    return Belief(np.zeros_like(sigma), np.diag(sigma.ravel() ** 2), 0.0, 0.0, 0.0, sigma.ravel() ** 2)
 
 
 def jacobians(xy: Floats, places: Floats) -> tuple[Floats, Floats]:
@@ -164,8 +166,9 @@ def evidence(sights: Sights, places: Floats, mean: Floats, start: Floats) -> tup
 def update(belief: Belief, sights: Sights, places: Floats, start: Floats) -> Belief:
     """The belief after the bearings of one scan; unchanged where they say nothing or are not to be believed.
 
-    An extended Kalman update with `evidence`.  Their variance is raised by `Belief.scale`, so
-    that noise which is not in the model (errors that are not fixed at all) is not taken for knowledge.
+    An extended Kalman update with `evidence`, and the odds of the two models by how well they
+    predicted it.  The variance is raised by `Belief.scale`, so that noise which is in neither
+    model is not taken for knowledge.
 
     Args:
         belief: before.
@@ -188,7 +191,17 @@ def update(belief: Belief, sights: Sights, places: Floats, start: Floats) -> Bel
     # Joseph's form keeps the covariance positive semi-definite.
     covariance = rest @ C @ rest.T + belief.scale * gain @ gain.T
     mean = belief.mean + (gain @ y).reshape(belief.mean.shape)
-    return Belief(mean, 0.5 * (covariance + covariance.T), belief.excess + excess, belief.counted + len(y))
+    # Drawn anew, errors have their prior at every time; y is relative to the mean that was learned.
+    white = _log_density(y + G @ belief.mean.ravel(), (G * belief.prior) @ G.T + unit)
+    odds = belief.log_odds + _log_density(y, S) - white
+    return Belief(
+        mean, 0.5 * (covariance + covariance.T), belief.excess + excess, belief.counted + len(y), odds, belief.prior
+    )
+
+
+def _log_density(y: Floats, covariance: Floats) -> float:
+    """Log-density of a Gaussian of mean 0, without the constant."""
+    return float(-0.5 * (y @ np.linalg.solve(covariance, y) + np.linalg.slogdet(covariance)[1]))
 
 
 def solve(belief: Belief, scans: Sequence[Sights], places: Floats, starts: Floats, rounds: int = ROUNDS) -> Belief:
@@ -204,32 +217,39 @@ def solve(belief: Belief, scans: Sequence[Sights], places: Floats, starts: Float
         starts: (T, 2) roughly where the target was.
         rounds: at most.
     """
-    deviation = np.sqrt(np.diag(belief.covariance))  # errors in units of their prior: also right where it is 0
-    mean, scale, spread_now = belief.mean, 1.0, belief.covariance
-    excess, count = 0.0, 0.0
+    deviation = np.sqrt(belief.prior)  # errors in units of their prior: also right where it is 0
+    one_by_one = belief
+    for sights, start in zip(scans, starts, strict=True):
+        one_by_one = update(one_by_one, sights, places, start)
+    now = belief
     for _ in range(rounds):
-        information, pull = np.eye(len(deviation)), np.zeros(len(deviation))
-        excess, count = 0.0, 0.0
-        for sights, start in zip(scans, starts, strict=True):
-            found = evidence(sights, places, mean, start)
-            if found is None:
-                continue
-            y, G = found
-            S = G @ spread_now @ G.T + scale * np.eye(len(y))
-            if y @ np.linalg.solve(S, y) > chdtri(len(y), GATE):
-                continue
-            scaled = G * deviation
-            information += scaled.T @ scaled / scale
-            pull += scaled.T @ (y + G @ mean.ravel()) / scale
-            excess, count = excess + float(y @ y), count + len(y)
-        inverse = np.linalg.inv(information)
-        new = (deviation * (inverse @ pull)).reshape(mean.shape)
-        spread_now = deviation[:, None] * inverse * deviation
-        used = float(len(deviation)) - float(np.trace(inverse))  # residuals that the fit has taken up
-        after = Belief(new, spread_now, excess, max(count - used, 1.0) if count else 0.0)
-        moved = np.abs(new - mean).ravel() - SETTLED * deviation
-        mean, settled = new, abs(after.scale - scale) < SETTLED and bool(np.all(moved <= 0.0))
-        scale = after.scale
+        after = _round(now, scans, places, starts, deviation)
+        moved = np.abs(after.mean - now.mean).ravel()
+        settled = abs(after.scale - now.scale) < SETTLED and bool(np.all(moved <= SETTLED * deviation))
+        now = after
         if settled:
             break
-    return Belief(mean, 0.5 * (spread_now + spread_now.T), excess, max(count - used, 1.0) if count else 0.0)
+    return now._replace(log_odds=one_by_one.log_odds)
+
+
+def _round(now: Belief, scans: Sequence[Sights], places: Floats, starts: Floats, deviation: Floats) -> Belief:
+    """One round of Gauss-Newton from the belief of the round before."""
+    information, pull = np.eye(len(deviation)), np.zeros(len(deviation))
+    excess, count = 0.0, 0.0
+    for sights, start in zip(scans, starts, strict=True):
+        found = evidence(sights, places, now.mean, start)
+        if found is None:
+            continue
+        y, G = found
+        S = G @ now.covariance @ G.T + now.scale * np.eye(len(y))
+        if y @ np.linalg.solve(S, y) > chdtri(len(y), GATE):
+            continue
+        scaled = G * deviation
+        information += scaled.T @ scaled / now.scale
+        pull += scaled.T @ (y + G @ now.mean.ravel()) / now.scale
+        excess, count = excess + float(y @ y), count + len(y)
+    inverse = np.linalg.inv(information)
+    mean = (deviation * (inverse @ pull)).reshape(now.mean.shape)
+    taken_up = len(deviation) - float(np.trace(inverse))  # residuals that the fit has explained
+    covariance = deviation[:, None] * (0.5 * (inverse + inverse.T)) * deviation
+    return now._replace(mean=mean, covariance=covariance, excess=excess, counted=max(count - taken_up, 0.0))

@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from ..core.seeds import Stage, generator
 from ..errors import UsageError
-from ..records import UNLABELLED, Bearings, Diagnostics, Tracks
+from ..records import UNLABELLED, Bearings, Calibration, Diagnostics, Tracks
 from ..scene import Scene
 from ..trackers import tracker
 from ..trackers.method import Estimate, sensor_names
@@ -22,10 +22,11 @@ FIRST_TARGET = 0
 
 
 class Tracked(NamedTuple):
-    """Some more rows of a track and how the filter fared; equal in number."""
+    """Some more rows of a track and how the filter fared, equal in number, and what it learned of the sensors."""
 
     tracks: Tracks
     diagnostics: Diagnostics
+    calibration: Calibration  # rows of every sensor and scan; none if it is not estimated
 
 
 class _Filter(NamedTuple):
@@ -138,4 +139,22 @@ def _tables(rows: list[tuple[int, int, Estimate]], names: tuple[str, ...]) -> Tr
         fallback=np.array([e.fallback for e in estimates], dtype=np.str_),
         cameras=np.array([",".join(names[i] for i in e.used) for e in estimates], dtype=np.str_),
     )
-    return Tracked(tracks, diagnostics)
+    return Tracked(tracks, diagnostics, _calibration(rows, names))
+
+
+def _calibration(rows: list[tuple[int, int, Estimate]], names: tuple[str, ...]) -> Calibration:
+    """Errors of all sensors after each scan, where they are estimated."""
+    found = [(t_ns, target, e.calibration) for t_ns, target, e in rows if e.calibration is not None]
+    if not found:
+        return Calibration.empty()
+    n, S = len(found), len(names)
+    mean = np.array([c.mean for _, _, c in found]).reshape(n * S, 3)
+    deviation = np.array([c.deviation for _, _, c in found]).reshape(n * S, 3)
+    table = Calibration(
+        np.repeat(np.array([f[0] for f in found], dtype=np.int64), S),
+        np.repeat(np.array([f[1] for f in found], dtype=np.int32), S),
+        np.tile(np.array(names, dtype=np.str_), n),
+        *mean.T,
+        *deviation.T,
+    )
+    return Calibration.merge([table])

@@ -103,7 +103,7 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     looks = pack_looks(scan, model.read_px, config.use_score)
     calibration = state.calibration
     if calibration is not None:
-        sensors, noise = corrected(calibration, model.noise, state.particles.xy, state.weights)
+        sensors, noise = corrected(calibration, state.particles.xy, state.weights)
         model = model._replace(sensors=sensors, noise=noise)
         state, looks = state._replace(model=model), corrected_looks(calibration, looks)
     draw = _take_in(state, scan.t_ns, looks, rng)

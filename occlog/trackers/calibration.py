@@ -5,6 +5,9 @@ the filter weighs its particles with corrected cameras, and with what is still u
 them instead of `sigma_position` and `sigma_yaw`.  `initial`: the first `calibrate_s` seconds
 are tracked as without, then all their bearings are solved at once, and that stays.
 
+Both compare errors that stay with errors drawn anew for every scan, which is what Eq. 2 says
+(`Belief.log_odds`), and correct nothing while the latter explains the bearings better.
+
 What cannot be observed (where all cameras together are) is an error of the track that more
 scans do not make smaller; it is added to the covariance of the estimate, as a
 Schmidt-Kalman filter does.
@@ -44,6 +47,8 @@ class Stated(NamedTuple):
     """The sensors as the scene has them."""
 
     scene: Scene
+    sensors: Sensors
+    noise: Noise
     places: Floats  # (S, 2)
     yaw: Floats  # (S,)
     focal_px: Floats  # (S,) 0: not a camera
@@ -69,6 +74,11 @@ class Calibration(NamedTuple):
     fixed: bool  # true: what the phase said stays
     follows: Floats  # (2, 3 S) how much of each error is in the estimate
 
+    @property
+    def believed(self) -> bool:
+        """Whether cameras are corrected: something was learned, and errors that stay explain it better than noise."""
+        return self.phase is None and self.belief.log_odds > 0.0
+
 
 def begin(scene: Scene, noise: Noise, read_px: Floats, sensors: Sensors, mode: str) -> Calibration | None:
     """Nothing learned yet; None in mode `none`.
@@ -83,21 +93,21 @@ def begin(scene: Scene, noise: Noise, read_px: Floats, sensors: Sensors, mode: s
     if mode == "none":
         return None
     yaw = np.array([c.yaw for c in scene.cameras] + [a.yaw for a in scene.arrays], dtype=np.float64)
-    stated = Stated(scene, sensors.xy, yaw, noise.focal_px, read_px)
+    stated = Stated(scene, sensors, noise, sensors.xy, yaw, noise.focal_px, read_px)
     belief = no_evidence(noise.sigma_position, noise.sigma_yaw)
     phase = Phase(None, (), ()) if mode == "initial" else None
     return Calibration(stated, belief, sensors, belief.mean, phase, False, np.zeros((2, belief.mean.size)))
 
 
-def corrected(calibration: Calibration, noise: Noise, xy: Floats, weights: Floats) -> tuple[Sensors, Noise]:
+def corrected(calibration: Calibration, xy: Floats, weights: Floats) -> tuple[Sensors, Noise]:
     """Sensors where they are thought to be, and the noise that is left of their errors.
 
     Where the (L, 2) particles are near together, the variance of a bearing to them goes into
     the yaw's place, for any covariance of the errors; elsewhere Eq. 2 has the greatest
     variance of position in any direction.
     """
-    if calibration.phase is not None:
-        return calibration.sensors, noise
+    if not calibration.believed:
+        return calibration.stated.sensors, calibration.stated.noise
     mean, covariance = mean_and_covariance(weights, xy)
     belief = calibration.belief
     everyone = np.arange(len(belief.mean))
@@ -106,7 +116,7 @@ def corrected(calibration: Calibration, noise: Noise, xy: Floats, weights: Float
     angle2 = spread(mean, everyone, calibration.stated.places, belief) if away.min() > 0 else np.zeros(len(away))
     blocks = belief.blocks
     position2 = np.linalg.eigvalsh(blocks[:, :2, :2])[:, -1]
-    left = noise._replace(
+    left = calibration.stated.noise._replace(
         sigma_position=np.where(near_together, 0.0, np.sqrt(np.maximum(position2, 0.0))),
         sigma_yaw=np.sqrt(np.maximum(np.where(near_together, angle2, blocks[:, 2, 2]), 0.0)),
     )
@@ -115,7 +125,7 @@ def corrected(calibration: Calibration, noise: Noise, xy: Floats, weights: Float
 
 def corrected_looks(calibration: Calibration, looks: Looks) -> Looks:
     """Looks with bearings turned by the errors of yaw, and readings as noisy as they turned out to be."""
-    if calibration.phase is not None:
+    if not calibration.believed:
         return looks
     sensor = np.repeat(looks.sensor, np.diff(looks.first))
     turn = np.where(looks.pixel, 0.0, calibration.packed[sensor, 2])  # pixels are read from the corrected axis
@@ -137,8 +147,9 @@ def learned(calibration: Calibration, scan: Scan, estimate: Estimate, seconds: f
         after = _gather(after, sights, scan.t_ns, estimate.xy, seconds)
     elif not after.fixed:
         after = _packed(after._replace(belief=update(after.belief, sights, after.stated.places, estimate.xy)))
-    follows, belief = after.follows, after.belief
-    covariance = estimate.covariance + follows @ belief.covariance @ follows.T
+    follows, belief, covariance = after.follows, after.belief, estimate.covariance
+    if after.believed:
+        covariance = covariance + follows @ belief.covariance @ follows.T
     deviation = np.sqrt(np.maximum(np.diag(belief.covariance), 0.0)).reshape(belief.mean.shape)
     return after, estimate._replace(covariance=covariance, calibration=SensorErrors(belief.mean, deviation))
 
