@@ -10,7 +10,7 @@ Departures from the paper, each with its reason:
 * cameras that contradict a particle make it unlikely, not impossible (`Detection.soften`, `Detection.false`);
 * what goes wrong is mended and reported: `sir` when no expected position agrees with the
   scan (stage 1 is skipped), `restart` when no particle does, or when most sensors
-  contradict even the best particle for several scans, `gap` after too long a time without
+  contradict even the best particle in several scans, `gap` after too long a time without
   scans.  In both of these particles are drawn anew over the whole floor.
 """
 
@@ -60,7 +60,7 @@ class State(NamedTuple):
     particles: Particles
     weights: Floats  # (L,)
     t_ns: int | None
-    astray: int  # scans in a row that most sensors contradicted
+    astray: int  # scans that spoke against where the target is thought to be, see `_astray`
     calibration: Calibration | None = None  # None: errors of poses are white noise
 
 
@@ -218,15 +218,22 @@ def _restart(model: Model, looks: Looks, reason: str, rng: Generator) -> Draw:
 
 
 def _astray(state: State, draw: Draw, looks: Looks) -> int:
-    """Scans in a row in which at least two sensors report the target and most of them not where it is thought to be."""
+    """How many more scans spoke against where the target is thought to be than for it, since they last were even.
+
+    A scan speaks against it if most of its sensors that report the target report it elsewhere,
+    and for it if most of them agree.  A single sensor may speak: a filter that is lost among
+    people who hide the target seldom has two at once.  False reports come seldom enough in
+    a row not to add up.
+    """
     reports = looks.labelled & (np.diff(looks.first) > 0)
-    if np.count_nonzero(reports) < 2:
+    count = int(np.count_nonzero(reports))
+    if not count:
         return state.astray
     best = int(np.argmax(draw.weights))
     model = state.model
     agree = agreement(draw.particles.xy[best : best + 1], looks, model.sensors, model.noise, model.detection)
-    against = np.count_nonzero(reports & ~agree)
-    return state.astray + 1 if 2 * against > np.count_nonzero(reports) else 0
+    against = int(np.count_nonzero(reports & ~agree))
+    return max(0, state.astray + (2 * against > count) - (2 * against < count))
 
 
 def _estimate(model: Model, draw: Draw, looks: Looks) -> Estimate:

@@ -60,12 +60,23 @@ class ApfConfig:
 
     # When to give up
     max_gap_s: float = 60.0  # after a longer time without a scan particles are drawn anew
-    lost_after: int = 3  # scans in a row that most sensors contradict; then particles are drawn anew; 0: never
+    lost_after: int = 3  # scans more against than for the best particle; then they are drawn anew; 0: never
 
     def __post_init__(self) -> None:
         chance = {
             name: 0.0 <= getattr(self, name) <= 1.0
-            for name in ("phi", "beta1", "lambda1", "beta2", "lambda2", "defensive", "false", "soften", "candidate", "p_floor")
+            for name in (
+                "phi",
+                "beta1",
+                "lambda1",
+                "beta2",
+                "lambda2",
+                "defensive",
+                "false",
+                "soften",
+                "candidate",
+                "p_floor",
+            )
         }
         limits = [(name, good, "in [0, 1]") for name, good in chance.items()]
         for name in ("reference_s", "clutter", "max_gap_s", "occluder_diameter", "prior_max_age_s", "calibrate_s"):

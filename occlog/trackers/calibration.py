@@ -37,6 +37,8 @@ COMPACT = 0.1
 """Particles this near together, relative to their distance, see a camera under one angle as far as Eq. 2 goes."""
 STALE = 0.05
 """Corrected cameras are packed anew when an estimate has moved by this share of its prior deviation."""
+CONVINCED = 3.0
+"""Log-odds from which on errors are taken to stay: 20 to 1."""
 FAR = 4.0
 """A bearing that misses the estimate by more standard deviations had no weight in it."""
 OFTEN = 1000
@@ -77,7 +79,7 @@ class Calibration(NamedTuple):
     @property
     def believed(self) -> bool:
         """Whether cameras are corrected: something was learned, and errors that stay explain it better than noise."""
-        return self.phase is None and self.belief.log_odds > 0.0
+        return self.phase is None and self.belief.log_odds > CONVINCED
 
 
 def begin(scene: Scene, noise: Noise, read_px: Floats, sensors: Sensors, mode: str) -> Calibration | None:
