@@ -21,6 +21,7 @@ class Stage(IntEnum):
     RENDER_LIGHT = 8
     RENDER_CLOTHES = 9
     TRACK = 16
+    PRIORS = 17  # virtual measurements of moving occluders: one item an occluder
 
 
 def generator(seed: int, stage: Stage, *items: int, run: int = 0) -> np.random.Generator:

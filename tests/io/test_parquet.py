@@ -13,7 +13,7 @@ from occlog.errors import InputError, OutputExistsError
 from occlog.io import parquet
 from occlog.io.provenance import Provenance
 from occlog.losses import Loss
-from occlog.records import APPEARANCE_BINS, TABLES, Bearings, Tracks, Views
+from occlog.records import APPEARANCE_BINS, TABLES, Bearings, Hulls, Occluders, Tracks, Views
 
 PROVENANCE = Provenance("detect", {"method": "em"}, 7, (("a.mcap", "00"),), (Loss("cam1", "frame 3", "lost", 1),))
 
@@ -34,8 +34,14 @@ def random_table(table: type, rows: int, seed: int = 0):
         else:
             values[c.name] = rng.uniform(0.1, 1.0, rows)
     values["t_ns"] = 1_700_000_000_000_000_789 + np.cumsum(rng.integers(0, 10**9, rows))
-    if table is Tracks:
+    if table in (Tracks, Occluders):
         values["cov_xy"] = np.zeros(rows)
+    if table is Hulls and rows % 4 == 0:
+        values["t_ns"], values["occluder_id"] = np.repeat(values["t_ns"][::4], 4), np.zeros(rows, np.int32)
+        values["corner"] = np.arange(rows, dtype=np.int32) % 4
+    elif table is Hulls:
+        values |= {"occluder_id": np.full(rows, -1), "corner": np.zeros(rows, np.int32)}
+        values |= {"x": np.full(rows, np.nan), "y": np.full(rows, np.nan)}
     return table.of(**values)
 
 
