@@ -18,7 +18,7 @@ from occlog.io.provenance import Provenance
 from occlog.io.recording_writer import RecordingWriter
 from occlog.io.scene_file import scene_to_yaml
 from occlog.losses import Loss
-from occlog.records import UNLABELLED, Bearings, Diagnostics, Doa, Tracks
+from occlog.records import UNLABELLED, Bearings, Calibration, Diagnostics, Doa, Tracks
 from occlog.trackers import TRACKERS
 
 SCENE = with_array(room100(pillar=False), (50.0, 50.0), sigma=0.05)
@@ -82,6 +82,21 @@ def test_bearings_become_tracks_and_diagnostics(folder, capsys):
     assert [name for name, _ in provenance.inputs] == ["bearings.parquet", "scene.yaml"]
     assert provenance.losses == MADE.losses
     assert describe(folder / "tracks.parquet")["length_unit"] == "unit"
+
+
+def test_errors_of_the_cameras_are_written_where_they_are_estimated(folder, capsys):
+    found = folder / "calibration.parquet"
+    joint = ("--set", "calibrate=joint", "--calibration", str(found))
+    assert with_scene(folder, *joint) == ExitCode.LOSSY
+    table = read_table(found, Calibration)
+    assert len(table) == 2 * STEPS * 9  # targets, times, sensors
+    assert set(table.sensor.tolist()) == {*(f"cam{i}" for i in range(1, 9)), "array"}
+    assert np.all(table.sd_dx[table.sensor == "array"] == 0.0)
+    assert np.all(table.sd_dx[table.sensor == "cam1"] > 0.0)
+    assert read_provenance(found).parameters["calibrate"] == "joint"
+    capsys.readouterr()
+    assert with_scene(folder, "--calibration", str(found), "--overwrite") == ExitCode.USAGE
+    assert "add --set calibrate=joint or --set calibrate=initial" in capsys.readouterr().err
 
 
 def test_a_recording_brings_its_scene_and_its_directions_of_arrival(folder):
