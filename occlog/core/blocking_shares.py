@@ -17,19 +17,18 @@ import math
 
 import numpy as np
 
+from .blocking_cuts import cuts, sides, steepest
 from .geometry import Floats, Ints
 from .jit import kernel
 from .priors import Priors
 
 WIDE = 8.5
 """Standard deviations that count; beyond is 2e-17."""
-LEVELS = 9
-"""A side is cut where it passes -8, -6, .. 8 standard deviations along the slices."""
 ROOT_HALF = math.sqrt(0.5)
 ROOT_2PI = math.sqrt(2.0 * math.pi)
-_nodes, _weights = np.polynomial.legendre.leggauss(16)
-NODES: Floats = np.ascontiguousarray(_nodes)
-WEIGHTS: Floats = np.ascontiguousarray(_weights)
+RULES: Floats = np.zeros((2, 2, 16))
+"""Nodes and weights of Gauss-Legendre panels: 16 for those two deviations wide, 8 for those below one."""
+RULES[0], RULES[1, :, :8] = np.polynomial.legendre.leggauss(16), np.polynomial.legendre.leggauss(8)
 
 
 @kernel
@@ -66,13 +65,14 @@ def shares(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> Float
     rows, bits = _strips(x, y, cameras, priors, j)
     corners = priors.corners[priors.first[j] : priors.first[j + 1]]
     sigma, minor = priors.sigma[j], priors.minor[j]
+    none, ends, flips = np.zeros(0), np.empty(2 * bits.shape[0]), np.empty(2 * bits.shape[0], dtype=np.int64)
     if bits.shape[0] > 0:
         if corners.shape[0] > 0:
             _uniform_into(out, rows, bits, _own_axes(corners, priors, j))
         elif sigma == 0.0:
-            _slice_into(out, 0.0, rows, bits, np.zeros(0), 0.0, 1.0)
+            _slice_into(out, 0.0, rows, bits, none, 0.0, 1.0, ends, flips)
         elif minor == 0.0:
-            _slice_into(out, 0.0, rows, bits, np.zeros(0), sigma, 1.0)
+            _slice_into(out, 0.0, rows, bits, none, sigma, 1.0, ends, flips)
         else:
             _normal_into(out, rows, bits, sigma, minor)
     out[0] = max(0.0, 1.0 - np.sum(out[1:]))
@@ -141,7 +141,17 @@ def _interval(row: Floats, t: float) -> tuple[float, float]:
 
 
 @kernel
-def _slice_into(out: Floats, t: float, rows: Floats, bits: Ints, inside: Floats, sigma: float, weight: float) -> bool:
+def _slice_into(
+    out: Floats,
+    t: float,
+    rows: Floats,
+    bits: Ints,
+    inside: Floats,
+    sigma: float,
+    weight: float,
+    ends: Floats,
+    flips: Ints,
+) -> bool:
     """Add `weight` times what lies on the slice at t to the pieces, in place; False if no rectangle is met.
 
     Args:
@@ -152,9 +162,10 @@ def _slice_into(out: Floats, t: float, rows: Floats, bits: Ints, inside: Floats,
         inside: (2 m,) places where the slice enters and leaves a uniform prior; none: it is normal.
         sigma: standard deviation along the slice of a normal prior; 0: all of it is at 0.
         weight: of the slice.
+        ends: (2 n + 2 m,) room to work in.
+        flips: the same.
     """
     n, m = bits.shape[0], inside.shape[0]
-    ends, flips = np.empty(2 * n + m), np.empty(2 * n + m, dtype=np.int64)
     size, mask = 0, 0
     for i in range(n):
         low, high = _interval(rows[i], t)
@@ -198,87 +209,25 @@ def _insert(ends: Floats, flips: Ints, size: int, end: float, flip: int) -> None
 
 
 @kernel
-def _sides(rows: Floats, polygon: Floats) -> Floats:
-    """(4 n + K, 4) sides of n rectangles and a polygon (K, 2): s, t of one end and of the other."""
-    n, K = rows.shape[0], polygon.shape[0]
-    out = np.empty((4 * n + K, 4))
-    for i in range(n):
-        d_s, d_t, c_s, c_t, r, radius = rows[i]
-        for k in range(4):
-            for end in range(2):
-                corner = (k + end) % 4
-                along = r if corner == 1 or corner == 2 else 0.0
-                across = radius if corner >= 2 else -radius
-                out[4 * i + k, 2 * end] = c_s + d_s * along - d_t * across
-                out[4 * i + k, 2 * end + 1] = c_t + d_t * along + d_s * across
-    for k in range(K):
-        out[4 * n + k, :2] = polygon[k]
-        out[4 * n + k, 2:] = polygon[(k + 1) % K]
-    return out
-
-
-@kernel
-def _cuts(sides: Floats, low: float, high: float, sigma: float) -> Floats:
-    """Slices, in order from low to high, between which the pieces change smoothly.
-
-    They are those at corners, at crossings of sides, and, if sigma > 0, where a side passes
-    even multiples of sigma.
-    """
-    E = sides.shape[0]
-    out = np.empty(2 + E + E * (E - 1) // 2 + LEVELS * E)
-    out[0], out[1] = low, high
-    size = 2
-    for e in range(E):
-        s0, t0, s1, t1 = sides[e]
-        if low < t0 < high:
-            out[size] = t0
-            size += 1
-        for k in range(LEVELS if sigma > 0.0 else 0):
-            level = 2.0 * (k - LEVELS // 2) * sigma
-            if (s0 - level) * (s1 - level) < 0.0:
-                t = t0 + (t1 - t0) * (level - s0) / (s1 - s0)
-                if low < t < high:
-                    out[size] = t
-                    size += 1
-        for f in range(e):
-            t = _crossing(sides[e], sides[f])
-            if low < t < high:
-                out[size] = t
-                size += 1
-    return np.sort(out[:size])
-
-
-@kernel
-def _crossing(a: Floats, b: Floats) -> float:
-    """The t at which two sides cross; NaN if they do not."""
-    a_s, a_t, b_s, b_t = a[2] - a[0], a[3] - a[1], b[2] - b[0], b[3] - b[1]
-    cross = a_s * b_t - a_t * b_s
-    if cross == 0.0:
-        return math.nan
-    d_s, d_t = b[0] - a[0], b[1] - a[1]
-    on_a, on_b = (d_s * b_t - d_t * b_s) / cross, (d_s * a_t - d_t * a_s) / cross
-    # A little too far does no harm, a missed crossing would.
-    if -1e-9 <= on_a <= 1.0 + 1e-9 and -1e-9 <= on_b <= 1.0 + 1e-9:
-        return float(a[1] + on_a * a_t)
-    return math.nan
-
-
-@kernel
 def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: float) -> None:
     """Add the pieces of a normal prior, in place: Gauss-Legendre panels between the cuts."""
-    none = np.zeros(0)
-    cuts = _cuts(_sides(rows, np.zeros((0, 2))), -WIDE * minor, WIDE * minor, sigma)
-    for k in range(cuts.shape[0] - 1):
-        width = cuts[k + 1] - cuts[k]
-        if width <= 0.0 or not _slice_into(out, cuts[k] + 0.5 * width, rows, bits, none, sigma, 0.0):
+    none, border = np.zeros(0), sides(rows, np.zeros((0, 2)))
+    ends, flips = np.empty(2 * bits.shape[0]), np.empty(2 * bits.shape[0], dtype=np.int64)
+    at = cuts(border, -WIDE * minor, WIDE * minor, sigma, minor)
+    for k in range(at.shape[0] - 1):
+        width = at[k + 1] - at[k]
+        if width <= 0.0 or not _slice_into(out, at[k] + 0.5 * width, rows, bits, none, sigma, 0.0, ends, flips):
             continue
-        panels = max(1, math.ceil(0.5 * width / minor))
+        slope = steepest(border, at[k], at[k + 1]) * minor / sigma
+        small = width * math.sqrt(1.0 + slope * slope) < minor
+        nodes, weights = RULES[1 if small else 0]
+        panels = 1 if small else math.ceil(0.5 * width / minor)
         half = 0.5 * width / panels
         for p in range(panels):
-            for g in range(NODES.shape[0]):
-                t = cuts[k] + half * (2 * p + 1 + NODES[g])
-                weight = half * WEIGHTS[g] * math.exp(-0.5 * (t / minor) ** 2) / (ROOT_2PI * minor)
-                _slice_into(out, t, rows, bits, none, sigma, weight)
+            for g in range(8 if small else 16):
+                t = at[k] + half * (2 * p + 1 + nodes[g])
+                weight = half * weights[g] * math.exp(-0.5 * (t / minor) ** 2) / (ROOT_2PI * minor)
+                _slice_into(out, t, rows, bits, none, sigma, weight, ends, flips)
 
 
 @kernel
@@ -289,12 +238,14 @@ def _uniform_into(out: Floats, rows: Floats, bits: Ints, polygon: Floats) -> Non
     for k in range(K):
         p, q = polygon[k], polygon[(k + 1) % K]
         area += 0.5 * (p[0] * q[1] - p[1] * q[0])
-    cuts = _cuts(_sides(rows, polygon), low, high, 0.0)
-    for k in range(cuts.shape[0] - 1):
-        width = cuts[k + 1] - cuts[k]
+    room = 2 * bits.shape[0] + K
+    ends, flips = np.empty(room), np.empty(room, dtype=np.int64)
+    at = cuts(sides(rows, polygon), low, high, 0.0, 0.0)
+    for k in range(at.shape[0] - 1):
+        width = at[k + 1] - at[k]
         if width > 0.0:
-            t = cuts[k] + 0.5 * width
-            _slice_into(out, t, rows, bits, _entered(polygon, t), 0.0, width / area)
+            t = at[k] + 0.5 * width
+            _slice_into(out, t, rows, bits, _entered(polygon, t), 0.0, width / area, ends, flips)
 
 
 @kernel
