@@ -40,6 +40,8 @@ class Camera:
     sigma_position: float = 0.0
     sigma_yaw: float = 0.0
     sigma_read_px: float = 2.0
+    detection: float | None = None  # probability that it detects a target in plain view; None: the filter's setting
+    false_alarm: float | None = None  # that it reports one it did not detect, anywhere in the image
     rate_hz: float | None = None
     clock: str | None = None
     placed: bool = True

@@ -16,3 +16,12 @@ def kernel(function: F) -> F:
     With NUMBA_DISABLE_JIT=1 it is the plain Python function.
     """
     return cast(F, numba.njit(cache=True, nogil=True)(function))
+
+
+def array_kernel(function: F) -> F:
+    """As `kernel`, for loops that the compiler is to vectorise.
+
+    A division by zero gives inf or NaN as in NumPy, and products may be fused with sums;
+    NaN and inf keep their meaning.
+    """
+    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function))

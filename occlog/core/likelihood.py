@@ -1,4 +1,4 @@
-"""How well measurements of a scan agree with places: [Ercan] Sec. 4.2-4.3 without moving occluders.
+"""How well measurements of a scan agree with places: [Ercan] Sec. 4.2-4.3.
 
 A scan has a *look* for every sensor that delivered a frame.  A look of a labelled target
 has one measurement or none ("not seen"); an unlabelled look has any number of candidates,
@@ -12,6 +12,17 @@ For a sensor that can see the place (`occlog.core.visibility.seen_from`; A for a
                        1                          not A
     candidates z_k:    1 - P + P sum_k w_k N(z_k) / lambda     A
                        1                          not A
+
+Where priors of moving occluders are given, an assigned camera sees the place with
+probability P (`occlog.core.occluded`).  Let a be the factor for A above and b that of a
+place hidden by an occluder: floor, 1 and 1.  Cameras then count, by `Occlusion.probability`,
+
+    INDEPENDENT        prod_i (P_i a_i + (1 - P_i) b_i)
+    RECURSION, EXACT   sum over subsets Q of the assigned cameras, of p_Q prod_Q (a_i - b_i) prod_not-Q b_i
+
+with p_Q the probability that no camera of Q is blocked, by Eq. 8 or without its
+assumption.  With P_D = 1 and P_F = 0 this is Eq. 9.  P_i and 1 - P_i count as no less than
+`Occlusion.floor`; a sum over subsets as no less than `floor` times prod_i max(a_i, b_i).
 
 With hit = miss = 1 and floor = soften = 0 this is the paper's form without occluder priors
 (RMSE_max): 0 for a camera that sees what it cannot see, a Gaussian where it does, 1 else.
@@ -34,6 +45,9 @@ import numpy as np
 
 from .geometry import Bools, Floats, Ints
 from .jit import kernel
+from .occluded import unhidden
+from .occluded_together import add_joint
+from .priors import Priors
 from .visibility import Sensors, seen_from
 
 ROOT_2PI = math.sqrt(2.0 * math.pi)
@@ -68,14 +82,28 @@ class Scan(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """Probabilities of the factors above."""
+    """Probabilities of the factors above, for each of S sensors."""
 
-    hit: float
-    miss: float
-    false: float  # P_F
+    hit: Floats  # (S,)
+    miss: Floats  # (S,)
+    false: Floats  # (S,) P_F
     soften: float
-    candidate: float  # P
-    clutter: float  # lambda W: other candidates expected in a frame
+    candidate: Floats  # (S,) P
+    clutter: Floats  # (S,) lambda W: other candidates expected in a frame
+
+
+class Occlusion(NamedTuple):
+    """How moving occluders are taken into account."""
+
+    probability: int  # NONE, INDEPENDENT, RECURSION or EXACT
+    form: int  # of q: PRINTED, IMPROVED or QUADRATURE
+    floor: float
+    far: float  # standard deviations at which a prior counts as over
+
+
+NONE, INDEPENDENT, RECURSION, EXACT = 0, 1, 2, 3
+UNINFORMED = Occlusion(NONE, 0, 0.0, 0.0)
+"""Nothing is known about moving occluders."""
 
 
 @kernel
@@ -129,28 +157,35 @@ def densities(xy: Floats, k: int, scan: Scan, sensors: Sensors, noise: Noise) ->
 
 
 @kernel
-def factors(xy: Floats, k: int, scan: Scan, sensors: Sensors, noise: Noise, model: Detection) -> Floats:
-    """(L,) factors of look k, as above, for targets at (L, 2) places."""
-    seen = seen_from(xy, scan.sensor[k], sensors)
+def factors(
+    xy: Floats, k: int, scan: Scan, sensors: Sensors, noise: Noise, model: Detection, seen: Bools
+) -> tuple[Floats, float]:
+    """Factors of look k, as above, for targets at (L, 2) places.
+
+    Returns:
+        (L,) factors where no moving occluder hides the place (a where `seen`), and b.
+    """
     # Every factor is scale N + offset, with one pair for places that the sensor sees and one for others.
-    scale, offset, scale_else, offset_else = 0.0, 0.0, 0.0, 1.0
+    i = scan.sensor[k]
+    scale, offset, scale_else, offset_else, hidden = 0.0, 0.0, 0.0, 1.0, 1.0
     if scan.first[k] == scan.first[k + 1]:
-        offset = model.miss if scan.labelled[k] else 1.0 - model.candidate
+        offset = model.miss[i] if scan.labelled[k] else 1.0 - model.candidate[i]
         out = np.zeros(xy.shape[0])
     else:
         width = image_width(k, scan, noise)
         if scan.labelled[k]:
-            scale, offset = model.hit, model.miss * model.false / width
-            scale_else, offset_else = model.soften * model.hit, model.false / width
+            hidden = model.false[i] / width
+            scale, offset = model.hit[i], model.miss[i] * hidden
+            scale_else, offset_else = model.soften * model.hit[i], hidden
         else:
-            scale, offset = model.candidate * width / model.clutter, 1.0 - model.candidate
+            scale, offset = model.candidate[i] * width / model.clutter[i], 1.0 - model.candidate[i]
         out = densities(xy, k, scan, sensors, noise)
     for p in range(out.shape[0]):
         if seen[p]:
             out[p] = scale * out[p] + offset
         else:
             out[p] = scale_else * out[p] + offset_else
-    return out
+    return out, hidden
 
 
 @kernel
@@ -162,7 +197,10 @@ def image_width(k: int, scan: Scan, noise: Noise) -> float:
 
 
 @kernel
-def log_likelihood(xy: Floats, scan: Scan, sensors: Sensors, noise: Noise, model: Detection, free: Bools) -> Floats:
+def log_likelihood(
+    xy: Floats, scan: Scan, sensors: Sensors, noise: Noise, model: Detection, free: Bools,
+    priors: Priors, occlusion: Occlusion,
+) -> Floats:  # fmt: skip
     """(L,) log-likelihoods of a scan for targets at (L, 2) places; -inf where it is impossible.
 
     Args:
@@ -172,11 +210,32 @@ def log_likelihood(xy: Floats, scan: Scan, sensors: Sensors, noise: Noise, model
         noise: their noise.
         model: probabilities.
         free: (L,) places where a target can be; -inf elsewhere.
+        priors: of the moving occluders; not looked at if `occlusion.probability` is NONE.
+        occlusion: how they count.
     """
-    L = xy.shape[0]
+    L, n = xy.shape[0], scan.sensor.shape[0]
     total, product = np.zeros(L), np.ones(L)
-    for k in range(scan.sensor.shape[0]):
-        factor = factors(xy, k, scan, sensors, noise, model)
+    joint = occlusion.probability > INDEPENDENT
+    # Of sensors that occluders can hide a place from; other factors are multiplied at once.
+    a, b, assigned = np.empty((n, L)), np.ones(n), np.zeros((n, L), dtype=np.bool_)
+    for k in range(n):
+        i = scan.sensor[k]
+        seen = seen_from(xy, i, sensors)
+        factor, hidden = factors(xy, k, scan, sensors, noise, model, seen)
+        if sensors.cos2[i] >= 0.0 and occlusion.probability != NONE:
+            if joint:
+                a[k], b[k], assigned[k] = factor, hidden, seen & free
+                factor[assigned[k]] = 1.0
+            else:
+                rows = np.flatnonzero(seen & free)
+                share = unhidden(
+                    xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, occlusion.form, occlusion.far
+                )
+                for m in range(rows.shape[0]):
+                    p = rows[m]
+                    factor[p] = (
+                        max(share[m], occlusion.floor) * factor[p] + max(1.0 - share[m], occlusion.floor) * hidden
+                    )
         for p in range(L):
             # One logarithm for many factors; the product is kept from underflow and overflow.
             product[p] *= factor[p]
@@ -185,6 +244,8 @@ def log_likelihood(xy: Floats, scan: Scan, sensors: Sensors, noise: Noise, model
                 product[p] = 1.0
     for p in range(L):
         total[p] = total[p] + math.log(product[p]) if free[p] else -np.inf
+    if joint:
+        add_joint(total, xy, scan.sensor, a, b, assigned, sensors.xy, priors, occlusion)
     return total
 
 
@@ -201,13 +262,14 @@ def agreement(xy: Floats, scan: Scan, sensors: Sensors, noise: Noise, model: Det
     """
     out = np.zeros(scan.sensor.shape[0], dtype=np.bool_)
     for k in range(out.shape[0]):
-        if scan.first[k] == scan.first[k + 1] or not seen_from(xy, scan.sensor[k], sensors)[0]:
+        i = scan.sensor[k]
+        if scan.first[k] == scan.first[k + 1] or not seen_from(xy, i, sensors)[0]:
             continue
         density = densities(xy, k, scan, sensors, noise)[0]
         if scan.labelled[k]:
-            others = max(model.miss * model.false, LEAST_FALSE)
-            out[k] = model.hit * density * image_width(k, scan, noise) > others
+            others = max(model.miss[i] * model.false[i], LEAST_FALSE)
+            out[k] = model.hit[i] * density * image_width(k, scan, noise) > others
         else:
-            others = (1.0 - model.candidate) * model.clutter
-            out[k] = model.candidate * density * image_width(k, scan, noise) > others
+            others = (1.0 - model.candidate[i]) * model.clutter[i]
+            out[k] = model.candidate[i] * density * image_width(k, scan, noise) > others
     return out

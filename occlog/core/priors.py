@@ -77,6 +77,42 @@ def no_priors() -> Priors:
     return gaussian_priors(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0)
 
 
+def without_own(priors: Priors, mean: Floats, covariance: Floats, gate: float) -> Priors:
+    """The priors without those that may be of the tracked target itself.
+
+    Args:
+        priors: of everything that moves.
+        mean: (2,) where the target is thought to be.
+        covariance: (2, 2) of that.
+        gate: standard deviations of the difference within which a prior counts as the target's.
+    """
+    if not len(priors.sigma):
+        return priors
+    axis = priors.axis
+    side = np.column_stack([-axis[:, 1], axis[:, 0]])
+    spread = np.einsum("mi,mj->mij", axis, axis) * (priors.sigma**2)[:, None, None]
+    spread += np.einsum("mi,mj->mij", side, side) * (priors.minor**2)[:, None, None]
+    spread += covariance + np.eye(2) * (priors.radius**2)[:, None, None]
+    apart = priors.mean - mean
+    distance2 = np.einsum("mi,mi->m", apart, np.linalg.solve(spread, apart[:, :, None])[:, :, 0])
+    return take_priors(priors, np.flatnonzero(distance2 > gate**2))
+
+
+def take_priors(priors: Priors, rows: Ints) -> Priors:
+    """The priors of some rows."""
+    corners = [priors.corners[priors.first[j] : priors.first[j + 1]] for j in rows.tolist()]
+    first = np.concatenate([[0], np.cumsum([len(c) for c in corners])]).astype(np.int64)
+    return Priors(
+        priors.mean[rows],
+        priors.axis[rows],
+        priors.sigma[rows],
+        priors.minor[rows],
+        priors.radius[rows],
+        first,
+        np.concatenate([np.empty((0, 2)), *corners]),
+    )
+
+
 def _moments(polygon: Floats) -> tuple[Floats, Floats]:
     """Mean (2,) and covariance (2, 2) of the uniform distribution over a counter-clockwise polygon."""
     origin = polygon.mean(axis=0)

@@ -112,6 +112,8 @@ def _camera(spec: CameraSpec, where: str) -> Camera:
         sigma_position=spec.noise.position,
         sigma_yaw=_angle(spec.noise.yaw, spec.noise.yaw_deg, "noise.yaw", where) or 0.0,
         sigma_read_px=spec.noise.read_px,
+        detection=spec.noise.detection,
+        false_alarm=spec.noise.false_alarm,
         rate_hz=spec.rate_hz,
         clock=spec.clock,
         placed=placed,
@@ -195,7 +197,10 @@ def _camera_spec(c: Camera) -> CameraSpec:
         distortion=distortion if np.any(c.distortion) else None,
         fov=c.fov,
         range=None if math.isinf(c.range) else c.range,
-        noise=NoiseSpec(position=c.sigma_position, yaw=c.sigma_yaw, read_px=c.sigma_read_px),
+        noise=NoiseSpec(
+            position=c.sigma_position, yaw=c.sigma_yaw, read_px=c.sigma_read_px,
+            detection=c.detection, false_alarm=c.false_alarm,
+        ),  # fmt: skip
         rate_hz=c.rate_hz,
         clock=c.clock,
     )

@@ -19,12 +19,19 @@ class Spec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 
 class NoiseSpec(Spec, kw_only=True):
-    """Standard deviations of [Ercan] Eq. 2."""
+    """Standard deviations of [Ercan] Eq. 2, and how reliable detection is."""
 
     position: Annotated[float, Meta(ge=0, description="of the camera's position, in the length unit")] = 0.0
     yaw: Annotated[float, Meta(ge=0, description="of the camera's yaw, in radians")] | None = None
     yaw_deg: Annotated[float, Meta(ge=0, description="of the camera's yaw, in degrees")] | None = None
     read_px: Annotated[float, Meta(gt=0, description="of a reading in the image, in pixels")] = 2.0
+    detection: (
+        Annotated[float, Meta(gt=0, le=1, description="probability that a target in plain view is detected")] | None
+    ) = None
+    false_alarm: (
+        Annotated[float, Meta(ge=0, le=1, description="probability that a target not detected is reported anywhere")]
+        | None
+    ) = None
 
 
 class DistortionSpec(Spec, kw_only=True):

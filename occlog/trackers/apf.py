@@ -25,8 +25,9 @@ from numpy.random import Generator
 from ..columns import Bools, Floats
 from ..core import waypoint
 from ..core.floor import Floor, make_floor, on_floor, sample_floor
-from ..core.likelihood import Detection, Noise, agreement, log_likelihood
+from ..core.likelihood import UNINFORMED, Detection, Noise, Occlusion, agreement, log_likelihood
 from ..core.likelihood import Scan as Looks
+from ..core.priors import Priors, no_priors, without_own
 from ..core.resampling import systematic_ancestors
 from ..core.smc import effective_size, log_of, mean_and_covariance, normalise
 from ..core.visibility import Sensors
@@ -36,9 +37,11 @@ from ..scene import Scene
 from .apf_config import ApfConfig
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .method import Cloud, Estimate, Scan
-from .sensing import pack_looks, pack_noise, pack_sensors, read_noise
+from .sensing import pack_detection, pack_looks, pack_noise, pack_sensors, read_noise
 
 NS = 1_000_000_000
+FINE, ROUGH = 5.5, 3.5
+"""Standard deviations at which a prior of an occluder counts as over; stage 1 only has to be near."""
 
 
 class Model(NamedTuple):
@@ -51,6 +54,9 @@ class Model(NamedTuple):
     read_px: Floats
     motion: Motion
     detection: Detection
+    informed: Detection  # the same where there are priors of the moving occluders
+    priors: Priors = no_priors()  # of the moving occluders at the time of the scan
+    occlusion: Occlusion = UNINFORMED
 
 
 class State(NamedTuple):
@@ -86,7 +92,8 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
         pack_noise(scene),
         read_noise(scene),
         config.motion,
-        config.model,
+        pack_detection(scene, config, informed=False),
+        pack_detection(scene, config, informed=True),
     )
     try:
         particles = _fresh(model, config.start, rng)
@@ -99,13 +106,17 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
 
 def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     """The state after a scan, and what it says; the scan must not be earlier than the last."""
-    model, config = state.model, state.model.config
+    base = model = state.model
+    config = model.config
     looks = pack_looks(scan, model.read_px, config.use_score)
     calibration = state.calibration
     if calibration is not None:
         sensors, noise = corrected(calibration, state.particles.xy, state.weights)
         model = model._replace(sensors=sensors, noise=noise)
         state, looks = state._replace(model=model), corrected_looks(calibration, looks)
+    if scan.occluders is not None:
+        model = _informed(model, scan.occluders, state)
+        state = state._replace(model=model)
     draw = _take_in(state, scan.t_ns, looks, rng)
     astray = _astray(state, draw, looks)
     if config.lost_after and astray >= config.lost_after:
@@ -114,7 +125,18 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     estimate = _estimate(model, draw, looks)
     if calibration is not None:
         calibration, estimate = learned(calibration, scan, estimate, config.calibrate_s)
-    return State(model, draw.particles, draw.weights, scan.t_ns, astray, calibration), estimate
+    return State(base, draw.particles, draw.weights, scan.t_ns, astray, calibration), estimate
+
+
+def _informed(model: Model, priors: Priors, state: State) -> Model:
+    """The model with what is known about moving occluders; priors of the target itself are left out."""
+    config = model.config
+    if config.own_gate > 0.0 and state.t_ns is not None:
+        priors = without_own(priors, *mean_and_covariance(state.weights, state.particles.xy), config.own_gate)
+    # Known positions are never known exactly: what contradicts them is made unlikely as for static occluders.
+    known = not np.any(priors.sigma > 0.0)
+    occlusion = config.occlusion._replace(floor=config.soften) if known else config.occlusion
+    return model._replace(priors=priors, occlusion=occlusion, detection=model.informed)
 
 
 def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
@@ -164,7 +186,7 @@ def _auxiliary_step(
     # Stage 1: which particles are likely to lead to the scan
     arrived = waypoint.reached(particles, model.motion, model.floor)
     kappa = waypoint.expected_xy(particles, arrived, dt, model.motion)
-    first, log_sum = normalise(log_of(weights) + _log_likelihood(model, kappa, looks))
+    first, log_sum = normalise(log_of(weights) + _log_likelihood(model, kappa, looks, ROUGH))
     fallback = "" if math.isfinite(log_sum) else "sir"
     if fallback:
         first = weights
@@ -188,9 +210,12 @@ def _move(model: Model, particles: Particles, arrived: Bools, dt: float, rng: Ge
     return waypoint.move(particles, regime, places, rng.standard_normal((L, 2)), dt, model.motion)
 
 
-def _log_likelihood(model: Model, xy: Floats, looks: Looks) -> Floats:
+def _log_likelihood(model: Model, xy: Floats, looks: Looks, far: float = FINE) -> Floats:
     free = on_floor(xy, *model.floor)
-    return np.asarray(log_likelihood(xy, looks, model.sensors, model.noise, model.detection, free))
+    occlusion = model.occlusion._replace(far=far)
+    return np.asarray(
+        log_likelihood(xy, looks, model.sensors, model.noise, model.detection, free, model.priors, occlusion)
+    )
 
 
 def _fresh(model: Model, start: tuple[float, ...] | None, rng: Generator) -> Particles:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..core.likelihood import Detection
+from ..core.likelihood import EXACT, INDEPENDENT, RECURSION, Occlusion
 from ..core.waypoint import Motion
 from .settings import check_settings
 
@@ -39,7 +39,8 @@ class ApfConfig:
     resample_below: float = 1.0  # resample when the effective sample size is below this share of the particles
 
     # Measurements, [Ercan] Sec. 4.2-4.3
-    detection: float | None = None  # P_D of a camera; None: "not seen" says nothing (no occluder priors)
+    detection: float | None = None
+    """P_D of a camera.  None: 1 with priors of the moving occluders; without, "not seen" says nothing."""
     false: float = 1e-4  # P_F: a sensor that did not detect the target reports it all the same
     soften: float = 1e-2  # factor for a camera that sees what it cannot see
     candidate: float = 0.9  # P_D among unlabelled candidates, if `detection` is None
@@ -49,7 +50,7 @@ class ApfConfig:
     # Moving occluders, [Ercan] Sec. 4.2; only with priors of their positions
     likelihood: str = "independent"  # p(eta|u): `independent`, `recursion` (Eqs. 8-9) or `exact`
     q: str = "improved"  # probability that one occluder hides the target: `printed` (Eq. 7), `improved`, `quadrature`
-    p_floor: float = 1e-2  # p(eta|u) is not below this (`independent`: each camera's factor of it)
+    p_floor: float = 1e-4  # p(eta|u) is not below this (`independent`: each camera's factor of it)
     occluder_diameter: float = 3.33
     prior_max_age_s: float = 5.0  # older priors are not used
     own_gate: float = 0.0  # priors this many standard deviations near the target are its own; 0: none is
@@ -102,11 +103,10 @@ class ApfConfig:
         return Motion(self.reference_s, self.sigma_v, self.phi, self.beta1, self.lambda1, self.beta2, self.lambda2)
 
     @property
-    def model(self) -> Detection:
-        """The measurement model's part."""
-        hit, miss = (1.0, 1.0) if self.detection is None else (self.detection, 1.0 - self.detection)
-        candidate = self.candidate if self.detection is None else self.detection
-        return Detection(hit, miss, self.false, self.soften, candidate, self.clutter)
+    def occlusion(self) -> Occlusion:
+        """How priors of moving occluders count."""
+        kind = {"independent": INDEPENDENT, "recursion": RECURSION, "exact": EXACT}[self.likelihood]
+        return Occlusion(kind, FORMS.index(self.q), self.p_floor, 0.0)
 
 
 def apf_defaults(length_unit: str) -> ApfConfig:

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..columns import Floats
-from ..core.likelihood import Noise
+from ..core.likelihood import Detection, Noise
 from ..core.likelihood import Scan as Looks
 from ..core.visibility import Sensors, make_sensors
 from ..scene import Scene
+from .apf_config import ApfConfig
 from .method import Scan
 
 WIDEST = math.radians(170.0)
@@ -88,3 +89,24 @@ def pack_looks(scan: Scan, read_px: Floats, use_score: bool) -> Looks:
         variance=np.maximum(np.where(pixel, sigma_px, scan.sigma[seen]), LEAST_SIGMA) ** 2,
         share=np.where(weigh, scan.score[seen], 1.0),
     )
+
+
+def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detection:
+    """Probabilities of detection and of false reports of all sensors.
+
+    Args:
+        scene: a camera's own probabilities come before those of the configuration.
+        config: settings.
+        informed: there are priors of the moving occluders, so "not seen" means something
+            also where no probability of detection is given.
+    """
+    hit, miss, false, candidate = [], [], [], []
+    own = [(c.detection, c.false_alarm) for c in scene.cameras] + [(None, None)] * len(scene.arrays)
+    for detection, false_alarm in own:
+        found = config.detection if detection is None else detection
+        hit.append(1.0 if found is None else found)
+        miss.append((0.0 if informed else 1.0) if found is None else 1.0 - found)
+        candidate.append(config.candidate if found is None else found)
+        false.append(config.false if false_alarm is None else false_alarm)
+    columns = [np.array(c, dtype=np.float64) for c in (hit, miss, false, candidate)]
+    return Detection(*columns[:3], config.soften, columns[3], np.full(len(own), config.clutter))

@@ -10,7 +10,9 @@ import shapely
 from scipy import stats
 from tracker_scenes import room100, scan, true_u, with_array, wrap
 
-from occlog.core.likelihood import Detection, agreement, factors, log_likelihood
+from occlog.core.likelihood import UNINFORMED, Detection, agreement, factors, log_likelihood
+from occlog.core.priors import no_priors
+from occlog.core.visibility import seen_from
 from occlog.trackers.sensing import pack_looks, pack_noise, pack_sensors, read_noise
 
 PAPER = Detection(hit=1.0, miss=1.0, false=0.0, soften=0.0, candidate=0.9, clutter=1.0)
@@ -25,14 +27,24 @@ def packed_scene(scene):
 
 def factors_of(scene, given, xy, model=PAPER, use_score=True):
     looks = pack_looks(given, read_noise(scene), use_score)
-    packed = *packed_scene(scene), model
-    return np.column_stack([factors(np.atleast_2d(xy), k, looks, *packed) for k in range(len(looks.sensor))])
+    xy, (sensors, noise) = np.atleast_2d(xy), packed_scene(scene)
+    columns = []
+    for k, i in enumerate(looks.sensor):
+        columns.append(factors(xy, k, looks, sensors, noise, spread(model, scene), seen_from(xy, i, sensors))[0])
+    return np.column_stack(columns)
+
+
+def spread(model, scene):
+    """The same probabilities for every sensor."""
+    S = len(scene.cameras) + len(scene.arrays)
+    return Detection(*(v if name == "soften" else np.full(S, v) for name, v in model._asdict().items()))
 
 
 def loglik_of(scene, given, xy, model=PAPER, free=None):
     looks = pack_looks(given, read_noise(scene), True)
     free = np.ones(len(xy), dtype=np.bool_) if free is None else free
-    return log_likelihood(xy, looks, pack_sensors(scene), pack_noise(scene), model, free)
+    packed = pack_sensors(scene), pack_noise(scene), spread(model, scene)
+    return log_likelihood(xy, looks, *packed, free, no_priors(), UNINFORMED)
 
 
 def density(camera, xy, u, sigma_read):
@@ -195,7 +207,7 @@ def test_many_cameras_neither_underflow_nor_overflow():
 
 def test_a_scan_without_looks_changes_nothing():
     empty = scan(0, [(0, None)])._replace(sensor=np.zeros(0, dtype=np.int64))
-    empty = empty._replace(**{n: getattr(empty, n)[:0] for n in empty._fields if n not in ("t_ns", "sensor")})
+    empty = empty._replace(**{n: getattr(empty, n)[:0] for n in empty._fields if n not in ("t_ns", "sensor", "occluders")})
     np.testing.assert_array_equal(loglik_of(SCENE, empty, EVERYWHERE), 0.0)
 
 
@@ -203,7 +215,7 @@ def test_agreement_tells_which_looks_support_a_place():
     xy = np.array([[30.0, 30.0]])
     u = true_u(SCENE, xy[0])
     looks = pack_looks(scan(0, [(0, u[0] + 2.0), (2, u[2] + 60.0), (6, None)]), read_noise(SCENE), True)
-    packed = pack_sensors(SCENE), pack_noise(SCENE), PAPER._replace(false=1e-4)
+    packed = pack_sensors(SCENE), pack_noise(SCENE), spread(PAPER._replace(false=1e-4), SCENE)
     assert agreement(xy, looks, *packed).tolist() == [True, False, False]
     candidates = scan(0, [(0, u[0] + 2.0), (0, 50.0), (2, u[2] + 60.0)], labelled=False)
     assert agreement(xy, pack_looks(candidates, read_noise(SCENE), True), *packed).tolist() == [True, False]

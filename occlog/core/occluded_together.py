@@ -1,0 +1,135 @@
+"""Joint probabilities of what several cameras see: [Ercan] Eqs. 8-9, and the same without their assumption.
+
+Eq. 8 takes the rectangles in which an occluder hides a place from different cameras as
+disjoint.  The exact form does not: it finds, for every occluder, the probability of each
+set of cameras being blocked at once (`occlog.core.overlap`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .geometry import Bools, Floats, Ints
+from .jit import array_kernel
+from .occluded import blocking
+from .overlap import pattern_probabilities
+from .priors import Priors
+
+SURE = 1e-12
+"""A camera whose b is below this share of its a is taken as not hidden."""
+
+
+@array_kernel
+def add_joint(
+    total: Floats, xy: Floats, sensor: Ints, a: Floats, b: Floats, assigned: Bools, places: Floats,
+    priors: Priors, occlusion: tuple[int, int, float, float],
+) -> None:  # fmt: skip
+    """Add the log of the sum over subsets to `total` (L,), in place; see `occlog.core.likelihood`.
+
+    Args:
+        total: (L,) log-likelihoods.
+        xy: (L, 2) places.
+        sensor: (n,) sensors of the looks.
+        a: (n, L) factors where no occluder hides the place.
+        b: (n,) factors where one does.
+        assigned: (n, L) looks that count for a place.
+        places: (S, 2) positions of the sensors.
+        priors: of the occluders.
+        occlusion: as `occlog.core.likelihood.Occlusion`.
+    """
+    probability, form, floor, far = occlusion
+    n, L, M = a.shape[0], xy.shape[0], priors.sigma.shape[0]
+    exact = probability == 3
+    q = np.zeros((n, 1 if exact else M, L))
+    rows = np.arange(L)
+    for k in range(n):
+        if not exact:
+            q[k] = blocking(xy, rows, places[sensor[k], 0], places[sensor[k], 1], priors, form, far)
+    for p in range(L):
+        use = np.flatnonzero(assigned[:, p])
+        if use.shape[0] == 0 or total[p] == -np.inf:
+            continue
+        seen = (
+            clear_exact(xy[p, 0], xy[p, 1], places[sensor[use]], priors) if exact else clear_disjoint(q[:, :, p], use)
+        )
+        total[p] += math.log(over_subsets(seen, a[:, p][use], b[use], floor))
+
+
+@array_kernel
+def clear_disjoint(q: Floats, use: Ints) -> Floats:
+    """(2^m,) p_Q of Eq. 8 for every subset Q of m cameras, as bits; 1 - sum q is cut at 0.
+
+    Args:
+        q: (n, M) probabilities that occluder j blocks camera i.
+        use: (m,) the cameras.
+    """
+    m, M = use.shape[0], q.shape[1]
+    out = np.empty(1 << m)
+    sums = np.zeros((m + 1, M))
+    for Q in range(1 << m):
+        # Sums that Q shares with the subset before it are kept: bit by bit, from the highest.
+        changed = m if Q == 0 else 0
+        if Q:
+            while (Q >> changed) & 1 == 0:
+                changed += 1
+            changed += 1
+        for level in range(min(changed, m) - 1, -1, -1):
+            for j in range(M):
+                sums[level, j] = sums[level + 1, j]
+                if (Q >> level) & 1:
+                    sums[level, j] += q[use[level], j]
+        product = 1.0
+        for j in range(M):
+            product *= max(0.0, 1.0 - sums[0, j])
+        out[Q] = product
+    return out
+
+
+@array_kernel
+def clear_exact(x: float, y: float, cameras: Floats, priors: Priors) -> Floats:
+    """(2^m,) probability that no camera of Q (as bits) is blocked, for every subset Q of the (m, 2) cameras."""
+    m = cameras.shape[0]
+    out = np.ones(1 << m)
+    for j in range(priors.sigma.shape[0]):
+        pattern = pattern_probabilities(x, y, cameras, j, priors)
+        # Sum over all patterns without a camera of Q: subset sums of the complement.
+        for bit in range(m):
+            for s in range(1 << m):
+                if (s >> bit) & 1:
+                    pattern[s] += pattern[s ^ (1 << bit)]
+        for Q in range(1 << m):
+            out[Q] *= min(1.0, max(0.0, pattern[((1 << m) - 1) ^ Q]))
+    return out
+
+
+@array_kernel
+def over_subsets(clear: Floats, a: Floats, b: Floats, floor: float) -> float:
+    """Sum over subsets Q of p_Q prod_Q (a - b) prod_not-Q b, not below floor times prod max(a, b).
+
+    Args:
+        clear: (2^m,) p_Q.
+        a: (m,) factors of cameras that are not blocked.
+        b: (m,) factors of cameras that are.
+        floor: least value, relative.
+    """
+    m = a.shape[0]
+    largest, must, scale = 1.0, 0, np.empty(m)
+    for i in range(m):
+        scale[i] = max(a[i], b[i])
+        largest *= scale[i]
+        if b[i] <= SURE * a[i]:
+            must |= 1 << i
+    if largest == 0.0:
+        return 0.0
+    total = 0.0
+    for Q in range(1 << m):
+        if Q & must != must:
+            continue
+        term = clear[Q]
+        for i in range(m):
+            hidden = 0.0 if (must >> i) & 1 else b[i]
+            term *= (a[i] - hidden if (Q >> i) & 1 else hidden) / scale[i]
+        total += term
+    return max(total, floor) * largest
