@@ -16,6 +16,7 @@ COMMANDS = {
     "simulate": "Make a recording with ground truth from a scene.",
     "ingest": "Gather video, detections, DOA logs and calibration into one recording.",
     "detect": "Reduce the frames of a recording to bearings.",
+    "priors": "Find where moving occluders are.",
     "track": "Estimate target tracks from bearings.",
     "evaluate": "Compare tracks with the truth and with the Cramer-Rao bound.",
     "report": "Show a run as one offline page and a picture.",
