@@ -228,9 +228,7 @@ def log_likelihood(
                 factor[assigned[k]] = 1.0
             else:
                 rows = np.flatnonzero(seen & free)
-                share = unhidden(
-                    xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, occlusion.form, occlusion.far
-                )
+                share = unhidden(xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, occlusion.form, occlusion.far)
                 for m in range(rows.shape[0]):
                     p = rows[m]
                     factor[p] = (

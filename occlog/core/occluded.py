@@ -21,11 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .blocking_shares import normal_between, shares
 from .error_function import fast_erf
 from .geometry import Floats, Ints
 from .jit import array_kernel
 from .priors import Priors
-from .rectangle import line_share, polygon_share, quadrature_share
 
 PRINTED, IMPROVED, QUADRATURE = 0, 1, 2
 ROOT_HALF = math.sqrt(0.5)
@@ -96,7 +96,12 @@ def blocking_into(
         return False
     if along + slack_along < -reach or along - slack_along > rays.farthest + reach:
         return False
-    if priors.first[j] == priors.first[j + 1] and sigma > 0.0 and sigma - priors.minor[j] <= ROUND * sigma:
+    if (
+        form != QUADRATURE
+        and priors.first[j] == priors.first[j + 1]
+        and sigma > 0.0
+        and sigma - priors.minor[j] <= ROUND * sigma
+    ):
         before = along - slack_along > reach  # all of it is in front of the camera
         behind = along + slack_along < rays.nearest - reach  # all of it is nearer than every place
         isotropic_into(q, rays.ux, rays.uy, rays.r, mx, my, radius, ROOT_HALF / sigma, before, behind)
@@ -128,7 +133,7 @@ def unhidden(xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form:
 
 
 @array_kernel
-def blocking(xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float) -> Floats:
+def hiding_all(xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, form: int, far: float) -> Floats:
     """(M, n) probabilities q that each occluder hides the places `xy[rows]` from a camera at (x0, y0)."""
     n = rows.shape[0]
     out = np.zeros((priors.sigma.shape[0], n))
@@ -185,21 +190,22 @@ def isotropic_into(
 
 @array_kernel
 def hiding(ux: float, uy: float, r: float, x0: float, y0: float, j: int, priors: Priors, form: int) -> float:
-    """q: probability that occluder j hides the place at distance r in direction (ux, uy) from (x0, y0)."""
+    """q: probability that occluder j hides the place at distance r in direction (ux, uy) from (x0, y0).
+
+    Degenerate priors and polygons are exact with every form.
+    """
     radius, sigma, minor = priors.radius[j], priors.sigma[j], priors.minor[j]
     mx, my = priors.mean[j, 0] - x0, priors.mean[j, 1] - y0
-    if priors.first[j] < priors.first[j + 1]:
-        return polygon_share(ux, uy, r, radius, x0, y0, priors.corners[priors.first[j] : priors.first[j + 1]])
+    if r == 0.0:
+        return 0.0
+    if form == QUADRATURE or minor == 0.0 or priors.first[j] < priors.first[j + 1]:
+        camera = np.array([[x0, y0]])
+        exact: float = shares(x0 + r * ux, y0 + r * uy, camera, priors, j)[1]
+        return exact
     a, b = ux * mx + uy * my, ux * my - uy * mx
-    if sigma == 0.0:
-        return 1.0 if abs(b) <= radius and 0.0 <= a <= r else 0.0
     # The major axis along and across the sight line
     ca = ux * priors.axis[j, 0] + uy * priors.axis[j, 1]
     sa = ux * priors.axis[j, 1] - uy * priors.axis[j, 0]
-    if minor == 0.0:
-        return line_share(a, b, ca, sa, sigma, r, radius)
-    if form == QUADRATURE:
-        return quadrature_share(a, b, ca, sa, sigma, minor, r, radius)
     s2 = (sa * sigma) ** 2 + (ca * minor) ** 2
     s = math.sqrt(s2)
     low, high = (-radius - b) / s, (radius - b) / s
@@ -220,13 +226,3 @@ def hiding(ux: float, uy: float, r: float, x0: float, y0: float, j: int, priors:
 def density(x: float) -> float:
     """Standard normal density."""
     return math.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)
-
-
-@array_kernel
-def normal_between(low: float, high: float) -> float:
-    """Probability of a standard normal between low <= high; keeps its digits in the tails."""
-    if low > 0.0:
-        return 0.5 * (math.erfc(low * ROOT_HALF) - math.erfc(high * ROOT_HALF))
-    if high < 0.0:
-        return 0.5 * (math.erfc(-high * ROOT_HALF) - math.erfc(-low * ROOT_HALF))
-    return 0.5 * (math.erf(high * ROOT_HALF) - math.erf(low * ROOT_HALF))

@@ -2,7 +2,7 @@
 
 Eq. 8 takes the rectangles in which an occluder hides a place from different cameras as
 disjoint.  The exact form does not: it finds, for every occluder, the probability of each
-set of cameras being blocked at once (`occlog.core.overlap`).
+set of cameras being blocked at once (`occlog.core.blocking_shares`).
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
+from .blocking_shares import shares
 from .geometry import Bools, Floats, Ints
 from .jit import array_kernel
-from .occluded import blocking
-from .overlap import pattern_probabilities
+from .occluded import hiding_all
 from .priors import Priors
 
 SURE = 1e-12
@@ -46,7 +46,7 @@ def add_joint(
     rows = np.arange(L)
     for k in range(n):
         if not exact:
-            q[k] = blocking(xy, rows, places[sensor[k], 0], places[sensor[k], 1], priors, form, far)
+            q[k] = hiding_all(xy, rows, places[sensor[k], 0], places[sensor[k], 1], priors, form, far)
     for p in range(L):
         use = np.flatnonzero(assigned[:, p])
         if use.shape[0] == 0 or total[p] == -np.inf:
@@ -93,7 +93,7 @@ def clear_exact(x: float, y: float, cameras: Floats, priors: Priors) -> Floats:
     m = cameras.shape[0]
     out = np.ones(1 << m)
     for j in range(priors.sigma.shape[0]):
-        pattern = pattern_probabilities(x, y, cameras, j, priors)
+        pattern = shares(x, y, cameras, priors, j)
         # Sum over all patterns without a camera of Q: subset sums of the complement.
         for bit in range(m):
             for s in range(1 << m):
