@@ -77,6 +77,7 @@ def kalman(
 @click.option("--smallest", type=NOT_NEGATIVE, default=None, metavar="AREA",
               help="Of a polygon. [default: 1, or 0.02 m^2]")  # fmt: skip
 @seconds("--persist", "persist_s", "A polygon must have been there so long. [default: 0.2]")
+@seconds("--hold", "hold_s", "How long a certain polygon is kept when it is not there. [default: 0.3]")
 @seconds("--memory", "memory_s", "How long proof against phantoms holds. [default: 2]")
 @seconds("--window", "window_s", "Frames so close together are of one moment. [default: 0]")
 @click.option("--exclude-targets/--include-targets", "exclude_targets", default=None,

@@ -18,7 +18,8 @@ import click
 from ..errors import InputError
 
 SOURCES = ("recording", "simulate", "ingest")
-STAGES = ("detect", "track", "evaluate", "report")
+STAGES = ("detect", "priors", "track", "evaluate", "report")
+PRIORS = ("hull", "kalman", "acoustic")
 COMMON = ("seed", "scene", "quiet")
 KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
 
@@ -80,13 +81,38 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     scene = {"scene": config.values.get("scene", str(recording))}
     yield _stage(config, "detect", {"output": out["bearings"], "views": out["views"]}, (str(recording),))
     tracked = {"output": out["tracks"], "diagnostics": out["diagnostics"]}
-    yield _stage(config, "track", tracked, (str(out["bearings"]),), scene)
+    inputs = dict(scene)
+    if "priors" in config.values:
+        stage, found = _priors(config, folder, recording, out, scene)
+        yield stage
+        inputs["occluders"] = found
+    yield _stage(config, "track", tracked, (str(out["bearings"]),), inputs)
     metrics = folder / "metrics.json"
     results = {"output": metrics, "errors": out["errors"], "bound": out["bound"]}
     truth = _truth(config, recording, out["views"])
     inputs = {**scene, "bearings": str(out["bearings"]), **truth}
     yield _stage(config, "evaluate", results, (str(out["tracks"]),), inputs)
     yield _report(config, folder, out, metrics, {**scene, **{k: v for k, v in truth.items() if k == "truth"}})
+
+
+def _priors(
+    config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, Any]
+) -> tuple[Stage, str]:
+    """The stage that finds moving occluders, and the file that `track` reads: polygons if there are any."""
+    values = config.stage("priors")
+    kind = values.get("source", "hull")
+    if kind not in PRIORS:
+        raise InputError(f"{config.path}: priors.source: {kind!r}; {_nearest(str(kind), PRIORS)}")
+    outputs = {"output": folder / "occluders.parquet"}
+    if kind == "hull":
+        outputs["hulls"] = folder / "hulls.parquet"
+        inputs, source = {**scene, "bearings": str(out["bearings"])}, str(out["views"])
+    else:
+        inputs, source = scene, str(recording)
+    group = importlib.import_module("occlog.cli.priors").command
+    own = Config(config.path, {**config.values, "priors": {k: v for k, v in values.items() if k != "source"}})
+    stage = _stage(own, "priors", outputs, (source,), inputs, group.commands[kind])
+    return stage, str(outputs.get("hulls", outputs["output"]))
 
 
 def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
@@ -126,8 +152,10 @@ def _stage(
     outputs: dict[str, Path],
     arguments: tuple[str, ...],
     inputs: dict[str, Any] | None = None,
+    command: click.Command | None = None,
 ) -> Stage:
-    command: click.Command = importlib.import_module(f"occlog.cli.{name}").command
+    if command is None:
+        command = importlib.import_module(f"occlog.cli.{name}").command
     values = {**_common(config, command), **(inputs or {}), **config.stage(name)}
     for key in outputs:
         if key in config.stage(name):

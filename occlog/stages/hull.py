@@ -18,7 +18,7 @@ from ..records import Bearings, Hulls, Occluders, Views
 from ..scene import Scene
 from ..vision.hull import Look, Polygon, hull
 from ..vision.hull_cones import Eye, cones, make_eye, runs
-from ..vision.hull_time import Memory, Rules, follow
+from ..vision.hull_time import Memory, Rules, Seen, follow
 from .occluders import none_at
 
 METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
@@ -36,6 +36,7 @@ class HullConfig:
     persist_s: float = 0.2  # a polygon must have been there for so long
     memory_s: float = 2.0  # for so long counts that a polygon was the only one to explain a run
     lost_s: float = 0.5  # an identity is kept for so long without a polygon
+    hold_s: float = 0.3  # and if it was certain its last polygon is taken for so long
     speed: float = 3.0  # of the fastest object, per second
     reach: float = 3.33  # the middle of a polygon may jump by so much
     window_s: float = 0.0  # frames this close together are of one moment
@@ -52,8 +53,10 @@ class HullConfig:
     @property
     def rules(self) -> Rules:
         """Those for identities."""
-        persist, memory, lost = (round(1e9 * s) for s in (self.persist_s, self.memory_s, self.lost_s))
-        return Rules(persist, memory, lost, self.speed, self.reach)
+        persist, memory, lost, hold = (
+            round(1e9 * s) for s in (self.persist_s, self.memory_s, self.lost_s, self.hold_s)
+        )
+        return Rules(persist, memory, lost, hold, self.speed, self.reach)
 
 
 def hull_config(length_unit: str) -> HullConfig:
@@ -101,23 +104,19 @@ def hull_priors(
     """
     eyes: dict[str, Eye] = {}
     memory = Memory()
-    held: list[tuple[int, list[tuple[int, Polygon]]]] = []
+    held: list[tuple[int, list[Seen]]] = []
     candidates = 0
     for t_ns, moment in _moments(views, frames, scene, round(config.window_s * 1e9)):
         looks = [_look(f, eyes, scene, config) for f in moment]
         found = hull(looks, scene.region, config.least, config.misses, config.smallest) if looks else []
-        memory, identities = follow(memory, t_ns, found, config.rules)
+        memory, seen = follow(memory, t_ns, found, config.rules)
         candidates += len(found)
-        held.append((t_ns, sorted(_named(identities, found), key=lambda pair: pair[0])))
+        held.append((t_ns, seen))
         if len(held) >= MOMENTS_PER_CHUNK:
             yield _tables(held, candidates)
             held, candidates = [], 0
     if held:
         yield _tables(held, candidates)
-
-
-def _named(identities: list[int | None], polygons: list[Polygon]) -> list[tuple[int, Polygon]]:
-    return [(k, p) for k, p in zip(identities, polygons, strict=True) if k is not None]
 
 
 def _moments(
@@ -201,7 +200,7 @@ def _look(frame: _Frame, eyes: dict[str, Eye], scene: Scene, config: HullConfig)
     return Look(visible, others)
 
 
-def _tables(moments: list[tuple[int, list[tuple[int, Polygon]]]], candidates: int) -> HullPriors:
+def _tables(moments: list[tuple[int, list[Seen]]], candidates: int) -> HullPriors:
     empty = np.array([t for t, found in moments if not found], dtype=np.int64)
     none = none_at(empty)
     rows = [(t, k, _corners(p)) for t, found in moments for k, p in found]
