@@ -66,7 +66,7 @@ class State(NamedTuple):
     particles: Particles
     weights: Floats  # (L,)
     t_ns: int | None
-    astray: int  # scans that spoke against where the target is thought to be, see `_astray`
+    astray: int  # reports that spoke against where the target is thought to be, see `_astray`
     calibration: Calibration | None = None  # None: errors of poses are white noise
 
 
@@ -243,10 +243,10 @@ def _restart(model: Model, looks: Looks, reason: str, rng: Generator) -> Draw:
 
 
 def _astray(state: State, draw: Draw, looks: Looks) -> int:
-    """How many more scans spoke against where the target is thought to be than for it, since they last were even.
+    """How many more reports spoke against where the target is thought to be than for it, since they last were even.
 
-    A scan speaks against it if most of its sensors that report the target report it elsewhere,
-    and for it if most of them agree.  A single sensor may speak: a filter that is lost among
+    A report speaks against it if the target should be elsewhere; a scan counts for two
+    reports at most, either way.  A single sensor may speak: a filter that is lost among
     people who hide the target seldom has two at once.  False reports come seldom enough in
     a row not to add up.
     """
@@ -258,7 +258,7 @@ def _astray(state: State, draw: Draw, looks: Looks) -> int:
     model = state.model
     agree = agreement(draw.particles.xy[best : best + 1], looks, model.sensors, model.noise, model.detection)
     against = int(np.count_nonzero(reports & ~agree))
-    return max(0, state.astray + (2 * against > count) - (2 * against < count))
+    return max(0, state.astray + max(-2, min(2, 2 * against - count)))
 
 
 def _estimate(model: Model, draw: Draw, looks: Looks) -> Estimate:

@@ -61,7 +61,7 @@ class ApfConfig:
 
     # When to give up
     max_gap_s: float = 60.0  # after a longer time without a scan particles are drawn anew
-    lost_after: int = 3  # scans more against than for the best particle; then they are drawn anew; 0: never
+    lost_after: int = 6  # reports more against than for the best particle; then all are drawn anew; 0: never
 
     def __post_init__(self) -> None:
         chance = {
