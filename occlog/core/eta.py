@@ -24,9 +24,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .blocking_shares import shares
 from .geometry import Bools, Floats, Ints
-from .jit import kernel
+from .jit import array_kernel
+from .occluded_together import clear_exact
 from .priors import Priors
 
 MOST_CAMERAS = 16
@@ -111,23 +111,11 @@ def patterns(seen: Floats) -> Floats:
     return out
 
 
-@kernel
+@array_kernel
 def _seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
-    L, N, M = xy.shape[0], cameras.shape[0], priors.sigma.shape[0]
-    out = np.ones((L, 1 << N))
-    full = (1 << N) - 1
-    for p in range(L):
-        for j in range(M):
-            within = shares(xy[p, 0], xy[p, 1], cameras, priors, j)
-            if within[0] == 1.0:
-                continue
-            # P(hidden from cameras of a subset only), by sums over its subsets
-            for i in range(N):
-                for S in range(full + 1):
-                    if S & (1 << i):
-                        within[S] += within[S ^ (1 << i)]
-            for Q in range(1, full + 1):
-                out[p, Q] *= min(1.0, within[full ^ Q])
+    out = np.empty((xy.shape[0], 1 << cameras.shape[0]))
+    for p in range(xy.shape[0]):
+        out[p] = clear_exact(xy[p, 0], xy[p, 1], cameras, priors)
     return out
 
 
