@@ -10,6 +10,9 @@ from . import options
 
 METHODS = ("apf",)
 """Names of `occlog.trackers.TRACKERS`; a test keeps the two alike, so that --help need not load the trackers."""
+POLICIES = ("greedy", "brute-force", "fixed", "random", "closest", "all")
+MODELS = ("perspective", "weak")
+"""The same of `occlog.trackers.select`."""
 
 
 @click.command(name="track", short_help="Estimate target tracks from bearings.")
@@ -29,6 +32,36 @@ METHODS = ("apf",)
     default=None,
     help="Directions of arrival to use too: a table, or a recording that holds them.",
 )
+@click.option(
+    "--occluders",
+    type=options.PATH,
+    default=None,
+    help="Where moving occluders may be: `occluders` or `hulls` (Parquet, see `occlog priors`), "
+    "or truth (known exactly).",
+)
+@click.option(
+    "--select",
+    "policy",
+    type=click.Choice(POLICIES),
+    default=None,
+    help="Use only some cameras, selected anew every few steps. [default: use all]",
+)
+@click.option("--count", type=click.IntRange(min=1), default=None, help="Cameras selected. [default: 4]")
+@click.option(
+    "--every",
+    type=click.FloatRange(min=0, min_open=True),
+    default=None,
+    metavar="STEPS",
+    help="Reference steps (--set reference_s, 1 s) between selections. [default: 5]",
+)
+@click.option(
+    "--select-model",
+    "model",
+    type=click.Choice(MODELS),
+    default=None,
+    help="Camera model of the expected error. [default: perspective]",
+)
+@click.option("--select-order", "order", default="", metavar="A,B,...", help="Order of the cameras for --select fixed.")
 @click.option("--method", type=click.Choice(METHODS), default="apf", show_default=True, help="Tracking method.")
 @click.option("--particles", type=click.IntRange(min=1), default=None, help="Particles a target. [default: 2000]")
 @click.option(
@@ -64,7 +97,8 @@ METHODS = ("apf",)
 @options.json_opt
 def command(
     bearings: Path, output: Path, diagnostics: Path | None, calibration: Path | None, scene: Path | None,
-    doa: Path | None, method: str,
+    doa: Path | None, occluders: Path | None, policy: str | None, count: int | None, every: float | None,
+    model: str | None, order: str, method: str,
     particles: int | None, start: str | None, targets: tuple[int, ...], labelled_only: bool, only: str, without: str,
     window: float, settings: tuple[str, ...], seed: int, overwrite: bool, quiet: bool, as_json: bool,
 ) -> int:  # fmt: skip
@@ -79,16 +113,20 @@ def command(
     \b
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
+      occlog track bearings.parquet --scene scene.yaml --occluders occluders.parquet --select greedy --count 3 \
+        -o selected.parquet --diagnostics selected_diagnostics.parquet
     """
     from .track_run import Request, parse_names, parse_setting, run_track
 
-    options.check_outputs([bearings, scene, doa], [output, diagnostics, calibration], overwrite)
+    options.check_outputs([bearings, scene, doa, occluders], [output, diagnostics, calibration], overwrite)
     values = dict(parse_setting(text) for text in settings)
     if particles is not None:
         values["particles"] = str(particles)
     request = Request(
         bearings, scene, doa, method, values, start, targets, not labelled_only, parse_names(only),
-        parse_names(without), round(window * 1e9), seed,
+        parse_names(without), round(window * 1e9), seed, occluders, policy, {
+            name: value for name, value in (("count", count), ("every", every), ("model", model)) if value is not None
+        }, parse_names(order),
     )  # fmt: skip
     summary, losses = run_track(request, output, diagnostics, calibration, overwrite, quiet)
     return options.finish(summary, losses, as_json)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +13,13 @@ from ..errors import InputError, UsageError
 from ..io.parquet import TableWriter, describe, iter_table, read_provenance
 from ..io.provenance import Provenance, hash_inputs
 from ..io.recording import open_recording
-from ..records import Bearings, Calibration, Diagnostics, Doa, Tracks
+from ..records import Bearings, Calibration, Diagnostics, Doa, Hulls, Occluders, Tracks, Truth
+from ..stages.messages import Messages
+from ..stages.occluders import known_positions
 from ..stages.sources import bearings_of_doa, in_time
 from ..stages.track import choose_sensors, track
 from ..trackers import tracker
+from ..trackers.select import SelectConfig
 from ..trackers.settings import configure
 from . import options
 
@@ -45,6 +48,10 @@ class Request:
     without: tuple[str, ...]
     window_ns: int
     seed: int
+    occluders: Path | None = None
+    policy: str | None = None  # of the selection of cameras; None: no selection
+    selection: dict[str, Any] = field(default_factory=dict)
+    order: tuple[str, ...] = ()
 
 
 class Inputs:
@@ -66,6 +73,18 @@ class Inputs:
         if not streams:
             raise InputError(f"{request.bearings}: holds no bearings; make them with `occlog detect`")
         self.chunks = _not_empty(in_time(streams), request.bearings)
+        self.occluders = None if request.occluders is None else self._priors(request.occluders)
+
+    def _priors(self, path: Path) -> Iterator[Occluders] | Iterator[Hulls]:
+        """Priors of the moving occluders; true positions are known exactly."""
+        if is_recording(path):
+            return known_positions(self._open(path, Truth))
+        name = describe(path)["schema"]
+        if name == Truth.NAME:
+            return known_positions(self._open(path, Truth))
+        if name == Hulls.NAME:
+            return self._open(path, Hulls)
+        return self._open(path, Occluders)
 
     def _open(self, path: Path, table: type[Any]) -> Iterator[Any]:
         """Chunks of a table in a file of either kind."""
@@ -111,16 +130,17 @@ def run_track(
         raise UsageError("--calibration wants estimates to write; add --set calibrate=joint or --set calibrate=initial")
     sensors = choose_sensors(inputs.scene, request.only, request.without)
     targets = request.targets or None
+    selection = make_selection(request)
     tracked = track(
         options.progress(inputs.chunks, "track", quiet=quiet), inputs.scene, config, request.seed,
         method=request.method, sensors=sensors, targets=targets, unlabelled=request.unlabelled,
-        window_ns=request.window_ns,
+        window_ns=request.window_ns, occluders=inputs.occluders, selection=selection,
     )  # fmt: skip
     parameters = {
         "method": request.method, "sensors": sorted(sensors), "targets": targets, "unlabelled": request.unlabelled,
-        "window_ns": request.window_ns, **asdict(config),
+        "window_ns": request.window_ns, "selection": None if selection is None else asdict(selection), **asdict(config),
     }  # fmt: skip
-    paths = [p for p in (request.bearings, request.scene, request.doa) if p is not None]
+    paths = [p for p in (request.bearings, request.scene, request.doa, request.occluders) if p is not None]
     losses = tuple(inputs.losses)
     provenance = Provenance("track", parameters, request.seed, hash_inputs(paths), losses)
     outputs: list[tuple[Path | None, type[Table]]] = [
@@ -155,6 +175,17 @@ def make_config(request: Request, unit: str) -> Any:
     return configure(defaults, values, request.method)
 
 
+def make_selection(request: Request) -> SelectConfig | None:
+    """How cameras are selected; UsageError for options of a selection without --select."""
+    if request.policy is None:
+        if request.selection or request.order:
+            raise UsageError("--count, --every, --select-model and --select-order go with --select; add it")
+        return None
+    if request.order and request.policy != "fixed":
+        raise UsageError(f"--select-order goes with --select fixed, not {request.policy}")
+    return SelectConfig(policy=request.policy, order=request.order, **request.selection)
+
+
 def parse_names(text: str) -> tuple[str, ...]:
     """Names separated by commas."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
@@ -187,6 +218,7 @@ class Tally:
         self.targets: set[int] = set()
         self.fallbacks: Counter[str] = Counter()
         self.ess = 0.0
+        self.messages = Messages()
 
     def add(self, part: Tracked) -> None:
         """Count some more rows."""
@@ -194,6 +226,7 @@ class Tally:
         self.targets.update(part.tracks.target_id.tolist())
         self.fallbacks.update(f for f in part.diagnostics.fallback.tolist() if f)
         self.ess += float(part.diagnostics.ess.sum())
+        self.messages.add(part.diagnostics)
 
     def summary(self) -> dict[str, Any]:
         """The figures."""
@@ -202,4 +235,5 @@ class Tally:
             "rows": self.rows,
             "mean_effective_particles": self.ess / self.rows if self.rows else None,
             "fallbacks": dict(sorted(self.fallbacks.items())),
+            **self.messages.summary(),
         }

@@ -149,7 +149,8 @@ def hiding_all(xy: Floats, rows: Ints, x0: float, y0: float, priors: Priors, for
 def extent(j: int, priors: Priors, far: float) -> float:
     """How far from its mean prior j reaches: so many standard deviations, or to its farthest corner."""
     if priors.first[j] == priors.first[j + 1]:
-        return far * priors.sigma[j]
+        gaussian: float = far * priors.sigma[j]
+        return gaussian
     reach = 0.0
     for c in range(priors.first[j], priors.first[j + 1]):
         dx, dy = priors.corners[c, 0] - priors.mean[j, 0], priors.corners[c, 1] - priors.mean[j, 1]
@@ -219,7 +220,8 @@ def hiding(ux: float, uy: float, r: float, x0: float, y0: float, j: int, priors:
         offset = min(max(offset, -radius - b), radius - b)
     scale = ROOT_HALF * s / (sigma * minor)
     middle = a + rho * offset
-    return across * 0.5 * (math.erf((r - middle) * scale) + math.erf(middle * scale))
+    q: float = across * 0.5 * (math.erf((r - middle) * scale) + math.erf(middle * scale))
+    return q
 
 
 @array_kernel

@@ -22,6 +22,7 @@ class Stage(IntEnum):
     RENDER_CLOTHES = 9
     TRACK = 16
     PRIORS = 17  # virtual measurements of moving occluders: one item an occluder
+    SELECT = 18  # selection of cameras: one item a target
 
 
 def generator(seed: int, stage: Stage, *items: int, run: int = 0) -> np.random.Generator:

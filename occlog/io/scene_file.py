@@ -198,9 +198,12 @@ def _camera_spec(c: Camera) -> CameraSpec:
         fov=c.fov,
         range=None if math.isinf(c.range) else c.range,
         noise=NoiseSpec(
-            position=c.sigma_position, yaw=c.sigma_yaw, read_px=c.sigma_read_px,
-            detection=c.detection, false_alarm=c.false_alarm,
-        ),  # fmt: skip
+            position=c.sigma_position,
+            yaw=c.sigma_yaw,
+            read_px=c.sigma_read_px,
+            detection=c.detection,
+            false_alarm=c.false_alarm,
+        ),
         rate_hz=c.rate_hz,
         clock=c.clock,
     )

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 
+from ..core.priors import Priors
 from ..core.seeds import Stage, generator
 from ..errors import UsageError
-from ..records import UNLABELLED, Bearings, Calibration, Diagnostics, Tracks
+from ..records import UNLABELLED, Bearings, Calibration, Diagnostics, Hulls, Occluders, Tracks
 from ..scene import Scene
 from ..trackers import tracker
-from ..trackers.method import Estimate, sensor_names
+from ..trackers.method import Estimate, Online, Scan, sensor_names
+from ..trackers.select import Choice, SelectConfig, choose, network
+from .occluders import OccluderFeed
 from .scans import Group, Rows, groups, nearest, scan_of
 
+NS = 1_000_000_000
 ROWS_PER_CHUNK = 4096
 FIRST_TARGET = 0
 """Identity of the track when no measurement carries one."""
@@ -29,9 +34,27 @@ class Tracked(NamedTuple):
     calibration: Calibration  # rows of every sensor and scan; none if it is not estimated
 
 
+class _Selected(NamedTuple):
+    """Cameras selected for a target."""
+
+    since_ns: int
+    choice: Choice
+
+
 class _Filter(NamedTuple):
     state: Any
     rng: Generator
+    selecting: Generator  # draws of the selection, so that it does not change the filter's
+    selected: _Selected | None = None
+
+
+class _Row(NamedTuple):
+    t_ns: int
+    target: int
+    estimate: Estimate
+    n_offered: int
+    selected: tuple[int, ...]
+    mse: float  # NaN: nothing was selected anew
 
 
 def choose_sensors(scene: Scene, only: Iterable[str] = (), without: Iterable[str] = ()) -> frozenset[str]:
@@ -58,6 +81,8 @@ def track(
     targets: tuple[int, ...] | None = None,
     unlabelled: bool = True,
     window_ns: int = 0,
+    occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
+    selection: SelectConfig | None = None,
 ) -> Iterator[Tracked]:
     """Tracks of all targets, chunk by chunk, in the order of time; memory does not grow with their length.
 
@@ -77,16 +102,24 @@ def track(
         targets: identities of those to track; None: all.
         unlabelled: use candidates that are not assigned to a target.
         window_ns: rows at most this far apart form one scan.
+        occluders: priors of the moving occluders, in the order of time; None: nothing is known about them.
+        selection: how to select cameras; only those selected are used.  None: no selection.
 
     Raises:
         InputError: bearings that do not fit the scene or each other.
-        UsageError: a start (`config.start`) for several targets.
+        UsageError: a start (`config.start`) for several targets, or a selection that the
+            method or the scene does not allow.
     """
     chosen, names = tracker(method), sensor_names(scene)
     use = Rows(frozenset(names) if sensors is None else sensors, targets, unlabelled)
+    feed = None
+    if occluders is not None:
+        feed = OccluderFeed(occluders, config.occluder_diameter, round(config.prior_max_age_s * NS))
+    selector = None if selection is None else Selector(chosen, scene, selection, frozenset(use.sensors), config)
     filters: dict[int, _Filter] = {}
-    rows: list[tuple[int, int, Estimate]] = []
+    rows: list[_Row] = []
     for group in groups(bearings, scene, use, window_ns):
+        priors = None if feed is None else feed.at(group.t_ns)
         for target in _targets(group, filters, targets):
             scan = scan_of(group, target)
             if scan is None:
@@ -94,15 +127,58 @@ def track(
             if target not in filters:
                 _check_start(config, target, filters)
                 rng = generator(seed, Stage.TRACK, target)
-                filters[target] = _Filter(chosen.init(scene, config, rng), rng)
-            state, estimate = chosen.step(filters[target].state, scan, filters[target].rng)
-            filters[target] = filters[target]._replace(state=state)
-            rows.append((group.t_ns, target, estimate))
+                selecting = generator(seed, Stage.SELECT, target)
+                filters[target] = _Filter(chosen.init(scene, config, rng), rng, selecting)
+            own, offered, mse = filters[target], len(np.unique(scan.sensor)), math.nan
+            if selector is not None:
+                own, mse = selector.update(own, scan.t_ns, priors)
+                filters[target] = own
+                scan = selector.asked(own, scan)
+                if scan is None:
+                    continue
+            state, estimate = chosen.step(own.state, scan._replace(occluders=priors), own.rng)
+            filters[target] = own._replace(state=state)
+            asked = () if own.selected is None else own.selected.choice.cameras
+            rows.append(_Row(group.t_ns, target, estimate, offered, asked, mse))
         if len(rows) >= ROWS_PER_CHUNK:
             yield _tables(rows, names)
             rows = []
     if rows:
         yield _tables(rows, names)
+
+
+class Selector:
+    """Selects cameras for each target, every few reference steps ([Ercan] Alg. 3)."""
+
+    def __init__(self, method: Online, scene: Scene, selection: SelectConfig, usable: frozenset[str], config: Any):
+        """UsageError for a method that cannot say where a target will be, or for a selection that does not fit."""
+        if method.predict is None:
+            raise UsageError("select: the method cannot predict where the target will be; leave --select out")
+        self._predict = method.predict
+        self._selection = selection
+        self._every_ns = round(selection.every * getattr(config, "reference_s", 1.0) * NS)
+        self._net = network(scene, selection, usable, getattr(config, "detection", None))
+        self._cameras = len(scene.cameras)
+
+    def update(self, own: _Filter, t_ns: int, priors: Priors | None) -> tuple[_Filter, float]:
+        """The filter with the cameras to use at a time, and the metric if they were selected anew (else NaN)."""
+        if own.selected is not None and t_ns - own.selected.since_ns < self._every_ns:
+            return own, math.nan
+        cloud = self._predict(own.state, t_ns, own.selecting)
+        choice = choose(cloud, priors, self._net, self._selection, own.selecting)
+        return own._replace(selected=_Selected(t_ns, choice)), choice.mse
+
+    def asked(self, own: _Filter, scan: Scan) -> Scan | None:
+        """What selected cameras and all microphone arrays say; None if that is nothing."""
+        if own.selected is None:
+            return scan
+        keep = np.isin(scan.sensor, own.selected.choice.cameras) | (scan.sensor >= self._cameras)
+        if not keep.any():
+            return None
+        return Scan(
+            scan.t_ns, scan.sensor[keep], scan.labelled[keep], scan.seen[keep], scan.bearing[keep], scan.sigma[keep],
+            scan.u_px[keep], scan.sigma_px[keep], scan.score[keep],
+        )  # fmt: skip
 
 
 def _targets(group: Group, filters: dict[int, _Filter], wanted: tuple[int, ...] | None) -> list[int]:
@@ -120,10 +196,10 @@ def _check_start(config: Any, target: int, filters: dict[int, _Filter]) -> None:
         )
 
 
-def _tables(rows: list[tuple[int, int, Estimate]], names: tuple[str, ...]) -> Tracked:
-    t_ns = np.array([r[0] for r in rows], dtype=np.int64)
-    target = np.array([r[1] for r in rows], dtype=np.int32)
-    estimates = [r[2] for r in rows]
+def _tables(rows: list[_Row], names: tuple[str, ...]) -> Tracked:
+    t_ns = np.array([r.t_ns for r in rows], dtype=np.int64)
+    target = np.array([r.target for r in rows], dtype=np.int32)
+    estimates = [r.estimate for r in rows]
     xy, velocity = np.array([e.xy for e in estimates]), np.array([e.velocity for e in estimates])
     cov = np.array([e.covariance for e in estimates])
     tracks = Tracks(
@@ -138,13 +214,16 @@ def _tables(rows: list[tuple[int, int, Estimate]], names: tuple[str, ...]) -> Tr
         n_seen=np.array([e.n_seen for e in estimates], dtype=np.int32),
         fallback=np.array([e.fallback for e in estimates], dtype=np.str_),
         cameras=np.array([",".join(names[i] for i in e.used) for e in estimates], dtype=np.str_),
+        n_offered=np.array([r.n_offered for r in rows], dtype=np.int32),
+        selected=np.array([",".join(names[i] for i in r.selected) for r in rows], dtype=np.str_),
+        predicted_mse=np.array([r.mse for r in rows], dtype=np.float64),
     )
     return Tracked(tracks, diagnostics, _calibration(rows, names))
 
 
-def _calibration(rows: list[tuple[int, int, Estimate]], names: tuple[str, ...]) -> Calibration:
+def _calibration(rows: list[_Row], names: tuple[str, ...]) -> Calibration:
     """Errors of all sensors after each scan, where they are estimated."""
-    found = [(t_ns, target, e.calibration) for t_ns, target, e in rows if e.calibration is not None]
+    found = [(r.t_ns, r.target, r.estimate.calibration) for r in rows if r.estimate.calibration is not None]
     if not found:
         return Calibration.empty()
     n, S = len(found), len(names)

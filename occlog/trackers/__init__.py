@@ -14,6 +14,7 @@ TRACKERS: dict[str, Online] = {
         defaults=apf_defaults,
         init=apf.init,
         step=apf.step,
+        predict=apf.predict,
     ),
 }
 """Every method by the name that `--method` takes."""

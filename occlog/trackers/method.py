@@ -74,6 +74,7 @@ class Online(NamedTuple):
     defaults: Callable[[str], Any]  # settings that suit a scene's length unit
     init: Callable[[Scene, Any, Generator], Any]
     step: Callable[[Any, Scan, Generator], tuple[Any, Estimate]]
+    predict: Callable[[Any, int, Generator], Cloud] | None = None  # where the target will be; for selecting cameras
 
 
 def sensor_names(scene: Scene) -> tuple[str, ...]:

@@ -108,5 +108,11 @@ def pack_detection(scene: Scene, config: ApfConfig, *, informed: bool) -> Detect
         miss.append((0.0 if informed else 1.0) if found is None else 1.0 - found)
         candidate.append(config.candidate if found is None else found)
         false.append(config.false if false_alarm is None else false_alarm)
-    columns = [np.array(c, dtype=np.float64) for c in (hit, miss, false, candidate)]
-    return Detection(*columns[:3], config.soften, columns[3], np.full(len(own), config.clutter))
+    return Detection(
+        np.array(hit, dtype=np.float64),
+        np.array(miss, dtype=np.float64),
+        np.array(false, dtype=np.float64),
+        config.soften,
+        np.array(candidate, dtype=np.float64),
+        np.full(len(own), config.clutter),
+    )
