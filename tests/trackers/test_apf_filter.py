@@ -183,7 +183,7 @@ def test_a_filter_that_most_sensors_contradict_is_restarted_after_a_while():
     scene = room100(pillar=False)
     elsewhere = np.array([80.0, 20.0])
     scans = [seen_from_everywhere(scene, elsewhere, t) for t in range(5)]
-    config = ApfConfig(particles=1000, start=(20.0, 80.0, 1.0), lost_after=3)
+    config = ApfConfig(particles=1000, start=(20.0, 80.0, 1.0), lost_after=6)
     _, estimates = run(scene, scans, config)
     assert [e.fallback for e in estimates] == ["", "", "restart", "", ""]
     assert np.hypot(*(estimates[2].xy - elsewhere)) < 2.0
