@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import ndtr
 from shapely.geometry import LineString, Polygon
@@ -230,3 +232,32 @@ def test_no_priors_and_no_places() -> None:
     for form in FORMS:
         assert blocking(np.ones((3, 2)), np.zeros(2), none, form).shape == (3, 0)
         assert blocking_all(np.ones((0, 2)), np.zeros((2, 2)), none, form).shape == (0, 2, 0)
+
+
+@pytest.mark.jit
+@settings(deadline=None, max_examples=60, derandomize=True)
+@given(
+    st.tuples(st.floats(0.5, 30), st.floats(-10, 30), st.floats(-10, 10)),
+    st.tuples(st.floats(0.2, 5), st.floats(1, 200), st.floats(0, np.pi), st.floats(0.1, 10)),
+    st.tuples(st.floats(0, 2 * np.pi), st.floats(-50, 50), st.floats(0.2, 5)),
+)
+def test_only_the_figure_matters_not_where_it_is(
+    place: tuple[float, float, float], prior: tuple[float, float, float, float], motion: tuple[float, float, float]
+) -> None:
+    """Turned, shifted and scaled together, or mirrored in the sight line, every q stays; it grows with D."""
+    r, a, b = place
+    sigma, alpha, angle, diameter = prior
+    turn, shift, scale = motion
+    c, s = np.cos(turn), np.sin(turn)
+    R = np.array([[c, -s], [s, c]])
+    x, mean, cov = np.array([[r, 0.0]]), np.array([[a, b]]), turned(sigma, alpha, angle)[None]
+    mirror = np.diag([1.0, -1.0])
+    for form in FORMS:
+        q = blocking(x, np.zeros(2), gaussian_priors(mean, cov, diameter), form)
+        moved = gaussian_priors(scale * mean @ R.T + shift, scale**2 * R @ cov @ R.T, scale * diameter)
+        np.testing.assert_allclose(blocking(scale * x @ R.T + shift, np.full(2, shift), moved, form), q, atol=1e-9)
+        mirrored = gaussian_priors(mean @ mirror, mirror @ cov @ mirror, diameter)
+        np.testing.assert_allclose(blocking(x, np.zeros(2), mirrored, form), q, atol=1e-9)
+        assert 0.0 <= q[0, 0] <= 1.0
+    wider = gaussian_priors(mean, cov, 1.1 * diameter)
+    assert blocking(x, np.zeros(2), wider, QUADRATURE)[0, 0] >= q[0, 0] - 1e-12
