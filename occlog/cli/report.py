@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ..columns import Table
     from ..io.provenance import Provenance
     from ..losses import Loss
+    from ..records import Hulls, Occluders
     from ..report.model import ReportInput
     from ..scene import Scene
 
@@ -29,6 +30,8 @@ T = TypeVar("T", bound="Table")
 @click.option("--errors", type=options.PATH, default=None, help="Errors written by evaluate.")
 @click.option("--bound", type=options.PATH, default=None, help="Bound written by evaluate.")
 @click.option("--diagnostics", type=options.PATH, default=None, help="Diagnostics written by track.")
+@click.option("--occluders", type=options.PATH, default=None,
+              help="Moving occluders as the tracker was told: hulls or occluders, written by priors.")  # fmt: skip
 @click.option("--metrics", type=options.PATH, default=None, help="Figures written by evaluate (JSON).")
 @click.option("--title", default="Tracking report", show_default=True, help="Heading of the page.")
 @options.output_opt("The page: one HTML file that needs nothing else.")
@@ -57,7 +60,7 @@ def command(**given: Any) -> int:
     return options.finish({k: v for k, v in summary.items() if v is not None}, (), as_json)
 
 
-TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics")
+TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "occluders")
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,7 @@ class Paths:
     errors: Path | None = None
     bound: Path | None = None
     diagnostics: Path | None = None
+    occluders: Path | None = None
     metrics: Path | None = None
     png: Path | None = None
     overwrite: bool = False
@@ -90,6 +94,7 @@ def from_folder(paths: Paths) -> Paths:
         return paths
     names = {n: f"{n}.parquet" for n in ("tracks", "bearings", "errors", "bound", "diagnostics")}
     names |= {"metrics": "metrics.json", "scene": "recording.mcap"}
+    names["occluders"] = "hulls.parquet" if (folder / "hulls.parquet").is_file() else "occluders.parquet"
     found = {n: folder / file for n, file in names.items() if (folder / file).is_file()}
     if "tracks" not in found:
         raise InputError(f"{folder}: holds no tracks.parquet, so it is not the folder of a finished run")
@@ -142,6 +147,7 @@ def read_input(paths: Paths, title: str) -> ReportInput:
         errors=_read(paths.errors, Errors),
         bound=_read(paths.bound, Bound),
         diagnostics=_read(paths.diagnostics, Diagnostics),
+        occluders=_read_occluders(paths.occluders),
         metrics=read_json(paths.metrics) if paths.metrics is not None else {},
         provenance=provenance,
         losses=losses,
@@ -171,12 +177,24 @@ def _read(path: Path | None, table: type[T]) -> T | None:
     return recording.read(table) if recording.has(table) else None
 
 
+def _read_occluders(path: Path | None) -> Occluders | Hulls | None:
+    """Gaussians, or the polygons of visual hulls."""
+    from ..io.parquet import schema_name
+    from ..records import Hulls, Occluders
+
+    if path is None:
+        return None
+    if path.suffix.lower() != ".mcap" and schema_name(path) == Hulls.NAME:
+        return _read(path, Hulls)
+    return _read(path, Occluders)
+
+
 def _unit(paths: Paths, scene: Scene | None) -> str:
     """The unit of lengths; InputError where a table has another than the scene or the tracks."""
     from ..io.parquet import describe
 
     unit, source = (scene.length_unit, "the scene") if scene is not None else ("", "")
-    for path in (paths.tracks, paths.truth, paths.errors, paths.bound):
+    for path in (paths.tracks, paths.truth, paths.errors, paths.bound, paths.occluders):
         if path is None or path.suffix.lower() == ".mcap":
             continue
         own = describe(path)["length_unit"]

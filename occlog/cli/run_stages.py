@@ -90,9 +90,10 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     metrics = folder / "metrics.json"
     results = {"output": metrics, "errors": out["errors"], "bound": out["bound"]}
     truth = _truth(config, recording, out["views"])
-    inputs = {**scene, "bearings": str(out["bearings"]), **truth}
-    yield _stage(config, "evaluate", results, (str(out["tracks"]),), inputs)
-    yield _report(config, folder, out, metrics, {**scene, **{k: v for k, v in truth.items() if k == "truth"}})
+    compared = {**scene, "bearings": str(out["bearings"]), **truth}
+    yield _stage(config, "evaluate", results, (str(out["tracks"]),), compared)
+    shown = {k: v for k, v in {**truth, **inputs}.items() if k in ("truth", "occluders", "scene")}
+    yield _report(config, folder, out, metrics, shown)
 
 
 def _priors(

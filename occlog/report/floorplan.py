@@ -14,6 +14,7 @@ from ..columns import Bools, Floats
 from ..records import Tracks, Truth
 from ..scene import Scene
 from .model import ReportInput
+from .occluders import draw_priors
 from .planscene import draw_scale_bar, draw_scene, name_sensors
 from .sight import places
 from .style import COLOURS, label, target_colour
@@ -43,6 +44,8 @@ def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
         handles += draw_scene(axes, data.scene, limits)
     if data.truth is not None:
         handles += _moving_occluders(axes, data.truth)
+    if data.occluders is not None:
+        handles += draw_priors(axes, data.occluders)
     handles += _paths(axes, data)
     axes.set_xlim(limits[0, 0], limits[1, 0])
     axes.set_ylim(limits[0, 1], limits[1, 1])

@@ -13,7 +13,7 @@ import numpy as np
 from ..columns import Floats, Ints
 from ..errors import InputError
 from ..losses import Loss
-from ..records import Bearings, Bound, Diagnostics, Errors, Tracks, Truth
+from ..records import Bearings, Bound, Diagnostics, Errors, Hulls, Occluders, Tracks, Truth
 from ..scene import Scene
 from .sight import Residuals, distances, residuals
 
@@ -75,6 +75,7 @@ class ReportInput:
         title: heading of the page.
         scene: room, occluders, sensors.
         tracks, bearings, truth, errors, bound, diagnostics: tables as the stages write them.
+        occluders: where moving occluders were thought to be.
         metrics: flat figures of `occlog evaluate`, by name.
         provenance: how the inputs were made, as JSON-ready values.
         losses: input that was lost on the way.
@@ -89,6 +90,7 @@ class ReportInput:
     errors: Errors | None = None
     bound: Bound | None = None
     diagnostics: Diagnostics | None = None
+    occluders: Occluders | Hulls | None = None
     metrics: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     losses: tuple[Loss, ...] = ()

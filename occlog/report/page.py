@@ -19,6 +19,7 @@ from .figures import groups, number
 from .filterplot import draw_filter
 from .floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, outside, plan_limits
 from .model import ReportInput, ReportPage
+from .occluders import moments
 from .picture import build_picture
 from .sensortable import sensor_rows
 from .sightplot import draw_sight
@@ -80,6 +81,8 @@ def _floorplan(data: ReportInput) -> Plot:
         moving = len(np.unique(data.truth.target_id[data.truth.role == "occluder"]))
         if moving > MOST_MOVING_OCCLUDERS:
             words.append(f"The {moving} moving occluders are not drawn.")
+    if data.occluders is not None and (n := len(moments(data.occluders.t_ns[data.occluders.occluder_id >= 0]))):
+        words.append(f"Moving occluders are drawn as the tracker knew them at {plural(n, 'moment')}.")
     if (since := bold_from(data)) is not None:
         recent = number(float(f"{(data.time.end_ns - since) / data.time.ns_per_unit:.3g}"))
         words.append(f"The paths are long: the last {recent} {data.time.unit} are bold, what came before is faint.")
