@@ -106,6 +106,11 @@ def blocking_into(
         behind = along + slack_along < rays.nearest - reach  # all of it is nearer than every place
         isotropic_into(q, rays.ux, rays.uy, rays.r, mx, my, radius, ROOT_HALF / sigma, before, behind)
         return True
+    if priors.first[j] == priors.first[j + 1] and sigma == 0.0:
+        for k in range(q.shape[0]):
+            a, b = rays.ux[k] * mx + rays.uy[k] * my, rays.ux[k] * my - rays.uy[k] * mx
+            q[k] = 1.0 if (abs(b) <= radius) & (a >= 0.0) & (a <= rays.r[k]) & (rays.r[k] > 0.0) else 0.0
+        return True
     for k in range(q.shape[0]):
         ux, uy, r = rays.ux[k], rays.uy[k], rays.r[k]
         a, b = ux * mx + uy * my, ux * my - uy * mx
