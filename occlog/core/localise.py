@@ -1,19 +1,18 @@
 """Sources from unlabelled directions of arrival: which directions belong together, and where they meet.
 
 With two arrays every direction of one crosses every direction of the other.  What is taken
-first is what most arrays support, then what is near a source that is known already, then
-what fits best; every direction is used once.
+first is what most arrays support, and of that what fits best and is near a source that is
+known already; every direction is used at most once.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from .camera import wrap_angle
-from .geometry import Bools, Floats, Ints, inside_polygon
+from .geometry import Floats, Ints, inside_polygon
 from .triangulate import MET, sight_lines_meet
 
 NO_SOURCE = np.empty((0, 2))
@@ -55,19 +54,39 @@ def localise(d: Directions, known: Floats, spread: Floats, region: Floats, gate:
     good[good] = inside_polygon(np.ascontiguousarray(xy[good]), region)
     pairs, xy, cov = pairs[good], xy[good], cov[good]
     off = _misfit(d, xy, cov)
-    near = _nearest(xy, cov, known, spread, gate)
-    free = np.ones(len(d.array), dtype=np.bool_)
-    chosen: list[Ints] = []
-    while len(usable := np.flatnonzero(free[pairs].all(axis=1))):
-        rows = [_support(d, pairs[c], off[c], free, gate) for c in usable.tolist()]
-        cost = [float(np.sum(off[c, r] ** 2)) for c, r in zip(usable.tolist(), rows, strict=True)]
-        best = min(range(len(rows)), key=lambda k: (-len(rows[k]), near[usable[k]], cost[k], int(usable[k])))
-        chosen.append(rows[best])
-        free[rows[best]] = False
-    xy, cov = _meet(d, chosen, min_crossing)
-    met = np.isfinite(xy[:, 0])
-    counts = np.array([len(r) for r in chosen], dtype=np.int64)
-    return Sources(xy[met], cov[met], counts[met])
+    rows = sorted({tuple(_support(d, pair, off[c], gate).tolist()) for c, pair in enumerate(pairs)})
+    groups = [np.array(r, dtype=np.int64) for r in rows]
+    xy, cov = _meet(d, groups, min_crossing)
+    residual = _misfit(d, xy, np.zeros_like(cov))
+    fit = np.array([np.sum(residual[g, r] ** 2) for g, r in enumerate(groups)])
+    cost = fit + _nearest(xy, cov, known, spread, gate)
+    # A good group has two degrees of freedom less than it has directions.
+    good = np.isfinite(xy[:, 0]) & (fit <= gate**2 + np.array([len(r) - 2 for r in groups]))
+    chosen = _choose([r if ok else r[:0] for r, ok in zip(groups, good, strict=True)], cost)
+    counts = np.array([len(groups[g]) for g in chosen], dtype=np.int64)
+    return Sources(xy[chosen], cov[chosen], counts)
+
+
+def _choose(groups: list[Ints], cost: Floats) -> list[int]:
+    """Groups that share no direction: those that use the most directions, and of these the cheapest.
+
+    Every group is tried as the first; the others follow greedily, larger ones first.
+    """
+    order = sorted((g for g in range(len(groups)) if len(groups[g])), key=lambda g: (-len(groups[g]), cost[g], g))
+    sets = [frozenset(r.tolist()) for r in groups]
+    best: tuple[float, ...] = (0.0,)
+    chosen: list[int] = []
+    for first in order:
+        taken, mine = set(sets[first]), [first]
+        for g in order:
+            if not taken & sets[g]:
+                taken |= sets[g]
+                mine.append(g)
+        # A group of two directions always fits, so that larger groups go first here as well.
+        score = (-sum(len(groups[g]) - 1 for g in mine), float(np.sum(cost[mine])), *sorted(map(float, mine)))
+        if score < best or not chosen:
+            best, chosen = score, sorted(mine)
+    return chosen
 
 
 def _meet(d: Directions, rows: list[Ints], min_crossing: float) -> tuple[Floats, Floats]:
@@ -90,23 +109,22 @@ def _misfit(d: Directions, xy: Floats, cov: Floats) -> Floats:
     return np.asarray(np.abs(residual) / np.sqrt(variance))
 
 
-def _support(d: Directions, pair: Ints, off: Floats, free: Bools, gate: float) -> Ints:
-    """Rows that support a place: its own two, and of every other array the nearest that is free and within the gate."""
+def _support(d: Directions, pair: Ints, off: Floats, gate: float) -> Ints:
+    """Rows that support a place: its own two, and of every other array the nearest within the gate."""
     rows = pair.tolist()
     for a in np.unique(d.array).tolist():
         if a in d.array[pair]:
             continue
-        mine = np.flatnonzero((d.array == a) & free & (off <= gate))
+        mine = np.flatnonzero((d.array == a) & (off <= gate))
         rows += [int(mine[np.argmin(off[mine])])] if len(mine) else []
     return np.array(sorted(rows), dtype=np.int64)
 
 
 def _nearest(xy: Floats, cov: Floats, known: Floats, spread: Floats, gate: float) -> Floats:
-    """(C,) squared standard deviations from each place to the nearest known source; infinite beyond the gate."""
+    """(C,) squared standard deviations from each place to the nearest known source; at most those of the gate."""
     if not len(known) or not len(xy):
-        return np.full(len(xy), math.inf)
-    nearest = distance2(xy, cov, known, spread).min(axis=1)
-    return np.where(nearest <= gate**2, nearest, math.inf)
+        return np.full(len(xy), gate**2)
+    return np.asarray(np.minimum(distance2(xy, cov, known, spread).min(axis=1), gate**2))
 
 
 def distance2(xy: Floats, cov: Floats, known: Floats, spread: Floats) -> Floats:

@@ -135,13 +135,25 @@ def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: 
         last[rows] = t_ns
         for column, new in zip(walkers, update(take(walkers, rows), xy[columns], cov[columns]), strict=True):
             column[rows] = new
+    s = _single(_Sources(s.identity, s.first_ns, last, walkers), t_ns, config)
     new = np.setdiff1d(np.arange(len(xy)), columns)
     if not len(new):
-        return _Sources(s.identity, s.first_ns, last, walkers), fresh
+        return s, fresh
     now = np.full(len(new), t_ns, dtype=np.int64)
     identity = np.concatenate([s.identity, fresh + np.arange(len(new), dtype=np.int64)])
-    walkers = join(walkers, first_seen(xy[new], cov[new], config.q))
-    return _Sources(identity, np.append(s.first_ns, now), np.append(last, now), walkers), fresh + len(new)
+    walkers = join(s.walkers, first_seen(xy[new], cov[new], config.q))
+    return _Sources(identity, np.append(s.first_ns, now), np.append(s.last_ns, now), walkers), fresh + len(new)
+
+
+def _single(s: _Sources, t_ns: int, config: AcousticConfig) -> _Sources:
+    """The sources without those that were not heard now while another one, heard now, is where they are thought."""
+    now = s.last_ns == t_ns
+    if now.all() or not now.any():
+        return s
+    heard, others = take(s.walkers, now), take(s.walkers, ~now)
+    keep = now.copy()
+    keep[~now] = (distance2(others.xy, others.cov, heard.xy, heard.cov) > config.gate**2).all(axis=1)
+    return _Sources(s.identity[keep], s.first_ns[keep], s.last_ns[keep], take(s.walkers, keep))
 
 
 def _table(s: _Sources, t_ns: int, config: AcousticConfig) -> Occluders:

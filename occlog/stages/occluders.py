@@ -95,12 +95,25 @@ def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
 
     A time of the truth without a moving occluder gives a row that says so.
     """
-    for chunk in truth:
+    for chunk in _whole_times(truth):
         there = chunk.take(chunk.role == "occluder")
         n = len(there)
         zero = np.zeros(n)
         rows = Occluders(there.t_ns, there.target_id, there.x, there.y, zero, zero, zero)
         yield Occluders.merge([rows, none_at(np.setdiff1d(chunk.t_ns, there.t_ns))])
+
+
+def _whole_times(chunks: Iterable[Truth]) -> Iterator[Truth]:
+    """The same rows in chunks that do not end within a time."""
+    rest = Truth.empty()
+    for chunk in chunks:
+        table = Truth.concat([rest, chunk])
+        cut = int(np.searchsorted(table.t_ns, table.t_ns[-1])) if len(table) else 0
+        if cut:
+            yield table.take(slice(0, cut))
+        rest = table.take(slice(cut, None))
+    if len(rest):
+        yield rest
 
 
 def none_at(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Occluders:
