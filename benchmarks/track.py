@@ -95,9 +95,7 @@ def parts_of(state: apf.State, scan: Scan, rng: np.random.Generator) -> dict[str
     arrived = waypoint.reached(particles, model.motion, model.floor)
     packed = model.sensors, model.noise, model.detection
     return {
-        "likelihood (twice a step) us": lambda: log_likelihood(
-            particles.xy, looks, *packed, free, model.priors, model.occlusion
-        ),
+        "likelihood (twice a step) us": lambda: log_likelihood(particles.xy, looks, *packed, free),
         "on the floor (3 times a step) us": lambda: on_floor(particles.xy, *model.floor),
         "draw and move us": lambda: apf._move(model, particles, arrived, 1.0, rng),
         "scan to arrays us": lambda: pack_looks(scan, model.read_px, True),

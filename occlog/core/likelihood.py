@@ -1,4 +1,4 @@
-"""How well measurements of a scan agree with places: [Ercan] Sec. 4.2-4.3.
+"""How well measurements of a scan agree with places: [Ercan] Sec. 4.2-4.3 without moving occluders.
 
 A scan has a *look* for every sensor that delivered a frame.  A look of a labelled target
 has one measurement or none ("not seen"); an unlabelled look has any number of candidates,
@@ -12,28 +12,6 @@ For a sensor that can see the place (`occlog.core.visibility.seen_from`; A for a
                        1                          not A
     candidates z_k:    1 - P + P sum_k w_k N(z_k) / lambda     A
                        1                          not A
-
-Where priors of moving occluders are given, an assigned camera sees the place with
-probability P (`occlog.core.occluded`).  Let a be the factor for A above and b that of a
-place hidden by an occluder: floor, 1 and 1.  Cameras then count, by `Occlusion.probability`,
-
-    INDEPENDENT        prod_i (P_i a_i + (1 - P_i) b_i)
-    RECURSION, EXACT   sum over subsets Q of the assigned cameras, of p_Q prod_Q (a_i - b_i) prod_not-Q b_i
-
-with p_Q the probability that no camera of Q is blocked, by Eq. 8 or without its
-assumption.  With P_D = 1 and P_F = 0 this is Eq. 9.  P_i and 1 - P_i count as no less than
-`Occlusion.floor`; a sum over subsets as no less than `floor` times prod_i max(a_i, b_i).
-
-With hit = miss = 1 and floor = soften = 0 this is the paper's form without occluder priors
-(RMSE_max): 0 for a camera that sees what it cannot see, a Gaussian where it does, 1 else.
-With hit = P_D, miss = 1 - P_D and floor = P_F / W, W the width of the sensor's image, it is
-a detection model: P_D to detect a target, P_F to report it from anywhere in the image when
-it was not detected.  (The constant 1 - P_F of unseen looks is left out.)  `soften`
-forgives cameras whose field of view or occluders are not where they should be.
-
-Candidates are weighed as in probabilistic data association: P is the probability that the
-target is among them, lambda the density of other candidates; the factor is relative to
-"all are others".
 """
 
 from __future__ import annotations
@@ -45,9 +23,6 @@ import numpy as np
 
 from .geometry import Bools, Floats, Ints
 from .jit import kernel
-from .occluded import unhidden
-from .occluded_together import add_joint
-from .priors import Priors
 from .visibility import Sensors, seen_from
 
 ROOT_2PI = math.sqrt(2.0 * math.pi)
@@ -90,20 +65,6 @@ class Detection(NamedTuple):
     soften: float
     candidate: Floats  # (S,) P
     clutter: Floats  # (S,) lambda W: other candidates expected in a frame
-
-
-class Occlusion(NamedTuple):
-    """How moving occluders are taken into account."""
-
-    probability: int  # NONE, INDEPENDENT, RECURSION or EXACT
-    form: int  # of q: PRINTED, IMPROVED or QUADRATURE
-    floor: float
-    far: float  # standard deviations at which a prior counts as over
-
-
-NONE, INDEPENDENT, RECURSION, EXACT = 0, 1, 2, 3
-UNINFORMED = Occlusion(NONE, 0, 0.0, 0.0)
-"""Nothing is known about moving occluders."""
 
 
 @kernel
@@ -197,11 +158,10 @@ def image_width(k: int, scan: Scan, noise: Noise) -> float:
 
 
 @kernel
-def log_likelihood(
-    xy: Floats, scan: Scan, sensors: Sensors, noise: Noise, model: Detection, free: Bools,
-    priors: Priors, occlusion: Occlusion,
-) -> Floats:  # fmt: skip
+def log_likelihood(xy: Floats, scan: Scan, sensors: Sensors, noise: Noise, model: Detection, free: Bools) -> Floats:
     """(L,) log-likelihoods of a scan for targets at (L, 2) places; -inf where it is impossible.
+
+    Nothing is known about moving occluders; with priors of them: `occlog.core.likelihood_among`.
 
     Args:
         xy: (L, 2) places.
@@ -210,41 +170,29 @@ def log_likelihood(
         noise: their noise.
         model: probabilities.
         free: (L,) places where a target can be; -inf elsewhere.
-        priors: of the moving occluders; not looked at if `occlusion.probability` is NONE.
-        occlusion: how they count.
     """
-    L, n = xy.shape[0], scan.sensor.shape[0]
+    L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
-    joint = occlusion.probability > INDEPENDENT
-    # Of sensors that occluders can hide a place from; other factors are multiplied at once.
-    a, b, assigned = np.empty((n, L)), np.ones(n), np.zeros((n, L), dtype=np.bool_)
-    for k in range(n):
-        i = scan.sensor[k]
-        seen = seen_from(xy, i, sensors)
-        factor, hidden = factors(xy, k, scan, sensors, noise, model, seen)
-        if sensors.cos2[i] >= 0.0 and occlusion.probability != NONE:
-            if joint:
-                a[k], b[k], assigned[k] = factor, hidden, seen & free
-                factor[assigned[k]] = 1.0
-            else:
-                rows = np.flatnonzero(seen & free)
-                share = unhidden(xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, occlusion.form, occlusion.far)
-                for m in range(rows.shape[0]):
-                    p = rows[m]
-                    factor[p] = (
-                        max(share[m], occlusion.floor) * factor[p] + max(1.0 - share[m], occlusion.floor) * hidden
-                    )
-        for p in range(L):
-            # One logarithm for many factors; the product is kept from underflow and overflow.
-            product[p] *= factor[p]
-            if product[p] < TINY or product[p] > 1.0 / TINY:
-                total[p] += math.log(product[p]) if product[p] > 0.0 else -np.inf
-                product[p] = 1.0
+    for k in range(scan.sensor.shape[0]):
+        seen = seen_from(xy, scan.sensor[k], sensors)
+        factor, _ = factors(xy, k, scan, sensors, noise, model, seen)
+        multiply_into(product, total, factor)
     for p in range(L):
         total[p] = total[p] + math.log(product[p]) if free[p] else -np.inf
-    if joint:
-        add_joint(total, xy, scan.sensor, a, b, assigned, sensors.xy, priors, occlusion)
     return total
+
+
+@kernel
+def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
+    """Multiply products (L,) by factors, in place; what would under- or overflow goes to the logs in `total`.
+
+    One logarithm for many factors.
+    """
+    for p in range(product.shape[0]):
+        product[p] *= factor[p]
+        if product[p] < TINY or product[p] > 1.0 / TINY:
+            total[p] += math.log(product[p]) if product[p] > 0.0 else -np.inf
+            product[p] = 1.0
 
 
 @kernel

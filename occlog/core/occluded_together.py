@@ -17,6 +17,8 @@ from .jit import array_kernel
 from .occluded import hiding_all
 from .priors import Priors
 
+MOST = 16
+"""Cameras in view of one place; there are 2^16 subsets of them."""
 SURE = 1e-12
 """A camera whose b is below this share of its a is taken as not hidden."""
 
@@ -24,9 +26,9 @@ SURE = 1e-12
 @array_kernel
 def add_joint(
     total: Floats, xy: Floats, sensor: Ints, a: Floats, b: Floats, assigned: Bools, places: Floats,
-    priors: Priors, occlusion: tuple[int, int, float, float],
+    priors: Priors, exact: bool, form: int, floor: float, far: float,
 ) -> None:  # fmt: skip
-    """Add the log of the sum over subsets to `total` (L,), in place; see `occlog.core.likelihood`.
+    """Add the log of the sum over subsets of cameras to `total` (L,), in place; see `occlog.core.likelihood_among`.
 
     Args:
         total: (L,) log-likelihoods.
@@ -34,14 +36,15 @@ def add_joint(
         sensor: (n,) sensors of the looks.
         a: (n, L) factors where no occluder hides the place.
         b: (n,) factors where one does.
-        assigned: (n, L) looks that count for a place.
+        assigned: (n, L) looks that count for a place; at most `MOST` of them.
         places: (S, 2) positions of the sensors.
         priors: of the occluders.
-        occlusion: as `occlog.core.likelihood.Occlusion`.
+        exact: without the assumption of Eq. 8.
+        form: of q, if not exact.
+        floor: least value, relative.
+        far: standard deviations at which a prior counts as over, if not exact.
     """
-    probability, form, floor, far = occlusion
     n, L, M = a.shape[0], xy.shape[0], priors.sigma.shape[0]
-    exact = probability == 3
     q = np.zeros((n, 1 if exact else M, L))
     rows = np.arange(L)
     for k in range(n):
@@ -51,6 +54,8 @@ def add_joint(
         use = np.flatnonzero(assigned[:, p])
         if use.shape[0] == 0 or total[p] == -np.inf:
             continue
+        if use.shape[0] > MOST:
+            raise ValueError("too many cameras see a place for sums over their subsets; use likelihood=independent")
         seen = (
             clear_exact(xy[p, 0], xy[p, 1], places[sensor[use]], priors) if exact else clear_disjoint(q[:, :, p], use)
         )

@@ -25,9 +25,10 @@ from numpy.random import Generator
 from ..columns import Bools, Floats
 from ..core import waypoint
 from ..core.floor import Floor, make_floor, on_floor, sample_floor
-from ..core.likelihood import UNINFORMED, Detection, Noise, Occlusion, agreement, log_likelihood
+from ..core.likelihood import Detection, Noise, agreement, log_likelihood
 from ..core.likelihood import Scan as Looks
-from ..core.priors import Priors, no_priors, without_own
+from ..core.likelihood_among import Occlusion, log_likelihood_among
+from ..core.priors import Priors, without_own
 from ..core.resampling import systematic_ancestors
 from ..core.smc import effective_size, log_of, mean_and_covariance, normalise
 from ..core.visibility import Sensors
@@ -55,8 +56,8 @@ class Model(NamedTuple):
     motion: Motion
     detection: Detection
     informed: Detection  # the same where there are priors of the moving occluders
-    priors: Priors = no_priors()  # of the moving occluders at the time of the scan
-    occlusion: Occlusion = UNINFORMED
+    occlusion: Occlusion  # how priors of the moving occluders count
+    priors: Priors | None = None  # those at the time of the scan
 
 
 class State(NamedTuple):
@@ -94,6 +95,7 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
         config.motion,
         pack_detection(scene, config, informed=False),
         pack_detection(scene, config, informed=True),
+        config.occlusion,
     )
     try:
         particles = _fresh(model, config.start, rng)
@@ -212,10 +214,10 @@ def _move(model: Model, particles: Particles, arrived: Bools, dt: float, rng: Ge
 
 def _log_likelihood(model: Model, xy: Floats, looks: Looks, far: float = FINE) -> Floats:
     free = on_floor(xy, *model.floor)
-    occlusion = model.occlusion._replace(far=far)
-    return np.asarray(
-        log_likelihood(xy, looks, model.sensors, model.noise, model.detection, free, model.priors, occlusion)
-    )
+    packed = looks, model.sensors, model.noise, model.detection, free
+    if model.priors is None:
+        return np.asarray(log_likelihood(xy, *packed))
+    return log_likelihood_among(xy, *packed, model.priors, model.occlusion._replace(far=far))
 
 
 def _fresh(model: Model, start: tuple[float, ...] | None, rng: Generator) -> Particles:

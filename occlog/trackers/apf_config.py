@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..core.likelihood import EXACT, INDEPENDENT, RECURSION, Occlusion
+from ..core.likelihood_among import EXACT, INDEPENDENT, RECURSION, Occlusion
 from ..core.waypoint import Motion
 from .settings import check_settings
 

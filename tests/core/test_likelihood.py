@@ -10,8 +10,7 @@ import shapely
 from scipy import stats
 from tracker_scenes import room100, scan, true_u, with_array, wrap
 
-from occlog.core.likelihood import UNINFORMED, Detection, agreement, factors, log_likelihood
-from occlog.core.priors import no_priors
+from occlog.core.likelihood import Detection, agreement, factors, log_likelihood
 from occlog.core.visibility import seen_from
 from occlog.trackers.sensing import pack_looks, pack_noise, pack_sensors, read_noise
 
@@ -44,7 +43,7 @@ def loglik_of(scene, given, xy, model=PAPER, free=None):
     looks = pack_looks(given, read_noise(scene), True)
     free = np.ones(len(xy), dtype=np.bool_) if free is None else free
     packed = pack_sensors(scene), pack_noise(scene), spread(model, scene)
-    return log_likelihood(xy, looks, *packed, free, no_priors(), UNINFORMED)
+    return log_likelihood(xy, looks, *packed, free)
 
 
 def density(camera, xy, u, sigma_read):
