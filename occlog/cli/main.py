@@ -21,6 +21,8 @@ COMMANDS = {
     "evaluate": "Compare tracks with the truth and with the Cramer-Rao bound.",
     "report": "Show a run as one offline page and a picture.",
     "run": "Do all stages of a configuration into a run folder.",
+    "sweep": "Monte Carlo runs over seeds and parameters, in parallel.",
+    "reproduce": "Run a paper's experiments and judge each of its statements.",
     "diff": "Say whether two outputs are the same, and where they first differ.",
     "info": "Print what a scene, a recording or a table holds.",
     "schema": "Print the schema of a table, a message or a file format.",

@@ -182,5 +182,3 @@ def _filter_figures(diagnostics: Diagnostics) -> dict[str, float]:
         "bytes": float(messages.bytes),
         "predicted_mse": float(mse.mean()) if len(mse) else float("nan"),
     }
-
-
