@@ -1,0 +1,87 @@
+"""What `occlog reproduce` does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..reproduce.model import Execute, Verdict
+from ..reproduce.output import prepare, write, write_page
+from ..reproduce.run import PAPERS, TITLES, Finding, choose, reproduce, size_of
+from ..sweep.engine import run_all
+from . import options
+
+STORE = "trials.jsonl"
+
+
+def list_papers(as_json: bool) -> None:
+    """Print papers and experiments."""
+    if as_json:
+        options.echo_summary({p: {e.item: e.title for e in experiments} for p, experiments in PAPERS.items()}, True)
+        return
+    for paper, experiments in PAPERS.items():
+        click.echo(f"{paper}: {TITLES[paper]}")
+        for e in experiments:
+            click.echo(f"  {e.item:<6} {e.title} ({e.runs} runs of {e.steps} steps)")
+
+
+def run_reproduce(
+    paper: str, items: Sequence[str], everything: bool, output: Path | None, given: Mapping[str, Any]
+) -> None:
+    """Do the experiments one after the other; what each gave is written as soon as it is there."""
+    chosen = choose(paper, items, everything=everything)
+    quiet = bool(given["quiet"])
+    if output is not None:
+        prepare(output, [e.item for e in chosen], given["overwrite"])
+    findings: list[Finding] = []
+    for e in chosen:
+        size = size_of(e, quick=given["quick"], runs=given["runs"], steps=given["steps"], seed=given["seed"])
+        options.note(f"{e.item}: {size.runs} runs of {size.steps} steps", quiet)
+        finding = reproduce(e, size, executor(e.item, output, given))
+        findings.append(finding)
+        if output is not None:
+            write(output, finding, given["overwrite"])
+        if not given["as_json"]:
+            _print(finding.verdicts)
+    if output is not None:
+        write_page(output, paper, findings, given["overwrite"])
+        options.note(f"wrote {output / 'reproduce.html'}", quiet)
+    if given["as_json"]:
+        options.echo_summary({"paper": paper, "items": [f.as_dict() for f in findings]}, True)
+
+
+def executor(item: str, output: Path | None, given: Mapping[str, Any]) -> Execute:
+    """Runs trials as the options say, with progress on standard error."""
+
+    def execute(specs: list[dict[str, Any]]) -> list[dict[str, float]]:
+        store = None if output is None else output / STORE
+        told, close = _bar(item, len(specs), bool(given["quiet"]))
+        try:
+            return run_all(specs, given["workers"], given["scheduler"], store, told)
+        finally:
+            close()
+
+    return execute
+
+
+def _bar(label: str, total: int, quiet: bool) -> tuple[Callable[[int], None] | None, Callable[[], None]]:
+    """A progress bar where standard error is a terminal."""
+    import sys
+
+    if quiet or not sys.stderr.isatty():
+        return None, lambda: None
+    from tqdm import tqdm
+
+    bar = tqdm(desc=label, total=total, file=sys.stderr, leave=False)
+    return (lambda n: bar.update(n) and None), bar.close
+
+
+def _print(verdicts: Sequence[Verdict]) -> None:
+    for v in verdicts:
+        said = "" if v.paper is None else f", paper {v.paper:.4g}"
+        measured = "nothing" if v.measured is None else f"{v.measured:.4g}"
+        error = "" if v.error_bar is None or v.error_bar != v.error_bar else f" ± {v.error_bar:.2g}"
+        click.echo(f"{v.verdict:<15} {v.id:<24} {measured}{error}{said}: {v.statement}")

@@ -1,0 +1,69 @@
+"""Which experiments there are, and one of them done: table and verdicts."""
+
+from __future__ import annotations
+
+import difflib
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import UsageError
+from . import square
+from .model import Execute, Experiment, Size, Table, Verdict
+
+PAPERS: dict[str, tuple[Experiment, ...]] = {"ercan": square.EXPERIMENTS}
+TITLES = {"ercan": "Ercan, El Gamal, Guibas 2013, Object tracking in the presence of occlusions using multiple cameras"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What came out of an experiment."""
+
+    experiment: Experiment
+    size: Size
+    table: Table
+    verdicts: list[Verdict]
+    cpu_seconds: float
+    """Of this process; that of the workers is in the column `track_seconds`."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        e = self.experiment
+        return {
+            "item": e.item,
+            "title": e.title,
+            "runs": self.size.runs,
+            "steps": self.size.steps,
+            "quick": self.size.quick,
+            "full": {"runs": e.runs, "steps": e.steps},
+            "verdicts": [x.as_dict() for x in self.verdicts],
+        }
+
+
+def choose(paper: str, items: Sequence[str], *, everything: bool) -> list[Experiment]:
+    """The experiments of a paper with these names, in the paper's order; UsageError for names that it does not have."""
+    if paper not in PAPERS:
+        raise UsageError(f"no experiments of {paper!r}; there are those of: {', '.join(PAPERS)}")
+    known = {e.item: e for e in PAPERS[paper]}
+    for item in items:
+        if item not in known:
+            near = difflib.get_close_matches(item, known, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else ""
+            raise UsageError(f"{paper} has no experiment {item!r}; {hint or 'it has: ' + ', '.join(known)}")
+    if not items and not everything:
+        raise UsageError(f"name an experiment of {paper} ({', '.join(known)}), or give --all")
+    return [e for e in PAPERS[paper] if everything or e.item in items]
+
+
+def size_of(experiment: Experiment, *, quick: bool, runs: int | None, steps: int | None, seed: int) -> Size:
+    """How large to make it: the paper's size, the quick one, or what is given."""
+    own = experiment.quick if quick else (experiment.runs, experiment.steps)
+    return Size(runs or own[0], steps or own[1], quick, 1000, seed)
+
+
+def reproduce(experiment: Experiment, size: Size, execute: Execute) -> Finding:
+    """Do an experiment and judge it."""
+    start = time.process_time()
+    table = experiment.compute(size, execute)
+    return Finding(experiment, size, table, experiment.judge(table), time.process_time() - start)
