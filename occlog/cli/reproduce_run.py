@@ -76,7 +76,11 @@ def _bar(label: str, total: int, quiet: bool) -> tuple[Callable[[int], None] | N
     from tqdm import tqdm
 
     bar = tqdm(desc=label, total=total, file=sys.stderr, leave=False)
-    return (lambda n: bar.update(n) and None), bar.close
+
+    def told(finished: int) -> None:
+        bar.update(finished)
+
+    return told, bar.close
 
 
 def _print(verdicts: Sequence[Verdict]) -> None:
