@@ -21,6 +21,7 @@ from .floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, outside
 from .model import ReportInput, ReportPage
 from .occluders import moments
 from .picture import build_picture
+from .selectionplot import cameras_of, draw_selection, expected_and_found, selected_targets, spans
 from .sensortable import sensor_rows
 from .sightplot import draw_sight
 from .style import COLOURS, DARK, house_style, label, new_figure, raw_svg
@@ -59,6 +60,7 @@ def _plots(data: ReportInput) -> list[Plot]:
     for target in data.targets[:MOST_TARGETS]:
         out += _accuracy(data, target) or _sight(data, target)
     out += [_visibility(data, target) for target in watched(data)[:MOST_TARGETS]]
+    out += [_selection(data, target) for target in selected_targets(data.diagnostics)[:MOST_TARGETS]]
     return out + _filter(data)
 
 
@@ -143,6 +145,21 @@ def _visibility(data: ReportInput, target: int) -> Plot:
     size = (WIDTH, 1.15 + 0.27 * rows)
     heading = f"What each sensor saw{whose}"
     return _plot(f"seen{target}", heading, caption, size, lambda f: draw_visibility(f, data, bearings, target))
+
+
+def _selection(data: ReportInput, target: int) -> Plot:
+    diagnostics = data.diagnostics
+    assert diagnostics is not None  # `selected_targets` names no target without diagnostics
+    times, chosen, _ = spans(diagnostics, target)
+    expected, found, what = expected_and_found(diagnostics, data, target)
+    caption = (
+        f"Blue while a camera was selected, with its share of the time; {plural(len(times) - 1, 'selection')}. "
+        f"Expected of them: {number(expected)} {data.unit} RMS"
+        + (f"; {what} in those scans: {number(found)} {data.unit}." if what else ".")
+    )
+    size = (WIDTH, 0.95 + 0.27 * min(len(cameras_of(data, chosen)), MOST_ROWS))
+    heading = f"Selected cameras{_whose(data, target)}"
+    return _plot(f"selected{target}", heading, caption, size, lambda f: draw_selection(f, data, diagnostics, target))
 
 
 def _filter(data: ReportInput) -> list[Plot]:
