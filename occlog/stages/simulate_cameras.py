@@ -33,7 +33,9 @@ class ObserveConfig:
     """`white`: Eq. 2's variance, drawn anew for every frame, as [Ercan] Sec. 4.2 assumes.
     `calibration`: the errors of position and yaw are drawn once for each camera and stay;
     only the read noise is white."""
-    miss: float = 0.0  # probability that a camera or array overlooks a target that it could measure
+    miss: float = 0.0
+    """Probability that a camera or array overlooks a target that it could measure; a camera's own
+    `detection` in the scene comes first, as its `false_alarm` does."""
     false_alarm: float = 0.0
     """Probability that a frame in which a target was not detected reports it all the same,
     at a place drawn uniformly from the image."""
@@ -131,14 +133,16 @@ def _report_target(
     h, d = planar_offsets(xy, camera.ground, camera.yaw)
     true_h, true_d = planar_offsets(xy, sensor.true_ground, sensor.true_yaw)
     seen = visible(camera, sensor.walls, look.xyz, k, config.diameter) & (true_d > 0)
-    seen &= chance[:, 0] >= config.miss
+    miss = config.miss if camera.detection is None else 1.0 - camera.detection
+    seen &= chance[:, 0] >= miss
     z = np.full(len(h), np.nan)
     if config.noise == "white":
         spread = np.sqrt(_variance(camera, h[seen], d[seen]))
         z[seen] = f * h[seen] / d[seen] + spread * noise[seen]  # Eq. 1
     else:
         z[seen] = f * true_h[seen] / true_d[seen] + camera.sigma_read_px * noise[seen]
-    false = ~seen & (chance[:, 1] < config.false_alarm) & np.isfinite(h)
+    false_alarm = config.false_alarm if camera.false_alarm is None else camera.false_alarm
+    false = ~seen & (chance[:, 1] < false_alarm) & np.isfinite(h)
     half = f * math.tan(0.5 * min(camera.fov, math.radians(170.0)))
     z[false] = half * (2.0 * chance[false, 2] - 1.0)
     return _rows(camera, look.t_ns, target, seen | false, z, np.hypot(h, d))

@@ -179,3 +179,10 @@ def test_a_camera_without_pose_is_left_out():
 def test_impossible_values_are_told_by_observe(values, says):
     with pytest.raises(InputError, match=says):
         ObserveConfig(**values)
+
+
+def test_a_cameras_own_probabilities_come_before_the_configuration():
+    n, scene = 4000, Scene(cameras=(camera(detection=0.6, false_alarm=0.0),), length_unit="unit")
+    place = np.tile([40.0, 40.0], (n, 1, 1))
+    seen = seen_by(scene, place, ObserveConfig(miss=0.0, false_alarm=1.0)).seen
+    assert abs(seen.mean() - 0.6) < 4 * np.sqrt(0.24 / n)
