@@ -36,4 +36,4 @@ def judge14(table: Table) -> list[Verdict]:
 
 
 FIG14 = Experiment("fig14", "Error and number of cameras, stand-in for the lab", "cameras", "RMSE [in]", 50, 200,
-                   (2, 60), fig14, judge14, note="Simulated: 16 cameras of 47 degrees, M = 20, the first 5 steps left out.")  # fmt: skip
+                   (2, 60), fig14, judge14, note="Simulated: 16 cameras of 47 degrees, M = 20.")  # fmt: skip

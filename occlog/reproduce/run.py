@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import UsageError
-from . import accuracy, laboratory, selection, square
+from . import accuracy, laboratory, selection, speed, square
 from .model import Execute, Experiment, Size, Table, Verdict
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
-    "ercan": (*square.EXPERIMENTS, selection.FIG12, laboratory.FIG14, selection.FIG15, accuracy.FIG17),
+    "ercan": (*square.EXPERIMENTS, speed.FIG10, selection.FIG12, laboratory.FIG14, selection.FIG15, accuracy.FIG17),
 }
 TITLES = {"ercan": "Ercan, El Gamal, Guibas 2013, Object tracking in the presence of occlusions using multiple cameras"}
 
