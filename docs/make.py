@@ -31,6 +31,10 @@ def commands_page() -> str:
         command = cli.get_command(click.Context(cli), name)
         if command is not None:
             parts.append(f"## occlog {name}\n\n```text\n{help_text(command, f'occlog {name}')}\n```\n")
+        if isinstance(command, click.Group):
+            for part, own in command.commands.items():
+                text = help_text(own, f"occlog {name} {part}")
+                parts.append(f"### occlog {name} {part}\n\n```text\n{text}\n```\n")
     return "\n".join(parts)
 
 

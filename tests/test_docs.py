@@ -45,6 +45,9 @@ def test_shown_options_exist(file: str, line: str) -> None:
         return
     command = cli.get_command(click.Context(cli), words[1])
     assert command is not None, f"{file}: {line}"
+    if isinstance(command, click.Group):
+        assert words[2] in command.commands, f"{file}: {line}"
+        command = command.commands[words[2]]
     valid = {o for p in command.params for o in (*p.opts, *p.secondary_opts)} | {"-h", "--help"}
     for word in words[2:]:
         if word.startswith("-") and not re.fullmatch(r"-?[\d.,]+", word):
