@@ -343,10 +343,10 @@ class Diagnostics(Table):
         "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew) or `gap` (the same after a long gap)",
     )  # fmt: skip
     cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
-    n_offered: Ints32 = column("i4", "1", "sensors that had a frame, whether they were asked for it or not")
+    n_offered: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")
     selected: Strings = column("U", "1", "cameras selected, separated by commas; empty: no selection")
     predicted_mse: Floats = column(
-        "f8", "m^2", "mean square error expected of the cameras selected in this scan", nan="none was selected anew"
+        "f8", "m^2", "mean square error expected of the cameras selected since the last row", nan="none was selected anew"
     )
 
     def check(self) -> None:

@@ -25,6 +25,8 @@ from .visibility import Sensors, seen_from
 
 LEAST = 1e-12
 """Cameras that see the target with a smaller probability are left out of Sigma_Z."""
+FLAT = 1e-9
+"""Eigenvalues of Sigma_Z, in units of the cameras' variances, that are not above this tell nothing."""
 FAR = 3.5
 """Standard deviations at which a prior of an occluder counts as over."""
 
@@ -156,9 +158,8 @@ def _centred(xy: Floats, weights: Floats) -> tuple[Floats, Floats]:
 def mean_square_errors(moments: Moments, subsets: np.ndarray[tuple[int, int], np.dtype[np.int64]]) -> Floats:
     """(n,) metric of n subsets (n, k) of the N cameras, between 0 and Tr(Sigma_x).
 
-    Cameras that cannot see the target add nothing.  A matrix Sigma_Z that is not positive
-    definite (its terms are expectations over different particles) is made so by its
-    diagonal, as little as rounding needs.
+    Cameras that cannot see the target add nothing, and neither do directions in which
+    Sigma_Z is not positive (its terms are expectations over different particles).
     """
     whole = float(np.trace(moments.x))
     if subsets.shape[1] == 0:
@@ -172,5 +173,6 @@ def mean_square_errors(moments: Moments, subsets: np.ndarray[tuple[int, int], np
     z[blind, blind] = 1.0
     values, vectors = np.linalg.eigh(z[subsets[:, :, None], subsets[:, None, :]])
     parts = np.einsum("nki,nkj->nij", vectors, zx[subsets])
-    gain = np.einsum("nij,ni->n", parts**2, 1.0 / np.maximum(values, 1e-9))
+    inverse = np.where(values > FLAT, 1.0 / np.maximum(values, FLAT), 0.0)
+    gain = np.einsum("nij,ni->n", parts**2, inverse)
     return np.asarray(np.clip(whole - gain, 0.0, whole))

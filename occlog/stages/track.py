@@ -46,6 +46,8 @@ class _Filter(NamedTuple):
     rng: Generator
     selecting: Generator  # draws of the selection, so that it does not change the filter's
     selected: _Selected | None = None
+    offered: int = 0  # frames of scans that are in no row yet
+    mse: float = math.nan  # metric of a selection that is in no row yet
 
 
 class _Row(NamedTuple):
@@ -129,17 +131,19 @@ def track(
                 rng = generator(seed, Stage.TRACK, target)
                 selecting = generator(seed, Stage.SELECT, target)
                 filters[target] = _Filter(chosen.init(scene, config, rng), rng, selecting)
-            own, offered, mse = filters[target], len(np.unique(scan.sensor)), math.nan
+            own = filters[target]
+            offered = own.offered + len(np.unique(scan.sensor))
             if selector is not None:
-                own, mse = selector.update(own, scan.t_ns, priors)
-                filters[target] = own
+                own = selector.update(own, scan.t_ns, priors)
                 scan = selector.asked(own, scan)
-                if scan is None:
-                    continue
+            if scan is None:
+                # None of the cameras that are asked had a frame; the next row tells of it.
+                filters[target] = own._replace(offered=offered)
+                continue
             state, estimate = chosen.step(own.state, scan._replace(occluders=priors), own.rng)
-            filters[target] = own._replace(state=state)
             asked = () if own.selected is None else own.selected.choice.cameras
-            rows.append(_Row(group.t_ns, target, estimate, offered, asked, mse))
+            rows.append(_Row(group.t_ns, target, estimate, offered, asked, own.mse))
+            filters[target] = own._replace(state=state, offered=0, mse=math.nan)
         if len(rows) >= ROWS_PER_CHUNK:
             yield _tables(rows, names)
             rows = []
@@ -160,13 +164,13 @@ class Selector:
         self._net = network(scene, selection, usable, getattr(config, "detection", None))
         self._cameras = len(scene.cameras)
 
-    def update(self, own: _Filter, t_ns: int, priors: Priors | None) -> tuple[_Filter, float]:
-        """The filter with the cameras to use at a time, and the metric if they were selected anew (else NaN)."""
+    def update(self, own: _Filter, t_ns: int, priors: Priors | None) -> _Filter:
+        """The filter with the cameras to use at a time, selected anew where that is due."""
         if own.selected is not None and t_ns - own.selected.since_ns < self._every_ns:
-            return own, math.nan
+            return own
         cloud = self._predict(own.state, t_ns, own.selecting)
         choice = choose(cloud, priors, self._net, self._selection, own.selecting)
-        return own._replace(selected=_Selected(t_ns, choice)), choice.mse
+        return own._replace(selected=_Selected(t_ns, choice), mse=choice.mse)
 
     def asked(self, own: _Filter, scan: Scan) -> Scan | None:
         """What selected cameras and all microphone arrays say; None if that is nothing."""

@@ -31,7 +31,7 @@ from .sensing import pack_noise, pack_sensors, read_noise
 
 POLICIES = ("greedy", "brute-force", "fixed", "random", "closest", "all")
 MODELS = ("perspective", "weak")
-MOST_SUBSETS = 200_000
+MOST_SUBSETS = 50_000
 """`brute-force` is refused where there are more subsets."""
 CLOUD = 1000
 """More particles than this are thinned out before the expectations are taken."""
