@@ -8,12 +8,17 @@ from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from .style import COLOURS, DARK, house_style, new_figure, raw_svg, target_colour, to_png
+from .style import COLOURS, DARK, house_style, new_figure, raw_svg, to_png
 from .svg import page_svg
 
 SIZE = (8.4, 4.3)
+LINES = ("t0", "t1", "t2", "t3", "t4", "t5", "moving", "muted", "ink")
+"""Colours of the curves; the last two are those of lines across."""
+FAR = 1.6
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 KINDS = ("reproduced", "in part", "not reproduced")
 
@@ -36,7 +41,6 @@ class Chart(NamedTuple):
     x_label: str
     y_label: str
     curves: list[Curve]
-    log_x: bool
     note: str
 
 
@@ -50,27 +54,44 @@ class Part(NamedTuple):
 
 
 def draw(chart: Chart) -> Figure:
-    """The chart: means with bars of one standard deviation; dotted lines across."""
+    """The chart: means with bars of one standard deviation; dotted lines across.
+
+    A line far above all curves is named with its value, but not drawn.
+    """
     figure = new_figure(*SIZE)
     axes = figure.add_subplot()
-    for n, curve in enumerate(chart.curves):
-        colour, label = target_colour(n), curve.name
-        if curve.x:
-            sd = [0.0 if math.isnan(s) else s for s in curve.sd]
-            style = "-" if len(curve.x) > 1 else "none"
-            axes.errorbar(curve.x, curve.y, yerr=sd, color=colour, marker=MARKERS[n % len(MARKERS)], markersize=4.5,
-                          linestyle=style, capsize=2.5, elinewidth=0.8, label=label)  # fmt: skip
-            label = "_"
-        for y in curve.across:
-            axes.axhline(y, color=colour, linestyle=":", linewidth=1.3, label=label)
-            label = "_"
+    top = max((y for curve in chart.curves for y in curve.y), default=math.inf)
+    curves = [c for c in chart.curves if c.x]
+    lines = [(c.name, y) for c in chart.curves for y in c.across]
+    for n, curve in enumerate(curves):
+        _curve(axes, n, curve)
+    for n, (name, y) in enumerate(lines):
+        own = [k for k, c in enumerate(curves) if c.name == name]
+        colour = COLOURS[LINES[own[0] if own else -1 - n % 2]]
+        if y > FAR * top:
+            axes.plot([], [], color=colour, linestyle=":", label=f"{name}: {y:.3g}, not shown")
+        else:
+            axes.axhline(y, color=colour, linestyle=":", linewidth=1.3, label="_" if own else name)
+    _scale(axes, chart)
+    columns = 4 if len(curves) + len(lines) <= 4 else 3
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+    return figure
+
+
+def _curve(axes: Axes, n: int, curve: Curve) -> None:
+    sd = [0.0 if math.isnan(s) else s for s in curve.sd]
+    axes.errorbar(
+        curve.x, curve.y, yerr=sd, color=COLOURS[LINES[n % len(LINES)]], marker=MARKERS[n % len(MARKERS)],
+        markersize=4.5, linestyle="-" if len(curve.x) > 1 else "none", capsize=2.5, elinewidth=0.8, label=curve.name,
+    )  # fmt: skip
+
+
+def _scale(axes: Axes, chart: Chart) -> None:
     axes.set_xlabel(chart.x_label)
     axes.set_ylabel(chart.y_label)
-    if chart.log_x:
-        axes.set_xscale("log")
-    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]) if axes.get_ylim()[0] < 0 else 0.0)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure
+    axes.set_ylim(bottom=0.0)
+    if all(x == round(x) for c in chart.curves for x in c.x):
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def chart_png(chart: Chart) -> bytes:

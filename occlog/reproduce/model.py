@@ -90,7 +90,6 @@ class Experiment:
     quick: tuple[int, int]  # runs and steps of the small form
     compute: Callable[[Size, Execute], Table]
     judge: Callable[[Table], list[Verdict]]
-    log_x: bool = False
     note: str = ""
 
 

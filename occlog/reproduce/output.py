@@ -81,7 +81,7 @@ def chart(finding: Finding) -> Chart:
         rows = sorted((r for r in own if not math.isnan(r.x)), key=lambda r: r.x)
         if own:
             curves.append(Curve(name, [r.x for r in rows], [r.mean for r in rows], [r.sd for r in rows], across))
-    return Chart(e.item, e.title, e.x_label, e.y_label, curves, e.log_x, e.note)
+    return Chart(e.item, e.title, e.x_label, e.y_label, curves, e.note)
 
 
 def _size(finding: Finding) -> str:
