@@ -346,8 +346,9 @@ class Diagnostics(Table):
     n_offered: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")
     selected: Strings = column("U", "1", "cameras selected, separated by commas; empty: no selection")
     predicted_mse: Floats = column(
-        "f8", "m^2", "mean square error expected of the cameras selected since the last row", nan="none was selected anew"
-    )
+        "f8", "m^2", "mean square error expected of the cameras selected since the last row",
+        nan="none was selected anew",
+    )  # fmt: skip
 
     def check(self) -> None:
         """Times in order."""

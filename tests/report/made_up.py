@@ -85,7 +85,9 @@ def _filtered(true: np.ndarray, size: float, cameras: int, rng: np.random.Genera
                  "n_seen": np.full(n, 3)}),
         (Diagnostics, {"ess": 1000.0 * rng.beta(2, 3, n), "log_likelihood": np.zeros(n),
                        "n_looked": np.full(n, cameras),
-                       "n_seen": np.full(n, 3), "fallback": fallback, "cameras": np.full(n, "camera 1")}),
+                       "n_seen": np.full(n, 3), "fallback": fallback, "cameras": np.full(n, "camera 1"),
+                       "n_offered": np.full(n, cameras), "selected": np.full(n, ""),
+                       "predicted_mse": np.full(n, np.nan)}),
     ]  # fmt: skip
 
 
