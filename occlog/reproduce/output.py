@@ -87,5 +87,6 @@ def chart(finding: Finding) -> Chart:
 def _size(finding: Finding) -> str:
     size, e = finding.size, finding.experiment
     if (size.runs, size.steps) == (e.runs, e.steps):
-        return f"{size.runs} runs of {size.steps} steps, as in the paper."
-    return f"{size.runs} runs of {size.steps} steps; the paper has {e.runs} of {e.steps}."
+        return f"{size.runs} runs of {size.steps} steps, the full form."
+    quick = " A quick look: too small to judge by." if size.quick else ""
+    return f"{size.runs} runs of {size.steps} steps; the full form has {e.runs} of {e.steps}.{quick}"

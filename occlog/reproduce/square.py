@@ -140,8 +140,8 @@ def judge8(table: Table) -> list[Verdict]:
     said = "The more cameras, the less accurate the priors may be for an RMSE of 3."
     last, worst = (rows[-1] if rows else None), v.find(table, WORST)
     # Once no priors are needed at all there is nothing left to gain.
-    open_ended = [r for r in rows if worst is None or min(r.values) < worst.mean]
-    out = [v.pairs("fig8-trade-off", said, list(zip(open_ended, rows[1:], strict=False)))]
+    points = [(a, b) for a, b in pairwise(rows) if worst is None or min(a.values) < worst.mean]
+    out = [v.pairs("fig8-trade-off", said, points)]
     if last is not None and worst is not None:
         none = last.extra["rmse_none"]
         good = v.REPRODUCED if none <= TARGET else v.IN_PART if none <= 1.35 * TARGET else v.NOT
