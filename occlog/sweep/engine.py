@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -108,7 +109,7 @@ def _in_processes(todo: Mapping[str, Spec], workers: int) -> Iterator[tuple[str,
     """Trials in processes that are started afresh, so that no state of this one is inherited."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
-    pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_leave_with_parent)
     try:
         running = {pool.submit(attempt, spec): key for key, spec in todo.items()}
         for future in as_completed(running):
@@ -125,6 +126,19 @@ def _in_processes(todo: Mapping[str, Spec], workers: int) -> Iterator[tuple[str,
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+def _leave_with_parent() -> None:
+    """End this worker when the process that started it is gone, however that ended."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def _on_cluster(todo: Mapping[str, Spec], scheduler: str) -> Iterator[tuple[str, Outcome]]:

@@ -73,19 +73,36 @@ def test_finished_trials_are_not_run_again(tmp_path, monkeypatch):
     assert [r["rmse"] for r in second] == [first[0]["rmse"], first[1]["rmse"], 1.0]
 
 
+def worker_processes(script):
+    """Processes whose environment names a script, by the file system of processes."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if f"SWEEP_SCRIPT={script}".encode() in path.read_bytes():
+                found.append(path)
+        except OSError:
+            continue
+    return found
+
+
 @pytest.mark.slow
 def test_a_killed_sweep_goes_on(tmp_path):
     store = tmp_path / "trials.jsonl"
     code = (
         "from pathlib import Path\nfrom sweep_scene import trial\nfrom occlog.sweep.engine import run_all\n"
-        f"run_all([trial(run) for run in range(2000)], store=Path({str(store)!r}))\n"
+        f"if __name__ == '__main__':\n"
+        f"    run_all([trial(run) for run in range(2000)], workers=2, store=Path({str(store)!r}))\n"
     )
-    process = subprocess.Popen([sys.executable, "-c", code], env=ENVIRONMENT)
+    script = tmp_path / "sweep.py"
+    script.write_text(code)
+    process = subprocess.Popen([sys.executable, str(script)], env={**ENVIRONMENT, "SWEEP_SCRIPT": str(script)})
     deadline = time.monotonic() + 240
     while (not store.exists() or store.read_bytes().count(b"\n") < 3) and time.monotonic() < deadline:
         time.sleep(0.05)
     process.send_signal(signal.SIGKILL)
     process.wait()
+    time.sleep(2.0)
+    assert not worker_processes(str(script)), "workers outlive the process that started them"
     kept = len(Store(store).results)
     assert 3 <= kept < 2000
     finished = []
