@@ -22,7 +22,7 @@ import numpy as np
 from .geometry import Bools, Floats
 from .jit import kernel
 from .likelihood import Detection, Noise, Scan, factors, multiply_into
-from .occluded import unhidden
+from .occluded_grid import make_grid, unhidden_over
 from .occluded_together import add_joint
 from .priors import Priors
 from .visibility import Sensors, seen_from
@@ -74,13 +74,15 @@ def _independent(
 ) -> Floats:  # fmt: skip
     L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
+    grid = make_grid(xy, free, priors, occlusion.far)
     for k in range(scan.sensor.shape[0]):
         i = scan.sensor[k]
         seen = seen_from(xy, i, sensors)
         factor, hidden = factors(xy, k, scan, sensors, noise, model, seen)
         if sensors.cos2[i] >= 0.0:  # nobody hides a sound
             rows = np.flatnonzero(seen & free)
-            share = unhidden(xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, occlusion.form, occlusion.far)
+            x0, y0 = sensors.xy[i, 0], sensors.xy[i, 1]
+            share = unhidden_over(grid, xy, rows, x0, y0, priors, occlusion.form, occlusion.far)
             for m in range(rows.shape[0]):
                 clear, blocked = max(share[m], occlusion.floor), max(1.0 - share[m], occlusion.floor)
                 factor[rows[m]] = clear * factor[rows[m]] + blocked * hidden

@@ -15,12 +15,11 @@ from .blocking_shares import shares
 from .geometry import Bools, Floats, Ints
 from .jit import array_kernel
 from .occluded import hiding_all
+from .occluded_disjoint import sum_disjoint, that_matter
 from .priors import Priors
 
 MOST = 16
 """Cameras in view of one place; there are 2^16 subsets of them."""
-SURE = 1e-12
-"""A camera whose b is below this share of its a is taken as not hidden."""
 
 
 @array_kernel
@@ -56,40 +55,11 @@ def add_joint(
             continue
         if use.shape[0] > MOST:
             raise ValueError("too many cameras see a place for sums over their subsets; use likelihood=independent")
-        seen = (
-            clear_exact(xy[p, 0], xy[p, 1], places[sensor[use]], priors) if exact else clear_disjoint(q[:, :, p], use)
-        )
-        total[p] += math.log(over_subsets(seen, a[:, p][use], b[use], floor))
-
-
-@array_kernel
-def clear_disjoint(q: Floats, use: Ints) -> Floats:
-    """(2^m,) p_Q of Eq. 8 for every subset Q of m cameras, as bits; 1 - sum q is cut at 0.
-
-    Args:
-        q: (n, M) probabilities that occluder j blocks camera i.
-        use: (m,) the cameras.
-    """
-    m, M = use.shape[0], q.shape[1]
-    out = np.empty(1 << m)
-    sums = np.zeros((m + 1, M))
-    for Q in range(1 << m):
-        # Sums that Q shares with the subset before it are kept: bit by bit, from the highest.
-        changed = m if Q == 0 else 0
-        if Q:
-            while (Q >> changed) & 1 == 0:
-                changed += 1
-            changed += 1
-        for level in range(min(changed, m) - 1, -1, -1):
-            for j in range(M):
-                sums[level, j] = sums[level + 1, j]
-                if (Q >> level) & 1:
-                    sums[level, j] += q[use[level], j]
-        product = 1.0
-        for j in range(M):
-            product *= max(0.0, 1.0 - sums[0, j])
-        out[Q] = product
-    return out
+        if exact:
+            seen = clear_exact(xy[p, 0], xy[p, 1], places[sensor[use]], priors)
+            total[p] += math.log(over_subsets(seen, a[:, p][use], b[use], floor))
+        else:
+            total[p] += math.log(sum_disjoint(that_matter(q, p, use), a[:, p][use], b[use], floor))
 
 
 @array_kernel
@@ -120,21 +90,16 @@ def over_subsets(clear: Floats, a: Floats, b: Floats, floor: float) -> float:
         floor: least value, relative.
     """
     m = a.shape[0]
-    largest, must, scale = 1.0, 0, np.empty(m)
+    scale: Floats = np.maximum(a, b)
+    largest = 1.0
     for i in range(m):
-        scale[i] = max(a[i], b[i])
         largest *= scale[i]
-        if b[i] <= SURE * a[i]:
-            must |= 1 << i
     if largest == 0.0:
         return 0.0
     total = 0.0
     for Q in range(1 << m):
-        if Q & must != must:
-            continue
         term = clear[Q]
         for i in range(m):
-            hidden = 0.0 if (must >> i) & 1 else b[i]
-            term *= (a[i] - hidden if (Q >> i) & 1 else hidden) / scale[i]
+            term *= (a[i] - b[i] if (Q >> i) & 1 else b[i]) / scale[i]
         total += term
     return max(total, floor) * largest

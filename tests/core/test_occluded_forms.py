@@ -6,7 +6,8 @@ import pytest
 from occlog.core.blocking import IMPROVED, PRINTED, QUADRATURE, blocking, blocking_all
 from occlog.core.eta import patterns, seen_by_recursion, seen_exactly
 from occlog.core.occluded import hiding_all, unhidden
-from occlog.core.occluded_together import clear_disjoint, clear_exact, over_subsets
+from occlog.core.occluded_disjoint import sum_disjoint
+from occlog.core.occluded_together import clear_exact, over_subsets
 from occlog.core.priors import Priors, gaussian_priors, polygon_priors
 
 FORMS = (PRINTED, IMPROVED, QUADRATURE)
@@ -75,10 +76,11 @@ def test_sums_over_subsets_are_sums_over_eta(seed: int) -> None:
     number = np.arange(16)[:, None] >> np.arange(4) & 1
     products = np.prod(np.where(number, a, b), axis=1)
     for p in range(5):
-        disjoint = clear_disjoint(np.ascontiguousarray(q[p]), np.arange(4))
+        disjoint = seen_by_recursion(q[p : p + 1])[0]
         together = clear_exact(xy[p, 0], xy[p, 1], cameras, priors)
-        np.testing.assert_allclose(disjoint, seen_by_recursion(q[p : p + 1])[0], atol=1e-14)
         np.testing.assert_allclose(together, seen_exactly(xy[p : p + 1], cameras, priors)[0], atol=1e-14)
         for seen in (disjoint, together):
             want = patterns(seen[None])[0] @ products
             assert over_subsets(seen, a, b, 0.0) == pytest.approx(max(want, 0.0), abs=1e-12)
+        want = patterns(disjoint[None])[0] @ products
+        assert sum_disjoint(np.ascontiguousarray(q[p]), a, b, 0.0) == pytest.approx(max(want, 0.0), abs=1e-12)
