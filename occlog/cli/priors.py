@@ -20,7 +20,12 @@ def seconds(name: str, field: str, text: str) -> Any:
 
 @click.group(name="priors", short_help="Find where moving occluders are, for `track --occluders`.")
 def command() -> None:
-    """Find where moving occluders are, for `occlog track --occluders`."""
+    """Find where moving occluders are, for `occlog track --occluders`.
+
+    \b
+      occlog priors kalman room.mcap -o occluders.parquet
+      occlog track room.mcap -o tracks.parquet --occluders occluders.parquet
+    """
 
 
 @command.command(name="kalman", short_help="From positions, true or measured.")

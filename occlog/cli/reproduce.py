@@ -24,6 +24,8 @@ from . import options
 @click.option("--scheduler", default=None, metavar="ADDRESS", help="Use the workers of this Dask scheduler instead.")
 @click.option("--runs", type=click.IntRange(min=2), default=None, help="Runs a point. [default: those of the paper]")
 @click.option("--steps", type=click.IntRange(min=10), default=None, help="Steps a run. [default: those of the paper]")
+@click.option("--size", "sizes", multiple=True, metavar="ITEM=RUNSxSTEPS",
+              help="Runs and steps of one experiment, as fig12=4x1000; may be repeated.")  # fmt: skip
 @options.seed_opt
 @options.overwrite_opt
 @options.quiet_opt

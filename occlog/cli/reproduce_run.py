@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
+from ..errors import UsageError
 from ..reproduce.model import Execute, Verdict
 from ..reproduce.output import prepare, write, write_page
 from ..reproduce.run import PAPERS, TITLES, Finding, choose, reproduce, size_of
@@ -15,6 +17,7 @@ from ..sweep.engine import run_all
 from . import options
 
 STORE = "trials.jsonl"
+SIZE = re.compile(r"([\w-]+)=(\d+)x(\d+)")
 
 
 def list_papers(as_json: bool) -> None:
@@ -33,12 +36,14 @@ def run_reproduce(
 ) -> None:
     """Do the experiments one after the other; what each gave is written as soon as it is there."""
     chosen = choose(paper, items, everything=everything)
+    own = sizes_of(given["sizes"], [e.item for e in chosen])
     quiet = bool(given["quiet"])
     if output is not None:
         prepare(output, [e.item for e in chosen], given["overwrite"])
     findings: list[Finding] = []
     for e in chosen:
-        size = size_of(e, quick=given["quick"], runs=given["runs"], steps=given["steps"], seed=given["seed"])
+        runs, steps = own.get(e.item, (given["runs"], given["steps"]))
+        size = size_of(e, quick=given["quick"], runs=runs, steps=steps, seed=given["seed"])
         options.note(f"{e.item}: {size.runs} runs of {size.steps} steps", quiet)
         finding = reproduce(e, size, executor(e.item, output, given))
         findings.append(finding)
@@ -51,6 +56,21 @@ def run_reproduce(
         options.note(f"wrote {output / 'reproduce.html'}", quiet)
     if given["as_json"]:
         options.echo_summary({"paper": paper, "items": [f.as_dict() for f in findings]}, True)
+
+
+def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int, int]]:
+    """Runs and steps of single experiments, from texts like `fig12=4x1000`; UsageError for any other."""
+    sizes = {}
+    for text in given:
+        found = SIZE.fullmatch(text)
+        if found is None or int(found[2]) < 2 or int(found[3]) < 10:
+            raise UsageError(
+                f"--size {text!r}: give ITEM=RUNSxSTEPS, from 2x10 up, as fig12=4x1000"
+            )
+        if found[1] not in items:
+            raise UsageError(f"--size {text!r}: {found[1]} is not among the experiments to run: {', '.join(items)}")
+        sizes[found[1]] = (int(found[2]), int(found[3]))
+    return sizes
 
 
 def executor(item: str, output: Path | None, given: Mapping[str, Any]) -> Execute:

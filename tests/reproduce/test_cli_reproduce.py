@@ -58,6 +58,12 @@ def test_finished_trials_are_not_run_again(tmp_path: Path, capsys: pytest.Captur
     assert (tmp_path / "trials.jsonl").read_bytes() == store
 
 
+def test_size_of_one_experiment(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*FIG17[:4], "-q", "--size", "fig17=3x50", "--json"]) == ExitCode.DONE
+    found = json.loads(capsys.readouterr().out)["items"][0]
+    assert (found["runs"], found["steps"]) == (3, 50)
+
+
 @pytest.mark.parametrize(
     ("args", "code", "said"),
     [
@@ -67,6 +73,9 @@ def test_finished_trials_are_not_run_again(tmp_path: Path, capsys: pytest.Captur
         (["ercan", "fig66"], ExitCode.USAGE, "did you mean 'fig6'"),
         (["ercan", "fig6", "--runs", "1"], ExitCode.USAGE, "runs"),
         (["ercan", "fig6", "--workers", "0"], ExitCode.USAGE, "workers"),
+        (["ercan", "fig6", "--size", "fig6=5"], ExitCode.USAGE, "'fig6=5'"),
+        (["ercan", "fig6", "--size", "fig6=1x50"], ExitCode.USAGE, "from 2x10 up"),
+        (["ercan", "fig6", "--size", "fig7=2x50"], ExitCode.USAGE, "fig7 is not among"),
     ],
 )
 def test_bad_input_is_one_line(
