@@ -133,7 +133,8 @@ def test_nan_on_one_side_differs_and_is_the_largest() -> None:
 def test_labels_truths_and_whole_numbers_are_exact() -> None:
     n = 3
     same = {"t_ns": np.arange(n), "target_id": np.zeros(n, int), "ess": np.ones(n), "log_likelihood": np.ones(n),
-            "n_looked": np.full(n, 8), "cameras": np.full(n, "a,b")}  # fmt: skip
+            "n_looked": np.full(n, 8), "n_offered": np.full(n, 8), "selected": np.full(n, ""),
+            "predicted_mse": np.full(n, np.nan), "cameras": np.full(n, "a,b")}  # fmt: skip
     a = Diagnostics.of(**same, n_seen=np.array([1, 2, 3]), fallback=np.array(["", "sir", ""]))
     b = Diagnostics.of(**same, n_seen=np.array([1, 4, 3]), fallback=np.array(["", "sir", "restart"]))
     wide = Tolerances(Limit(100.0, 1.0), units={"1": Limit(100.0)})
