@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import occlusion_reference as occlusion
 from scipy.special import logsumexp
 
 MTD, CD, W = 0, 1, 2
@@ -100,8 +101,12 @@ def on_floor(xy, scene):
     return ok
 
 
-def log_likelihood(xy, z, sigma_read, scene, config):
-    """z: one value a camera, NaN where it does not see the target; absent cameras are not in `scene.cameras`."""
+def log_likelihood(xy, z, sigma_read, scene, config, priors=None):
+    """z: one value a camera, NaN where it does not see the target; absent cameras are not in `scene.cameras`.
+
+    With priors (`occlusion_reference.RefPriors`) of the people who walk about, cameras are
+    independent of each other: each is hidden from a place in its view with a probability of its own.
+    """
     total = np.zeros(len(xy))
     for camera, value, sigma in zip(scene.cameras, z, sigma_read, strict=True):
         theta = camera.yaw + np.pi
@@ -111,8 +116,9 @@ def log_likelihood(xy, z, sigma_read, scene, config):
         seen = (d > 0) & (np.abs(np.arctan2(h, d)) <= camera.fov / 2) & (np.hypot(h, d) <= camera.reach)
         for polygon in scene.occluders:
             seen &= ~blocked(camera.xy, xy, polygon)
+        share = clear_share(xy, camera, priors)
         if np.isnan(value):
-            total += np.log(np.where(seen, config.miss, 1.0))
+            total += np.log(np.where(seen, mixed(share, config.miss, 1.0, priors), 1.0))
             continue
         front = d > 1e-9 * np.abs(h)
         h, d = np.where(front, h, 0.0), np.where(front, d, 1.0)
@@ -124,11 +130,22 @@ def log_likelihood(xy, z, sigma_read, scene, config):
         normal = np.exp(-0.5 * (value - camera.focal * h / d) ** 2 / variance) / np.sqrt(2 * np.pi * variance)
         normal = np.where(front, normal, 0.0)
         floor = config.false / (2 * camera.focal * np.tan(camera.fov / 2))
+        in_view = mixed(share, config.hit * normal + config.miss * floor, floor, priors)
         with np.errstate(divide="ignore"):
-            total += np.log(
-                np.where(seen, config.hit * normal + config.miss * floor, config.soften * config.hit * normal + floor)
-            )
+            total += np.log(np.where(seen, in_view, config.soften * config.hit * normal + floor))
     return np.where(on_floor(xy, scene), total, -np.inf)
+
+
+def clear_share(xy, camera, priors):
+    """(L,) probability that nobody who walks hides the places; 1 without priors."""
+    return 1.0 if priors is None else occlusion.clear(xy, camera.xy, priors)
+
+
+def mixed(share, a, b, priors):
+    """Factor of a camera that is not hidden with probability `share`."""
+    if priors is None:
+        return a
+    return np.maximum(share, priors.floor) * a + np.maximum(1.0 - share, priors.floor) * b
 
 
 def direction(particles):
@@ -177,11 +194,11 @@ def systematic(weights, u):
     return np.minimum(np.searchsorted(np.cumsum(weights), points, side="right"), len(weights) - 1)
 
 
-def step(particles, z, sigma_read, scene, config, dt, draws):
+def step(particles, z, sigma_read, scene, config, dt, draws, priors=None):
     """Alg. 1 for a step up to the reference step; new particles with weights, and the scan's log-likelihood."""
     there = arrived(particles, scene, config)
     kappa = expected(particles, there, dt, config)
-    log_first = np.log(particles.weights) + log_likelihood(kappa, z, sigma_read, scene, config)
+    log_first = np.log(particles.weights) + log_likelihood(kappa, z, sigma_read, scene, config, priors)
     first = particles.weights
     if np.isfinite(logsumexp(log_first)):
         first = np.exp(log_first - logsumexp(log_first))
@@ -193,7 +210,7 @@ def step(particles, z, sigma_read, scene, config, dt, draws):
         particles.regime[parents], ratio,
     )  # fmt: skip
     moved = move(chosen, there[parents], dt, config, draws)
-    log_weights = np.log(ratio) + log_likelihood(moved.xy, z, sigma_read, scene, config)
+    log_weights = np.log(ratio) + log_likelihood(moved.xy, z, sigma_read, scene, config, priors)
     log_sum = logsumexp(log_weights)
     moved.weights = np.exp(log_weights - log_sum)
     return moved, float(log_sum)

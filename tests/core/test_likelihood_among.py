@@ -1,0 +1,206 @@
+"""Likelihoods among people with priors against plain NumPy, and against sums over who may see the target."""
+
+from __future__ import annotations
+
+import numpy as np
+import occlusion_reference as ref
+import pytest
+from tracker_scenes import room100, scan, true_u, with_array
+
+from occlog.core.eta import patterns, seen_exactly
+from occlog.core.likelihood import Detection, factors, log_likelihood
+from occlog.core.likelihood_among import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
+from occlog.core.occluded import IMPROVED, PRINTED, QUADRATURE
+from occlog.core.priors import gaussian_priors, no_priors, polygon_priors
+from occlog.core.visibility import seen_from
+from occlog.trackers.sensing import pack_looks, pack_noise, pack_sensors, read_noise
+
+pytestmark = pytest.mark.jit
+FLOOR = 1e-4
+TARGET = np.array([28.0, 66.0])
+
+
+def detection(scene, rng=None):
+    """Probabilities that differ from camera to camera, or those of the paper."""
+    S = len(scene.cameras) + len(scene.arrays)
+    if rng is None:
+        hit, false = np.ones(S), np.full(S, 1e-4)
+    else:
+        hit, false = rng.uniform(0.7, 1.0, S), rng.uniform(1e-3, 0.1, S)
+    return Detection(hit, 1.0 - hit, false, 0.01, np.full(S, 0.9), np.full(S, 1.3))
+
+
+def looks_of(scene, rng, cameras):
+    """Readings near the target; every third look is empty, one reads nonsense."""
+    u = np.array(true_u(scene, TARGET))[:cameras] + rng.normal(0, 3, cameras)
+    u[np.abs(u) > 70] = np.nan
+    u[rng.random(cameras) < 0.3] = np.nan
+    if cameras > 4:
+        u[4] = 44.0
+    return pack_looks(scan(0, [(i, None if np.isnan(v) else v) for i, v in enumerate(u)]), read_noise(scene), True)
+
+
+def people(rng, M, kind="general"):
+    mean = rng.uniform(0, 100, (M, 2))
+    if kind == "isotropic":
+        return mean, np.tile(rng.uniform(9, 50) * np.eye(2), (M, 1, 1))
+    half = rng.standard_normal((M, 2, 2))
+    return mean, 6.0 * np.eye(2) + 12.0 * half @ half.transpose(0, 2, 1)
+
+
+def near(seed, spread, L=400):
+    return TARGET + spread * np.random.default_rng(seed + 7).standard_normal((L, 2))
+
+
+def parts_of(scene, looks, xy, model):
+    """a (L, n), b (n,) and assigned (L, n) of every look."""
+    sensors, noise = pack_sensors(scene), pack_noise(scene)
+    a, b, assigned = [], [], []
+    for k, i in enumerate(looks.sensor):
+        seen = seen_from(xy, i, sensors)
+        values, hidden = factors(xy, k, looks, sensors, noise, model, seen)
+        a.append(values)
+        b.append(hidden)
+        assigned.append(seen & (sensors.cos2[i] >= 0))
+    return np.column_stack(a), np.array(b), np.column_stack(assigned)
+
+
+def among(scene, looks, xy, model, priors, probability, form=IMPROVED, floor=FLOOR):
+    packed = pack_sensors(scene), pack_noise(scene), model
+    free = np.ones(len(xy), dtype=np.bool_)
+    return log_likelihood_among(xy, looks, *packed, free, priors, Occlusion(probability, form, floor, 5.5))
+
+
+def assert_alike(found, want):
+    """Within 1e-6 of the largest likelihood."""
+    scale = want.max()
+    assert scale > 0
+    np.testing.assert_allclose(np.exp(found - np.log(scale)), want / scale, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("form", [PRINTED, IMPROVED])
+@pytest.mark.parametrize("kind", ["isotropic", "general"])
+@pytest.mark.parametrize(("cameras", "M", "spread"), [(1, 5, 10.0), (4, 20, 1.0), (8, 40, 2.0), (8, 0, 2.0)])
+@pytest.mark.parametrize("seed", range(3))
+def test_independent_cameras_are_those_of_the_plain_form(seed, cameras, M, spread, kind, form):
+    rng, scene = np.random.default_rng(seed), room100()
+    model, looks, xy = detection(scene, rng if seed else None), looks_of(scene, rng, cameras), near(seed, spread)
+    mean, covariance = people(rng, M, kind)
+    given = ref.RefPriors(mean, covariance, 3.33, improved=form == IMPROVED)
+    a, b, assigned = parts_of(scene, looks, xy, model)
+    want = np.ones(len(xy))
+    for k, i in enumerate(looks.sensor):
+        share = ref.clear(xy, scene.cameras[i].ground, given)
+        mixed = np.maximum(share, FLOOR) * a[:, k] + np.maximum(1 - share, FLOOR) * b[k]
+        want *= np.where(assigned[:, k], mixed, a[:, k])
+    assert_alike(among(scene, looks, xy, model, gaussian_priors(mean, covariance, 3.33), INDEPENDENT, form), want)
+
+
+def by_patterns(xy, a, b, assigned, chances):
+    """Likelihood by summing over all 2^n patterns of who sees the place; `chances(rows, cameras)` gives p(eta)."""
+    want = np.ones(len(xy))
+    for key in np.unique(assigned, axis=0):
+        rows, use = np.flatnonzero((assigned == key).all(axis=1)), np.flatnonzero(key)
+        rest = np.prod(a[rows][:, ~key], axis=1)
+        if len(use) == 0:
+            want[rows] = rest
+            continue
+        some = a[np.ix_(rows, use)]
+        sums = ref.mixture(some, b[use], chances(rows, use))
+        largest = np.prod(np.maximum(some, b[use]), axis=1)
+        want[rows] = rest * np.maximum(sums, FLOOR * largest)
+    return want
+
+
+@pytest.mark.parametrize(("cameras", "M", "spread"), [(2, 5, 10.0), (4, 12, 2.0), (6, 20, 4.0)])
+@pytest.mark.parametrize("seed", range(4))
+def test_recursion_is_the_sum_over_all_patterns(seed, cameras, M, spread):
+    rng, scene = np.random.default_rng(seed), room100()
+    model, looks, xy = detection(scene, rng if seed else None), looks_of(scene, rng, cameras), near(seed, spread, 150)
+    mean, covariance = people(rng, M)
+    given = ref.RefPriors(mean, covariance, 3.33)
+    a, b, assigned = parts_of(scene, looks, xy, model)
+    q = np.stack([ref.hiding(xy, scene.cameras[i].ground, given) for i in looks.sensor], axis=1)
+    want = by_patterns(xy, a, b, assigned, lambda rows, use: ref.patterns_disjoint(q[np.ix_(rows, use)]))
+    assert_alike(among(scene, looks, xy, model, gaussian_priors(mean, covariance, 3.33), RECURSION), want)
+
+
+@pytest.mark.parametrize("kind", ["general", "polygon", "known"])
+@pytest.mark.parametrize("seed", range(2))
+def test_exact_is_the_sum_over_all_patterns(seed, kind):
+    rng, scene = np.random.default_rng(seed), room100()
+    model, looks, xy = detection(scene, rng), looks_of(scene, rng, 4), near(seed, 4.0, 12)
+    mean, covariance = people(rng, 8)
+    if kind == "polygon":
+        priors = polygon_priors([m + np.array([[0, 0], [9, 1], [4, 8.0]]) for m in mean], 3.33)
+    else:
+        priors = gaussian_priors(mean, covariance * (kind != "known"), 3.33)
+    a, b, assigned = parts_of(scene, looks, xy, model)
+    places = np.array([scene.cameras[i].ground for i in looks.sensor])
+    want = by_patterns(xy, a, b, assigned, lambda rows, use: patterns(seen_exactly(xy[rows], places[use], priors)))
+    assert_alike(among(scene, looks, xy, model, priors, EXACT, QUADRATURE), want)
+
+
+@pytest.mark.parametrize("probability", [INDEPENDENT, RECURSION, EXACT])
+def test_without_anybody_it_is_the_plain_likelihood(probability):
+    rng, scene = np.random.default_rng(3), with_array(room100(), (50, 5))
+    model, looks, xy = detection(scene, rng), looks_of(scene, rng, 8), near(3, 20.0)
+    free = np.ones(len(xy), dtype=np.bool_)
+    plain = log_likelihood(xy, looks, pack_sensors(scene), pack_noise(scene), model, free)
+    found = among(scene, looks, xy, model, no_priors(), probability, floor=0.0)
+    np.testing.assert_allclose(found, plain, atol=1e-9)
+
+
+@pytest.mark.parametrize("probability", [INDEPENDENT, RECURSION, EXACT])
+def test_places_off_the_floor_are_impossible_and_others_as_before(probability):
+    rng, scene = np.random.default_rng(4), room100()
+    model, looks, xy = detection(scene), looks_of(scene, rng, 3), near(4, 3.0, 40)
+    priors, free = gaussian_priors(*people(rng, 6), 3.33), rng.random(40) < 0.7
+    packed = pack_sensors(scene), pack_noise(scene), model
+    occlusion = Occlusion(probability, QUADRATURE, FLOOR, 5.5)
+    found = log_likelihood_among(xy, looks, *packed, free, priors, occlusion)
+    everywhere = among(scene, looks, xy, model, priors, probability, QUADRATURE)
+    assert np.all(found[~free] == -np.inf)
+    np.testing.assert_allclose(found[free], everywhere[free], atol=1e-6)
+
+
+def test_who_certainly_hides_the_target_leaves_the_floor():
+    """A known person between the only camera and the place: the reading has the weight `floor` of its density."""
+    scene, model = room100(), detection(room100())
+    camera = scene.cameras[0].ground
+    xy = TARGET[None]
+    looks = pack_looks(scan(0, [(0, true_u(scene, TARGET)[0])]), read_noise(scene), True)
+    a, b, assigned = parts_of(scene, looks, xy, model)
+    assert assigned[0, 0]
+    priors = gaussian_priors((camera + 0.5 * (TARGET - camera))[None], np.zeros((1, 2, 2)), 3.33)
+    for probability, want in ((INDEPENDENT, FLOOR * a[0, 0] + b[0]), (RECURSION, max(b[0], FLOOR * a[0, 0]))):
+        found = among(scene, looks, xy, model, priors, probability)
+        assert found[0] == pytest.approx(np.log(want), abs=1e-9)
+    aside = gaussian_priors((camera + 1.5 * (TARGET - camera))[None], np.zeros((1, 2, 2)), 3.33)
+    assert among(scene, looks, xy, model, aside, RECURSION)[0] == pytest.approx(np.log(a[0, 0]), abs=1e-9)
+
+
+def test_candidates_count_as_a_mixture_too():
+    """Unlabelled candidates: a hidden target leaves all of them to others, a factor of 1."""
+    rng, scene = np.random.default_rng(6), room100()
+    model, xy = detection(scene), near(6, 3.0, 60)
+    given = scan(0, [(0, true_u(scene, TARGET)[0]), (0, 12.0), (7, None)], labelled=False)
+    looks = pack_looks(given, read_noise(scene), True)
+    mean, covariance = people(rng, 20)
+    a, b, assigned = parts_of(scene, looks, xy, model)
+    np.testing.assert_array_equal(b, 1.0)
+    want = np.ones(len(xy))
+    for k, i in enumerate(looks.sensor):
+        share = ref.clear(xy, scene.cameras[i].ground, ref.RefPriors(mean, covariance, 3.33))
+        want *= np.where(assigned[:, k], share * a[:, k] + (1 - share), a[:, k])
+    assert_alike(among(scene, looks, xy, model, gaussian_priors(mean, covariance, 3.33), INDEPENDENT), want)
+
+
+@pytest.mark.parametrize("probability", [RECURSION, EXACT])
+def test_too_many_cameras_for_subsets_are_refused(probability):
+    scene = room100()
+    many = type(scene)(scene.cameras[:1] * 17, (), (), (), scene.room, length_unit="unit")
+    looks = pack_looks(scan(0, [(i, None) for i in range(17)]), read_noise(many), True)
+    priors = gaussian_priors(np.array([[10.0, 10.0]]), 4.0 * np.eye(2)[None], 3.33)
+    with pytest.raises(ValueError, match="likelihood=independent"):
+        among(many, looks, TARGET[None], detection(many), priors, probability)
