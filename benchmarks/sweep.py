@@ -10,11 +10,11 @@ from typing import Any
 from occlog.sweep.engine import run_all
 
 NAME = "sweep"
-SUMMARY = "sweep of 12 trials of 1500 steps (40 occluders, priors): time with two processes to that with one"
+SUMMARY = "sweep of 40 trials of 500 steps (40 occluders, priors): time with two processes to that with one"
 LIMIT = 1 / 1.8
 SCENE = Path(__file__).resolve().parents[1] / "examples" / "room100.yaml"
-TRIALS = 12
-STEPS = 1500
+TRIALS = 40
+STEPS = 500
 
 
 def specs(seed: int) -> list[dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Self
@@ -60,6 +61,7 @@ class Table:
         return len(getattr(self, "t_ns"))  # noqa: B009
 
     @classmethod
+    @functools.cache
     def columns(cls) -> tuple[Column, ...]:
         """The declared columns, in file order."""
         return tuple(Column(f.name, **f.metadata) for f in fields(cls))  # type: ignore[arg-type]

@@ -64,9 +64,7 @@ def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int,
     for text in given:
         found = SIZE.fullmatch(text)
         if found is None or int(found[2]) < 2 or int(found[3]) < 10:
-            raise UsageError(
-                f"--size {text!r}: give ITEM=RUNSxSTEPS, from 2x10 up, as fig12=4x1000"
-            )
+            raise UsageError(f"--size {text!r}: give ITEM=RUNSxSTEPS, from 2x10 up, as fig12=4x1000")
         if found[1] not in items:
             raise UsageError(f"--size {text!r}: {found[1]} is not among the experiments to run: {', '.join(items)}")
         sizes[found[1]] = (int(found[2]), int(found[3]))

@@ -75,7 +75,8 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
 
 
 def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
-    there = table.take(table.occluder_id >= 0)
+    nobody = table.occluder_id < 0
+    there = table.take(~nobody) if nobody.any() else table
     if not len(there):
         return no_priors()
     if isinstance(there, Occluders):
