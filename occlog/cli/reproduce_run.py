@@ -9,10 +9,14 @@ from typing import Any
 
 import click
 
-from ..errors import UsageError
-from ..reproduce.model import Execute, Verdict
+from ..errors import InputError, UsageError
+from ..io.parquet import read_table
+from ..records import Bearings
+from ..reproduce.model import Execute, Experiment, Verdict
 from ..reproduce.output import prepare, write, write_page
-from ..reproduce.run import PAPERS, TITLES, Finding, choose, reproduce, size_of
+from ..reproduce.recorded import recorded_target
+from ..reproduce.recorded_figures import recorded_experiments
+from ..reproduce.run import PAPERS, RECORDED, TITLES, Finding, choose, reproduce, size_of
 from ..sweep.engine import run_all
 from . import options
 
@@ -29,13 +33,15 @@ def list_papers(as_json: bool) -> None:
         click.echo(f"{paper}: {TITLES[paper]}")
         for e in experiments:
             click.echo(f"  {e.item:<6} {e.title} ({e.runs} runs of {e.steps} steps)")
+        for item in RECORDED.get(paper, ()):
+            click.echo(f"  {item} on recorded detections; wants --bearings and --scene")
 
 
 def run_reproduce(
     paper: str, items: Sequence[str], everything: bool, output: Path | None, given: Mapping[str, Any]
 ) -> None:
     """Do the experiments one after the other; what each gave is written as soon as it is there."""
-    chosen = choose(paper, items, everything=everything)
+    chosen = choose(paper, items, everything=everything, recorded=recorded_of(paper, given))
     own = sizes_of(given["sizes"], [e.item for e in chosen])
     quiet = bool(given["quiet"])
     if output is not None:
@@ -54,8 +60,27 @@ def run_reproduce(
     if output is not None:
         write_page(output, paper, findings, given["overwrite"])
         options.note(f"wrote {output / 'reproduce.html'}", quiet)
+    if everything and given["bearings"] is None and paper in RECORDED:
+        options.note(f"left out: {', '.join(RECORDED[paper])}; they want --bearings and --scene", quiet)
     if given["as_json"]:
         options.echo_summary({"paper": paper, "items": [f.as_dict() for f in findings]}, True)
+
+
+def recorded_of(paper: str, given: Mapping[str, Any]) -> tuple[Experiment, ...]:
+    """Experiments on the recording that was given; none without one."""
+    path, scene = given["bearings"], given["scene"]
+    if path is None:
+        if scene is not None:
+            raise UsageError("--scene goes with --bearings; give both")
+        return ()
+    if paper not in RECORDED:
+        raise UsageError(f"{paper} has no experiment on a recording; leave --bearings out")
+    found = options.load_scene(scene, None, path)
+    try:
+        return recorded_experiments(recorded_target(found, read_table(path, Bearings)))
+    except InputError as error:
+        told = str(error) if str(path) in str(error) else f"{path}: {error}"
+        raise InputError(told) from error
 
 
 def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int, int]]:

@@ -11,7 +11,7 @@ Spec = dict[str, Any]
 Execute = Callable[[list[Spec]], list[dict[str, float]]]
 """Runs trials and gives their figures in the order of the trials; see `occlog.sweep.engine.run_all`."""
 
-EXTRAS = ("rmse_occ", "sir", "restart", "lost", "mean_ess", "messages", "bytes", "track_seconds")
+EXTRAS = ("rmse_occ", "hidden", "sir", "restart", "lost", "mean_ess", "messages", "bytes", "track_seconds")
 """Figures of trials that the table has besides the RMSE: means over the runs."""
 
 

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import UsageError
-from . import accuracy, laboratory, selection, speed, square
+from . import accuracy, laboratory, recorded_figures, selection, speed, square
 from .model import Execute, Experiment, Size, Table, Verdict
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
     "ercan": (*square.EXPERIMENTS, speed.FIG10, selection.FIG12, laboratory.FIG14, selection.FIG15, accuracy.FIG17),
 }
+RECORDED = {"ercan": recorded_figures.ITEMS}
+"""Experiments that want a recording."""
 TITLES = {"ercan": "Ercan, El Gamal, Guibas 2013, Object tracking in the presence of occlusions using multiple cameras"}
 
 
@@ -43,19 +45,30 @@ class Finding:
         }
 
 
-def choose(paper: str, items: Sequence[str], *, everything: bool) -> list[Experiment]:
-    """The experiments of a paper with these names, in the paper's order; UsageError for names that it does not have."""
+def choose(
+    paper: str, items: Sequence[str], *, everything: bool, recorded: Sequence[Experiment] = ()
+) -> list[Experiment]:
+    """The experiments of a paper with these names, in the paper's order; UsageError for names that it does not have.
+
+    Args:
+        paper: a key of `PAPERS`.
+        items: names.
+        everything: all of them.
+        recorded: experiments on a recording that was given.
+    """
     if paper not in PAPERS:
         raise UsageError(f"no experiments of {paper!r}; there are those of: {', '.join(PAPERS)}")
-    known = {e.item: e for e in PAPERS[paper]}
+    known = {e.item: e for e in (*PAPERS[paper], *recorded)}
     for item in items:
+        if item in RECORDED.get(paper, ()) and item not in known:
+            raise UsageError(f"{item} wants a recording; give --bearings and --scene")
         if item not in known:
             near = difflib.get_close_matches(item, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else ""
             raise UsageError(f"{paper} has no experiment {item!r}; {hint or 'it has: ' + ', '.join(known)}")
     if not items and not everything:
         raise UsageError(f"name an experiment of {paper} ({', '.join(known)}), or give --all")
-    return [e for e in PAPERS[paper] if everything or e.item in items]
+    return [e for e in known.values() if everything or e.item in items]
 
 
 def size_of(experiment: Experiment, *, quick: bool, runs: int | None, steps: int | None, seed: int) -> Size:
