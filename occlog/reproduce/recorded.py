@@ -18,7 +18,7 @@ import numpy as np
 from ..columns import Bools, Floats, Ints
 from ..core.sight import behind_objects
 from ..errors import InputError
-from ..records import Bearings, Occluders, Tracks, Truth
+from ..records import UNLABELLED, Bearings, Occluders, Tracks, Truth
 from ..scene import Camera, Scene
 from ..stages.occluders import known_positions
 from ..stages.priors_kalman import virtual_priors
@@ -72,10 +72,12 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
         raise InputError(f"the recording is in {scene.length_unit}, the experiment wants metres")
     config = replace(apf_defaults("m"), particles=4000)
     tracks = Tracks.concat([p.tracks for p in track([bearings], scene, config, 0)])
-    if not len(tracks):
-        raise InputError("the recording has no detections; there is no target to hide")
-    tracks = tracks.take(tracks.target_id == tracks.target_id[0])
-    mine = assign(scene, bearings.take(np.isin(bearings.t_ns, tracks.t_ns)), tracks)
+    if len(tracks) <= SKIP + 1:
+        raise InputError(f"{len(tracks)} times with detections, want more than {SKIP + 1}")
+    target = tracks.target_id[0]
+    tracks = tracks.take(tracks.target_id == target)
+    own = np.isin(bearings.target_id, (UNLABELLED, target)) & np.isin(bearings.t_ns, tracks.t_ns)
+    mine = assign(scene, bearings.take(own), tracks)
     names = {c.name for c in scene.cameras}
     found = set(mine.sensor[mine.seen].tolist()) & names
     if len(found) < 2:
@@ -137,15 +139,14 @@ def occluders_of(recorded: Recorded, seed: int) -> Truth:
 def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Bools:
     """(n,) rows of the bearings whose sight line to the target somebody crosses: he is in A(x) of [Ercan] Fig. 3."""
     bearings, places = recorded.bearings, recorded.places
-    times, start = np.unique(people.t_ns, return_index=True)
+    times = np.unique(people.t_ns)
     crowd = np.column_stack([people.x, people.y]).reshape(len(times), -1, 2)
-    order = np.argsort(people.target_id[: start[1] if len(start) > 1 else None], kind="stable")
     now = np.clip(np.searchsorted(times, bearings.t_ns, side="right") - 1, 0, None)
     target = np.column_stack([places.x, places.y])[np.searchsorted(places.t_ns, bearings.t_ns)]
     out = np.zeros(len(bearings), dtype=np.bool_)
     for camera in recorded.scene.cameras:
         rows = np.flatnonzero((bearings.sensor == camera.name) & bearings.seen)
-        out[rows] = behind_objects(camera.ground, target[rows], crowd[now[rows]][:, order], diameter)
+        out[rows] = behind_objects(camera.ground, target[rows], crowd[now[rows]], diameter)
     return out
 
 

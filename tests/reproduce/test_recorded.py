@@ -95,9 +95,11 @@ def test_a_recording_in_other_units_or_with_one_camera_is_refused() -> None:
     scene, table = walked(8, "unit")
     with pytest.raises(InputError, match="wants metres"):
         recorded_target(scene, table)
-    scene, table = walked(8)
-    with pytest.raises(InputError, match="want at least 2"):
+    scene, table = walked(20)
+    with pytest.raises(InputError, match="1 cameras saw the target, want at least 2"):
         recorded_target(scene, table.take(table.sensor == "cam1"))
+    with pytest.raises(InputError, match="8 times with detections, want more than 11"):
+        recorded_target(scene, table.take(table.t_ns < 8 * SECOND))
 
 
 def test_an_experiment_needs_its_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
