@@ -104,48 +104,59 @@ def on_floor(xy, scene):
 def log_likelihood(xy, z, sigma_read, scene, config, priors=None):
     """z: one value a camera, NaN where it does not see the target; absent cameras are not in `scene.cameras`.
 
-    With priors (`occlusion_reference.RefPriors`) of the people who walk about, cameras are
-    independent of each other: each is hidden from a place in its view with a probability of its own.
+    With priors (`occlusion_reference.RefPriors`) of the people who walk about, cameras count by
+    the form of the priors: independent of each other, or by the recursion.
     """
-    total = np.zeros(len(xy))
-    for camera, value, sigma in zip(scene.cameras, z, sigma_read, strict=True):
-        theta = camera.yaw + np.pi
-        dx, dy = xy[:, 0] - camera.xy[0], xy[:, 1] - camera.xy[1]
-        h = np.sin(theta) * dx - np.cos(theta) * dy
-        d = -np.cos(theta) * dx - np.sin(theta) * dy
-        seen = (d > 0) & (np.abs(np.arctan2(h, d)) <= camera.fov / 2) & (np.hypot(h, d) <= camera.reach)
-        for polygon in scene.occluders:
-            seen &= ~blocked(camera.xy, xy, polygon)
-        share = clear_share(xy, camera, priors)
-        if np.isnan(value):
-            total += np.log(np.where(seen, mixed(share, config.miss, 1.0, priors), 1.0))
-            continue
-        front = d > 1e-9 * np.abs(h)
-        h, d = np.where(front, h, 0.0), np.where(front, d, 1.0)
-        variance = (  # Eq. 2
-            camera.focal**2 * (1 + h**2 / d**2) ** 2 * camera.sigma_yaw**2
-            + camera.focal**2 * (h**2 + d**2) / d**4 * camera.sigma_position**2
-            + sigma**2
-        )
-        normal = np.exp(-0.5 * (value - camera.focal * h / d) ** 2 / variance) / np.sqrt(2 * np.pi * variance)
-        normal = np.where(front, normal, 0.0)
-        floor = config.false / (2 * camera.focal * np.tan(camera.fov / 2))
-        in_view = mixed(share, config.hit * normal + config.miss * floor, floor, priors)
-        with np.errstate(divide="ignore"):
-            total += np.log(np.where(seen, in_view, config.soften * config.hit * normal + floor))
+    a, b, assigned = factors(xy, z, sigma_read, scene, config)
+    with np.errstate(divide="ignore"):
+        if priors is None:
+            total = np.log(a).sum(axis=1)
+        else:
+            total = np.log(occlusion.among(xy, [c.xy for c in scene.cameras], a, b, assigned, priors))
     return np.where(on_floor(xy, scene), total, -np.inf)
 
 
-def clear_share(xy, camera, priors):
-    """(L,) probability that nobody who walks hides the places; 1 without priors."""
-    return 1.0 if priors is None else occlusion.clear(xy, camera.xy, priors)
+def factors(xy, z, sigma_read, scene, config):
+    """(L, N) factors of cameras that nobody hides, (N,) of those that somebody does, (L, N) which could be hidden.
+
+    `hit`, `miss` and `false` of the config may be (N,).
+    """
+    N = len(scene.cameras)
+    a, b, assigned = np.ones((len(xy), N)), np.ones(N), np.zeros((len(xy), N), dtype=bool)
+    hit, miss, false = (np.broadcast_to(value, N) for value in (config.hit, config.miss, config.false))
+    for i, camera in enumerate(scene.cameras):
+        h, d = offsets(xy, camera)
+        seen = (d > 0) & (np.abs(np.arctan2(h, d)) <= camera.fov / 2) & (np.hypot(h, d) <= camera.reach)
+        for polygon in scene.occluders:
+            seen &= ~blocked(camera.xy, xy, polygon)
+        assigned[:, i] = seen
+        if np.isnan(z[i]):
+            a[:, i] = np.where(seen, miss[i], 1.0)
+            continue
+        normal = density(h, d, z[i], sigma_read[i], camera)
+        b[i] = false[i] / (2 * camera.focal * np.tan(camera.fov / 2))
+        a[:, i] = np.where(seen, hit[i] * normal + miss[i] * b[i], config.soften * hit[i] * normal + b[i])
+    return a, b, assigned
 
 
-def mixed(share, a, b, priors):
-    """Factor of a camera that is not hidden with probability `share`."""
-    if priors is None:
-        return a
-    return np.maximum(share, priors.floor) * a + np.maximum(1.0 - share, priors.floor) * b
+def offsets(xy, camera):
+    """h and d of Eq. 1."""
+    theta = camera.yaw + np.pi
+    dx, dy = xy[:, 0] - camera.xy[0], xy[:, 1] - camera.xy[1]
+    return np.sin(theta) * dx - np.cos(theta) * dy, -np.cos(theta) * dx - np.sin(theta) * dy
+
+
+def density(h, d, value, sigma, camera):
+    """(L,) densities of a reading, with the variance of Eq. 2; 0 behind the camera."""
+    front = d > 1e-9 * np.abs(h)
+    h, d = np.where(front, h, 0.0), np.where(front, d, 1.0)
+    variance = (
+        camera.focal**2 * (1 + h**2 / d**2) ** 2 * camera.sigma_yaw**2
+        + camera.focal**2 * (h**2 + d**2) / d**4 * camera.sigma_position**2
+        + sigma**2
+    )
+    normal = np.exp(-0.5 * (value - camera.focal * h / d) ** 2 / variance) / np.sqrt(2 * np.pi * variance)
+    return np.where(front, normal, 0.0)
 
 
 def direction(particles):

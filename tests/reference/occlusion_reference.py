@@ -24,6 +24,7 @@ class RefPriors:
     diameter: float
     improved: bool = True  # the inner integral at the mean of the slab instead of at its middle
     floor: float = 1e-4
+    recursion: bool = False  # Eqs. 8-9 instead of cameras that are independent of each other
 
     @property
     def isotropic(self) -> bool:
@@ -98,3 +99,39 @@ def mixture(a, b, patterns):
         seen = np.array([bool(eta >> i & 1) for i in range(N)])
         total += patterns[:, eta] * np.prod(np.where(seen, a, b), axis=1)
     return total
+
+
+def independent(a, b, assigned, share, floor):
+    """(L,) likelihoods with cameras independent of each other.
+
+    a (L, N) are factors of cameras that nobody hides, b (N,) of those that are hidden, and
+    share (L, N) the probabilities of the former; cameras that are not `assigned` (L, N) have factor a.
+    """
+    mixed = np.maximum(share, floor) * a + np.maximum(1.0 - share, floor) * b
+    return np.prod(np.where(assigned, mixed, a), axis=1)
+
+
+def over_patterns(a, b, assigned, chances, floor):
+    """(L,) likelihoods by the sum over who sees the place, place by place with the same cameras in view.
+
+    `chances(rows, cameras)` gives p(eta | u) of all patterns (rows, 2^cameras); see `independent`.
+    """
+    out = np.prod(np.where(assigned, 1.0, a), axis=1)
+    for key in np.unique(assigned, axis=0):
+        use = np.flatnonzero(key)
+        if len(use) == 0:
+            continue
+        rows = np.flatnonzero((assigned == key).all(axis=1))
+        some = a[np.ix_(rows, use)]
+        sums = mixture(some, b[use], chances(rows, use))
+        out[rows] *= np.maximum(sums, floor * np.prod(np.maximum(some, b[use]), axis=1))
+    return out
+
+
+def among(xy, cameras, a, b, assigned, priors):
+    """(L,) likelihoods among people with priors, by the form that they ask for; cameras (N, 2)."""
+    if not priors.recursion:
+        share = np.column_stack([clear(xy, camera, priors) for camera in cameras])
+        return independent(a, b, assigned, share, priors.floor)
+    q = np.stack([hiding(xy, camera, priors) for camera in cameras], axis=1)
+    return over_patterns(a, b, assigned, lambda rows, use: patterns_disjoint(q[np.ix_(rows, use)]), priors.floor)
