@@ -1,17 +1,19 @@
-"""Likelihoods among people with priors against plain NumPy, and against sums over who may see the target."""
+"""Likelihoods among people with normal priors against plain NumPy, and their limits; see also `..._union`."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import apf_reference as ref_step
 import numpy as np
 import occlusion_reference as ref
 import pytest
-from tracker_scenes import room100, scan, true_u, with_array
+from tracker_scenes import PILLAR, ROOM, room100, scan, true_u, with_array
 
-from occlog.core.eta import patterns, seen_exactly
 from occlog.core.likelihood import Detection, factors, log_likelihood
 from occlog.core.likelihood_among import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
 from occlog.core.occluded import IMPROVED, PRINTED, QUADRATURE
-from occlog.core.priors import gaussian_priors, no_priors, polygon_priors
+from occlog.core.priors import gaussian_priors, no_priors
 from occlog.core.visibility import seen_from
 from occlog.trackers.sensing import pack_looks, pack_noise, pack_sensors, read_noise
 
@@ -28,6 +30,14 @@ def detection(scene, rng=None):
     else:
         hit, false = rng.uniform(0.7, 1.0, S), rng.uniform(1e-3, 0.1, S)
     return Detection(hit, 1.0 - hit, false, 0.01, np.full(S, 0.9), np.full(S, 1.3))
+
+
+def reference_scene(scene):
+    cameras = [
+        ref_step.RefCamera(c.ground, c.yaw, c.focal_px[0], c.fov, c.range, c.sigma_position, c.sigma_yaw)
+        for c in scene.cameras
+    ]
+    return ref_step.RefScene(ROOM, [PILLAR], cameras)
 
 
 def looks_of(scene, rng, cameras):
@@ -88,28 +98,9 @@ def test_independent_cameras_are_those_of_the_plain_form(seed, cameras, M, sprea
     mean, covariance = people(rng, M, kind)
     given = ref.RefPriors(mean, covariance, 3.33, improved=form == IMPROVED)
     a, b, assigned = parts_of(scene, looks, xy, model)
-    want = np.ones(len(xy))
-    for k, i in enumerate(looks.sensor):
-        share = ref.clear(xy, scene.cameras[i].ground, given)
-        mixed = np.maximum(share, FLOOR) * a[:, k] + np.maximum(1 - share, FLOOR) * b[k]
-        want *= np.where(assigned[:, k], mixed, a[:, k])
+    share = np.column_stack([ref.clear(xy, scene.cameras[i].ground, given) for i in looks.sensor])
+    want = ref.independent(a, b, assigned, share, FLOOR)
     assert_alike(among(scene, looks, xy, model, gaussian_priors(mean, covariance, 3.33), INDEPENDENT, form), want)
-
-
-def by_patterns(xy, a, b, assigned, chances):
-    """Likelihood by summing over all 2^n patterns of who sees the place; `chances(rows, cameras)` gives p(eta)."""
-    want = np.ones(len(xy))
-    for key in np.unique(assigned, axis=0):
-        rows, use = np.flatnonzero((assigned == key).all(axis=1)), np.flatnonzero(key)
-        rest = np.prod(a[rows][:, ~key], axis=1)
-        if len(use) == 0:
-            want[rows] = rest
-            continue
-        some = a[np.ix_(rows, use)]
-        sums = ref.mixture(some, b[use], chances(rows, use))
-        largest = np.prod(np.maximum(some, b[use]), axis=1)
-        want[rows] = rest * np.maximum(sums, FLOOR * largest)
-    return want
 
 
 @pytest.mark.parametrize(("cameras", "M", "spread"), [(2, 5, 10.0), (4, 12, 2.0), (6, 20, 4.0)])
@@ -121,24 +112,9 @@ def test_recursion_is_the_sum_over_all_patterns(seed, cameras, M, spread):
     given = ref.RefPriors(mean, covariance, 3.33)
     a, b, assigned = parts_of(scene, looks, xy, model)
     q = np.stack([ref.hiding(xy, scene.cameras[i].ground, given) for i in looks.sensor], axis=1)
-    want = by_patterns(xy, a, b, assigned, lambda rows, use: ref.patterns_disjoint(q[np.ix_(rows, use)]))
+    chances = lambda rows, use: ref.patterns_disjoint(q[np.ix_(rows, use)])  # noqa: E731
+    want = ref.over_patterns(a, b, assigned, chances, FLOOR)
     assert_alike(among(scene, looks, xy, model, gaussian_priors(mean, covariance, 3.33), RECURSION), want)
-
-
-@pytest.mark.parametrize("kind", ["general", "polygon", "known"])
-@pytest.mark.parametrize("seed", range(2))
-def test_exact_is_the_sum_over_all_patterns(seed, kind):
-    rng, scene = np.random.default_rng(seed), room100()
-    model, looks, xy = detection(scene, rng), looks_of(scene, rng, 4), near(seed, 4.0, 12)
-    mean, covariance = people(rng, 8)
-    if kind == "polygon":
-        priors = polygon_priors([m + np.array([[0, 0], [9, 1], [4, 8.0]]) for m in mean], 3.33)
-    else:
-        priors = gaussian_priors(mean, covariance * (kind != "known"), 3.33)
-    a, b, assigned = parts_of(scene, looks, xy, model)
-    places = np.array([scene.cameras[i].ground for i in looks.sensor])
-    want = by_patterns(xy, a, b, assigned, lambda rows, use: patterns(seen_exactly(xy[rows], places[use], priors)))
-    assert_alike(among(scene, looks, xy, model, priors, EXACT, QUADRATURE), want)
 
 
 @pytest.mark.parametrize("probability", [INDEPENDENT, RECURSION, EXACT])
@@ -180,20 +156,30 @@ def test_who_certainly_hides_the_target_leaves_the_floor():
     assert among(scene, looks, xy, model, aside, RECURSION)[0] == pytest.approx(np.log(a[0, 0]), abs=1e-9)
 
 
-def test_candidates_count_as_a_mixture_too():
-    """Unlabelled candidates: a hidden target leaves all of them to others, a factor of 1."""
+@pytest.mark.parametrize("probability", [INDEPENDENT, RECURSION])
+def test_candidates_count_as_a_mixture_too(probability):
+    """Unlabelled candidates with scores: a hidden target leaves all of them to others, a factor of 1."""
     rng, scene = np.random.default_rng(6), room100()
-    model, xy = detection(scene), near(6, 3.0, 60)
-    given = scan(0, [(0, true_u(scene, TARGET)[0]), (0, 12.0), (7, None)], labelled=False)
-    looks = pack_looks(given, read_noise(scene), True)
+    model, xy = detection(scene, rng), near(6, 3.0, 60)
+    true = true_u(scene, TARGET)
+    rows = [(0, true[0], np.nan, 0.7), (0, 12.0, np.nan, 0.2), (5, true[5], np.nan, 0.9), (7, None)]
+    looks = pack_looks(scan(0, rows, labelled=False), read_noise(scene), True)
     mean, covariance = people(rng, 20)
-    a, b, assigned = parts_of(scene, looks, xy, model)
-    np.testing.assert_array_equal(b, 1.0)
-    want = np.ones(len(xy))
-    for k, i in enumerate(looks.sensor):
-        share = ref.clear(xy, scene.cameras[i].ground, ref.RefPriors(mean, covariance, 3.33))
-        want *= np.where(assigned[:, k], share * a[:, k] + (1 - share), a[:, k])
-    assert_alike(among(scene, looks, xy, model, gaussian_priors(mean, covariance, 3.33), INDEPENDENT), want)
+    a, assigned = np.ones((60, 3)), np.zeros((60, 3), dtype=bool)
+    plain = reference_scene(scene)
+    for k, (i, candidates) in enumerate(((0, [(true[0], 0.7), (12.0, 0.2)]), (5, [(true[5], 0.9)]), (7, []))):
+        c = plain.cameras[i]
+        _, _, assigned[:, [k]] = ref_step.factors(
+            xy, [np.nan], [2.0], replace(plain, cameras=[c]), ref_step.RefConfig()
+        )
+        other = 1.3 / (2 * c.focal * np.tan(c.fov / 2))  # density of other candidates
+        total = sum((w * ref_step.density(*ref_step.offsets(xy, c), -u, 2.0, c) for u, w in candidates), np.zeros(60))
+        a[:, k] = np.where(assigned[:, k], 0.1 + 0.9 * total / other, 1.0)
+    cameras = np.array([plain.cameras[i].xy for i in (0, 5, 7)])
+    given = ref.RefPriors(mean, covariance, 3.33, floor=FLOOR, recursion=probability == RECURSION)
+    want = ref.among(xy, cameras, a, np.ones(3), assigned, given)
+    assert assigned.any(axis=0).all()
+    assert_alike(among(scene, looks, xy, model, gaussian_priors(mean, covariance, 3.33), probability), want)
 
 
 @pytest.mark.parametrize("probability", [RECURSION, EXACT])

@@ -25,14 +25,16 @@ def people(seed, isotropic):
 
 
 @pytest.mark.jit
+@pytest.mark.parametrize("likelihood", ["independent", "recursion"])
 @pytest.mark.parametrize("isotropic", [True, False])
 @pytest.mark.parametrize("spread", [1.0, 8.0])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, monkeypatch):
+def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, likelihood, monkeypatch):
     monkeypatch.setattr(apf, "ROUGH", apf.FINE)  # stage 1 as near as stage 2, so that parents are the same
     scene = room100()
     options = {"defensive": 0.1, "soften": 0.02, "false": 1e-3}
-    config = ApfConfig(particles=L, phi=0.3, resample_below=1.0, lost_after=0, own_gate=0.0, **options)
+    config = ApfConfig(particles=L, phi=0.3, resample_below=1.0, lost_after=0, own_gate=0.0,
+                       likelihood=likelihood, **options)  # fmt: skip
     state, u = state_with(scene, config, seed, spread), readings(scene, seed)
     rows = [(i, None if np.isnan(u[i]) else u[i]) for i in range(8)]
     mean, covariance = people(seed, isotropic)
@@ -46,7 +48,7 @@ def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, monkeypatch):
     expected, log_sum = ref.step(
         ref.RefParticles(p.xy, p.destination, p.speed, p.regime, state.weights), -u, np.full(8, 2.0),
         reference_scene(scene), ref.RefConfig(phi=0.3, miss=0.0, **options), 1.0, draws,
-        occlusion.RefPriors(mean, covariance, 3.33),
+        occlusion.RefPriors(mean, covariance, 3.33, recursion=likelihood == "recursion"),
     )  # fmt: skip
     np.testing.assert_allclose(after.particles.xy, expected.xy, rtol=1e-12)
     np.testing.assert_allclose(after.weights, expected.weights, rtol=0, atol=2e-6 * expected.weights.max())
