@@ -159,6 +159,29 @@ def test_recursion(seed: int, N: int, M: int, form: int) -> None:
     case.check(case.found(RECURSION, form), want)
 
 
+@pytest.mark.parametrize("M", [3, 8])
+@pytest.mark.parametrize("seed", [0, 2, 3])  # of which several cameras see the target
+def test_recursion_where_eq_8_is_clipped(seed: int, M: int) -> None:
+    """People right at the target hide it from several cameras at once: sums of q above 1 count as 1."""
+    case = Case(seed, 6, 0, 40)
+    rng = np.random.default_rng(seed)
+    case.persons = [(TARGET + rng.normal(0, 1.5, 2), 0.3 * np.eye(2)) for _ in range(M)]
+    q = np.stack([hiding(case.xy, place, case.persons, IMPROVED) for place in case.places], axis=1)
+
+    def likelihood(least: float):
+        def chances(rows, use):
+            some = q[np.ix_(rows, use)]
+            subsets = [[i for i in range(len(use)) if Q >> i & 1] for Q in range(1 << len(use))]
+            clear = [np.prod(np.maximum(1.0 - some[:, Q].sum(axis=1), least), axis=1) for Q in subsets]
+            return ref.from_together(np.column_stack(clear), len(use))
+
+        return ref.over_patterns(case.a, case.b, case.assigned, chances, FLOOR)
+
+    clipped, bare = likelihood(0.0), likelihood(-np.inf)
+    assert np.abs(clipped / bare - 1.0)[case.free].max() > 1e-2
+    case.check(case.found(RECURSION, IMPROVED), clipped)
+
+
 @pytest.mark.parametrize(("seed", "N", "M"), CASES)
 def test_exact(seed: int, N: int, M: int) -> None:
     """Sums over all 2^n patterns whose probabilities come from the areas and masses of unions."""
