@@ -116,7 +116,7 @@ def command(
       occlog track bearings.parquet --scene scene.yaml --occluders occluders.parquet --select greedy --count 3 \
         -o selected.parquet --diagnostics selected_diagnostics.parquet
     """
-    from .track_run import Request, parse_names, parse_setting, run_track
+    from .track_run import Request, parse_names, parse_setting, parse_window, run_track
 
     options.check_outputs([bearings, scene, doa, occluders], [output, diagnostics, calibration], overwrite)
     values = dict(parse_setting(text) for text in settings)
@@ -124,7 +124,7 @@ def command(
         values["particles"] = str(particles)
     request = Request(
         bearings, scene, doa, method, values, start, targets, not labelled_only, parse_names(only),
-        parse_names(without), round(window * 1e9), seed, occluders, policy, {
+        parse_names(without), parse_window(window), seed, occluders, policy, {
             name: value for name, value in (("count", count), ("every", every), ("model", model)) if value is not None
         }, parse_names(order),
     )  # fmt: skip

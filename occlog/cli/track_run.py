@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ..scene import Scene
     from ..stages.track import Tracked
 
+LONGEST_WINDOW_S = 1e9
 METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
 
 
@@ -183,12 +184,22 @@ def make_selection(request: Request) -> SelectConfig | None:
         return None
     if request.order and request.policy != "fixed":
         raise UsageError(f"--select-order goes with --select fixed, not {request.policy}")
-    return SelectConfig(policy=request.policy, order=request.order, **request.selection)
+    try:
+        return SelectConfig(policy=request.policy, order=request.order, **request.selection)
+    except InputError as error:  # here the values are options
+        raise UsageError(str(error)) from error
 
 
 def parse_names(text: str) -> tuple[str, ...]:
     """Names separated by commas."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def parse_window(seconds: float) -> int:
+    """Nanoseconds; UsageError for what is not finite or longer than times can be apart."""
+    if not seconds <= LONGEST_WINDOW_S:
+        raise UsageError(f"--window {seconds}: must be at most {LONGEST_WINDOW_S:g} seconds")
+    return round(seconds * 1e9)
 
 
 def parse_setting(text: str) -> tuple[str, str]:

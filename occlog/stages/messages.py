@@ -33,7 +33,7 @@ class Messages:
         self.offered += int(part.n_offered.sum())
         for row in np.flatnonzero(np.isfinite(part.predicted_mse)).tolist():
             target = int(part.target_id[row])
-            now = frozenset(part.selected[row].split(","))
+            now = frozenset(name for name in part.selected[row].split(",") if name)
             self.orders += len(now ^ self._on.get(target, frozenset()))
             self.selections += 1
             self._on[target] = now

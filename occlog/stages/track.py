@@ -21,6 +21,8 @@ from .occluders import OccluderFeed
 from .scans import Group, Rows, groups, nearest, scan_of
 
 NS = 1_000_000_000
+FOREVER_NS = 2.0**63
+"""No two times are further apart."""
 ROWS_PER_CHUNK = 4096
 FIRST_TARGET = 0
 """Identity of the track when no measurement carries one."""
@@ -160,7 +162,7 @@ class Selector:
             raise UsageError("select: the method cannot predict where the target will be; leave --select out")
         self._predict = method.predict
         self._selection = selection
-        self._every_ns = round(selection.every * getattr(config, "reference_s", 1.0) * NS)
+        self._every_ns = round(min(selection.every * getattr(config, "reference_s", 1.0) * NS, FOREVER_NS))
         self._net = network(scene, selection, usable, getattr(config, "detection", None))
         self._cameras = len(scene.cameras)
 

@@ -54,7 +54,7 @@ class SelectConfig:
         if self.count < 1:
             raise InputError(f"select: count is {self.count}, must be at least 1")
         if not (math.isfinite(self.every) and self.every > 0):
-            raise InputError(f"select: every is {self.every}, must be above 0")
+            raise InputError(f"select: every is {self.every}, must be finite and above 0")
 
 
 class Network(NamedTuple):
