@@ -19,8 +19,10 @@ from . import options
 @click.option("--quick", is_flag=True, help="A small version: a few runs of a few steps; the verdicts say little.")
 @click.option("-o", "--output", type=options.PATH, default=None, metavar="DIR",
               help="Folder for tables (CSV), plots (PNG), verdicts (JSON) and one page (HTML).")  # fmt: skip
+@click.option("--data", type=options.PATH, default=None, metavar="DIR",
+              help="Folder of cmc_detections as shipped, for the experiments on recorded detections.")  # fmt: skip
 @click.option("--bearings", type=options.PATH, default=None,
-              help="Recorded bearings, for the experiments on recorded detections.")  # fmt: skip
+              help="Bearings of another recording for them, with --scene.")  # fmt: skip
 @options.scene_opt
 @click.option("--workers", type=click.IntRange(min=1), default=1, show_default=True,
               help="Processes on this machine; the result is the same.")  # fmt: skip
@@ -47,7 +49,7 @@ def command(
       occlog reproduce --list
       occlog reproduce ercan fig6 --quick -o out/
       occlog reproduce ercan --all --workers 8 -o reproduced/
-      occlog reproduce ercan fig14-recorded --bearings bearings.parquet --scene cmc.mcap -o recorded/
+      occlog reproduce ercan fig14-recorded --data cmc_detections/ -o recorded/
     """
     from .reproduce_run import list_papers, run_reproduce
 

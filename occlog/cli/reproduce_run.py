@@ -14,9 +14,11 @@ from ..io.parquet import read_table
 from ..records import Bearings
 from ..reproduce.model import Execute, Experiment, Verdict
 from ..reproduce.output import prepare, write, write_page
-from ..reproduce.recorded import recorded_target
 from ..reproduce.recorded_figures import recorded_experiments
+from ..reproduce.recorded_files import read_cmc
+from ..reproduce.recorded_target import recorded_target
 from ..reproduce.run import PAPERS, RECORDED, TITLES, Finding, choose, reproduce, size_of
+from ..scene import Scene
 from ..sweep.engine import run_all
 from . import options
 
@@ -34,7 +36,7 @@ def list_papers(as_json: bool) -> None:
         for e in experiments:
             click.echo(f"  {e.item:<6} {e.title} ({e.runs} runs of {e.steps} steps)")
         for item in RECORDED.get(paper, ()):
-            click.echo(f"  {item} on recorded detections; wants --bearings and --scene")
+            click.echo(f"  {item} on recorded detections; wants --data, or --bearings and --scene")
 
 
 def run_reproduce(
@@ -60,27 +62,41 @@ def run_reproduce(
     if output is not None:
         write_page(output, paper, findings, given["overwrite"])
         options.note(f"wrote {output / 'reproduce.html'}", quiet)
-    if everything and given["bearings"] is None and paper in RECORDED:
-        options.note(f"left out: {', '.join(RECORDED[paper])}; they want --bearings and --scene", quiet)
+    if everything and given["bearings"] is None and given["data"] is None and paper in RECORDED:
+        options.note(f"left out: {', '.join(RECORDED[paper])}; they want --data, or --bearings and --scene", quiet)
     if given["as_json"]:
         options.echo_summary({"paper": paper, "items": [f.as_dict() for f in findings]}, True)
 
 
 def recorded_of(paper: str, given: Mapping[str, Any]) -> tuple[Experiment, ...]:
     """Experiments on the recording that was given; none without one."""
-    path, scene = given["bearings"], given["scene"]
+    path: Path | None = given["data"] or given["bearings"]
+    _check_recorded(paper, given)
     if path is None:
-        if scene is not None:
-            raise UsageError("--scene goes with --bearings; give both")
         return ()
-    if paper not in RECORDED:
-        raise UsageError(f"{paper} has no experiment on a recording; leave --bearings out")
-    found = options.load_scene(scene, None, path)
     try:
-        return recorded_experiments(recorded_target(found, read_table(path, Bearings)))
+        return recorded_experiments(recorded_target(*_recording(given)))
     except InputError as error:
         told = str(error) if str(path) in str(error) else f"{path}: {error}"
         raise InputError(told) from error
+
+
+def _check_recorded(paper: str, given: Mapping[str, Any]) -> None:
+    """UsageError for options of a recording that do not go together."""
+    if given["data"] is not None and (given["bearings"] is not None or given["scene"] is not None):
+        raise UsageError("--data has its own bearings and scene; leave --bearings and --scene out")
+    if given["bearings"] is None and given["scene"] is not None:
+        raise UsageError("--scene goes with --bearings; give both")
+    option = next((n for n in ("data", "bearings") if given[n] is not None), None)
+    if option is not None and paper in PAPERS and paper not in RECORDED:
+        raise UsageError(f"{paper} has no experiment on a recording; leave --{option} out")
+
+
+def _recording(given: Mapping[str, Any]) -> tuple[Scene, Bearings]:
+    if given["data"] is not None:
+        return read_cmc(given["data"])
+    path = given["bearings"]
+    return options.load_scene(given["scene"], None, path), read_table(path, Bearings)
 
 
 def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int, int]]:

@@ -61,7 +61,7 @@ def choose(
     known = {e.item: e for e in (*PAPERS[paper], *recorded)}
     for item in items:
         if item in RECORDED.get(paper, ()) and item not in known:
-            raise UsageError(f"{item} wants a recording; give --bearings and --scene")
+            raise UsageError(f"{item} wants a recording; give --data DIR, or --bearings and --scene")
         if item not in known:
             near = difflib.get_close_matches(item, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else ""
