@@ -26,7 +26,7 @@ from ..stages.priors_kalman import virtual_priors
 from ..stages.simulate import ObserveConfig, WorldConfig, observe, simulate_truth, world_config
 from ..stages.track import choose_sensors, track
 from ..trackers import tracker
-from ..trackers.select import SelectConfig
+from ..trackers.select import read_selection
 from ..trackers.settings import configure
 
 PRIORS = ("none", "known", "kalman")
@@ -71,9 +71,7 @@ def run_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     settings = dict(spec.get("track", {}))
     method = settings.pop("method", "apf")
     config = configure(tracker(method).defaults(scene.length_unit), settings, method)
-    select = spec.get("select")
-    if select is not None:
-        select = SelectConfig(**{**select, "order": tuple(select.get("order", ()))})
+    select = None if spec.get("select") is None else read_selection(spec["select"])
     chosen = choose_sensors(scene, spec.get("cameras") or ())
     start = time.process_time()
     parts = list(

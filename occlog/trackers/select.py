@@ -11,9 +11,10 @@ all           all of them
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -51,10 +52,26 @@ class SelectConfig:
         for name, choices in (("policy", POLICIES), ("model", MODELS)):
             if getattr(self, name) not in choices:
                 raise InputError(f"select: {name} is {getattr(self, name)!r}, must be one of {', '.join(choices)}")
+        if not isinstance(self.count, int) or isinstance(self.count, bool):
+            raise InputError(f"select: count is {self.count!r}, must be a whole number")
+        if not isinstance(self.every, int | float) or isinstance(self.every, bool):
+            raise InputError(f"select: every is {self.every!r}, must be a number")
+        if not isinstance(self.order, tuple) or not all(isinstance(n, str) for n in self.order):
+            raise InputError(f"select: order is {self.order!r}, must be a list of names")
         if self.count < 1:
             raise InputError(f"select: count is {self.count}, must be at least 1")
         if not (math.isfinite(self.every) and self.every > 0):
             raise InputError(f"select: every is {self.every}, must be finite and above 0")
+
+
+def read_selection(values: Mapping[str, Any]) -> SelectConfig:
+    """How cameras are selected, from the fields of a file; InputError for an unknown one or one that does not fit."""
+    known = [f.name for f in fields(SelectConfig)]
+    for name in values:
+        if name not in known:
+            raise InputError(f"select: unknown key {name!r}; it has: {', '.join(known)}")
+    lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+    return SelectConfig(**{**values, **lists})
 
 
 class Network(NamedTuple):

@@ -16,7 +16,7 @@ from occlog.core.selection import Moments, mean_square_errors
 from occlog.errors import InputError, UsageError
 from occlog.trackers import select
 from occlog.trackers.method import Cloud
-from occlog.trackers.select import SelectConfig, choose, greedy, network
+from occlog.trackers.select import SelectConfig, choose, greedy, network, read_selection
 
 pytestmark = pytest.mark.jit
 SCENE = room100()
@@ -196,6 +196,16 @@ def test_a_large_cloud_is_thinned_without_changing_much():
         ({"policy": "best"}, "one of greedy"),
         ({"model": "flat"}, "one of perspective"),
         ({"count": 0}, "at least 1"),
+        ({"count": "3"}, "count is '3', must be a whole number"),
+        ({"count": 2.5}, "count is 2.5, must be a whole number"),
+        ({"count": True}, "whole number"),
+        ({"every": "5"}, "every is '5', must be a number"),
+        ({"every": None}, "every is None, must be a number"),
+        ({"order": "cam1"}, "order is 'cam1', must be a list of names"),
+        ({"order": [1, 2]}, "must be a list of names"),
+        ({"order": None}, "must be a list of names"),
+        ({"policy": ["greedy"]}, "one of greedy"),
+        ({"polcy": "greedy"}, "unknown key 'polcy'; it has: policy, count, every, model, order"),
         ({"every": 0.0}, "above 0"),
         ({"every": float("nan")}, "finite and above 0"),
         ({"every": float("inf")}, "finite and above 0"),
@@ -203,7 +213,13 @@ def test_a_large_cloud_is_thinned_without_changing_much():
 )
 def test_settings_that_make_no_sense_are_refused(values, said):
     with pytest.raises(InputError, match=said):
-        SelectConfig(**values)
+        read_selection(values)
+
+
+def test_a_selection_of_a_file():
+    assert read_selection({}) == SelectConfig()
+    given = {"policy": "fixed", "count": 2, "every": 3, "model": "weak", "order": ["cam2", "cam1"]}
+    assert read_selection(given) == SelectConfig("fixed", 2, 3, "weak", ("cam2", "cam1"))
 
 
 def test_selections_that_the_scene_does_not_allow_are_refused():
