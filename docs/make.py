@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import click
@@ -16,11 +17,13 @@ WIDTH = 100
 
 def help_text(command: click.Command, name: str) -> str:
     """`--help` of a command as it is printed at a fixed width."""
+    alike = copy.copy(command)
+    alike.__dict__.pop("_help_option", None)  # click keeps it as it was when the command was first asked for help
     context = click.Context(
-        command, info_name=name, max_content_width=WIDTH, terminal_width=WIDTH,
+        alike, info_name=name, max_content_width=WIDTH, terminal_width=WIDTH,
         help_option_names=["-h", "--help"],
     )  # fmt: skip
-    return command.get_help(context).rstrip()
+    return alike.get_help(context).rstrip()
 
 
 def commands_page() -> str:
