@@ -18,7 +18,8 @@ WIDTH = 100
 def help_text(command: click.Command, name: str) -> str:
     """`--help` of a command as it is printed at a fixed width."""
     alike = copy.copy(command)
-    alike.__dict__.pop("_help_option", None)  # click keeps it as it was when the command was first asked for help
+    if "_help_option" in vars(alike):  # click keeps it as it was when the command was first asked for help
+        vars(alike)["_help_option"] = None
     context = click.Context(
         alike, info_name=name, max_content_width=WIDTH, terminal_width=WIDTH,
         help_option_names=["-h", "--help"],
