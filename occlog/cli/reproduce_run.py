@@ -10,15 +10,12 @@ from typing import Any
 import click
 
 from ..errors import InputError, UsageError
-from ..io.parquet import read_table
-from ..records import Bearings
 from ..reproduce.model import Execute, Experiment, Verdict
 from ..reproduce.output import prepare, write, write_page
 from ..reproduce.recorded_figures import recorded_experiments
-from ..reproduce.recorded_files import read_cmc
-from ..reproduce.recorded_target import recorded_target
+from ..reproduce.recorded_files import source_of
+from ..reproduce.recorded_trial import target_of
 from ..reproduce.run import PAPERS, RECORDED, TITLES, Finding, choose, reproduce, size_of
-from ..scene import Scene
 from ..sweep.engine import run_all
 from . import options
 
@@ -53,7 +50,7 @@ def run_reproduce(
         runs, steps = own.get(e.item, (given["runs"], given["steps"]))
         size = size_of(e, quick=given["quick"], runs=runs, steps=steps, seed=given["seed"])
         options.note(f"{e.item}: {size.runs} runs of {size.steps} steps", quiet)
-        finding = reproduce(e, size, executor(e.item, output, given))
+        finding = reproduce(e, size, executor(e, output, given))
         findings.append(finding)
         if output is not None:
             write(output, finding, given["overwrite"])
@@ -75,7 +72,8 @@ def recorded_of(paper: str, given: Mapping[str, Any]) -> tuple[Experiment, ...]:
     if path is None:
         return ()
     try:
-        return recorded_experiments(recorded_target(*_recording(given)))
+        source = source_of(given["data"], given["bearings"], given["scene"])
+        return recorded_experiments(source, target_of(source))
     except InputError as error:
         told = str(error) if str(path) in str(error) else f"{path}: {error}"
         raise InputError(told) from error
@@ -85,18 +83,11 @@ def _check_recorded(paper: str, given: Mapping[str, Any]) -> None:
     """UsageError for options of a recording that do not go together."""
     if given["data"] is not None and (given["bearings"] is not None or given["scene"] is not None):
         raise UsageError("--data has its own bearings and scene; leave --bearings and --scene out")
-    if given["bearings"] is None and given["scene"] is not None:
+    if (given["bearings"] is None) != (given["scene"] is None):
         raise UsageError("--scene goes with --bearings; give both")
     option = next((n for n in ("data", "bearings") if given[n] is not None), None)
     if option is not None and paper in PAPERS and paper not in RECORDED:
         raise UsageError(f"{paper} has no experiment on a recording; leave --{option} out")
-
-
-def _recording(given: Mapping[str, Any]) -> tuple[Scene, Bearings]:
-    if given["data"] is not None:
-        return read_cmc(given["data"])
-    path = given["bearings"]
-    return options.load_scene(given["scene"], None, path), read_table(path, Bearings)
 
 
 def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int, int]]:
@@ -112,14 +103,14 @@ def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int,
     return sizes
 
 
-def executor(item: str, output: Path | None, given: Mapping[str, Any]) -> Execute:
+def executor(experiment: Experiment, output: Path | None, given: Mapping[str, Any]) -> Execute:
     """Runs trials as the options say, with progress on standard error."""
 
     def execute(specs: list[dict[str, Any]]) -> list[dict[str, float]]:
         store = None if output is None else output / STORE
-        told, close = _bar(item, len(specs), bool(given["quiet"]))
+        told, close = _bar(experiment.item, len(specs), bool(given["quiet"]))
         try:
-            return run_all(specs, given["workers"], given["scheduler"], store, told)
+            return run_all(specs, given["workers"], given["scheduler"], store, told, experiment.trial)
         finally:
             close()
 

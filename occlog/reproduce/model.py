@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
+
+from ..sweep.trial import run_trial
 
 Spec = dict[str, Any]
 Execute = Callable[[list[Spec]], list[dict[str, float]]]
@@ -91,6 +93,7 @@ class Experiment:
     compute: Callable[[Size, Execute], Table]
     judge: Callable[[Table], list[Verdict]]
     note: str = ""
+    trial: Callable[[Mapping[str, Any]], dict[str, float]] = run_trial  # what `compute` has executed
 
 
 def deviation(values: Sequence[float]) -> float:

@@ -31,6 +31,8 @@ from .scenes import LAB_SIZE
 
 OCCLUDERS = 20
 """Of the paper's lab.  A room that is known gets as many a square metre; otherwise this many."""
+MOST = 100
+"""Not more than these in a large room."""
 INCH = 0.0254
 DIAMETER = 12 * INCH
 SIGMA, Q = 12.8 * INCH, 24 * INCH
@@ -58,7 +60,7 @@ def crowd_size(scene: Scene) -> int:
         return OCCLUDERS
     x, y = scene.room.T
     area = 0.5 * abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))
-    return max(1, round(OCCLUDERS * area / (LAB_SIZE[0] * LAB_SIZE[1] * INCH**2)))
+    return min(MOST, max(1, round(OCCLUDERS * area / (LAB_SIZE[0] * LAB_SIZE[1] * INCH**2))))
 
 
 def occluders_of(recorded: Recorded, seed: int) -> Truth:

@@ -7,11 +7,12 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations
 
-from ..trackers.select import SelectConfig
 from . import verdicts as v
-from .model import Execute, Experiment, Row, Size, Table, Verdict
-from .recorded import CLEAR, Crowd, crowd_of, crowd_size, trial
+from .model import Execute, Experiment, Row, Size, Spec, Table, Verdict
+from .recorded import CLEAR, crowd_size
+from .recorded_files import Source
 from .recorded_target import Recorded
+from .recorded_trial import recorded_spec, recorded_trial
 from .selection import ALL, BRUTE, CLOSEST, FIXED, GREEDY, HEURISTICS, RANDOM
 from .trials import KNOWN, NONE, PRIOR
 
@@ -22,13 +23,11 @@ RUNS = 20
 EVERY = 1.0 / 7.5 * 5
 """Seconds between selections, as in the stand-in for the lab."""
 Figures = dict[str, float]
-Line = tuple[str, float, list[Figures]]
-"""Series, x and the figures of every run."""
 
 
-def recorded_experiments(recorded: Recorded) -> tuple[Experiment, Experiment]:
+def recorded_experiments(source: Source, recorded: Recorded) -> tuple[Experiment, Experiment]:
     """The two experiments on a recorded target; all of its times are used."""
-    steps = len(recorded.places)
+    steps, names = len(recorded.places), recorded.cameras
     quick = (2, min(60, steps))
     note = (
         f"Recorded detections, M = {crowd_size(recorded.scene)} virtual people; "
@@ -36,48 +35,49 @@ def recorded_experiments(recorded: Recorded) -> tuple[Experiment, Experiment]:
     )
     return (
         Experiment(ITEMS[0], "Error and number of cameras, recorded detections", "cameras", "RMSE [m]", RUNS, steps,
-                   quick, partial(fig14, recorded), judge14, note=note),
+                   quick, partial(fig14, source, names), judge14, note, recorded_trial),
         Experiment(ITEMS[1], "Policies of selection, recorded detections", "selected cameras", "RMSE [m]", RUNS,
-                   steps, quick, partial(fig15, recorded), judge15, note=note),
+                   steps, quick, partial(fig15, source, names), judge15, note, recorded_trial),
     )  # fmt: skip
 
 
-def fig14(recorded: Recorded, size: Size, execute: Execute) -> Table:  # noqa: ARG001
+def fig14(source: Source, names: Sequence[str], size: Size, execute: Execute) -> Table:
     """RMSE against the number of cameras, each the root mean square over all sets of so many."""
-    names = recorded.cameras
-    lines: list[Line] = [(name, n, []) for n in range(2, len(names) + 1) for name in KINDS]
-    for run in range(size.runs):
-        crowd = crowd_of(recorded, size.seed + run)
-        for name, n, runs in lines:
-            runs.append(_over(recorded, crowd, list(combinations(names, int(n))), KINDS[name], size, run))
-    return [_row(*line) for line in lines]
+    counts = range(2, len(names) + 1)
+    sets = [list(some) for n in counts for some in combinations(names, n)]
+    trials = [(run, name, cameras) for run in range(size.runs) for name in KINDS for cameras in sets]
+    found = execute([recorded_spec(source, size, run, KINDS[name], cameras) for run, name, cameras in trials])
+    runs: dict[tuple[int, str], list[list[Figures]]] = {
+        (n, name): [[] for _ in range(size.runs)] for n in counts for name in KINDS
+    }
+    for (run, name, cameras), figures in zip(trials, found, strict=True):
+        runs[len(cameras), name][run].append(figures)
+    return [_row(name, n, [_over(figures) for figures in own]) for (n, name), own in runs.items()]
 
 
-def _over(
-    recorded: Recorded, crowd: Crowd, sets: Sequence[Sequence[str]], kind: str, size: Size, run: int
-) -> Figures:  # fmt: skip
+def _over(found: Sequence[Figures]) -> Figures:
     """Figures of one run over several sets of cameras: the root of the mean square, and means."""
-    found = [trial(recorded, crowd, kind, cameras, size, size.seed + run) for cameras in sets]
     mean = {name: math.fsum(f[name] for f in found) / len(found) for name in ("rmse_occ", "hidden")}
     return {"rmse": math.sqrt(math.fsum(f["rmse"] ** 2 for f in found) / len(found)), **mean}
 
 
-def fig15(recorded: Recorded, size: Size, execute: Execute) -> Table:  # noqa: ARG001
+def fig15(source: Source, names: Sequence[str], size: Size, execute: Execute) -> Table:
     """RMSE against the number of selected cameras, with priors and the weak-perspective model."""
-    names = recorded.cameras
-    lines: list[tuple[Line, SelectConfig | None]] = [((name, k, []), s) for name, k, s in _selections(len(names))]
-    for run in range(size.runs):
-        crowd = crowd_of(recorded, size.seed + run)
-        for (_, _, runs), select in lines:
-            runs.append(trial(recorded, crowd, "kalman", names, size, size.seed + run, select))
-    return [_row(*line) for line, _ in lines]
+    points = list(_selections(len(names)))
+    specs = [
+        recorded_spec(source, size, run, "kalman", list(names), select=select)
+        for run in range(size.runs)
+        for _, _, select in points
+    ]
+    found = execute(specs)
+    return [_row(name, k, found[i :: len(points)]) for i, (name, k, _) in enumerate(points)]
 
 
-def _selections(cameras: int) -> Iterator[tuple[str, float, SelectConfig | None]]:
+def _selections(cameras: int) -> Iterator[tuple[str, float, Spec | None]]:
     policies = {GREEDY: "greedy", BRUTE: "brute-force", FIXED: "fixed", RANDOM: "random", CLOSEST: "closest"}
     for k in range(2, cameras):
         for name, policy in policies.items():
-            yield name, k, SelectConfig(policy, k, EVERY, "weak")
+            yield name, k, {"policy": policy, "count": k, "every": EVERY, "model": "weak"}
     yield ALL, math.nan, None
 
 

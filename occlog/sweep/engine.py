@@ -21,6 +21,8 @@ from .trial import run_trial
 
 Spec = Mapping[str, Any]
 Result = dict[str, float]
+Trial = Callable[[Spec], Result]
+"""A function of a module, which other processes can import."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Each worker has one thread, so that as many workers as processors do not disturb each other."""
 
@@ -42,15 +44,17 @@ def run_all(
     scheduler: str | None = None,
     store: Path | None = None,
     progress: Callable[[int], None] | None = None,
+    run: Trial | None = None,
 ) -> list[Result]:
     """Figures of all trials, in the order of the descriptions.
 
     Args:
-        specs: descriptions, see `run_trial`; equal ones are run once.
+        specs: descriptions, see `run_trial` (or what `run` takes); equal ones are run once.
         workers: processes on this machine.
         scheduler: address of a Dask scheduler; its workers are used instead.
         store: file of finished trials (JSON lines); those in it are not run again.
         progress: told the number of trials that have finished since the last call.
+        run: does one trial; None: `run_trial`.  Descriptions for different functions must differ.
 
     Raises:
         TrialError: names the first trial that failed; all others were run before.
@@ -66,7 +70,7 @@ def run_all(
         progress(sum(key in kept.results for key in keys))
     failed: dict[str, str] = {}
     with kept:
-        for key, outcome in _outcomes(todo, workers, scheduler):
+        for key, outcome in _outcomes(todo, workers, scheduler, run or run_trial):
             if outcome.result is None:
                 failed[key] = outcome.error or "unknown"
             else:
@@ -82,10 +86,10 @@ def run_all(
     return [dict(kept.results[key]) for key in keys]
 
 
-def attempt(spec: Spec) -> Outcome:
+def attempt(spec: Spec, run: Trial) -> Outcome:
     """Run a trial; what is wrong with its description is told, not raised."""
     try:
-        return Outcome(run_trial(spec), None)
+        return Outcome(run(spec), None)
     except OcclogError as error:
         return Outcome(None, str(error))
 
@@ -95,23 +99,25 @@ def describe(spec: Spec) -> str:
     return ", ".join(f"{name}={value}" for name, value in spec.items() if name != "scene")
 
 
-def _outcomes(todo: Mapping[str, Spec], workers: int, scheduler: str | None) -> Iterator[tuple[str, Outcome]]:
+def _outcomes(
+    todo: Mapping[str, Spec], workers: int, scheduler: str | None, run: Trial
+) -> Iterator[tuple[str, Outcome]]:
     if scheduler is not None:
-        yield from _on_cluster(todo, scheduler)
+        yield from _on_cluster(todo, scheduler, run)
     elif workers > 1 and len(todo) > 1:
-        yield from _in_processes(todo, min(workers, len(todo)))
+        yield from _in_processes(todo, min(workers, len(todo)), run)
     else:
         for key, spec in todo.items():
-            yield key, attempt(spec)
+            yield key, attempt(spec, run)
 
 
-def _in_processes(todo: Mapping[str, Spec], workers: int) -> Iterator[tuple[str, Outcome]]:
+def _in_processes(todo: Mapping[str, Spec], workers: int, run: Trial) -> Iterator[tuple[str, Outcome]]:
     """Trials in processes that are started afresh, so that no state of this one is inherited."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_leave_with_parent)
     try:
-        running = {pool.submit(attempt, spec): key for key, spec in todo.items()}
+        running = {pool.submit(attempt, spec, run): key for key, spec in todo.items()}
         for future in as_completed(running):
             yield running[future], future.result()
     except BaseException:
@@ -141,7 +147,7 @@ def _leave_with_parent() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def _on_cluster(todo: Mapping[str, Spec], scheduler: str) -> Iterator[tuple[str, Outcome]]:
+def _on_cluster(todo: Mapping[str, Spec], scheduler: str, run: Trial) -> Iterator[tuple[str, Outcome]]:
     try:
         import distributed
     except ImportError as error:
@@ -155,7 +161,7 @@ def _on_cluster(todo: Mapping[str, Spec], scheduler: str) -> Iterator[tuple[str,
         raise UsageError(f"scheduler {scheduler}: does not answer ({error}); start it, or give --workers") from error
     with client:
         _check_versions(client)
-        running = {client.submit(attempt, dict(spec), key=f"occlog-{key}"): key for key, spec in todo.items()}
+        running = {client.submit(attempt, dict(spec), run, key=f"occlog-{key}"): key for key, spec in todo.items()}
         for future in library.as_completed(running, loop=client.loop):
             yield running[future], future.result()
 

@@ -17,11 +17,24 @@ from occlog.io.provenance import Provenance
 from occlog.io.scene_file import scene_to_yaml
 from occlog.records import Bearings
 from occlog.reproduce.model import Size
-from occlog.reproduce.recorded import CLEAR, DIAMETER, OCCLUDERS, crowd_of, crowd_size, hidden, occluders_of, trial
+from occlog.reproduce.recorded import (
+    CLEAR,
+    DIAMETER,
+    MOST,
+    OCCLUDERS,
+    crowd_of,
+    crowd_size,
+    hidden,
+    occluders_of,
+    trial,
+)
 from occlog.reproduce.recorded_figures import ITEMS
-from occlog.reproduce.recorded_files import ROOM
+from occlog.reproduce.recorded_files import ROOM, source_of
 from occlog.reproduce.recorded_target import Recorded, recorded_target
+from occlog.reproduce.recorded_trial import recorded_spec, recorded_trial
 from occlog.stages.occluders import OccluderFeed
+from occlog.sweep.engine import TrialError, run_all
+from occlog.sweep.store import key_of
 
 FOOT = 0.3048
 
@@ -50,6 +63,7 @@ def test_as_many_people_a_square_metre_as_in_the_lab() -> None:
     assert crowd_size(replace(SCENE, room=lab)) == OCCLUDERS == 20
     assert crowd_size(replace(SCENE, room=np.array(ROOM))) == 13  # 26.2 of 38.8 square metres
     assert crowd_size(replace(SCENE, room=None)) == OCCLUDERS
+    assert crowd_size(SCENE) == MOST  # 100 m by 100 m would have 5150
 
 
 def small() -> Recorded:
@@ -95,6 +109,38 @@ def test_a_trial_depends_on_its_seeds_alone() -> None:
     clear = trial(recorded, crowd, CLEAR, recorded.cameras, size, 0)
     assert clear["hidden"] == 0.0
     assert clear["rmse"] < 3.0  # four cameras of 2 px and f = 70 px, in a room of 100 by 100
+
+
+@pytest.mark.jit
+def test_any_number_of_workers_gives_the_same_and_a_stopped_run_goes_on(tmp_path: Path) -> None:
+    scene, table = walked(40)
+    scene = replace(scene, room=None)
+    paths = tmp_path / "b.parquet", tmp_path / "s.yaml"
+    write_table(paths[0], table, Provenance("detect"))
+    paths[1].write_text(scene_to_yaml(scene))
+    source, size, names = source_of(None, *paths), Size(1, 25, particles=200), ["cam1", "cam3", "cam4"]
+    specs = [recorded_spec(source, size, run, kind, names) for run in range(2) for kind in ("known", "kalman")]
+    greedy = {"policy": "greedy", "count": 2, "every": 2.0, "model": "weak"}
+    specs.append(recorded_spec(source, size, 0, "kalman", names, select=greedy))
+    here = run_all(specs[:2], store=tmp_path / "trials.jsonl", run=recorded_trial)
+    there = run_all(specs, 2, store=tmp_path / "trials.jsonl", run=recorded_trial)
+    assert there[:2] == here
+    assert there[2:] == run_all(specs[2:], run=recorded_trial)
+    assert len({r["rmse"] for r in there}) == len(specs)
+    assert len((tmp_path / "trials.jsonl").read_text().splitlines()) == len(specs)
+    with pytest.raises(TrialError, match="unknown key 'policies'"):
+        run_all([{**specs[0], "select": {"policies": "greedy"}}], run=recorded_trial)
+
+
+def test_a_changed_recording_is_another_trial(tmp_path: Path) -> None:
+    scene, table = walked(12)
+    paths = tmp_path / "b.parquet", tmp_path / "s.yaml"
+    write_table(paths[0], table, Provenance("detect"))
+    keys = set()
+    for name in ("m", "ft"):
+        paths[1].write_text(scene_to_yaml(replace(scene, length_unit=name)))
+        keys.add(key_of(recorded_spec(source_of(None, *paths), Size(1, 25), 0, "known", ["cam1"])))
+    assert len(keys) == 2
 
 
 def test_an_experiment_needs_its_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -144,7 +190,7 @@ def test_recorded_detections_with_virtual_occluders(
     shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The shipped folder through the command line: tables with the share of hidden detections, plots and verdicts."""
-    args = ["--data", str(shared_data / "cmc_detections"), "--quick", "--steps", "20", "--json", "-q"]
+    args = ["--data", str(shared_data / "cmc_detections"), "--quick", "--steps", "15", "--json", "-q"]
     assert run(["reproduce", "ercan", *ITEMS, *args, "-o", str(tmp_path / "out")]) == ExitCode.DONE
     items = json.loads(capsys.readouterr().out)["items"]
     assert [i["item"] for i in items] == list(ITEMS)
