@@ -38,7 +38,11 @@ DIAMETER = 12 * INCH
 SIGMA, Q = 12.8 * INCH, 24 * INCH
 """Virtual measurements of the occluders, as in the stand-in for the lab."""
 DETECTION, FALSE = 0.9, 0.05
-"""Probabilities that the filter is told, in all settings: recorded detectors miss and are wrong."""
+"""Probabilities that the filter is told: recorded detectors miss and are wrong.
+
+Without priors it is told no probability of detection, as in the paper: "not seen" then says
+nothing.  With one it would take every hidden camera for a rare miss.
+"""
 START_SIGMA = 0.5
 """The filters are told the first place so well; with two cameras among people they would search for long."""
 CLEAR = "clear"
@@ -125,7 +129,7 @@ def trial(
     used = (table.t_ns <= last) & np.isin(table.sensor, list(cameras))
     priors = crowd.priors.get(kind)
     parts = track(
-        [table.take(used)], recorded.scene, _settings(recorded, size), seed, sensors=frozenset(cameras),
+        [table.take(used)], recorded.scene, settings_of(recorded, size, kind), seed, sensors=frozenset(cameras),
         occluders=None if priors is None else [priors], selection=select,
     )  # fmt: skip
     rmse = _error(recorded, Tracks.concat([p.tracks for p in parts]))
@@ -134,10 +138,11 @@ def trial(
     return {"rmse": rmse, "rmse_occ": rmse_of_priors(priors, crowd.people), "hidden": share}
 
 
-def _settings(recorded: Recorded, size: Size) -> ApfConfig:
+def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
+    """What the filter of a trial is told."""
     return replace(
-        apf_defaults("m"), particles=size.particles, detection=DETECTION, false=FALSE, occluder_diameter=DIAMETER,
-        start=(*recorded.start.tolist(), START_SIGMA),
+        apf_defaults("m"), particles=size.particles, detection=None if kind == "none" else DETECTION, false=FALSE,
+        occluder_diameter=DIAMETER, start=(*recorded.start.tolist(), START_SIGMA),
     )  # fmt: skip
 
 
