@@ -33,6 +33,11 @@ MODELS = ("perspective", "weak")
     help="Directions of arrival to use too: a table, or a recording that holds them.",
 )
 @click.option(
+    "--doa-labels",
+    is_flag=True,
+    help="Identities in the log of directions are those of targets. [default: directions may be of anything]",
+)
+@click.option(
     "--occluders",
     type=options.PATH,
     default=None,
@@ -89,6 +94,14 @@ MODELS = ("perspective", "weak")
     metavar="SECONDS",
     help="Measurements this close together in time make one scan. [default: equal times]",
 )
+@click.option(
+    "--in-turn",
+    "turn",
+    type=click.FloatRange(min=0, min_open=True),
+    default=None,
+    metavar="SECONDS",
+    help="Use one sensor at a time, each for so long, in the order of the scene. [default: all at once]",
+)
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE",
               help="A setting of the method, e.g. sigma_v=0.3; may be repeated.")  # fmt: skip
 @options.seed_opt
@@ -100,7 +113,8 @@ def command(
     doa: Path | None, occluders: Path | None, policy: str | None, count: int | None, every: float | None,
     model: str | None, order: str, method: str,
     particles: int | None, start: str | None, targets: tuple[int, ...], labelled_only: bool, only: str, without: str,
-    window: float, settings: tuple[str, ...], seed: int, overwrite: bool, quiet: bool, as_json: bool,
+    window: float, doa_labels: bool, turn: float | None, settings: tuple[str, ...], seed: int, overwrite: bool,
+    quiet: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """Estimate target tracks from BEARINGS (Parquet, or a recording that holds bearings).
 
@@ -116,7 +130,7 @@ def command(
       occlog track bearings.parquet --scene scene.yaml --occluders occluders.parquet --select greedy --count 3 \
         -o selected.parquet --diagnostics selected_diagnostics.parquet
     """
-    from .track_run import Request, parse_names, parse_setting, parse_window, run_track
+    from .track_run import Request, parse_names, parse_seconds, parse_setting, parse_window, run_track
 
     options.check_outputs([bearings, scene, doa, occluders], [output, diagnostics, calibration], overwrite)
     values = dict(parse_setting(text) for text in settings)
@@ -126,7 +140,7 @@ def command(
         bearings, scene, doa, method, values, start, targets, not labelled_only, parse_names(only),
         parse_names(without), parse_window(window), seed, occluders, policy, {
             name: value for name, value in (("count", count), ("every", every), ("model", model)) if value is not None
-        }, parse_names(order),
+        }, parse_names(order), doa_labels, None if turn is None else parse_seconds("--in-turn", turn),
     )  # fmt: skip
     summary, losses = run_track(request, output, diagnostics, calibration, overwrite, quiet)
     return options.finish(summary, losses, as_json)

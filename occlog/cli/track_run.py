@@ -16,9 +16,11 @@ from ..io.recording import open_recording
 from ..records import Bearings, Calibration, Diagnostics, Doa, Hulls, Occluders, Tracks, Truth
 from ..stages.messages import Messages
 from ..stages.occluders import known_positions
-from ..stages.sources import bearings_of_doa, in_time
+from ..stages.scans import checked
+from ..stages.sources import bearings_of_doa, in_time, in_turn
 from ..stages.track import choose_sensors, track
 from ..trackers import tracker
+from ..trackers.method import sensor_names
 from ..trackers.select import SelectConfig
 from ..trackers.settings import configure
 from . import options
@@ -53,41 +55,51 @@ class Request:
     policy: str | None = None  # of the selection of cameras; None: no selection
     selection: dict[str, Any] = field(default_factory=dict)
     order: tuple[str, ...] = ()
+    doa_labels: bool = False
+    turn_s: float | None = None  # one sensor at a time, for so long; None: all of them
 
 
 class Inputs:
     """The measurements as one stream, with the scene and what had been lost before."""
 
-    def __init__(self, request: Request) -> None:
+    def __init__(
+        self,
+        bearings: Path,
+        scene: Path | None,
+        doa: Path | None = None,
+        doa_labels: bool = False,
+        occluders: Path | None = None,
+    ) -> None:
         """Open everything; nothing but headers is read yet."""
         self.losses: dict[Loss, None] = {}  # each once, in order
-        recorded = open_recording(request.bearings).scene if is_recording(request.bearings) else None
-        self.scene: Scene = options.load_scene(request.scene, recorded, request.bearings)
+        recording = open_recording(bearings) if is_recording(bearings) else None
+        self.scene: Scene = options.load_scene(scene, recording.scene if recording else None, bearings)
         streams: list[Iterable[Bearings]] = []
-        if not is_recording(request.bearings) or open_recording(request.bearings).has(Bearings):
-            streams.append(self._open(request.bearings, Bearings))
-        doa = request.doa
-        if doa is None and is_recording(request.bearings) and open_recording(request.bearings).has(Doa):
-            doa = request.bearings
+        if recording is None or recording.has(Bearings):
+            streams.append(self.open(bearings, Bearings))
+        if doa is None and recording is not None and recording.has(Doa):
+            doa = bearings
         if doa is not None:
-            streams.append(bearings_of_doa(self._open(doa, Doa), self.scene))
+            streams.append(bearings_of_doa(self.open(doa, Doa), self.scene, doa_labels))
+        elif doa_labels:
+            raise UsageError("--doa-labels wants directions of arrival; give them with --doa")
         if not streams:
-            raise InputError(f"{request.bearings}: holds no bearings; make them with `occlog detect`")
-        self.chunks = _not_empty(in_time(streams), request.bearings)
-        self.occluders = None if request.occluders is None else self._priors(request.occluders)
+            raise InputError(f"{bearings}: holds no bearings; make them with `occlog detect`")
+        self.chunks = _not_empty(in_time(streams), bearings)
+        self.occluders = None if occluders is None else self._priors(occluders)
 
     def _priors(self, path: Path) -> Iterator[Occluders] | Iterator[Hulls]:
         """Priors of the moving occluders; true positions are known exactly."""
         if is_recording(path):
-            return known_positions(self._open(path, Truth))
+            return known_positions(self.open(path, Truth))
         name = describe(path)["schema"]
         if name == Truth.NAME:
-            return known_positions(self._open(path, Truth))
+            return known_positions(self.open(path, Truth))
         if name == Hulls.NAME:
-            return self._open(path, Hulls)
-        return self._open(path, Occluders)
+            return self.open(path, Hulls)
+        return self.open(path, Occluders)
 
-    def _open(self, path: Path, table: type[Any]) -> Iterator[Any]:
+    def open(self, path: Path, table: type[Any]) -> Iterator[Any]:
         """Chunks of a table in a file of either kind."""
         if not is_recording(path):
             made = read_provenance(path)
@@ -125,21 +137,25 @@ def run_track(
     request: Request, output: Path, diagnostics: Path | None, calibration: Path | None, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Track and write; the summary, and what had been lost before."""
-    inputs = Inputs(request)
+    inputs = Inputs(request.bearings, request.scene, request.doa, request.doa_labels, request.occluders)
     config = make_config(request, inputs.scene.length_unit)
     if calibration is not None and config.calibrate == "none":
         raise UsageError("--calibration wants estimates to write; add --set calibrate=joint or --set calibrate=initial")
     sensors = choose_sensors(inputs.scene, request.only, request.without)
     targets = request.targets or None
     selection = make_selection(request)
+    chunks = options.progress(inputs.chunks, "track", quiet=quiet)
+    if request.turn_s is not None:
+        chunks = one_at_a_time(chunks, inputs.scene, sensors, request.turn_s)
     tracked = track(
-        options.progress(inputs.chunks, "track", quiet=quiet), inputs.scene, config, request.seed,
+        chunks, inputs.scene, config, request.seed,
         method=request.method, sensors=sensors, targets=targets, unlabelled=request.unlabelled,
         window_ns=request.window_ns, occluders=inputs.occluders, selection=selection,
     )  # fmt: skip
     parameters = {
         "method": request.method, "sensors": sorted(sensors), "targets": targets, "unlabelled": request.unlabelled,
-        "window_ns": request.window_ns, "selection": None if selection is None else asdict(selection), **asdict(config),
+        "window_ns": request.window_ns, "in_turn_s": request.turn_s, "doa_labels": request.doa_labels,
+        "selection": None if selection is None else asdict(selection), **asdict(config),
     }  # fmt: skip
     paths = [p for p in (request.bearings, request.scene, request.doa, request.occluders) if p is not None]
     losses = tuple(inputs.losses)
@@ -163,6 +179,17 @@ def run_track(
         if not tally.rows:
             raise InputError(f"{request.bearings}: no row is of the chosen targets and sensors; choose others")
     return {"tracks": str(output), "method": request.method, **tally.summary()}, losses
+
+
+def one_at_a_time(
+    chunks: Iterable[Bearings], scene: Scene, sensors: frozenset[str], seconds: float
+) -> Iterator[Bearings]:
+    """The rows of the sensors in turn, in the order of the scene; those without a pose have no turn."""
+    blind = {c.name for c in scene.cameras if not c.placed}
+    names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
+    if not names:
+        raise UsageError("no sensor with a pose is left to take turns; leave out fewer of them")
+    return in_turn(checked(chunks, scene, sensors), names, seconds)
 
 
 def make_config(request: Request, unit: str) -> Any:
@@ -197,9 +224,14 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 def parse_window(seconds: float) -> int:
     """Nanoseconds; UsageError for what is not finite or longer than times can be apart."""
+    return round(parse_seconds("--window", seconds) * 1e9)
+
+
+def parse_seconds(option: str, seconds: float) -> float:
+    """The seconds; UsageError for what is not a number or longer than times can be apart."""
     if not seconds <= LONGEST_WINDOW_S:
-        raise UsageError(f"--window {seconds}: must be at most {LONGEST_WINDOW_S:g} seconds")
-    return round(seconds * 1e9)
+        raise UsageError(f"{option} {seconds}: must be at most {LONGEST_WINDOW_S:g} seconds")
+    return seconds
 
 
 def parse_setting(text: str) -> tuple[str, str]:

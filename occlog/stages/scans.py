@@ -74,6 +74,17 @@ def groups(chunks: Iterable[Bearings], scene: Scene, use: Rows, window_ns: int =
         yield from _split(rest, [0, len(rest)], names)
 
 
+def checked(chunks: Iterable[Bearings], scene: Scene, sensors: Collection[str]) -> Iterator[Bearings]:
+    """The chunks; InputError names the row of a sensor that the scene does not have, or of `sensors` without a pose."""
+    names = sensor_names(scene)
+    unplaced = {c.name for c in scene.cameras if not c.placed} & set(sensors)
+    count = 0
+    for chunk in chunks:
+        _check_sensors(chunk, names, unplaced, count)
+        count += len(chunk)
+        yield chunk
+
+
 def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], offset: int) -> None:
     found, first = np.unique(chunk.sensor, return_index=True)
     for name, row in zip(found.tolist(), (first + offset).tolist(), strict=True):

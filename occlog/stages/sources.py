@@ -10,16 +10,26 @@ from ..errors import InputError
 from ..records import UNLABELLED, Bearings, Doa
 from ..scene import Scene
 
+NS = 1_000_000_000
 
-def bearings_of_doa(chunks: Iterable[Doa], scene: Scene) -> Iterator[Bearings]:
-    """Directions of arrival as candidate bearings, which may be of any object; elevations are left out.
 
-    A direction without a standard deviation has that of its array.  Identities that the
-    source gives are its own, not those of targets, so they are not kept.  InputError for an
-    array that the scene does not have.
+def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -> Iterator[Bearings]:
+    """Directions of arrival as bearings, of any object unless they are labelled; elevations are left out.
+
+    A direction without a standard deviation has that of its array.
+
+    Args:
+        chunks: directions in the order of time.
+        scene: must have the arrays.
+        labels: identities that the source gives are those of targets; otherwise they are its
+            own and not kept.  A direction without identity is a candidate in any case.
+
+    Raises:
+        InputError: an array that the scene does not have; or, at the end, `labels` of a log
+            in which no direction has an identity.
     """
     sigmas = {a.name: float(a.sigma) for a in scene.arrays}
-    offset = 0
+    offset, told = 0, False
     for chunk in chunks:
         for name in np.unique(chunk.sensor).tolist():
             if name not in sigmas:
@@ -29,10 +39,11 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene) -> Iterator[Bearings]:
         own = np.array([sigmas[name] for name in chunk.sensor.tolist()], dtype=np.float64)
         n = len(chunk)
         offset += n
+        told = told or bool((chunk.source_id >= 0).any())
         yield Bearings.of(
             t_ns=chunk.t_ns,
             sensor=chunk.sensor,
-            target_id=np.full(n, UNLABELLED, dtype=np.int32),
+            target_id=np.where(labels & (chunk.source_id >= 0), chunk.source_id, UNLABELLED).astype(np.int32),
             seen=np.ones(n, dtype=np.bool_),
             bearing=chunk.azimuth,
             sigma=np.where(np.isnan(chunk.sigma_azimuth), own, chunk.sigma_azimuth),
@@ -40,6 +51,39 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene) -> Iterator[Bearings]:
             sigma_px=np.full(n, np.nan),
             score=chunk.confidence,
         )
+    if labels and not told:
+        raise InputError(
+            f"doa: none of {offset} directions has an identity (source_id); leave --doa-labels out, or give the log a "
+            "column `id`"
+        )
+
+
+def in_turn(chunks: Iterable[Bearings], names: Sequence[str], seconds: float) -> Iterator[Bearings]:
+    """The rows of one sensor at a time, as if the others had no frame: a network without overlap.
+
+    The first of `names` has the first turn, which begins with the first row of any of them;
+    after the last it is the first one's turn again.  A row at the very time at which turns
+    change is of the next turn.  Rows of other sensors are left out.  Where chunks are cut
+    does not matter.
+
+    Args:
+        chunks: bearings in the order of time.
+        names: sensors, each once, at least one.
+        seconds: length of a turn, above 0; rounded to whole nanoseconds.
+    """
+    turn_ns = max(round(seconds * NS), 1)
+    place = {name: i for i, name in enumerate(names)}
+    begin: int | None = None
+    for chunk in chunks:
+        found, inverse = np.unique(chunk.sensor, return_inverse=True)
+        own = np.array([place.get(name, -1) for name in found.tolist()], dtype=np.int64)[inverse]
+        if begin is None:
+            if not (own >= 0).any():
+                continue
+            begin = int(chunk.t_ns[np.argmax(own >= 0)])
+        keep = own == (chunk.t_ns - begin) // turn_ns % len(names)
+        if keep.any():
+            yield chunk.take(keep)
 
 
 def in_time(streams: Sequence[Iterable[Bearings]]) -> Iterator[Bearings]:

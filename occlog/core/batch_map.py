@@ -1,0 +1,183 @@
+"""The most probable trajectory, [Rahimi] Sec. 5: Newton's method inside the constraints.
+
+A primal-dual interior point method: the inequalities enter by a logarithmic barrier whose
+weight mu falls to next to nothing, with multipliers that are estimated alongside.  Each
+iteration takes time linear in the number of states (`occlog.core.trajectory_newton`).
+Steps start with the second derivatives of Gauss and Newton, which always lead downhill;
+near the minimum the exact ones are taken where they are positive, so that the last
+iterations converge quadratically.  Every step is shortened until it stays inside the
+constraints and lowers the cost (without that some problems do not converge).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from .geometry import Floats
+from .trajectory import Problem, slack
+from .trajectory_newton import covariances, newton_step
+from .trajectory_terms import add_lines, add_planes, barrier_cost, chain_cost, chain_slope, lines_cost, position_slope
+
+MU_FIRST, MU_LAST = 1.0, 1e-11
+TO_BOUNDARY = 0.995
+"""Share of the way to the nearest constraint that a step may take."""
+ARMIJO = 1e-4
+SHORTEST = 1e-12
+"""A step of a smaller share is no step."""
+KAPPA = 1e10
+"""Multipliers stay within this factor of mu / slack."""
+NEAR = 10.0
+"""Exact second derivatives are tried once the model promises less than this much."""
+
+
+class Iterate(NamedTuple):
+    """One iteration, for those who watch."""
+
+    number: int  # 0: the start
+    X: Floats  # (T, 4) states after it
+    cost: float
+    step: float  # share of the Newton step that was taken
+    moved: float  # largest change of a position
+    mu: float
+    exact: bool
+
+
+class Solution(NamedTuple):
+    """A minimum, or what was reached."""
+
+    X: Floats  # (T, 4)
+    cost: float
+    iterations: int
+    converged: bool
+    multiplier: Floats  # (M,) of the constraints
+
+
+class Options(NamedTuple):
+    """When to stop."""
+
+    tolerance: float  # largest change of a position in the last iteration
+    most: int = 200  # iterations
+
+
+def cost(problem: Problem, X: Floats) -> float:
+    """The negative log posterior of states (T, 4), up to a constant."""
+    return chain_cost(problem.steps, X) + lines_cost(problem.lines, X, problem.loss, problem.k)
+
+
+def minimise(
+    problem: Problem, start: Floats, options: Options, watch: Callable[[Iterate], None] | None = None
+) -> Solution:
+    """The local minimum of the cost that the start leads to.
+
+    Args:
+        problem: what is minimised.
+        start: (T, 4) states, strictly inside all constraints.
+        options: when to stop.
+        watch: called with the start and after every iteration.
+
+    Raises:
+        ValueError: the start is not inside the constraints.
+    """
+    X = np.array(start, dtype=np.float64)
+    gap = slack(problem.planes, X)
+    if len(gap) and not gap.min() > 0.0:
+        raise ValueError(f"the start is outside constraint {int(np.argmin(gap))} by {-gap.min():g}")
+    mu = MU_FIRST if len(gap) else 0.0
+    multiplier = mu / gap
+    here, promise = cost(problem, X), math.inf
+    if watch is not None:
+        watch(Iterate(0, X.copy(), here, 0.0, 0.0, mu, exact=False))
+    for number in range(1, options.most + 1):
+        g, H, dX, exact = _direction(problem, X, mu, multiplier, exact=promise < NEAR)
+        slope = chain_slope(problem.steps, X, dX) + position_slope(g, dX)
+        promise = max(-slope, 0.0)
+        share, here = _search(problem, X, dX, slope, mu, here)
+        moved = share * float(np.abs(dX[:, ::2]).max())
+        multiplier = _follow(problem, X, dX, share, mu, multiplier)
+        X += share * dX
+        if watch is not None:
+            watch(Iterate(number, X.copy(), here, share, moved, mu, exact))
+        settled = moved <= options.tolerance and (share > 0.5 or promise <= 1e-9 * (1.0 + abs(here)))
+        if settled and mu <= MU_LAST:
+            return Solution(X, here, number, converged=True, multiplier=multiplier)
+        if share == 0.0 and mu <= MU_LAST:
+            break
+        if mu > 0.0 and (promise < 0.1 * mu * len(gap) or promise < 1e-3 * mu or settled or share == 0.0):
+            mu = max(MU_LAST, min(0.2 * mu, mu**1.5))
+    return Solution(X, here, options.most if share else number, converged=False, multiplier=multiplier)
+
+
+def _direction(
+    problem: Problem, X: Floats, mu: float, multiplier: Floats, *, exact: bool
+) -> tuple[Floats, Floats, Floats, bool]:
+    """Gradient and Hessian by position, and the Newton step; Gauss-Newton's where the exact Hessian is not positive."""
+    dX = np.empty_like(X)
+    for true in (True, False) if exact else (False,):
+        g, H = derivatives(problem, X, exact=true)
+        add_planes(problem.planes, X, mu, multiplier, g, H)
+        if newton_step(problem.steps, X, g, H, dX):
+            return g, H, dX, true
+    raise FloatingPointError("the Hessian of Gauss and Newton is not positive definite")
+
+
+def derivatives(problem: Problem, X: Floats, *, exact: bool) -> tuple[Floats, Floats]:
+    """Gradient (T, 2) and Hessian (T, 3) of the measurements' part of the cost, by position."""
+    g, H = np.zeros((len(X), 2)), np.zeros((len(X), 3))
+    add_lines(problem.lines, X, problem.loss, problem.k, exact, g, H)
+    return g, H
+
+
+def _search(
+    problem: Problem, X: Floats, dX: Floats, slope: float, mu: float, here: float
+) -> tuple[float, float]:
+    """Share of the step to take, and the cost after it; 0 if no share lowers the cost with its barrier."""
+    share, barrier = 1.0, 0.0
+    if len(problem.planes.step):
+        gap, change = slack(problem.planes, X), _change(problem, dX)
+        falling = change < 0.0
+        if falling.any():
+            share = min(1.0, TO_BOUNDARY * float(np.min(-gap[falling] / change[falling])))
+        barrier = mu * barrier_cost(problem.planes, X)
+    noise = 1e-13 * (1.0 + abs(here) + abs(barrier))
+    while share > SHORTEST:
+        Y = X + share * dX
+        then = cost(problem, Y)
+        total = then + (mu * barrier_cost(problem.planes, Y) if mu > 0.0 else 0.0)
+        if total <= here + barrier + ARMIJO * share * slope + noise:
+            return share, then
+        share *= 0.5
+    return 0.0, here
+
+
+def _change(problem: Problem, dX: Floats) -> Floats:
+    """(M,) change of the slacks along dX."""
+    planes = problem.planes
+    return np.asarray(np.einsum("mi,mi->m", planes.normal, dX[planes.step][:, ::2]))
+
+
+def _follow(problem: Problem, X: Floats, dX: Floats, share: float, mu: float, multiplier: Floats) -> Floats:
+    """Multipliers after a step, before X has moved."""
+    if not len(multiplier):
+        return multiplier
+    gap, change = slack(problem.planes, X), _change(problem, dX)
+    step = mu / gap - multiplier - multiplier / gap * change
+    falling = step < 0.0
+    full = min(1.0, TO_BOUNDARY * float(np.min(-multiplier[falling] / step[falling]))) if falling.any() else 1.0
+    then = gap + share * change
+    return np.asarray(np.clip(multiplier + full * step, mu / (KAPPA * then), KAPPA * mu / then))
+
+
+def covariance(problem: Problem, X: Floats) -> Floats:
+    """(T, 4, 4) covariance of each state: blocks of the inverse Hessian at X, without the constraints.
+
+    Where the exact Hessian is not positive definite that of Gauss and Newton is taken, which always is.
+    """
+    out = np.empty((len(X), 4, 4))
+    for exact in (problem.loss == 0, False):
+        if covariances(problem.steps, derivatives(problem, X, exact=exact)[1], out):
+            break
+    return out

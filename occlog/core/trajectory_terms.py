@@ -1,0 +1,208 @@
+"""Values and derivatives of the terms of a trajectory's cost; see `occlog.core.trajectory`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .geometry import Floats, Ints
+from .jit import kernel
+from .trajectory import CAUCHY, HUBER, HalfPlanes, SightLines, Steps
+
+
+@kernel
+def loss_value(r: float, loss: int, k: float) -> float:
+    """Loss of a residual, in units of a negative log likelihood."""
+    if loss == HUBER and abs(r) > k:
+        return k * (abs(r) - 0.5 * k)
+    if loss == CAUCHY:
+        return 0.5 * k * k * math.log1p((r / k) ** 2)
+    return 0.5 * r * r
+
+
+@kernel
+def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
+    """First and second derivative of the loss, and the weight first / r of iteratively reweighted least squares."""
+    if loss == HUBER and abs(r) > k:
+        return math.copysign(k, r), 0.0, k / abs(r)
+    if loss == CAUCHY:
+        q = 1.0 + (r / k) ** 2
+        return r / q, (1.0 - (r / k) ** 2) / (q * q), 1.0 / q
+    return r, 1.0, 1.0
+
+
+@kernel
+def in_camera(lines: SightLines, n: int, X: Floats) -> tuple[float, float]:
+    """Offset to the left of the axis, h, and distance along it, d, of the state that sight line n is of."""
+    t = lines.step[n]
+    dx, dy = X[t, 0] - lines.place[n, 0], X[t, 2] - lines.place[n, 1]
+    c, s = lines.axis[n, 0], lines.axis[n, 1]
+    return c * dy - s * dx, c * dx + s * dy
+
+
+@kernel
+def residual(lines: SightLines, n: int, h: float, d: float) -> float:
+    """Residual of a sight line in standard deviations."""
+    if lines.direction[n]:
+        return math.atan2(h, d) / math.sqrt(lines.c0[n])
+    return (lines.focal[n] * h - lines.reading[n] * d) / math.sqrt(lines.c0[n] * d * d + lines.c1[n])
+
+
+@kernel
+def residuals(lines: SightLines, X: Floats) -> Floats:
+    """(N,) residuals of all sight lines in standard deviations."""
+    out = np.empty(lines.step.shape[0])
+    for n in range(out.shape[0]):
+        h, d = in_camera(lines, n, X)
+        out[n] = residual(lines, n, h, d)
+    return out
+
+
+@kernel
+def lines_cost(lines: SightLines, X: Floats, loss: int, k: float) -> float:
+    """Part of the cost that the measurements have."""
+    total = 0.0
+    for n in range(lines.step.shape[0]):
+        h, d = in_camera(lines, n, X)
+        total += loss_value(residual(lines, n, h, d), loss, k)
+        if lines.c1[n] > 0.0:
+            total += 0.5 * math.log(lines.c0[n] + lines.c1[n] / (d * d))
+    return total
+
+
+@kernel
+def chain_cost(steps: Steps, X: Floats) -> float:
+    """Part of the cost that the motion has."""
+    total = 0.0
+    for i in range(4):
+        e = 0.0
+        for j in range(i + 1):
+            e += steps.whiten_first[i, j] * (X[0, j] - steps.mean[j])
+        total += 0.5 * e * e
+    nu = np.empty(4)
+    for t in range(steps.kind.shape[0]):
+        A, W = steps.A[steps.kind[t]], steps.whiten[steps.kind[t]]
+        for i in range(4):
+            nu[i] = X[t + 1, i] - A[i, 0] * X[t, 0] - A[i, 1] * X[t, 1] - A[i, 2] * X[t, 2] - A[i, 3] * X[t, 3]
+        for i in range(4):
+            e = 0.0
+            for j in range(i + 1):
+                e += W[i, j] * nu[j]
+            total += 0.5 * e * e
+    return total
+
+
+@kernel
+def chain_slope(steps: Steps, X: Floats, dX: Floats) -> float:
+    """Derivative of `chain_cost` along dX."""
+    total = 0.0
+    for i in range(4):
+        e, de = 0.0, 0.0
+        for j in range(i + 1):
+            e += steps.whiten_first[i, j] * (X[0, j] - steps.mean[j])
+            de += steps.whiten_first[i, j] * dX[0, j]
+        total += e * de
+    nu, dnu = np.empty(4), np.empty(4)
+    for t in range(steps.kind.shape[0]):
+        A, W = steps.A[steps.kind[t]], steps.whiten[steps.kind[t]]
+        for i in range(4):
+            nu[i], dnu[i] = X[t + 1, i], dX[t + 1, i]
+            for j in range(4):
+                nu[i] -= A[i, j] * X[t, j]
+                dnu[i] -= A[i, j] * dX[t, j]
+        for i in range(4):
+            e, de = 0.0, 0.0
+            for j in range(i + 1):
+                e += W[i, j] * nu[j]
+                de += W[i, j] * dnu[j]
+            total += e * de
+    return total
+
+
+@kernel
+def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
+    """- sum of log slacks; inf outside."""
+    total = 0.0
+    for m in range(planes.step.shape[0]):
+        t = planes.step[m]
+        s = planes.normal[m, 0] * X[t, 0] + planes.normal[m, 1] * X[t, 2] - planes.offset[m]
+        if s <= 0.0:
+            return math.inf
+        total -= math.log(s)
+    return total
+
+
+@kernel
+def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: bool, g: Floats, H: Floats) -> None:
+    """Add the measurements' derivatives by position to `g` (T, 2) and `H` (T, 3): xx, xy, yy.
+
+    Args:
+        lines: N sight lines.
+        X: (T, 4) states.
+        loss: SQUARE, HUBER or CAUCHY.
+        k: its parameter.
+        exact: true: second derivatives; false: those of Gauss-Newton with reweighting, which are never negative.
+        g: changed in place.
+        H: changed in place.
+    """
+    for n in range(lines.step.shape[0]):
+        h, d = in_camera(lines, n, X)
+        r, rh, rd, rhh, rhd, rdd = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if lines.direction[n]:
+            q, a = h * h + d * d, 1.0 / math.sqrt(lines.c0[n])
+            r, rh, rd = a * math.atan2(h, d), a * d / q, -a * h / q
+            rhh, rhd, rdd = -2.0 * a * h * d / (q * q), a * (h * h - d * d) / (q * q), 2.0 * a * h * d / (q * q)
+        else:
+            w2 = lines.c0[n] * d * d + lines.c1[n]
+            w = math.sqrt(w2)
+            r = (lines.focal[n] * h - lines.reading[n] * d) / w
+            v = lines.c0[n] * d / w2  # derivative of log w
+            vd = lines.c0[n] / w2 - 2.0 * v * v
+            rh, rd = lines.focal[n] / w, -lines.reading[n] / w - r * v
+            rhd = -rh * v
+            rdd = lines.reading[n] / w * v - rd * v - r * vd
+        first, second, weight = loss_slopes(r, loss, k)
+        gh, gd = first * rh, first * rd
+        if exact:
+            hh, hd, dd = second * rh * rh + first * rhh, second * rh * rd + first * rhd, second * rd * rd + first * rdd
+        else:
+            hh, hd, dd = weight * rh * rh, weight * rh * rd, weight * rd * rd
+        if lines.c1[n] > 0.0:  # 1/2 log(c0 + c1 / d^2)
+            w2 = lines.c0[n] * d * d + lines.c1[n]
+            gd -= lines.c1[n] / (d * w2)
+            dd += lines.c1[n] * (3.0 * lines.c0[n] * d * d + lines.c1[n]) / (d * d * w2 * w2)
+        c, s, t = lines.axis[n, 0], lines.axis[n, 1], lines.step[n]
+        g[t, 0] += -s * gh + c * gd
+        g[t, 1] += c * gh + s * gd
+        H[t, 0] += s * s * hh - 2.0 * s * c * hd + c * c * dd
+        H[t, 1] += -s * c * hh + (c * c - s * s) * hd + s * c * dd
+        H[t, 2] += c * c * hh + 2.0 * s * c * hd + s * s * dd
+
+
+@kernel
+def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: Floats, H: Floats) -> None:
+    """Add the barrier's derivatives in primal-dual form: g - mu/s n, H + multiplier/s n n'."""
+    for m in range(planes.step.shape[0]):
+        t, n0, n1 = planes.step[m], planes.normal[m, 0], planes.normal[m, 1]
+        s = n0 * X[t, 0] + n1 * X[t, 2] - planes.offset[m]
+        g[t, 0] -= mu / s * n0
+        g[t, 1] -= mu / s * n1
+        q = multiplier[m] / s
+        H[t, 0] += q * n0 * n0
+        H[t, 1] += q * n0 * n1
+        H[t, 2] += q * n1 * n1
+
+
+@kernel
+def position_slope(g: Floats, dX: Floats) -> float:
+    """Sum of g . (du, dv)."""
+    total = 0.0
+    for t in range(g.shape[0]):
+        total += g[t, 0] * dX[t, 0] + g[t, 1] * dX[t, 2]
+    return total
+
+
+def by_step(step: Ints, T: int) -> Ints:
+    """(T,) how many rows each state has."""
+    return np.bincount(step, minlength=T)
