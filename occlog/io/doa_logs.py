@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..columns import Ints, Strings
 from ..errors import InputError, UsageError
 from ..scene import MicrophoneArray
 from .csv_rows import first_line, is_header, read_plain, read_rows
@@ -17,6 +18,7 @@ from .doa_rows import DoaOptions, DoaRows, azimuths_only
 NS = 1_000_000_000
 WHAT = "a table of places of arrays"
 _DATE = re.compile(r"^\d\d/\d\d/\d\d$")
+_NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 
 def read_frida(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
@@ -51,7 +53,10 @@ def looks_like_telemetr(head: list[str]) -> bool:
 
 
 def read_telemetr(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
-    """Bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, and taken for UTC."""
+    """Bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, and taken for UTC.
+
+    An animal's number is the identity of its bearings.
+    """
     for rows in read_plain(path, "a field log of bearings"):
         columns = len(rows.cells)
         if columns < 6 or columns % 2:
@@ -69,8 +74,15 @@ def read_telemetr(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
             row = int(np.flatnonzero((degrees < 0) | (degrees > 360))[0])
             raise InputError(f"{path}: line {line[row]}: bearing {degrees[row]:g}; it must be 0 to 360 degrees")
         times = np.concatenate([t_ns for _ in pairs]) + options.start_ns
+        animal = np.concatenate([_animals(rows.cells["2"]) for _ in pairs])
         order = np.argsort(line, kind="stable")
-        yield azimuths_only(line[order], times[order], tower[order], np.radians(degrees[order]))
+        found = azimuths_only(line[order], times[order], tower[order], np.radians(degrees[order]))
+        yield found._replace(source_id=animal[order])
+
+
+def _animals(cells: Strings) -> Ints:
+    """Numbers of animals; -1 for a name that is not a number, which an identity must be."""
+    return np.array([int(c) if _NUMBER.match(c) else -1 for c in cells.tolist()], dtype=np.int64)
 
 
 def _moment(path: Path, line: int, day: str, clock: str) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -145,6 +146,63 @@ def test_a_track_without_labels_begins_at_the_start(folder):
     assert nothing == ExitCode.BAD_INPUT
 
 
+def test_sensors_in_turn_are_a_network_without_overlap(folder):
+    alone = ("--cameras", "cam5,cam2,cam1", "--target", "0", "--in-turn", "3")
+    assert with_scene(folder, *alone) == ExitCode.LOSSY
+    found = read_table(folder / "diagnostics.parquet", Diagnostics)
+    want = ["cam1"] * 3 + ["cam2"] * 3 + ["cam5"] * 3 + ["cam1"] * 3  # in the order of the scene
+    assert found.cameras.tolist() == want
+    assert set(found.n_looked.tolist()) == {1}
+    parameters = read_provenance(folder / "tracks.parquet").parameters
+    assert (parameters["in_turn_s"], parameters["doa_labels"]) == (3.0, False)
+
+
+def test_microphone_arrays_have_turns_too(folder):
+    assert track(folder, "--in-turn", "1", "--cameras", "cam1,array", source="room.mcap") == ExitCode.LOSSY
+    assert read_table(folder / "diagnostics.parquet", Diagnostics).cameras.tolist() == ["cam1", "array"] * (STEPS // 2)
+
+
+def test_a_row_of_an_unknown_sensor_is_named_with_its_number_in_turns_too(folder, capsys):
+    rows = bearings()
+    names = rows.sensor.copy()
+    names[47] = "cam9"  # the last of its time, and so in the file
+    write_table(folder / "odd.parquet", replace(rows, sensor=names), Provenance("detect"))
+    args = ("--scene", str(folder / "scene.yaml"), "--in-turn", "2")
+    assert track(folder, *args, source="odd.parquet") == ExitCode.BAD_INPUT
+    assert "bearings: row 47: no sensor 'cam9' in the scene" in capsys.readouterr().err
+
+
+def test_directions_of_arrival_can_be_labelled(folder, capsys):
+    log = replace(doa(), source_id=np.full(STEPS, 3, dtype=np.int32))
+    write_table(folder / "doa.parquet", log, Provenance("ingest"))
+    args = ("--doa", str(folder / "doa.parquet"), "--target", "0", "--target", "3")
+    assert with_scene(folder, *args, "--doa-labels") == ExitCode.LOSSY
+    rows = read_table(folder / "diagnostics.parquet", Diagnostics)
+    assert all("array" in c for c in rows.cameras[rows.target_id == 3].tolist())
+    assert not any("array" in c for c in rows.cameras[rows.target_id == 0].tolist())
+    assert read_provenance(folder / "tracks.parquet").parameters["doa_labels"] is True
+    write_table(folder / "doa.parquet", doa(), Provenance("ingest"), overwrite=True)
+    capsys.readouterr()
+    assert with_scene(folder, *args, "--doa-labels", "--overwrite") == ExitCode.BAD_INPUT
+    error = capsys.readouterr().err
+    assert f"doa: none of {STEPS} directions has an identity (source_id)" in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.jit
+def test_the_animal_of_a_field_log_is_followed_by_its_number(shared_data, tmp_path, capsys):
+    """828 bearings of an animal in 276 rounds, with months between some: the filter is near the crossings."""
+    data = shared_data / "telemetr_bearings"
+    field, tracks = str(tmp_path / "field.mcap"), str(tmp_path / "tracks.parquet")
+    logs = ["--doa", str(data / "azimuth.dat"), "--arrays", str(data / "towers.dat")]
+    assert run(["ingest", "-o", field, *logs, "-q"]) == ExitCode.DONE
+    capsys.readouterr()
+    assert run(["track", field, "-o", tracks, "-q", "--doa-labels", "--labelled-only", "--json"]) == ExitCode.DONE
+    assert json.loads(capsys.readouterr().out)["rows"] == 276
+    assert set(read_table(tmp_path / "tracks.parquet", Tracks).target_id.tolist()) == {340}
+    assert run(["track", field, "-o", tracks, "-q", "--labelled-only", "--overwrite"]) == ExitCode.BAD_INPUT
+
+
 def test_settings_go_to_the_method(folder):
     with_scene(folder, "--set", "sigma_v=0.7", "--set", "detection=0.9")
     parameters = read_provenance(folder / "tracks.parquet").parameters
@@ -166,6 +224,9 @@ def test_settings_go_to_the_method(folder):
         (["--doa", "bearings.parquet"], ExitCode.USAGE, "is an input too"),
         (["--method", "kalman"], ExitCode.USAGE, "apf"),
         (["--particles", "0"], ExitCode.USAGE, "--particles"),
+        (["--in-turn", "0"], ExitCode.USAGE, "--in-turn"),
+        (["--in-turn", "nan"], ExitCode.USAGE, "--in-turn nan: must be at most 1e+09 seconds"),
+        (["--doa-labels"], ExitCode.USAGE, "--doa-labels wants directions of arrival; give them with --doa"),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_leaves_no_output(folder, capsys, monkeypatch, args, code, message):

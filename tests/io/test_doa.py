@@ -106,6 +106,15 @@ def test_field_log_of_bearings_from_north(shared_data: Path) -> None:
     first = doa.take(doa.t_ns == doa.t_ns[0])
     assert first.sensor.tolist() == ["tower6", "tower7", "tower8"]
     assert np.allclose(np.degrees(first.azimuth), [90 - 48, 90 - 331 + 360, 90 - 160])
+    assert set(doa.source_id.tolist()) == {340}  # the animal
+
+
+def test_animals_of_a_field_log_are_identities_if_they_are_numbers(tmp_path: Path) -> None:
+    log = tmp_path / "log.dat"
+    log.write_text("06/10/84 13:31:34 7 S 1 48 2 331\n06/10/84 13:31:35 owl M 1 50 2 330\n")
+    (tmp_path / "towers.dat").write_text("0,0\n100,0\n")
+    doa = read(log, read_arrays(tmp_path / "towers.dat"))
+    assert doa.source_id.tolist() == [7, 7, -1, -1]
 
 
 def test_bearings_of_the_field_log_meet_at_the_published_fixes(shared_data: Path) -> None:
