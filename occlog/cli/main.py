@@ -18,6 +18,7 @@ COMMANDS = {
     "detect": "Reduce the frames of a recording to bearings.",
     "priors": "Find where moving occluders are.",
     "track": "Estimate target tracks from bearings.",
+    "label": "Give candidates the identity of the track they agree with.",
     "evaluate": "Compare tracks with the truth and with the Cramer-Rao bound.",
     "report": "Show a run as one offline page and a picture.",
     "run": "Do all stages of a configuration into a run folder.",

@@ -19,8 +19,8 @@ import numpy as np
 
 from .geometry import Floats
 from .trajectory import Problem, slack
-from .trajectory_newton import covariances, newton_step
-from .trajectory_terms import add_lines, add_planes, barrier_cost, chain_cost, chain_slope, lines_cost, position_slope
+from .trajectory_newton import factor_rows, factor_sum, inverse_blocks, solve
+from .trajectory_terms import add_chain, add_lines, add_planes, barrier_cost, chain_cost, lines_cost
 
 MU_FIRST, MU_LAST = 1.0, 1e-11
 TO_BOUNDARY = 0.995
@@ -92,8 +92,8 @@ def minimise(
     if watch is not None:
         watch(Iterate(0, X.copy(), here, 0.0, 0.0, mu, exact=False))
     for number in range(1, options.most + 1):
-        g, H, dX, exact = _direction(problem, X, mu, multiplier, exact=promise < NEAR)
-        slope = chain_slope(problem.steps, X, dX) + position_slope(g, dX)
+        g, dX, exact = _direction(problem, X, mu, multiplier, exact=promise < NEAR)
+        slope = float(np.vdot(g, dX))
         promise = max(-slope, 0.0)
         share, here = _search(problem, X, dX, slope, mu, here)
         moved = share * float(np.abs(dX[:, ::2]).max())
@@ -113,20 +113,26 @@ def minimise(
 
 def _direction(
     problem: Problem, X: Floats, mu: float, multiplier: Floats, *, exact: bool
-) -> tuple[Floats, Floats, Floats, bool]:
-    """Gradient and Hessian by position, and the Newton step; Gauss-Newton's where the exact Hessian is not positive."""
+) -> tuple[Floats, Floats, bool]:
+    """Gradient of the cost with its barrier, and the Newton step; Gauss-Newton's unless the exact one leads downhill."""
+    R, N = np.empty((len(X), 4, 4)), np.empty((len(X), 4, 4))
     dX = np.empty_like(X)
     for true in (True, False) if exact else (False,):
         g, H = derivatives(problem, X, exact=true)
         add_planes(problem.planes, X, mu, multiplier, g, H)
-        if newton_step(problem.steps, X, g, H, dX):
-            return g, H, dX, true
-    raise FloatingPointError("the Hessian of Gauss and Newton is not positive definite")
+        if factor_sum(problem.steps, H, R, N):
+            solve(R, N, -g, dX)
+            if np.vdot(g, dX) <= 0.0:
+                return g, dX, true
+    factor_rows(problem.steps, H, R, N)
+    solve(R, N, -g, dX)
+    return g, dX, False
 
 
 def derivatives(problem: Problem, X: Floats, *, exact: bool) -> tuple[Floats, Floats]:
-    """Gradient (T, 2) and Hessian (T, 3) of the measurements' part of the cost, by position."""
-    g, H = np.zeros((len(X), 2)), np.zeros((len(X), 3))
+    """Gradient (T, 4) of the cost, and the Hessian (T, 3) of all but the chain's part, by position."""
+    g, H = np.zeros((len(X), 4)), np.zeros((len(X), 3))
+    add_chain(problem.steps, X, g)
     add_lines(problem.lines, X, problem.loss, problem.k, exact, g, H)
     return g, H
 
@@ -174,10 +180,9 @@ def _follow(problem: Problem, X: Floats, dX: Floats, share: float, mu: float, mu
 def covariance(problem: Problem, X: Floats) -> Floats:
     """(T, 4, 4) covariance of each state: blocks of the inverse Hessian at X, without the constraints.
 
-    Where the exact Hessian is not positive definite that of Gauss and Newton is taken, which always is.
+    The Hessian is that of Gauss and Newton, the information that the measurements have at X.
     """
-    out = np.empty((len(X), 4, 4))
-    for exact in (problem.loss == 0, False):
-        if covariances(problem.steps, derivatives(problem, X, exact=exact)[1], out):
-            break
+    R, N, out = (np.empty((len(X), 4, 4)) for _ in range(3))
+    factor_rows(problem.steps, derivatives(problem, X, exact=False)[1], R, N)
+    inverse_blocks(R, N, out)
     return out

@@ -14,10 +14,12 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .geometry import Floats
-from .interpolate import Bools, Ints
+from .interpolate import Bools, Ints, interpolate_positions
+
+BRIDGED = 2.0
+"""Steps between two positions between which others are interpolated."""
 
 
 class Path(NamedTuple):
@@ -100,32 +102,27 @@ def _nodes_of(path: Path, step_s: float) -> Nodes | None:
     return out._replace(skipped=len(node) - len(used))
 
 
-def resampled(nodes: Nodes) -> tuple[Floats, NDArray[np.int64]]:
-    """(M, 4) states u u' v v' by central differences in steps, and (M,) the node of each.
+def transitions_by_differences(paths: Iterable[Path], step_s: float, longest_gap_s: float) -> tuple[Floats, Floats]:
+    """(M, 4) states u u' v v' by central differences, in steps, and (M, 4) the next states.
 
-    A measured position off its node in time is first moved there along the line to the
-    next one measured.  A state needs a measurement at its node and at both neighbours.
+    Positions are interpolated linearly to equal steps, over gaps of at most BRIDGED steps.
     """
-    xy = nodes.xy.copy()
-    ready = nodes.seen.copy()
-    run = np.cumsum(nodes.first)
-    for sign in (1, -1):
-        late = np.flatnonzero(nodes.seen & (sign * nodes.off > 0))
-        other = np.clip(late - sign, 0, len(xy) - 1)
-        good = nodes.seen[other] & (run[other] == run[late]) & (other != late)
-        ready[late[~good]] = False
-        i, k = late[good], other[good]
-        gap = sign * (i - k) + sign * (nodes.off[i] - nodes.off[k])
-        # Two positions of neighbouring nodes may be (almost) of one time: then the line says nothing.
-        usable = gap > 0.1
-        ready[i[~usable]] = False
-        i, k, gap = i[usable], k[usable], gap[usable]
-        share = sign * nodes.off[i] / gap
-        xy[i] = nodes.xy[i] + share[:, None] * (nodes.xy[k] - nodes.xy[i])
-    inner = np.arange(1, max(len(xy) - 1, 1))
-    inner = inner[ready[inner - 1] & ready[inner] & ready[inner + 1]] if len(xy) > 2 else inner[:0]
-    inner = inner[(run[inner - 1] == run[inner + 1])]
-    states = np.empty((len(inner), 4))
-    states[:, [0, 2]] = xy[inner]
-    states[:, [1, 3]] = 0.5 * (xy[inner + 1] - xy[inner - 1])
-    return states, inner
+    pairs = [_pairs(piece, step_s) for path in paths for piece in split(path, longest_gap_s)]
+    if not pairs:
+        return np.empty((0, 4)), np.empty((0, 4))
+    return np.concatenate([a for a, _ in pairs]), np.concatenate([b for _, b in pairs])
+
+
+def _pairs(path: Path, step_s: float) -> tuple[Floats, Floats]:
+    steps = int((path.t_ns[-1] - path.t_ns[0]) * 1e-9 / step_s + 1e-6) if len(path.t_ns) else 0
+    if steps < 3:
+        return np.empty((0, 4)), np.empty((0, 4))
+    t_ns = path.t_ns[0] + np.rint(np.arange(steps + 1) * (step_s * 1e9)).astype(np.int64)
+    t_ns = np.minimum(t_ns, path.t_ns[-1])  # the last may be late by rounding
+    xy, good = interpolate_positions(t_ns, path.t_ns, path.xy, round(BRIDGED * step_s * 1e9))
+    states = np.empty((steps - 1, 4))
+    states[:, [0, 2]] = xy[1:-1]
+    states[:, [1, 3]] = 0.5 * (xy[2:] - xy[:-2])
+    known = good[:-2] & good[1:-1] & good[2:]
+    both = known[:-1] & known[1:]
+    return states[:-1][both], states[1:][both]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .geometry import Floats, Ints
+from .geometry import Floats
 from .jit import kernel
 from .trajectory import CAUCHY, HUBER, HalfPlanes, SightLines, Steps
 
@@ -94,30 +94,31 @@ def chain_cost(steps: Steps, X: Floats) -> float:
 
 
 @kernel
-def chain_slope(steps: Steps, X: Floats, dX: Floats) -> float:
-    """Derivative of `chain_cost` along dX."""
-    total = 0.0
+def add_chain(steps: Steps, X: Floats, g: Floats) -> None:
+    """Add the gradient of `chain_cost` to `g` (T, 4)."""
+    e = np.empty(4)
     for i in range(4):
-        e, de = 0.0, 0.0
+        e[i] = 0.0
         for j in range(i + 1):
-            e += steps.whiten_first[i, j] * (X[0, j] - steps.mean[j])
-            de += steps.whiten_first[i, j] * dX[0, j]
-        total += e * de
-    nu, dnu = np.empty(4), np.empty(4)
+            e[i] += steps.whiten_first[i, j] * (X[0, j] - steps.mean[j])
+    for i in range(4):
+        for j in range(i + 1):
+            g[0, j] += steps.whiten_first[i, j] * e[i]
+    nu, w = np.empty(4), np.empty(4)
     for t in range(steps.kind.shape[0]):
-        A, W = steps.A[steps.kind[t]], steps.whiten[steps.kind[t]]
+        A, U = steps.A[steps.kind[t]], steps.whiten[steps.kind[t]]
         for i in range(4):
-            nu[i], dnu[i] = X[t + 1, i], dX[t + 1, i]
-            for j in range(4):
-                nu[i] -= A[i, j] * X[t, j]
-                dnu[i] -= A[i, j] * dX[t, j]
+            nu[i] = X[t + 1, i] - A[i, 0] * X[t, 0] - A[i, 1] * X[t, 1] - A[i, 2] * X[t, 2] - A[i, 3] * X[t, 3]
+        w[:] = 0.0
         for i in range(4):
-            e, de = 0.0, 0.0
+            e[i] = 0.0
             for j in range(i + 1):
-                e += W[i, j] * nu[j]
-                de += W[i, j] * dnu[j]
-            total += e * de
-    return total
+                e[i] += U[i, j] * nu[j]
+            for j in range(i + 1):
+                w[j] += U[i, j] * e[i]
+        for i in range(4):
+            g[t + 1, i] += w[i]
+            g[t, i] -= A[0, i] * w[0] + A[1, i] * w[1] + A[2, i] * w[2] + A[3, i] * w[3]
 
 
 @kernel
@@ -135,7 +136,7 @@ def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
 
 @kernel
 def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: bool, g: Floats, H: Floats) -> None:
-    """Add the measurements' derivatives by position to `g` (T, 2) and `H` (T, 3): xx, xy, yy.
+    """Add the measurements' derivatives to `g` (T, 4) and, by position, to `H` (T, 3): xx, xy, yy.
 
     Args:
         lines: N sight lines.
@@ -174,7 +175,7 @@ def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: bool, g:
             dd += lines.c1[n] * (3.0 * lines.c0[n] * d * d + lines.c1[n]) / (d * d * w2 * w2)
         c, s, t = lines.axis[n, 0], lines.axis[n, 1], lines.step[n]
         g[t, 0] += -s * gh + c * gd
-        g[t, 1] += c * gh + s * gd
+        g[t, 2] += c * gh + s * gd
         H[t, 0] += s * s * hh - 2.0 * s * c * hd + c * c * dd
         H[t, 1] += -s * c * hh + (c * c - s * s) * hd + s * c * dd
         H[t, 2] += c * c * hh + 2.0 * s * c * hd + s * s * dd
@@ -187,22 +188,8 @@ def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: 
         t, n0, n1 = planes.step[m], planes.normal[m, 0], planes.normal[m, 1]
         s = n0 * X[t, 0] + n1 * X[t, 2] - planes.offset[m]
         g[t, 0] -= mu / s * n0
-        g[t, 1] -= mu / s * n1
+        g[t, 2] -= mu / s * n1
         q = multiplier[m] / s
         H[t, 0] += q * n0 * n0
         H[t, 1] += q * n0 * n1
         H[t, 2] += q * n1 * n1
-
-
-@kernel
-def position_slope(g: Floats, dX: Floats) -> float:
-    """Sum of g . (du, dv)."""
-    total = 0.0
-    for t in range(g.shape[0]):
-        total += g[t, 0] * dX[t, 0] + g[t, 1] * dX[t, 2]
-    return total
-
-
-def by_step(step: Ints, T: int) -> Ints:
-    """(T,) how many rows each state has."""
-    return np.bincount(step, minlength=T)
