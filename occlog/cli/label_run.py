@@ -88,7 +88,11 @@ class Tally:
         self.frames += part.frames
 
     def summary(self) -> dict[str, Any]:
-        """Rows and frames at whose times there is a track; rows of each target that got a label, and that say it was not seen; candidates of nobody."""
+        """The figures.
+
+        rows: in the output.  frames_of_tracks: at whose time there is a track.  labelled, not_seen:
+        rows of each target that got a label, or were added.  candidates_left: those of nobody.
+        """
         return {
             "rows": self.rows,
             "frames_of_tracks": self.frames,
