@@ -16,9 +16,10 @@ from ..columns import Bools, Floats, Ints
 from ..core.triangulate import MET
 from ..errors import InputError
 from ..records import UNLABELLED, Bearings, Tracks, Truth
-from ..scene import Camera, Scene
+from ..scene import Scene
 from ..stages.evaluate_config import EvaluateConfig
 from ..stages.evaluate_meeting import meeting_points
+from ..stages.label import LabelConfig, label
 from ..stages.track import track
 from ..trackers.apf_config import apf_defaults
 
@@ -78,30 +79,14 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
 
 
 def assign(scene: Scene, bearings: Bearings, tracks: Tracks) -> Bearings:
-    """One row of every camera and frame: its detection nearest to a track, or "not seen" where none is near."""
-    place = np.searchsorted(tracks.t_ns, bearings.t_ns)
-    away = np.full(len(bearings), np.inf)
-    for camera in scene.cameras:
-        rows = np.flatnonzero((bearings.sensor == camera.name) & bearings.seen)
-        away[rows] = _distance(camera, bearings, rows, tracks, place[rows])
-    kept = []
-    for sensor in sorted({c.name for c in scene.cameras} & set(bearings.sensor.tolist())):  # arrays hear, not see
-        rows = np.flatnonzero(bearings.sensor == sensor)
-        for group in np.split(rows, np.flatnonzero(np.diff(bearings.t_ns[rows])) + 1):
-            kept.append(int(group[np.argmin(away[group])]))
-    some = bearings.take(np.array(sorted(kept)))
-    labelled = replace(some, target_id=np.full(len(some), TARGET, dtype=np.int32))
-    return unseen(labelled, away[sorted(kept)] > GATE)
+    """One row of every camera and frame: its detection nearest to a track, or "not seen" where none is near.
 
-
-def _distance(camera: Camera, bearings: Bearings, rows: Ints, tracks: Tracks, place: Ints) -> Floats:
-    """(n,) difference of bearings from those of a track, in standard deviations of both together."""
-    dx, dy = tracks.x[place] - camera.ground[0], tracks.y[place] - camera.ground[1]
-    r2 = dx**2 + dy**2
-    across = dy**2 * tracks.cov_xx[place] - 2 * dx * dy * tracks.cov_xy[place] + dx**2 * tracks.cov_yy[place]
-    spread = across / r2**2 + bearings.sigma[rows] ** 2
-    apart = bearings.bearing[rows] - np.arctan2(dy, dx)
-    return np.asarray(np.abs(np.angle(np.exp(1j * apart))) / np.sqrt(spread))
+    Labels that detections have do not count; microphone arrays are left out, for they hear and do not see.
+    """
+    own = bearings.take(np.isin(bearings.sensor, [c.name for c in scene.cameras]))
+    free = replace(own, target_id=np.full(len(own), UNLABELLED, dtype=np.int32))
+    path = replace(tracks, target_id=np.full(len(tracks), TARGET, dtype=np.int32))
+    return Bearings.concat([part.bearings for part in label([free], [path], scene, LabelConfig(gate=GATE))])
 
 
 def unseen(bearings: Bearings, rows: Bools) -> Bearings:
