@@ -17,6 +17,7 @@ COMMANDS = {
     "ingest": "Gather video, detections, DOA logs and calibration into one recording.",
     "detect": "Reduce the frames of a recording to bearings.",
     "priors": "Find where moving occluders are.",
+    "fit-motion": "Identify a motion model from trajectories.",
     "track": "Estimate target tracks from bearings.",
     "label": "Give candidates the identity of the track they agree with.",
     "evaluate": "Compare tracks with the truth and with the Cramer-Rao bound.",
@@ -52,7 +53,7 @@ class LazyGroup(click.Group):
         """The command's module is imported here; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"occlog.cli.{cmd_name}")
+        module = importlib.import_module(f"occlog.cli.{cmd_name.replace('-', '_')}")
         command: click.Command = module.command
         return command
 

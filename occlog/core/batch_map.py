@@ -32,6 +32,8 @@ KAPPA = 1e10
 """Multipliers stay within this factor of mu / slack."""
 NEAR = 10.0
 """Exact second derivatives are tried once the model promises less than this much."""
+LEAST_EXACT = 0.1
+"""A smaller share of them is not tried."""
 
 
 class Iterate(NamedTuple):
@@ -43,7 +45,7 @@ class Iterate(NamedTuple):
     step: float  # share of the Newton step that was taken
     moved: float  # largest change of a position
     mu: float
-    exact: bool
+    exact: float  # share of the exact second derivatives
 
 
 class Solution(NamedTuple):
@@ -61,6 +63,7 @@ class Options(NamedTuple):
 
     tolerance: float  # largest change of a position in the last iteration
     most: int = 200  # iterations
+    mu: float = MU_FIRST  # weight of the barrier at first
 
 
 def cost(problem: Problem, X: Floats) -> float:
@@ -86,13 +89,13 @@ def minimise(
     gap = slack(problem.planes, X)
     if len(gap) and not gap.min() > 0.0:
         raise ValueError(f"the start is outside constraint {int(np.argmin(gap))} by {-gap.min():g}")
-    mu = MU_FIRST if len(gap) else 0.0
+    mu = options.mu if len(gap) else 0.0
     multiplier = mu / gap
-    here, promise = cost(problem, X), math.inf
+    here, promise, exact = cost(problem, X), math.inf, 1.0
     if watch is not None:
-        watch(Iterate(0, X.copy(), here, 0.0, 0.0, mu, exact=False))
+        watch(Iterate(0, X.copy(), here, 0.0, 0.0, mu, 0.0))
     for number in range(1, options.most + 1):
-        g, dX, exact = _direction(problem, X, mu, multiplier, exact=promise < NEAR)
+        g, dX, exact = _direction(problem, X, mu, multiplier, min(1.0, 2.0 * exact + LEAST_EXACT) if promise < NEAR else 0.0)
         slope = float(np.vdot(g, dX))
         promise = max(-slope, 0.0)
         share, here = _search(problem, X, dX, slope, mu, here)
@@ -112,25 +115,28 @@ def minimise(
 
 
 def _direction(
-    problem: Problem, X: Floats, mu: float, multiplier: Floats, *, exact: bool
-) -> tuple[Floats, Floats, bool]:
-    """Gradient of the cost with its barrier, and the Newton step; Gauss-Newton's unless the exact one leads downhill."""
+    problem: Problem, X: Floats, mu: float, multiplier: Floats, exact: float
+) -> tuple[Floats, Floats, float]:
+    """Gradient of the cost with its barrier, a step downhill, and the share of exact second derivatives in it."""
     R, N = np.empty((len(X), 4, 4)), np.empty((len(X), 4, 4))
     dX = np.empty_like(X)
-    for true in (True, False) if exact else (False,):
-        g, H = derivatives(problem, X, exact=true)
+    while True:
+        g, H = derivatives(problem, X, exact)
         add_planes(problem.planes, X, mu, multiplier, g, H)
         if factor_sum(problem.steps, H, R, N):
             solve(R, N, -g, dX)
             if np.vdot(g, dX) <= 0.0:
-                return g, dX, true
+                return g, dX, exact
+        if exact == 0.0:
+            break
+        exact = 0.5 * exact if exact > LEAST_EXACT else 0.0
     factor_rows(problem.steps, H, R, N)
     solve(R, N, -g, dX)
-    return g, dX, False
+    return g, dX, 0.0
 
 
-def derivatives(problem: Problem, X: Floats, *, exact: bool) -> tuple[Floats, Floats]:
-    """Gradient (T, 4) of the cost, and the Hessian (T, 3) of all but the chain's part, by position."""
+def derivatives(problem: Problem, X: Floats, exact: float) -> tuple[Floats, Floats]:
+    """Gradient (T, 4) of the cost, and the Hessian (T, 3) of all but the chain's part, by position; see `add_lines`."""
     g, H = np.zeros((len(X), 4)), np.zeros((len(X), 3))
     add_chain(problem.steps, X, g)
     add_lines(problem.lines, X, problem.loss, problem.k, exact, g, H)
@@ -183,6 +189,6 @@ def covariance(problem: Problem, X: Floats) -> Floats:
     The Hessian is that of Gauss and Newton, the information that the measurements have at X.
     """
     R, N, out = (np.empty((len(X), 4, 4)) for _ in range(3))
-    factor_rows(problem.steps, derivatives(problem, X, exact=False)[1], R, N)
+    factor_rows(problem.steps, derivatives(problem, X, 0.0)[1], R, N)
     inverse_blocks(R, N, out)
     return out

@@ -9,16 +9,16 @@ velocities for their central differences, and is a regression.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
-from .gauss_markov import GaussMarkov
 from .geometry import Floats
-from .motion_form import SMALLEST, Model, Shape, build, expected, limits, names, regression, slope, start
-from .motion_nodes import Nodes, Path, make_nodes, transitions_by_differences
+from .motion_form import SMALLEST, Shape, build, expected, limits, names, regression, slope, start
+from .motion_nodes import Nodes, Path, make_nodes, split, transitions_by_differences
+from .motion_report import Fit, Optimum, at_limit, information, report
 from .motion_smooth import Sums, smooth
 
 EM_STEPS = 25
@@ -26,29 +26,6 @@ CLOSE = 1e-3
 """Slope of the log-likelihood per standard error at which the search has converged."""
 LEAST = 10
 """Measurements (or transitions) that a fit needs, and 3 for each parameter."""
-UNKNOWN = 1e3
-"""Variance from which a parameter counts as not decided by the data."""
-
-
-class Fit(NamedTuple):
-    """A motion model with how sure it is; lengths in the unit of the positions."""
-
-    model: GaussMarkov
-    noise: float | None  # standard deviation of measured positions; None: not a parameter
-    parameters: dict[str, float]  # acceleration, jitter, rate, ...: what was really fitted, where it has a name
-    errors: dict[str, float]  # their standard errors; NaN: not decided by the data, or at a limit
-    A_error: Floats  # (4, 4) standard errors; NaN: not decided
-    sigma_error: Floats  # (4, 4)
-    log_likelihood: float
-    transitions: int
-    measurements: int
-    skipped: int
-    trajectories: int
-    iterations: int
-    converged: bool
-    at_limit: tuple[str, ...]  # parameters that are as small or large as they may be
-    undecided: tuple[str, ...]  # parameters about which the data say nothing
-    trace: tuple[float, ...]  # log-likelihood after each step of EM
 
 
 class Problem(NamedTuple):
@@ -58,16 +35,6 @@ class Problem(NamedTuple):
     shape: Shape
     scale: float
     R: Floats  # (K, 2, 2) given; 0 where noise is a parameter
-
-
-class Optimum(NamedTuple):
-    """Parameters that were found."""
-
-    theta: Floats
-    value: float
-    iterations: int
-    converged: bool
-    trace: tuple[float, ...]
 
 
 def fit_em(
@@ -91,11 +58,11 @@ def fit_em(
     problem = prepare(paths, step_s, shape, longest_gap_s, noise)
     best = _maximise(problem, rounds)
     _, sums = e_step(problem, best.theta)
-    information = _information(lambda theta: _gradient(problem, theta), shape, best.theta)
+    known = information(lambda theta: _gradient(problem, theta), shape, best.theta)
     nodes = problem.nodes
     counts = (sums.n, int(nodes.seen.sum()), nodes.skipped, int(nodes.first.sum()))
     value = best.value - 2.0 * counts[1] * float(np.log(problem.scale))
-    return _report(shape, problem.scale, step_s, best._replace(value=value), information, counts)
+    return report(shape, problem.scale, step_s, best._replace(value=value), known, counts)
 
 
 def fit_differences(paths: Sequence[Path], step_s: float, shape: Shape, *, longest_gap_s: float) -> Fit:
@@ -119,10 +86,10 @@ def fit_differences(paths: Sequence[Path], step_s: float, shape: Shape, *, longe
         new = m_step(shape, theta, sums, 200)
         moved, theta, rounds = float(np.abs(new - theta).max()), new, rounds + 1
     value = expected(shape, theta, sums) - 2.0 * len(x) * float(np.log(2.0 * np.pi) + 2.0 * np.log(scale))
-    information = _information(lambda at: slope(shape, at, sums), shape, theta)
+    known = information(lambda at: slope(shape, at, sums), shape, theta)
     best = Optimum(theta, value + 2.0 * len(x) * float(np.log(step_s)), rounds, moved <= 1e-6, ())
-    pieces = len({float(p.t_ns[0]) for p in paths if len(p.t_ns)})
-    return _report(shape, scale, step_s, best, information, (len(x), len(x), 0, pieces))
+    pieces = sum(len(split(p, longest_gap_s)) for p in paths)
+    return report(shape, scale, step_s, best, known, (len(x), len(x), 0, pieces))
 
 
 def need(count: int, shape: Shape, what: str) -> None:
@@ -169,9 +136,13 @@ def m_step(shape: Shape, theta: Floats, sums: Sums, iterations: int = 15) -> Flo
     """Parameters whose expected log-likelihood is higher, or the same if there are none."""
     theta = regression(shape, theta, sums)
     size = 1.0 / max(1, sums.n + sums.m)
+
+    def cost(at: Floats) -> tuple[float, Floats]:
+        return -size * expected(shape, at, sums), -size * slope(shape, at, sums)
+
     found = minimize(
-        lambda at: -size * expected(shape, at, sums), theta, jac=lambda at: -size * slope(shape, at, sums),
-        method="L-BFGS-B", bounds=limits(shape), options={"maxiter": iterations, "gtol": 1e-10, "ftol": 1e-14},
+        cost, theta, jac=True, method="L-BFGS-B", bounds=list(limits(shape)),
+        options={"maxiter": iterations, "gtol": 1e-10, "ftol": 1e-14},
     )  # fmt: skip
     return np.asarray(found.x) if -found.fun / size >= expected(shape, theta, sums) else theta
 
@@ -211,7 +182,7 @@ def _maximise(problem: Problem, rounds: int) -> Optimum:
     value, best = e_step(problem, theta)[0], theta
     if -found.fun >= value:
         value, best = -float(found.fun), np.asarray(found.x) * unit
-    left = found.jac[[not _at_limit(t, end) for t, end in zip(best, limits(shape), strict=True)]]
+    left = found.jac[[not at_limit(t, end) for t, end in zip(best, limits(shape), strict=True)]]
     found.success = bool(found.success) or bool(np.abs(left).max(initial=0.0) < 10.0 * CLOSE)
     return Optimum(best, value, len(trace) + int(found.nit), bool(found.success), tuple(trace))
 
@@ -219,95 +190,12 @@ def _maximise(problem: Problem, rounds: int) -> Optimum:
 def _unit_sizes(problem: Problem, theta: Floats) -> Floats:
     """About the standard error that each parameter would have if the states were known."""
     sums = e_step(problem, theta)[1]
-    at = np.diag(_information(lambda there: slope(problem.shape, there, sums), problem.shape, theta))
+    at = np.diag(information(lambda there: slope(problem.shape, there, sums), problem.shape, theta))
     return 1.0 / np.sqrt(np.where(at > 1.0, at, 1.0))
 
 
-def _scaled(ends: Sequence[tuple[float | None, float | None]], unit: Floats) -> list[tuple[float | None, ...]]:
-    return [tuple(None if e is None else e / u for e in pair) for pair, u in zip(ends, unit, strict=True)]
-
-
-def _information(gradient: Callable[[Floats], Floats], shape: Shape, theta: Floats, h: float = 1e-3) -> Floats:
-    """Observed information: minus the second derivatives; NaN for parameters at a limit."""
-    n = len(theta)
-    out = np.full((n, n), np.nan)
-    free = [i for i in range(n) if not _at_limit(theta[i], limits(shape)[i])]
-    for i in free:
-        there, here = theta.copy(), theta.copy()
-        there[i] += h
-        here[i] -= h
-        out[i, free] = -((gradient(there) - gradient(here)) / (2.0 * h))[free]
-    symmetric: Floats = 0.5 * (out + out.T)
-    return symmetric
-
-
-def _at_limit(value: float, limit: tuple[float | None, float | None]) -> bool:
-    return any(end is not None and abs(value - end) < 1e-2 for end in limit)
-
-
-def _covariance(information: Floats) -> tuple[Floats, Floats]:
-    """Covariance of the parameters, and a base of what is not decided (columns)."""
-    n = len(information)
-    free = np.flatnonzero(np.isfinite(np.diag(information)))
-    values, vectors = np.linalg.eigh(information[np.ix_(free, free)])
-    weak = values < 1.0 / UNKNOWN
-    cov, base = np.zeros((n, n)), np.zeros((n, int(weak.sum())))
-    cov[np.ix_(free, free)] = (vectors[:, ~weak] / values[~weak]) @ vectors[:, ~weak].T
-    base[free] = vectors[:, weak]
-    return cov, base
-
-
-def _report(
-    shape: Shape, scale: float, step_s: float, best: Optimum, information: Floats, counts: tuple[int, int, int, int]
-) -> Fit:
-    theta, known = best.theta, names(shape)
-    cov, base = _covariance(information)
-    at_limit = np.isnan(np.diag(information))
-
-    def spread(values: Callable[[Floats], Floats]) -> Floats:
-        """Standard errors by the delta method; NaN where something undecided has an influence."""
-        columns = [(values(theta + e) - values(theta - e)) / 2e-5 for e in 1e-5 * np.eye(len(theta))]
-        J = np.column_stack(columns)
-        error = np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", J, cov, J), 0.0))
-        size = np.abs(J).max(axis=1, keepdims=True) + 1e-300
-        loose = (np.abs(J @ base) > 1e-3 * size).any(axis=1) & (np.abs(J).max(axis=1) > 0)
-        moved_only_at_limit = (J != 0).any(axis=1) & ~(J[:, ~at_limit] != 0).any(axis=1)
-        return np.where(loose | moved_only_at_limit, np.nan, error)
-
-    def matrices(at: Floats) -> Floats:
-        model = in_units(build(shape, at), scale, step_s)[0]
-        return np.concatenate([model.A.ravel(), model.sigma.ravel()])
-
-    model, noise = in_units(build(shape, theta), scale, step_s)
-    units = _units(known, scale, step_s)
-    values = {k: _plain(k, v) * u for k, v, u in zip(known, theta, units, strict=True) if u}
-    size = spread(lambda at: np.array([_plain(k, v) * u for k, v, u in zip(known, at, units, strict=True)]))
-    errors = spread(matrices)
-    return Fit(
-        model, noise, values, {k: float(e) for k, e, u in zip(known, size, units, strict=True) if u},
-        errors[:16].reshape(4, 4), errors[16:].reshape(4, 4), best.value, counts[0], counts[1], counts[2], counts[3],
-        best.iterations, best.converged, tuple(k for k, hit in zip(known, at_limit, strict=True) if hit),
-        tuple(k for k, row in zip(known, base, strict=True) if (np.abs(row) > 0.3).any()), best.trace,
-    )  # fmt: skip
-
-
-def _plain(name: str, value: float) -> float:
-    return float(value) if name == "decay" else float(np.exp(min(value, 50.0)))
-
-
-def _units(known: tuple[str, ...], scale: float, step_s: float) -> list[float]:
-    """What turns each parameter into a quantity in seconds; 0 for entries of matrices, which have no name."""
-    unit = {
-        "decay": 1.0 / step_s, "noise": scale, "jitter": scale / step_s**0.5, "acceleration": scale / step_s**1.5,
-    }  # fmt: skip
-    plain = [k.removesuffix("_x").removesuffix("_y") for k in known]
-    unit |= {"sd_u": scale, "sd_v": scale / step_s}
-    return [unit.get(k, 0.0) for k in plain]
-
-
-def in_units(model: Model, scale: float, step_s: float) -> tuple[GaussMarkov, float | None]:
-    """The model in the positions' unit and seconds, and the noise."""
-    D = scale * np.array([1.0, 1.0 / step_s, 1.0, 1.0 / step_s])
-    sigma = model.sigma * np.outer(D, D)
-    noise = None if model.noise is None else model.noise * scale
-    return GaussMarkov(model.A * np.outer(D, 1.0 / D), sigma, step_s), noise
+def _scaled(ends: Sequence[tuple[float | None, float | None]], unit: Floats) -> list[tuple[float | None, float | None]]:
+    return [
+        (None if low is None else low / u, None if high is None else high / u)
+        for (low, high), u in zip(ends, unit, strict=True)
+    ]

@@ -10,6 +10,7 @@ begins.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -67,8 +68,9 @@ def make_nodes(paths: Iterable[Path], step_s: float, longest_gap_s: float) -> No
         none = np.empty(0)
         flags = np.empty(0, np.bool_)
         return Nodes(flags, flags, none, none.reshape(0, 2), none.reshape(0, 2, 2), 0)
-    columns = [np.concatenate(column) for column in zip(*(p[:5] for p in parts), strict=True)]
-    return Nodes(*columns, skipped=sum(p.skipped for p in parts))
+    first, seen, off, xy, cov, skipped = zip(*parts, strict=True)
+    join = np.concatenate
+    return Nodes(join(first), join(seen), join(off), join(xy), join(cov), sum(skipped))
 
 
 def split(path: Path, longest_gap_s: float) -> list[Path]:
@@ -77,7 +79,7 @@ def split(path: Path, longest_gap_s: float) -> list[Path]:
     bounds = [0, *cuts.tolist(), len(path.t_ns)]
     return [
         Path(path.t_ns[a:b], path.xy[a:b], None if path.cov is None else path.cov[a:b])
-        for a, b in zip(bounds[:-1], bounds[1:], strict=True)
+        for a, b in itertools.pairwise(bounds)
     ]
 
 

@@ -47,7 +47,7 @@ class SightLines(NamedTuple):
     axis: Floats  # (N, 2) unit vector: optical axis, or the measured direction
     focal: Floats  # (N,) f [px]
     reading: Floats  # (N,) z [px], to the left
-    c0: Floats  # (N,) variance of the reading [px^2], or of the direction [rad^2]; > 0
+    c0: Floats  # (N,) variance of the reading [px^2], or of the direction [rad^2]; 0 with c1 > 0: the residual is linear
     c1: Floats  # (N,) variance of the reading times distance squared; 0 for directions
     direction: Bools  # (N,) a direction, not a reading
 

@@ -66,7 +66,7 @@ def lines_cost(lines: SightLines, X: Floats, loss: int, k: float) -> float:
     for n in range(lines.step.shape[0]):
         h, d = in_camera(lines, n, X)
         total += loss_value(residual(lines, n, h, d), loss, k)
-        if lines.c1[n] > 0.0:
+        if lines.c1[n] > 0.0 and lines.c0[n] > 0.0:
             total += 0.5 * math.log(lines.c0[n] + lines.c1[n] / (d * d))
     return total
 
@@ -135,7 +135,7 @@ def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
 
 
 @kernel
-def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: bool, g: Floats, H: Floats) -> None:
+def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: float, g: Floats, H: Floats) -> None:
     """Add the measurements' derivatives to `g` (T, 4) and, by position, to `H` (T, 3): xx, xy, yy.
 
     Args:
@@ -143,7 +143,8 @@ def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: bool, g:
         X: (T, 4) states.
         loss: SQUARE, HUBER or CAUCHY.
         k: its parameter.
-        exact: true: second derivatives; false: those of Gauss-Newton with reweighting, which are never negative.
+        exact: 1: second derivatives; 0: those of Gauss and Newton with reweighting, which are never negative;
+            a mixture in between.
         g: changed in place.
         H: changed in place.
     """
@@ -165,11 +166,9 @@ def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: bool, g:
             rdd = lines.reading[n] / w * v - rd * v - r * vd
         first, second, weight = loss_slopes(r, loss, k)
         gh, gd = first * rh, first * rd
-        if exact:
-            hh, hd, dd = second * rh * rh + first * rhh, second * rh * rd + first * rhd, second * rd * rd + first * rdd
-        else:
-            hh, hd, dd = weight * rh * rh, weight * rh * rd, weight * rd * rd
-        if lines.c1[n] > 0.0:  # 1/2 log(c0 + c1 / d^2)
+        curved, bent = weight + exact * (second - weight), exact * first
+        hh, hd, dd = curved * rh * rh + bent * rhh, curved * rh * rd + bent * rhd, curved * rd * rd + bent * rdd
+        if lines.c1[n] > 0.0 and lines.c0[n] > 0.0:  # 1/2 log(c0 + c1 / d^2)
             w2 = lines.c0[n] * d * d + lines.c1[n]
             gd -= lines.c1[n] / (d * w2)
             dd += lines.c1[n] * (3.0 * lines.c0[n] * d * d + lines.c1[n]) / (d * d * w2 * w2)

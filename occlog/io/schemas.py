@@ -13,6 +13,7 @@ from ..columns import Table
 from ..errors import UsageError
 from ..records import TABLES
 from .messages import RECORDED, message_schema, schema_of
+from .motion_file import motion_schema
 from .recording_writer import VIDEO_FRAME, VIDEO_FRAME_SCHEMA
 from .scene_spec import SceneSpec
 
@@ -49,6 +50,7 @@ SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
     **{schema_of(table): partial(message_schema, table) for table in RECORDED},
     VIDEO_FRAME: lambda: VIDEO_FRAME_SCHEMA,
     "scene": scene_schema,
+    "motion": motion_schema,
 }
 """Every published schema by name; `schemas/NAME.json` holds its text."""
 

@@ -1,0 +1,99 @@
+"""Long trajectories piece by piece: windows that overlap, and what a window leaves to the next one.
+
+What is known of a state from everything before it is summed up as a Gaussian, with the
+measurements linearised about the trajectory found so far ("marginalised"); it is the prior
+of the first state of the next window.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .batch_map import Options, Solution, derivatives, minimise
+from .geometry import Floats
+from .trajectory import HalfPlanes, Problem, SightLines, Steps
+from .trajectory_newton import factor_rows, solve
+
+
+class Knowledge(NamedTuple):
+    """A Gaussian of one state."""
+
+    mean: Floats  # (4,)
+    spread: Floats  # (4, 4) covariance, positive definite
+
+
+def part(problem: Problem, first: int, last: int, before: Knowledge) -> Problem:
+    """The problem of states first .. last - 1 alone.
+
+    Args:
+        problem: of T states.
+        first: >= 0.
+        last: <= T.
+        before: what is known of state `first` from all earlier ones.
+    """
+    s, lines, planes = problem.steps, problem.lines, problem.planes
+    own = slice(*np.searchsorted(lines.step, (first, last)).tolist())
+    held = slice(*np.searchsorted(planes.step, (first, last)).tolist())
+    return problem._replace(
+        steps=make_first(s._replace(kind=s.kind[first : max(first, last - 1)]), before),
+        lines=SightLines(lines.step[own] - first, *(column[own] for column in lines[1:])),
+        planes=HalfPlanes(planes.step[held] - first, *(column[held] for column in planes[1:])),
+    )
+
+
+def make_first(steps: Steps, before: Knowledge) -> Steps:
+    """The chain with another prior of its first state."""
+    whiten = np.linalg.solve(np.linalg.cholesky(before.spread), np.eye(4))
+    return steps._replace(mean=before.mean, spread=before.spread, whiten_first=np.ascontiguousarray(whiten))
+
+
+def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
+    """What everything before a state says of it.
+
+    Constraints that hold the trajectory off where it would go keep their force.
+
+    Args:
+        problem: of T states.
+        solution: its minimum.
+        state: from 1 to T - 1.
+    """
+    X = solution.X[: state + 1]
+    head = part(problem, 0, state + 1, Knowledge(problem.steps.mean, problem.steps.spread))
+    lines, planes = head.lines, head.planes
+    own, held = lines.step < state, planes.step < state
+    head = head._replace(
+        lines=SightLines(*(column[own] for column in lines)), planes=HalfPlanes(*(column[held] for column in planes))
+    )
+    g, H = derivatives(head, X, 0.0)
+    force = solution.multiplier[: len(head.planes.step), None] * head.planes.normal
+    np.subtract.at(g, (head.planes.step[:, None], (0, 2)), force)
+    R, N, dX = np.empty((len(X), 4, 4)), np.empty((len(X), 4, 4)), np.empty_like(X)
+    factor_rows(head.steps, H, R, N)
+    solve(R, N, -g, dX)
+    inverse = np.linalg.solve(R[-1], np.eye(4))
+    return Knowledge(X[-1] + dX[-1], inverse @ inverse.T)
+
+
+def minimise_windows(problem: Problem, start: Floats, options: Options, window: int) -> tuple[Floats, int]:
+    """States near the minimum, found in windows that overlap by half, and the iterations all of them took.
+
+    Args:
+        problem: of T states.
+        start: (T, 4) strictly inside all constraints.
+        options: of each window.
+        window: states of a window, at least 4.
+    """
+    X, T = np.array(start), len(start)
+    before, first, iterations = Knowledge(problem.steps.mean, problem.steps.spread), 0, 0
+    while True:
+        last = min(first + window, T)
+        here = part(problem, first, last, before)
+        found = minimise(here, X[first:last], options)
+        X[first:last] = found.X
+        iterations += found.iterations
+        if last == T:
+            return X, iterations
+        step = window // 2
+        before, first = summary(here, found, step), first + step
