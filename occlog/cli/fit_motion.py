@@ -39,13 +39,13 @@ def parse_noise(text: str) -> float | str:
 @click.option("--method", type=click.Choice(["em", "differences"]), default="em", show_default=True,
               help="Most likely model of noisy positions, or regression on differences of exact ones.")  # fmt: skip
 @click.option("--noise", default="estimated", show_default=True, metavar="LENGTH|estimated|covariance",
-              help="Standard deviation of the positions' errors, per axis; `covariance`: that of the tracks.")  # fmt: skip
+              help="Standard deviation of positions' errors, per axis; `covariance`: that of tracks.")  # fmt: skip
 @click.option("--step", "step_s", type=POSITIVE, default=None, metavar="SECONDS",
               help="Step of the model. [default: the median time between positions]")  # fmt: skip
 @click.option("--gap", "gap_s", type=POSITIVE, default=None, metavar="SECONDS",
               help="Cut trajectories where positions are farther apart in time. [default: 5 steps]")  # fmt: skip
 @click.option("--target", "targets", type=int, multiple=True, metavar="ID",
-              help="Use this object only; may be repeated. [default: all, of the truth those of the role target]")  # fmt: skip
+              help="Use this object only; may be repeated. [default: all, of truth those of role target]")  # fmt: skip
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt

@@ -52,7 +52,7 @@ def median_step(paths: Iterable[Path]) -> float:
     steps = steps[steps > 0]
     if not len(steps):
         raise ValueError("no object has two positions at different times")
-    return float(np.median(steps)) * 1e-9
+    return float(np.median(steps)) / 1e9
 
 
 def make_nodes(paths: Iterable[Path], step_s: float, longest_gap_s: float) -> Nodes:

@@ -143,4 +143,5 @@ def in_units(model: Model, scale: float, step_s: float) -> tuple[GaussMarkov, fl
     D = scale * np.array([1.0, 1.0 / step_s, 1.0, 1.0 / step_s])
     sigma = model.sigma * np.outer(D, D)
     noise = None if model.noise is None else model.noise * scale
-    return GaussMarkov(model.A * np.outer(D, 1.0 / D), sigma, step_s), noise
+    per_s = np.array([0.0, 1.0, 0.0, 1.0])
+    return GaussMarkov(model.A * step_s ** (per_s - per_s[:, None]), sigma, step_s), noise

@@ -113,7 +113,8 @@ def _check_sigma(path: Path, sigma: Floats) -> None:
     if (off > 1e-9 * np.abs(sigma).max()).any():
         i, j = np.unravel_index(int(off.argmax()), off.shape)
         raise InputError(
-            f"{path}: sigma is not symmetric: row {i + 1}, column {j + 1} is {sigma[i, j]:g}, but {sigma[j, i]:g} across"
+            f"{path}: sigma is not symmetric: row {i + 1}, column {j + 1} is {sigma[i, j]:g}, "
+            f"but row {j + 1}, column {i + 1} is {sigma[j, i]:g}"
         )
     size = np.sqrt(np.abs(np.diag(sigma)))
     # Of the correlations, so that units have no influence.
