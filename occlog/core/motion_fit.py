@@ -19,7 +19,7 @@ from .geometry import Floats
 from .motion_form import SMALLEST, Shape, build, expected, limits, names, regression, slope, start
 from .motion_nodes import Nodes, Path, make_nodes, split, transitions_by_differences
 from .motion_report import Fit, Optimum, at_limit, information, report
-from .motion_smooth import Sums, smooth
+from .motion_smooth import CV, Sums, smooth
 
 EM_STEPS = 25
 CLOSE = 1e-3
@@ -78,8 +78,9 @@ def fit_differences(paths: Sequence[Path], step_s: float, shape: Shape, *, longe
     x, y = transitions_by_differences(paths, step_s, longest_gap_s)
     need(len(x), shape, "transitions")
     scale = _scale(x[:, [1, 3]])
-    sums = Sums(len(x), y.T @ y / scale**2, y.T @ x / scale**2, x.T @ x / scale**2, 0, np.zeros((2, 2)))
-    bend = float(np.sqrt(np.mean((y - x)[:, [1, 3]] ** 2))) / scale
+    x, d = x / scale, (y - x @ CV.T) / scale
+    sums = Sums(len(x), d.T @ d, d.T @ x, x.T @ x, 0, np.zeros((2, 2)))
+    bend = float(np.sqrt(np.mean(d[:, [1, 3]] ** 2)))
     theta, moved = start(shape, max(bend, SMALLEST)), np.inf
     rounds = 0
     while moved > 1e-9 and rounds < 50:

@@ -24,7 +24,7 @@ import numpy as np
 
 from .gauss_markov import VELOCITY
 from .geometry import Floats
-from .motion_smooth import Sums
+from .motion_smooth import CV, Sums
 
 Form = Literal["cv", "damped", "full"]
 Disturbance = Literal["white", "diagonal", "full"]
@@ -104,9 +104,6 @@ def start(shape: Shape, bend: float) -> Floats:
     return np.array(list(values.values()))
 
 
-CV = np.kron(np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]))
-
-
 def build(shape: Shape, theta: Floats) -> Model:
     """The model of some parameters."""
     known = names(shape)
@@ -161,8 +158,9 @@ def _white(beta: float) -> Floats:
 def expected(shape: Shape, theta: Floats, sums: Sums) -> float:
     """Expected log-likelihood of states and measurements, without what parameters do not change (the Q of EM)."""
     A, sigma, noise = build(shape, theta)
-    cross = A @ sums.S10.T
-    S = sums.S11 - cross - cross.T + A @ sums.S00 @ A.T
+    B = A - CV
+    cross = B @ sums.DX.T
+    S = sums.DD - cross - cross.T + B @ sums.XX @ B.T
     L = np.linalg.cholesky(sigma)
     half = np.linalg.solve(L, np.linalg.solve(L, S).T)
     value = -sums.n * float(np.log(np.diag(L)).sum()) - 0.5 * float(np.trace(half))
@@ -185,19 +183,15 @@ def slope(shape: Shape, theta: Floats, sums: Sums, h: float = 1e-5) -> Floats:
 def regression(shape: Shape, theta: Floats, sums: Sums) -> Floats:
     """The parameters with A's free rows by least squares (the exact maximum for the Sigma given); `full` only.
 
-    K = A0 + (W_ff)^-1 W_f. (S10 - A0 S00) S00^-1, W = Sigma^-1, f the free rows.
+    K = CV_f + (W_ff)^-1 W_f. DX XX^-1, W = Sigma^-1, f the free rows.
     """
     if shape.form != "full":
         return theta
-    model = build(shape, theta)
     rows = list(shape.free)
-    W = np.linalg.inv(model.sigma)
-    rest = CV.copy()
-    rest[rows] = 0.0
-    pull = W[rows] @ (sums.S10 - rest @ sums.S00)
-    scale = np.sqrt(np.diag(sums.S00))
-    K = np.linalg.solve(W[np.ix_(rows, rows)], pull)
-    K = np.linalg.solve(sums.S00 / np.outer(scale, scale), (K / scale).T).T / scale
+    W = np.linalg.inv(build(shape, theta).sigma)
+    K = np.linalg.solve(W[np.ix_(rows, rows)], W[rows] @ sums.DX)
+    scale = np.sqrt(np.diag(sums.XX))
+    K = np.linalg.solve(sums.XX / np.outer(scale, scale), (K / scale).T).T / scale
     out = theta.copy()
-    out[: K.size] = K.ravel()
+    out[: K.size] = (CV[rows] + K).ravel()
     return out

@@ -14,8 +14,8 @@ from .gauss_markov import GaussMarkov
 from .geometry import Floats
 from .motion_form import Model, Shape, build, limits, names
 
-UNKNOWN = 1e3
-"""Variance from which a parameter counts as not decided by the data."""
+UNKNOWN = 1.0
+"""Variance (of a logarithm, or of an entry of A) from which a parameter counts as not decided by the data."""
 
 
 class Fit(NamedTuple):

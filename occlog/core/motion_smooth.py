@@ -19,13 +19,21 @@ VAGUE = 25.0
 """Variance of each entry of the first state, about the first position measured and no velocity."""
 
 
+CV = np.kron(np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]))
+"""A of constant velocity."""
+
+
 class Sums(NamedTuple):
-    """Expectations of products of states, summed over transitions, given all measurements."""
+    """Expectations of products, summed over transitions, given all measurements.
+
+    They are of x_t and of d = x_t+1 - CV x_t, what constant velocity does not explain: sums of
+    x_t+1 itself, which may be far from the origin, would lose d by rounding.
+    """
 
     n: int  # transitions
-    S11: Floats  # (4, 4) of x_t+1 x_t+1^T
-    S10: Floats  # (4, 4) of x_t+1 x_t^T
-    S00: Floats  # (4, 4) of x_t x_t^T
+    DD: Floats  # (4, 4) of d d^T
+    DX: Floats  # (4, 4) of d x_t^T
+    XX: Floats  # (4, 4) of x_t x_t^T
     m: int  # measurements
     E: Floats  # (2, 2) of (z - C x)(z - C x)^T
 
@@ -45,8 +53,8 @@ def smooth(
         sigma: (4, 4), positive definite.
     """
     log_likelihood, mean, cov, before, before_cov = _filter(first, seen, off, xy, R, A, sigma)
-    n, S11, S10, S00, m, E = _smooth(first, seen, off, xy, mean, cov, before, before_cov, A)
-    return log_likelihood, Sums(n, S11, S10, S00, m, E), mean, cov
+    n, DD, DX, XX, m, E = _smooth(first, seen, off, xy, mean, cov, before, before_cov, A, CV)
+    return log_likelihood, Sums(n, DD, DX, XX, m, E), mean, cov
 
 
 @kernel
@@ -97,11 +105,12 @@ def _filter(
 @kernel
 def _smooth(
     first: Bools, seen: Bools, off: Floats, xy: Floats, mean: Floats, cov: Floats, before: Floats, before_cov: Floats,
-    A: Floats,
+    A: Floats, F: Floats,
 ) -> tuple[int, Floats, Floats, Floats, int, Floats]:  # fmt: skip
     """Rauch-Tung-Striebel, backwards; `mean` and `cov` become those given all measurements."""
     K = first.shape[0]
-    S11, S10, S00, E = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((2, 2))
+    DD, DX, XX, E = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((2, 2))
+    Ft = np.ascontiguousarray(F.T)
     n = m = 0
     for k in range(K - 1, -1, -1):
         if k + 1 < K and not first[k + 1]:
@@ -110,13 +119,16 @@ def _smooth(
             mean[k] = mean[k] + J @ (late - before[k + 1])
             P = cov[k] + J @ (late_cov - before_cov[k + 1]) @ np.ascontiguousarray(J.T)
             cov[k] = 0.5 * (P + P.T)
-            S11 += late_cov + np.outer(late, late)
-            S10 += late_cov @ np.ascontiguousarray(J.T) + np.outer(late, mean[k])
-            S00 += cov[k] + np.outer(mean[k], mean[k])
+            d = late - F @ mean[k]
+            lag = late_cov @ np.ascontiguousarray(J.T)  # covariance of x_t+1 and x_t
+            both = lag @ Ft
+            DD += late_cov - both - both.T + F @ cov[k] @ Ft + np.outer(d, d)
+            DX += lag - F @ cov[k] + np.outer(d, mean[k])
+            XX += cov[k] + np.outer(mean[k], mean[k])
             n += 1
         if seen[k]:
             C = _look(off[k])
             e = xy[k] - C @ mean[k]
             E += C @ cov[k] @ np.ascontiguousarray(C.T) + np.outer(e, e)
             m += 1
-    return n, S11, S10, S00, m, E
+    return n, DD, DX, XX, m, E
