@@ -17,6 +17,9 @@ from .motion_form import Model, Shape, build, limits, names
 UNKNOWN = 1.0
 """Variance (of a logarithm, or of an entry of A) from which a parameter counts as not decided by the data."""
 
+LOOSE = 0.1
+"""Share of its dependence that makes a quantity undecided, too, where it depends on what is undecided."""
+
 
 class Fit(NamedTuple):
     """A motion model with how sure it is; lengths in the unit of the positions."""
@@ -103,7 +106,8 @@ def report(
         J = np.column_stack(columns)
         error = np.sqrt(np.maximum(np.einsum("ai,ij,aj->a", J, cov, J), 0.0))
         size = np.abs(J).max(axis=1, keepdims=True) + 1e-300
-        loose = (np.abs(J @ base) > 1e-3 * size).any(axis=1) & (np.abs(J).max(axis=1) > 0)
+        error = np.hypot(error, np.sqrt(UNKNOWN * np.sum((J @ base) ** 2, axis=1)))
+        loose = (np.abs(J @ base) > LOOSE * size).any(axis=1) & (np.abs(J).max(axis=1) > 0)
         moved_only_at_limit = (J != 0).any(axis=1) & ~(J[:, ~stuck] != 0).any(axis=1)
         return np.where(loose | moved_only_at_limit, np.nan, error)
 
