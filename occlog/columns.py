@@ -30,6 +30,7 @@ class Column:
     unit: str
     doc: str
     nan: str | None
+    optional: bool
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -37,9 +38,9 @@ class Column:
         return np.dtype(self.kind)
 
 
-def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0) -> Any:
-    """Declare one column of a table."""
-    return field(metadata={"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width})
+def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
+    """Declare one column of a table; an `optional` one is NaN where `Table.of` gets no values for it."""
+    return field(metadata={"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional})
 
 
 class Table:
@@ -73,7 +74,9 @@ class Table:
 
     @classmethod
     def of(cls, **values: Any) -> Self:
-        """Build a table from array-likes, cast to the declared dtypes."""
+        """Build a table from array-likes, cast to the declared dtypes; optional columns may be left out."""
+        left_out = [c.name for c in cls.columns() if c.optional and c.name not in values]
+        values |= dict.fromkeys(left_out, np.full(len(values["t_ns"]), np.nan) if left_out else None)
         return cls(**{c.name: as_column(c, values.pop(c.name)) for c in cls.columns()}, **values)
 
     @classmethod

@@ -301,6 +301,7 @@ class Tracks(Table):
     """Estimated states on the ground with their covariance."""
 
     NAME: ClassVar[str] = "tracks"
+    VERSION: ClassVar[int] = 2
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
@@ -312,6 +313,27 @@ class Tracks(Table):
     cov_xx: Floats = column("f8", "m^2", "position covariance")
     cov_xy: Floats = column("f8", "m^2", "position covariance")
     cov_yy: Floats = column("f8", "m^2", "position covariance")
+    cov_x_vx: Floats = column(
+        "f8", "m^2/s", "covariance of position and velocity", nan="the method does not estimate it", optional=True
+    )
+    cov_x_vy: Floats = column(
+        "f8", "m^2/s", "covariance of position and velocity", nan="the method does not estimate it", optional=True
+    )
+    cov_y_vx: Floats = column(
+        "f8", "m^2/s", "covariance of position and velocity", nan="the method does not estimate it", optional=True
+    )
+    cov_y_vy: Floats = column(
+        "f8", "m^2/s", "covariance of position and velocity", nan="the method does not estimate it", optional=True
+    )
+    cov_vx_vx: Floats = column(
+        "f8", "m^2/s^2", "velocity covariance", nan="the method does not estimate it", optional=True
+    )
+    cov_vx_vy: Floats = column(
+        "f8", "m^2/s^2", "velocity covariance", nan="the method does not estimate it", optional=True
+    )
+    cov_vy_vy: Floats = column(
+        "f8", "m^2/s^2", "velocity covariance", nan="the method does not estimate it", optional=True
+    )
 
     def check(self) -> None:
         """Times in order, covariances positive semi-definite up to rounding."""
@@ -332,15 +354,21 @@ class Diagnostics(Table):
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
     target_id: Ints32 = column("i4", "1", "identity of the track")
-    ess: Floats = column("f8", "1", "effective sample size of the weights, 1 to the number of particles")
+    ess: Floats = column(
+        "f8", "1", "effective sample size of the weights, 1 to the number of particles",
+        nan="the method has no particles",
+    )  # fmt: skip
     log_likelihood: Floats = column(
-        "f8", "1", "log of the predictive likelihood of the scan", nan="no measurement had weight"
-    )
+        "f8", "1", "log of the predictive likelihood of the scan; a batch method's: of the likelihood at the estimate",
+        nan="no measurement had weight",
+    )  # fmt: skip
     n_looked: Ints32 = column("i4", "1", "sensors that delivered a frame in the scan")
     n_seen: Ints32 = column("i4", "1", "sensors that saw the target")
     fallback: Strings = column(
         "U", "1",
-        "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew) or `gap` (the same after a long gap)",
+        "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew), `gap` (the same after a long gap); "
+        "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints that no place "
+        "holds were left out), `wall` (no way around a wall was found) or `unfinished` (the search did not converge)",
     )  # fmt: skip
     cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
     n_offered: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")

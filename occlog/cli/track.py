@@ -8,7 +8,7 @@ import click
 
 from . import options
 
-METHODS = ("apf",)
+METHODS = ("apf", "map")
 """Names of `occlog.trackers.TRACKERS`; a test keeps the two alike, so that --help need not load the trackers."""
 POLICIES = ("greedy", "brute-force", "fixed", "random", "closest", "all")
 MODELS = ("perspective", "weak")
@@ -102,6 +102,16 @@ MODELS = ("perspective", "weak")
     metavar="SECONDS",
     help="Use one sensor at a time, each for so long, in the order of the scene. [default: all at once]",
 )
+@click.option(
+    "--motion", type=options.PATH, default=None, help="How targets move, from `occlog fit-motion`; for --method map."
+)
+@click.option(
+    "--lag",
+    type=click.FloatRange(min=0, min_open=True),
+    default=None,
+    metavar="SECONDS",
+    help="For --method map: estimate with so much of what comes after, in bounded memory. [default: all of it]",
+)
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE",
               help="A setting of the method, e.g. sigma_v=0.3; may be repeated.")  # fmt: skip
 @options.seed_opt
@@ -113,8 +123,8 @@ def command(
     doa: Path | None, occluders: Path | None, policy: str | None, count: int | None, every: float | None,
     model: str | None, order: str, method: str,
     particles: int | None, start: str | None, targets: tuple[int, ...], labelled_only: bool, only: str, without: str,
-    window: float, doa_labels: bool, turn: float | None, settings: tuple[str, ...], seed: int, overwrite: bool,
-    quiet: bool, as_json: bool,
+    window: float, doa_labels: bool, turn: float | None, motion: Path | None, lag: float | None,
+    settings: tuple[str, ...], seed: int, overwrite: bool, quiet: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """Estimate target tracks from BEARINGS (Parquet, or a recording that holds bearings).
 
@@ -124,23 +134,29 @@ def command(
     directions of arrival are used along with its bearings.
     The same inputs, options and seed give the same output.
 
+    --method map finds the most probable trajectory of each labelled target from everything that was
+    recorded, before and after; it needs no cameras that overlap, but labels (`occlog label`).
+
     \b
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
       occlog track bearings.parquet --scene scene.yaml --occluders occluders.parquet --select greedy --count 3 \
         -o selected.parquet --diagnostics selected_diagnostics.parquet
+      occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
     """
     from .track_run import Request, parse_names, parse_seconds, parse_setting, parse_window, run_track
 
-    options.check_outputs([bearings, scene, doa, occluders], [output, diagnostics, calibration], overwrite)
+    options.check_outputs([bearings, scene, doa, occluders, motion], [output, diagnostics, calibration], overwrite)
     values = dict(parse_setting(text) for text in settings)
     if particles is not None:
         values["particles"] = str(particles)
+    if lag is not None:
+        values["lag_s"] = str(parse_seconds("--lag", lag))
     request = Request(
         bearings, scene, doa, method, values, start, targets, not labelled_only, parse_names(only),
         parse_names(without), parse_window(window), seed, occluders, policy, {
             name: value for name, value in (("count", count), ("every", every), ("model", model)) if value is not None
-        }, parse_names(order), doa_labels, None if turn is None else parse_seconds("--in-turn", turn),
+        }, parse_names(order), doa_labels, None if turn is None else parse_seconds("--in-turn", turn), motion,
     )  # fmt: skip
     summary, losses = run_track(request, output, diagnostics, calibration, overwrite, quiet)
     return options.finish(summary, losses, as_json)

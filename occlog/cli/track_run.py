@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, UsageError
+from ..io.motion_file import read_motion
 from ..io.parquet import TableWriter, describe, iter_table, read_provenance
 from ..io.provenance import Provenance, hash_inputs
 from ..io.recording import open_recording
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from ..columns import Table
     from ..losses import Loss
     from ..scene import Scene
-    from ..stages.track import Tracked
+    from ..stages.tracked import Solve, Tracked
 
 LONGEST_WINDOW_S = 1e9
 METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
@@ -57,6 +58,7 @@ class Request:
     order: tuple[str, ...] = ()
     doa_labels: bool = False
     turn_s: float | None = None  # one sensor at a time, for so long; None: all of them
+    motion: Path | None = None  # a fitted motion model, for --method map
 
 
 class Inputs:
@@ -139,7 +141,7 @@ def run_track(
     """Track and write; the summary, and what had been lost before."""
     inputs = Inputs(request.bearings, request.scene, request.doa, request.doa_labels, request.occluders)
     config = make_config(request, inputs.scene.length_unit)
-    if calibration is not None and config.calibrate == "none":
+    if calibration is not None and getattr(config, "calibrate", "none") == "none":
         raise UsageError("--calibration wants estimates to write; add --set calibrate=joint or --set calibrate=initial")
     sensors = choose_sensors(inputs.scene, request.only, request.without)
     targets = request.targets or None
@@ -157,7 +159,9 @@ def run_track(
         "window_ns": request.window_ns, "in_turn_s": request.turn_s, "doa_labels": request.doa_labels,
         "selection": None if selection is None else asdict(selection), **asdict(config),
     }  # fmt: skip
-    paths = [p for p in (request.bearings, request.scene, request.doa, request.occluders) if p is not None]
+    paths = [
+        p for p in (request.bearings, request.scene, request.doa, request.occluders, request.motion) if p is not None
+    ]
     losses = tuple(inputs.losses)
     provenance = Provenance("track", parameters, request.seed, hash_inputs(paths), losses)
     outputs: list[tuple[Path | None, type[Table]]] = [
@@ -172,7 +176,7 @@ def run_track(
             for p, t in outputs
         ]  # fmt: skip
         for part in tracked:
-            for writer, table in zip(writers, part, strict=True):
+            for writer, table in zip(writers, part[:3], strict=True):
                 if writer is not None:
                     writer.write(table)
             tally.add(part)
@@ -195,12 +199,26 @@ def one_at_a_time(
 def make_config(request: Request, unit: str) -> Any:
     """Settings of the method: its defaults for the length unit, and what the options say."""
     defaults = tracker(request.method).defaults(unit)
-    values = dict(request.settings)
+    values: dict[str, Any] = dict(request.settings)
+    if request.motion is not None:
+        values |= motion_settings(request.motion, unit, values)
     if request.start is not None:
         if "start" in values:
             raise UsageError("--start and --set start=... say the same; give one of them")
         values["start"] = parse_start(request.start, unit)
     return configure(defaults, values, request.method)
+
+
+def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of a motion model in a file; UsageError for another unit, or for settings that say the same."""
+    motion = read_motion(path)
+    if motion.length_unit != unit:
+        raise UsageError(f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene")
+    for name in ("A", "Sigma", "step_s", "acceleration", "jitter"):
+        if name in given:
+            raise UsageError(f"--motion and --set {name}=... both say how targets move; give one of them")
+    A, sigma = tuple(motion.A.ravel().tolist()), tuple(motion.sigma.ravel().tolist())
+    return {"A": A, "Sigma": sigma, "step_s": motion.step_s}
 
 
 def make_selection(request: Request) -> SelectConfig | None:
@@ -262,6 +280,7 @@ class Tally:
         self.fallbacks: Counter[str] = Counter()
         self.ess = 0.0
         self.messages = Messages()
+        self.solves: list[Solve] = []
 
     def add(self, part: Tracked) -> None:
         """Count some more rows."""
@@ -270,13 +289,25 @@ class Tally:
         self.fallbacks.update(f for f in part.diagnostics.fallback.tolist() if f)
         self.ess += float(part.diagnostics.ess.sum())
         self.messages.add(part.diagnostics)
+        self.solves += part.solves
 
     def summary(self) -> dict[str, Any]:
         """The figures."""
         return {
             "targets": len(self.targets),
             "rows": self.rows,
-            "mean_effective_particles": self.ess / self.rows if self.rows else None,
+            **(self._searches() if self.solves else {"mean_effective_particles": self.ess / max(self.rows, 1)}),
             "fallbacks": dict(sorted(self.fallbacks.items())),
             **self.messages.summary(),
+        }
+
+    def _searches(self) -> dict[str, Any]:
+        """Figures of a batch method: iterations of each target's searches, and how many did not converge."""
+        iterations: Counter[int] = Counter()
+        for solve in self.solves:
+            iterations[solve.target] += solve.iterations
+        return {
+            "iterations": {str(k): n for k, n in sorted(iterations.items())},
+            "searches": len(self.solves),
+            "unfinished": sum(not s.converged for s in self.solves),
         }

@@ -95,7 +95,9 @@ def minimise(
     if watch is not None:
         watch(Iterate(0, X.copy(), here, 0.0, 0.0, mu, 0.0))
     for number in range(1, options.most + 1):
-        g, dX, exact = _direction(problem, X, mu, multiplier, min(1.0, 2.0 * exact + LEAST_EXACT) if promise < NEAR else 0.0)
+        g, dX, exact = _direction(
+            problem, X, mu, multiplier, min(1.0, 2.0 * exact + LEAST_EXACT) if promise < NEAR else 0.0
+        )
         slope = float(np.vdot(g, dX))
         promise = max(-slope, 0.0)
         share, here = _search(problem, X, dX, slope, mu, here)
@@ -143,9 +145,7 @@ def derivatives(problem: Problem, X: Floats, exact: float) -> tuple[Floats, Floa
     return g, H
 
 
-def _search(
-    problem: Problem, X: Floats, dX: Floats, slope: float, mu: float, here: float
-) -> tuple[float, float]:
+def _search(problem: Problem, X: Floats, dX: Floats, slope: float, mu: float, here: float) -> tuple[float, float]:
     """Share of the step to take, and the cost after it; 0 if no share lowers the cost with its barrier."""
     share, barrier = 1.0, 0.0
     if len(problem.planes.step):

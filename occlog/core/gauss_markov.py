@@ -60,7 +60,8 @@ def constant_velocity(acceleration: float, jitter: float, step_s: float = 1.0) -
     A2 = np.array([[1.0, t], [0.0, 1.0]])
     Q2 = acceleration**2 * np.array([[t**3 / 3.0, t**2 / 2.0], [t**2 / 2.0, t]])
     Q2[0, 0] += jitter**2 * t
-    return GaussMarkov(np.kron(np.eye(2), A2), np.kron(np.eye(2), Q2), step_s)
+    axes = np.eye(2)
+    return GaussMarkov(np.asarray(np.kron(axes, A2)), np.asarray(np.kron(axes, Q2), dtype=np.float64), step_s)
 
 
 def diffusion(model: GaussMarkov) -> Diffusion:
@@ -69,16 +70,16 @@ def diffusion(model: GaussMarkov) -> Diffusion:
     Raises:
         ValueError: A has no real logarithm (an eigenvalue is negative or 0).
     """
-    B = np.asarray(logm(model.A)) / model.step_s
+    B = np.asarray(logm(model.A), dtype=np.complex128) / model.step_s
     if not np.all(np.isfinite(B)) or np.abs(B.imag).max() > 1e-9 * max(1.0, float(np.abs(B).max())):
         raise ValueError("A has no real logarithm, so that it says nothing about steps of other lengths")
-    B = np.ascontiguousarray(B.real)
+    generator = np.ascontiguousarray(B.real)
     basis = np.eye(16).reshape(16, 4, 4)
     # Sigma is linear in S: one column for each entry of S.
-    gathered = np.column_stack([_step(B, np.ascontiguousarray(E), model.step_s)[1].ravel() for E in basis])
+    gathered = np.column_stack([_step(generator, np.ascontiguousarray(E), model.step_s)[1].ravel() for E in basis])
     S = np.linalg.solve(gathered, model.sigma.ravel()).reshape(4, 4)
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
-    return Diffusion(B, np.ascontiguousarray((vectors * np.maximum(values, 0.0)) @ vectors.T))
+    return Diffusion(generator, np.ascontiguousarray((vectors * np.maximum(values, 0.0)) @ vectors.T))
 
 
 def transitions(model: GaussMarkov, dt: Floats) -> tuple[Floats, Floats]:

@@ -47,7 +47,7 @@ class SightLines(NamedTuple):
     axis: Floats  # (N, 2) unit vector: optical axis, or the measured direction
     focal: Floats  # (N,) f [px]
     reading: Floats  # (N,) z [px], to the left
-    c0: Floats  # (N,) variance of the reading [px^2], or of the direction [rad^2]; 0 with c1 > 0: the residual is linear
+    c0: Floats  # (N,) variance of the reading [px^2], or of the direction [rad^2]; 0 where the residual is linear
     c1: Floats  # (N,) variance of the reading times distance squared; 0 for directions
     direction: Bools  # (N,) a direction, not a reading
 
@@ -99,6 +99,19 @@ def make_steps(model: GaussMarkov, seconds: Floats, mean: Floats, spread: Floats
         np.ascontiguousarray(mean, dtype=np.float64), np.ascontiguousarray(spread, dtype=np.float64),
         kind.astype(np.int64), A, sigma, np.ascontiguousarray(whiten), first,
     )  # fmt: skip
+
+
+def some_lines(lines: SightLines, rows: slice | Bools) -> SightLines:
+    """Some of the sight lines."""
+    return SightLines(
+        lines.step[rows], lines.place[rows], lines.axis[rows], lines.focal[rows], lines.reading[rows], lines.c0[rows],
+        lines.c1[rows], lines.direction[rows],
+    )  # fmt: skip
+
+
+def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
+    """Some of the half-planes."""
+    return HalfPlanes(planes.step[rows], planes.normal[rows], planes.offset[rows])
 
 
 def join_planes(*parts: HalfPlanes) -> HalfPlanes:

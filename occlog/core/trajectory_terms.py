@@ -46,7 +46,8 @@ def residual(lines: SightLines, n: int, h: float, d: float) -> float:
     """Residual of a sight line in standard deviations."""
     if lines.direction[n]:
         return math.atan2(h, d) / math.sqrt(lines.c0[n])
-    return (lines.focal[n] * h - lines.reading[n] * d) / math.sqrt(lines.c0[n] * d * d + lines.c1[n])
+    missed: float = lines.focal[n] * h - lines.reading[n] * d
+    return missed / math.sqrt(lines.c0[n] * d * d + lines.c1[n])
 
 
 @kernel

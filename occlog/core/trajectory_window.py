@@ -13,7 +13,7 @@ import numpy as np
 
 from .batch_map import Options, Solution, derivatives, minimise
 from .geometry import Floats
-from .trajectory import HalfPlanes, Problem, SightLines, Steps
+from .trajectory import Problem, Steps, some_lines, some_planes
 from .trajectory_newton import factor_rows, solve
 
 
@@ -34,12 +34,12 @@ def part(problem: Problem, first: int, last: int, before: Knowledge) -> Problem:
         before: what is known of state `first` from all earlier ones.
     """
     s, lines, planes = problem.steps, problem.lines, problem.planes
-    own = slice(*np.searchsorted(lines.step, (first, last)).tolist())
-    held = slice(*np.searchsorted(planes.step, (first, last)).tolist())
+    own_lines = some_lines(lines, slice(*np.searchsorted(lines.step, (first, last)).tolist()))
+    own_planes = some_planes(planes, slice(*np.searchsorted(planes.step, (first, last)).tolist()))
     return problem._replace(
         steps=make_first(s._replace(kind=s.kind[first : max(first, last - 1)]), before),
-        lines=SightLines(lines.step[own] - first, *(column[own] for column in lines[1:])),
-        planes=HalfPlanes(planes.step[held] - first, *(column[held] for column in planes[1:])),
+        lines=own_lines._replace(step=own_lines.step - first),
+        planes=own_planes._replace(step=own_planes.step - first),
     )
 
 
@@ -61,14 +61,12 @@ def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
     """
     X = solution.X[: state + 1]
     head = part(problem, 0, state + 1, Knowledge(problem.steps.mean, problem.steps.spread))
-    lines, planes = head.lines, head.planes
-    own, held = lines.step < state, planes.step < state
-    head = head._replace(
-        lines=SightLines(*(column[own] for column in lines)), planes=HalfPlanes(*(column[held] for column in planes))
-    )
+    lines, planes = some_lines(head.lines, head.lines.step < state), some_planes(head.planes, head.planes.step < state)
+    head = head._replace(lines=lines, planes=planes)
     g, H = derivatives(head, X, 0.0)
-    force = solution.multiplier[: len(head.planes.step), None] * head.planes.normal
-    np.subtract.at(g, (head.planes.step[:, None], (0, 2)), force)
+    force = solution.multiplier[: len(planes.step), None] * planes.normal
+    for axis, column in ((0, 0), (1, 2)):
+        g[:, column] -= np.bincount(planes.step, weights=force[:, axis], minlength=len(X))
     R, N, dX = np.empty((len(X), 4, 4)), np.empty((len(X), 4, 4)), np.empty_like(X)
     factor_rows(head.steps, H, R, N)
     solve(R, N, -g, dX)
@@ -77,7 +75,7 @@ def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
 
 
 def minimise_windows(problem: Problem, start: Floats, options: Options, window: int) -> tuple[Floats, int]:
-    """States near the minimum, found in windows that overlap by half, and the iterations all of them took.
+    """States near the minimum, found in windows that overlap by a quarter, and the iterations all of them took.
 
     Args:
         problem: of T states.
@@ -95,5 +93,5 @@ def minimise_windows(problem: Problem, start: Floats, options: Options, window: 
         iterations += found.iterations
         if last == T:
             return X, iterations
-        step = window // 2
+        step = window - window // 4
         before, first = summary(here, found, step), first + step

@@ -39,6 +39,10 @@ _ARROW = {
 }
 
 
+LENGTHS = ("m", "m^2", "m/s", "m^2/s", "m^2/s^2")
+"""Units in which m stands for the scene's unit of length."""
+
+
 def arrow_field(c: Column, unit: str) -> pa.Field:
     """Arrow field of a column with its unit, meaning and the meaning of NaN as metadata."""
     kind = _ARROW[c.kind]
@@ -52,8 +56,9 @@ def arrow_field(c: Column, unit: str) -> pa.Field:
 
 def arrow_schema(table: type[Table], provenance: Provenance, length_unit: str = "m") -> pa.Schema:
     """Arrow schema of a table; `length_unit` replaces metres in the units."""
-    fields = [arrow_field(c, c.unit.replace("m", length_unit) if c.unit in ("m", "m^2", "m/s") else c.unit)
-              for c in table.columns()]  # fmt: skip
+    fields = [
+        arrow_field(c, c.unit.replace("m", length_unit) if c.unit in LENGTHS else c.unit) for c in table.columns()
+    ]
     metadata = {
         SCHEMA_KEY: f"{table.NAME}/{table.VERSION}",
         "occlog.key": ",".join(table.KEY),

@@ -15,10 +15,12 @@ from ..errors import UsageError
 from ..records import UNLABELLED, Bearings, Calibration, Diagnostics, Hulls, Occluders, Tracks
 from ..scene import Scene
 from ..trackers import tracker
-from ..trackers.method import Estimate, Online, Scan, sensor_names
+from ..trackers.method import Batch, Estimate, Online, Scan, sensor_names
 from ..trackers.select import Choice, SelectConfig, choose, network
 from .occluders import OccluderFeed
 from .scans import Group, Rows, groups, nearest, scan_of
+from .track_batch import track_batch
+from .tracked import Tracked, check_start
 
 NS = 1_000_000_000
 FOREVER_NS = 2.0**63
@@ -26,14 +28,6 @@ FOREVER_NS = 2.0**63
 ROWS_PER_CHUNK = 4096
 FIRST_TARGET = 0
 """Identity of the track when no measurement carries one."""
-
-
-class Tracked(NamedTuple):
-    """Some more rows of a track and how the filter fared, equal in number, and what it learned of the sensors."""
-
-    tracks: Tracks
-    diagnostics: Diagnostics
-    calibration: Calibration  # rows of every sensor and scan; none if it is not estimated
 
 
 class _Selected(NamedTuple):
@@ -116,6 +110,12 @@ def track(
     """
     chosen, names = tracker(method), sensor_names(scene)
     use = Rows(frozenset(names) if sensors is None else sensors, targets, unlabelled)
+    if isinstance(chosen, Batch):
+        if selection is not None or occluders is not None:
+            what = "--select" if selection is not None else "--occluders"
+            raise UsageError(f"{what}: method {method} takes all that was recorded at once; leave {what} out")
+        yield from track_batch(bearings, scene, config, chosen, use, window_ns)
+        return
     feed = None
     if occluders is not None:
         feed = OccluderFeed(occluders, config.occluder_diameter, round(config.prior_max_age_s * NS))
@@ -129,7 +129,7 @@ def track(
             if scan is None:
                 continue
             if target not in filters:
-                _check_start(config, target, filters)
+                check_start(config, target, filters)
                 rng = generator(seed, Stage.TRACK, target)
                 selecting = generator(seed, Stage.SELECT, target)
                 filters[target] = _Filter(chosen.init(scene, config, rng), rng, selecting)
@@ -193,24 +193,16 @@ def _targets(group: Group, filters: dict[int, _Filter], wanted: tuple[int, ...] 
     return sorted(labelled | set(filters)) or [wanted[0] if wanted else FIRST_TARGET]
 
 
-def _check_start(config: Any, target: int, filters: dict[int, _Filter]) -> None:
-    if filters and getattr(config, "start", None) is not None:
-        others = ", ".join(str(k) for k in sorted(filters))
-        raise UsageError(
-            f"--start says where one target is, but there is target {target} besides {others}; "
-            f"choose one, e.g. --target {target}"
-        )
-
-
 def _tables(rows: list[_Row], names: tuple[str, ...]) -> Tracked:
     t_ns = np.array([r.t_ns for r in rows], dtype=np.int64)
     target = np.array([r.target for r in rows], dtype=np.int32)
     estimates = [r.estimate for r in rows]
     xy, velocity = np.array([e.xy for e in estimates]), np.array([e.velocity for e in estimates])
     cov = np.array([e.covariance for e in estimates])
-    tracks = Tracks(
-        t_ns, target, xy[:, 0], xy[:, 1], velocity[:, 0], velocity[:, 1], cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 1]
-    )
+    tracks = Tracks.of(
+        t_ns=t_ns, target_id=target, x=xy[:, 0], y=xy[:, 1], vx=velocity[:, 0], vy=velocity[:, 1],
+        cov_xx=cov[:, 0, 0], cov_xy=cov[:, 0, 1], cov_yy=cov[:, 1, 1],
+    )  # fmt: skip
     diagnostics = Diagnostics(
         t_ns=t_ns,
         target_id=target,

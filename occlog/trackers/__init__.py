@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from ..errors import UsageError
-from . import apf
+from . import apf, batch_map
 from .apf_config import ApfConfig, apf_defaults
-from .method import Online
+from .map_config import MapConfig, map_defaults
+from .method import Batch, Online
 
-TRACKERS: dict[str, Online] = {
+TRACKERS: dict[str, Online | Batch] = {
     "apf": Online(
         summary="auxiliary particle filter with random waypoints (Ercan, El Gamal, Guibas 2013)",
         config=ApfConfig,
@@ -16,11 +17,18 @@ TRACKERS: dict[str, Online] = {
         step=apf.step,
         predict=apf.predict,
     ),
+    "map": Batch(
+        summary="most probable trajectory from all bearings at once (Rahimi, Dunagan, Darrell 2004)",
+        config=MapConfig,
+        defaults=map_defaults,
+        begin=batch_map.begin,
+        advance=batch_map.advance,
+    ),
 }
 """Every method by the name that `--method` takes."""
 
 
-def tracker(name: str) -> Online:
+def tracker(name: str) -> Online | Batch:
     """The method of that name; UsageError names the ones there are."""
     if name not in TRACKERS:
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(TRACKERS)}")

@@ -4,6 +4,8 @@ An online method is two pure functions.  `init` makes the state before the first
 `step` takes a scan in and returns the next state and the estimate; neither changes its
 arguments (but for the generator, from which it draws).  A state belongs to one target.
 Scans come in the order of their times, at any intervals, from any set of sensors.
+A batch method takes in the record of a target in blocks, and gives states out when it has
+seen enough of what comes after them.
 """
 
 from __future__ import annotations
@@ -64,6 +66,45 @@ class Estimate(NamedTuple):
     fallback: str  # as in `occlog.records.Diagnostics`
     used: tuple[int, ...]  # sensors, places in `sensor_names`
     calibration: SensorErrors | None = None  # None: not estimated
+
+
+class Record(NamedTuple):
+    """What all sensors say about a target at T times; R rows as in `occlog.records.Bearings`, by time and sensor."""
+
+    t_ns: Ints  # (T,) rising
+    state: Ints  # (R,) which time each row is of, rising
+    sensor: Ints  # (R,) place in `sensor_names`
+    seen: Bools  # (R,)
+    bearing: Floats  # (R,) [rad]
+    sigma: Floats  # (R,) [rad]
+    u_px: Floats  # (R,)
+    sigma_px: Floats  # (R,)
+
+
+class Smoothed(NamedTuple):
+    """T states of one target, estimated from what was seen before and after them."""
+
+    t_ns: Ints  # (T,)
+    xy: Floats  # (T, 2)
+    velocity: Floats  # (T, 2) per second
+    covariance: Floats  # (T, 4, 4) of x, y, vx, vy
+    log_likelihood: Floats  # (T,) of the scan at the estimate; NaN: nothing was seen
+    n_looked: Ints  # (T,)
+    n_seen: Ints  # (T,)
+    fallback: tuple[str, ...]  # (T,) as in `occlog.records.Diagnostics`
+    used: tuple[tuple[int, ...], ...]  # (T,) sensors, places in `sensor_names`
+    iterations: int  # that it took
+    converged: bool
+
+
+class Batch(NamedTuple):
+    """A method that estimates a stretch of a trajectory at once."""
+
+    summary: str
+    config: type  # frozen dataclass of its settings, validated; see `settings.configure`
+    defaults: Callable[[str], Any]  # settings that suit a scene's length unit
+    begin: Callable[[Scene, Any], Any]  # the state of one target before anything is known
+    advance: Callable[[Any, Record, bool], tuple[Any, Smoothed]]  # one more block, and whether it is the last
 
 
 class Online(NamedTuple):

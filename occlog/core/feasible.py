@@ -1,0 +1,68 @@
+"""Points strictly inside half-planes: where an interior point method can start."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .geometry import Bools, Floats
+from .jit import kernel
+from .trajectory import HalfPlanes
+
+ROUNDS = 2000
+"""Rounds of projections for one margin."""
+THINNEST = 1e-6
+"""Margin, as a share of the first one, below which a state's constraints count as contradictory."""
+
+
+def move_inside(X: Floats, planes: HalfPlanes, margin: float) -> tuple[Floats, Bools]:
+    """States moved as little as needed to hold all half-planes with a margin, each state for itself.
+
+    Args:
+        X: (T, 4) states; only positions change.
+        planes: M half-planes, by rising step.
+        margin: wanted distance to each, > 0; where there is not so much room, less is taken.
+
+    Returns:
+        X and (T,) bool: which states cannot hold all of theirs.
+    """
+    out = np.array(X, dtype=np.float64)
+    contradictory = np.zeros(len(X), dtype=np.bool_)
+    if len(planes.step):
+        _project(out, planes, margin, contradictory)
+    return out, contradictory
+
+
+@kernel
+def _project(X: Floats, planes: HalfPlanes, margin: float, contradictory: Bools) -> None:
+    """Projections onto the farthest violated half-plane of each state, with an ever smaller margin."""
+    M = planes.step.shape[0]
+    first = 0
+    while first < M:
+        t, last = planes.step[first], first
+        while last < M and planes.step[last] == t:
+            last += 1
+        want = margin
+        while want >= margin * THINNEST:
+            if _reach(X, planes, first, last, want):
+                break
+            want *= 0.25
+        contradictory[t] = want < margin * THINNEST
+        first = last
+
+
+@kernel
+def _reach(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -> bool:
+    """Move one state until its half-planes first .. last - 1 hold by `want`; false if that takes too long."""
+    t = planes.step[first]
+    for _ in range(ROUNDS):
+        worst, which = 0.0, -1
+        for m in range(first, last):
+            lack = want + planes.offset[m] - planes.normal[m, 0] * X[t, 0] - planes.normal[m, 1] * X[t, 2]
+            if lack > worst:
+                worst, which = lack, m
+        if which < 0:
+            return True
+        # A little too far, so that corners are reached in finitely many moves.
+        X[t, 0] += 1.1 * worst * planes.normal[which, 0]
+        X[t, 2] += 1.1 * worst * planes.normal[which, 1]
+    return False

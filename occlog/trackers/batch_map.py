@@ -1,0 +1,231 @@
+"""Most probable trajectories from bearings of cameras that need not overlap ([Rahimi]).
+
+The record of a target is solved as a whole, or with `lag_s` in windows that move along:
+then a state is given out when that much time has been seen after it, and what came before
+the window is summed up in a Gaussian of its first state.
+
+Departures from the paper: times are those of the measurements, at any intervals; variances
+hold the errors of the cameras' poses ([Ercan] Eq. 2); the quadratic programs are replaced by
+Newton's method inside the constraints (`occlog.core.batch_map`); room, walls and the cameras'
+ranges are constraints besides.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ..columns import Bools, Floats, Ints
+from ..core.batch_map import MU_LAST, Options, Solution, covariance, minimise
+from ..core.feasible import move_inside
+from ..core.trajectory import HalfPlanes, Problem, make_steps, some_planes
+from ..core.trajectory_start import linear_problem, start_on_axes
+from ..core.trajectory_terms import in_camera, residuals
+from ..core.trajectory_window import Knowledge, minimise_windows, summary
+from ..errors import InputError
+from ..scene import Scene
+from .map_config import BEND, LOSSES, NS, MapConfig
+from .map_measurements import Stations, constraints, sight_lines, stations
+from .method import Record, Smoothed
+
+UNOBSERVABLE, CONTRADICTION, UNFINISHED = "unobservable", "contradiction", "unfinished"
+ROUGH = 1e-3
+"""Windows that only start the whole are solved to this tolerance, as a share of the room's extent."""
+LOOKS = 3
+"""Linear problems solved in turn, each with the distances of the one before."""
+
+
+class Pending(NamedTuple):
+    """A target's record that is not given out yet, and what is known from before it."""
+
+    config: MapConfig
+    at: Stations
+    origin: Floats  # (2,)
+    extent: float
+    before: Knowledge
+    record: Record
+    X: Floats  # (T, 4) states found so far; fewer than times: the rest is new
+
+
+def begin(scene: Scene, config: MapConfig) -> Pending:
+    """Nothing known but where a target can be."""
+    region = scene.region
+    low, high = region.min(axis=0), region.max(axis=0)
+    extent = float(np.hypot(*(high - low)))
+    if not extent > 0:
+        raise InputError("scene: the room has no extent, so that a trajectory has no scale; add `room`")
+    origin = 0.5 * (low + high) if _moves_freely(config) else np.zeros(2)
+    place, sigma = 0.5 * (low + high), extent
+    if config.start is not None:
+        place, sigma = np.array(config.start[:2]), config.start[2]
+    mean = np.zeros(4)
+    mean[::2] = place - origin
+    spread = np.diag([sigma**2, config.speed**2, sigma**2, config.speed**2])
+    at = stations(scene, origin, walls=config.walls)
+    return Pending(config, at, origin, extent, Knowledge(mean, spread), _empty(), np.empty((0, 4)))
+
+
+def _moves_freely(config: MapConfig) -> bool:
+    """Whether the motion is the same everywhere, so that coordinates may be counted from anywhere."""
+    return bool(np.allclose(config.motion.A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
+
+
+def advance(pending: Pending, record: Record, last: bool) -> tuple[Pending, Smoothed]:
+    """One more block of a target's record, and the states that are settled by it.
+
+    Args:
+        pending: from `begin` or the call before.
+        record: what came after the last call.
+        last: nothing will follow, so that everything is given out.
+    """
+    config = pending.config
+    whole = fill(_join(pending.record, record), config.fill_s)
+    T = len(whole.t_ns)
+    problem, contradictory = _problem(pending, whole)
+    start, stuck = _start(pending, problem)
+    if stuck.any():
+        problem = problem._replace(planes=_without(problem.planes, stuck))
+    solution = _solve(problem, start, config, pending.extent)
+    keep = T if last else _settled(whole.t_ns, config.lag_ns)
+    out = _smoothed(pending, problem, solution, whole, contradictory | stuck, keep)
+    if last:
+        return pending._replace(record=_empty(), X=np.empty((0, 4))), out
+    before = summary(problem, solution, keep) if keep else pending.before
+    return pending._replace(before=before, record=_after(whole, keep), X=solution.X[keep:]), out
+
+
+def _problem(pending: Pending, record: Record) -> tuple[Problem, Bools]:
+    config, before = pending.config, pending.before
+    seconds = (record.t_ns - record.t_ns[0]) / NS
+    try:
+        steps = make_steps(config.motion, seconds, before.mean, before.spread)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(f"map: the motion model does not fit: {error}") from error
+    lines = sight_lines(record, pending.at)
+    planes = constraints(lines, record, pending.at, config, len(record.t_ns))
+    bend = BEND[config.loss] if config.bend is None else config.bend
+    problem = Problem(steps, lines, planes, LOSSES[config.loss], bend)
+    return problem, np.zeros(len(record.t_ns), dtype=np.bool_)
+
+
+def _start(pending: Pending, problem: Problem) -> tuple[Floats, Bools]:
+    """Where the search begins, inside the constraints; and the states whose constraints contradict each other."""
+    config, T = pending.config, problem.T
+    depth = 0.1 * pending.extent if config.depth is None else config.depth
+    X = start_on_axes(problem.lines, T, _centre(pending), depth)
+    known = len(pending.X)
+    X[:known] = pending.X
+    margin = 1e-3 * pending.extent
+    X, stuck = move_inside(X, problem.planes, margin)
+    if config.initial == "linear" and not stuck.any():
+        X = _linear_start(problem, X, config, pending.extent)
+    return X, stuck
+
+
+def _centre(pending: Pending) -> Floats:
+    hull = pending.at.hull
+    return np.asarray(pending.at.place.mean(axis=0) if hull is None else 0.5 * (hull.min(axis=0) + hull.max(axis=0)))
+
+
+def _linear_start(problem: Problem, X: Floats, config: MapConfig, extent: float) -> Floats:
+    """The minimum of linear problems: first with all targets at one distance, then at those found."""
+    distance = np.full(len(problem.lines.step), 0.3 * extent)
+    for _ in range(LOOKS):
+        X = minimise(linear_problem(problem, distance), X, Options(ROUGH * extent, config.iterations)).X
+        found = np.array([in_camera(problem.lines, n, X)[1] for n in range(len(distance))])
+        distance = np.maximum(found, 0.01 * extent)
+    return X
+
+
+def _solve(problem: Problem, start: Floats, config: MapConfig, extent: float) -> Solution:
+    """The minimum; long records are first solved in windows."""
+    options = Options(config.tolerance * extent, config.iterations)
+    if len(start) <= config.window:
+        return minimise(problem, start, options)
+    start, iterations = minimise_windows(problem, start, options._replace(tolerance=ROUGH * extent), config.window)
+    solution = minimise(problem, start, options._replace(mu=MU_LAST))
+    return solution._replace(iterations=iterations + solution.iterations)
+
+
+def _settled(t_ns: Ints, lag_ns: int | None) -> int:
+    """Number of states with enough time after them; the last one always stays."""
+    if lag_ns is None:
+        return 0
+    return min(int(np.searchsorted(t_ns, t_ns[-1] - lag_ns, side="right")), len(t_ns) - 1)
+
+
+def _smoothed(
+    pending: Pending, problem: Problem, solution: Solution, record: Record, contradictory: Bools, keep: int
+) -> Smoothed:
+    """The first `keep` states as they are given out."""
+    X = solution.X
+    spread = covariance(problem, X)[:keep]
+    T = len(X)
+    looked, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.seen], minlength=T)
+    sigma = np.sqrt(np.linalg.eigvalsh(spread[:, ::2, ::2])[:, -1])
+    vague = sigma > pending.config.vague * pending.extent
+    flags = np.where(contradictory[:keep], CONTRADICTION, np.where(vague, UNOBSERVABLE, ""))
+    if not solution.converged:
+        flags = np.where(flags == "", UNFINISHED, flags)
+    order = np.array([0, 2, 1, 3])
+    bounds = np.searchsorted(record.state, np.arange(keep + 1)).tolist()
+    sensors = record.sensor.tolist()
+    return Smoothed(
+        record.t_ns[:keep], X[:keep, ::2] + pending.origin, X[:keep, 1::2],
+        spread[:, order[:, None], order], _scores(problem, X, seen)[:keep], looked[:keep], seen[:keep],
+        tuple(flags.tolist()), tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
+        solution.iterations, solution.converged,
+    )  # fmt: skip
+
+
+def _scores(problem: Problem, X: Floats, seen: Ints) -> Floats:
+    """(T,) log likelihood of the measurements of each state, all errors taken for Gaussian."""
+    lines = problem.lines
+    away = X[lines.step, ::2] - lines.place
+    d2 = np.maximum(np.einsum("ni,ni->n", away, lines.axis) ** 2, 1e-300)
+    variance = lines.c0 + lines.c1 / d2
+    each = -0.5 * residuals(lines, X) ** 2 - 0.5 * np.log(2.0 * np.pi * variance)
+    total = np.bincount(lines.step, weights=each, minlength=len(X))
+    return np.where(seen > 0, total, np.nan)
+
+
+def fill(record: Record, longest_s: float | None) -> Record:
+    """The record with times added where there is none for a longer time than `longest_s` [s]; None: nowhere."""
+    if longest_s is None or len(record.t_ns) < 2:
+        return record
+    gaps = np.diff(record.t_ns)
+    pieces = np.maximum(1, np.ceil(gaps / (longest_s * NS) - 1e-9)).astype(np.int64)
+    if not (pieces > 1).any():
+        return record
+    first = np.concatenate([[0], np.cumsum(pieces)])
+    inside = np.arange(first[-1]) - np.repeat(first[:-1], pieces)
+    t_ns = np.repeat(record.t_ns[:-1], pieces) + inside * np.repeat(gaps, pieces) // np.repeat(pieces, pieces)
+    return record._replace(t_ns=np.append(t_ns, record.t_ns[-1]), state=first[record.state])
+
+
+def _join(a: Record, b: Record) -> Record:
+    if not len(a.t_ns):
+        return b
+    b = b._replace(state=b.state + len(a.t_ns))
+    return Record(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
+
+
+def _after(record: Record, state: int) -> Record:
+    """What the record has from a state on."""
+    rows = record.state >= state
+    return Record(
+        record.t_ns[state:], record.state[rows] - state, record.sensor[rows], record.seen[rows], record.bearing[rows],
+        record.sigma[rows], record.u_px[rows], record.sigma_px[rows],
+    )  # fmt: skip
+
+
+def _empty() -> Record:
+    no, none = np.empty(0, dtype=np.int64), np.empty(0)
+    return Record(no, no, no, np.empty(0, dtype=np.bool_), none, none, none, none)
+
+
+def _without(planes: HalfPlanes, states: Bools) -> HalfPlanes:
+    """The half-planes of all other states."""
+    return some_planes(planes, ~states[planes.step])

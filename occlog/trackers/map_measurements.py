@@ -1,0 +1,162 @@
+"""What sensors say about a target as sight lines and half-planes of a trajectory."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..columns import Floats, Ints
+from ..core.camera import wrap_angle
+from ..core.geometry import counter_clockwise
+from ..core.trajectory import NO_PLANES, HalfPlanes, SightLines, join_planes
+from ..scene import Scene
+from .map_config import MapConfig
+from .method import Record
+from .sensing import LEAST_SIGMA
+
+BESIDE = math.radians(89.0)
+"""A bearing farther off the optical axis cannot be read off a picture; it counts as a direction."""
+BESIDE_WALL = 4.0
+"""Standard deviations by which a sight line must meet a wall to say that the target is before it."""
+
+
+class Stations(NamedTuple):
+    """All sensors of a scene, in the order of `sensor_names`."""
+
+    place: Floats  # (S, 2)
+    yaw: Floats  # (S,)
+    focal_px: Floats  # (S,) 0: not a camera
+    read_px: Floats  # (S,)
+    sigma_position: Floats  # (S,)
+    sigma_yaw: Floats  # (S,)
+    range: Floats  # (S,)
+    blockers: tuple[tuple[Floats, ...], ...]  # polygons that hide things from each sensor
+    hull: Floats | None  # (K, 2) convex hull of the room, counter-clockwise; None: unbounded
+
+
+def stations(scene: Scene, origin: Floats, *, walls: bool) -> Stations:
+    """The sensors of a scene, in coordinates about an origin.
+
+    Args:
+        scene: cameras and arrays.
+        origin: (2,)
+        walls: whether room and static occluders hold the target in.
+    """
+    cameras, arrays = scene.cameras, scene.arrays
+    none = [0.0] * len(arrays)
+    columns = (
+        [c.yaw for c in cameras] + [a.yaw for a in arrays],
+        [float(c.focal_px[0]) for c in cameras] + none,
+        [c.sigma_read_px for c in cameras] + none,
+        [c.sigma_position for c in cameras] + none,
+        [c.sigma_yaw for c in cameras] + none,
+        [c.range for c in cameras] + [a.range for a in arrays],
+    )
+    places = np.array([c.position[:2] for c in cameras] + [a.position[:2] for a in arrays], dtype=np.float64)
+    places = places.reshape(-1, 2)
+    blockers: list[tuple[Floats, ...]] = [()] * len(places)
+    if walls:
+        blockers[: len(cameras)] = [tuple(b - origin for b in scene.blockers(c.ground)) for c in cameras]
+    hull = convex_hull(scene.room) - origin if walls and scene.room is not None else None
+    yaw, focal, read, position, turn, reach = (np.array(c, dtype=np.float64) for c in columns)
+    return Stations(places - origin, yaw, focal, read, position, turn, reach, tuple(blockers), hull)
+
+
+def convex_hull(polygon: Floats) -> Floats:
+    """(K, 2) corners of the convex hull of a polygon, counter-clockwise."""
+    from scipy.spatial import ConvexHull
+
+    return np.asarray(counter_clockwise(polygon[ConvexHull(polygon).vertices]))
+
+
+def sight_lines(record: Record, at: Stations) -> SightLines:
+    """The sight lines of the rows that saw the target; readings of cameras with the noise of [Ercan] Eq. 2."""
+    rows = np.flatnonzero(record.seen)
+    sensor, u = record.sensor[rows], record.u_px[rows]
+    off_axis = np.abs(wrap_angle(record.bearing[rows] - at.yaw[sensor]))
+    pixel = np.isfinite(u) & (off_axis < BESIDE)
+    f = np.where(pixel, at.focal_px[sensor], 1.0)
+    z = np.where(pixel, -u, 0.0)
+    angle = np.where(pixel, at.yaw[sensor], record.bearing[rows])
+    sigma_px = np.where(np.isfinite(record.sigma_px[rows]), record.sigma_px[rows], at.read_px[sensor])
+    sigma = np.maximum(np.where(pixel, sigma_px, record.sigma[rows]), LEAST_SIGMA)
+    # The poses' part of Eq. 2, at the reading itself; the distance stays.
+    ratio2 = 1.0 + (z / f) ** 2
+    yaw2 = np.where(pixel, f**2 * ratio2**2 * at.sigma_yaw[sensor] ** 2, 0.0)
+    place2 = np.where(pixel, f**2 * ratio2 * at.sigma_position[sensor] ** 2, 0.0)
+    return SightLines(
+        record.state[rows], np.ascontiguousarray(at.place[sensor]), np.column_stack([np.cos(angle), np.sin(angle)]),
+        f, z, sigma**2 + yaw2, place2, ~pixel,
+    )  # fmt: skip
+
+
+def constraints(lines: SightLines, record: Record, at: Stations, config: MapConfig, T: int) -> HalfPlanes:
+    """Half-planes of a trajectory: in front of every camera that saw the target, within its range, in the room.
+
+    A target that is seen is on the camera's side of the first wall behind it on its sight line.
+    """
+    parts = []
+    if config.front:
+        sensor = record.sensor[record.seen]
+        along = np.einsum("ni,ni->n", lines.axis, lines.place)
+        far = np.isfinite(at.range[sensor])
+        parts += [
+            HalfPlanes(lines.step, lines.axis, along + config.near),
+            HalfPlanes(lines.step[far], -lines.axis[far], -along[far] - at.range[sensor][far]),
+            _before_walls(lines, sensor, record, at),
+        ]
+    if at.hull is not None:
+        edges = np.roll(at.hull, -1, axis=0) - at.hull
+        inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.hypot(*edges.T)[:, None]
+        bound = np.einsum("ki,ki->k", inward, at.hull) + config.clearance
+        K = len(bound)
+        parts.append(HalfPlanes(np.repeat(np.arange(T), K), np.tile(inward, (T, 1)), np.tile(bound, T)))
+    return join_planes(NO_PLANES, *parts)
+
+
+def _before_walls(lines: SightLines, sensor: Ints, record: Record, at: Stations) -> HalfPlanes:
+    """Half-planes on the camera's side of the first wall that each sight line meets.
+
+    A sight line that may also pass beside that wall, by its standard deviation, says nothing.
+    """
+    bearing = record.bearing[record.seen]
+    focal2 = lines.focal * (1.0 + (lines.reading / lines.focal) ** 2)
+    away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, record.sigma[record.seen])
+    rows, normals, offsets = [np.empty(0, dtype=np.int64)], [np.empty((0, 2))], [np.empty(0)]
+    for s in np.unique(sensor).tolist():
+        walls, own = at.blockers[s], np.flatnonzero(sensor == s)
+        if not walls:
+            continue
+        start = np.vstack(walls)
+        edge = np.vstack([np.roll(w, -1, axis=0) for w in walls]) - start
+        which_wall = np.repeat(np.arange(len(walls)), [len(w) for w in walls])
+        left, middle, right = (first_hit(at.place[s], bearing[own] + k * away[own], start, edge) for k in (-1, 0, 1))
+        wall = which_wall[middle]
+        kept = (left >= 0) & (middle >= 0) & (right >= 0) & (which_wall[left] == wall) & (which_wall[right] == wall)
+        outward = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.hypot(*edge.T)[:, None]
+        outward *= np.sign(np.einsum("ki,ki->k", outward, at.place[s] - start))[:, None]
+        rows.append(own[kept])
+        normals.append(outward[middle[kept]])
+        offsets.append(np.einsum("ki,ki->k", outward, start)[middle[kept]])
+    return HalfPlanes(lines.step[np.concatenate(rows)], np.vstack(normals), np.concatenate(offsets))
+
+
+def first_hit(place: Floats, bearing: Floats, start: Floats, edge: Floats) -> Ints:
+    """(n,) which of E edges sight lines from one place meet first; -1 for none.
+
+    Args:
+        place: (2,)
+        bearing: (n,) [rad]
+        start: (E, 2) one end of each edge.
+        edge: (E, 2) from there to the other end.
+    """
+    ray = np.column_stack([np.cos(bearing), np.sin(bearing)])[:, None, :]
+    to = (start - place)[None]
+    cross = ray[..., 0] * edge[None, :, 1] - ray[..., 1] * edge[None, :, 0]
+    safe = np.where(np.abs(cross) > 1e-12, cross, np.inf)
+    distance = (to[..., 0] * edge[None, :, 1] - to[..., 1] * edge[None, :, 0]) / safe
+    share = (to[..., 0] * ray[..., 1] - to[..., 1] * ray[..., 0]) / safe
+    met = (np.abs(cross) > 1e-12) & (distance > 1e-9) & (share >= 0.0) & (share <= 1.0)
+    return np.where(met.any(axis=1), np.argmin(np.where(met, distance, np.inf), axis=1), -1)
