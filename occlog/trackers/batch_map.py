@@ -12,13 +12,14 @@ ranges are constraints besides.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from ..columns import Bools, Floats, Ints
-from ..core.batch_map import MU_LAST, Options, Solution, covariance, minimise
+from ..core.batch_map import MU_LAST, Iterate, Options, Solution, covariance, minimise
 from ..core.feasible import move_inside
 from ..core.trajectory import HalfPlanes, Problem, make_steps, some_planes
 from ..core.trajectory_start import linear_problem, start_on_axes
@@ -72,13 +73,17 @@ def _moves_freely(config: MapConfig) -> bool:
     return bool(np.allclose(config.motion.A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
 
 
-def advance(pending: Pending, record: Record, last: bool) -> tuple[Pending, Smoothed]:
+def advance(
+    pending: Pending, record: Record, last: bool, watch: Callable[[Iterate], None] | None = None
+) -> tuple[Pending, Smoothed]:
     """One more block of a target's record, and the states that are settled by it.
 
     Args:
         pending: from `begin` or the call before.
         record: what came after the last call.
         last: nothing will follow, so that everything is given out.
+        watch: called with each iterate of the search for the whole (not of windows that only start it);
+            its positions count from `pending.origin`.
     """
     config = pending.config
     whole = fill(_join(pending.record, record), config.fill_s)
@@ -87,7 +92,7 @@ def advance(pending: Pending, record: Record, last: bool) -> tuple[Pending, Smoo
     start, stuck = _start(pending, problem)
     if stuck.any():
         problem = problem._replace(planes=_without(problem.planes, stuck))
-    solution = _solve(problem, start, config, pending.extent)
+    solution = _solve(problem, start, config, pending.extent, watch)
     keep = T if last else _settled(whole.t_ns, config.lag_ns)
     out = _smoothed(pending, problem, solution, whole, contradictory | stuck, keep)
     if last:
@@ -139,13 +144,15 @@ def _linear_start(problem: Problem, X: Floats, config: MapConfig, extent: float)
     return X
 
 
-def _solve(problem: Problem, start: Floats, config: MapConfig, extent: float) -> Solution:
+def _solve(
+    problem: Problem, start: Floats, config: MapConfig, extent: float, watch: Callable[[Iterate], None] | None
+) -> Solution:
     """The minimum; long records are first solved in windows."""
     options = Options(config.tolerance * extent, config.iterations)
     if len(start) <= config.window:
-        return minimise(problem, start, options)
+        return minimise(problem, start, options, watch)
     start, iterations = minimise_windows(problem, start, options._replace(tolerance=ROUGH * extent), config.window)
-    solution = minimise(problem, start, options._replace(mu=MU_LAST))
+    solution = minimise(problem, start, options._replace(mu=MU_LAST), watch)
     return solution._replace(iterations=iterations + solution.iterations)
 
 
