@@ -14,7 +14,7 @@ from .gauss_markov import GaussMarkov
 from .geometry import Floats
 from .motion_form import Model, Shape, build, limits, names
 
-UNKNOWN = 1.0
+UNKNOWN = 10.0
 """Variance (of a logarithm, or of an entry of A) from which a parameter counts as not decided by the data."""
 
 LOOSE = 0.1

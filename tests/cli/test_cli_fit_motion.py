@@ -15,6 +15,7 @@ from occlog.io.parquet import write_table
 from occlog.io.provenance import Provenance
 from occlog.records import Tracks, Truth, Views
 
+pytestmark = pytest.mark.jit
 STEP_NS = 250_000_000
 
 

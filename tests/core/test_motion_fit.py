@@ -28,6 +28,8 @@ def walk(model: GaussMarkov, n: int, rng, noise: float = 0.0, dt=None, begin=(0,
     return Path(t_ns, np.array(places)[:, [0, 2]] + noise * rng.standard_normal((n, 2)))
 
 
+@pytest.mark.jit
+@pytest.mark.slow
 def test_constant_velocity_with_noise_is_found_within_the_stated_errors() -> None:
     """30 fits: (estimate - truth) / error has mean square 1 within 3 standard errors of that (0.55)."""
     off = []
@@ -46,6 +48,7 @@ def test_constant_velocity_with_noise_is_found_within_the_stated_errors() -> Non
     assert (mean_square > 1 - 3 * np.sqrt(2 / 30)).all()
 
 
+@pytest.mark.jit
 def test_noise_is_not_taken_for_disturbance() -> None:
     """Differences take it so: their Sigma is several times too large; that of EM is right within 15 %."""
     rng = np.random.default_rng(5)
@@ -58,6 +61,7 @@ def test_noise_is_not_taken_for_disturbance() -> None:
     assert plain.model.sigma[1, 1] > 3 * model.sigma[1, 1]
 
 
+@pytest.mark.jit
 def test_damped_motion_is_found() -> None:
     """Velocity that dies out at 0.5 per second: rate and a within 3 stated errors, A as the exact exponential."""
     rng = np.random.default_rng(7)
@@ -76,6 +80,7 @@ def test_damped_motion_is_found() -> None:
     assert_allclose(fit.model.sigma, model.sigma, atol=4 * fit.sigma_error.max())
 
 
+@pytest.mark.jit
 def test_free_A_is_found() -> None:
     """A spring and a cross term: every free entry within 4 stated errors, the others exact."""
     rng = np.random.default_rng(11)
@@ -152,6 +157,7 @@ def test_white_disturbance_is_that_of_the_motion_model() -> None:
     assert_allclose(build(Shape("damped"), np.array([beta, *theta])).sigma[2:, 2:], want, rtol=1e-7)
 
 
+@pytest.mark.jit
 def test_unequal_steps_are_measured_where_they_are() -> None:
     """Times off by up to 0.3 steps: acceleration within 3 errors and 0.02, far better than taking them for equal."""
     rng = np.random.default_rng(9)
@@ -164,6 +170,7 @@ def test_unequal_steps_are_measured_where_they_are() -> None:
     assert fit.noise < 0.5 * wrong.noise or fit.log_likelihood > wrong.log_likelihood + 100
 
 
+@pytest.mark.jit
 def test_gaps_are_bridged_or_cut() -> None:
     rng = np.random.default_rng(10)
     path = walk(constant_velocity(0.4, 0.0, 0.25), 400, rng, noise=0.02)
@@ -175,6 +182,7 @@ def test_gaps_are_bridged_or_cut() -> None:
     assert fit.parameters["acceleration"] == pytest.approx(0.4, abs=4 * fit.errors["acceleration"])
 
 
+@pytest.mark.jit
 def test_units_only_scale() -> None:
     """Feet and milliseconds: the same motion in other numbers."""
     rng = np.random.default_rng(12)
@@ -187,6 +195,7 @@ def test_units_only_scale() -> None:
     assert two.log_likelihood == pytest.approx(one.log_likelihood - 2 * 150 * np.log(3))
 
 
+@pytest.mark.jit
 def test_given_noise_and_covariance_agree() -> None:
     rng = np.random.default_rng(13)
     path = walk(constant_velocity(0.4, 0.1, 0.25), 100, rng, noise=0.05)
@@ -199,6 +208,7 @@ def test_given_noise_and_covariance_agree() -> None:
         fit_em([path], 0.25, Shape(noise=False), longest_gap_s=1.0)
 
 
+@pytest.mark.jit
 def test_what_positions_do_not_decide_is_said() -> None:
     """A free Sigma has directions that no position depends on: no standard error there."""
     rng = np.random.default_rng(14)
@@ -209,6 +219,7 @@ def test_what_positions_do_not_decide_is_said() -> None:
     assert np.linalg.eigvalsh(fit.model.sigma).min() > 0
 
 
+@pytest.mark.jit
 def test_exact_positions_have_no_noise() -> None:
     """Noise goes to (nearly) 0, and is reported as not told from it."""
     rng = np.random.default_rng(1)
