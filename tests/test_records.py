@@ -74,6 +74,40 @@ def test_covariances_must_be_positive() -> None:
         Tracks.of(**good, cov_xx=[1.0], cov_xy=[1.1], cov_yy=[1.0])
 
 
+COVARIANCES = ("cov_x_vx", "cov_x_vy", "cov_y_vx", "cov_y_vy", "cov_vx_vx", "cov_vx_vy", "cov_vy_vy")
+
+
+def test_optional_columns_are_nan_where_they_are_left_out() -> None:
+    assert tuple(c.name for c in Tracks.columns() if c.optional) == COVARIANCES
+    have = {"t_ns": [0, 1], "target_id": [0, 0], "x": [0.0, 1.0], "y": [0.0, 2.0], "vx": [0.0, 0.0], "vy": [0.0, 0.0]}
+    have |= {"cov_xx": [1.0, 1.0], "cov_xy": [0.0, 0.0], "cov_yy": [1.0, 1.0]}
+    table = Tracks.of(**have, cov_x_vx=[0.1, 0.2])
+    assert table.cov_x_vx.tolist() == [0.1, 0.2]
+    for name in COVARIANCES[1:]:
+        values = getattr(table, name)
+        assert values.dtype == np.float64
+        assert np.isnan(values).tolist() == [True, True]
+    both = Tracks.concat([table, table.take(slice(1, 2))])
+    assert both.cov_x_vx.tolist() == [0.1, 0.2, 0.2]
+    assert np.isnan(both.cov_vy_vy).all()
+    assert not len(Tracks.empty().cov_x_vx)
+    assert not len(Tracks.of(**{name: [] for name in have}).cov_vx_vy)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"), [({"cov_x_vx": [0.1]}, "1 rows, want 2"), ({"cov_vx_vx": [1.0, np.inf]}, "row 1")]
+)
+def test_optional_columns_are_checked_like_others(change: dict[str, object], message: str) -> None:
+    have = {c.name: [0, 0] if c.kind[0] == "i" else [0.0, 0.0] for c in Tracks.columns() if not c.optional}
+    with pytest.raises(InputError, match=message):
+        Tracks.of(**have, **change)
+
+
+def test_columns_that_are_not_optional_must_be_given() -> None:
+    with pytest.raises(KeyError, match="vx"):
+        Tracks.of(t_ns=[0], target_id=[0], x=[0.0], y=[0.0], cov_xx=[1.0], cov_xy=[0.0], cov_yy=[1.0])
+
+
 def test_boxes_of_no_size_are_refused_but_empty_frames_are_not() -> None:
     values = {"t_ns": [0], "sensor": ["a"], "frame": [0], "target_id": [-1], "confidence": [np.nan]}
     nothing = {k: [np.nan] for k in ("left_px", "top_px", "width_px", "height_px")}

@@ -96,7 +96,17 @@ def test_kalman_of_measured_positions_and_tracks(tmp_path, capsys) -> None:
     t_ns, zero = np.arange(n) * 100_000_000, np.zeros(n)
     truth = Truth.of(t_ns=t_ns, target_id=np.ones(n, np.int32), role=["occluder"] * n, x=zero, y=zero, z=zero)
     write_table(tmp_path / "badges.parquet", truth, Provenance("ingest"))
-    tracks = Tracks(t_ns, np.ones(n, np.int32), zero, zero, zero, zero, zero + 1, zero, zero + 1)
+    tracks = Tracks.of(
+        t_ns=t_ns,
+        target_id=np.ones(n, np.int32),
+        x=zero,
+        y=zero,
+        vx=zero,
+        vy=zero,
+        cov_xx=zero + 1,
+        cov_xy=zero,
+        cov_yy=zero + 1,
+    )
     write_table(tmp_path / "tracks.parquet", tracks, Provenance("track"))
     base = ["priors", "kalman", "--json", "--measured", "--overwrite", "-o", str(tmp_path / "o.parquet")]
     assert run([*base, str(tmp_path / "badges.parquet"), "--sigma", "0.2"]) == 0

@@ -71,7 +71,7 @@ def test_units_and_meanings_are_in_the_file(tmp_path: Path) -> None:
     assert schema.field("x").metadata[b"unit"] == b"ft"
     assert schema.field("cov_xx").metadata[b"unit"] == b"ft^2"
     assert schema.field("vx").metadata[b"nan"]
-    assert schema.metadata[b"occlog.schema"] == b"tracks/1"
+    assert schema.metadata[b"occlog.schema"] == b"tracks/2"
 
 
 def test_same_rows_same_bytes(tmp_path: Path) -> None:
@@ -143,7 +143,7 @@ def test_flipped_bits_and_cuts_never_pass_as_numbers(tmp_path: Path) -> None:
 def test_wrong_tables_are_named(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     parquet.write_table(path, random_table(Tracks, 3), PROVENANCE)
-    with pytest.raises(InputError, match=r"holds tracks/1, want bearings/1"):
+    with pytest.raises(InputError, match=r"holds tracks/2, want bearings/1"):
         parquet.read_table(path, Bearings)
     pq.write_table(pa.table({"a": [1]}), path)
     with pytest.raises(InputError, match="not an occlog table"):

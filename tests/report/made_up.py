@@ -112,6 +112,7 @@ def _looks(
 
 def merged(kind: type, parts: list[dict[str, Any]]) -> Any:
     """One table from columns in parts, in the order of its key."""
-    columns = {c.name: np.concatenate([part[c.name] for part in parts]) for c in kind.columns()}
+    have = [c.name for c in kind.columns() if c.name in parts[0] or not c.optional]
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in have}
     order = np.lexsort([columns[name] for name in reversed(kind.KEY)])
     return kind.of(**{name: values[order] for name, values in columns.items()})

@@ -23,7 +23,17 @@ def diagnostics(mse, selected):
 def tracks(n):
     zero, one = np.zeros(n), np.ones(n)
     t = np.arange(n, dtype=np.int64) * 10**9
-    return Tracks(t, np.zeros(n, dtype=np.int32), zero, zero, zero, zero, 2.0 * one, zero, 2.0 * one)
+    return Tracks.of(
+        t_ns=t,
+        target_id=np.zeros(n, dtype=np.int32),
+        x=zero,
+        y=zero,
+        vx=zero,
+        vy=zero,
+        cov_xx=2.0 * one,
+        cov_xy=zero,
+        cov_yy=2.0 * one,
+    )
 
 
 MADE = diagnostics([4.0, np.nan, np.nan, 16.0, np.nan], ["a,b", "a,b", "a,b", "b,c", "b,c"])

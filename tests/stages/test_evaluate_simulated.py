@@ -77,7 +77,7 @@ def test_errors_drawn_from_the_bound_have_the_ratio_one_and_are_consistent(seed:
     draws = np.random.default_rng(seed).normal(size=(len(bound), 2, 1))
     xy = np.column_stack([truth.x, truth.y]) + (np.linalg.cholesky(P) @ draws)[:, :, 0]
     made = tracks(np.arange(len(bound)), xy)
-    ideal = type(made)(
+    ideal = type(made).of(
         t_ns=truth.t_ns, target_id=made.target_id, x=made.x, y=made.y, vx=made.vx, vy=made.vy,
         cov_xx=bound.bound_xx, cov_xy=bound.bound_xy, cov_yy=bound.bound_yy,
     )  # fmt: skip

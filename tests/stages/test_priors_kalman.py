@@ -120,7 +120,17 @@ def test_occluders_measured_at_other_times_are_predicted() -> None:
 
 def test_tracks_bring_their_own_covariance() -> None:
     one, zero = np.ones(2), np.zeros(2)
-    tracks = Tracks(np.array([0, S]), np.zeros(2, np.int32), zero, zero, zero, zero, 4 * one, zero, one)
+    tracks = Tracks.of(
+        t_ns=np.array([0, S]),
+        target_id=np.zeros(2, np.int32),
+        x=zero,
+        y=zero,
+        vx=zero,
+        vy=zero,
+        cov_xx=4 * one,
+        cov_xy=zero,
+        cov_yy=one,
+    )
     table = Occluders.concat(kalman_priors([tracks], KalmanConfig(sigma=0.0, q=1.0)))
     assert (table.cov_xx[0], table.cov_yy[0]) == pytest.approx((4.0, 1.0))
     assert not len(Occluders.concat(kalman_priors([tracks], KalmanConfig(sigma=1.0), without=[0])))
