@@ -7,11 +7,12 @@ of the first state of the next window.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from .batch_map import Options, Solution, derivatives, minimise
+from .batch_map import Solution, derivatives
 from .geometry import Floats
 from .trajectory import Problem, Steps, some_lines, some_planes
 from .trajectory_newton import factor_rows, solve
@@ -74,21 +75,25 @@ def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
     return Knowledge(X[-1] + dX[-1], inverse @ inverse.T)
 
 
-def minimise_windows(problem: Problem, start: Floats, options: Options, window: int) -> tuple[Floats, int]:
+Search = Callable[[Problem, Floats, int], tuple[Problem, Solution]]
+"""Finds the minimum of a problem from a start; gets its first state's number, and may add constraints."""
+
+
+def minimise_windows(problem: Problem, start: Floats, window: int, search: Search) -> tuple[Floats, int]:
     """States near the minimum, found in windows that overlap by a quarter, and the iterations all of them took.
 
     Args:
         problem: of T states.
         start: (T, 4) strictly inside all constraints.
-        options: of each window.
         window: states of a window, at least 4.
+        search: of each window.
     """
     X, T = np.array(start), len(start)
     before, first, iterations = Knowledge(problem.steps.mean, problem.steps.spread), 0, 0
     while True:
         last = min(first + window, T)
         here = part(problem, first, last, before)
-        found = minimise(here, X[first:last], options)
+        here, found = search(here, X[first:last], first)
         X[first:last] = found.X
         iterations += found.iterations
         if last == T:

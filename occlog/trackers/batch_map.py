@@ -20,6 +20,7 @@ import numpy as np
 
 from ..columns import Bools, Floats, Ints
 from ..core.batch_map import MU_LAST, Iterate, Options, Solution, covariance, minimise
+from ..core.detours import Detours, Hold, Obstacle, find_detours, settle
 from ..core.feasible import move_inside
 from ..core.trajectory import HalfPlanes, Problem, make_steps, some_planes
 from ..core.trajectory_start import linear_problem, start_on_axes
@@ -29,13 +30,16 @@ from ..errors import InputError
 from ..scene import Scene
 from .map_config import BEND, LOSSES, NS, MapConfig
 from .map_measurements import Stations, constraints, sight_lines, stations
+from .map_obstacles import obstacles
 from .method import Record, Smoothed
 
-UNOBSERVABLE, CONTRADICTION, UNFINISHED = "unobservable", "contradiction", "unfinished"
+UNOBSERVABLE, CONTRADICTION, WALL, UNFINISHED = "unobservable", "contradiction", "wall", "unfinished"
 ROUGH = 1e-3
 """Windows that only start the whole are solved to this tolerance, as a share of the room's extent."""
 LOOKS = 3
 """Linear problems solved in turn, each with the distances of the one before."""
+
+Watch = Callable[[Iterate], None] | None
 
 
 class Pending(NamedTuple):
@@ -73,9 +77,7 @@ def _moves_freely(config: MapConfig) -> bool:
     return bool(np.allclose(config.motion.A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
 
 
-def advance(
-    pending: Pending, record: Record, last: bool, watch: Callable[[Iterate], None] | None = None
-) -> tuple[Pending, Smoothed]:
+def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -> tuple[Pending, Smoothed]:
     """One more block of a target's record, and the states that are settled by it.
 
     Args:
@@ -88,20 +90,24 @@ def advance(
     config = pending.config
     whole = fill(_join(pending.record, record), config.fill_s)
     T = len(whole.t_ns)
-    problem, contradictory = _problem(pending, whole)
+    keep = T if last else _settled(whole.t_ns, config.lag_ns)
+    problem = _problem(pending, whole)
     start, stuck = _start(pending, problem)
     if stuck.any():
         problem = problem._replace(planes=_without(problem.planes, stuck))
-    solution = _solve(problem, start, config, pending.extent, watch)
-    keep = T if last else _settled(whole.t_ns, config.lag_ns)
-    out = _smoothed(pending, problem, solution, whole, contradictory | stuck, keep)
+    around = obstacles(whole, pending.at, config, pending.extent, T)
+    found = _solve(problem, start, around, config, pending.extent, watch)
+    problem, solution = found.problem, found.solution
+    walls = np.array([o.seen_through is None for o in around], dtype=np.bool_)
+    through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
+    out = _smoothed(pending, problem, solution, whole, stuck, through, keep)
     if last:
         return pending._replace(record=_empty(), X=np.empty((0, 4))), out
     before = summary(problem, solution, keep) if keep else pending.before
     return pending._replace(before=before, record=_after(whole, keep), X=solution.X[keep:]), out
 
 
-def _problem(pending: Pending, record: Record) -> tuple[Problem, Bools]:
+def _problem(pending: Pending, record: Record) -> Problem:
     config, before = pending.config, pending.before
     seconds = (record.t_ns - record.t_ns[0]) / NS
     try:
@@ -111,8 +117,7 @@ def _problem(pending: Pending, record: Record) -> tuple[Problem, Bools]:
     lines = sight_lines(record, pending.at)
     planes = constraints(lines, record, pending.at, config, len(record.t_ns))
     bend = BEND[config.loss] if config.bend is None else config.bend
-    problem = Problem(steps, lines, planes, LOSSES[config.loss], bend)
-    return problem, np.zeros(len(record.t_ns), dtype=np.bool_)
+    return Problem(steps, lines, planes, LOSSES[config.loss], bend)
 
 
 def _start(pending: Pending, problem: Problem) -> tuple[Floats, Bools]:
@@ -145,15 +150,30 @@ def _linear_start(problem: Problem, X: Floats, config: MapConfig, extent: float)
 
 
 def _solve(
-    problem: Problem, start: Floats, config: MapConfig, extent: float, watch: Callable[[Iterate], None] | None
-) -> Solution:
-    """The minimum; long records are first solved in windows."""
-    options = Options(config.tolerance * extent, config.iterations)
+    problem: Problem, start: Floats, around: tuple[Obstacle, ...], config: MapConfig, extent: float, watch: Watch
+) -> Detours:
+    """The minimum around all obstacles; long records are first solved in windows."""
+    options, space = Options(config.tolerance * extent, config.iterations), (extent, config.clearance)
     if len(start) <= config.window:
-        return minimise(problem, start, options, watch)
-    start, iterations = minimise_windows(problem, start, options._replace(tolerance=ROUGH * extent), config.window)
-    solution = minimise(problem, start, options._replace(mu=MU_LAST), watch)
-    return solution._replace(iterations=iterations + solution.iterations)
+        return find_detours(problem, (problem, minimise(problem, start, options, watch)), around, options, *space)
+    rough = options._replace(tolerance=ROUGH * extent)
+    holds: list[Hold] = []
+    alone = np.zeros((len(around), len(start)), dtype=np.bool_)
+
+    def search(here: Problem, X: Floats, first: int) -> tuple[Problem, Solution]:
+        own = tuple(o._replace(when=o.when[first : first + len(X)]) for o in around)
+        found = find_detours(here, (here, minimise(here, X, rough)), own, rough, *space)
+        holds.extend(Hold(h.obstacle, h.first + first, h.last + first) for h in found.holds)
+        alone[:, first : first + len(X)] |= found.left_alone
+        return found.problem, found.solution
+
+    start, iterations = minimise_windows(problem, start, config.window, search)
+    settled = settle(problem, start, around, tuple(holds), options, *space) if holds else None
+    if settled is None:
+        holds.clear()
+        settled = problem, minimise(problem, start, options._replace(mu=MU_LAST), watch)
+    solved = settled[0], settled[1]._replace(iterations=settled[1].iterations + iterations)
+    return find_detours(problem, solved, around, options, *space, holds, alone)
 
 
 def _settled(t_ns: Ints, lag_ns: int | None) -> int:
@@ -164,7 +184,7 @@ def _settled(t_ns: Ints, lag_ns: int | None) -> int:
 
 
 def _smoothed(
-    pending: Pending, problem: Problem, solution: Solution, record: Record, contradictory: Bools, keep: int
+    pending: Pending, problem: Problem, solution: Solution, record: Record, stuck: Bools, through: Bools, keep: int
 ) -> Smoothed:
     """The first `keep` states as they are given out."""
     X = solution.X
@@ -173,7 +193,7 @@ def _smoothed(
     looked, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.seen], minlength=T)
     sigma = np.sqrt(np.linalg.eigvalsh(spread[:, ::2, ::2])[:, -1])
     vague = sigma > pending.config.vague * pending.extent
-    flags = np.where(contradictory[:keep], CONTRADICTION, np.where(vague, UNOBSERVABLE, ""))
+    flags = np.select([stuck[:keep], through[:keep], vague], [CONTRADICTION, WALL, UNOBSERVABLE], "")
     if not solution.converged:
         flags = np.where(flags == "", UNFINISHED, flags)
     order = np.array([0, 2, 1, 3])

@@ -10,6 +10,7 @@ import numpy as np
 from ..columns import Floats, Ints
 from ..core.camera import wrap_angle
 from ..core.geometry import counter_clockwise
+from ..core.pockets import pockets
 from ..core.trajectory import NO_PLANES, HalfPlanes, SightLines, join_planes
 from ..scene import Scene
 from .map_config import MapConfig
@@ -32,8 +33,11 @@ class Stations(NamedTuple):
     sigma_position: Floats  # (S,)
     sigma_yaw: Floats  # (S,)
     range: Floats  # (S,)
+    fov: Floats  # (S,) [rad]; NaN: not a camera
+    detection: Floats  # (S,) a camera's own probability of detection; NaN: not known
     blockers: tuple[tuple[Floats, ...], ...]  # polygons that hide things from each sensor
     hull: Floats | None  # (K, 2) convex hull of the room, counter-clockwise; None: unbounded
+    walls: tuple[Floats, ...]  # polygons in which the target cannot be: static occluders and pockets of the room
 
 
 def stations(scene: Scene, origin: Floats, *, walls: bool) -> Stations:
@@ -53,6 +57,8 @@ def stations(scene: Scene, origin: Floats, *, walls: bool) -> Stations:
         [c.sigma_position for c in cameras] + none,
         [c.sigma_yaw for c in cameras] + none,
         [c.range for c in cameras] + [a.range for a in arrays],
+        [c.fov for c in cameras] + [math.nan] * len(arrays),
+        [math.nan if c.detection is None else c.detection for c in cameras] + [math.nan] * len(arrays),
     )
     places = np.array([c.position[:2] for c in cameras] + [a.position[:2] for a in arrays], dtype=np.float64)
     places = places.reshape(-1, 2)
@@ -60,8 +66,14 @@ def stations(scene: Scene, origin: Floats, *, walls: bool) -> Stations:
     if walls:
         blockers[: len(cameras)] = [tuple(b - origin for b in scene.blockers(c.ground)) for c in cameras]
     hull = convex_hull(scene.room) - origin if walls and scene.room is not None else None
-    yaw, focal, read, position, turn, reach = (np.array(c, dtype=np.float64) for c in columns)
-    return Stations(places - origin, yaw, focal, read, position, turn, reach, tuple(blockers), hull)
+    yaw, focal, read, position, turn, reach, fov, found = (np.array(c, dtype=np.float64) for c in columns)
+    solid: tuple[Floats, ...] = ()
+    if walls:
+        solid = tuple(o.polygon - origin for o in scene.occluders)
+        solid += () if scene.room is None else tuple(p - origin for p in pockets(scene.room))
+    return Stations(
+        places - origin, yaw, focal, read, position, turn, reach, fov, found, tuple(blockers), hull, solid
+    )  # fmt: skip
 
 
 def convex_hull(polygon: Floats) -> Floats:

@@ -1,0 +1,274 @@
+"""Trajectories around what they cannot pass: walls, and views in which a camera did not see the target.
+
+Being outside a polygon is no convex constraint.  Each step of the trajectory that is near one
+is held by a line that separates it from the polygon; with the lines fixed the problem is
+convex in its constraints, and its minimum gives better lines, until nothing moves (a path
+drawn tight around a corner touches it).  On which side to pass is a choice: for every stretch
+that runs through a polygon both ways around are tried, and the cheaper one is kept.  A view
+may also be crossed unseen at a price, if the camera misses targets.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from .batch_map import Options, Solution, minimise
+from .feasible import move_inside
+from .geometry import Bools, Floats, Ints
+from .separation import beside, route, separate, spread_along
+from .trajectory import NO_PLANES, HalfPlanes, Problem, join_planes
+
+PASSES = 12
+"""How often lines are drawn anew."""
+STRETCHES, PER_STATE = 40, 0.1
+"""Stretches that are led around something in one problem: so many, and so many more for each state."""
+TOUCH = 1e-9
+"""Overlaps that are smaller, as a share of the extent, are none."""
+FEW = 6
+"""States before and after a stretch that are held apart as well, at least."""
+MU = 1e-2
+"""Weight of the barrier when a detour is tried."""
+
+
+class Obstacle(NamedTuple):
+    """A polygon in which the target is not."""
+
+    corners: Floats  # (K, 2) simple, counter-clockwise
+    pieces: tuple[Floats, ...]  # convex, counter-clockwise; they make it up
+    seen_through: tuple[Floats, ...] | None  # None: a wall. Else convex polygons that hide places in this view
+    eye: Floats  # (2,) of a view: where the camera is
+    when: Bools  # (T,) at which states it is there; a wall: always, and between them too
+    price: float  # cost of a state inside; inf: none is
+
+
+class Hold(NamedTuple):
+    """States first .. last are kept out of an obstacle."""
+
+    obstacle: int
+    first: int
+    last: int
+
+
+class Detours(NamedTuple):
+    """What was found."""
+
+    problem: Problem  # with the half-planes of the detours
+    solution: Solution
+    holds: tuple[Hold, ...]
+    left_alone: Bools  # (K, T) states inside each obstacle that no cheaper way around was found for
+
+
+def find_detours(
+    problem: Problem, solved: tuple[Problem, Solution], obstacles: tuple[Obstacle, ...], options: Options,
+    extent: float, clearance: float = 0.0, holds: Iterable[Hold] = (), left_alone: Bools | None = None,
+) -> Detours:  # fmt: skip
+    """The minimum around all obstacles, as far as ways around are found.
+
+    Args:
+        problem: with all other constraints.
+        solved: the problem with the half-planes of the holds, and its minimum.
+        obstacles: what the trajectory must not run through.
+        options: of each search.
+        extent: size of the place.
+        clearance: distance that is kept from walls.
+        holds: stretches that are led around something already.
+        left_alone: (K, T) states that need not be outside each obstacle; None: none.
+    """
+    here, solution = solved
+    held, iterations = tuple(holds), solution.iterations
+    alone = np.zeros((len(obstacles), problem.T), dtype=np.bool_) if left_alone is None else left_alone.copy()
+    for _ in range(STRETCHES + int(PER_STATE * problem.T)):
+        stretch = next(_stretches(solution.X, obstacles, alone, TOUCH * extent), None)
+        if stretch is None:
+            break
+        found = None
+        for guess in _guesses(solution.X, obstacles, stretch, extent, clearance):
+            tried = settle(problem, guess, obstacles, (*held, _padded(stretch, problem.T)), options, extent, clearance)
+            if tried is None:
+                continue
+            iterations += tried[1].iterations
+            if found is None or tried[1].cost < found[1].cost:
+                found = tried
+        k, span = stretch.obstacle, slice(stretch.first, stretch.last + 1)
+        price = obstacles[k].price * int(np.count_nonzero(obstacles[k].when[span]))
+        if found is None or found[1].cost > solution.cost + price:
+            alone[k, span] = True
+            continue
+        held = (*held, _padded(stretch, problem.T))
+        here, solution = found
+    return Detours(here, solution._replace(iterations=iterations), held, alone)
+
+
+def _padded(stretch: Hold, T: int) -> Hold:
+    pad = max(FEW, (stretch.last - stretch.first) // 2)
+    return stretch._replace(first=max(0, stretch.first - pad), last=min(T - 1, stretch.last + pad))
+
+
+def _stretches(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, touch: float) -> Iterator[Hold]:
+    """Stretches of states inside an obstacle, or at the ends of a step through a wall."""
+    xy = np.ascontiguousarray(X[:, ::2])
+    for k, o in enumerate(obstacles):
+        inside = _overlaps(xy, o, touch) & ~left_alone[k]
+        rows = np.flatnonzero(inside)
+        if not len(rows):
+            continue
+        # Frames of a camera that comes and goes belong to one stretch.
+        there = np.cumsum(o.when)
+        cuts = np.flatnonzero(np.diff(there[rows]) > 1) + 1
+        for part in np.split(rows, cuts):
+            yield Hold(k, int(part[0]), int(part[-1]))
+
+
+def _overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:
+    """(T,) states inside an obstacle; of a wall also both ends of each step that cuts it."""
+    out = np.zeros(len(xy), dtype=np.bool_)
+    if o.seen_through is None:
+        for piece in o.pieces:
+            cut = separate(xy[:-1], xy[1:], piece).gap < -touch
+            out[:-1] |= cut
+            out[1:] |= cut
+        return out
+    rows = np.flatnonzero(o.when)
+    inside = np.zeros(len(rows), dtype=np.bool_)
+    for piece in o.pieces:
+        inside |= separate(xy[rows], xy[rows], piece).gap < -touch
+    rows = rows[inside]
+    eye = np.broadcast_to(o.eye, (len(rows), 2))
+    hidden = np.zeros(len(rows), dtype=np.bool_)
+    for wall in o.seen_through:
+        hidden |= separate(eye, xy[rows], wall).gap < 0.0
+    out[rows[~hidden]] = True
+    return out
+
+
+def _guesses(
+    X: Floats, obstacles: tuple[Obstacle, ...], stretch: Hold, extent: float, clearance: float
+) -> Iterator[Floats]:
+    """Trajectories that lead a stretch around its obstacle."""
+    o, T = obstacles[stretch.obstacle], len(X)
+    wall = o.seen_through is None
+    away = (clearance if wall else 0.0) + 1e-3 * extent
+    a, b = (stretch.first, stretch.last) if wall else (stretch.first - 1, stretch.last + 1)
+    inside = _overlaps(np.ascontiguousarray(X[:, ::2]), o._replace(when=np.ones(T, dtype=np.bool_)), 0.0)
+    if wall:  # both ends of a step through it: the states themselves may be outside
+        inside = _within(X[:, ::2], o)
+    while a >= 0 and inside[a]:
+        a -= 1
+    while b < T and inside[b]:
+        b += 1
+    if a < 0 or b >= T:
+        yield from _to_edges(X, o, max(a, -1), min(b, T), away)
+        return
+    for ccw in (True, False):
+        first, last = a, b
+        guess = None
+        while guess is None:
+            places = route(o.corners, X[first, ::2], X[last, ::2], away, ccw=ccw)
+            guess = spread_along(X[first, ::2], places, X[last, ::2], last - first)
+            if guess is None:
+                if first == 0 and last == T - 1:
+                    break
+                first, last = max(0, first - 1), min(T - 1, last + 1)
+        if guess is None:
+            continue
+        Y = X.copy()
+        Y[first + 1 : last, ::2] = guess
+        yield Y
+
+
+def _within(xy: Floats, o: Obstacle) -> Bools:
+    """(T,) which places are inside."""
+    points = np.ascontiguousarray(xy)
+    return np.asarray(np.any([separate(points, points, piece).gap < 0.0 for piece in o.pieces], axis=0))
+
+
+def _to_edges(X: Floats, o: Obstacle, a: int, b: int, away: float) -> Iterator[Floats]:
+    """Trajectories whose states a + 1 .. b - 1 are beside one of the edges; for stretches at the start or the end."""
+    K = len(o.corners)
+    for k in range(K):
+        edge = o.corners[(k + 1) % K] - o.corners[k]
+        Y = X.copy()
+        xy = X[a + 1 : b, ::2]
+        share = np.clip((xy - o.corners[k]) @ edge / (edge @ edge), 0.0, 1.0)
+        Y[a + 1 : b, ::2] = beside(o.corners, k, o.corners[k] + share[:, None] * edge, away)
+        yield Y
+
+
+def separating_planes(
+    X: Floats, obstacles: tuple[Obstacle, ...], holds: Iterable[Hold], clearance: float
+) -> tuple[HalfPlanes, float]:
+    """Half-planes that keep held states out of their obstacles, and the narrowest gap there is now."""
+    xy = np.ascontiguousarray(X[:, ::2])
+    parts, narrowest = [NO_PLANES], math.inf
+    for hold in holds:
+        o = obstacles[hold.obstacle]
+        for piece in o.pieces:
+            planes, gap = _piece_planes(xy, o, piece, hold, clearance)
+            parts.append(planes)
+            narrowest = min(narrowest, gap)
+    return join_planes(*parts), narrowest
+
+
+def _piece_planes(xy: Floats, o: Obstacle, piece: Floats, hold: Hold, clearance: float) -> tuple[HalfPlanes, float]:
+    """Half-planes between the held states and one convex piece."""
+    rows: Ints = np.arange(hold.first, hold.last + 1)
+    if o.seen_through is None:
+        s = separate(xy[rows[:-1]], xy[rows[1:]], piece)
+        planes = HalfPlanes(
+            np.concatenate([rows[:-1], rows[1:]]), np.vstack([s.normal, s.normal]),
+            np.tile(s.support + clearance, 2),
+        )  # fmt: skip
+        return planes, float(s.gap.min(initial=math.inf)) - clearance
+    rows = rows[o.when[rows]]
+    rows = rows[~_hidden(xy, o, rows)]
+    s = separate(xy[rows], xy[rows], piece)
+    return HalfPlanes(rows, s.normal, s.support), float(s.gap.min(initial=math.inf))
+
+
+def _hidden(xy: Floats, o: Obstacle, rows: Ints) -> Bools:
+    """Which of some states the camera of a view cannot see for a wall."""
+    eye = np.broadcast_to(o.eye, (len(rows), 2))
+    out = np.zeros(len(rows), dtype=np.bool_)
+    for wall in o.seen_through or ():
+        out |= separate(eye, xy[rows], wall).gap < 0.0
+    return out
+
+
+def settle(
+    problem: Problem, guess: Floats, obstacles: tuple[Obstacle, ...], holds: tuple[Hold, ...], options: Options,
+    extent: float, clearance: float,
+) -> tuple[Problem, Solution] | None:  # fmt: skip
+    """The minimum near a guess with lines drawn anew until nothing moves; None where no line fits.
+
+    Args:
+        problem: with all other constraints.
+        guess: (T, 4) states outside the obstacles where they are held.
+        obstacles: as in `find_detours`, as the others.
+        holds: which states are kept out of which obstacle.
+        options: of each search.
+        extent: size of the place.
+        clearance: distance that is kept from walls.
+    """
+    X, found, iterations = guess, None, 0
+    for _ in range(PASSES):
+        planes, gap = separating_planes(X, obstacles, holds, clearance)
+        if gap < -TOUCH * extent:
+            return found
+        here = problem._replace(planes=join_planes(problem.planes, planes))
+        Y, stuck = move_inside(X, here.planes, 1e-5 * extent)
+        if stuck.any():
+            return found
+        solution = minimise(here, Y, options._replace(mu=MU))
+        iterations += solution.iterations
+        moved = float(np.abs(solution.X - X)[:, ::2].max())
+        better = found is None or solution.cost < found[1].cost
+        if better:
+            found = here, solution._replace(iterations=iterations)
+        X = solution.X
+        if moved < 1e-4 * extent or not better:
+            break
+    return found
