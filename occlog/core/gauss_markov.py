@@ -70,7 +70,10 @@ def diffusion(model: GaussMarkov) -> Diffusion:
     Raises:
         ValueError: A has no real logarithm (an eigenvalue is negative or 0).
     """
-    B = np.asarray(logm(model.A), dtype=np.complex128) / model.step_s
+    sizes = np.linalg.svd(model.A, compute_uv=False)
+    # Of a singular A, logm gives the logarithm of some regular matrix near it.
+    singular = not sizes[-1] > 1e-14 * sizes[0]
+    B = np.asarray(np.full((4, 4), np.nan) if singular else logm(model.A), dtype=np.complex128) / model.step_s
     if not np.all(np.isfinite(B)) or np.abs(B.imag).max() > 1e-9 * max(1.0, float(np.abs(B).max())):
         raise ValueError("A has no real logarithm, so that it says nothing about steps of other lengths")
     generator = np.ascontiguousarray(B.real)
