@@ -44,7 +44,7 @@ def run_reproduce(
     own = sizes_of(given["sizes"], [e.item for e in chosen])
     quiet = bool(given["quiet"])
     if output is not None:
-        prepare(output, [e.item for e in chosen], given["overwrite"])
+        prepare(output, chosen, given["overwrite"])
     findings: list[Finding] = []
     for e in chosen:
         runs, steps = own.get(e.item, (given["runs"], given["steps"]))

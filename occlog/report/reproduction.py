@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from .planplot import draw_plan
+from .plans import Plan
 from .style import COLOURS, DARK, house_style, new_figure, raw_svg, to_png
 from .svg import page_svg
 
@@ -51,6 +53,7 @@ class Part(NamedTuple):
     size: str
     verdicts: list[dict[str, Any]]
     table: list[list[str]]  # first row: heads
+    plans: Mapping[str, Plan] = {}  # floor plans by name
 
 
 def draw(chart: Chart) -> Figure:
@@ -65,9 +68,10 @@ def draw(chart: Chart) -> Figure:
     lines = [(c.name, y) for c in chart.curves for y in c.across]
     for n, curve in enumerate(curves):
         _curve(axes, n, curve)
+    few = sum(not c.x for c in chart.curves) <= 2
     for n, (name, y) in enumerate(lines):
         own = [k for k, c in enumerate(curves) if c.name == name]
-        colour = COLOURS[LINES[own[0] if own else -1 - n % 2]]
+        colour = COLOURS[LINES[own[0] if own else -1 - n % 2 if few else (len(curves) + n) % len(LINES)]]
         if y > FAR * top:
             axes.plot([], [], color=colour, linestyle=":", label=f"{name}: {y:.3g}, not shown")
         else:
@@ -104,13 +108,14 @@ def build_reproduction(title: str, parts: Sequence[Part]) -> str:
     """The page as HTML: self-contained, without scripts; the same input gives the same bytes."""
     with house_style():
         plots = [Markup(_svg(part.chart)) for part in parts]
+        plans = [[(p, Markup(_plan_svg(part.chart.item, name, p))) for name, p in part.plans.items()] for part in parts]
     environment = Environment(
         loader=PackageLoader("occlog.report"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     return environment.get_template("reproduce.html.j2").render(
         title=title,
-        parts=list(zip(parts, plots, strict=True)),
+        parts=list(zip(parts, plots, plans, strict=True)),
         totals=[(kind, sum(v["verdict"] == kind for p in parts for v in p.verdicts)) for kind in KINDS],
         shown=shown,
         light=COLOURS,
@@ -121,6 +126,11 @@ def build_reproduction(title: str, parts: Sequence[Part]) -> str:
 def _svg(chart: Chart) -> str:
     words = f"{chart.y_label} against {chart.x_label}: {', '.join(c.name for c in chart.curves)}"
     return page_svg(raw_svg(draw(chart)), chart.item, chart.title, words)
+
+
+def _plan_svg(item: str, name: str, plan: Plan) -> str:
+    words = "; ".join(f"{p.title}: true path, {', '.join(e.name for e in p.estimates)}" for p in plan.panels)
+    return page_svg(raw_svg(draw_plan(plan)), f"{item}-{name}", plan.title, words)
 
 
 def shown(value: float | None) -> str:

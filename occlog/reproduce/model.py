@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
+from ..report.plans import Plan
 from ..sweep.trial import run_trial
 
 Spec = dict[str, Any]
@@ -94,6 +95,7 @@ class Experiment:
     judge: Callable[[Table], list[Verdict]]
     note: str = ""
     trial: Callable[[Mapping[str, Any]], dict[str, float]] = run_trial  # what `compute` has executed
+    plans: Mapping[str, Callable[[Size], Plan]] = field(default_factory=dict)  # further pictures by name
 
 
 def deviation(values: Sequence[float]) -> float:

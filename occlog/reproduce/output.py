@@ -11,40 +11,49 @@ from pathlib import Path
 
 from ..errors import OutputError
 from ..io.atomic import check_writable, translate_write_errors, write_bytes
+from ..report.planplot import plan_png
 from ..report.reproduction import Chart, Curve, Part, build_reproduction, chart_png
-from .model import EXTRAS, Table
+from .model import EXTRAS, Experiment, Table
 from .run import TITLES, Finding
 
 PAGE = "reproduce.html"
 
 
-def paths(folder: Path, items: Sequence[str]) -> list[Path]:
+def paths(folder: Path, experiments: Sequence[Experiment]) -> list[Path]:
     """All files that will be written."""
-    return [folder / f"{item}{kind}" for item in items for kind in (".csv", ".png", ".json")] + [folder / PAGE]
+    out = [folder / f"{e.item}{kind}" for e in experiments for kind in (".csv", ".png", ".json")]
+    return out + [plan_path(folder, e, name) for e in experiments for name in e.plans] + [folder / PAGE]
 
 
-def prepare(folder: Path, items: Sequence[str], overwrite: bool) -> None:
+def plan_path(folder: Path, experiment: Experiment, name: str) -> Path:
+    """File of a floor plan."""
+    return folder / f"{experiment.item}-{name}.png"
+
+
+def prepare(folder: Path, experiments: Sequence[Experiment], overwrite: bool) -> None:
     """Make the folder and see that nothing is in the way, before any work is done."""
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is a file; name a folder")
     with translate_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    for path in paths(folder, items):
+    for path in paths(folder, experiments):
         check_writable(path, overwrite)
 
 
 def write(folder: Path, finding: Finding, overwrite: bool) -> None:
-    """Table, plot and verdicts of one experiment."""
+    """Table, plot, floor plans and verdicts of one experiment."""
     item = finding.experiment.item
     write_bytes(folder / f"{item}.csv", table_csv(finding.table).encode(), overwrite)
     write_bytes(folder / f"{item}.png", chart_png(chart(finding)), overwrite)
+    for name, plan in finding.plans.items():
+        write_bytes(plan_path(folder, finding.experiment, name), plan_png(plan), overwrite)
     text = json.dumps(finding.as_dict(), indent=2, sort_keys=True) + "\n"
     write_bytes(folder / f"{item}.json", text.encode(), overwrite)
 
 
 def write_page(folder: Path, paper: str, findings: Sequence[Finding], overwrite: bool) -> None:
     """The page of all experiments."""
-    parts = [Part(chart(f), _size(f), [x.as_dict() for x in f.verdicts], _cells(f.table)) for f in findings]
+    parts = [Part(chart(f), _size(f), [x.as_dict() for x in f.verdicts], _cells(f.table), f.plans) for f in findings]
     write_bytes(folder / PAGE, build_reproduction(TITLES[paper], parts).encode(), overwrite)
 
 

@@ -5,19 +5,24 @@ from __future__ import annotations
 import difflib
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import UsageError
-from . import accuracy, laboratory, recorded_figures, selection, speed, square
+from ..report.plans import Plan
+from . import accuracy, laboratory, recorded_figures, selection, sparse_figures, speed, square
 from .model import Execute, Experiment, Size, Table, Verdict
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
     "ercan": (*square.EXPERIMENTS, speed.FIG10, selection.FIG12, laboratory.FIG14, selection.FIG15, accuracy.FIG17),
+    "rahimi": sparse_figures.EXPERIMENTS,
 }
 RECORDED = {"ercan": recorded_figures.ITEMS}
 """Experiments that want a recording."""
-TITLES = {"ercan": "Ercan, El Gamal, Guibas 2013, Object tracking in the presence of occlusions using multiple cameras"}
+TITLES = {
+    "ercan": "Ercan, El Gamal, Guibas 2013, Object tracking in the presence of occlusions using multiple cameras",
+    "rahimi": "Rahimi, Dunagan, Darrell 2004, Tracking people with a sparse network of bearing sensors",
+}
 
 
 @dataclass(frozen=True)
@@ -30,6 +35,8 @@ class Finding:
     verdicts: list[Verdict]
     cpu_seconds: float
     """Of this process; that of the workers is in the column `track_seconds`."""
+    plans: dict[str, Plan] = field(default_factory=dict)
+    """Floor plans by name."""
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -81,4 +88,6 @@ def reproduce(experiment: Experiment, size: Size, execute: Execute) -> Finding:
     """Do an experiment and judge it."""
     start = time.process_time()
     table = experiment.compute(size, execute)
-    return Finding(experiment, size, table, experiment.judge(table), time.process_time() - start)
+    verdicts = experiment.judge(table)
+    plans = {name: draw(size) for name, draw in experiment.plans.items()}
+    return Finding(experiment, size, table, verdicts, time.process_time() - start, plans)

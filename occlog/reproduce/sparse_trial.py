@@ -21,7 +21,7 @@ from ..trackers.map_config import MapConfig, map_defaults
 from ..trackers.method import Batch, sensor_names
 from ..trackers.settings import configure
 from .model import Size, Spec
-from .sparse import FOCAL_PX, READ_PX, SPEED, Example, example, identified, sparse_scene
+from .sparse import FOCAL_PX, READ_PX, SPEED, STEP_S, Example, example, identified, sparse_scene
 
 PAPER: Mapping[str, Any] = {"speed": SPEED, "walls": False, "initial": "axes", "depth": 1.0}
 """Settings of `map` that make it the paper's method: its start, and in front of the cameras as the only constraint."""
@@ -62,7 +62,9 @@ class Sightings(NamedTuple):
     reading: Floats  # (n,) f h/d, in units of f
 
 
-def sparse_spec(size: Size, run: int, *, false: float = 0.0, fit_step_s: float = 0.5, **track: Any) -> Spec:
+def sparse_spec(
+    size: Size, run: int, *, false: float = 0.0, fit_step_s: float = STEP_S, known_range: bool = False, **track: Any
+) -> Spec:
     """Description of a trial; see `sparse_trial`.
 
     Args:
@@ -70,17 +72,21 @@ def sparse_spec(size: Size, run: int, *, false: float = 0.0, fit_step_s: float =
         run: number of the problem.
         false: share of false bearings.
         fit_step_s: step at which the motion was identified [s].
+        known_range: the ranges of the cameras are told to the method.
         track: settings of `map` besides those of the paper.
     """
     acceleration, jitter = identified(size.seed, fit_step_s)
     settings = {**PAPER, "acceleration": acceleration, "jitter": jitter, **track}
-    return {"sparse": "rahimi", "seed": size.seed, "run": run, "steps": size.steps, "false": false, "track": settings}
+    return {
+        "sparse": "rahimi", "seed": size.seed, "run": run, "steps": size.steps, "false": false,
+        "known_range": known_range, "track": settings,
+    }  # fmt: skip
 
 
 def solve_problem(spec: Mapping[str, Any]) -> Solved:
     """The estimate of a problem by the code of `occlog track --method map`, with its iterates."""
     problem = example(int(spec["seed"]), int(spec["run"]), int(spec["steps"]), float(spec["false"]))
-    scene = sparse_scene(known_range=False)
+    scene = sparse_scene(known_range=bool(spec["known_range"]))
     config: MapConfig = configure(map_defaults("m"), spec["track"], "map")
     config = replace(config, window=max(config.window, int(spec["steps"])))
     iterates: list[Floats] = []
@@ -112,7 +118,7 @@ def sparse_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     `behind` counts measurements whose camera has the estimate behind it (or beside it).
 
     Args:
-        spec: `seed`, `run`, `steps`, `false` (share of false bearings) and `track` (settings of `map`).
+        spec: `seed`, `run`, `steps`, `false` (share of false bearings), `known_range` and `track` (settings of `map`).
     """
     solved = solve_problem(spec)
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)

@@ -1,0 +1,128 @@
+"""What the paper does not ask of its example: false bearings, and whether the covariance is right."""
+
+from __future__ import annotations
+
+import math
+
+from . import verdicts as v
+from .model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+from .sparse_trial import sparse_spec, sparse_trial
+
+SQUARE, HUBER, CAUCHY, LINEAR = "square", "huber", "cauchy", "cauchy, linear start"
+LOSSES = {
+    SQUARE: ("square", "axes"),
+    HUBER: ("huber", "axes"),
+    CAUCHY: ("cauchy", "axes"),
+    LINEAR: ("cauchy", "linear"),
+}
+SHARES = (0.0, 10.0, 20.0)
+"""Per cent of the measurements."""
+LOSES = 0.15
+"""Share of the error that false bearings may add."""
+
+KNOWN, KNOWN_ROOM, ALL, RIGHT = "distances known", "distances known; room and ranges", "all not flagged", "consistent"
+FIT_STEPS = (0.5, 1.0, 2.0, 4.0, 8.0)
+"""Steps at which the motion is identified [s]."""
+LONGEST = FIT_STEPS[-1]
+LARGE = 1.0
+"""A 95 % range of a larger half width agrees with anything."""
+
+
+def false(size: Size, execute: Execute) -> Table:
+    """RMSE against the share of false bearings, for each loss."""
+    points = [(name, share) for name in LOSSES for share in (SHARES[:2] if size.quick else SHARES)]
+    specs = [
+        sparse_spec(size, run, false=share / 100.0, loss=LOSSES[name][0], initial=LOSSES[name][1])
+        for name, share in points
+        for run in range(size.runs)
+    ]
+    results = execute(specs)
+    rows = []
+    for i, (name, share) in enumerate(points):
+        own = results[i * size.runs : (i + 1) * size.runs]
+        extra = {"converged": math.fsum(r["converged"] for r in own) / size.runs}
+        extra["iterations"] = math.fsum(r["iterations"] for r in own) / size.runs
+        rows.append(Row(name, share, tuple(r["rmse"] for r in own), extra))
+    return rows
+
+
+def judge_false(table: Table) -> list[Verdict]:
+    """Statements about false bearings, of this project: what 10 % of them add to the clean error of squares."""
+    clean = v.find(table, SQUARE, 0.0)
+    out = []
+    for name in LOSSES:
+        row = v.find(table, name, 10.0)
+        if row is not None and clean is not None:
+            out.append(_adds(f"false-{name.replace(', ', '-').replace(' ', '-')}", name, clean, row))
+    start = v.matched(table, CAUCHY, LINEAR, (10.0,))
+    out.append(v.pairs("false-start", "Robust costs must start from the axes, not from a linear fit [m].", start))
+    return out
+
+
+def _adds(key: str, name: str, clean: Row, row: Row) -> Verdict:
+    """What false bearings add, as a share of the clean error; the error bar is that of a quotient of paired means."""
+    ratio = row.mean / clean.mean
+    left = [b - ratio * a for a, b in zip(clean.values, row.values, strict=True)]
+    error = deviation(left) / math.sqrt(len(left)) / clean.mean
+    added = ratio - 1.0
+    good = v.REPRODUCED if added < LOSES else v.IN_PART if added - error < LOSES else v.NOT
+    said = f"10 % of false bearings add less than {LOSES:.0%} to the mean RMSE with clean data ({name}): share added."
+    rule = f"below {LOSES:.0%}; in part within a standard error of it"
+    return Verdict(key, said, None, added, error, row.runs, good, rule)
+
+
+def covariance(size: Size, execute: Execute) -> Table:
+    """Mean normalised squared error against the step at which the motion was identified."""
+    steps = (FIT_STEPS[0], LONGEST) if size.quick else FIT_STEPS
+    kinds = {KNOWN: {}, KNOWN_ROOM: {"walls": True, "known_range": True}}
+    points = [(name, step) for name in kinds for step in steps]
+    specs = [sparse_spec(size, run, fit_step_s=s, **kinds[n]) for n, s in points for run in range(size.runs)]
+    results = execute(specs)
+    rows = []
+    for i, (name, step) in enumerate(points):
+        own = results[i * size.runs : (i + 1) * size.runs]
+        extra = {key: math.fsum(r[key] for r in own) / size.runs for key in ("known", "unflagged", "rmse")}
+        extra["acceleration"] = sparse_spec(size, 0, fit_step_s=step)["track"]["acceleration"]
+        rows.append(Row(name, step, _finite(r["nees_known"] for r in own), extra))
+        if (name, step) == (KNOWN, LONGEST):
+            rows.append(Row(ALL, math.nan, _finite(r["nees"] for r in own)))
+    return [*rows, Row(RIGHT, math.nan, (2.0, 2.0))]
+
+
+def _finite(values: object) -> tuple[float, ...]:
+    return tuple(x for x in values if math.isfinite(x))  # type: ignore[attr-defined]
+
+
+def judge_covariance(table: Table) -> list[Verdict]:
+    """Statements about the covariance, of this project: the mean normalised squared error is 2."""
+    out = [
+        _consistent(f"covariance-{r.x:g}s", f"{r.series}, motion identified at {r.x:g} s", r)
+        for r in v.series(table, KNOWN)
+    ]
+    row = v.find(table, KNOWN_ROOM, LONGEST)
+    if row is not None:
+        out.append(_consistent("covariance-room", f"{row.series}, motion identified at {row.x:g} s", row))
+    everything = v.find(table, ALL)
+    if everything is not None:
+        out.append(_consistent("covariance-all", f"{ALL}, motion identified at {LONGEST:g} s", everything))
+    return out
+
+
+def _consistent(key: str, what: str, row: Row) -> Verdict:
+    """Errors within a problem depend on each other, so that the error bar is that of the problems' means."""
+    right = abs(row.mean - 2.0) <= 1.96 * row.error <= LARGE
+    good = v.REPRODUCED if right else v.IN_PART if 1.0 <= row.mean <= 4.0 else v.NOT
+    said = f"The normalised squared error is 2 in the mean, as the covariance says ({what})."
+    rule = f"within 1.96 standard errors of the problems' means, if that is at most {LARGE:g}; in part: a factor of 2"
+    return Verdict(key, said, None, row.mean, row.error, row.runs, good, rule)
+
+
+FALSE = Experiment(
+    "false", "False bearings", "false bearings [%]", "RMSE [m]", 50, 200, (3, 80), false, judge_false,
+    note="False bearings are drawn uniformly from the camera's field of view.", trial=sparse_trial,
+)  # fmt: skip
+COVARIANCE = Experiment(
+    "covariance", "Consistency of the covariance", "step at which the motion is identified [s]",
+    "mean normalised squared error", 50, 200, (3, 80), covariance, judge_covariance,
+    note="Distances count as known where their standard deviation is at most half of them.", trial=sparse_trial,
+)  # fmt: skip
