@@ -66,7 +66,8 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
 def _swapped(unit: Any, lengths: tuple[Any, Any]) -> Any:
     """A unit with one length unit in place of the other."""
     old, new = lengths
-    return str(unit).replace(str(old), str(new)) if unit in (old, f"{old}^2", f"{old}/s") else unit
+    units = [f"{old}{rest}" for rest in ("", "^2", "/s", "^2/s", "^2/s^2")]
+    return str(unit).replace(str(old), str(new)) if unit in units else unit
 
 
 def diff_bytes(name: str, a: bytes, b: bytes) -> Comparison:
