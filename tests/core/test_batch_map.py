@@ -156,7 +156,7 @@ def test_a_start_outside_is_an_error() -> None:
     with pytest.raises(ValueError, match=f"outside constraint {worst} by "):
         minimise(p, free, FINE)
     wall = HalfPlanes(np.array([1]), np.array([[1.0, 0.0]]), start[1, :1].copy())
-    with pytest.raises(ValueError, match="outside constraint 0 by 0"):  # on the border is not inside
+    with pytest.raises(ValueError, match="outside constraint 0 "):  # on the border is not inside
         minimise(p._replace(planes=wall), start, FINE)
     with pytest.raises(ValueError, match="outside constraint"):
         minimise(p, np.full_like(start, np.nan), FINE)
