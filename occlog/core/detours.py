@@ -16,16 +16,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .batch_map import Options, Solution, minimise
+from .batch_map import Options, Solution, cost, minimise
 from .feasible import move_inside
 from .geometry import Bools, Floats, Ints
 from .separation import beside, route, separate, spread_along
-from .trajectory import NO_PLANES, HalfPlanes, Problem, join_planes
+from .trajectory import NO_PLANES, HalfPlanes, Problem, SightLines, join_lines, join_planes
+from .trajectory_window import Knowledge, part
 
 PASSES = 12
 """How often lines are drawn anew."""
-STRETCHES, PER_STATE = 40, 0.1
-"""Stretches that are led around something in one problem: so many, and so many more for each state."""
+ROUNDS = 10
+"""Rounds of looking for stretches that run through something."""
+NEIGHBOURHOOD = 24
+"""States before and after a stretch that move while ways around it are compared, at least."""
+PIN, ROUGH = 1e-5, 1e-4
+"""What holds still there, and the tolerance of that comparison, as shares of the extent."""
 TOUCH = 1e-9
 """Overlaps that are smaller, as a share of the extent, are none."""
 FEW = 6
@@ -79,28 +84,87 @@ def find_detours(
         left_alone: (K, T) states that need not be outside each obstacle; None: none.
     """
     here, solution = solved
-    held, iterations = tuple(holds), solution.iterations
+    held, iterations, space = tuple(holds), solution.iterations, (options, extent, clearance)
     alone = np.zeros((len(obstacles), problem.T), dtype=np.bool_) if left_alone is None else left_alone.copy()
-    for _ in range(STRETCHES + int(PER_STATE * problem.T)):
-        stretch = next(_stretches(solution.X, obstacles, alone, TOUCH * extent), None)
-        if stretch is None:
+    for _ in range(ROUNDS):
+        X = solution.X.copy()
+        added: list[Hold] = []
+        for stretch in list(_stretches(X, obstacles, alone, TOUCH * extent)):
+            hold = _padded(stretch, problem.T)
+            way, spent = _local_way(problem, X, obstacles, stretch, (*held, *added), space)
+            iterations += spent
+            if way is None:
+                alone[stretch.obstacle, stretch.first : stretch.last + 1] = True
+            else:
+                X, added = way, [*added, hold]
+        if not added:
             break
-        found = None
-        for guess in _guesses(solution.X, obstacles, stretch, extent, clearance):
-            tried = settle(problem, guess, obstacles, (*held, _padded(stretch, problem.T)), options, extent, clearance)
-            if tried is None:
-                continue
-            iterations += tried[1].iterations
-            if found is None or tried[1].cost < found[1].cost:
-                found = tried
-        k, span = stretch.obstacle, slice(stretch.first, stretch.last + 1)
-        price = obstacles[k].price * int(np.count_nonzero(obstacles[k].when[span]))
-        if found is None or found[1].cost > solution.cost + price:
-            alone[k, span] = True
+        found = settle(problem, X, obstacles, (*held, *added), *space)
+        if found is None:
+            for hold in added:
+                alone[hold.obstacle, hold.first : hold.last + 1] = True
             continue
-        held = (*held, _padded(stretch, problem.T))
-        here, solution = found
+        (here, solution), held = found, (*held, *added)
+        iterations += solution.iterations
     return Detours(here, solution._replace(iterations=iterations), held, alone)
+
+
+def _local_way(
+    problem: Problem, X: Floats, obstacles: tuple[Obstacle, ...], stretch: Hold, held: tuple[Hold, ...],
+    space: tuple[Options, float, float],
+) -> tuple[Floats | None, int]:  # fmt: skip
+    """The trajectory with one stretch led around its obstacle the cheapest way, and the iterations spent.
+
+    Only the neighbourhood moves; None where no way is found, or none that is worth the price.
+    """
+    options, extent, clearance = space
+    reach = max(NEIGHBOURHOOD, 2 * (stretch.last - stretch.first))
+    first, last = max(0, stretch.first - reach), min(problem.T, stretch.last + 1 + reach)
+    local = _pinned(problem, X, first, last, extent)
+    own = tuple(o._replace(when=o.when[first:last]) for o in obstacles)
+    here = Hold(stretch.obstacle, stretch.first - first, stretch.last - first)
+    near = [
+        Hold(h.obstacle, max(h.first, first) - first, min(h.last, last - 1) - first)
+        for h in held
+        if h.first < last and h.last >= first
+    ]
+    rough = options._replace(tolerance=max(options.tolerance, ROUGH * extent))
+    best, spent = None, 0
+    for guess in _guesses(X[first:last], own, here, extent, clearance):
+        tried = settle(local, guess, own, (*near, _padded(here, last - first)), rough, extent, clearance)
+        if tried is None:
+            continue
+        spent += tried[1].iterations
+        if best is None or tried[1].cost < best.cost:
+            best = tried[1]
+    o = obstacles[stretch.obstacle]
+    price = o.price * int(np.count_nonzero(o.when[stretch.first : stretch.last + 1]))
+    if best is None or best.cost > cost(local, X[first:last]) + price:
+        return None, spent
+    Y = X.copy()
+    Y[first:last] = best.X
+    return Y, spent
+
+
+def _pinned(problem: Problem, X: Floats, first: int, last: int, extent: float) -> Problem:
+    """The problem of states first .. last - 1 with those before and after as they are in X."""
+    steps = problem.steps
+    before = Knowledge(steps.mean, steps.spread)
+    if first > 0:
+        kind = steps.kind[first - 1]
+        before = Knowledge(steps.A[kind] @ X[first - 1], steps.sigma[kind])
+    local = part(problem, first, last, before)
+    if last == problem.T or last - first < 3:
+        return local
+    # The last two positions hold still, and with them the velocity there.
+    rows = np.array([last - first - 2, last - first - 1]).repeat(2)
+    place = X[first:last][rows, ::2]
+    axis = np.tile(np.eye(2), (2, 1))
+    still = SightLines(
+        rows, place, axis, np.ones(4), np.zeros(4), np.zeros(4), np.full(4, (PIN * extent) ** 2),
+        np.zeros(4, dtype=np.bool_),
+    )  # fmt: skip
+    return local._replace(lines=join_lines(local.lines, still))
 
 
 def _padded(stretch: Hold, T: int) -> Hold:
@@ -119,8 +183,8 @@ def _stretches(X: Floats, obstacles: tuple[Obstacle, ...], left_alone: Bools, to
         # Frames of a camera that comes and goes belong to one stretch.
         there = np.cumsum(o.when)
         cuts = np.flatnonzero(np.diff(there[rows]) > 1) + 1
-        for part in np.split(rows, cuts):
-            yield Hold(k, int(part[0]), int(part[-1]))
+        for rest in np.split(rows, cuts):
+            yield Hold(k, int(rest[0]), int(rest[-1]))
 
 
 def _overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:

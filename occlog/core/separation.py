@@ -72,7 +72,7 @@ def route(corners: Floats, a: Floats, b: Floats, away: float, *, ccw: bool) -> F
     """
     K = len(corners)
     (i, from_a), (j, to_b) = nearest_edge(corners, a, away), nearest_edge(corners, b, away)
-    moved = _offset(corners, away)
+    moved = offset(corners, away)
     if ccw:  # along edge i to corner i + 1, ..., to the start of edge j
         count = (j - i) % K
         if count == 0 and _along(corners, i, to_b) < _along(corners, i, from_a):
@@ -107,7 +107,7 @@ def _along(corners: Floats, k: int, xy: Floats) -> float:
     return float((xy - corners[k]) @ edge)
 
 
-def _offset(corners: Floats, away: float) -> Floats:
+def offset(corners: Floats, away: float) -> Floats:
     """Corners moved outwards so that the edges move by a distance (very sharp corners by less than that takes)."""
     edge = np.roll(corners, -1, axis=0) - corners
     normal = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.hypot(*edge.T)[:, None]

@@ -101,7 +101,7 @@ def make_steps(model: GaussMarkov, seconds: Floats, mean: Floats, spread: Floats
     )  # fmt: skip
 
 
-def some_lines(lines: SightLines, rows: slice | Bools) -> SightLines:
+def some_lines(lines: SightLines, rows: slice | Bools | Ints) -> SightLines:
     """Some of the sight lines."""
     return SightLines(
         lines.step[rows], lines.place[rows], lines.axis[rows], lines.focal[rows], lines.reading[rows], lines.c0[rows],
@@ -112,6 +112,13 @@ def some_lines(lines: SightLines, rows: slice | Bools) -> SightLines:
 def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
     """Some of the half-planes."""
     return HalfPlanes(planes.step[rows], planes.normal[rows], planes.offset[rows])
+
+
+def join_lines(*parts: SightLines) -> SightLines:
+    """All sight lines of several sets, by rising step."""
+    order = np.argsort(np.concatenate([p.step for p in parts]), kind="stable")
+    joined = SightLines(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return some_lines(joined, order)
 
 
 def join_planes(*parts: HalfPlanes) -> HalfPlanes:

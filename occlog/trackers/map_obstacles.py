@@ -10,12 +10,15 @@ from ..columns import Bools, Floats
 from ..core.convex_pieces import convex_pieces
 from ..core.detours import Obstacle
 from ..core.geometry import counter_clockwise
+from ..core.separation import offset
 from .map_config import MapConfig
 from .map_measurements import Stations
 from .method import Record
 
 ARC = math.radians(10.0)
 """The far end of a view is a polygon with such sides."""
+BORDER = 2.0
+"""Standard deviations from the border of a view, or from a wall in it, within which a target may go unseen."""
 
 
 def obstacles(record: Record, at: Stations, config: MapConfig, extent: float, T: int) -> tuple[Obstacle, ...]:
@@ -52,9 +55,16 @@ def _view(s: int, when: Bools, at: Stations, config: MapConfig, extent: float) -
     """The field of view of a camera, as far as it reaches."""
     missed = 1.0 - _detection(s, at, config)
     price = -math.log(missed) if missed > 0.0 else math.inf
-    corners = view_polygon(at.place[s], float(at.yaw[s]), float(at.fov[s]), min(float(at.range[s]), 2.0 * extent))
-    hiding = tuple(piece for w in at.blockers[s] for piece in convex_pieces(w))
+    unsure = BORDER * max(float(at.sigma_yaw[s]), float(at.read_px[s] / at.focal_px[s]))
+    fov = max(float(at.fov[s]) - 2.0 * unsure, 0.1 * float(at.fov[s]))
+    corners = view_polygon(at.place[s], float(at.yaw[s]), fov, min(float(at.range[s]), 2.0 * extent))
+    hiding = tuple(_wider(piece, at.place[s], unsure) for w in at.blockers[s] for piece in convex_pieces(w))
     return Obstacle(corners, tuple(convex_pieces(corners)), hiding, at.place[s], when, price)
+
+
+def _wider(wall: Floats, eye: Floats, angle: float) -> Floats:
+    """A convex polygon that hides an angle more on either side."""
+    return offset(wall, angle * float(np.hypot(*(wall - eye).T).max()))
 
 
 def view_polygon(place: Floats, yaw: float, fov: float, reach: float) -> Floats:
