@@ -8,8 +8,8 @@ from .geometry import Bools, Floats
 from .jit import kernel
 from .trajectory import HalfPlanes
 
-ROUNDS = 2000
-"""Rounds of projections for one margin."""
+ROUNDS = 200
+"""Rounds of projections for one margin; then the corners are tried, which takes time cubic in the constraints."""
 THINNEST = 1e-6
 """Margin, as a share of the first one, below which a state's constraints count as contradictory."""
 
@@ -52,7 +52,7 @@ def _project(X: Floats, planes: HalfPlanes, margin: float, contradictory: Bools)
 
 @kernel
 def _reach(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -> bool:
-    """Move one state until its half-planes first .. last - 1 hold by `want`; false if that takes too long."""
+    """Move one state until its half-planes first .. last - 1 hold by `want`; false if they cannot."""
     t = planes.step[first]
     for _ in range(ROUNDS):
         worst, which = 0.0, -1
@@ -65,4 +65,34 @@ def _reach(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) ->
         # A little too far, so that corners are reached in finitely many moves.
         X[t, 0] += 1.1 * worst * planes.normal[which, 0]
         X[t, 2] += 1.1 * worst * planes.normal[which, 1]
-    return False
+    return _corner(X, planes, first, last, want)
+
+
+@kernel
+def _corner(X: Floats, planes: HalfPlanes, first: int, last: int, want: float) -> bool:
+    """Move one state to the nearest corner of what its half-planes leave with a margin; false if there is none.
+
+    Projections take very long into a narrow wedge; what has room has a corner, but for a strip.
+    """
+    t, n, nearest = planes.step[first], planes.normal, np.inf
+    x, y = X[t, 0], X[t, 2]
+    for i in range(first, last):
+        for j in range(first, i):
+            det = n[i, 0] * n[j, 1] - n[i, 1] * n[j, 0]
+            if abs(det) < 1e-12:
+                continue
+            a, b = planes.offset[i] + want, planes.offset[j] + want
+            u, v = (a * n[j, 1] - b * n[i, 1]) / det, (b * n[i, 0] - a * n[j, 0]) / det
+            away = (u - x) ** 2 + (v - y) ** 2
+            if away < nearest and _least(planes, first, last, u, v) > 0.5 * want:  # want, but for rounding
+                nearest, X[t, 0], X[t, 2] = away, u, v
+    return bool(nearest < np.inf)
+
+
+@kernel
+def _least(planes: HalfPlanes, first: int, last: int, u: float, v: float) -> float:
+    """Smallest slack of some half-planes at a point."""
+    least = np.inf
+    for m in range(first, last):
+        least = min(least, planes.normal[m, 0] * u + planes.normal[m, 1] * v - planes.offset[m])
+    return float(least)
