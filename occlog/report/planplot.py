@@ -17,7 +17,7 @@ from .style import COLOURS, house_style, label, new_figure, target_colour, to_pn
 
 WIDTH, HEIGHT = 3.4, 3.5
 """Inches of a panel."""
-MOST = 1.5
+MOST = 1.3
 """Paths are drawn up to so many times the room's extent from its middle."""
 TRUE_PATH: dict[str, Any] = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 4.0}
 
@@ -68,9 +68,10 @@ def _paths(axes: Axes, panel: Panel) -> list[Line2D]:
         markersize=5, zorder=6, label="its start",
     )  # fmt: skip
     for i, estimate in enumerate(panel.estimates):
-        colour = target_colour(i)
+        # What lies below is wider, so that paths that agree are both seen
+        colour, width = target_colour(i), 1.2 + 2.0 * (len(panel.estimates) - 1 - i)
         handles += axes.plot(
-            estimate.xy[:, 0], estimate.xy[:, 1], color=colour, linewidth=1.2, zorder=3.5, label=estimate.name
+            estimate.xy[:, 0], estimate.xy[:, 1], color=colour, linewidth=width, zorder=3.5, label=estimate.name
         )
         seen = estimate.xy[panel.seen]
         axes.plot(seen[:, 0], seen[:, 1], ".", color=colour, markersize=4, zorder=3.6)

@@ -92,3 +92,18 @@ def test_output_that_is_a_file_is_refused(tmp_path: Path, capsys: pytest.Capture
     path.write_text("")
     assert run([*FIG17, "-o", str(path)]) == ExitCode.BAD_INPUT
     assert "name a folder" in capsys.readouterr().err
+
+
+def test_floor_plans_are_written_and_on_the_page(tmp_path: Path) -> None:
+    assert (
+        run(["reproduce", "rahimi", "fig5", "--quick", "--runs", "2", "--steps", "40", "-q", "-o", str(tmp_path)]) == 0
+    )
+    names = sorted(p.name for p in tmp_path.iterdir())
+    assert names == ["fig5-constraints.png", "fig5.csv", "fig5.json", "fig5.png", "reproduce.html", "trials.jsonl"]
+    page = (tmp_path / "reproduce.html").read_text()
+    assert page.count("<svg") == 2
+    assert page.count("<figcaption>") == 1
+    assert (tmp_path / "fig5-constraints.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    again = ["reproduce", "rahimi", "fig5", "--quick", "--runs", "2", "--steps", "40", "-q", "-o", str(tmp_path)]
+    (tmp_path / "fig5.csv").unlink()
+    assert run(again) == ExitCode.EXISTS
