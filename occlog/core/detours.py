@@ -162,7 +162,7 @@ def _pinned(problem: Problem, X: Floats, first: int, last: int, extent: float) -
     axis = np.tile(np.eye(2), (2, 1))
     still = SightLines(
         rows, place, axis, np.ones(4), np.zeros(4), np.zeros(4), np.full(4, (PIN * extent) ** 2),
-        np.zeros(4, dtype=np.bool_),
+        np.zeros(4, dtype=np.bool_), np.zeros(4),
     )  # fmt: skip
     return local._replace(lines=join_lines(local.lines, still))
 

@@ -50,6 +50,7 @@ class SightLines(NamedTuple):
     c0: Floats  # (N,) variance of the reading [px^2], or of the direction [rad^2]; 0 where the residual is linear
     c1: Floats  # (N,) variance of the reading times distance squared; 0 for directions
     direction: Bools  # (N,) a direction, not a reading
+    volume: Floats  # (N,) weight of - log d in the cost, >= 0; see `occlog.core.invariant`
 
 
 class HalfPlanes(NamedTuple):
@@ -105,7 +106,7 @@ def some_lines(lines: SightLines, rows: slice | Bools | Ints) -> SightLines:
     """Some of the sight lines."""
     return SightLines(
         lines.step[rows], lines.place[rows], lines.axis[rows], lines.focal[rows], lines.reading[rows], lines.c0[rows],
-        lines.c1[rows], lines.direction[rows],
+        lines.c1[rows], lines.direction[rows], lines.volume[rows],
     )  # fmt: skip
 
 

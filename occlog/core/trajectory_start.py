@@ -43,5 +43,6 @@ def linear_problem(problem: Problem, distance: Floats) -> Problem:
         c0=np.zeros(len(sigma2)),
         c1=sigma2 * distance**2,
         direction=np.zeros(len(sigma2), dtype=np.bool_),
+        volume=np.zeros(len(sigma2)),
     )
     return problem._replace(lines=flat, loss=0)

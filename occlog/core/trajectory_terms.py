@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .geometry import Floats
+from .geometry import Bools, Floats
 from .jit import kernel
 from .trajectory import CAUCHY, HUBER, HalfPlanes, SightLines, Steps
 
@@ -67,6 +67,8 @@ def lines_cost(lines: SightLines, X: Floats, loss: int, k: float) -> float:
     for n in range(lines.step.shape[0]):
         h, d = in_camera(lines, n, X)
         total += loss_value(residual(lines, n, h, d), loss, k)
+        if lines.volume[n] > 0.0:
+            total += -lines.volume[n] * math.log(d) if d > 0.0 else math.inf
         if lines.c1[n] > 0.0 and lines.c0[n] > 0.0:
             total += 0.5 * math.log(lines.c0[n] + lines.c1[n] / (d * d))
     return total
@@ -173,6 +175,9 @@ def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: float, g
             w2 = lines.c0[n] * d * d + lines.c1[n]
             gd -= lines.c1[n] / (d * w2)
             dd += lines.c1[n] * (3.0 * lines.c0[n] * d * d + lines.c1[n]) / (d * d * w2 * w2)
+        if lines.volume[n] > 0.0:
+            gd -= lines.volume[n] / d
+            dd += lines.volume[n] / (d * d)
         c, s, t = lines.axis[n, 0], lines.axis[n, 1], lines.step[n]
         g[t, 0] += -s * gh + c * gd
         g[t, 2] += c * gh + s * gd
@@ -193,3 +198,36 @@ def add_planes(planes: HalfPlanes, X: Floats, mu: float, multiplier: Floats, g: 
         H[t, 0] += q * n0 * n0
         H[t, 1] += q * n0 * n1
         H[t, 2] += q * n1 * n1
+
+
+@kernel
+def in_front(lines: SightLines, X: Floats) -> Bools:
+    """(N,) which states are in front of their camera."""
+    out = np.empty(lines.step.shape[0], dtype=np.bool_)
+    for n in range(out.shape[0]):
+        out[n] = in_camera(lines, n, X)[1] > 0.0
+    return out
+
+
+@kernel
+def leverages(lines: SightLines, X: Floats, loss: int, k: float, C: Floats) -> Floats:
+    """(N,) share of each sight line in what is known of its own direction, 0 to 1.
+
+    That is J' C J with J the gradient of the residual and C (T, 4, 4) the covariances of the states.
+    """
+    out = np.empty(lines.step.shape[0])
+    for n in range(out.shape[0]):
+        t = lines.step[n]
+        h, d = in_camera(lines, n, X)
+        if lines.direction[n]:
+            q, a = h * h + d * d, 1.0 / math.sqrt(lines.c0[n])
+            r, rh, rd = a * math.atan2(h, d), a * d / q, -a * h / q
+        else:
+            w2 = lines.c0[n] * d * d + lines.c1[n]
+            r = (lines.focal[n] * h - lines.reading[n] * d) / math.sqrt(w2)
+            rh, rd = lines.focal[n] / math.sqrt(w2), -lines.reading[n] / math.sqrt(w2) - r * lines.c0[n] * d / w2
+        weight = loss_slopes(r, loss, k)[2]
+        c, s = lines.axis[n, 0], lines.axis[n, 1]
+        gu, gv = -s * rh + c * rd, c * rh + s * rd
+        out[n] = weight * (gu * gu * C[t, 0, 0] + 2.0 * gu * gv * C[t, 0, 2] + gv * gv * C[t, 2, 2])
+    return out

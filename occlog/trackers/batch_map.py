@@ -22,6 +22,7 @@ from ..columns import Bools, Floats, Ints
 from ..core.batch_map import MU_LAST, Iterate, Options, Solution, covariance, minimise
 from ..core.detours import Detours, Hold, Obstacle, find_detours, settle
 from ..core.feasible import move_inside
+from ..core.invariant import invariant, second_moment
 from ..core.trajectory import HalfPlanes, Problem, make_steps, some_planes
 from ..core.trajectory_start import linear_problem, start_on_axes
 from ..core.trajectory_terms import in_camera, residuals
@@ -98,9 +99,18 @@ def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -
     around = obstacles(whole, pending.at, config, pending.extent, T)
     found = _solve(problem, start, around, config, pending.extent, watch)
     problem, solution = found.problem, found.solution
+    spread = covariance(problem, solution.X)
+    if config.front and (config.estimate == "invariant" or config.covariance == "moment"):
+        options = Options(config.tolerance * pending.extent, config.iterations)
+        other = invariant(problem, solution, options, pending.extent)
+        if config.estimate == "invariant":
+            problem, solution, spread = other
+        else:
+            spread = second_moment(solution.X, other.solution.X, other.covariance)
+            solution = solution._replace(iterations=other.solution.iterations)
     walls = np.array([o.seen_through is None for o in around], dtype=np.bool_)
     through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
-    out = _smoothed(pending, problem, solution, whole, stuck, through, keep)
+    out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through)
     if last:
         return pending._replace(record=_empty(), X=np.empty((0, 4))), out
     before = summary(problem, solution, keep) if keep else pending.before
@@ -184,12 +194,11 @@ def _settled(t_ns: Ints, lag_ns: int | None) -> int:
 
 
 def _smoothed(
-    pending: Pending, problem: Problem, solution: Solution, record: Record, stuck: Bools, through: Bools, keep: int
+    pending: Pending, problem: Problem, solution: Solution, spread: Floats, record: Record, stuck: Bools, through: Bools
 ) -> Smoothed:
-    """The first `keep` states as they are given out."""
+    """The first states, as many as there are covariances, as they are given out."""
     X = solution.X
-    spread = covariance(problem, X)[:keep]
-    T = len(X)
+    T, keep = len(X), len(spread)
     looked, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.seen], minlength=T)
     sigma = np.sqrt(np.linalg.eigvalsh(spread[:, ::2, ::2])[:, -1])
     vague = sigma > pending.config.vague * pending.extent

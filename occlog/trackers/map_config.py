@@ -15,6 +15,8 @@ LOSSES = {"square": SQUARE, "huber": HUBER, "cauchy": CAUCHY}
 BEND = {"square": 1.0, "huber": 1.345, "cauchy": 2.385}
 """Parameters of the losses that lose 5 % where all errors are Gaussian."""
 STARTS = ("axes", "linear")
+ESTIMATES = ("mode", "invariant")
+COVARIANCES = ("moment", "hessian")
 NS = 1_000_000_000
 
 
@@ -41,6 +43,10 @@ class MapConfig:
     near: float = 0.01  # by at least this much
     walls: bool = True  # a target is in the room, in no static occluder, and not behind one when it is seen
     clearance: float = 0.0  # least distance to walls and static occluders
+
+    # What is given out
+    estimate: str = "mode"  # the paper's `mode` of the density, or the `invariant` one (`occlog.core.invariant`)
+    covariance: str = "moment"  # mean square error about the estimate, or the inverse `hessian` at it
 
     # Search, [Rahimi] Sec. 6
     initial: str = "axes"  # start from the cameras' `axes`, or from a `linear` problem
@@ -71,6 +77,9 @@ class MapConfig:
             ("Sigma", (self.A is None) == (self.Sigma is None), "given along with A"),
             ("start", self.start is None or (len(self.start) == 3 and self.start[2] > 0), "X,Y,SIGMA, SIGMA > 0"),
             ("loss", self.loss in LOSSES, "one of " + ", ".join(LOSSES)),
+            ("estimate", self.estimate in ESTIMATES, "one of " + ", ".join(ESTIMATES)),
+            ("covariance", self.covariance in COVARIANCES, "one of " + ", ".join(COVARIANCES)),
+            ("estimate", self.front or self.estimate == "mode", "mode where front is false"),
             ("initial", self.initial in STARTS, "one of " + ", ".join(STARTS)),
             ("detection", self.detection is None or 0.0 < self.detection <= 1.0, "above 0 and at most 1"),
             ("iterations", self.iterations >= 1, "at least 1"),

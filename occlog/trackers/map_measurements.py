@@ -100,7 +100,7 @@ def sight_lines(record: Record, at: Stations) -> SightLines:
     place2 = np.where(pixel, f**2 * ratio2 * at.sigma_position[sensor] ** 2, 0.0)
     return SightLines(
         record.state[rows], np.ascontiguousarray(at.place[sensor]), np.column_stack([np.cos(angle), np.sin(angle)]),
-        f, z, sigma**2 + yaw2, place2, ~pixel,
+        f, z, sigma**2 + yaw2, place2, ~pixel, np.zeros(len(rows)),
     )  # fmt: skip
 
 

@@ -43,7 +43,7 @@ def example(seed: int, T: int = 200, model: GaussMarkov = WALKER, near: float = 
     n, place, axis = len(table), table[:, 1:3].copy(), table[:, 3:5].copy()
     lines = SightLines(
         table[:, 0].astype(np.int64), place, axis, np.ones(n), table[:, 5].copy(), np.full(n, SIGMA**2), np.zeros(n),
-        np.zeros(n, np.bool_),
+        np.zeros(n, np.bool_), np.zeros(n),
     )  # fmt: skip
     planes = HalfPlanes(lines.step, axis, np.einsum("ni,ni->n", axis, place) + near)
     steps = make_steps(model, np.arange(T) * STEP_S, np.zeros(4), np.diag([25.0, 1.0, 25.0, 1.0]))

@@ -97,7 +97,9 @@ def random_lines(rng, X, per_state: float, kinds=("pixel", "distance", "directio
     z = np.where(direction, 0.0, f * np.tan(off + 0.1 * rng.normal(size=n)))
     c1 = np.where((kind == "distance") | linear, rng.uniform(0.01, 0.5, n), 0.0)
     place = X[step][:, [0, 2]] - away[:, None] * bearing
-    return SightLines(step, place, axis, f, z, np.where(linear, 0.0, rng.uniform(0.01, 0.2, n)), c1, direction)
+    return SightLines(
+        step, place, axis, f, z, np.where(linear, 0.0, rng.uniform(0.01, 0.2, n)), c1, direction, np.zeros(n)
+    )
 
 
 def random_planes(rng, X, number: int, room: float) -> HalfPlanes:
