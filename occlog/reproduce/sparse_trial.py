@@ -23,7 +23,9 @@ from ..trackers.settings import configure
 from .model import Size, Spec
 from .sparse import FOCAL_PX, READ_PX, SPEED, STEP_S, Example, example, identified, sparse_scene
 
-PAPER: Mapping[str, Any] = {"speed": SPEED, "walls": False, "initial": "axes", "depth": 1.0}
+PAPER: Mapping[str, Any] = {
+    "speed": SPEED, "walls": False, "initial": "axes", "depth": 1.0, "estimate": "mode", "covariance": "hessian",
+}  # fmt: skip
 """Settings of `map` that make it the paper's method: its start, and in front of the cameras as the only constraint."""
 ENDS = 0.1
 """Share of the times that is an end, on each side."""
@@ -40,6 +42,7 @@ class Solved(NamedTuple):
     tracks: Tracks
     diagnostics: Diagnostics
     iterates: tuple[Floats, ...]  # (T, 2) places at the start and after every iteration
+    iterations: int
     converged: bool
 
     @property
@@ -99,7 +102,8 @@ def solve_problem(spec: Mapping[str, Any]) -> Solved:
     method = method._replace(advance=functools.partial(batch_map.advance, watch=watch))
     found = list(track_batch([problem.bearings], scene, config, method, Rows(sensor_names(scene)), 0))
     tracks, diagnostics = (Tracks.concat(p.tracks for p in found), Diagnostics.concat(p.diagnostics for p in found))
-    return Solved(problem, tracks, diagnostics, tuple(iterates), all(s.converged for p in found for s in p.solves))
+    solve = found[0].solves[0]
+    return Solved(problem, tracks, diagnostics, tuple(iterates), solve.iterations, solve.converged)
 
 
 def sightings(bearings: Bearings, t_ns: Ints) -> Sightings:
@@ -127,7 +131,7 @@ def sparse_trial(spec: Mapping[str, Any]) -> dict[str, float]:
         **errors(solved, at),
         **consistency(solved, at),
         **refinement(solved, at),
-        "iterations": float(len(solved.iterates) - 1),
+        "iterations": float(solved.iterations),
         "converged": float(solved.converged),
         "behind": float(np.count_nonzero(depth <= 0.0)),
         "measurements": float(len(depth)),

@@ -132,7 +132,7 @@ def made_up(T: int, rng: np.random.Generator, scale: float = 1.0) -> Solved:
         ess=nothing, log_likelihood=nothing, n_looked=count, n_seen=count, cameras=np.full(T, ""), n_offered=count,
         selected=np.full(T, ""), predicted_mse=nothing,
     )  # fmt: skip
-    return Solved(problem, tracks, diagnostics, (xy,), converged=True)
+    return Solved(problem, tracks, diagnostics, (xy,), 0, converged=True)
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
@@ -216,10 +216,10 @@ def test_false_bearings_are_judged_by_what_they_add() -> None:
 
 def test_a_covariance_with_a_large_error_bar_is_not_consistent() -> None:
     good = Row(sparse_trust.KNOWN, 8.0, tuple(np.linspace(1.0, 3.0, 50).tolist()))
-    tail = Row(sparse_trust.ALL, math.nan, (*[2.0] * 49, 500.0))
+    tail = Row(sparse_trust.HESSIAN, math.nan, (*[2.0] * 49, 500.0))
     found = {x.id: x for x in sparse_trust.judge_covariance([good, tail])}
-    assert found["covariance-8s"].verdict == v.REPRODUCED
-    assert found["covariance-all"].verdict == v.NOT
+    assert found["covariance-mode-hessian-distances-known-8s"].verdict == v.REPRODUCED
+    assert found["covariance-mode-hessian-8s"].verdict == v.NOT
 
 
 def test_experiments_are_listed_in_order_with_their_pictures() -> None:
