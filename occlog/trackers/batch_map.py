@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..columns import Bools, Floats, Ints
-from ..core.batch_map import MU_LAST, Iterate, Options, Solution, covariance, minimise
+from ..core.batch_map import Iterate, Options, Solution, covariance, minimise
 from ..core.detours import Detours, Hold, Obstacle, find_detours, settle
 from ..core.feasible import move_inside
 from ..core.invariant import invariant, second_moment
-from ..core.trajectory import HalfPlanes, Problem, make_steps, some_planes
+from ..core.trajectory import HalfPlanes, Problem, make_steps, some_lines, some_planes
 from ..core.trajectory_start import linear_problem, start_on_axes
 from ..core.trajectory_terms import in_camera, residuals
 from ..core.trajectory_window import Knowledge, minimise_windows, summary
@@ -37,6 +37,8 @@ from .method import Record, Smoothed
 UNOBSERVABLE, CONTRADICTION, WALL, UNFINISHED = "unobservable", "contradiction", "wall", "unfinished"
 ROUGH = 1e-3
 """Windows that only start the whole are solved to this tolerance, as a share of the room's extent."""
+APART, MU = 1e-4, 1e-4
+"""Distance to the constraints, as a share of the room's extent, and weight of their barrier where the whole begins."""
 LOOKS = 3
 """Linear problems solved in turn, each with the distances of the one before."""
 
@@ -95,7 +97,9 @@ def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -
     problem = _problem(pending, whole)
     start, stuck = _start(pending, problem)
     if stuck.any():
-        problem = problem._replace(planes=_without(problem.planes, stuck))
+        # A sight line without its half-plane leads into its sensor, where the cost is not continuous.
+        lines = some_lines(problem.lines, ~stuck[problem.lines.step])
+        problem = problem._replace(planes=_without(problem.planes, stuck), lines=lines)
     around = obstacles(whole, pending.at, config, pending.extent, T)
     found = _solve(problem, start, around, config, pending.extent, watch)
     problem, solution = found.problem, found.solution
@@ -181,7 +185,9 @@ def _solve(
     settled = settle(problem, start, around, tuple(holds), options, *space) if holds else None
     if settled is None:
         holds.clear()
-        settled = problem, minimise(problem, start, options._replace(mu=MU_LAST), watch)
+        # Not from the border itself, on which a search is stuck.
+        start, _ = move_inside(start, problem.planes, APART * extent)
+        settled = problem, minimise(problem, start, options._replace(mu=MU), watch)
     solved = settled[0], settled[1]._replace(iterations=settled[1].iterations + iterations)
     return find_detours(problem, solved, around, options, *space, holds, alone)
 
@@ -210,13 +216,13 @@ def _smoothed(
     sensors = record.sensor.tolist()
     return Smoothed(
         record.t_ns[:keep], X[:keep, ::2] + pending.origin, X[:keep, 1::2],
-        spread[:, order[:, None], order], _scores(problem, X, seen)[:keep], looked[:keep], seen[:keep],
+        spread[:, order[:, None], order], _scores(problem, X)[:keep], looked[:keep], seen[:keep],
         tuple(flags.tolist()), tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
         solution.iterations, solution.converged,
     )  # fmt: skip
 
 
-def _scores(problem: Problem, X: Floats, seen: Ints) -> Floats:
+def _scores(problem: Problem, X: Floats) -> Floats:
     """(T,) log likelihood of the measurements of each state, all errors taken for Gaussian."""
     lines = problem.lines
     away = X[lines.step, ::2] - lines.place
@@ -224,7 +230,7 @@ def _scores(problem: Problem, X: Floats, seen: Ints) -> Floats:
     variance = lines.c0 + lines.c1 / d2
     each = -0.5 * residuals(lines, X) ** 2 - 0.5 * np.log(2.0 * np.pi * variance)
     total = np.bincount(lines.step, weights=each, minlength=len(X))
-    return np.where(seen > 0, total, np.nan)
+    return np.where(np.bincount(lines.step, minlength=len(X)) > 0, total, np.nan)
 
 
 def fill(record: Record, longest_s: float | None) -> Record:
