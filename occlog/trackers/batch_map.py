@@ -23,6 +23,7 @@ from ..core.batch_map import Iterate, Options, Solution, covariance, minimise
 from ..core.detours import Detours, Hold, Obstacle, find_detours, settle
 from ..core.feasible import move_inside
 from ..core.invariant import invariant, second_moment
+from ..core.quadratic_program import sequential_programs
 from ..core.trajectory import HalfPlanes, Problem, make_steps, some_lines, some_planes
 from ..core.trajectory_start import linear_problem, start_on_axes
 from ..core.trajectory_terms import in_camera, residuals
@@ -32,6 +33,7 @@ from ..scene import Scene
 from .map_config import BEND, LOSSES, NS, MapConfig
 from .map_measurements import Stations, constraints, sight_lines, stations
 from .map_obstacles import obstacles
+from .map_programs import program_solver
 from .method import Record, Smoothed
 
 UNOBSERVABLE, CONTRADICTION, WALL, UNFINISHED = "unobservable", "contradiction", "wall", "unfinished"
@@ -168,6 +170,9 @@ def _solve(
 ) -> Detours:
     """The minimum around all obstacles; long records are first solved in windows."""
     options, space = Options(config.tolerance * extent, config.iterations), (extent, config.clearance)
+    if config.solver != "newton":
+        by_programs = sequential_programs(problem, start, options, program_solver(config.solver), watch)
+        return find_detours(problem, (problem, by_programs), around, options, *space)
     if len(start) <= config.window:
         return find_detours(problem, (problem, minimise(problem, start, options, watch)), around, options, *space)
     rough = options._replace(tolerance=ROUGH * extent)

@@ -9,6 +9,7 @@ import numpy as np
 from ..core.gauss_markov import GaussMarkov, constant_velocity
 from ..core.trajectory import CAUCHY, HUBER, SQUARE
 from .apf_config import METRES
+from .map_programs import PACKAGES
 from .settings import check_settings
 
 LOSSES = {"square": SQUARE, "huber": HUBER, "cauchy": CAUCHY}
@@ -51,6 +52,7 @@ class MapConfig:
     # Search, [Rahimi] Sec. 6
     initial: str = "axes"  # start from the cameras' `axes`, or from a `linear` problem
     depth: float | None = None  # distance along the axes; None: a tenth of the room's extent
+    solver: str = "newton"  # or the paper's quadratic programs by `clarabel` or `osqp`: much slower, to compare
     iterations: int = 200  # at most, in a window
     tolerance: float = 1e-7  # largest change of a position in the last iteration, as a share of the room's extent
 
@@ -82,6 +84,7 @@ class MapConfig:
             ("estimate", self.front or self.estimate == "mode", "mode where front is false"),
             ("initial", self.initial in STARTS, "one of " + ", ".join(STARTS)),
             ("detection", self.detection is None or 0.0 < self.detection <= 1.0, "above 0 and at most 1"),
+            ("solver", self.solver in ("newton", *PACKAGES), "newton, " + " or ".join(PACKAGES)),
             ("iterations", self.iterations >= 1, "at least 1"),
             ("window", self.window >= 16, "at least 16"),
         ]
