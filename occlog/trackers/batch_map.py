@@ -96,8 +96,8 @@ def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -
     whole = fill(_join(pending.record, record), config.fill_s)
     T = len(whole.t_ns)
     keep = T if last else _settled(whole.t_ns, config.lag_ns)
-    problem = _problem(pending, whole)
-    start, stuck = _start(pending, problem)
+    problem = problem_of(pending, whole)
+    start, stuck = start_of(pending, problem)
     if stuck.any():
         # A sight line without its half-plane leads into its sensor, where the cost is not continuous.
         lines = some_lines(problem.lines, ~stuck[problem.lines.step])
@@ -123,7 +123,8 @@ def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -
     return pending._replace(before=before, record=_after(whole, keep), X=solution.X[keep:]), out
 
 
-def _problem(pending: Pending, record: Record) -> Problem:
+def problem_of(pending: Pending, record: Record) -> Problem:
+    """What is minimised for a record; InputError for a motion model that cannot be used at its times."""
     config, before = pending.config, pending.before
     seconds = (record.t_ns - record.t_ns[0]) / NS
     try:
@@ -136,7 +137,7 @@ def _problem(pending: Pending, record: Record) -> Problem:
     return Problem(steps, lines, planes, LOSSES[config.loss], bend)
 
 
-def _start(pending: Pending, problem: Problem) -> tuple[Floats, Bools]:
+def start_of(pending: Pending, problem: Problem) -> tuple[Floats, Bools]:
     """Where the search begins, inside the constraints; and the states whose constraints contradict each other."""
     config, T = pending.config, problem.T
     depth = 0.1 * pending.extent if config.depth is None else config.depth
