@@ -87,9 +87,9 @@ def _adds(key: str, name: str, clean: Row, row: Row) -> Verdict:
     left = [b - ratio * a for a, b in zip(clean.values, row.values, strict=True)]
     error = deviation(left) / math.sqrt(len(left)) / clean.mean
     added = ratio - 1.0
-    good = v.REPRODUCED if added < LOSES else v.IN_PART if added - error < LOSES else v.NOT
+    good = v.REPRODUCED if added + error < LOSES else v.IN_PART if added - error < LOSES else v.NOT
     said = f"10 % of false bearings add less than {LOSES:.0%} to the mean RMSE with clean data ({name}): share added."
-    rule = f"below {LOSES:.0%}; in part within a standard error of it"
+    rule = f"below {LOSES:.0%} by more than a standard error; in part within one of it"
     return Verdict(key, said, None, added, error, row.runs, good, rule)
 
 
