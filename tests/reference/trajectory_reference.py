@@ -45,6 +45,8 @@ def plain_cost(problem: Problem, X) -> float:
             r = math.copysign(1.0, d) * (lines.focal[n] * h / d - lines.reading[n]) / sigma
             total += math.log(sigma) if lines.c1[n] > 0.0 else 0.0
         total += plain_loss(r, problem.loss, problem.k)
+        if lines.volume[n] > 0.0:
+            total -= lines.volume[n] * math.log(d) if d > 0.0 else -math.inf
     return total
 
 
