@@ -133,6 +133,7 @@ def test_conditions_of_the_minimum(seed: int, T: int, loss: int, k: float) -> No
     assert np.linalg.eigvalsh(rest @ hessian @ rest.T).min(initial=1.0) > 0.0
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("make", [lambda s: held_off(s)[:2], lambda s: example(s)[:2], lambda s: small(s)])
 def test_every_iteration_lowers_the_cost_with_its_barrier(make) -> None:
     for seed in range(5):
@@ -179,6 +180,7 @@ def test_too_few_iterations_are_said() -> None:
     assert solution.cost == pytest.approx(cost(p, solution.X), rel=1e-12)
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("model", [WALKER, PAPER], ids=["walker", "paper"])
 def test_all_problems_of_the_papers_kind_converge(model) -> None:
     active = 0
@@ -203,6 +205,7 @@ def test_all_problems_of_the_papers_kind_converge(model) -> None:
     assert active >= 1  # the constraints matter, [Rahimi] Fig. 5
 
 
+@pytest.mark.jit
 def test_without_the_constraints_some_end_behind_a_camera() -> None:
     """[Rahimi] Fig. 5."""
     behind, gross = 0, []

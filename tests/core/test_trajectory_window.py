@@ -123,6 +123,7 @@ def test_last_window_of_a_linear_problem_is_exact(window: int) -> None:
     assert len(firsts) == 1 or window < 37
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("seed", range(6))
 def test_windows_then_the_whole_is_the_whole(seed: int) -> None:
     p, start, _ = example(seed, T=240)

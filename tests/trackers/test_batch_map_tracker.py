@@ -102,6 +102,7 @@ def test_directions_of_arrays() -> None:
     assert set(out.fallback) == {""}
 
 
+@pytest.mark.jit
 def test_covariance_is_that_of_the_errors() -> None:
     """Walks drawn from the model itself: squared errors in units of the covariance are chi-square with 4 degrees."""
     scene = place((-5, -5, 45), (5, -5, 135), half=40.0)
@@ -131,6 +132,7 @@ def blocks(scene, config, made, size):
     return parts
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("size", [1, 7, 40])
 def test_fixed_lag_gives_every_row_once_in_order_and_nearly_the_whole(size: int) -> None:
     scene = place((-5, -5, 45), (5, -5, 135), half=20.0)
@@ -167,6 +169,7 @@ def test_a_lag_longer_than_the_record_is_the_whole() -> None:
     assert_allclose(joined(parts).covariance, whole.covariance, rtol=1e-2, atol=1e-6)
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("window", [16, 50])
 def test_long_records_started_in_windows_are_the_same(window: int) -> None:
     scene = place(*TWO_APART, (0, 8, -90))
@@ -285,6 +288,7 @@ def wild(seed: int):
     return scene, made._replace(u_px=u, bearing=bearing), config
 
 
+@pytest.mark.jit
 def test_wild_measurements_give_finite_numbers_and_nearly_always_a_minimum() -> None:
     n, converged, contradictions = 60, 0, 0
     for seed in range(n):
