@@ -368,7 +368,8 @@ class Diagnostics(Table):
         "U", "1",
         "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew), `gap` (the same after a long gap); "
         "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints that no place "
-        "holds were left out), `wall` (no way around a wall was found) or `unfinished` (the search did not converge)",
+        "holds were left out, with what was seen then), `wall` (no way around a wall was found) or `unfinished` (the "
+        "search did not converge)",
     )  # fmt: skip
     cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
     n_offered: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")

@@ -182,6 +182,8 @@ def run_track(
             tally.add(part)
         if not tally.rows:
             raise InputError(f"{request.bearings}: no row is of the chosen targets and sensors; choose others")
+    for line in tally.warnings():
+        options.note(f"warning: {line}", quiet)
     return {"tracks": str(output), "method": request.method, **tally.summary()}, losses
 
 
@@ -300,6 +302,18 @@ class Tally:
             "fallbacks": dict(sorted(self.fallbacks.items())),
             **self.messages.summary(),
         }
+
+    def warnings(self) -> list[str]:
+        """What whoever uses a batch method's tracks should know."""
+        said = {
+            "unobservable": "what was seen does not tell the position (its covariance says how well it is known)",
+            "contradiction": "no place holds all constraints; what was seen there was left out",
+            "wall": "no way around a wall was found",
+            "unfinished": "the search did not converge; try --set iterations=1000",
+        }
+        return [
+            f"{self.fallbacks[k]} of {self.rows} rows: {k}: {text}" for k, text in said.items() if self.fallbacks[k]
+        ]
 
     def _searches(self) -> dict[str, Any]:
         """Figures of a batch method: iterations of each target's searches, and how many did not converge."""

@@ -130,7 +130,8 @@ def spread_along(a: Floats, places: Floats, b: Floats, steps: int) -> Floats | N
     if steps < len(leg):
         return None
     spare = steps - len(leg)
-    wish = leg / max(float(leg.sum()), 1e-300) * spare
+    total = float(leg.sum())
+    wish = spare * (leg / total if total > 0.0 else np.full(len(leg), 1.0 / len(leg)))
     each = np.floor(wish).astype(np.int64)
     rest = np.argsort(each - wish, kind="stable")[: spare - int(each.sum())]
     each[rest] += 1

@@ -10,6 +10,9 @@ from .geometry import Bools, Floats
 from .jit import kernel
 from .trajectory import CAUCHY, HUBER, HalfPlanes, SightLines, Steps
 
+TINY = 1e-150
+"""Squares of distances are not below this, so that a state in a camera gives large numbers, not none."""
+
 
 @kernel
 def loss_value(r: float, loss: int, k: float) -> float:
@@ -47,7 +50,7 @@ def residual(lines: SightLines, n: int, h: float, d: float) -> float:
     if lines.direction[n]:
         return math.atan2(h, d) / math.sqrt(lines.c0[n])
     missed: float = lines.focal[n] * h - lines.reading[n] * d
-    return missed / math.sqrt(lines.c0[n] * d * d + lines.c1[n])
+    return missed / math.sqrt(max(lines.c0[n] * d * d + lines.c1[n], TINY))
 
 
 @kernel
@@ -155,11 +158,11 @@ def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: float, g
         h, d = in_camera(lines, n, X)
         r, rh, rd, rhh, rhd, rdd = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         if lines.direction[n]:
-            q, a = h * h + d * d, 1.0 / math.sqrt(lines.c0[n])
+            q, a = max(h * h + d * d, TINY), 1.0 / math.sqrt(lines.c0[n])
             r, rh, rd = a * math.atan2(h, d), a * d / q, -a * h / q
             rhh, rhd, rdd = -2.0 * a * h * d / (q * q), a * (h * h - d * d) / (q * q), 2.0 * a * h * d / (q * q)
         else:
-            w2 = lines.c0[n] * d * d + lines.c1[n]
+            w2 = max(lines.c0[n] * d * d + lines.c1[n], TINY)
             w = math.sqrt(w2)
             r = (lines.focal[n] * h - lines.reading[n] * d) / w
             v = lines.c0[n] * d / w2  # derivative of log w
@@ -220,10 +223,10 @@ def leverages(lines: SightLines, X: Floats, loss: int, k: float, C: Floats) -> F
         t = lines.step[n]
         h, d = in_camera(lines, n, X)
         if lines.direction[n]:
-            q, a = h * h + d * d, 1.0 / math.sqrt(lines.c0[n])
+            q, a = max(h * h + d * d, TINY), 1.0 / math.sqrt(lines.c0[n])
             r, rh, rd = a * math.atan2(h, d), a * d / q, -a * h / q
         else:
-            w2 = lines.c0[n] * d * d + lines.c1[n]
+            w2 = max(lines.c0[n] * d * d + lines.c1[n], TINY)
             r = (lines.focal[n] * h - lines.reading[n] * d) / math.sqrt(w2)
             rh, rd = lines.focal[n] / math.sqrt(w2), -lines.reading[n] / math.sqrt(w2) - r * lines.c0[n] * d / w2
         weight = loss_slopes(r, loss, k)[2]

@@ -109,13 +109,14 @@ def constraints(lines: SightLines, record: Record, at: Stations, config: MapConf
 
     A target that is seen is on the camera's side of the first wall behind it on its sight line.
     """
-    parts = []
+    along = np.einsum("ni,ni->n", lines.axis, lines.place)
+    # A direction says which side the target is on, whatever is known of cameras.
+    ahead = lines.direction | config.front
+    parts = [HalfPlanes(lines.step[ahead], lines.axis[ahead], along[ahead] + config.near)]
     if config.front:
         sensor = record.sensor[record.seen]
-        along = np.einsum("ni,ni->n", lines.axis, lines.place)
         far = np.isfinite(at.range[sensor])
         parts += [
-            HalfPlanes(lines.step, lines.axis, along + config.near),
             HalfPlanes(lines.step[far], -lines.axis[far], -along[far] - at.range[sensor][far]),
             _before_walls(lines, sensor, record, at),
         ]
