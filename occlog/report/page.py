@@ -16,7 +16,7 @@ from matplotlib.figure import FigureBase
 from ..records import UNLABELLED
 from .accuracy import draw_accuracy
 from .figures import groups, number
-from .filterplot import draw_filter
+from .filterplot import deviation, draw_filter, has_particles
 from .floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, outside, plan_limits
 from .model import ReportInput, ReportPage
 from .occluders import moments
@@ -166,11 +166,18 @@ def _filter(data: ReportInput) -> list[Plot]:
     diagnostics = data.diagnostics
     if diagnostics is None or not len(diagnostics):
         return []
-    lowest = number(round(float(diagnostics.ess.min()), 1))
     fallbacks = int(np.count_nonzero(diagnostics.fallback != ""))
     steps = plural(len(diagnostics), "step")
-    caption = f"Lowest effective sample size {lowest}; {plural(fallbacks, 'fallback')} in {steps}."
-    return [_plot("filter", "Filter", caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
+    heading = "Filter"
+    if has_particles(diagnostics):
+        lowest = number(round(float(diagnostics.ess.min()), 1))
+        caption = f"Lowest effective sample size {lowest}; {plural(fallbacks, 'fallback')} in {steps}."
+    elif data.tracks is not None and len(data.tracks):
+        heading, median = "Certainty", number(float(np.median(deviation(data.tracks))))
+        caption = f"Median standard deviation of the position {median} {data.unit}; {fallbacks} of {steps} flagged."
+    else:
+        return []
+    return [_plot("filter", heading, caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
 
 
 def _render(data: ReportInput, plots: list[Plot]) -> str:
