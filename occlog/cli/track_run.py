@@ -308,7 +308,7 @@ class Tally:
         said = {
             "unobservable": "what was seen does not tell the position (its covariance says how well it is known)",
             "contradiction": "no place holds all constraints; what was seen there was left out",
-            "wall": "no way around a wall was found",
+            "wall": "no way around a wall was found; more states may help (--set fill_s=0.2)",
             "unfinished": "the search did not converge; try --set iterations=1000",
         }
         return [

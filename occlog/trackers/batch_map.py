@@ -26,7 +26,7 @@ from ..core.invariant import invariant, second_moment
 from ..core.quadratic_program import sequential_programs
 from ..core.trajectory import HalfPlanes, Problem, make_steps, some_lines, some_planes
 from ..core.trajectory_start import linear_problem, start_on_axes
-from ..core.trajectory_terms import in_camera, residuals
+from ..core.trajectory_terms import residuals
 from ..core.trajectory_window import Knowledge, minimise_windows, summary
 from ..errors import InputError
 from ..scene import Scene
@@ -41,6 +41,8 @@ ROUGH = 1e-3
 """Windows that only start the whole are solved to this tolerance, as a share of the room's extent."""
 APART, MU = 1e-4, 1e-4
 """Distance to the constraints, as a share of the room's extent, and weight of their barrier where the whole begins."""
+MOST_STATES = 10_000_000
+"""States that `fill_s` may make."""
 LOOKS = 3
 """Linear problems solved in turn, each with the distances of the one before."""
 
@@ -161,8 +163,8 @@ def _linear_start(problem: Problem, X: Floats, config: MapConfig, extent: float)
     distance = np.full(len(problem.lines.step), 0.3 * extent)
     for _ in range(LOOKS):
         X = minimise(linear_problem(problem, distance), X, Options(ROUGH * extent, config.iterations)).X
-        found = np.array([in_camera(problem.lines, n, X)[1] for n in range(len(distance))])
-        distance = np.maximum(found, 0.01 * extent)
+        away = X[problem.lines.step, ::2] - problem.lines.place
+        distance = np.maximum(np.einsum("ni,ni->n", away, problem.lines.axis), 0.01 * extent)
     return X
 
 
@@ -244,7 +246,13 @@ def fill(record: Record, longest_s: float | None) -> Record:
     if longest_s is None or len(record.t_ns) < 2:
         return record
     gaps = np.diff(record.t_ns)
-    pieces = np.maximum(1, np.ceil(gaps / (longest_s * NS) - 1e-9)).astype(np.int64)
+    pieces = np.maximum(1.0, np.ceil(gaps / (longest_s * NS) - 1e-9))
+    if pieces.sum() > MOST_STATES:
+        raise InputError(
+            f"map: fill_s {longest_s:g} would make {pieces.sum():.3g} states of {len(record.t_ns)} times, "
+            f"at most {MOST_STATES:.0e} are possible; raise it"
+        )
+    pieces = pieces.astype(np.int64)
     if not (pieces > 1).any():
         return record
     first = np.concatenate([[0], np.cumsum(pieces)])
