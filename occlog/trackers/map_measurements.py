@@ -9,6 +9,7 @@ import numpy as np
 
 from ..columns import Floats, Ints
 from ..core.camera import wrap_angle
+from ..core.convex_pieces import convex_pieces
 from ..core.geometry import counter_clockwise
 from ..core.pockets import pockets
 from ..core.trajectory import NO_PLANES, HalfPlanes, SightLines, join_planes
@@ -139,21 +140,42 @@ def _before_walls(lines: SightLines, sensor: Ints, record: Record, at: Stations)
     away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, record.sigma[record.seen])
     rows, normals, offsets = [np.empty(0, dtype=np.int64)], [np.empty((0, 2))], [np.empty(0)]
     for s in np.unique(sensor).tolist():
-        walls, own = at.blockers[s], np.flatnonzero(sensor == s)
-        if not walls:
-            continue
-        start = np.vstack(walls)
-        edge = np.vstack([np.roll(w, -1, axis=0) for w in walls]) - start
-        which_wall = np.repeat(np.arange(len(walls)), [len(w) for w in walls])
-        left, middle, right = (first_hit(at.place[s], bearing[own] + k * away[own], start, edge) for k in (-1, 0, 1))
-        wall = which_wall[middle]
-        kept = (left >= 0) & (middle >= 0) & (right >= 0) & (which_wall[left] == wall) & (which_wall[right] == wall)
-        outward = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.hypot(*edge.T)[:, None]
-        outward *= np.sign(np.einsum("ki,ki->k", outward, at.place[s] - start))[:, None]
-        rows.append(own[kept])
-        normals.append(outward[middle[kept]])
-        offsets.append(np.einsum("ki,ki->k", outward, start)[middle[kept]])
+        if at.blockers[s]:
+            own = np.flatnonzero(sensor == s)
+            kept, normal, offset = _before(at.place[s], bearing[own], away[own], at.blockers[s])
+            rows.append(own[kept])
+            normals.append(normal)
+            offsets.append(offset)
     return HalfPlanes(lines.step[np.concatenate(rows)], np.vstack(normals), np.concatenate(offsets))
+
+
+def _before(place: Floats, bearing: Floats, away: Floats, walls: tuple[Floats, ...]) -> tuple[Ints, Floats, Floats]:
+    """Which of n sight lines from one place meet a wall for certain, and half-planes (normal, offset) before it.
+
+    Where they are sure to meet one edge it is this edge's; around a corner of a convex wall what is before it is
+    not beyond the farther of the outermost sight lines' hits.
+    """
+    start = np.vstack(walls)
+    edge = np.vstack([np.roll(w, -1, axis=0) for w in walls]) - start
+    which = np.repeat(np.arange(len(walls)), [len(w) for w in walls])
+    bulges = np.array([len(convex_pieces(w)) == 1 for w in walls], dtype=np.bool_)
+    left, middle, right = (first_hit(place, bearing + k * away, start, edge) for k in (-1, 0, 1))
+    one = (left == middle) & (right == middle)
+    same = (which[left] == which[middle]) & (which[right] == which[middle]) & bulges[which[middle]]
+    met = (np.minimum(np.minimum(left, middle), right) >= 0) & (away < 0.5 * math.pi)
+    kept = np.flatnonzero(met & (one | same))
+    left, middle, right, one = left[kept], middle[kept], right[kept], one[kept]
+    outward = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.hypot(*edge.T)[:, None]
+    outward *= np.sign(np.einsum("ki,ki->k", outward, place - start))[:, None]
+    support = np.einsum("ki,ki->k", outward, start)
+    back = -np.column_stack([np.cos(bearing[kept]), np.sin(bearing[kept])])
+    reach = np.zeros(len(kept))
+    for k, hit in ((-1, left), (1, right)):
+        angle = bearing[kept] + k * away[kept]
+        ray = np.column_stack([np.cos(angle), np.sin(angle)])
+        distance = (support[hit] - outward[hit] @ place) / np.einsum("ni,ni->n", outward[hit], ray)
+        reach = np.maximum(reach, distance * np.cos(away[kept]))
+    return kept, np.where(one[:, None], outward[middle], back), np.where(one, support[middle], back @ place - reach)
 
 
 def first_hit(place: Floats, bearing: Floats, start: Floats, edge: Floats) -> Ints:
