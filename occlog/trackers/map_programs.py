@@ -48,5 +48,5 @@ def _osqp(package: Any, p: Program) -> tuple[Floats, Floats]:
         sparse.triu(p.P).tocsc(), p.q, p.A.tocsc(), -p.b, np.full(len(p.b), np.inf), verbose=False, eps_abs=1e-9,
         eps_rel=1e-9, max_iter=OSQP_STEPS, polishing=True,
     )  # fmt: skip
-    found = solver.solve()
+    found = solver.solve(raise_error=False)
     return np.array(found.x), -np.array(found.y)
