@@ -26,7 +26,6 @@ class _Gathered(NamedTuple):
     state: Any
     due_ns: int  # when the method is called next
     given_ns: int  # everything up to here is given out
-    latest_ns: int  # of its rows
     times: list[int]
     rows: list[tuple[Any, ...]]  # of each scan: the columns of `COLUMNS`
 
@@ -39,7 +38,8 @@ def track_batch(
     Without a lag everything is kept until the end, in memory that grows with the number of rows.
     With one, a target's states are given out when so much time has been seen after them, or half as
     much again; memory grows with the number of rows in that time.  A target of which there is no row
-    for that long is ended, and begins anew if there is one again.
+    for longer than that, and the step before, is ended, and begins anew if there is one again; a
+    shorter pause adds to the wait.
 
     Raises:
         InputError: no bearing has a label, or one that does not fit the scene.
@@ -50,27 +50,30 @@ def track_batch(
     waiting: list[Tracked] = []
     lag_ns = FOREVER_NS if config.lag_ns is None else config.lag_ns
     hop_ns = max(1, lag_ns // 2)
-    met: set[int] = set()
+    met: dict[int, tuple[int, int]] = {}  # latest time of each target, and the step that led there
     unlabelled, now = 0, 0
     for group in groups(bearings, scene, use, window_ns):
         now = group.t_ns
         own = group.target != UNLABELLED
         unlabelled += int(np.count_nonzero(~own))
+        # What ends or settles a target depends on its own rows only, so that it does not matter who else is there.
+        over = [k for k in targets if now - met[k][0] > lag_ns + met[k][1]]
+        waiting += [_advance(targets.pop(k), k, method, names, last=True)[1] for k in over]
+        due = []
         for target in np.unique(group.target[own]).tolist():
             if target not in met:
                 check_start(config, target, met)
-                met.add(target)
+            met[target] = (now, now - met[target][0] if target in met else 0)
             if target not in targets:
-                targets[target] = _Gathered(method.begin(scene, config), now + lag_ns + hop_ns, now - 1, now, [], [])
-            targets[target] = _gather(targets[target], group, target)
-        due = [k for k, g in targets.items() if now >= g.due_ns]
+                targets[target] = _Gathered(method.begin(scene, config), now + lag_ns + hop_ns, now - 1, [], [])
+            _gather(targets[target], group, target)
+            if now >= targets[target].due_ns:
+                due.append(target)
         for target in due:
-            over = now - targets[target].latest_ns >= lag_ns
-            own_state, out = _advance(targets.pop(target), target, method, names, last=over)
+            own_state, out = _advance(targets[target], target, method, names, last=False)
             waiting.append(out)
-            if not over:
-                targets[target] = own_state._replace(due_ns=now + hop_ns)
-        if due:
+            targets[target] = own_state._replace(due_ns=now + hop_ns)
+        if over or due:
             horizon = min((g.given_ns for g in targets.values()), default=now)
             given, waiting = _until(waiting, horizon)
             yield from given
@@ -84,12 +87,11 @@ def track_batch(
     yield from _until(waiting, FOREVER_NS)[0]
 
 
-def _gather(own: _Gathered, group: Group, target: int) -> _Gathered:
-    """With what a scan says of a target."""
+def _gather(own: _Gathered, group: Group, target: int) -> None:
+    """Add what a scan says of a target."""
     rows = group.target == target
     own.times.append(group.t_ns)
     own.rows.append(tuple(getattr(group, name)[rows] for name in COLUMNS))
-    return own._replace(latest_ns=group.t_ns)
 
 
 def _advance(
