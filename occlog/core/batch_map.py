@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .geometry import Floats
-from .trajectory import Problem, slack
+from .trajectory import Problem, slack, slack_change, within
 from .trajectory_newton import factor_rows, factor_sum, inverse_blocks, solve
 from .trajectory_terms import add_chain, add_lines, add_planes, barrier_cost, chain_cost, lines_cost
 
@@ -149,10 +149,7 @@ def _search(problem: Problem, X: Floats, dX: Floats, slope: float, mu: float, he
     """Share of the step to take, and the cost after it; 0 if no share lowers the cost with its barrier."""
     share, barrier = 1.0, 0.0
     if len(problem.planes.step):
-        gap, change = slack(problem.planes, X), _change(problem, dX)
-        falling = change < 0.0
-        if falling.any():
-            share = min(1.0, TO_BOUNDARY * float(np.min(-gap[falling] / change[falling])))
+        share = within(slack_change(problem.planes, dX), slack(problem.planes, X), TO_BOUNDARY)
         barrier = mu * barrier_cost(problem.planes, X)
     noise = 1e-13 * (1.0 + abs(here) + abs(barrier))
     while share > SHORTEST:
@@ -165,20 +162,13 @@ def _search(problem: Problem, X: Floats, dX: Floats, slope: float, mu: float, he
     return 0.0, here
 
 
-def _change(problem: Problem, dX: Floats) -> Floats:
-    """(M,) change of the slacks along dX."""
-    planes = problem.planes
-    return np.asarray(np.einsum("mi,mi->m", planes.normal, dX[planes.step][:, ::2]))
-
-
 def _follow(problem: Problem, X: Floats, dX: Floats, share: float, mu: float, multiplier: Floats) -> Floats:
     """Multipliers after a step, before X has moved."""
     if not len(multiplier):
         return multiplier
-    gap, change = slack(problem.planes, X), _change(problem, dX)
+    gap, change = slack(problem.planes, X), slack_change(problem.planes, dX)
     step = mu / gap - multiplier - multiplier / gap * change
-    falling = step < 0.0
-    full = min(1.0, TO_BOUNDARY * float(np.min(-multiplier[falling] / step[falling]))) if falling.any() else 1.0
+    full = within(step, multiplier, TO_BOUNDARY)
     then = gap + share * change
     return np.asarray(np.clip(multiplier + full * step, mu / (KAPPA * then), KAPPA * mu / then))
 

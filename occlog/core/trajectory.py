@@ -22,6 +22,7 @@ import numpy as np
 
 from .gauss_markov import GaussMarkov, transitions
 from .geometry import Bools, Floats, Ints
+from .jit import kernel
 
 SQUARE, HUBER, CAUCHY = 0, 1, 2
 """Loss of a residual r: r^2/2; Huber's, linear beyond k; Cauchy's, k^2/2 log(1 + (r/k)^2)."""
@@ -130,7 +131,31 @@ def join_planes(*parts: HalfPlanes) -> HalfPlanes:
     return HalfPlanes(step[order], np.ascontiguousarray(normal[order]), offset[order])
 
 
+@kernel
 def slack(planes: HalfPlanes, X: Floats) -> Floats:
     """(M,) by how much each constraint holds; negative where it does not."""
-    xy = X[planes.step][:, (0, 2)]
-    return np.asarray(np.einsum("mi,mi->m", planes.normal, xy) - planes.offset)
+    out = np.empty(planes.step.shape[0])
+    for m in range(out.shape[0]):
+        t = planes.step[m]
+        out[m] = planes.normal[m, 0] * X[t, 0] + planes.normal[m, 1] * X[t, 2] - planes.offset[m]
+    return out
+
+
+@kernel
+def slack_change(planes: HalfPlanes, dX: Floats) -> Floats:
+    """(M,) change of the slacks when states change by dX."""
+    out = np.empty(planes.step.shape[0])
+    for m in range(out.shape[0]):
+        t = planes.step[m]
+        out[m] = planes.normal[m, 0] * dX[t, 0] + planes.normal[m, 1] * dX[t, 2]
+    return out
+
+
+@kernel
+def within(change: Floats, size: Floats, share: float) -> float:
+    """The largest part of a change, at most all of it, that takes positive sizes down by no more than a share."""
+    most = 1.0
+    for m in range(size.shape[0]):
+        if change[m] * most < -share * size[m]:
+            most = -share * size[m] / change[m]
+    return most
