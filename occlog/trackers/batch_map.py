@@ -246,7 +246,8 @@ def fill(record: Record, longest_s: float | None) -> Record:
     if longest_s is None or len(record.t_ns) < 2:
         return record
     gaps = np.diff(record.t_ns)
-    pieces = np.maximum(1.0, np.ceil(gaps / (longest_s * NS) - 1e-9))
+    # Pieces of whole ns may be a little longer, and must not be filled again with the next block.
+    pieces = np.maximum(1.0, np.ceil((gaps - 2) / (longest_s * NS) - 1e-9))
     if pieces.sum() > MOST_STATES:
         raise InputError(
             f"map: fill_s {longest_s:g} would make {pieces.sum():.3g} states of {len(record.t_ns)} times, "
@@ -257,7 +258,9 @@ def fill(record: Record, longest_s: float | None) -> Record:
         return record
     first = np.concatenate([[0], np.cumsum(pieces)])
     inside = np.arange(first[-1]) - np.repeat(first[:-1], pieces)
-    t_ns = np.repeat(record.t_ns[:-1], pieces) + inside * np.repeat(gaps, pieces) // np.repeat(pieces, pieces)
+    # inside * gap // pieces, in two parts: the product alone may be above what 64 bits hold.
+    whole, rest = np.repeat(gaps // pieces, pieces), np.repeat(gaps % pieces, pieces)
+    t_ns = np.repeat(record.t_ns[:-1], pieces) + inside * whole + inside * rest // np.repeat(pieces, pieces)
     return record._replace(t_ns=np.append(t_ns, record.t_ns[-1]), state=first[record.state])
 
 

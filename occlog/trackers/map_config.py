@@ -69,9 +69,11 @@ class MapConfig:
         ]
         for name in ("jitter", "clearance"):
             limits.append((name, getattr(self, name) >= 0, "at least 0"))
-        for name in ("bend", "depth", "lag_s", "fill_s"):
+        for name in ("bend", "depth", "fill_s"):
             value = getattr(self, name)
             limits.append((name, value is None or value > 0, "above 0"))
+        # In whole nanoseconds, of which times have 64 bits.
+        limits.append(("lag_s", self.lag_s is None or 1e-9 <= self.lag_s <= 1e9, "from 1e-9 to 1e9"))
         for name in ("A", "Sigma"):
             value = getattr(self, name)
             limits.append((name, value is None or len(value) == 16, "16 numbers"))
