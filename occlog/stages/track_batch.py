@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,9 +64,12 @@ def track_batch(
         for target in np.unique(group.target[own]).tolist():
             if target not in met:
                 check_start(config, target, met)
-            met[target] = (now, now - met[target][0] if target in met else 0)
             if target not in targets:
-                targets[target] = _Gathered(method.begin(scene, config), now + lag_ns + hop_ns, now - 1, [], [])
+                # Who comes back does so anywhere.
+                begun = replace(config, start=None) if target in met and hasattr(config, "start") else config
+                state = method.begin(scene, begun)
+                targets[target] = _Gathered(state, now + lag_ns + hop_ns, now - 1, [], [])
+            met[target] = (now, now - met[target][0] if target in met else 0)
             _gather(targets[target], group, target)
             if now >= targets[target].due_ns:
                 due.append(target)
