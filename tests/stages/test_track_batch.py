@@ -152,6 +152,19 @@ def test_a_target_that_pauses_longer_than_the_lag_begins_anew() -> None:
     assert same(own, by_map([paused], LAGGED)[0])  # also where nobody else tells that time passes
 
 
+def test_the_start_is_where_a_target_is_at_first_only() -> None:
+    """Who comes back after a pause may be anywhere."""
+    path = seen_walk(8, 1)
+    back = seen_walk(8, 1, first=40, seed=3)
+    first, _ = by_map([path])
+    config = replace(LAGGED, start=(float(first.x[0]), float(first.y[0]), 1e-3))
+    tracks, _ = by_map([Bearings.merge([path, back])], config)
+    free, _ = by_map([back], LAGGED)
+    assert np.hypot(free.x[0] - first.x[0], free.y[0] - first.y[0]) > 5.0
+    assert np.hypot(tracks.x[0] - first.x[0], tracks.y[0] - first.y[0]) < 1e-2
+    assert same(tracks.take(tracks.t_ns >= 40 * SECOND), free)
+
+
 def test_a_pause_shorter_than_the_lag_is_bridged() -> None:
     times = [*range(10), *range(13, 22)]
     calls = Calls(4.0)
