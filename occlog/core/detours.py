@@ -106,6 +106,9 @@ def find_detours(
             continue
         (here, solution), held = found, (*held, *added)
         iterations += solution.iterations
+    # What was led around something else since may be outside by now.
+    xy = np.ascontiguousarray(solution.X[:, ::2])
+    alone &= np.array([_overlaps(xy, o, TOUCH * extent) for o in obstacles], dtype=np.bool_).reshape(alone.shape)
     return Detours(here, solution._replace(iterations=iterations), held, alone)
 
 
