@@ -202,6 +202,29 @@ def test_several_walls_at_random(seed: int) -> None:
     check_minimum(found)
 
 
+@pytest.mark.jit
+def test_what_is_left_alone_is_inside() -> None:
+    """Turned blocks that may meet each other: every cut is flagged, and every flagged state is at a cut."""
+    flagged = 0
+    for seed in (0, 2, 6, 26, 30, 34, 38, 42):
+        rng = np.random.default_rng(seed)
+        T, boxes = int(rng.choice([13, 21, 41])), []
+        for x in (2.6, 4.9, 7.2):
+            middle, angle = np.array([x + 0.3, rng.uniform(-0.8, 0.8)]), rng.uniform(0.0, 3.0)
+            w, h = rng.uniform(0.1, 0.6), rng.uniform(0.2, 1.5)
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            boxes.append(np.ascontiguousarray(middle + box(-w, -h, w, h) @ turn.T))
+        _, found = go(straight(T), *(wall(b, T) for b in boxes))
+        X = found.solution.X
+        for b, left in zip(boxes, found.left_alone, strict=True):
+            steps = np.array([cut(X[t : t + 2], b) for t in range(T - 1)])
+            at = np.append(steps > 1e-7, False) | np.append(False, steps > 1e-7)
+            assert not (at & ~left & (cut(X, b) > 1e-6)).any()
+            assert not (left & ~(np.append(steps > 0, False) | np.append(False, steps > 0))).any()
+            flagged += int(left.any())
+    assert flagged > 0
+
+
 def test_a_clearance_is_kept() -> None:
     thin = box(4.9, -3.0, 5.1, 1.0)
     _, near = go(straight(13), wall(thin, 13))
