@@ -89,6 +89,7 @@ def find_detours(
     for _ in range(ROUNDS):
         X = solution.X.copy()
         added: list[Hold] = []
+        ways: list[Floats] = []
         for stretch in list(_stretches(X, obstacles, alone, TOUCH * extent)):
             hold = _padded(stretch, problem.T)
             way, spent = _local_way(problem, X, obstacles, stretch, (*held, *added), space)
@@ -97,18 +98,24 @@ def find_detours(
                 alone[stretch.obstacle, stretch.first : stretch.last + 1] = True
             else:
                 X, added = way, [*added, hold]
+                ways.append(way)
         if not added:
             break
-        found = settle(problem, X, obstacles, (*held, *added), *space)
+        found = None
+        while found is None and added:  # of ways that disturb each other half are looked for anew
+            found = settle(problem, ways[len(added) - 1], obstacles, (*held, *added), *space)
+            if found is None and len(added) == 1:
+                alone[added[0].obstacle, added[0].first : added[0].last + 1] = True
+            if found is None:
+                added = added[: len(added) // 2]
         if found is None:
-            for hold in added:
-                alone[hold.obstacle, hold.first : hold.last + 1] = True
             continue
         (here, solution), held = found, (*held, *added)
         iterations += solution.iterations
-    # What was led around something else since may be outside by now.
+    # What was led around something else since may be outside by now; what no round was left for is inside.
     xy = np.ascontiguousarray(solution.X[:, ::2])
-    alone &= np.array([_overlaps(xy, o, TOUCH * extent) for o in obstacles], dtype=np.bool_).reshape(alone.shape)
+    inside = [_overlaps(xy, o, TOUCH * extent) for o in obstacles]
+    alone = np.array(inside, dtype=np.bool_).reshape(len(obstacles), problem.T)
     return Detours(here, solution._replace(iterations=iterations), held, alone)
 
 
@@ -195,6 +202,7 @@ def _overlaps(xy: Floats, o: Obstacle, touch: float) -> Bools:
     out = np.zeros(len(xy), dtype=np.bool_)
     if o.seen_through is None:
         for piece in o.pieces:
+            out |= separate(xy, xy, piece).gap < -touch
             cut = separate(xy[:-1], xy[1:], piece).gap < -touch
             out[:-1] |= cut
             out[1:] |= cut
@@ -284,9 +292,10 @@ def _piece_planes(xy: Floats, o: Obstacle, piece: Floats, hold: Hold, clearance:
     """Half-planes between the held states and one convex piece."""
     rows: Ints = np.arange(hold.first, hold.last + 1)
     if o.seen_through is None:
-        s = separate(xy[rows[:-1]], xy[rows[1:]], piece)
+        start, end = (rows[:-1], rows[1:]) if len(rows) > 1 else (rows, rows)
+        s = separate(xy[start], xy[end], piece)
         planes = HalfPlanes(
-            np.concatenate([rows[:-1], rows[1:]]), np.vstack([s.normal, s.normal]),
+            np.concatenate([start, end]), np.vstack([s.normal, s.normal]),
             np.tile(s.support + clearance, 2),
         )  # fmt: skip
         return planes, float(s.gap.min(initial=math.inf)) - clearance
