@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -28,6 +29,18 @@ TRAP = np.array([[4.0, 1.8], [5.8, 1.8], [5.8, -1.3], [4.0, -1.3], [4.0, -1.5], 
 
 def box(x0: float, y0: float, x1: float, y1: float):
     return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+
+def blocks(seed: int) -> tuple[int, list]:
+    """A number of states, and three turned blocks on the straight way."""
+    rng = np.random.default_rng(seed)
+    T, boxes = int(rng.choice([13, 21, 41])), []
+    for x in (2.6, 4.9, 7.2):
+        middle, angle = np.array([x + 0.3, rng.uniform(-0.8, 0.8)]), rng.uniform(0.0, 3.0)
+        w, h = rng.uniform(0.1, 0.6), rng.uniform(0.2, 1.5)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        boxes.append(np.ascontiguousarray(middle + box(-w, -h, w, h) @ turn.T))
+    return T, boxes
 
 
 def wall(polygon, T: int) -> Obstacle:
@@ -203,17 +216,22 @@ def test_several_walls_at_random(seed: int) -> None:
 
 
 @pytest.mark.jit
+@pytest.mark.parametrize("seed", [99, 134])
+def test_ways_that_disturb_each_other_are_found_in_turn(seed: int) -> None:
+    """Three blocks with room between them whose ways around do not fit together when they are found at once."""
+    T, boxes = blocks(seed)
+    assert all(Polygon(a).distance(Polygon(b)) > 0.4 for a, b in pairwise(boxes))
+    _, found = go(straight(T), *(wall(b, T) for b in boxes))
+    assert not found.left_alone.any()
+    assert sum(cut(found.solution.X, b) for b in boxes) < 1e-6
+
+
+@pytest.mark.jit
 def test_what_is_left_alone_is_inside() -> None:
     """Turned blocks that may meet each other: every cut is flagged, and every flagged state is at a cut."""
     flagged = 0
     for seed in (0, 2, 6, 26, 30, 34, 38, 42):
-        rng = np.random.default_rng(seed)
-        T, boxes = int(rng.choice([13, 21, 41])), []
-        for x in (2.6, 4.9, 7.2):
-            middle, angle = np.array([x + 0.3, rng.uniform(-0.8, 0.8)]), rng.uniform(0.0, 3.0)
-            w, h = rng.uniform(0.1, 0.6), rng.uniform(0.2, 1.5)
-            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-            boxes.append(np.ascontiguousarray(middle + box(-w, -h, w, h) @ turn.T))
+        T, boxes = blocks(seed)
         _, found = go(straight(T), *(wall(b, T) for b in boxes))
         X = found.solution.X
         for b, left in zip(boxes, found.left_alone, strict=True):
