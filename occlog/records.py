@@ -73,6 +73,9 @@ class Bearings(Table):
         if (wrong := value != self.seen).any():
             row = first_row(wrong)
             raise InputError(f"Bearings: row {row}: seen is {bool(self.seen[row])} but bearing is {self.bearing[row]}")
+        if (wrong := self.sigma_px <= 0).any():
+            row = first_row(wrong)
+            raise InputError(f"Bearings: row {row}: sigma_px {self.sigma_px[row]:g} px must be above 0")
         bad = self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma > 0))
         if bad.any():
             row = first_row(bad)

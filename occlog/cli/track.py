@@ -147,6 +147,9 @@ def command(
     from .track_run import Request, parse_names, parse_seconds, parse_setting, parse_window, run_track
 
     options.check_outputs([bearings, scene, doa, occluders, motion], [output, diagnostics, calibration], overwrite)
+    for option, value in (("--motion", motion), ("--lag", lag)):
+        if value is not None and method != "map":
+            raise click.UsageError(f"{option} goes with --method map, not {method}")
     values = dict(parse_setting(text) for text in settings)
     if particles is not None:
         values["particles"] = str(particles)

@@ -249,6 +249,8 @@ def parse_window(seconds: float) -> int:
 
 def parse_seconds(option: str, seconds: float) -> float:
     """The seconds; UsageError for what is not a number or longer than times can be apart."""
+    if seconds != seconds:
+        raise UsageError(f"{option} {seconds}: must be a number")
     if not seconds <= LONGEST_WINDOW_S:
         raise UsageError(f"{option} {seconds}: must be at most {LONGEST_WINDOW_S:g} seconds")
     return seconds

@@ -77,6 +77,8 @@ class Problem(NamedTuple):
         return len(self.steps.kind) + 1
 
 
+MOST_GROWTH = 100.0
+"""Decimal logarithm of the factor by which a motion may grow over a whole record."""
 NO_PLANES = HalfPlanes(np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty(0))
 
 
@@ -92,8 +94,16 @@ def make_steps(model: GaussMarkov, seconds: Floats, mean: Floats, spread: Floats
     Raises:
         ValueError: as `transitions`; LinAlgError for a noise that is not positive definite.
     """
-    lengths, kind = np.unique(np.round(np.diff(seconds), 9), return_inverse=True)
+    return chain(model, np.diff(seconds), mean, spread)
+
+
+def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Steps:
+    """The chain of states with steps of (T - 1,) lengths [s], > 0; the rest as in `make_steps`."""
+    lengths, kind = np.unique(np.round(dt, 9), return_inverse=True)
     A, sigma = transitions(model, lengths)
+    growth = np.log10(np.maximum(np.abs(np.linalg.eigvals(A)).max(axis=1), 1e-300)) if np.isfinite(A).all() else np.inf
+    if not np.sum(growth * np.bincount(kind, minlength=len(lengths))) < MOST_GROWTH or not np.isfinite(sigma).all():
+        raise ValueError("it grows without bound over these times (spectral radius above 1)")
     eye = np.broadcast_to(np.eye(4), sigma.shape)
     whiten = np.linalg.solve(np.linalg.cholesky(sigma), eye) if len(sigma) else sigma
     first = np.linalg.solve(np.linalg.cholesky(spread), np.eye(4))

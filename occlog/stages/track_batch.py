@@ -17,6 +17,8 @@ from .tracked import Solve, Tracked, check_start
 
 FOREVER_NS = 2**62
 """No two times are further apart."""
+PATIENCE = 4
+"""A pause of a target lets the others wait for so many times the lag besides, at most."""
 COLUMNS = ("sensor", "seen", "bearing", "sigma", "u_px", "sigma_px")
 EMPTY = (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.bool_), *(np.empty(0) for _ in range(4)))
 
@@ -39,8 +41,8 @@ def track_batch(
     Without a lag everything is kept until the end, in memory that grows with the number of rows.
     With one, a target's states are given out when so much time has been seen after them, or half as
     much again; memory grows with the number of rows in that time.  A target of which there is no row
-    for longer than that, and the step before, is ended, and begins anew if there is one again; a
-    shorter pause adds to the wait.
+    for longer than that, and the step before (of at most four times the lag), is ended, and begins anew
+    if there is one again; a shorter pause adds to the wait.
 
     Raises:
         InputError: no bearing has a label, or one that does not fit the scene.
@@ -64,12 +66,13 @@ def track_batch(
         for target in np.unique(group.target[own]).tolist():
             if target not in met:
                 check_start(config, target, met)
+            step_ns = min(now - met[target][0], PATIENCE * lag_ns) if target in met else 0
             if target not in targets:
                 # Who comes back does so anywhere.
                 begun = replace(config, start=None) if target in met and hasattr(config, "start") else config
                 state = method.begin(scene, begun)
                 targets[target] = _Gathered(state, now + lag_ns + hop_ns, now - 1, [], [])
-            met[target] = (now, now - met[target][0] if target in met else 0)
+            met[target] = (now, step_ns)
             _gather(targets[target], group, target)
             if now >= targets[target].due_ns:
                 due.append(target)
@@ -82,10 +85,11 @@ def track_batch(
             given, waiting = _until(waiting, horizon)
             yield from given
     if not met:
-        what = f"none of {unlabelled} candidates has a label" if unlabelled else "no row is of the chosen targets"
+        if not unlabelled:
+            raise InputError("bearings: no row is of the chosen targets and sensors; choose others")
         raise InputError(
-            f"bearings: {what}; this method wants labelled bearings: label them with `occlog label`, or use the "
-            "identities of a DOA log with --doa-labels"
+            f"bearings: none of {unlabelled} candidates has a label; this method wants labelled bearings: label them "
+            "with `occlog label`, or use the identities of a DOA log with --doa-labels"
         )
     waiting += [_advance(g, k, method, names, last=True)[1] for k, g in sorted(targets.items())]
     yield from _until(waiting, FOREVER_NS)[0]

@@ -24,7 +24,7 @@ from ..core.detours import Detours, Hold, Obstacle, find_detours, settle
 from ..core.feasible import move_inside
 from ..core.invariant import invariant, second_moment
 from ..core.quadratic_program import sequential_programs
-from ..core.trajectory import HalfPlanes, Problem, make_steps, some_lines, some_planes
+from ..core.trajectory import HalfPlanes, Problem, chain, some_lines, some_planes
 from ..core.trajectory_start import linear_problem, start_on_axes
 from ..core.trajectory_terms import residuals
 from ..core.trajectory_window import Knowledge, minimise_windows, summary
@@ -105,17 +105,18 @@ def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -
         lines = some_lines(problem.lines, ~stuck[problem.lines.step])
         problem = problem._replace(planes=_without(problem.planes, stuck), lines=lines)
     around = obstacles(whole, pending.at, config, pending.extent, T)
-    found = _solve(problem, start, around, config, pending.extent, watch)
+    try:
+        if config.initial == "linear":
+            start = _linear_start(problem, start, config, pending.extent)
+        found, spread = _estimate(
+            problem, _solve(problem, start, around, config, pending.extent, watch), around, pending
+        )
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(
+            f"map: numbers too large or too small to compute with ({error}); look at sigma_px, u_px and sigma of the "
+            "bearings, and at the settings of the motion"
+        ) from error
     problem, solution = found.problem, found.solution
-    spread = covariance(problem, solution.X)
-    if config.front and (config.estimate == "invariant" or config.covariance == "moment"):
-        options = Options(config.tolerance * pending.extent, config.iterations)
-        other = invariant(problem, solution, options, pending.extent)
-        if config.estimate == "invariant":
-            problem, solution, spread = other
-        else:
-            spread = second_moment(solution.X, other.solution.X, other.covariance)
-            solution = solution._replace(iterations=other.solution.iterations)
     walls = np.array([o.seen_through is None for o in around], dtype=np.bool_)
     through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
     out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through)
@@ -125,12 +126,40 @@ def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -
     return pending._replace(before=before, record=_after(whole, keep), X=solution.X[keep:]), out
 
 
+def _estimate(
+    problem: Problem, mode: Detours, around: tuple[Obstacle, ...], pending: Pending
+) -> tuple[Detours, Floats]:
+    """The estimate that is given out, and its covariances (T, 4, 4).
+
+    Args:
+        problem: without the half-planes of detours.
+        mode: its minimum around the obstacles.
+        around: these obstacles.
+        pending: the target.
+    """
+    config, extent = pending.config, pending.extent
+    if not config.front or (config.estimate == "mode" and config.covariance == "hessian"):
+        return mode, covariance(mode.problem, mode.solution.X)
+    options = Options(config.tolerance * extent, config.iterations)
+    other = invariant(mode.problem, mode.solution, options, extent)
+    if config.estimate == "mode":
+        spread = second_moment(mode.solution.X, other.solution.X, other.covariance)
+        solution = mode.solution._replace(iterations=other.solution.iterations)
+        return mode._replace(solution=solution), spread
+    # It may lead through walls that the mode did not come near.
+    flat = problem._replace(lines=other.problem.lines)
+    solved = other.problem, other.solution
+    found = find_detours(flat, solved, around, options, extent, config.clearance, mode.holds, mode.left_alone)
+    if len(found.holds) == len(mode.holds):
+        return found, other.covariance
+    return found, covariance(found.problem, found.solution.X)
+
+
 def problem_of(pending: Pending, record: Record) -> Problem:
     """What is minimised for a record; InputError for a motion model that cannot be used at its times."""
     config, before = pending.config, pending.before
-    seconds = (record.t_ns - record.t_ns[0]) / NS
     try:
-        steps = make_steps(config.motion, seconds, before.mean, before.spread)
+        steps = chain(config.motion, np.diff(record.t_ns) / NS, before.mean, before.spread)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise InputError(f"map: the motion model does not fit: {error}") from error
     lines = sight_lines(record, pending.at)
@@ -147,10 +176,7 @@ def start_of(pending: Pending, problem: Problem) -> tuple[Floats, Bools]:
     known = len(pending.X)
     X[:known] = pending.X
     margin = 1e-3 * pending.extent
-    X, stuck = move_inside(X, problem.planes, margin)
-    if config.initial == "linear" and not stuck.any():
-        X = _linear_start(problem, X, config, pending.extent)
-    return X, stuck
+    return move_inside(X, problem.planes, margin)
 
 
 def _centre(pending: Pending) -> Floats:

@@ -19,6 +19,8 @@ STARTS = ("axes", "linear")
 ESTIMATES = ("mode", "invariant")
 COVARIANCES = ("moment", "hessian")
 NS = 1_000_000_000
+LEAST, MOST, FAR = 1e-9, 1e9, 1e12
+"""Settings beyond these are slips, and cannot be computed with."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class MapConfig:
     """Settings of method `map`; lengths in the scene's unit, times in seconds."""
 
     # Motion, [Rahimi] Eq. 1; with --motion the first two are not used
-    acceleration: float = 0.5  # standard deviation of the velocity gathered in a second, per axis
+    acceleration: float = 1.0  # standard deviation of the velocity gathered in a second, per axis
     jitter: float = 0.0  # of the position besides
     speed: float = 1.0  # standard deviation of the first velocity, per axis
     start: tuple[float, ...] | None = None  # x, y and sigma of the first position; None: anywhere in the room
@@ -64,22 +66,26 @@ class MapConfig:
 
     def __post_init__(self) -> None:
         limits = [
-            (name, getattr(self, name) > 0, "above 0")
+            (name, LEAST <= getattr(self, name) <= MOST, f"{LEAST:g} to {MOST:g}")
             for name in ("acceleration", "speed", "step_s", "near", "tolerance", "vague")
         ]
         for name in ("jitter", "clearance"):
-            limits.append((name, getattr(self, name) >= 0, "at least 0"))
+            limits.append((name, 0.0 <= getattr(self, name) <= MOST, f"0 to {MOST:g}"))
         for name in ("bend", "depth", "fill_s"):
             value = getattr(self, name)
-            limits.append((name, value is None or value > 0, "above 0"))
-        # In whole nanoseconds, of which times have 64 bits.
+            limits.append((name, value is None or LEAST <= value <= MOST, f"{LEAST:g} to {MOST:g}"))
         limits.append(("lag_s", self.lag_s is None or 1e-9 <= self.lag_s <= 1e9, "from 1e-9 to 1e9"))
         for name in ("A", "Sigma"):
             value = getattr(self, name)
             limits.append((name, value is None or len(value) == 16, "16 numbers"))
         limits += [
             ("Sigma", (self.A is None) == (self.Sigma is None), "given along with A"),
-            ("start", self.start is None or (len(self.start) == 3 and self.start[2] > 0), "X,Y,SIGMA, SIGMA > 0"),
+            (
+                "start",
+                self.start is None
+                or (len(self.start) == 3 and self.start[2] >= LEAST and max(map(abs, self.start)) <= FAR),
+                f"X,Y,SIGMA, SIGMA at least {LEAST:g}",
+            ),
             ("loss", self.loss in LOSSES, "one of " + ", ".join(LOSSES)),
             ("estimate", self.estimate in ESTIMATES, "one of " + ", ".join(ESTIMATES)),
             ("covariance", self.covariance in COVARIANCES, "one of " + ", ".join(COVARIANCES)),
@@ -112,4 +118,4 @@ def map_defaults(length_unit: str) -> MapConfig:
     if length_unit not in METRES:
         return replace(config, acceleration=0.33, jitter=0.33)
     metre = 1.0 / METRES[length_unit]
-    return replace(config, acceleration=0.5 * metre, speed=1.0 * metre, near=0.01 * metre)
+    return replace(config, acceleration=1.0 * metre, speed=1.0 * metre, near=0.01 * metre)

@@ -232,3 +232,19 @@ def test_one_start_is_for_one_target() -> None:
     with pytest.raises(UsageError, match=r"choose one, e\.g\. --target 5"):
         by_map([Bearings.merge([seen_walk(6, 0), seen_walk(6, 5)])], config)
     assert begin(SCENE, config).before.spread[0, 0] == 100.0
+
+
+def test_a_target_that_is_hardly_ever_seen_holds_the_others_back_only_so_long() -> None:
+    """Rows come out at most 1.5 + 4 lags (and one block) late, whatever pause another target had."""
+    lag, last = 4.0, 300
+    rare = replace(take_times(seen_walk(last), [0, 150]), target_id=np.full(16, 1, np.int32))
+    table = Bearings.merge([seen_walk(last), rare])
+    fed = [0]
+
+    def chunks():
+        for start in range(0, last, 4):
+            fed[0] = start + 4
+            yield take_times(table, range(start, start + 4))
+
+    late = [fed[0] - int(part.tracks.t_ns[0]) // SECOND for part in Calls(lag).run(chunks(), lag)]
+    assert max(late) <= 5.5 * lag + lag / 2 + 4 + 1
