@@ -246,5 +246,7 @@ def test_a_target_that_is_hardly_ever_seen_holds_the_others_back_only_so_long() 
             fed[0] = start + 4
             yield take_times(table, range(start, start + 4))
 
-    late = [fed[0] - int(part.tracks.t_ns[0]) // SECOND for part in Calls(lag).run(chunks(), lag)]
+    config, use = replace(CONFIG, lag_s=lag), Rows(NAMES, None, True)
+    parts = track_batch(chunks(), SCENE, config, Calls(lag).method, use, 0)
+    late = [fed[0] - int(part.tracks.t_ns[0]) // SECOND for part in parts]
     assert max(late) <= 5.5 * lag + lag / 2 + 4 + 1
