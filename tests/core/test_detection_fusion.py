@@ -294,6 +294,17 @@ def test_detections_beyond_underflow_still_have_a_mean() -> None:
     assert not result.declared[0]
 
 
+def test_quality_by_hand_and_unit_of_length_does_not_matter() -> None:
+    positions, predicted = np.array([[[1.5, 2.0], [0.3, -0.4], [0.0, 1.0]]]), np.array([[0.0, 0.2]])
+    squared = np.array([1.5**2 + 1.8**2, 0.3**2 + 0.6**2, 0.8**2])
+    np.testing.assert_allclose(quality(positions, predicted, 2.5)[0], np.exp(-squared / (2.0 * 6.25)), rtol=1e-12)
+    metres = fuse(positions, predicted, 2.5, 0.3, 0.1, 1.2)
+    feet = fuse(positions / 0.3048, predicted / 0.3048, 2.5 / 0.3048, 0.3, 0.1, 1.2 / 0.3048)
+    np.testing.assert_allclose(feet.value, metres.value, rtol=1e-9)
+    np.testing.assert_allclose(feet.xy * 0.3048, metres.xy, rtol=1e-9)
+    assert feet.cause.tolist() == metres.cause.tolist() == [[REMOVED_FAR, KEPT, KEPT]]
+
+
 # Motion between times
 
 
