@@ -150,25 +150,22 @@ def _weigh(
     for m in range(J):
         for l in range(L):  # noqa: E741 - the paper's letter
             bearing = math.atan2(x[m, l, 2] - y0, x[m, l, 0] - x0)
-            before = math.log(prior[m, l]) if prior[m, l] > 0.0 else -math.inf
             for i in range(N):
                 off = abs(angle[i] - bearing)
                 off = min(off, 2.0 * math.pi - off) / sigma[i]
-                each[i, m, l] = before - 0.5 * off * off - scale[i]
-                top = max(top, each[i, m, l])
+                each[i, m, l] = -0.5 * off * off - scale[i]
+                # Particles that cannot be must not set the scale: all others might vanish beside them.
+                if prior[m, l] > 0.0 and each[i, m, l] > top:
+                    top = each[i, m, l]
     mass = 0.0
     for i in range(N):
         for m in range(J):
             for l in range(L):  # noqa: E741
                 below = each[i, m, l] - top
-                each[i, m, l] = math.exp(below) if below > -745.0 else 0.0
-                mass += each[i, m, l]
-    for i in range(N):
-        for m in range(J):
-            for l in range(L):  # noqa: E741
-                each[i, m, l] /= mass
+                each[i, m, l] = prior[m, l] * math.exp(below) if prior[m, l] > 0.0 and below > -745.0 else 0.0
                 total[m, l] += each[i, m, l]
-    return each, total, top + math.log(mass) - 0.5 * math.log(2.0 * math.pi)
+                mass += each[i, m, l]
+    return each / mass, total / mass, top + math.log(mass) - 0.5 * math.log(2.0 * math.pi)
 
 
 def moments(particles: Floats, weights: Floats) -> Estimate:

@@ -130,7 +130,7 @@ def test_one_model_and_one_bearing_are_a_plain_particle_filter():
 def test_far_targets_are_updated_as_by_a_kalman_filter(seed):
     """Mean and covariance within 5 Monte Carlo standard errors, and 0.5 % of a deviation for the curved bearing."""
     rng = np.random.default_rng(seed)
-    L, dt, root = 200_000, 2.0, acceleration_root(0.05, 2.0)
+    L, dt, root = 50_000, 2.0, acceleration_root(0.05, 2.0)
     m0, P0 = np.array([1800.0, 0.3, 900.0, -0.5]), np.diag([4.0, 0.2, 9.0, 0.3])
     start = Cloud(rng.multivariate_normal(m0, P0, size=L), np.zeros(L, dtype=np.int64))
     F = np.kron(np.eye(2), [[1.0, dt], [0.0, 1.0]])
