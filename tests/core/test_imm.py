@@ -83,6 +83,17 @@ def test_weights_survive_bearings_far_from_all_particles():
     assert got.log_evidence < -1000.0
 
 
+def test_particles_that_cannot_be_do_not_drown_the_others():
+    """The one of prior 0 fits by more than the range of floating point numbers better."""
+    x = np.zeros((1, 3, 4))
+    x[0, :, 0], x[0, :, 2] = SENSOR[0] + 10.0, SENSOR[1] + np.array([0.0, 1.0, 1.1])
+    got = imm.weigh(x, np.array([[0.0, 0.5, 0.5]]), bearings(0.0, sigma=0.05))
+    offs = np.degrees(np.arctan([0.1, 0.11])) / 0.05
+    ratio = math.exp(0.5 * (offs[0] ** 2 - offs[1] ** 2))
+    np.testing.assert_allclose(got.total[0], [0.0, 1.0 / (1.0 + ratio), ratio / (1.0 + ratio)], rtol=1e-9)
+    assert got.log_evidence < -5000.0
+
+
 @pytest.mark.parametrize("turns", [-2, 0, 1])
 def test_bearings_wrap_at_the_back_of_the_sensor(turns):
     """Particles at 182, 180 and 178 degrees; 179 and 181 (as -179) are 3, 1, 1 and 1, 1, 3 degrees off."""
