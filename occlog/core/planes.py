@@ -160,6 +160,9 @@ def _in_world(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
 def select_by_variance(variance: Floats, blind: Bools) -> Ints:
     """The two least variances on different planes, among all sensors ([Lee] Sec. 2.2.3).
 
+    The rule does not look at what the two have in common: where the sight line has no
+    component along their shared axis, two planes of one sensor tell the same (`projected_covariance`).
+
     Args:
         variance: (..., S, 3) of the projected angles of S sensors [rad^2]; NaN: no measurement.
         blind: (..., S, 3) planes that must not be chosen.
