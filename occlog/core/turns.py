@@ -19,9 +19,6 @@ import numpy as np
 from .geometry import Floats
 from .jit import kernel
 
-MOST_RADIANS = 1e12
-"""A target so slow that it would turn by more in a step goes straight on."""
-
 
 def three_models(alpha: float) -> Floats:
     """(3, 3) models of [Lee] Sec. 3.3.1: constant velocity, clockwise and anticlockwise turn.
@@ -88,11 +85,11 @@ def move(states: Floats, model: Floats, dt: float, root: Floats, normals: Floats
     """
     moved = np.empty_like(states)
     lateral, ax, ay = model[0], model[1], model[2]
-    slowest = abs(lateral * dt) / MOST_RADIANS
     for l in range(states.shape[0]):  # noqa: E741 - the paper's letter
         vx, vy = states[l, 1], states[l, 3]
         speed = math.sqrt(vx * vx + vy * vy)
-        angle = lateral * dt / speed if speed > slowest else 0.0
+        # At rest it does not move, under this model as under constant velocity.
+        angle = lateral * dt / speed if speed > 0.0 else 0.0
         along, aside, cosine, sine = _turned(angle)
         moved[l, 0] = states[l, 0] + dt * (along * vx - aside * vy + 0.5 * dt * ax)
         moved[l, 1] = cosine * vx - sine * vy + dt * ax
