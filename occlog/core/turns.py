@@ -60,8 +60,8 @@ def turn_matrix(rate: float, dt: float) -> Floats:
 @kernel
 def _turned(angle: float) -> tuple[float, float, float, float]:
     """sin(a)/a, (1 - cos(a))/a, cos(a) and sin(a); with the half angle nothing cancels."""
-    if angle == 0.0:
-        return 1.0, 0.0, 1.0, 0.0
+    if abs(angle) < 1e-8:  # the next terms are below the last digit; half of the least number would be 0
+        return 1.0, 0.5 * angle, 1.0, angle
     s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
     sine, versine = 2.0 * s * c, 2.0 * s * s
     return sine / angle, versine / angle, 1.0 - versine, sine
