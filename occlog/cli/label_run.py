@@ -15,7 +15,8 @@ from ..records import Bearings, Tracks
 from ..stages.label import LabelConfig, Labelled, label
 from ..stages.track import choose_sensors
 from . import options
-from .track_run import Inputs, parse_names, parse_seconds
+from .track_input import Inputs
+from .track_run import parse_names, parse_seconds
 
 if TYPE_CHECKING:
     from ..losses import Loss

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
@@ -11,26 +10,24 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, UsageError
 from ..io.motion_file import read_motion
-from ..io.parquet import TableWriter, describe, iter_table, read_provenance
+from ..io.parquet import TableWriter
 from ..io.provenance import Provenance, hash_inputs
-from ..io.recording import open_recording
-from ..records import Bearings, Calibration, Diagnostics, Doa, Hulls, Occluders, Tracks, Truth
-from ..stages.messages import Messages
-from ..stages.occluders import known_positions
+from ..records import Bearings, Calibration, Diagnostics, Tracks
 from ..stages.scans import checked
-from ..stages.sources import bearings_of_doa, in_time, in_turn
+from ..stages.sources import in_turn
 from ..stages.track import choose_sensors, track
 from ..trackers import tracker
 from ..trackers.method import sensor_names
 from ..trackers.select import SelectConfig
 from ..trackers.settings import configure
 from . import options
+from .track_input import Inputs
+from .track_summary import Tally
 
 if TYPE_CHECKING:
     from ..columns import Table
     from ..losses import Loss
     from ..scene import Scene
-    from ..stages.tracked import Solve, Tracked
 
 LONGEST_WINDOW_S = 1e9
 METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
@@ -59,80 +56,6 @@ class Request:
     doa_labels: bool = False
     turn_s: float | None = None  # one sensor at a time, for so long; None: all of them
     motion: Path | None = None  # a fitted motion model, for --method map
-
-
-class Inputs:
-    """The measurements as one stream, with the scene and what had been lost before."""
-
-    def __init__(
-        self,
-        bearings: Path,
-        scene: Path | None,
-        doa: Path | None = None,
-        doa_labels: bool = False,
-        occluders: Path | None = None,
-    ) -> None:
-        """Open everything; nothing but headers is read yet."""
-        self.losses: dict[Loss, None] = {}  # each once, in order
-        recording = open_recording(bearings) if is_recording(bearings) else None
-        self.scene: Scene = options.load_scene(scene, recording.scene if recording else None, bearings)
-        streams: list[Iterable[Bearings]] = []
-        if recording is None or recording.has(Bearings):
-            streams.append(self.open(bearings, Bearings))
-        if doa is None and recording is not None and recording.has(Doa):
-            doa = bearings
-        if doa is not None:
-            streams.append(bearings_of_doa(self.open(doa, Doa), self.scene, doa_labels))
-        elif doa_labels:
-            raise UsageError("--doa-labels wants directions of arrival; give them with --doa")
-        if not streams:
-            raise InputError(f"{bearings}: holds no bearings; make them with `occlog detect`")
-        self.chunks = _not_empty(in_time(streams), bearings)
-        self.occluders = None if occluders is None else self._priors(occluders)
-
-    def _priors(self, path: Path) -> Iterator[Occluders] | Iterator[Hulls]:
-        """Priors of the moving occluders; true positions are known exactly."""
-        if is_recording(path):
-            return known_positions(self.open(path, Truth))
-        name = describe(path)["schema"]
-        if name == Truth.NAME:
-            return known_positions(self.open(path, Truth))
-        if name == Hulls.NAME:
-            return self.open(path, Hulls)
-        return self.open(path, Occluders)
-
-    def open(self, path: Path, table: type[Any]) -> Iterator[Any]:
-        """Chunks of a table in a file of either kind."""
-        if not is_recording(path):
-            made = read_provenance(path)
-            self.losses |= dict.fromkeys(made.losses)
-            unit = describe(path)["length_unit"]
-            if made.inputs and unit != self.scene.length_unit:  # without inputs nobody says what it was made from
-                raise UsageError(
-                    f"{path}: was made in a scene in {unit}, but the scene given is in {self.scene.length_unit}; "
-                    "give the --scene that it was made in"
-                )
-            return iter_table(path, table)
-        recording = open_recording(path)
-        if not recording.has(table):
-            raise InputError(f"{path}: holds no {table.NAME}; give a recording or a table that has them")
-        self.losses |= dict.fromkeys(recording.losses)
-        return recording.tables(table)
-
-
-def is_recording(path: Path) -> bool:
-    """Whether the name is that of a recording."""
-    return path.suffix.lower() == ".mcap"
-
-
-def _not_empty(chunks: Iterable[Bearings], path: Path) -> Iterator[Bearings]:
-    """The chunks; refuses input without rows, from which nothing can be tracked."""
-    rows = 0
-    for chunk in chunks:
-        rows += len(chunk)
-        yield chunk
-    if rows == 0:
-        raise InputError(f"{path}: has no rows; nothing can be tracked from it")
 
 
 def run_track(
@@ -272,58 +195,3 @@ def parse_start(text: str, unit: str) -> str:
     if len(parts) != 3:
         raise UsageError(f"--start {text}: want X,Y or X,Y,SIGMA")
     return ",".join(parts)
-
-
-class Tally:
-    """Figures of the summary, gathered while streaming."""
-
-    def __init__(self) -> None:
-        """Nothing yet."""
-        self.rows = 0
-        self.targets: set[int] = set()
-        self.fallbacks: Counter[str] = Counter()
-        self.ess = 0.0
-        self.messages = Messages()
-        self.solves: list[Solve] = []
-
-    def add(self, part: Tracked) -> None:
-        """Count some more rows."""
-        self.rows += len(part.tracks)
-        self.targets.update(part.tracks.target_id.tolist())
-        self.fallbacks.update(f for f in part.diagnostics.fallback.tolist() if f)
-        self.ess += float(part.diagnostics.ess.sum())
-        self.messages.add(part.diagnostics)
-        self.solves += part.solves
-
-    def summary(self) -> dict[str, Any]:
-        """The figures."""
-        return {
-            "targets": len(self.targets),
-            "rows": self.rows,
-            **(self._searches() if self.solves else {"mean_effective_particles": self.ess / max(self.rows, 1)}),
-            "fallbacks": dict(sorted(self.fallbacks.items())),
-            **self.messages.summary(),
-        }
-
-    def warnings(self) -> list[str]:
-        """What whoever uses a batch method's tracks should know."""
-        said = {
-            "unobservable": "what was seen does not tell the position (its covariance says how well it is known)",
-            "contradiction": "no place holds all constraints; what was seen there was left out",
-            "wall": "no way around a wall was found; more states may help (--set fill_s=0.2)",
-            "unfinished": "the search did not converge; try --set iterations=1000",
-        }
-        return [
-            f"{self.fallbacks[k]} of {self.rows} rows: {k}: {text}" for k, text in said.items() if self.fallbacks[k]
-        ]
-
-    def _searches(self) -> dict[str, Any]:
-        """Figures of a batch method: iterations of each target's searches, and how many did not converge."""
-        iterations: Counter[int] = Counter()
-        for solve in self.solves:
-            iterations[solve.target] += solve.iterations
-        return {
-            "iterations": {str(k): n for k, n in sorted(iterations.items())},
-            "searches": len(self.solves),
-            "unfinished": sum(not s.converged for s in self.solves),
-        }

@@ -20,9 +20,10 @@ import numpy as np
 
 from ..columns import Bools, Floats, Ints
 from ..core.batch_map import Iterate, Options, Solution, covariance, minimise
-from ..core.detours import Detours, Hold, Obstacle, find_detours, settle
+from ..core.detours import Detours, find_detours, settle
 from ..core.feasible import move_inside
 from ..core.invariant import invariant, second_moment
+from ..core.obstacles import Hold, Obstacle
 from ..core.quadratic_program import sequential_programs
 from ..core.trajectory import HalfPlanes, Problem, chain, some_lines, some_planes
 from ..core.trajectory_start import linear_problem, start_on_axes
@@ -34,6 +35,7 @@ from .map_config import BEND, LOSSES, NS, MapConfig
 from .map_measurements import Stations, constraints, sight_lines, stations
 from .map_obstacles import obstacles
 from .map_programs import program_solver
+from .map_record import after, empty_record, fill, join
 from .method import Record, Smoothed
 
 UNOBSERVABLE, CONTRADICTION, WALL, UNFINISHED = "unobservable", "contradiction", "wall", "unfinished"
@@ -41,8 +43,6 @@ ROUGH = 1e-3
 """Windows that only start the whole are solved to this tolerance, as a share of the room's extent."""
 APART, MU = 1e-4, 1e-4
 """Distance to the constraints, as a share of the room's extent, and weight of their barrier where the whole begins."""
-MOST_STATES = 10_000_000
-"""States that `fill_s` may make."""
 LOOKS = 3
 """Linear problems solved in turn, each with the distances of the one before."""
 
@@ -76,7 +76,7 @@ def begin(scene: Scene, config: MapConfig) -> Pending:
     mean[::2] = place - origin
     spread = np.diag([sigma**2, config.speed**2, sigma**2, config.speed**2])
     at = stations(scene, origin, walls=config.walls)
-    return Pending(config, at, origin, extent, Knowledge(mean, spread), _empty(), np.empty((0, 4)))
+    return Pending(config, at, origin, extent, Knowledge(mean, spread), empty_record(), np.empty((0, 4)))
 
 
 def _moves_freely(config: MapConfig) -> bool:
@@ -95,7 +95,7 @@ def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -
             its positions count from `pending.origin`.
     """
     config = pending.config
-    whole = fill(_join(pending.record, record), config.fill_s)
+    whole = fill(join(pending.record, record), config.fill_s)
     T = len(whole.t_ns)
     keep = T if last else _settled(whole.t_ns, config.lag_ns)
     problem = problem_of(pending, whole)
@@ -121,9 +121,9 @@ def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -
     through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
     out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through)
     if last:
-        return pending._replace(record=_empty(), X=np.empty((0, 4))), out
+        return pending._replace(record=empty_record(), X=np.empty((0, 4))), out
     before = summary(problem, solution, keep) if keep else pending.before
-    return pending._replace(before=before, record=_after(whole, keep), X=solution.X[keep:]), out
+    return pending._replace(before=before, record=after(whole, keep), X=solution.X[keep:]), out
 
 
 def _estimate(
@@ -265,50 +265,6 @@ def _scores(problem: Problem, X: Floats) -> Floats:
     each = -0.5 * residuals(lines, X) ** 2 - 0.5 * np.log(2.0 * np.pi * variance)
     total = np.bincount(lines.step, weights=each, minlength=len(X))
     return np.where(np.bincount(lines.step, minlength=len(X)) > 0, total, np.nan)
-
-
-def fill(record: Record, longest_s: float | None) -> Record:
-    """The record with times added where there is none for a longer time than `longest_s` [s]; None: nowhere."""
-    if longest_s is None or len(record.t_ns) < 2:
-        return record
-    gaps = np.diff(record.t_ns)
-    # Pieces of whole ns may be a little longer, and must not be filled again with the next block.
-    pieces = np.maximum(1.0, np.ceil((gaps - 2) / (longest_s * NS) - 1e-9))
-    if pieces.sum() > MOST_STATES:
-        raise InputError(
-            f"map: fill_s {longest_s:g} would make {pieces.sum():.3g} states of {len(record.t_ns)} times, "
-            f"at most {MOST_STATES:.0e} are possible; raise it"
-        )
-    pieces = pieces.astype(np.int64)
-    if not (pieces > 1).any():
-        return record
-    first = np.concatenate([[0], np.cumsum(pieces)])
-    inside = np.arange(first[-1]) - np.repeat(first[:-1], pieces)
-    # inside * gap // pieces, in two parts: the product alone may be above what 64 bits hold.
-    whole, rest = np.repeat(gaps // pieces, pieces), np.repeat(gaps % pieces, pieces)
-    t_ns = np.repeat(record.t_ns[:-1], pieces) + inside * whole + inside * rest // np.repeat(pieces, pieces)
-    return record._replace(t_ns=np.append(t_ns, record.t_ns[-1]), state=first[record.state])
-
-
-def _join(a: Record, b: Record) -> Record:
-    if not len(a.t_ns):
-        return b
-    b = b._replace(state=b.state + len(a.t_ns))
-    return Record(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
-
-
-def _after(record: Record, state: int) -> Record:
-    """What the record has from a state on."""
-    rows = record.state >= state
-    return Record(
-        record.t_ns[state:], record.state[rows] - state, record.sensor[rows], record.seen[rows], record.bearing[rows],
-        record.sigma[rows], record.u_px[rows], record.sigma_px[rows],
-    )  # fmt: skip
-
-
-def _empty() -> Record:
-    no, none = np.empty(0, dtype=np.int64), np.empty(0)
-    return Record(no, no, no, np.empty(0, dtype=np.bool_), none, none, none, none)
 
 
 def _without(planes: HalfPlanes, states: Bools) -> HalfPlanes:

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..columns import Bools, Floats
 from ..core.convex_pieces import convex_pieces
-from ..core.detours import Obstacle
 from ..core.geometry import counter_clockwise
+from ..core.obstacles import Obstacle
 from ..core.separation import offset
 from .map_config import MapConfig
 from .map_measurements import Stations

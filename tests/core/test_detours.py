@@ -15,8 +15,9 @@ from trajectory_reference import dense_chain
 
 from occlog.core.batch_map import Options, derivatives, minimise
 from occlog.core.convex_pieces import convex_pieces
-from occlog.core.detours import Detours, Obstacle, find_detours, settle
+from occlog.core.detours import Detours, find_detours, settle
 from occlog.core.gauss_markov import constant_velocity
+from occlog.core.obstacles import Obstacle
 from occlog.core.trajectory import NO_PLANES, HalfPlanes, Problem, SightLines, make_steps, slack
 
 EXTENT = 12.0

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from occlog.errors import InputError
-from occlog.trackers.batch_map import fill
 from occlog.trackers.map_config import NS, MapConfig
+from occlog.trackers.map_record import fill
 from occlog.trackers.method import Record
 
 

@@ -11,7 +11,7 @@ from map_scenes import FOCAL, place, record
 from numpy.testing import assert_allclose
 from shapely.geometry import Point, Polygon
 
-from occlog.core.detours import Obstacle
+from occlog.core.obstacles import Obstacle
 from occlog.core.sight import in_view
 from occlog.scene import Occluder
 from occlog.trackers.batch_map import advance, begin
