@@ -39,8 +39,9 @@ class Column:
 
 
 def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
-    """Declare one column of a table; an `optional` one is NaN where `Table.of` gets no values for it."""
-    return field(metadata={"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional})
+    """Declare one column of a table; an `optional` one is NaN or "" where it gets no values."""
+    metadata = {"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional}
+    return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
 
 
 class Table:
@@ -52,6 +53,9 @@ class Table:
     KEY: ClassVar[tuple[str, ...]]
 
     def __post_init__(self) -> None:
+        for c in self.columns():
+            if c.optional and getattr(self, c.name) is None:
+                object.__setattr__(self, c.name, _absent(c, len(self)))  # frozen for everybody else
         check_columns(self)
         self.check()
 
@@ -75,9 +79,8 @@ class Table:
     @classmethod
     def of(cls, **values: Any) -> Self:
         """Build a table from array-likes, cast to the declared dtypes; optional columns may be left out."""
-        left_out = [c.name for c in cls.columns() if c.optional and c.name not in values]
-        values |= dict.fromkeys(left_out, np.full(len(values["t_ns"]), np.nan) if left_out else None)
-        return cls(**{c.name: as_column(c, values.pop(c.name)) for c in cls.columns()}, **values)
+        told = [c for c in cls.columns() if not c.optional or c.name in values]
+        return cls(**{c.name: as_column(c, values.pop(c.name)) for c in told}, **values)
 
     @classmethod
     def concat(cls, parts: Iterable[Self]) -> Self:
@@ -106,6 +109,11 @@ class Table:
         if not len(self):
             return self
         return self.take(np.lexsort([getattr(self, name) for name in reversed(self.KEY)]))
+
+
+def _absent(c: Column, rows: int) -> NDArray[Any]:
+    """Values of an optional column that nothing is known of."""
+    return np.full(rows, "") if c.kind == "U" else np.full(rows, np.nan)
 
 
 def _empty_column(c: Column, rows: int) -> NDArray[Any]:

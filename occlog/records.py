@@ -51,6 +51,7 @@ class Bearings(Table):
     """
 
     NAME: ClassVar[str] = "bearings"
+    VERSION: ClassVar[int] = 2
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "target_id")
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
@@ -65,6 +66,20 @@ class Bearings(Table):
     )  # fmt: skip
     sigma_px: Floats = column("f8", "px", "standard deviation of u_px, > 0", nan="not seen, or not a camera")
     score: Floats = column("f8", "1", "likeness to the target or confidence, 0 to 1", nan="unknown or not seen")
+    elevation: Floats = column(
+        "f8", "rad", "of the sight line above the horizontal plane, in [-pi/2, pi/2]",
+        nan="not seen, or the sensor tells none", optional=True,
+    )  # fmt: skip
+    sigma_elevation: Floats = column(
+        "f8", "rad", "standard deviation of the elevation, > 0; of a tilted array both are about its own axes",
+        nan="no elevation", optional=True,
+    )  # fmt: skip
+    cause: Strings = column(
+        "U", "1",
+        "what the fusion of detections did: empty, not fused; `kept`; `recovered`, put in where the camera missed the "
+        "object; `removed`, declared false, so not of the target",
+        optional=True,
+    )  # fmt: skip
 
     def check(self) -> None:
         """Times in order, angles wrapped, measurements complete where seen and absent where not."""
@@ -83,6 +98,16 @@ class Bearings(Table):
                 f"Bearings: row {row}: bearing {self.bearing[row]:g} rad must be in [-pi, pi) "
                 f"and sigma {self.sigma[row]:g} rad above 0"
             )
+        told = np.isfinite(self.elevation)
+        bad = (told != np.isfinite(self.sigma_elevation)) | (told & ~self.seen)
+        with np.errstate(invalid="ignore"):
+            bad |= told & ~((np.abs(self.elevation) <= 0.5 * np.pi) & (self.sigma_elevation > 0))
+        if bad.any():
+            row = first_row(bad)
+            raise InputError(
+                f"Bearings: row {row}: elevation {self.elevation[row]:g} rad must be in [-pi/2, pi/2] of a row that is "
+                f"seen, and sigma_elevation {self.sigma_elevation[row]:g} rad above 0"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +115,7 @@ class Views(Table):
     """People-sized clusters (or detector boxes) of every camera and frame."""
 
     NAME: ClassVar[str] = "views"
+    VERSION: ClassVar[int] = 2
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "cluster")
 
     t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
@@ -120,6 +146,12 @@ class Views(Table):
     appearance: Floats32 = column(
         "f4", "1", "colour histogram, sums to 1: 8x8 hue-saturation bins, then 8 brightness bins of grey pixels",
         nan="no appearance", width=APPEARANCE_BINS,
+    )  # fmt: skip
+    cause: Strings = column(
+        "U", "1",
+        "what the fusion of detections did: empty, not fused; `kept`; `recovered`, put in where the camera missed the "
+        "object; `removed`, declared false, so not of the target",
+        optional=True,
     )  # fmt: skip
 
     def check(self) -> None:
@@ -301,10 +333,10 @@ class Truth(Table):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks(Table):
-    """Estimated states on the ground with their covariance."""
+    """Estimated states on the ground, or in space, with their covariance."""
 
     NAME: ClassVar[str] = "tracks"
-    VERSION: ClassVar[int] = 2
+    VERSION: ClassVar[int] = 3
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
@@ -337,13 +369,18 @@ class Tracks(Table):
     cov_vy_vy: Floats = column(
         "f8", "m^2/s^2", "velocity covariance", nan="the method does not estimate it", optional=True
     )
+    z: Floats = column("f8", "m", "estimated height", nan="the method tracks on the ground", optional=True)
+    vz: Floats = column("f8", "m/s", "estimated velocity", nan="the method does not estimate it", optional=True)
+    cov_xz: Floats = column("f8", "m^2", "position covariance", nan="the method tracks on the ground", optional=True)
+    cov_yz: Floats = column("f8", "m^2", "position covariance", nan="the method tracks on the ground", optional=True)
+    cov_zz: Floats = column("f8", "m^2", "position covariance", nan="the method tracks on the ground", optional=True)
 
     def check(self) -> None:
         """Times in order, covariances positive semi-definite up to rounding."""
         check_order(self)
         det = self.cov_xx * self.cov_yy - self.cov_xy**2
         slack = 1e-9 * (self.cov_xx * self.cov_yy + 1e-300)
-        bad = ~((self.cov_xx >= 0) & (self.cov_yy >= 0) & (det >= -slack))
+        bad = ~((self.cov_xx >= 0) & (self.cov_yy >= 0) & (det >= -slack)) | (self.cov_zz < 0)
         if bad.any():
             raise InputError(f"Tracks: row {first_row(bad)}: the covariance is not positive semi-definite")
 
@@ -414,6 +451,7 @@ class Errors(Table):
     """Estimate minus truth at each time of the estimate."""
 
     NAME: ClassVar[str] = "errors"
+    VERSION: ClassVar[int] = 2
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
 
     t_ns: Ints = column("i8", "ns", "time of the estimate since the Unix epoch")
@@ -424,8 +462,18 @@ class Errors(Table):
     truth_y: Floats = column("f8", "m", "true position, interpolated to the time of the estimate")
     error_x: Floats = column("f8", "m", "estimate minus truth")
     error_y: Floats = column("f8", "m", "estimate minus truth")
-    error: Floats = column("f8", "m", "distance between estimate and truth")
+    error: Floats = column("f8", "m", "distance between estimate and truth on the ground")
     nees: Floats = column("f8", "1", "normalised squared error e' P^-1 e", nan="the covariance is singular")
+    z: Floats = column("f8", "m", "estimated height", nan="no height is estimated", optional=True)
+    truth_z: Floats = column("f8", "m", "true height", nan="not known", optional=True)
+    error_z: Floats = column("f8", "m", "estimate minus truth", nan="either is not known", optional=True)
+    error_space: Floats = column(
+        "f8", "m", "distance between estimate and truth in space", nan="no height is known", optional=True
+    )
+    nees_space: Floats = column(
+        "f8", "1", "normalised squared error in space", nan="no height is known, or the covariance is singular",
+        optional=True,
+    )  # fmt: skip
 
     def check(self) -> None:
         """Times in order."""
@@ -437,6 +485,7 @@ class Bound(Table):
     """Posterior Cramer-Rao bound of the position for the sensors that really saw the target."""
 
     NAME: ClassVar[str] = "bound"
+    VERSION: ClassVar[int] = 2
     KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
 
     t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
@@ -444,12 +493,58 @@ class Bound(Table):
     bound_xx: Floats = column("f8", "m^2", "lower bound of the error covariance")
     bound_xy: Floats = column("f8", "m^2", "lower bound of the error covariance")
     bound_yy: Floats = column("f8", "m^2", "lower bound of the error covariance")
-    bound: Floats = column("f8", "m", "square root of the trace: lower bound of the RMSE")
+    bound: Floats = column("f8", "m", "square root of bound_xx + bound_yy: lower bound of the RMSE on the ground")
     n_seen: Ints32 = column("i4", "1", "sensors that saw the target")
+    bound_xz: Floats = column(
+        "f8", "m^2", "lower bound of the error covariance", nan="a bound on the ground", optional=True
+    )
+    bound_yz: Floats = column(
+        "f8", "m^2", "lower bound of the error covariance", nan="a bound on the ground", optional=True
+    )
+    bound_zz: Floats = column(
+        "f8", "m^2", "lower bound of the error covariance", nan="a bound on the ground", optional=True
+    )
+    bound_space: Floats = column(
+        "f8", "m", "square root of the trace in space: lower bound of the RMSE there", nan="a bound on the ground",
+        optional=True,
+    )  # fmt: skip
 
     def check(self) -> None:
         """Times in order."""
         check_order(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cooperation(Table):
+    """When a tracker of sounds asked cameras where its targets are, why, and what they said.
+
+    Each row is one request for one target; several at one time share their frames, which
+    are counted in the first of them.
+    """
+
+    NAME: ClassVar[str] = "cooperation"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time of the request since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track; -1 = asked for whoever is there")
+    cause: Strings = column(
+        "U", "1", "what made it ask: `periodic`, `count`, `bearing`, `ellipse`, `spread`, several separated by commas"
+    )
+    cameras: Strings = column("U", "1", "cameras that were asked, separated by commas")
+    frames: Ints32 = column("i4", "1", "frames that were asked for, answered or not; 0: counted in another row")
+    answered: Bools = column("?", "1", "the cameras localised the target")
+    x: Floats = column("f8", "m", "position that they found", nan="not answered")
+    y: Floats = column("f8", "m", "position that they found", nan="not answered")
+    cov_xx: Floats = column("f8", "m^2", "position covariance", nan="not answered")
+    cov_xy: Floats = column("f8", "m^2", "position covariance", nan="not answered")
+    cov_yy: Floats = column("f8", "m^2", "position covariance", nan="not answered")
+
+    def check(self) -> None:
+        """Times in order, a place where and only where there was an answer."""
+        check_order(self)
+        if (wrong := self.answered != np.isfinite(self.x + self.y)).any():
+            row = first_row(wrong)
+            raise InputError(f"Cooperation: row {row}: answered is {self.answered[row]} but x is {self.x[row]:g}")
 
 
 TABLES: dict[str, type[Table]] = {
@@ -468,6 +563,7 @@ TABLES: dict[str, type[Table]] = {
         Calibration,
         Errors,
         Bound,
+        Cooperation,
     )
 }
 """Every table by the name that its files carry."""

@@ -91,10 +91,25 @@ class MicrophoneArray:
     position: Floats  # (3,)
     yaw: float = 0.0
     microphones: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) in the array's frame
-    sigma: float = float(np.radians(3.0))  # of one direction [rad]
-    range: float = np.inf
+    sigma: float = float(np.radians(3.0))  # of an azimuth about its own z axis [rad]
+    range: float = np.inf  # farthest distance at which a source is heard
     rate_hz: float | None = None
     clock: str | None = None
+    pitch: float = 0.0  # of its own x axis above the horizontal plane
+    roll: float = 0.0
+    sigma_elevation: float | None = None  # of an elevation above its own xy plane [rad]; None: as `sigma`
+    resolution: float = 0.0  # sources nearer to each other than this are heard as one [rad]
+    planar: bool = False  # tells no elevation
+
+    @cached_property
+    def rotation(self) -> Floats:
+        """(3, 3) world-from-array rotation; see `occlog.core.camera.array_rotation`."""
+        return cam.array_rotation(self.yaw, self.pitch, self.roll)
+
+    @property
+    def upright(self) -> bool:
+        """Whether its z axis is the world's."""
+        return self.pitch == 0.0 and self.roll == 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,6 +34,12 @@ def rotation_from_angles(yaw: float, pitch: float, roll: float) -> Floats:
     return np.column_stack([c * right + s * down, -s * right + c * down, forward])
 
 
+def array_rotation(yaw: float, pitch: float, roll: float) -> Floats:
+    """(3, 3) world-from-array rotation; x is forward, y to the left, z up, and the angles [rad] are as a camera's."""
+    right, down, forward = rotation_from_angles(yaw, pitch, roll).T
+    return np.column_stack([forward, -right, -down])
+
+
 def angles_from_rotation(rotation: Floats) -> tuple[float, float, float]:
     """Yaw, pitch and roll [rad] of a world-from-camera rotation; yaw is 0 for one that looks straight up or down."""
     right, _, forward = rotation[:, 0], rotation[:, 1], rotation[:, 2]

@@ -57,7 +57,7 @@ def message_schema(table: type[Table]) -> dict[str, Any]:
         "description": f"Rows of the table `{table.NAME}` at one time; the lists have equal lengths.",
         "type": "object",
         "properties": properties,
-        "required": list(properties),
+        "required": [name for name in properties if name not in {c.name for c in table.columns() if c.optional}],
         "additionalProperties": False,
     }
 
@@ -96,10 +96,14 @@ class RowCollector:
         """Append the rows of a message; InputError where it does not fit the table."""
         try:
             message = msgspec.json.decode(data)
-            lengths = {len(message[c.name]) for c in _listed(self._table)}
-            (n,) = lengths
-            for c in _listed(self._table):
+            told = [c for c in _listed(self._table) if not c.optional or c.name in message]
+            (n,) = {len(message[c.name]) for c in told}
+            for c in told:
                 self._lists[c.name].extend(message[c.name])
+            if len(told) < len(self._lists) - 1 - self._has_sensor:  # an older recording
+                for c in _listed(self._table):
+                    if c.name not in message:
+                        self._lists[c.name].extend(["" if c.kind == "U" else None] * n)
             self._lists["t_ns"].extend([int(message["t_ns"])] * n)
             if self._has_sensor:
                 self._lists["sensor"].extend([str(message["sensor"])] * n)

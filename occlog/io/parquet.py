@@ -85,9 +85,9 @@ def to_arrow(table: Table, schema: pa.Schema) -> pa.Table:
 
 
 def from_arrow(batch: pa.RecordBatch | pa.Table, table: type[T]) -> T:
-    """Record of an Arrow batch whose columns have been checked."""
-    columns = {c.name: _column_from_arrow(c, batch.column(c.name)) for c in table.columns()}
-    return table(**columns)
+    """Record of an Arrow batch whose columns have been checked; optional ones may be left out."""
+    told = [c for c in table.columns() if c.name in batch.schema.names]
+    return table.of(**{c.name: _column_from_arrow(c, batch.column(c.name)) for c in told})
 
 
 def _column_from_arrow(c: Column, values: Any) -> np.ndarray[Any, Any]:
@@ -224,11 +224,15 @@ def _schema_name(path: Path, schema: pa.Schema) -> str:
 
 def _check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
     found = (schema.metadata or {}).get(SCHEMA_KEY.encode(), b"").decode()
-    want = f"{table.NAME}/{table.VERSION}"
-    if found != want:
-        raise InputError(f"{path}: holds {found or 'no occlog table'}, want {want}")
+    name, _, version = found.partition("/")
+    if name != table.NAME:
+        raise InputError(f"{path}: holds {found or 'no occlog table'}, want {table.NAME}/{table.VERSION}")
+    if not version.isdigit() or int(version) > table.VERSION:
+        raise InputError(f"{path}: holds {found}, which is newer than {name}/{table.VERSION}; update occlog")
     for c in table.columns():
         if schema.get_field_index(c.name) < 0:
+            if c.optional:  # a file of an older version
+                continue
             raise InputError(f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}")
         have, kind = schema.field(c.name).type, _ARROW[c.kind]
         kind = pa.list_(kind, c.width) if c.width else kind
@@ -241,7 +245,7 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
     """Chunks of a table in file order, at most `rows` rows each."""
     with _open(path) as file:
         _check_schema(path, file.schema_arrow, table)
-        names = [c.name for c in table.columns()]
+        names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
         previous = None
         for batch in file.iter_batches(batch_size=rows, columns=names):
             chunk = from_arrow(batch, table)

@@ -162,6 +162,11 @@ def _array(spec: ArraySpec, where: str) -> MicrophoneArray:
         range=spec.range or math.inf,
         rate_hz=spec.rate_hz,
         clock=spec.clock,
+        pitch=_angle(spec.pitch, spec.pitch_deg, "pitch", where) or 0.0,
+        roll=_angle(spec.roll, spec.roll_deg, "roll", where) or 0.0,
+        sigma_elevation=_angle(spec.sigma_elevation, spec.sigma_elevation_deg, "sigma_elevation", where),
+        resolution=_angle(spec.resolution, spec.resolution_deg, "resolution", where) or 0.0,
+        planar=spec.planar,
     )
 
 
@@ -219,4 +224,9 @@ def _array_spec(a: MicrophoneArray) -> ArraySpec:
         range=None if math.isinf(a.range) else a.range,
         rate_hz=a.rate_hz,
         clock=a.clock,
+        pitch=a.pitch or None,
+        roll=a.roll or None,
+        sigma_elevation=a.sigma_elevation,
+        resolution=a.resolution or None,
+        planar=a.planar,
     )

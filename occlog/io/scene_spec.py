@@ -83,12 +83,24 @@ class ArraySpec(Spec, kw_only=True):
     position: Place
     yaw: float | None = None
     yaw_deg: float | None = None
+    pitch: float | None = None
+    pitch_deg: float | None = None
+    roll: float | None = None
+    roll_deg: float | None = None
     microphones: Annotated[
         list[Annotated[list[float], Meta(min_length=3, max_length=3)]],
         Meta(description="positions in the array's frame"),
     ] = []
     sigma: Positive | None = None
     sigma_deg: Positive | None = None
+    sigma_elevation: Positive | None = None
+    sigma_elevation_deg: Positive | None = None
+    resolution: (
+        Annotated[float, Meta(ge=0, description="directions nearer to each other than this are heard as one, radians")]
+        | None
+    ) = None
+    resolution_deg: Annotated[float, Meta(ge=0)] | None = None
+    planar: Annotated[bool, Meta(description="tells no elevation")] = False
     range: Positive | None = None
     rate_hz: Positive | None = None
     clock: Name | None = None

@@ -28,6 +28,8 @@ class Group(NamedTuple):
     u_px: Floats
     sigma_px: Floats
     score: Floats
+    elevation: Floats
+    sigma_elevation: Floats
 
 
 class Rows(NamedTuple):
@@ -139,7 +141,8 @@ def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterat
     _check_single(table, sensor, group, order)
     ordered = Group(
         0, sensor[order], table.target_id[order], table.seen[order], table.bearing[order], table.sigma[order],
-        table.u_px[order], table.sigma_px[order], table.score[order],
+        table.u_px[order], table.sigma_px[order], table.score[order], table.elevation[order],
+        table.sigma_elevation[order],
     )  # fmt: skip
     for first, last in pairwise(starts):
         yield _part(ordered, int(table.t_ns[last - 1]), slice(first, last))
@@ -147,8 +150,9 @@ def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterat
 
 def _part(g: Group, t_ns: int, s: slice) -> Group:
     return Group(
-        t_ns, g.sensor[s], g.target[s], g.seen[s], g.bearing[s], g.sigma[s], g.u_px[s], g.sigma_px[s], g.score[s]
-    )
+        t_ns, g.sensor[s], g.target[s], g.seen[s], g.bearing[s], g.sigma[s], g.u_px[s], g.sigma_px[s], g.score[s],
+        g.elevation[s], g.sigma_elevation[s],
+    )  # fmt: skip
 
 
 def _check_single(table: Bearings, sensor: Ints, group: Ints, order: Ints) -> None:
@@ -174,6 +178,9 @@ def scan_of(group: Group, target: int) -> Scan | None:
         take = own | (free & ~np.isin(group.sensor, group.sensor[own]))
     if not take.any():
         return None
-    if take.all():
-        return Scan(group.t_ns, group.sensor, own, *group[3:])
-    return Scan(group.t_ns, group.sensor[take], own[take], *(column[take] for column in group[3:]))
+    rows = slice(None) if take.all() else take
+    return Scan(
+        group.t_ns, group.sensor[rows], own[rows], group.seen[rows], group.bearing[rows], group.sigma[rows],
+        group.u_px[rows], group.sigma_px[rows], group.score[rows],
+        elevation=group.elevation[rows], sigma_elevation=group.sigma_elevation[rows],
+    )  # fmt: skip

@@ -14,7 +14,7 @@ NS = 1_000_000_000
 
 
 def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -> Iterator[Bearings]:
-    """Directions of arrival as bearings, of any object unless they are labelled; elevations are left out.
+    """Directions of arrival as bearings, of any object unless they are labelled.
 
     A direction without a standard deviation has that of its array.
 
@@ -29,6 +29,7 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
             in which no direction has an identity.
     """
     sigmas = {a.name: float(a.sigma) for a in scene.arrays}
+    across = {a.name: float(a.sigma if a.sigma_elevation is None else a.sigma_elevation) for a in scene.arrays}
     offset, told = 0, False
     for chunk in chunks:
         for name in np.unique(chunk.sensor).tolist():
@@ -37,6 +38,8 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
                 known = ", ".join(sigmas) or "none"
                 raise InputError(f"doa: row {row}: the scene has no array {name!r}; it has: {known}")
         own = np.array([sigmas[name] for name in chunk.sensor.tolist()], dtype=np.float64)
+        upward = np.array([across[name] for name in chunk.sensor.tolist()], dtype=np.float64)
+        upward = np.where(np.isnan(chunk.sigma_elevation), upward, chunk.sigma_elevation)
         n = len(chunk)
         offset += n
         told = told or bool((chunk.source_id >= 0).any())
@@ -50,6 +53,8 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
             u_px=np.full(n, np.nan),
             sigma_px=np.full(n, np.nan),
             score=chunk.confidence,
+            elevation=chunk.elevation,
+            sigma_elevation=np.where(np.isnan(chunk.elevation), np.nan, upward),
         )
     if labels and not told:
         raise InputError(

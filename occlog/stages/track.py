@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
+from ..columns import Floats
 from ..core.priors import Priors
 from ..core.seeds import Stage, generator
 from ..errors import UsageError
 from ..records import UNLABELLED, Bearings, Calibration, Diagnostics, Hulls, Occluders, Tracks
 from ..scene import Scene
 from ..trackers import tracker
-from ..trackers.method import Batch, Estimate, Online, Scan, sensor_names
+from ..trackers.method import Batch, Estimate, Height, Online, Scan, sensor_names
 from ..trackers.select import Choice, SelectConfig, choose, network
 from .occluders import OccluderFeed
 from .scans import Group, Rows, groups, nearest, scan_of
@@ -184,6 +185,8 @@ class Selector:
         return Scan(
             scan.t_ns, scan.sensor[keep], scan.labelled[keep], scan.seen[keep], scan.bearing[keep], scan.sigma[keep],
             scan.u_px[keep], scan.sigma_px[keep], scan.score[keep],
+            elevation=None if scan.elevation is None else scan.elevation[keep],
+            sigma_elevation=None if scan.sigma_elevation is None else scan.sigma_elevation[keep],
         )  # fmt: skip
 
 
@@ -201,7 +204,7 @@ def _tables(rows: list[_Row], names: tuple[str, ...]) -> Tracked:
     cov = np.array([e.covariance for e in estimates])
     tracks = Tracks.of(
         t_ns=t_ns, target_id=target, x=xy[:, 0], y=xy[:, 1], vx=velocity[:, 0], vy=velocity[:, 1],
-        cov_xx=cov[:, 0, 0], cov_xy=cov[:, 0, 1], cov_yy=cov[:, 1, 1],
+        cov_xx=cov[:, 0, 0], cov_xy=cov[:, 0, 1], cov_yy=cov[:, 1, 1], **_heights(estimates),
     )  # fmt: skip
     diagnostics = Diagnostics(
         t_ns=t_ns,
@@ -217,6 +220,17 @@ def _tables(rows: list[_Row], names: tuple[str, ...]) -> Tracked:
         predicted_mse=np.array([r.mse for r in rows], dtype=np.float64),
     )
     return Tracked(tracks, diagnostics, _calibration(rows, names))
+
+
+def _heights(estimates: list[Estimate]) -> dict[str, Floats]:
+    """Columns of estimates in space; none if all are on the ground."""
+    if all(e.height is None for e in estimates):
+        return {}
+    none = Height(math.nan, math.nan, np.full(3, math.nan))
+    heights = [none if e.height is None else e.height for e in estimates]
+    xz, yz, zz = np.array([h.covariance for h in heights]).T
+    z, vz = np.array([[h.z, h.vz] for h in heights]).T
+    return {"z": z, "vz": vz, "cov_xz": xz, "cov_yz": yz, "cov_zz": zz}
 
 
 def _calibration(rows: list[_Row], names: tuple[str, ...]) -> Calibration:

@@ -37,6 +37,16 @@ class Scan(NamedTuple):
     sigma_px: Floats  # (R,) NaN: the camera's read noise
     score: Floats  # (R,) NaN: unknown
     occluders: Priors | None = None  # None: nothing is known about moving occluders
+    elevation: Floats | None = None  # (R,) [rad], NaN: the sensor tells none; None: no sensor does
+    sigma_elevation: Floats | None = None  # (R,) [rad]
+
+
+class Height(NamedTuple):
+    """The third coordinate of an estimate in space."""
+
+    z: float
+    vz: float  # per second; NaN if the method does not estimate it
+    covariance: Floats  # (3,) of x and z, y and z, z and z
 
 
 class Cloud(NamedTuple):
@@ -66,6 +76,7 @@ class Estimate(NamedTuple):
     fallback: str  # as in `occlog.records.Diagnostics`
     used: tuple[int, ...]  # sensors, places in `sensor_names`
     calibration: SensorErrors | None = None  # None: not estimated
+    height: Height | None = None  # None: the method tracks on the ground
 
 
 class Record(NamedTuple):
