@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.records import TABLES, Bearings, Boxes, Tracks, Truth
+from occlog.records import TABLES, Bearings, Boxes, Cooperation, Tracks, Truth
 
 
 def bearings(**changes: object) -> Bearings:
@@ -74,16 +74,17 @@ def test_covariances_must_be_positive() -> None:
         Tracks.of(**good, cov_xx=[1.0], cov_xy=[1.1], cov_yy=[1.0])
 
 
+HEIGHTS = ("z", "vz", "cov_xz", "cov_yz", "cov_zz")
 COVARIANCES = ("cov_x_vx", "cov_x_vy", "cov_y_vx", "cov_y_vy", "cov_vx_vx", "cov_vx_vy", "cov_vy_vy")
 
 
 def test_optional_columns_are_nan_where_they_are_left_out() -> None:
-    assert tuple(c.name for c in Tracks.columns() if c.optional) == COVARIANCES
+    assert tuple(c.name for c in Tracks.columns() if c.optional) == (*COVARIANCES, *HEIGHTS)
     have = {"t_ns": [0, 1], "target_id": [0, 0], "x": [0.0, 1.0], "y": [0.0, 2.0], "vx": [0.0, 0.0], "vy": [0.0, 0.0]}
     have |= {"cov_xx": [1.0, 1.0], "cov_xy": [0.0, 0.0], "cov_yy": [1.0, 1.0]}
     table = Tracks.of(**have, cov_x_vx=[0.1, 0.2])
     assert table.cov_x_vx.tolist() == [0.1, 0.2]
-    for name in COVARIANCES[1:]:
+    for name in (*COVARIANCES[1:], *HEIGHTS):
         values = getattr(table, name)
         assert values.dtype == np.float64
         assert np.isnan(values).tolist() == [True, True]
@@ -92,6 +93,29 @@ def test_optional_columns_are_nan_where_they_are_left_out() -> None:
     assert np.isnan(both.cov_vy_vy).all()
     assert not len(Tracks.empty().cov_x_vx)
     assert not len(Tracks.of(**{name: [] for name in have}).cov_vx_vy)
+
+
+def test_optional_texts_are_empty_where_they_are_left_out() -> None:
+    table = bearings()
+    assert table.cause.tolist() == [""] * len(table)
+    assert Bearings.empty().cause.dtype.kind == "U"
+
+
+@pytest.mark.parametrize(("elevation", "sigma"), [(0.1, np.nan), (np.nan, 0.1), (1.6, 0.1), (0.1, 0.0)])
+def test_elevations_are_angles_with_a_deviation(elevation: float, sigma: float) -> None:
+    assert bearings(elevation=[0.2, np.nan], sigma_elevation=[0.1, np.nan]).elevation[0] == 0.2
+    with pytest.raises(InputError, match="row 0: elevation"):
+        bearings(elevation=[elevation, np.nan], sigma_elevation=[sigma, np.nan])
+    with pytest.raises(InputError, match="row 1: elevation"):  # not seen
+        bearings(elevation=[0.2, 0.2], sigma_elevation=[0.1, 0.1])
+
+
+def test_who_answers_says_where() -> None:
+    row = {"t_ns": [0], "target_id": [1], "cause": ["spread"], "cameras": ["a,b"], "frames": [2]}
+    nowhere = {key: [np.nan] for key in ("x", "y", "cov_xx", "cov_xy", "cov_yy")}
+    assert len(Cooperation.of(**row, answered=[False], **nowhere)) == 1
+    with pytest.raises(InputError, match="answered is True but x is nan"):
+        Cooperation.of(**row, answered=[True], **nowhere)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,18 @@ ANGLE = st.floats(-3.1, 3.1)
 TILT = st.floats(-1.4, 1.4)
 
 
+@given(ANGLE, TILT, ANGLE)
+def test_an_array_is_turned_like_a_camera_with_other_axes(yaw: float, pitch: float, roll: float) -> None:
+    right, down, forward = camera.rotation_from_angles(yaw, pitch, roll).T
+    R = camera.array_rotation(yaw, pitch, roll)
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+    for axis, same in zip(R.T, (forward, -right, -down), strict=True):
+        np.testing.assert_array_equal(axis, same)
+    c, s = np.cos(yaw), np.sin(yaw)
+    np.testing.assert_allclose(camera.array_rotation(yaw, 0.0, 0.0), [[c, -s, 0], [s, c, 0], [0, 0, 1]], atol=1e-12)
+
+
 @given(st.floats(-1e4, 1e4))
 def test_wrapped_angles_are_in_range_and_the_same_direction(angle: float) -> None:
     wrapped = float(camera.wrap_angle(angle))

@@ -71,7 +71,7 @@ def test_units_and_meanings_are_in_the_file(tmp_path: Path) -> None:
     assert schema.field("x").metadata[b"unit"] == b"ft"
     assert schema.field("cov_xx").metadata[b"unit"] == b"ft^2"
     assert schema.field("vx").metadata[b"nan"]
-    assert schema.metadata[b"occlog.schema"] == b"tracks/2"
+    assert schema.metadata[b"occlog.schema"] == b"tracks/3"
 
 
 def test_same_rows_same_bytes(tmp_path: Path) -> None:
@@ -148,8 +148,26 @@ def test_wrong_tables_are_named(tmp_path: Path) -> None:
     pq.write_table(pa.table({"a": [1]}), path)
     with pytest.raises(InputError, match="not an occlog table"):
         parquet.read_any(path)
-    with pytest.raises(InputError, match="want bearings/1"):
+    with pytest.raises(InputError, match="want bearings/2"):
         parquet.read_table(path, Bearings)
+
+
+def test_older_files_are_read_and_newer_ones_refused(tmp_path: Path) -> None:
+    want, path = random_table(Tracks, 5), tmp_path / "t.parquet"
+    parquet.write_table(path, want, PROVENANCE)
+    old = pq.read_table(path).drop_columns(["z", "cov_vx_vx"])
+
+    def save(version: bytes) -> None:
+        pq.write_table(old.replace_schema_metadata({**old.schema.metadata, b"occlog.schema": version}), path)
+
+    save(b"tracks/1")
+    have = parquet.read_table(path, Tracks)
+    assert np.isnan(have.z).all()
+    assert np.isnan(have.cov_vx_vx).all()
+    assert np.array_equal(have.x, want.x)
+    save(b"tracks/99")
+    with pytest.raises(InputError, match="holds tracks/99, which is newer than tracks/3; update occlog"):
+        parquet.read_table(path, Tracks)
 
 
 def rewrite(path: Path, change) -> None:

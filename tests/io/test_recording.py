@@ -199,6 +199,17 @@ def test_messages_that_do_not_fit_are_named(tmp_path: Path) -> None:
         open_recording(path).read(Truth)
 
 
+def test_messages_of_older_recordings_lack_optional_columns(tmp_path: Path) -> None:
+    path = tmp_path / "f.mcap"
+    columns = b'"target_id": [3], "seen": [true], "bearing": [0.5], "sigma": [0.1], "u_px": [1.0], "sigma_px": [2.0]'
+    foreign(
+        path, [("/a/bearings", T0, b'{"t_ns": 1, "sensor": "a", %s, "score": [null]}' % columns)], "occlog.Bearings"
+    )
+    found = open_recording(path).read(Bearings)
+    assert (found.bearing[0], found.cause[0], found.target_id[0]) == (0.5, "", 3)
+    assert np.isnan(found.elevation[0])
+
+
 def test_an_image_that_is_none_is_an_error_of_that_frame_alone(tmp_path: Path) -> None:
     path = tmp_path / "r.mcap"
     with RecordingWriter(path, None, PROVENANCE) as writer:

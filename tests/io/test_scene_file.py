@@ -54,6 +54,23 @@ def test_values_arrive() -> None:
     assert np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) > 0  # turned counter-clockwise
 
 
+def test_pose_and_powers_of_an_array() -> None:
+    one = scene_from_yaml(GOOD, "s.yaml").arrays[0]
+    assert one.upright
+    assert (one.resolution, one.sigma_elevation, one.planar) == (0.0, None, False)
+    more = "yaw_deg: 30, pitch_deg: -90, roll_deg: 5, sigma_elevation_deg: 6, resolution_deg: 4, planar: true"
+    text = GOOD.replace("sigma_deg: 3", f"sigma_deg: 3, {more}")
+    for array in (
+        scene_from_yaml(text, "s").arrays[0],
+        scene_from_yaml(scene_to_yaml(scene_from_yaml(text, "s")), "s").arrays[0],
+    ):
+        assert np.degrees([array.pitch, array.roll, array.resolution]) == pytest.approx([-90, 5, 4])
+        assert array.sigma_elevation == pytest.approx(np.radians(6))
+        assert array.planar
+        assert not array.upright
+        assert array.rotation[:, 0] == pytest.approx([0, 0, -1])  # what was forward is now down
+
+
 def test_field_of_view_follows_from_the_image_of_a_level_camera() -> None:
     text = GOOD.replace("pitch_deg: -20", "pitch_deg: 0").replace("roll_deg: 5", "roll_deg: 0").replace("[0.1]", "[0]")
     assert scene_from_yaml(text, "s").cameras[1].fov == pytest.approx(2 * np.arctan(320 / 700))
