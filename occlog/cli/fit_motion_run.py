@@ -75,7 +75,8 @@ def run_fit(
     write_motion(output, motion, details, made, overwrite=overwrite)
     for line in warnings(fit, request, paths):
         options.note(f"warning: {line}", quiet)
-    shown = {"A": motion.A.tolist(), "sigma": motion.sigma.tolist(), "noise": details["noise"]}
+    shown = {"A": motion.A.tolist(), "sigma": motion.sigma.tolist()}
+    shown["noise"] = request.noise if details["noise"] is None else details["noise"]
     return {"motion": str(output), "step_s": step_s, "length_unit": unit, **figures, **shown}, losses
 
 

@@ -111,7 +111,7 @@ def run(args: list[str] | None = None) -> int:
     except BrokenPipeError:
         return _broken_pipe()
     except MemoryError:
-        return _fail("out of memory; use fewer particles or a smaller image scale, or free memory", ExitCode.BAD_INPUT)
+        return _fail("out of memory; use fewer particles, a shorter --lag or smaller images, or free memory", ExitCode.BAD_INPUT)
 
 
 def _fail(message: str, code: ExitCode) -> int:
