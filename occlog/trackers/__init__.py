@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from ..errors import UsageError
-from . import apf, batch_map
+from . import apf, batch_map, direct3d
 from .apf_config import ApfConfig, apf_defaults
 from .map_config import MapConfig, map_defaults
 from .method import Batch, Online
+from .space_config import Direct3dConfig, direct3d_defaults
 
 TRACKERS: dict[str, Online | Batch] = {
     "apf": Online(
@@ -23,6 +24,14 @@ TRACKERS: dict[str, Online | Batch] = {
         defaults=map_defaults,
         begin=batch_map.begin,
         advance=batch_map.advance,
+    ),
+    "direct3d": Online(
+        summary="particle filter in space from azimuths and elevations (Lee 2009)",
+        config=Direct3dConfig,
+        defaults=direct3d_defaults,
+        init=direct3d.init,
+        step=direct3d.step,
+        predict=direct3d.predict,
     ),
 }
 """Every method by the name that `--method` takes."""

@@ -1,0 +1,65 @@
+"""Drawing particles anew from a kernel density, so that a cloud without process noise does not collapse.
+
+A copy of a particle is pulled towards the mean and then moved by a draw from a Gaussian with
+the cloud's own covariance, a x + (1 - a) mean + h B n with a^2 + h^2 = 1 and B B^T the covariance.
+Mean and covariance stay what they were; only finer shape is blurred, by h standard deviations.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .geometry import Floats, Ints
+from .jit import array_kernel
+from .resampling import systematic_ancestors
+
+
+def best_width(particles: int, dimension: int) -> float:
+    """Width h, in standard deviations, that is best for a Gaussian: (4 / (n (d + 2)))^(1 / (d + 4))."""
+    return float((4.0 / (particles * (dimension + 2.0))) ** (1.0 / (dimension + 4.0)))
+
+
+def moments(cloud: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Mean (n,) and covariance (n, n) of an (n, L) cloud with weights that sum to 1."""
+    mean = cloud @ weights
+    off = cloud - mean[:, None]
+    return mean, (off * weights) @ off.T
+
+
+def root_of(covariance: Floats) -> Floats:
+    """B (n, n) with B B^T the covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def redraw(
+    cloud: Floats, weights: Floats, mean: Floats, covariance: Floats, n: int, h: float, rng: np.random.Generator
+) -> Floats:
+    """(d, n) equally weighted particles from (d, L) weighted ones.
+
+    Args:
+        cloud: (d, L).
+        weights: (L,) of sum 1.
+        mean: (d,) and
+        covariance: (d, d) of the cloud, see `moments`.
+        n: how many are wanted.
+        h: width of the kernel in standard deviations of the cloud, in [0, 1); 0 only copies.
+        rng: draws.
+    """
+    rows = systematic_ancestors(weights, n, rng.random())
+    if h == 0.0:
+        return np.ascontiguousarray(cloud[:, rows])
+    shift = h * root_of(covariance) @ rng.standard_normal((len(cloud), n))
+    _pull(shift, cloud, rows, mean, math.sqrt(1.0 - h * h))
+    return shift
+
+
+@array_kernel
+def _pull(out: Floats, cloud: Floats, rows: Ints, mean: Floats, a: float) -> None:
+    """Adds a x + (1 - a) mean of the chosen particles to `out`."""
+    for k in range(cloud.shape[0]):
+        x, to, rest = cloud[k], out[k], (1.0 - a) * mean[k]
+        for i in range(rows.shape[0]):
+            to[i] += a * x[rows[i]] + rest
