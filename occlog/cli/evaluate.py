@@ -42,6 +42,12 @@ SETTINGS = (
                  help="Prior of each velocity component, --motion cv [length / s]."),
     click.option("--prior", "prior_cov", type=(float, float, float), default=None, metavar="XX XY YY",
                  help="Covariance of the position at the first look. [default: anywhere in the room]"),
+    click.option("--prior-z", "prior_z", type=POSITIVE, default=None, metavar="ZZ",
+                 help="Variance of the height at the first look, for a bound in space. [default: anywhere below the "
+                      "room's ceiling]"),
+    click.option("--bound-in", type=click.Choice(["auto", "ground", "space"]), default="auto", show_default=True,
+                 help="Bound of (x, y) from azimuths, or of (x, y, z) from elevations too; auto: in space for "
+                      "targets whose track and truth have heights."),
     click.option("--held-out", multiple=True, metavar="SENSOR",
                  help="Predict this sensor from tracks made without it; may be repeated."),
     click.option("--held-out-gate-mrad", "held_out_gate", type=POSITIVE, default=50.0, show_default=True,

@@ -14,19 +14,30 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         ("error_mean", "mean", "length"), ("error_median", "median", "length"), ("error_p95", "95 %", "length"),
         ("error_max", "largest", "length"), ("nees_mean", "mean NEES (consistent: 2)", ""),
         ("nees_share_95", "inside the 95 % ellipse", ""), ("estimates", "estimates", ""),
+        ("rmse_z", "along z", "length"), ("rmse_space", "RMSE in space", "length"),
+        ("error_space_median", "median in space", "length"), ("error_space_p95", "95 % in space", "length"),
+        ("nees_space_mean", "mean NEES in space (consistent: 3)", ""),
+        ("nees_space_share_95", "inside the 95 % ellipsoid", ""), ("estimates_space", "estimates in space", ""),
         ("estimates_without_truth", "left out: no truth given, or none near in time", ""),
         ("estimates_unmatched", "left out: of no target", ""), ("time_coverage", "truth covered", ""),
     )),
     ("settled", (
         ("settled_rmse", "RMSE", "length"), ("settled_bound_rmse", "bound", "length"),
-        ("settled_bound_ratio", "RMSE / bound", ""), ("settled_estimates", "estimates", ""),
+        ("settled_bound_ratio", "RMSE / bound", ""), ("settled_rmse_space", "RMSE in space", "length"),
+        ("settled_bound_rmse_space", "bound in space", "length"),
+        ("settled_bound_ratio_space", "RMSE / bound in space", ""), ("settled_estimates", "estimates", ""),
     )),
-    ("bound", (("bound_rmse", "bound on the RMSE", "length"), ("bound_ratio", "RMSE / bound", ""))),
+    ("bound", (
+        ("bound_rmse", "bound on the RMSE", "length"), ("bound_ratio", "RMSE / bound", ""),
+        ("bound_rmse_z", "bound along z", "length"), ("bound_rmse_space", "bound in space", "length"),
+        ("bound_ratio_space", "RMSE / bound in space", ""),
+    )),
     ("bearings", (
         ("detection_rate", "detection rate", ""), ("detected", "detected", ""), ("missed", "missed", ""),
         ("false_alarms", "false alarms", ""), ("false_alarms_per_frame", "false alarms a frame", ""),
         ("correct_rejections", "hidden and not reported", ""), ("bearing_rms", "RMS error", "px"),
         ("bearing_bias", "bias", "px"), ("bearing_rms", "RMS error", "mrad"),
+        ("elevation_rms", "RMS error of elevations", "mrad"),
     )),
     ("sight lines", (
         ("sight_lines_distance_max", "track to meeting point, largest", "length"),
@@ -51,7 +62,8 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
 )  # fmt: skip
 
 BY_TARGET = (("rmse", "RMSE", "length"), ("bound_rmse", "bound", "length"), ("bound_ratio", "ratio", ""),
-             ("nees_mean", "NEES", ""), ("estimates", "estimates", ""))  # fmt: skip
+             ("rmse_space", "in space", "length"), ("bound_rmse_space", "bound", "length"),
+             ("bound_ratio_space", "ratio", ""), ("nees_mean", "NEES", ""), ("estimates", "estimates", ""))  # fmt: skip
 BY_SENSOR = (("detection_rate", "rate", ""), ("detected", "detected", ""), ("missed", "missed", ""),
              ("false_alarms", "false", ""), ("bearing_rms", "RMS", "px"), ("held_out_median", "held out", "px"),
              ("views_recall", "recall", ""), ("views_precision", "precision", ""))  # fmt: skip

@@ -35,7 +35,7 @@ def sight_angles(xyz: Floats, position: Floats, rotation: Floats) -> tuple[Float
 
 
 def direction_information(
-    xyz: Floats, position: Floats, rotation: Floats, sigma_theta: float, sigma_phi: float
+    xyz: Floats, position: Floats, rotation: Floats, sigma_theta: float | Floats, sigma_phi: float | Floats
 ) -> Floats:
     """Fisher information of an azimuth and a polar angle about the position, [Lee] Eq. 2.40 and 2.41.
 
@@ -43,8 +43,8 @@ def direction_information(
         xyz: (N, 3) true positions.
         position: (3,) of the sensor.
         rotation: (3, 3) world-from-sensor.
-        sigma_theta: standard deviation of the azimuth [rad], > 0.
-        sigma_phi: standard deviation of the polar angle [rad], > 0.
+        sigma_theta: standard deviation of the azimuth [rad], > 0, one or (N,); inf: not measured.
+        sigma_phi: standard deviation of the polar angle [rad], > 0, one or (N,); inf: not measured.
 
     Returns:
         (N, 3, 3) of rank 2; zero on the sensor's own z axis, where an azimuth means nothing.
@@ -57,9 +57,28 @@ def direction_information(
     by_theta = np.column_stack([-y, x, np.zeros_like(x)]) / flat2[:, None]
     by_phi = np.column_stack([x * z / flat, y * z / flat, -flat]) / square[:, None]
     none = np.zeros_like(by_theta)
-    information = gaussian_information(by_theta @ rotation.T, np.full(len(x), sigma_theta**2), none)
-    information = information + gaussian_information(by_phi @ rotation.T, np.full(len(x), sigma_phi**2), none)
+    information = gaussian_information(by_theta @ rotation.T, np.full(len(x), np.square(sigma_theta)), none)
+    information = information + gaussian_information(by_phi @ rotation.T, np.full(len(x), np.square(sigma_phi)), none)
     return np.where(off_axis[:, None, None], information, 0.0)
+
+
+def ground_information(information: Floats) -> Floats:
+    """What a measurement in space tells about (x, y) when nothing is known of z: the Schur complement over z.
+
+    Of a direction this is the information of its azimuth about the world's z axis, with the
+    first-order variance of that azimuth whatever the sensor's pose: a free height takes up
+    all that the elevation tells.
+
+    Args:
+        information: (N, 3, 3) positive semi-definite.
+
+    Returns:
+        (N, 2, 2); where nothing is told about z at all, the part of x and y as it is.
+    """
+    flat, both, up = information[:, :2, :2], information[:, :2, 2], information[:, 2, 2]
+    told = up > 0
+    taken = both[:, :, None] * both[:, None, :] / np.where(told, up, 1.0)[:, None, None]
+    return np.asarray(np.where(told[:, None, None], flat - taken, flat))
 
 
 def plane_information(xyz: Floats, position: Floats, plane: int, variance: Floats) -> Floats:

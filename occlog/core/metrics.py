@@ -22,6 +22,10 @@ CHI2_95_2D = -2.0 * math.log(0.05)
 """95 % quantile of chi-square with 2 degrees of freedom (5.991)."""
 
 
+CHI2_95_3D = 7.814727903251179
+"""95 % quantile of chi-square with 3 degrees of freedom."""
+
+
 class ErrorSums(NamedTuple):
     """Count and sums of squares of errors: all that RMSEs need."""
 
@@ -76,6 +80,28 @@ def normalised_squared_errors(errors: Floats, covariances: Floats) -> Floats:
     ex, ey = errors[:, 0], errors[:, 1]
     form = pyy * ex**2 - 2.0 * pxy * ex * ey + pxx * ey**2
     return np.asarray(np.where(regular, form / np.where(regular, det, 1.0), np.nan))
+
+
+def normalised_squared_errors_in_space(errors: Floats, covariances: Floats) -> Floats:
+    """e^T P^-1 e of each error in space, chi-square with 3 degrees of freedom for a consistent filter.
+
+    Args:
+        errors: (N, 3), NaN where not known.
+        covariances: (N, 3, 3), positive semi-definite, NaN where not known.
+
+    Returns:
+        (N,), NaN where anything is not known and where P is singular to rounding.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
+    known: Bools = np.isfinite(errors).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2)) & (scale > 0).all(axis=1)
+    rows = np.flatnonzero(known)
+    s = scale[rows]
+    correlation = covariances[rows] / (s[:, :, None] * s[:, None, :])
+    regular = np.linalg.det(correlation) > 1e-12
+    e = (errors[rows] / s)[regular][:, :, None]
+    out = np.full(len(errors), np.nan)
+    out[rows[regular]] = np.sum(e * np.linalg.solve(correlation[regular], e), axis=(1, 2))
+    return out
 
 
 def quantile(values: Floats, q: float) -> float:

@@ -9,13 +9,14 @@ import numpy as np
 from ..errors import InputError
 from ..records import Bearings, Bound, Errors, Tracks, Truth, TruthBoxes, Views
 from ..scene import Scene
-from .evaluate_bound import bound_metrics, compute_bound
+from .evaluate_bound import compute_bound
 from .evaluate_boxes import view_metrics
 from .evaluate_config import EvaluateConfig, Evaluation
 from .evaluate_detection import detection_metrics, looks_of
 from .evaluate_errors import compare, error_metrics, settled
 from .evaluate_heldout import held_out_metrics
 from .evaluate_meeting import meeting_metrics
+from .evaluate_ratio import bound_metrics
 from .evaluate_thresholds import Threshold, failures, parse_threshold
 
 __all__ = ["EvaluateConfig", "Evaluation", "Threshold", "evaluate", "failures", "parse_threshold"]

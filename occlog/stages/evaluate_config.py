@@ -33,6 +33,8 @@ class EvaluateConfig:
     acceleration_density: float = 1.0  # of `cv` [length^2 / s^3]
     sigma_speed: float = 1.5  # prior of each velocity component, `cv` [length / s]
     prior_cov: tuple[float, float, float] | None = None  # xx, xy, yy at the first look; None: anywhere in the room
+    prior_z: float | None = None  # variance of the height there; None: anywhere below the room's ceiling
+    bound_in: str = "auto"  # `ground`, `space`, or in space for targets whose errors are
     held_out: tuple[str, ...] = ()  # sensors that the tracks were made without
     held_out_gate: float = 0.05  # [rad]
     lines_min_sensors: int = 2  # sight lines that must meet
@@ -47,7 +49,7 @@ class EvaluateConfig:
             _check(name, getattr(self, name), getattr(self, name) >= 0, "at least 0")
         for name in ("gate_sigma", "sigma_speed", "held_out_gate"):
             _check(name, getattr(self, name), getattr(self, name) > 0, "above 0")
-        for name in ("gate_px", "occluder_diameter", "lines_limit"):
+        for name in ("gate_px", "occluder_diameter", "lines_limit", "prior_z"):
             value = getattr(self, name)
             _check(name, value, value is None or value > 0, "above 0")
         _check("sigma_v", self.sigma_v, self.sigma_v is None or self.sigma_v >= 0, "at least 0")
@@ -55,6 +57,7 @@ class EvaluateConfig:
         _check("lines_min_sensors", self.lines_min_sensors, self.lines_min_sensors >= 2, "at least 2")
         _check("match", self.match, self.match in ("id", "optimal"), "id or optimal")
         _check("motion", self.motion, self.motion in ("waypoint", "cv"), "waypoint or cv")
+        _check("bound_in", self.bound_in, self.bound_in in ("ground", "space", "auto"), "ground, space or auto")
         _check("lines_loss", self.lines_loss, self.lines_loss in ("gauss", "huber", "cauchy"), "gauss, huber or cauchy")
         if self.prior_cov is not None:
             xx, xy, yy = self.prior_cov

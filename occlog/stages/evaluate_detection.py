@@ -35,6 +35,9 @@ class Counts:
     square_px: float = 0.0
     square_rad: float = 0.0
     square_normalised: float = 0.0
+    n_elevation: int = 0  # the same for elevations
+    square_elevation: float = 0.0
+    square_elevation_normalised: float = 0.0
 
     @property
     def missed(self) -> int:
@@ -52,6 +55,7 @@ def count(found: SensorLooks) -> Counts:
     """Counts of one sensor."""
     looks = found.looks.take(found.looks.truth)
     good = looks.visible & looks.hit
+    up = good & np.isfinite(looks.residual_elevation)
     px = looks.residual_px[good & np.isfinite(looks.residual_px)]
     away = looks.reported & ~looks.hit
     return Counts(
@@ -68,6 +72,9 @@ def count(found: SensorLooks) -> Counts:
         square_px=float(np.sum(px**2)),
         square_rad=float(np.sum(looks.residual[good] ** 2)),
         square_normalised=float(np.sum(looks.normalised[good] ** 2)),
+        n_elevation=int(np.count_nonzero(up)),
+        square_elevation=float(np.sum(looks.residual_elevation[up] ** 2)),
+        square_elevation_normalised=float(np.sum(looks.normalised_elevation[up] ** 2)),
     )
 
 
@@ -101,7 +108,11 @@ def detection_metrics(looks: Mapping[str, SensorLooks]) -> Metrics:
 
 
 def _figures(c: Counts, whose: str) -> Metrics:
-    return {
+    of_elevations = {
+        f"elevation_rms{whose}_mrad": 1e3 * math.sqrt(ratio(c.square_elevation, c.n_elevation)),
+        f"elevation_nis{whose}": ratio(c.square_elevation_normalised, c.n_elevation),
+    }
+    return (of_elevations if c.n_elevation else {}) | {
         f"detection_frames{whose}": c.frames,
         f"detection_looks{whose}": c.looks,
         f"detection_looks_without_truth{whose}": c.without_truth,

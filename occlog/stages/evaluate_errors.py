@@ -21,6 +21,7 @@ from ..errors import InputError
 from ..records import Errors, Tracks, Truth
 from .evaluate_config import NS, EvaluateConfig
 from .evaluate_paths import Path, paths_of
+from .evaluate_space import errors_in_space, space_metrics, space_spread
 
 Metrics = dict[str, float]
 
@@ -120,6 +121,7 @@ def _errors(rows: Tracks, target: int, path: Path, config: EvaluateConfig) -> tu
         error_y=error[:, 1],
         error=np.hypot(error[:, 0], error[:, 1]),
         nees=normalised_squared_errors(error, covariance),
+        **errors_in_space(kept, error, covariance, path.height_at(kept.t_ns, config.limit_ns)),
     )
     return table, good
 
@@ -151,8 +153,10 @@ def error_metrics(errors: Errors, unit: str) -> Metrics:
     parts = {int(k): errors.take(errors.target_id == k) for k in np.unique(errors.target_id)}
     sums = {k: error_sums(_xy(part)) for k, part in parts.items()}
     out = _accuracy(add_sums(sums.values()), unit, "") | _spread(errors, unit) | _consistency(errors, "")
+    out |= space_metrics(errors, unit, "") | space_spread(errors, unit)
     for k, part in parts.items():
         out |= _accuracy(sums[k], unit, f"_target_{k}") | _consistency(part, f"_target_{k}")
+        out |= space_metrics(part, unit, f"_target_{k}")
         out[f"estimates_target_{k}"] = len(part)
     return out
 

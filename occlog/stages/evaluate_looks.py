@@ -28,6 +28,7 @@ class Looks:
     target: Ints  # identity in the truth
     truth: Bools  # whether the target's true position at that time is known
     xy: Floats  # (N, 2) true position, held where not known
+    z: Floats  # true height, held likewise; NaN if the truth has none
     reported: Bools  # a bearing was reported (for candidates: one was paired with the target)
     hit: Bools  # it is within the gate of the true direction
     visible: Bools  # the target should have been seen
@@ -37,6 +38,10 @@ class Looks:
     normalised: Floats  # residual over its standard deviation (Eq. 2 for cameras)
     sigma_px: Floats
     sigma: Floats
+    elevation: Floats  # as reported [rad]; NaN where none was
+    sigma_elevation: Floats
+    residual_elevation: Floats  # reported minus true, about the sensor's own axes [rad]
+    normalised_elevation: Floats
 
     def take(self, rows: Bools) -> Looks:
         """The looks selected by a mask."""
@@ -87,19 +92,22 @@ def _concat(a: Looks, b: Looks) -> Looks:
 
 def _looks(sensor: Sensor, rows: Bearings, target: Ints, everyone: Mapping[int, Path], config: EvaluateConfig) -> Looks:
     xy, truth = np.full((len(rows), 2), np.nan), np.zeros(len(rows), dtype=np.bool_)
+    z = np.full(len(rows), np.nan)
     hidden = np.zeros(len(rows), dtype=np.bool_)
     for k in np.unique(target).tolist():
         mine = target == k
         xy[mine] = everyone[k].roughly_at(rows.t_ns[mine])
+        z[mine] = everyone[k].rough_height_at(rows.t_ns[mine])
         truth[mine] = everyone[k].at(rows.t_ns[mine], config.limit_ns)[1]
         hidden[mine] = behind_moving(sensor, rows.t_ns[mine], xy[mine], k, everyone, config)
-    expected = sensor.expect(xy)
-    residual = residuals(rows, expected)
+    expected = sensor.expect(xy, z)
+    residual = residuals(rows, expected, sensor)
     return Looks(
         t_ns=rows.t_ns,
         target=target,
         truth=truth,
         xy=xy,
+        z=z,
         reported=rows.seen,
         hit=rows.seen & (gated(residual, config) <= 1.0),
         visible=expected.clear & ~hidden,
@@ -109,4 +117,8 @@ def _looks(sensor: Sensor, rows: Bearings, target: Ints, everyone: Mapping[int, 
         normalised=residual.normalised,
         sigma_px=rows.sigma_px,
         sigma=rows.sigma,
+        elevation=rows.elevation,
+        sigma_elevation=rows.sigma_elevation,
+        residual_elevation=residual.elevation,
+        normalised_elevation=residual.elevation_normalised,
     )

@@ -75,14 +75,15 @@ def pair_candidates(
 def _compare(sensor: Sensor, rows: Bearings, everyone: Mapping[int, Path], config: EvaluateConfig) -> _Frames:
     times, first, frame = np.unique(rows.t_ns, return_index=True, return_inverse=True)
     shape = (len(times), len(everyone))
-    places = np.full((*shape, 2), np.nan)
+    places, heights = np.full((*shape, 2), np.nan), np.full(shape, np.nan)
     hidden = np.zeros(shape, dtype=np.bool_)
     for j, (k, path) in enumerate(everyone.items()):
         places[:, j], _ = path.at(times, config.limit_ns)
+        heights[:, j] = path.height_at(times, config.limit_ns)
         hidden[:, j] = behind_moving(sensor, times, places[:, j], k, everyone, config)
     present = np.isfinite(places[:, :, 0])
-    expected = sensor.expect(places.reshape(-1, 2)).reshape(shape)
-    cost = gated(residuals(rows, expected.take(frame)), config)
+    expected = sensor.expect(places.reshape(-1, 2), heights.ravel()).reshape(shape)
+    cost = gated(residuals(rows, expected.take(frame), sensor), config)
     possible = present[frame] & rows.seen[:, None] & (cost <= 1.0)
     starts = [*first.tolist(), len(rows)]
     return _Frames(starts, present, present & expected.clear & ~hidden, np.where(possible, cost, np.inf))
@@ -102,7 +103,6 @@ def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
 def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
     """These rows, without their measurement where they are not of the target."""
     taken = rows.take(row)
-    measured = {
-        name: np.where(seen, getattr(taken, name), np.nan) for name in ("bearing", "sigma", "u_px", "sigma_px", "score")
-    }
+    names = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma_elevation")
+    measured = {name: np.where(seen, getattr(taken, name), np.nan) for name in names}
     return Bearings(t_ns=taken.t_ns, sensor=taken.sensor, target_id=taken.target_id, seen=seen, **measured)

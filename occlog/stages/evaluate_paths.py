@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from ..columns import Bools, Floats, Ints
+from ..core.bounds3d import sight_angles
 from ..core.camera import planar_offsets, wrap_angle
 from ..core.interpolate import hold_positions, interpolate_positions
 from ..core.sight import behind_walls, in_view
@@ -23,6 +24,12 @@ class Path:
 
     t_ns: Ints  # (M,) not falling
     xy: Floats  # (M, 2)
+    z: Floats | None = None  # (M,) NaN where the height is not known; None: nowhere
+
+    @property
+    def high(self) -> Bools:
+        """(M,) bool: where the height is known."""
+        return np.zeros(len(self.t_ns), dtype=np.bool_) if self.z is None else np.isfinite(self.z)
 
     def at(self, t_ns: Ints, limit_ns: int) -> tuple[Floats, Bools]:
         """Interpolated positions and where they may be used; see `interpolate_positions`."""
@@ -32,6 +39,20 @@ class Path:
         """Positions over gaps of any width, held at the ends."""
         return hold_positions(t_ns, self.t_ns, self.xy)
 
+    def height_at(self, t_ns: Ints, limit_ns: int) -> Floats:
+        """(N,) heights interpolated as `at` does, between samples with a height; NaN where not known."""
+        known = self.high
+        if self.z is None or not known.any():
+            return np.full(len(t_ns), np.nan)
+        return interpolate_positions(t_ns, self.t_ns[known], self.z[known][:, None], limit_ns)[0][:, 0]
+
+    def rough_height_at(self, t_ns: Ints) -> Floats:
+        """(N,) heights over gaps of any width, held at the ends; NaN if no sample has one."""
+        known = self.high
+        if self.z is None or not known.any():
+            return np.full(len(t_ns), np.nan)
+        return hold_positions(t_ns, self.t_ns[known], self.z[known][:, None])[:, 0]
+
 
 def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, Path]:
     """Path of every identity, by rising identity; of one role only if that is given."""
@@ -39,10 +60,11 @@ def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, Path]:
     if role is not None and isinstance(table, Truth):
         keep = table.role == role
     t_ns, ids, xy = table.t_ns[keep], table.target_id[keep], np.column_stack([table.x, table.y])[keep]
+    z = table.z[keep]
     order = np.argsort(ids, kind="stable")
     names, first = np.unique(ids[order], return_index=True)
     pieces = np.split(order, first)[1:]  # the first piece is what lies before the first name: nothing
-    return {int(name): Path(t_ns[rows], xy[rows]) for name, rows in zip(names, pieces, strict=True)}
+    return {int(name): Path(t_ns[rows], xy[rows], z[rows]) for name, rows in zip(names, pieces, strict=True)}
 
 
 class Expected(NamedTuple):
@@ -53,16 +75,16 @@ class Expected(NamedTuple):
     variance_px: Floats  # (N,) of u_px by Eq. 2 without the read noise
     in_view: Bools  # (N,) in front, in the field of view and in range
     clear: Bools  # (N,) in view and not behind a wall or a static occluder
+    theta: Floats  # (N,) azimuth about the sensor's own z axis [rad]; NaN where the height is not known
+    phi: Floats  # (N,) angle from that axis [rad]; NaN where the height is not known
 
     def reshape(self, shape: tuple[int, ...]) -> Expected:
         """The same in another shape."""
-        floats = (self.bearing.reshape(shape), self.u_px.reshape(shape), self.variance_px.reshape(shape))
-        return Expected(*floats, self.in_view.reshape(shape), self.clear.reshape(shape))
+        return Expected._make(column.reshape(shape) for column in self)
 
     def take(self, rows: Ints) -> Expected:
         """The entries at these places of the first axis."""
-        floats = (self.bearing[rows], self.u_px[rows], self.variance_px[rows])
-        return Expected(*floats, self.in_view[rows], self.clear[rows])
+        return Expected._make(column[rows] for column in self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +96,28 @@ class Sensor:
     camera: Camera | None
     reach: float
     walls: tuple[Floats, ...]
+    height: float = 0.0
+    rotation: Floats = field(default_factory=lambda: np.eye(3))  # world-from-array; of a camera none: it is levelled
+    upright: bool = True
 
-    def expect(self, xy: Floats) -> Expected:
-        """What the sensor should report of (N, 2) positions, NaN ones included (not in view)."""
+    @property
+    def position(self) -> Floats:
+        """(3,) in the world."""
+        return np.append(self.ground, self.height)
+
+    def expect(self, xy: Floats, z: Floats) -> Expected:
+        """What the sensor should report of positions (N, 2), NaN ones included (not in view), at heights (N,).
+
+        A height that is not known (NaN) counts as the sensor's own in the distance.
+        """
         bearing = wrap_angle(np.arctan2(xy[:, 1] - self.ground[1], xy[:, 0] - self.ground[0]))
+        theta, phi = sight_angles(np.column_stack([xy, z]), self.position, self.rotation)
         if self.camera is None:
+            rise = np.where(np.isnan(z), 0.0, z - self.height)
             with np.errstate(invalid="ignore"):
-                near = np.hypot(*(xy - self.ground).T) <= self.reach
+                near = np.hypot(np.hypot(*(xy - self.ground).T), rise) <= self.reach
             nan = np.full(len(xy), np.nan)
-            return Expected(bearing, nan, nan, near, near)  # sound goes past walls
+            return Expected(bearing, nan, nan, near, near, theta, phi)  # sound goes past walls
         camera, f = self.camera, float(self.camera.focal_px[0])
         h, d = planar_offsets(xy, self.ground, camera.yaw)
         view = in_view(h, d, camera.fov, self.reach)
@@ -91,7 +126,7 @@ class Sensor:
         spread = (1.0 + rho**2) * camera.sigma_yaw**2 + (camera.sigma_position / np.where(front, d, 1.0)) ** 2
         clear = view.copy()
         clear[view] = ~behind_walls(self.ground, xy[view], self.walls)
-        return Expected(bearing, -f * rho, f**2 * (1.0 + rho**2) * spread, view, clear)
+        return Expected(bearing, -f * rho, f**2 * (1.0 + rho**2) * spread, view, clear, theta, phi)
 
 
 def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> dict[str, Sensor]:
@@ -102,10 +137,10 @@ def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> 
     for name in sorted(set(names)):
         if name in cameras:
             c = cameras[name]
-            out[name] = Sensor(name, c.ground, c, c.range, scene.blockers(c.ground))
+            out[name] = Sensor(name, c.ground, c, c.range, scene.blockers(c.ground), float(c.position[2]))
         elif name in arrays:
             a = arrays[name]
-            out[name] = Sensor(name, a.position[:2], None, a.range, ())
+            out[name] = Sensor(name, a.position[:2], None, a.range, (), float(a.position[2]), a.rotation, a.upright)
         else:
             known = ", ".join([*cameras, *arrays]) or "none"
             raise InputError(f"{source}: sensor {name!r} is not in the scene, or has no pose; the scene has: {known}")

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..columns import Bools, Floats, Ints
 from ..core.camera import wrap_angle
+from ..core.planes import direction, direction_angles, polar_from_elevation
 from ..core.sight import behind_objects
 from ..records import Bearings
 from .evaluate_config import EvaluateConfig
@@ -16,32 +17,66 @@ from .evaluate_paths import Expected, Path, Sensor
 
 
 class Residuals(NamedTuple):
-    """Reported minus expected, in pixels, radians and standard deviations; NaN where nothing was reported."""
+    """Reported minus expected, in pixels, radians and standard deviations; NaN where nothing was reported.
+
+    Of a tilted array that reports an elevation `rad` and `normalised` are of the azimuth about
+    its own z axis, which is what its noise is of, where the height of the object is known.
+    """
 
     px: Floats
     rad: Floats
     normalised: Floats
+    elevation: Floats  # [rad] about the sensor's own z axis; NaN without elevation or height
+    elevation_normalised: Floats
+
+    @property
+    def distance(self) -> Floats:
+        """How many standard deviations off, by all that was reported."""
+        flat = np.abs(self.normalised)
+        return np.where(np.isnan(self.elevation), flat, np.hypot(flat, self.elevation_normalised))
 
 
-def residuals(rows: Bearings, expected: Expected) -> Residuals:
+def residuals(rows: Bearings, expected: Expected, sensor: Sensor) -> Residuals:
     """Residuals of N rows against (N,) expectations, or against (N, M): each row against M objects.
 
     A target that is not in front of a camera is infinitely far off.
     """
     shape = (len(rows), *(1 for _ in expected.bearing.shape[1:]))
-    columns = (rows.bearing, rows.u_px, rows.sigma_px, rows.sigma)
-    bearing, u_px, sigma_px, sigma = (c.reshape(shape) for c in columns)
+    columns = (rows.bearing, rows.u_px, rows.sigma_px, rows.sigma, rows.sigma_elevation)
+    bearing, u_px, sigma_px, sigma, sigma_up = (c.reshape(shape) for c in columns)
     rad = wrap_angle(bearing - expected.bearing)
+    up = np.full(expected.bearing.shape, np.nan)
+    if np.isfinite(rows.elevation).any():
+        across, up = _in_own_frame(rows, expected, sensor, shape)
+        rad = rad if sensor.upright else np.where(np.isnan(up), rad, across)
     pixels = np.isfinite(u_px) & np.isfinite(sigma_px)
     behind = pixels & np.isnan(expected.u_px)
     px = np.where(behind, np.inf, u_px - expected.u_px)
     normalised = np.where(pixels, px / np.sqrt(expected.variance_px + sigma_px**2), rad / sigma)
-    return Residuals(px, rad, np.where(behind, np.inf, normalised))
+    return Residuals(px, rad, np.where(behind, np.inf, normalised), up, up / sigma_up)
+
+
+def _in_own_frame(rows: Bearings, expected: Expected, sensor: Sensor, shape: tuple[int, ...]) -> tuple[Floats, Floats]:
+    """Residuals [rad] of azimuth and elevation about the sensor's own axes.
+
+    A sight line near the z axis may be reported from beyond it, with an azimuth half a
+    turn off: it is read the way that is nearer.
+    """
+    line = direction(rows.bearing, polar_from_elevation(rows.elevation)) @ sensor.rotation
+    theta, phi = (angle.reshape(shape) for angle in direction_angles(line))
+    sigma, sigma_up = rows.sigma.reshape(shape), rows.sigma_elevation.reshape(shape)
+    across, up = wrap_angle(theta - expected.theta), expected.phi - phi
+    beyond, over = wrap_angle(theta + np.pi - expected.theta), wrap_angle(expected.phi + phi)
+    nearer = np.hypot(beyond / sigma, over / sigma_up) < np.hypot(across / sigma, up / sigma_up)
+    return np.where(nearer, beyond, across), np.where(nearer, over, up)
 
 
 def gated(residual: Residuals, config: EvaluateConfig) -> Floats:
-    """Absolute residual as a share of the gate: up to 1 is within; NaN where nothing was reported."""
-    by_sigma = np.abs(residual.normalised) / config.gate_sigma
+    """Residual as a share of the gate: up to 1 is within; NaN where nothing was reported.
+
+    An azimuth with an elevation is within the ellipse of `gate_sigma` standard deviations.
+    """
+    by_sigma = residual.distance / config.gate_sigma
     if config.gate_px is None:
         return by_sigma
     return np.asarray(np.where(np.isnan(residual.px), by_sigma, np.abs(residual.px) / config.gate_px))

@@ -39,15 +39,15 @@ def scene(*cameras: Camera, unit: str = "m", **options: Any) -> Scene:
     return Scene(cameras=cameras, room=room, length_unit=unit, **options)
 
 
-def array(name: str, x: float, y: float) -> MicrophoneArray:
-    return MicrophoneArray(name, np.array([x, y, 0.0]))
+def array(name: str, x: float, y: float, z: float = 0.0, **options: Any) -> MicrophoneArray:
+    return MicrophoneArray(name, np.array([x, y, z]), **options)
 
 
 def seconds(values: Sequence[float]) -> np.ndarray:
     return START + np.rint(np.asarray(values, dtype=np.float64) * 1e9).astype(np.int64)
 
 
-def truth(t: Sequence[float], xy: Any, target: int = 0, role: str = "target") -> Truth:
+def truth(t: Sequence[float], xy: Any, target: int = 0, role: str = "target", z: Any = np.nan) -> Truth:
     places = np.broadcast_to(np.asarray(xy, dtype=np.float64), (len(t), 2))
     return Truth.of(
         t_ns=seconds(t),
@@ -55,7 +55,7 @@ def truth(t: Sequence[float], xy: Any, target: int = 0, role: str = "target") ->
         role=np.full(len(t), role),
         x=places[:, 0],
         y=places[:, 1],
-        z=np.full(len(t), np.nan),
+        z=np.broadcast_to(np.asarray(z, dtype=np.float64), len(t)),
     )
 
 
@@ -112,3 +112,22 @@ def directions(name: str, t: Sequence[float], bearing: Sequence[float], sigma: f
         sigma_px=nan,
         score=nan,
     )
+
+
+def heights(ground: Tracks, z: Any, cov: Sequence[Any] = (0.0, 0.0, 1.0)) -> Tracks:
+    """The same tracks in space: heights, and covariances of x and z, y and z, z and z."""
+    n = len(ground)
+    columns = {c.name: getattr(ground, c.name) for c in Tracks.columns() if not c.optional}
+    names = ("cov_xz", "cov_yz", "cov_zz")
+    columns |= {k: np.broadcast_to(np.asarray(v, dtype=np.float64), n) for k, v in zip(names, cov, strict=True)}
+    return Tracks.of(**columns, z=np.broadcast_to(np.asarray(z, dtype=np.float64), n), vz=np.full(n, np.nan))
+
+
+def heard(ear: MicrophoneArray, t: Sequence[float], xyz: Any, target: int = 0, sigma_up: float = 0.02) -> Bearings:
+    """Exact directions from an array to (N, 3) positions, with the array's sigma and this one for elevations."""
+    to = np.broadcast_to(np.asarray(xyz, dtype=np.float64), (len(t), 3)) - ear.position
+    azimuth, flat = np.arctan2(to[:, 1], to[:, 0]), np.hypot(to[:, 0], to[:, 1])
+    rows = directions(ear.name, t, azimuth, ear.sigma, target)
+    columns = {c.name: getattr(rows, c.name) for c in Bearings.columns()}
+    up = {"elevation": np.arctan2(to[:, 2], flat), "sigma_elevation": np.full(len(t), sigma_up)}
+    return Bearings.of(**{**columns, **up})
