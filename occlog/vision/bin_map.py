@@ -1,0 +1,48 @@
+"""Images to maps of histogram bins, made once a frame for all particles of all trackers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.jit import kernel
+from .appearance import BRIGHTNESS_BINS, GREY_BIN, HUE_BINS, SATURATION_BINS, as_colour
+
+Bytes = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+
+_OVER = np.concatenate([[0.0], 1.0 / np.arange(1, 256)])
+"""1 / n; the half added to each whole numerator keeps the quotients far from whole numbers, so that none rounds up."""
+
+
+def bin_map(image: Bytes) -> Bytes:
+    """(H, W) bin number, 0 to 71, of each pixel; the same bins as `occlog.vision.appearance.pixel_bin`.
+
+    Args:
+        image: (H, W, 3) BGR or (H, W) grey; the pixels of a grey image are all in brightness bins.
+    """
+    colour = as_colour(image)
+    out = np.empty(colour.shape[:2], dtype=np.uint8)
+    _bins_into(out, colour, _OVER)
+    return out
+
+
+@kernel
+def _bins_into(out: Bytes, image: Bytes, over: Floats) -> None:
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            b, g, r = int(image[y, x, 0]), int(image[y, x, 1]), int(image[y, x, 2])
+            high, low = max(b, g, r), min(b, g, r)
+            spread = high - low
+            if 10 * spread <= high or 5 * high <= 255:
+                out[y, x] = GREY_BIN + high * BRIGHTNESS_BINS // 256
+                continue
+            if high == r:
+                sextants = g - b if g >= b else g - b + 6 * spread
+            elif high == g:
+                sextants = 2 * spread + b - r
+            else:
+                sextants = 4 * spread + r - g
+            hue = min(int((4 * sextants + 0.5) * (over[spread] / 3.0)), HUE_BINS - 1)
+            saturation = min(int((spread * SATURATION_BINS + 0.5) * over[high]), SATURATION_BINS - 1)
+            out[y, x] = hue * SATURATION_BINS + saturation
