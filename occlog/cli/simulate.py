@@ -40,6 +40,20 @@ WORLD = (
                  help="Height of the objects' reference point. [default: 0.9 m, or not known]"),
 )  # fmt: skip
 
+PATHS = (
+    click.option("--paths", type=options.PATH, default=None, metavar="FILE",
+                 help="Scripted targets (YAML) instead of random walkers; it may say how long and how often too."),
+)  # fmt: skip
+
+SOUND = (
+    click.option("--silence", default=None, metavar="SOUND_S,SILENT_S",
+                 help="Targets fall silent at random: mean seconds of sound and of silence. [default: never]"),
+    click.option("--false-doa", type=AT_LEAST_0, default=None, metavar="RATE",
+                 help="Directions without a source, a second and array. [default: 0]"),
+    click.option("--label-doa", is_flag=True, default=None,
+                 help="Write which target each direction is of, to test with. [default: unlabelled]"),
+)  # fmt: skip
+
 OBSERVE = (
     click.option("--bearings/--no-bearings", default=None,
                  help="Simulate what cameras measure. [default: unless --render]"),
@@ -73,7 +87,7 @@ RENDER = (
 
 def settings(command: F) -> F:
     """Add the options of all lists, in order."""
-    for option in reversed((*WORLD, *OBSERVE, *RENDER)):
+    for option in reversed((*PATHS, *WORLD, *OBSERVE, *SOUND, *RENDER)):
         command = option(command)
     return command
 
@@ -105,18 +119,23 @@ def command(
     Objects walk to random places of the room and go around each other and the static
     occluders (Ercan et al. 2013, Sec. 6).  The recording holds their true paths and what
     cameras measure of the targets (Eqs. 1-4) and microphone arrays hear of them; with
-    --render it holds video instead, for `occlog detect`.
+    --render it holds video instead, for `occlog detect`.  With --paths objects do what the
+    file says.
 
     \b
       occlog simulate examples/room100.yaml -o room.mcap --steps 1000 --occluders 40 --seed 7
       occlog simulate examples/room.yaml -o video.mcap --render --seconds 15 --occluders 3
+      occlog simulate examples/lee_field.yaml --paths examples/lee_field_paths.yaml -o field.mcap
     """
+    from ..io.path_file import read_paths
     from .simulate_run import make_setup, run_simulate
     from .simulate_video import video_paths
 
-    options.check_outputs([scene], [output], overwrite)
+    paths: Path | None = values.pop("paths")
+    inputs = [scene] if paths is None else [scene, paths]
+    options.check_outputs(inputs, [output], overwrite)
     loaded = options.load_scene(scene, None, scene)
-    setup = make_setup(loaded, values, fps, workers)
-    options.check_outputs([scene], [output, *video_paths(setup, output).values()], overwrite)
-    summary = run_simulate(scene, setup, output, seed, overwrite=overwrite, quiet=quiet)
+    setup = make_setup(loaded, values, fps, workers, None if paths is None else read_paths(paths))
+    options.check_outputs(inputs, [output, *video_paths(setup, output).values()], overwrite)
+    summary = run_simulate(inputs, setup, output, seed, overwrite=overwrite, quiet=quiet)
     return options.finish(summary, [], as_json)

@@ -11,28 +11,40 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
+from ..core.grid import Grid
 from ..errors import UsageError
 from ..io.provenance import Provenance, hash_inputs
 from ..io.recording_writer import RecordingWriter
 from ..records import Truth
 from ..scene import Scene
+from ..script import Script
 from ..stages.simulate import (
     ObserveConfig,
+    SoundConfig,
     WorldConfig,
+    check_inside,
+    grid_truth,
     observe,
     observe_arrays,
+    silences,
+    simulate_paths,
     simulate_truth,
     world_config,
 )
+from ..truth_grid import truth_grid
 from ..vision.render import RenderConfig
 from ..vision.render_reference import reference_appearances
 from . import options
+from .simulate_script import scripted_world
+from .simulate_sound import sound_config
 from .simulate_video import RENDER_ONLY, Setup, film
 
 APPEARANCE = "appearance.json"
 
 
-def make_setup(scene: Scene, values: Mapping[str, Any], fps: float | None, workers: int | None) -> Setup:
+def make_setup(
+    scene: Scene, values: Mapping[str, Any], fps: float | None, workers: int | None, script: Script | None = None
+) -> Setup:
     """Configurations from the values of the options; None stands for an option that was not given."""
     given = {k: v for k, v in values.items() if v is not None}
     if fps is not None:
@@ -42,11 +54,13 @@ def make_setup(scene: Scene, values: Mapping[str, Any], fps: float | None, worke
         for name in RENDER_ONLY:
             if name in given:
                 raise UsageError(f"--{name.replace('_', '-')} is about video; add --render")
-    world = _world(scene, given, rendering)
+    world = _world(scene, given, rendering) if script is None else scripted_world(scene, given, script)
     observing = bool(given.get("bearings", not rendering))
     watch = replace(ObserveConfig(diameter=world.diameter), **_of(ObserveConfig, given)) if observing else None
     video = _render(world, given, workers) if rendering else None
-    return Setup(scene, world, watch, video, given.get("store", "png"))
+    heights = world.z == world.z or (script is not None and script.heights)
+    sound = sound_config(scene, given, world.step_s, heights)
+    return Setup(scene, world, watch, video, given.get("store", "png"), sound, script)
 
 
 def _of(kind: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
@@ -73,14 +87,17 @@ def _render(world: WorldConfig, given: Mapping[str, Any], workers: int | None) -
 
 
 def run_simulate(
-    source: Path, setup: Setup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
+    inputs: list[Path], setup: Setup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
 ) -> dict[str, Any]:
     """Write the recording; what it holds."""
-    made = Provenance("simulate", _parameters(setup), seed, hash_inputs([source]))
+    made = Provenance("simulate", _parameters(setup), seed, hash_inputs(inputs))
+    if setup.render is not None and setup.script is not None:
+        for chunk in _truth(setup, seed):
+            check_inside(setup.scene, truth_grid(chunk), setup.world.start_ns)
     counts: Counter[str] = Counter()
     with RecordingWriter(output, setup.scene, made, overwrite=overwrite) as writer:
         if setup.render is not None:
-            looks = reference_appearances(setup.scene, range(setup.world.targets), setup.render, seed)
+            looks = reference_appearances(setup.scene, _targets(setup), setup.render, seed)
             writer.attach(APPEARANCE, "application/json", json.dumps(looks).encode())
         chunks = _recorded(writer, setup, seed, counts)
         if setup.render is None:
@@ -99,17 +116,36 @@ def _parameters(setup: Setup) -> dict[str, Any]:
     if values["render"] is not None:
         del values["render"]["workers"]
         values["store"] = setup.store
+    if setup.sound != SoundConfig(step_s=setup.sound.step_s, heights=setup.sound.heights):
+        values["sound"] = asdict(setup.sound)
+    if setup.script is not None:
+        values["world"] = {k: values["world"][k] for k in ("steps", "step_s", "diameter", "z", "start_ns")}
     values["rates_hz"] = {c.name: c.rate_hz for c in setup.scene.cameras}
     return values
 
 
-def _recorded(writer: RecordingWriter, setup: Setup, seed: int, counts: Counter[str]) -> Iterator[Truth]:
+def _targets(setup: Setup) -> list[int]:
+    """Numbers of the targets, rising."""
+    if setup.script is None:
+        return list(range(setup.world.targets))
+    return [t.id for t in setup.script.targets if t.role == "target"]
+
+
+def _truth(setup: Setup, seed: int) -> Iterator[Truth | Grid]:
+    world, script = setup.world, setup.script
+    if script is None:
+        return simulate_truth(setup.scene, world, seed)
+    return simulate_paths(script, world.steps, world.step_s, world.z, world.start_ns, seed)
+
+
+def _recorded(writer: RecordingWriter, setup: Setup, seed: int, counts: Counter[str]) -> Iterator[Truth | Grid]:
     """The chunks of truth, each written, with what the sensors say of it, when it is passed on."""
-    truth, seen, heard = itertools.tee(simulate_truth(setup.scene, setup.world, seed), 3)
+    truth, seen, heard = itertools.tee(_truth(setup, seed), 3)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
-    sounds = observe_arrays(setup.scene, heard, setup.observe or ObserveConfig(), seed)
+    silent = silences(setup.script, setup.world.start_ns) if setup.script is not None else {}
+    sounds = observe_arrays(setup.scene, heard, setup.observe or ObserveConfig(), seed, setup.sound, silent)
     for chunk in truth:
-        writer.table(chunk)
+        writer.table(grid_truth(chunk) if isinstance(chunk, Grid) else chunk)
         if setup.observe is not None:
             rows = next(bearings)
             writer.table(rows)

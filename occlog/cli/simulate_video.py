@@ -9,13 +9,15 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core.grid import Grid
 from ..io.image_codec import encode_image
 from ..io.provenance import hash_file
 from ..io.recording_writer import RecordingWriter
 from ..io.video_writer import LosslessVideo
 from ..records import Truth
 from ..scene import Camera, Scene
-from ..stages.simulate import ObserveConfig, WorldConfig
+from ..script import Script
+from ..stages.simulate import ObserveConfig, SoundConfig, WorldConfig
 from ..vision.render import RenderConfig, Rendered, render
 from . import options
 
@@ -41,6 +43,8 @@ class Setup:
     observe: ObserveConfig | None  # None: no simulated bearings
     render: RenderConfig | None  # None: no video
     store: str = "png"  # or "ffv1"
+    sound: SoundConfig = SoundConfig()
+    script: Script | None = None  # None: random walkers
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:
@@ -54,7 +58,7 @@ def film(
     writer: RecordingWriter,
     setup: Setup,
     output: Path,
-    chunks: Iterable[Truth],
+    chunks: Iterable[Truth | Grid],
     seed: int,
     counts: Counter[str],
     *,

@@ -20,9 +20,13 @@ class Stage(IntEnum):
     RENDER_SENSOR = 7  # image noise: items are (camera, frame)
     RENDER_LIGHT = 8
     RENDER_CLOTHES = 9
+    PATH_NOISE = 11  # motion of scripted targets: one item a target
+    SILENCE = 12  # when sources sound: one item a source
+    ARRAY_FALSE = 13  # false directions: items are (array, numbers or places)
     TRACK = 16
     PRIORS = 17  # virtual measurements of moving occluders: one item an occluder
     SELECT = 18  # selection of cameras: one item a target
+    COOPERATE = 19  # cameras asked by a tracker of sounds
 
 
 def generator(seed: int, stage: Stage, *items: int, run: int = 0) -> np.random.Generator:

@@ -14,6 +14,7 @@ from ..errors import UsageError
 from ..records import TABLES
 from .messages import RECORDED, message_schema, schema_of
 from .motion_file import motion_schema
+from .path_spec import paths_schema
 from .recording_writer import VIDEO_FRAME, VIDEO_FRAME_SCHEMA
 from .scene_spec import SceneSpec
 
@@ -51,6 +52,7 @@ SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
     VIDEO_FRAME: lambda: VIDEO_FRAME_SCHEMA,
     "scene": scene_schema,
     "motion": motion_schema,
+    "paths": paths_schema,
 }
 """Every published schema by name; `schemas/NAME.json` holds its text."""
 

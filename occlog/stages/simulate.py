@@ -1,6 +1,7 @@
 """Scene and seed to the true paths of targets and moving occluders: the world of [Ercan] Sec. 6.
 
-What sensors measure of it is in `simulate_cameras` and `simulate_arrays`.
+Scripted paths instead are in `simulate_paths`; what sensors measure of either in
+`simulate_cameras` and `simulate_arrays`.
 """
 
 from __future__ import annotations
@@ -21,12 +22,19 @@ from ..records import Truth
 from ..scene import Scene
 from .simulate_arrays import observe_arrays
 from .simulate_cameras import ObserveConfig, observe
+from .simulate_paths import check_inside, grid_truth, silences, simulate_paths
+from .simulate_sound import SoundConfig
 
 __all__ = [
     "ObserveConfig",
+    "SoundConfig",
     "WorldConfig",
+    "check_inside",
+    "grid_truth",
     "observe",
     "observe_arrays",
+    "silences",
+    "simulate_paths",
     "simulate_truth",
     "world_config",
 ]

@@ -61,7 +61,7 @@ class _Sensor(NamedTuple):
     chance: np.random.Generator
 
 
-def observe(scene: Scene, truth_chunks: Iterable[Truth], config: ObserveConfig, seed: int) -> Iterator[Bearings]:
+def observe(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: ObserveConfig, seed: int) -> Iterator[Bearings]:
     """What every camera with a pose reports of every target.
 
     Each camera delivers frames at its own rate from the first time of the truth on, or at
@@ -72,7 +72,7 @@ def observe(scene: Scene, truth_chunks: Iterable[Truth], config: ObserveConfig, 
 
     Args:
         scene: cameras, static occluders, room.
-        truth_chunks: true paths of targets and occluders, in time order.
+        truth_chunks: true paths of targets and occluders, in time order, as tables or grids.
         config: noise and losses.
         seed: of all random numbers; each camera has its own.
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.grid import Look, looks
+from ..core.grid import Grid, Look, looks
 from ..core.seeds import Stage, generator
 from ..errors import InputError
 from ..records import Truth, TruthBoxes
@@ -90,7 +90,7 @@ def scene_metre(scene: Scene, diameter: float) -> float:
     return 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else diameter / PERSON
 
 
-def render(scene: Scene, truth_chunks: Iterable[Truth], config: RenderConfig, seed: int) -> Iterator[Rendered]:
+def render(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: RenderConfig, seed: int) -> Iterator[Rendered]:
     """Video of every camera that has a pose, an image size and a height, frame by frame in the order of time.
 
     Cameras deliver frames at their own rates, or at every time of the truth.  The noise of
@@ -98,7 +98,7 @@ def render(scene: Scene, truth_chunks: Iterable[Truth], config: RenderConfig, se
 
     Args:
         scene: room, static occluders and cameras.
-        truth_chunks: true paths of everybody, in time order; people face and step where they go.
+        truth_chunks: true paths of everybody, in time order, as tables or grids; people face and step where they go.
         config: noise, light, clothes.
         seed: of all random numbers.
 
