@@ -1,0 +1,53 @@
+"""Figures that were published for two recorded sequences, to the printed digits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from occlog.core.mot_clear import CHALLENGE, CLASSIC, ClearRule, clear_mot
+from occlog.core.mot_frames import Frames, Objects, of_boxes
+from occlog.core.mot_hota import hota
+from occlog.core.mot_identity import identity
+
+PUBLISHED = {
+    "TUD-Campus": {
+        "IDF1": "55.8%", "IDP": "73.0%", "IDR": "45.1%", "Rcll": "58.2%", "Prcn": "94.1%", "GT": "8", "MT": "1",
+        "PT": "6", "ML": "1", "FP": "13", "FN": "150", "IDs": "7", "FM": "7", "MOTA": "52.6%", "MOTP": "0.277",
+        "DETA": "41.8%", "ASSA": "36.9%", "HOTA": "39.1%",
+    },
+    "TUD-Stadtmitte": {
+        "IDF1": "64.5%", "IDP": "82.0%", "IDR": "53.1%", "Rcll": "60.9%", "Prcn": "94.0%", "GT": "10", "MT": "5",
+        "PT": "4", "ML": "1", "FP": "45", "FN": "452", "IDs": "7", "FM": "6", "MOTA": "56.4%", "MOTP": "0.346",
+        "DETA": "39.2%", "ASSA": "40.9%", "HOTA": "39.8%",
+    },
+}  # fmt: skip
+
+
+def side(path: Path) -> Objects:
+    rows = np.loadtxt(path, delimiter=",")
+    return Objects(rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), rows[:, 2:6])
+
+
+def printed(frames: Frames, rule: ClearRule) -> dict[str, str]:
+    """The figures as py-motmetrics prints them."""
+    clear, who, higher = clear_mot(frames, rule), identity(frames), hota(frames).means()
+    counts = {
+        "GT": len(frames.truth_key), "MT": clear.mostly_tracked, "PT": clear.partly_tracked, "ML": clear.mostly_lost,
+        "FP": clear.fp, "FN": clear.fn, "IDs": clear.switches, "FM": clear.fragmentations,
+    }  # fmt: skip
+    shares = {
+        "IDF1": who.idf1, "IDP": who.idp, "IDR": who.idr, "Rcll": clear.recall, "Prcn": clear.precision,
+        "MOTA": clear.mota, "DETA": higher["det_a"], "ASSA": higher["ass_a"], "HOTA": higher["hota"],
+    }  # fmt: skip
+    texts = {name: str(count) for name, count in counts.items()} | {name: f"{x:.1%}" for name, x in shares.items()}
+    return texts | {"MOTP": f"{clear.motp:.3f}"}
+
+
+@pytest.mark.parametrize("rule", [CLASSIC, CHALLENGE])
+@pytest.mark.parametrize("name", list(PUBLISHED))
+def test_published_figures_come_out(shared_data: Path, name: str, rule: ClearRule) -> None:
+    folder = shared_data / "tud_mot" / name
+    assert printed(of_boxes(side(folder / "gt.txt"), side(folder / "test.txt")), rule) == PUBLISHED[name]
