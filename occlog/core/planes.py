@@ -98,7 +98,13 @@ def measured_angle_gradients(theta: Floats, phi: Floats, rotation: Floats) -> Fl
 
 
 def projected_covariance(
-    theta: Floats, phi: Floats, sigma_theta: float, sigma_phi: float, rotation: Floats, *, pole_term: bool = False
+    theta: Floats,
+    phi: Floats,
+    sigma_theta: float | Floats,
+    sigma_phi: float | Floats,
+    rotation: Floats,
+    *,
+    pole_term: bool = False,
 ) -> Floats:
     """First-order covariance of the three projected angles of one sensor.
 
@@ -112,8 +118,8 @@ def projected_covariance(
     Args:
         theta: (...,) measured azimuth in the sensor's frame [rad].
         phi: (...,) measured polar angle in the sensor's frame [rad].
-        sigma_theta: standard deviation of theta [rad].
-        sigma_phi: standard deviation of phi [rad].
+        sigma_theta: standard deviations of theta [rad], one or (...,).
+        sigma_phi: standard deviations of phi [rad], one or (...,).
         rotation: (..., 3, 3) world-from-sensor.
         pole_term: take sin^2 phi + cos^2 phi sigma_phi^2 for sin^2 phi, which mends that:
             what a filter should do with measured angles.  False is the plain first order.
@@ -132,7 +138,9 @@ def pair_covariance(covariance: Floats, pair: tuple[int, int]) -> Floats:
     return np.asarray(covariance[..., pair, :][..., :, pair])
 
 
-def blind_planes(theta: Floats, phi: Floats, sigma_theta: float, sigma_phi: float, rotation: Floats) -> Bools:
+def blind_planes(
+    theta: Floats, phi: Floats, sigma_theta: float | Floats, sigma_phi: float | Floats, rotation: Floats
+) -> Bools:
     """(..., 3) whether the sight line is within 5 sigma of the plane's normal, either way along it.
 
     Sigma is the larger one of the sight line's two standard deviations, sin(phi) sigma_theta

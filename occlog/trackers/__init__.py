@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from ..errors import UsageError
-from . import apf, batch_map, direct3d
+from . import apf, batch_map, direct3d, pps
 from .apf_config import ApfConfig, apf_defaults
 from .map_config import MapConfig, map_defaults
 from .method import Batch, Online
-from .space_config import Direct3dConfig, direct3d_defaults
+from .space_config import Direct3dConfig, PpsConfig, direct3d_defaults, pps_defaults
 
 TRACKERS: dict[str, Online | Batch] = {
     "apf": Online(
@@ -32,6 +32,14 @@ TRACKERS: dict[str, Online | Batch] = {
         init=direct3d.init,
         step=direct3d.step,
         predict=direct3d.predict,
+    ),
+    "pps": Online(
+        summary="projected planes selection: particle filters in the planes xy, yz and zx (Lee 2009)",
+        config=PpsConfig,
+        defaults=pps_defaults,
+        init=pps.init,
+        step=pps.step,
+        predict=pps.predict,
     ),
 }
 """Every method by the name that `--method` takes."""
