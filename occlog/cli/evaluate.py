@@ -78,6 +78,13 @@ def settings(command: F) -> F:
 @click.argument("tracks", type=options.PATH, required=False)
 @click.option("--truth", type=options.PATH, default=None, help="True positions or boxes: a recording or a table.")
 @click.option("--bearings", type=options.PATH, default=None, help="Bearings: for detections, bound, sight lines.")
+@click.option(
+    "--doa",
+    type=options.PATH,
+    default=None,
+    help="Directions of arrival to use along with the bearings. [default: those of the same recording]",
+)
+@click.option("--doa-labels", is_flag=True, help="Identities in the log of directions are those of targets.")
 @click.option("--views", type=options.PATH, default=None, help="Views to compare with the true boxes of --truth.")
 @options.scene_opt
 @options.output_opt("All figures as one JSON object.", required=False)
@@ -103,7 +110,8 @@ def command(**given: Any) -> int:
       occlog evaluate --views views.parquet --truth recording.mcap --json | jq .views_recall
     """
     from ..stages.evaluate import failures, parse_threshold
-    from .evaluate_run import Paths, run_evaluate
+    from .evaluate_input import Paths
+    from .evaluate_run import run_evaluate
 
     thresholds = [parse_threshold(text) for text in given.pop("fail_if")]
     as_json, quiet = given.pop("as_json"), given.pop("quiet")

@@ -4,58 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
 from ..errors import InputError, UsageError
 from ..io.json_file import write_json
-from ..io.parquet import describe, read_provenance, read_table, schema_name, write_table
+from ..io.parquet import read_provenance, write_table
 from ..io.provenance import Provenance, hash_inputs
 from ..io.recording import open_recording
-from ..records import Bearings, Tracks, Truth, TruthBoxes, Views
-from ..scene import Scene
 from ..stages.evaluate import EvaluateConfig, Evaluation, evaluate
 from ..stages.evaluate_config import default_sigma_v
 from . import options
-
-if TYPE_CHECKING:
-    from ..columns import Table
-
-T = TypeVar("T", bound="Table")
-
-
-@dataclass(frozen=True)
-class Paths:
-    """Files to read and to write; None where not given."""
-
-    tracks: Path | None = None
-    truth: Path | None = None
-    bearings: Path | None = None
-    views: Path | None = None
-    scene: Path | None = None
-    output: Path | None = None
-    errors: Path | None = None
-    bound: Path | None = None
-    overwrite: bool = False
-
-    @property
-    def inputs(self) -> tuple[Path, ...]:
-        """Every file that is read."""
-        given = (self.tracks, self.truth, self.bearings, self.views, self.scene)
-        return tuple(dict.fromkeys(p for p in given if p is not None))
-
-
-@dataclass(frozen=True)
-class Tables:
-    """What was read."""
-
-    scene: Scene
-    tracks: Tracks | None
-    truth: Truth | None
-    truth_boxes: TruthBoxes | None
-    bearings: Bearings | None
-    views: Views | None
+from .evaluate_input import Paths, read_tables
 
 
 def run_evaluate(paths: Paths, values: Mapping[str, Any]) -> tuple[Evaluation, str]:
@@ -78,11 +39,11 @@ def run_evaluate(paths: Paths, values: Mapping[str, Any]) -> tuple[Evaluation, s
 def _check_request(paths: Paths, values: Mapping[str, Any]) -> None:
     if paths.views is not None and paths.truth is None:
         raise UsageError("--views needs --truth with true boxes")
-    if paths.tracks is None and paths.views is None and (paths.bearings is None or paths.truth is None):
+    if paths.tracks is None and paths.views is None and (paths.directions is None or paths.truth is None):
         raise UsageError("nothing to compare: give TRACKS with --truth or --bearings, or --bearings with --truth")
-    if paths.tracks is not None and paths.truth is None and paths.bearings is None:
+    if paths.tracks is not None and paths.truth is None and paths.directions is None:
         raise UsageError("TRACKS alone cannot be evaluated; give --truth, --bearings or both")
-    if values.get("held_out") and (paths.tracks is None or paths.bearings is None):
+    if values.get("held_out") and (paths.tracks is None or paths.directions is None):
         raise UsageError("--held-out needs TRACKS made without that sensor and --bearings that include it")
 
 
@@ -108,74 +69,6 @@ def make_config(values: Mapping[str, Any]) -> EvaluateConfig:
     fields["held_out_gate"] = 1e-3 * fields["held_out_gate"]
     fields["held_out"] = tuple(name for text in fields["held_out"] for name in text.split(",") if name)
     return EvaluateConfig(**fields)
-
-
-def read_tables(paths: Paths) -> Tables:
-    """Everything that was named, with the scene of `--scene` or of the recording with the truth."""
-    truth, boxes, recorded = _read_truth(paths.truth) if paths.truth is not None else (None, None, None)
-    scene = _scene(paths, recorded)
-    for path in (paths.tracks, paths.truth):
-        _check_unit(path, scene)
-    if paths.views is not None and boxes is None:
-        raise InputError(f"{paths.truth}: holds no true boxes; --views needs a recording or a table that has them")
-    return Tables(
-        scene,
-        _read_rows(paths.tracks, Tracks),
-        truth,
-        boxes,
-        _read_rows(paths.bearings, Bearings),
-        _read_rows(paths.views, Views),
-    )
-
-
-def _scene(paths: Paths, recorded: Scene | None) -> Scene:
-    """The scene of `--scene` or of the recording; views are compared without one."""
-    if paths.tracks is None and paths.bearings is None and paths.scene is None:
-        return recorded or Scene()
-    if recorded is None and paths.scene is None and paths.bearings and paths.bearings.suffix.lower() == ".mcap":
-        recorded = options.read_scene_of(paths.bearings)
-    return options.load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
-
-
-def _read_rows(path: Path | None, table: type[T]) -> T | None:
-    """All rows of a table in a Parquet file or a recording."""
-    if path is None:
-        return None
-    if path.suffix.lower() != ".mcap":
-        return read_table(path, table)
-    recording = open_recording(path)
-    if not recording.has(table):
-        raise InputError(f"{path}: holds no {table.NAME}; give a recording or a table that has them")
-    return recording.read(table)
-
-
-def _read_truth(path: Path) -> tuple[Truth | None, TruthBoxes | None, Scene | None]:
-    """True positions and boxes, None where there are none, and the scene of a recording."""
-    if path.suffix.lower() == ".mcap":
-        recording = open_recording(path)
-        truth = recording.read(Truth) if recording.has(Truth) else None
-        boxes = recording.read(TruthBoxes) if recording.has(TruthBoxes) else None
-        if truth is None and boxes is None:
-            raise InputError(f"{path}: holds no truth; leave out --truth, or ingest the recording with its truth")
-        return truth, boxes, recording.scene
-    if schema_name(path) == TruthBoxes.NAME:
-        return None, read_table(path, TruthBoxes), None
-    return read_table(path, Truth), None, None
-
-
-def _check_unit(path: Path | None, scene: Scene) -> None:
-    """InputError if a table or a recording is in another unit than the scene."""
-    if path is None:
-        return
-    if path.suffix.lower() == ".mcap":
-        other = options.read_scene_of(path)
-        unit = scene.length_unit if other is None else other.length_unit
-    else:
-        unit = describe(path)["length_unit"]
-    if unit != scene.length_unit:
-        raise InputError(
-            f"{path}: lengths are in {unit}, but in {scene.length_unit} in the scene; use one scene for both"
-        )
 
 
 def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:

@@ -1,0 +1,154 @@
+"""What `occlog evaluate` reads: tracks, truth, bearings, directions of arrival, views, and the scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from ..errors import InputError, UsageError
+from ..io.parquet import describe, read_table, schema_name
+from ..io.recording import open_recording
+from ..records import Bearings, Doa, Tracks, Truth, TruthBoxes, Views
+from ..scene import Scene
+from ..stages.sources import bearings_of_doa
+from . import options
+
+if TYPE_CHECKING:
+    from ..columns import Table
+
+T = TypeVar("T", bound="Table")
+
+
+@dataclass(frozen=True)
+class Paths:
+    """Files to read and to write; None where not given."""
+
+    tracks: Path | None = None
+    truth: Path | None = None
+    bearings: Path | None = None
+    doa: Path | None = None
+    views: Path | None = None
+    scene: Path | None = None
+    output: Path | None = None
+    errors: Path | None = None
+    bound: Path | None = None
+    doa_labels: bool = False
+    overwrite: bool = False
+
+    @property
+    def directions(self) -> Path | None:
+        """What holds bearings or directions of arrival, for messages."""
+        return self.bearings or self.doa
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Every file that is read."""
+        given = (self.tracks, self.truth, self.bearings, self.doa, self.views, self.scene)
+        return tuple(dict.fromkeys(p for p in given if p is not None))
+
+
+@dataclass(frozen=True)
+class Tables:
+    """What was read."""
+
+    scene: Scene
+    tracks: Tracks | None
+    truth: Truth | None
+    truth_boxes: TruthBoxes | None
+    bearings: Bearings | None
+    views: Views | None
+
+
+def read_tables(paths: Paths) -> Tables:
+    """Everything that was named, with the scene of `--scene` or of the recording with the truth."""
+    truth, boxes, recorded = _read_truth(paths.truth) if paths.truth is not None else (None, None, None)
+    scene = _scene(paths, recorded)
+    for path in (paths.tracks, paths.truth):
+        _check_unit(path, scene)
+    if paths.views is not None and boxes is None:
+        raise InputError(f"{paths.truth}: holds no true boxes; --views needs a recording or a table that has them")
+    return Tables(
+        scene,
+        _read_rows(paths.tracks, Tracks),
+        truth,
+        boxes,
+        read_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
+        _read_rows(paths.views, Views),
+    )
+
+
+def _scene(paths: Paths, recorded: Scene | None) -> Scene:
+    """The scene of `--scene` or of the recording; views are compared without one."""
+    if paths.tracks is None and paths.directions is None and paths.scene is None:
+        return recorded or Scene()
+    for path in (paths.bearings, paths.doa):
+        if recorded is None and paths.scene is None and path is not None and _is_recording(path):
+            recorded = options.read_scene_of(path)
+    return options.load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
+
+
+def _read_rows(path: Path | None, table: type[T]) -> T | None:
+    """All rows of a table in a file, None without one."""
+    return None if path is None else _rows_of(path, table)
+
+
+def _rows_of(path: Path, table: type[T]) -> T:
+    """All rows of a table in a Parquet file or a recording."""
+    if not _is_recording(path):
+        return read_table(path, table)
+    recording = open_recording(path)
+    if not recording.has(table):
+        raise InputError(f"{path}: holds no {table.NAME}; give a recording or a table that has them")
+    return recording.read(table)
+
+
+def read_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scene) -> Bearings | None:
+    """All bearings, and directions of arrival as such: as `occlog track` reads them.
+
+    Those of a recording are used along with its bearings unless others are named.
+    """
+    recording = open_recording(path) if path is not None and _is_recording(path) else None
+    parts: list[Bearings] = []
+    if doa is None and path is not None and recording is not None and recording.has(Doa):
+        doa = path
+    if path is not None and (recording is None or doa is None or recording.has(Bearings)):
+        parts.append(_rows_of(path, Bearings))
+    if doa is not None:
+        parts += bearings_of_doa([_rows_of(doa, Doa)], scene, labels)
+    elif labels:
+        raise UsageError("--doa-labels wants directions of arrival; give them with --doa")
+    return Bearings.merge(parts) if len(parts) > 1 else next(iter(parts), None)
+
+
+def _is_recording(path: Path) -> bool:
+    return path.suffix.lower() == ".mcap"
+
+
+def _read_truth(path: Path) -> tuple[Truth | None, TruthBoxes | None, Scene | None]:
+    """True positions and boxes, None where there are none, and the scene of a recording."""
+    if _is_recording(path):
+        recording = open_recording(path)
+        truth = recording.read(Truth) if recording.has(Truth) else None
+        boxes = recording.read(TruthBoxes) if recording.has(TruthBoxes) else None
+        if truth is None and boxes is None:
+            raise InputError(f"{path}: holds no truth; leave out --truth, or ingest the recording with its truth")
+        return truth, boxes, recording.scene
+    if schema_name(path) == TruthBoxes.NAME:
+        return None, read_table(path, TruthBoxes), None
+    return read_table(path, Truth), None, None
+
+
+def _check_unit(path: Path | None, scene: Scene) -> None:
+    """InputError if a table or a recording is in another unit than the scene."""
+    if path is None:
+        return
+    if _is_recording(path):
+        other = options.read_scene_of(path)
+        unit = scene.length_unit if other is None else other.length_unit
+    else:
+        unit = describe(path)["length_unit"]
+    if unit != scene.length_unit:
+        raise InputError(
+            f"{path}: lengths are in {unit}, but in {scene.length_unit} in the scene; use one scene for both"
+        )
