@@ -8,11 +8,13 @@ import click
 
 from . import options
 
-METHODS = ("apf", "map", "direct3d", "pps")
+METHODS = ("apf", "map", "direct3d", "imm", "pps")
 """Names of `occlog.trackers.TRACKERS`; a test keeps the two alike, so that --help need not load the trackers."""
 POLICIES = ("greedy", "brute-force", "fixed", "random", "closest", "all")
 MODELS = ("perspective", "weak")
 """The same of `occlog.trackers.select`."""
+COOPERATE = ("none", "periodic", "printed", "count", "spread")
+"""The same of `occlog.trackers.imm_config`."""
 
 
 @click.command(name="track", short_help="Estimate target tracks from bearings.")
@@ -71,10 +73,21 @@ MODELS = ("perspective", "weak")
 @click.option("--particles", type=click.IntRange(min=1), default=None, help="Particles a target. [default: 2000]")
 @click.option(
     "--start",
-    default=None,
+    "starts",
+    multiple=True,
     metavar="X,Y[,SIGMA]",
-    help="Where the target is at first; SIGMA is 0.5 m, or 1 in units of its own, if left out. "
-    "[default: anywhere in the room]",
+    help="Where the target is at first; SIGMA is 0.5 m, or 1 in units of its own, if left out. For --method imm also "
+    "X,Y,SIGMA,VX,VY,SIGMA_V; may be repeated, once a target. [default: anywhere in the room]",
+)
+@click.option(
+    "--cooperate",
+    default=None,
+    metavar="POLICY",
+    help=f"For --method imm: when to ask cameras where the targets are: {', '.join(COOPERATE)}; several with commas. "
+    "[default: none]",
+)
+@click.option(
+    "--cooperation", type=options.PATH, default=None, help="What cameras were asked, and what they said (Parquet)."
 )
 @click.option(
     "--target",
@@ -122,7 +135,8 @@ def command(
     bearings: Path, output: Path, diagnostics: Path | None, calibration: Path | None, scene: Path | None,
     doa: Path | None, occluders: Path | None, policy: str | None, count: int | None, every: float | None,
     model: str | None, order: str, method: str,
-    particles: int | None, start: str | None, targets: tuple[int, ...], labelled_only: bool, only: str, without: str,
+    particles: int | None, starts: tuple[str, ...], cooperate: str | None, cooperation: Path | None,
+    targets: tuple[int, ...], labelled_only: bool, only: str, without: str,
     window: float, doa_labels: bool, turn: float | None, motion: Path | None, lag: float | None,
     settings: tuple[str, ...], seed: int, overwrite: bool, quiet: bool, as_json: bool,
 ) -> int:  # fmt: skip
@@ -134,6 +148,9 @@ def command(
     directions of arrival are used along with its bearings.
     The same inputs, options and seed give the same output.
 
+    --method imm has one state for all targets that microphone arrays hear, labelled or not: it says
+    how many there are, and asks cameras where they are when --cooperate says so.
+
     --method map finds the most probable trajectory of each labelled target from everything that was
     recorded, before and after; it needs no cameras that overlap, but labels (`occlog label`).
 
@@ -142,24 +159,32 @@ def command(
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
       occlog track bearings.parquet --scene scene.yaml --occluders occluders.parquet --select greedy --count 3 \
         -o selected.parquet --diagnostics selected_diagnostics.parquet
+      occlog track directions.mcap --method imm --cooperate spread --set spread=0.5 -o heard.parquet \
+        --cooperation asked.parquet
       occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
     """
-    from .track_run import Request, parse_names, parse_seconds, parse_setting, parse_window, run_track
+    from .track_run import Outputs, Request, parse_names, parse_seconds, parse_setting, parse_window, run_track
 
-    options.check_outputs([bearings, scene, doa, occluders, motion], [output, diagnostics, calibration], overwrite)
-    for option, value in (("--motion", motion), ("--lag", lag)):
-        if value is not None and method != "map":
-            raise click.UsageError(f"{option} goes with --method map, not {method}")
+    outputs = Outputs(output, diagnostics, calibration, cooperation)
+    options.check_outputs([bearings, scene, doa, occluders, motion], outputs.paths, overwrite)
+    for option, given, wanted in (
+        ("--motion", motion is not None, "map"), ("--lag", lag is not None, "map"),
+        ("--cooperate", cooperate is not None, "imm"), ("--cooperation", cooperation is not None, "imm"),
+    ):  # fmt: skip
+        if given and method != wanted:
+            raise click.UsageError(f"{option} goes with --method {wanted}, not {method}")
     values = dict(parse_setting(text) for text in settings)
     if particles is not None:
         values["particles"] = str(particles)
     if lag is not None:
         values["lag_s"] = str(parse_seconds("--lag", lag))
+    if cooperate is not None:
+        values["cooperate"] = cooperate
     request = Request(
-        bearings, scene, doa, method, values, start, targets, not labelled_only, parse_names(only),
+        bearings, scene, doa, method, values, starts, targets, not labelled_only, parse_names(only),
         parse_names(without), parse_window(window), seed, occluders, policy, {
             name: value for name, value in (("count", count), ("every", every), ("model", model)) if value is not None
         }, parse_names(order), doa_labels, None if turn is None else parse_seconds("--in-turn", turn), motion,
     )  # fmt: skip
-    summary, losses = run_track(request, output, diagnostics, calibration, overwrite, quiet)
+    summary, losses = run_track(request, outputs, overwrite, quiet)
     return options.finish(summary, losses, as_json)

@@ -12,11 +12,12 @@ from ..errors import InputError, UsageError
 from ..io.motion_file import read_motion
 from ..io.parquet import TableWriter
 from ..io.provenance import Provenance, hash_inputs
-from ..records import Bearings, Calibration, Diagnostics, Tracks
+from ..records import Bearings, Calibration, Cooperation, Diagnostics, Tracks
 from ..stages.scans import checked
 from ..stages.sources import in_turn
 from ..stages.track import choose_sensors, track
 from ..trackers import tracker
+from ..trackers.imm_config import START_NUMBERS, imm_defaults
 from ..trackers.method import sensor_names
 from ..trackers.select import SelectConfig
 from ..trackers.settings import configure
@@ -42,7 +43,7 @@ class Request:
     doa: Path | None
     method: str
     settings: dict[str, str]
-    start: str | None
+    starts: tuple[str, ...]
     targets: tuple[int, ...]  # empty: all
     unlabelled: bool
     only: tuple[str, ...]  # sensors; empty: all
@@ -58,13 +59,28 @@ class Request:
     motion: Path | None = None  # a fitted motion model, for --method map
 
 
+@dataclass(frozen=True)
+class Outputs:
+    """What to write."""
+
+    tracks: Path
+    diagnostics: Path | None = None
+    calibration: Path | None = None
+    cooperation: Path | None = None
+
+    @property
+    def paths(self) -> list[Path | None]:
+        """All of them."""
+        return [self.tracks, self.diagnostics, self.calibration, self.cooperation]
+
+
 def run_track(
-    request: Request, output: Path, diagnostics: Path | None, calibration: Path | None, overwrite: bool, quiet: bool
+    request: Request, wanted: Outputs, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Track and write; the summary, and what had been lost before."""
     inputs = Inputs(request.bearings, request.scene, request.doa, request.doa_labels, request.occluders)
     config = make_config(request, inputs.scene.length_unit)
-    if calibration is not None and getattr(config, "calibrate", "none") == "none":
+    if wanted.calibration is not None and getattr(config, "calibrate", "none") == "none":
         raise UsageError("--calibration wants estimates to write; add --set calibrate=joint or --set calibrate=initial")
     sensors = choose_sensors(inputs.scene, request.only, request.without)
     targets = request.targets or None
@@ -88,7 +104,8 @@ def run_track(
     losses = tuple(inputs.losses)
     provenance = Provenance("track", parameters, request.seed, hash_inputs(paths), losses)
     outputs: list[tuple[Path | None, type[Table]]] = [
-        (output, Tracks), (diagnostics, Diagnostics), (calibration, Calibration),
+        (wanted.tracks, Tracks), (wanted.diagnostics, Diagnostics), (wanted.calibration, Calibration),
+        (wanted.cooperation, Cooperation),
     ]  # fmt: skip
     tally = Tally()
     with ExitStack() as stack:
@@ -99,15 +116,16 @@ def run_track(
             for p, t in outputs
         ]  # fmt: skip
         for part in tracked:
-            for writer, table in zip(writers, part[:3], strict=True):
-                if writer is not None:
+            tables = (part.tracks, part.diagnostics, part.calibration, part.cooperation)
+            for writer, table in zip(writers, tables, strict=True):
+                if writer is not None and table is not None:
                     writer.write(table)
             tally.add(part)
-        if not tally.rows:
+        if not tally.rows and request.method != "imm":
             raise InputError(f"{request.bearings}: no row is of the chosen targets and sensors; choose others")
     for line in tally.warnings():
         options.note(f"warning: {line}", quiet)
-    return {"tracks": str(output), "method": request.method, **tally.summary()}, losses
+    return {"tracks": str(wanted.tracks), "method": request.method, **tally.summary()}, losses
 
 
 def one_at_a_time(
@@ -127,10 +145,10 @@ def make_config(request: Request, unit: str) -> Any:
     values: dict[str, Any] = dict(request.settings)
     if request.motion is not None:
         values |= motion_settings(request.motion, unit, values)
-    if request.start is not None:
+    if request.starts:
         if "start" in values:
             raise UsageError("--start and --set start=... say the same; give one of them")
-        values["start"] = parse_start(request.start, unit)
+        values["start"] = parse_starts(request.starts, request.method, unit)
     return configure(defaults, values, request.method)
 
 
@@ -185,6 +203,25 @@ def parse_setting(text: str) -> tuple[str, str]:
     if not equals or not name.strip():
         raise UsageError(f"--set {text}: want NAME=VALUE")
     return name.strip(), value
+
+
+def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
+    """The starts as the method's setting; UsageError for several where the method has one filter a target."""
+    if method == "imm":
+        return ",".join(_with_velocity(text, unit) for text in texts)
+    if len(texts) > 1:
+        raise UsageError(f"--start says where one target is; give it once, or use --method imm (method {method})")
+    return parse_start(texts[0], unit)
+
+
+def _with_velocity(text: str, unit: str) -> str:
+    """X,Y,SIGMA,VX,VY,SIGMA_V; at rest up to the method's usual speed where the velocity is left out."""
+    parts = text.split(",")
+    if len(parts) == START_NUMBERS:
+        return text
+    if len(parts) > 3:
+        raise UsageError(f"--start {text}: want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V")
+    return f"{parse_start(text, unit)},0,0,{imm_defaults(unit).speed}"
 
 
 def parse_start(text: str, unit: str) -> str:

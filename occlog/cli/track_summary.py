@@ -22,6 +22,9 @@ class Tally:
         self.ess = 0.0
         self.messages = Messages()
         self.solves: list[Solve] = []
+        self.asked: Counter[str] = Counter()
+        self.cooperated = False
+        self.requests = self.answered = self.frames = self.offered = 0
 
     def add(self, part: Tracked) -> None:
         """Count some more rows."""
@@ -31,6 +34,13 @@ class Tally:
         self.ess += float(part.diagnostics.ess.sum())
         self.messages.add(part.diagnostics)
         self.solves += part.solves
+        self.offered += part.offered
+        if (asked := part.cooperation) is not None:
+            self.cooperated = True
+            self.requests += len(asked)
+            self.answered += int(asked.answered.sum())
+            self.frames += int(asked.frames.sum())
+            self.asked.update(cause for text in asked.cause.tolist() for cause in text.split(","))
 
     def summary(self) -> dict[str, Any]:
         """The figures."""
@@ -40,6 +50,17 @@ class Tally:
             **(self._searches() if self.solves else {"mean_effective_particles": self.ess / max(self.rows, 1)}),
             "fallbacks": dict(sorted(self.fallbacks.items())),
             **self.messages.summary(),
+            **(self._cooperation() if self.cooperated else {}),
+        }
+
+    def _cooperation(self) -> dict[str, Any]:
+        """What cameras were asked; a request with several causes counts for each."""
+        return {
+            "requests": self.requests,
+            "answered": self.answered,
+            "requests_by_cause": dict(sorted(self.asked.items())),
+            "frames_asked": self.frames,
+            "frames_offered": self.offered,
         }
 
     def warnings(self) -> list[str]:
@@ -50,6 +71,10 @@ class Tally:
             "wall": "no way around a wall was found; more states may help (--set fill_s=0.2)",
             "unfinished": "the search did not converge; try --set iterations=1000",
         }
+        if not self.rows:
+            return [
+                "nobody was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
+            ]
         return [
             f"{self.fallbacks[k]} of {self.rows} rows: {k}: {text}" for k, text in said.items() if self.fallbacks[k]
         ]

@@ -16,11 +16,12 @@ from ..errors import UsageError
 from ..records import UNLABELLED, Bearings, Calibration, Diagnostics, Hulls, Occluders, Tracks
 from ..scene import Scene
 from ..trackers import tracker
-from ..trackers.method import Batch, Estimate, Height, Online, Scan, sensor_names
+from ..trackers.method import Batch, Estimate, Height, Joint, Online, Scan, sensor_names
 from ..trackers.select import Choice, SelectConfig, choose, network
 from .occluders import OccluderFeed
 from .scans import Group, Rows, groups, nearest, scan_of
 from .track_batch import track_batch
+from .track_joint import track_joint
 from .tracked import Tracked, check_start
 
 NS = 1_000_000_000
@@ -116,6 +117,12 @@ def track(
             what = "--select" if selection is not None else "--occluders"
             raise UsageError(f"{what}: method {method} takes all that was recorded at once; leave {what} out")
         yield from track_batch(bearings, scene, config, chosen, use, window_ns)
+        return
+    if isinstance(chosen, Joint):
+        if selection is not None or occluders is not None:
+            what = "--select" if selection is not None else "--occluders"
+            raise UsageError(f"{what}: method {method} asks cameras itself (--cooperate); leave {what} out")
+        yield from track_joint(bearings, scene, config, chosen, seed, use, window_ns)
         return
     feed = None
     if occluders is not None:

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from typing import Any, NamedTuple
 
 from ..errors import UsageError
-from ..records import Calibration, Diagnostics, Tracks
+from ..records import Calibration, Cooperation, Diagnostics, Tracks
 
 
 class Solve(NamedTuple):
@@ -24,6 +24,8 @@ class Tracked(NamedTuple):
     diagnostics: Diagnostics
     calibration: Calibration  # rows of every sensor and scan; none if it is not estimated
     solves: tuple[Solve, ...] = ()  # of a batch method
+    cooperation: Cooperation | None = None  # of a method that asks cameras
+    offered: int = 0  # frames that it could have asked for
 
 
 def check_start(config: Any, target: int, others: Collection[int]) -> None:

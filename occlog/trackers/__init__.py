@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from ..errors import UsageError
-from . import apf, batch_map, direct3d, pps
+from . import apf, batch_map, direct3d, imm, imm_filter, pps
 from .apf_config import ApfConfig, apf_defaults
+from .imm_config import ImmConfig, imm_defaults
 from .map_config import MapConfig, map_defaults
-from .method import Batch, Online
+from .method import Batch, Joint, Online
 from .space_config import Direct3dConfig, PpsConfig, direct3d_defaults, pps_defaults
 
-TRACKERS: dict[str, Online | Batch] = {
+TRACKERS: dict[str, Online | Batch | Joint] = {
     "apf": Online(
         summary="auxiliary particle filter with random waypoints (Ercan, El Gamal, Guibas 2013)",
         config=ApfConfig,
@@ -41,11 +42,19 @@ TRACKERS: dict[str, Online | Batch] = {
         step=pps.step,
         predict=pps.predict,
     ),
+    "imm": Joint(
+        summary="several motion models for several targets that microphone arrays hear, unlabelled (Lee 2009)",
+        config=ImmConfig,
+        defaults=imm_defaults,
+        init=imm_filter.init,
+        step=imm_filter.step,
+        estimates=imm.estimates,
+    ),
 }
 """Every method by the name that `--method` takes."""
 
 
-def tracker(name: str) -> Online | Batch:
+def tracker(name: str) -> Online | Batch | Joint:
     """The method of that name; UsageError names the ones there are."""
     if name not in TRACKERS:
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(TRACKERS)}")

@@ -129,6 +129,20 @@ class Online(NamedTuple):
     predict: Callable[[Any, int, Generator], Cloud] | None = None  # where the target will be; for selecting cameras
 
 
+class Joint(NamedTuple):
+    """A method with one state for all targets, which cameras may help: see `occlog.trackers.imm_filter`.
+
+    States, reports, questions and memories are the method's own.
+    """
+
+    summary: str
+    config: type  # frozen dataclass of its settings, validated; see `settings.configure`
+    defaults: Callable[[str], Any]  # settings that suit a scene's length unit
+    init: Callable[[Scene, Any, Generator], Any]
+    step: Callable[[Any, int, Any, Generator], tuple[Any, Any]]  # state, time, looks of arrays -> state, report
+    estimates: Callable[[Any, Scene], list[tuple[int, Estimate]]]  # of a report, by target
+
+
 def sensor_names(scene: Scene) -> tuple[str, ...]:
     """Names of all sensors of a scene, cameras first; `Scan.sensor` counts in this order."""
     return (*(c.name for c in scene.cameras), *(a.name for a in scene.arrays))

@@ -1,0 +1,180 @@
+"""Cameras that are asked where a target is: one frame each of the two that should tell it best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations, product
+from typing import NamedTuple
+
+import numpy as np
+
+from ..columns import Floats, Ints
+from ..core.assignment import assign
+from ..core.geometry import inside_polygon
+from ..core.imm_fix import expected_variance
+from ..core.localise import distance2
+from ..core.triangulate import MET, sight_lines_meet
+from ..core.visibility import Sensors, seen_from
+from ..records import UNLABELLED
+from ..scene import Scene
+from ..trackers.imm_config import ImmConfig
+from ..trackers.imm_cooperate import Answer, Ask
+from ..trackers.imm_tracks import UNNUMBERED
+from ..trackers.sensing import pack_sensors
+from .scans import Group
+
+NS = 1_000_000_000
+UNKNOWN_SIGMA = math.radians(1.0)
+"""Standard deviation with which a camera is expected to tell a bearing before it has."""
+
+
+class Frame(NamedTuple):
+    """What a camera saw at its last frame."""
+
+    t_ns: int
+    label: Ints  # (R,)
+    bearing: Floats  # (R,) [rad]
+    sigma: Floats  # (R,) [rad]
+
+
+class Request(NamedTuple):
+    """One row of `Cooperation`, with the answer."""
+
+    answer: Answer
+    cameras: tuple[str, ...]
+    frames: int
+
+
+class _Found(NamedTuple):
+    """Where sight lines of two cameras cross."""
+
+    xy: Floats  # (C, 2)
+    covariance: Floats  # (C, 2, 2)
+    label: Ints  # (C,)
+
+
+class Desk:
+    """The cameras' frames, of which only those that are asked for are looked at."""
+
+    def __init__(self, scene: Scene, config: ImmConfig) -> None:
+        """No frames yet."""
+        self._cameras, self._config = scene.cameras, config
+        self._sensors: Sensors | None = pack_sensors(scene) if scene.cameras else None
+        self._room = None if scene.room is None else np.ascontiguousarray(scene.room)
+        self._frames: dict[int, Frame] = {}
+        self.offered = 0  # frames that could have been asked for
+
+    def put(self, group: Group) -> None:
+        """Keep the last frame of every camera."""
+        for camera in np.unique(group.sensor[group.sensor < len(self._cameras)]).tolist():
+            rows = (group.sensor == camera) & group.seen
+            target = np.where(group.target[rows] >= 0, group.target[rows], UNLABELLED).astype(np.int64)
+            self._frames[camera] = Frame(group.t_ns, target, group.bearing[rows], group.sigma[rows])
+            self.offered += 1
+
+    def ask(self, asks: Sequence[Ask], t_ns: int) -> list[Request]:
+        """Answers to all questions of one time, in their order; every frame is counted once."""
+        fresh = [c for c, f in self._frames.items() if t_ns - f.t_ns <= self._config.frame_age_s * NS]
+        pairs = [self._pair(ask, sorted(fresh)) for ask in asks]
+        answers: dict[int, Answer] = {}
+        for pair in sorted({p for p in pairs if p is not None}):
+            mine = [n for n, p in enumerate(pairs) if p == pair]
+            answers |= zip(mine, self._match([asks[n] for n in mine], self._cross(pair, t_ns)), strict=True)
+        out, used = [], set[int]()
+        for n, (ask, cameras) in enumerate(zip(asks, pairs, strict=True)):
+            new = set(cameras or ()) - used
+            used |= new
+            names = tuple(self._cameras[c].name for c in cameras or ())
+            out.append(Request(answers.get(n, Answer(ask, None, None, UNLABELLED)), names, len(new)))
+        return _once(out)
+
+    def _pair(self, ask: Ask, fresh: list[int]) -> tuple[int, int] | None:
+        """The two cameras whose sight lines should tell the place best, of those that can see it, or else of all."""
+        if self._sensors is None:
+            return None
+        place = np.ascontiguousarray(ask.place[None])
+        sees = {c: bool(seen_from(place, c, self._sensors)[0]) for c in fresh}
+        best: tuple[tuple[int, float], tuple[int, int]] | None = None
+        for pair in combinations(fresh, 2):
+            origins = np.array([self._cameras[c].position[:2] for c in pair])
+            sigmas = np.array([self._sigma(c) for c in pair])
+            variance = expected_variance(ask.place, origins, sigmas)
+            rank = (sum(not sees[c] for c in pair), variance)
+            if best is None or rank < best[0]:
+                best = (rank, pair)
+        return None if best is None else best[1]
+
+    def _sigma(self, camera: int) -> float:
+        """Noise that the camera is known to have: nothing of the frame is looked at before it is asked for."""
+        c = self._cameras[camera]
+        sigma = math.hypot(c.sigma_yaw, c.sigma_read_px / float(c.focal_px[0]))
+        return sigma if sigma > 0.0 else UNKNOWN_SIGMA
+
+    def _cross(self, pair: tuple[int, int], t_ns: int) -> _Found:
+        """Where lines of two frames cross: equal labels, and every two candidates without."""
+        one, other = (self._frames[c] for c in pair)
+        ways = [
+            (i, j) for i, j in product(range(len(one.label)), range(len(other.label))) if one.label[i] == other.label[j]
+        ]
+        if not ways:
+            return _Found(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0, dtype=np.int64))
+        i, j = np.array(ways).T
+        label = one.label[i]
+        origins = np.tile(np.array([self._cameras[c].position[:2] for c in pair]), (len(ways), 1))
+        azimuths = np.column_stack([one.bearing[i], other.bearing[j]]).ravel()
+        sigmas = np.maximum(np.column_stack([one.sigma[i], other.sigma[j]]).ravel(), 1e-9)
+        met = sight_lines_meet(origins, azimuths, sigmas, 2 * np.arange(len(ways) + 1))
+        good = met.status == MET
+        if self._room is not None:
+            inside = inside_polygon(np.where(good[:, None], met.xy, 0.0), self._room)
+            good &= inside | (label != UNLABELLED)
+        # What moved since the frame was taken is not known to the frame.
+        age = max(t_ns - min(one.t_ns, other.t_ns), abs(one.t_ns - other.t_ns)) / NS
+        moved = (self._config.speed * age) ** 2 * np.eye(2)
+        return _Found(met.xy[good], met.covariance[good] + moved, label[good])
+
+    def _match(self, asks: list[Ask], found: _Found) -> list[Answer]:
+        """What is found for each question: by label where it has one, else by distance; each find once."""
+        answers = [Answer(ask, None, None, UNLABELLED) for ask in asks]
+        free = np.ones(len(found.xy), dtype=np.bool_)
+        for n, ask in enumerate(asks):
+            own = np.flatnonzero(free & (found.label == ask.label))
+            if ask.label != UNLABELLED and len(own):
+                answers[n] = _answer(ask, found, int(own[0]))
+                free[own[0]] = False
+        # Who has a label of his own is nobody else.
+        free &= ~np.isin(found.label, [a.label for a in asks if a.label != UNLABELLED])
+        for wanted in (False, True):  # those who are known first
+            rows = [n for n, a in enumerate(answers) if a.place is None and (asks[n].number == UNNUMBERED) == wanted]
+            columns = np.flatnonzero(free)
+            if not rows or not len(columns):
+                continue
+            known = np.array([asks[n].place for n in rows])
+            spread = np.array([asks[n].covariance for n in rows])
+            cost = distance2(found.xy[columns], found.covariance[columns] + 1e-18 * np.eye(2), known, spread).T
+            labelled = np.array([asks[n].label != UNLABELLED for n in rows])
+            barred = labelled[:, None] & (found.label[columns] != UNLABELLED)
+            for r, c in zip(*assign(np.where(barred, np.inf, cost), self._config.gate**2), strict=True):
+                answers[rows[r]] = _answer(asks[rows[r]], found, int(columns[c]))
+                free[columns[c]] = False
+        return answers
+
+
+def _answer(ask: Ask, found: _Found, c: int) -> Answer:
+    return Answer(ask, found.xy[c], found.covariance[c], int(found.label[c]))
+
+
+def _once(requests: list[Request]) -> list[Request]:
+    """The requests; who was found by two of them is the first one's."""
+    seen: set[tuple[float, ...]] = set()
+    out = []
+    for request in requests:
+        place = request.answer.place
+        key = () if place is None else tuple(place.tolist())
+        if key in seen:
+            request = request._replace(answer=request.answer._replace(place=None, covariance=None))
+        elif key:
+            seen.add(key)
+        out.append(request)
+    return out

@@ -1,0 +1,129 @@
+"""Bearings to tracks by a method with one state for all targets, with cameras that are asked when it matters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core.seeds import Stage, generator
+from ..errors import InputError, UsageError
+from ..records import Bearings, Calibration, Cooperation, Diagnostics, Tracks
+from ..scene import Scene
+from ..trackers import imm_cooperate
+from ..trackers.method import Estimate, Joint, sensor_names
+from .scans import Rows, groups
+from .track_desk import Desk, Request
+from .track_listen import Listener
+from .tracked import Tracked
+
+ROWS_PER_CHUNK = 4096
+
+
+class _Row(NamedTuple):
+    t_ns: int
+    target: int
+    estimate: Estimate
+    offered: int  # frames of cameras since the scan before
+
+
+def track_joint(
+    bearings: Iterable[Bearings], scene: Scene, config: Any, method: Joint, seed: int, use: Rows, window_ns: int
+) -> Iterator[Tracked]:
+    """Tracks of all targets that arrays hear, chunk by chunk; see `occlog.stages.track.track`.
+
+    Rows of cameras are only looked at when the method asks for them.  There is a row for each
+    confirmed target and time at which an array listened, in vain or not.
+
+    Raises:
+        InputError: no rows of arrays.
+        UsageError: cooperation in a scene, or with sensors, without two cameras that have a pose.
+    """
+    names, cameras = sensor_names(scene), len(scene.cameras)
+    asking = config.policies - {"none"}
+    seeing = [c for c in scene.cameras if c.placed and c.name in use.sensors]
+    if asking and len(seeing) < 2:
+        raise UsageError(
+            f"--cooperate {','.join(sorted(asking))} wants two cameras with a pose; the scene has {len(seeing)} in use"
+        )
+    rng, helping = generator(seed, Stage.TRACK, 0), generator(seed, Stage.COOPERATE, 0)
+    state, memory = method.init(scene, config, rng), imm_cooperate.Memory()
+    listener, desk = Listener(scene, config.forget_s), Desk(scene, config)
+    rows: list[_Row] = []
+    requests: list[tuple[int, Request]] = []
+    heard, told, offered = False, 0, 0
+    for group in groups(bearings, scene, use, window_ns):
+        desk.put(group)
+        heard = heard or bool((group.sensor >= cameras).any())
+        for t_ns, looks in listener.scans(group):
+            state, report = method.step(state, t_ns, looks, rng)
+            if asking:
+                asked, memory = imm_cooperate.asks(state, report, memory, helping)
+                answered = desk.ask(asked, t_ns)
+                requests += [(t_ns, r) for r in answered]
+                state, report, memory = imm_cooperate.located(
+                    state, report, [r.answer for r in answered], memory, helping
+                )
+            rows += [_Row(t_ns, k, e, desk.offered - offered) for k, e in method.estimates(report, scene)]
+            offered = desk.offered
+        if len(rows) + len(requests) >= ROWS_PER_CHUNK:
+            yield _tables(rows, requests, desk.offered - told, names)
+            rows, requests, told = [], [], desk.offered
+    if not heard:
+        raise InputError(
+            "bearings: no row is of a microphone array of the scene, which this method needs; give directions of "
+            "arrival (--doa), or use --method apf for bearings of cameras"
+        )
+    yield _tables(rows, requests, desk.offered - told, names)
+
+
+def _tables(rows: list[_Row], requests: list[tuple[int, Request]], offered: int, names: tuple[str, ...]) -> Tracked:
+    cooperation = cooperation_of(requests)
+    if not rows:
+        return Tracked(
+            Tracks.empty(), Diagnostics.empty(), Calibration.empty(), cooperation=cooperation, offered=offered
+        )
+    e = [r.estimate for r in rows]
+    t_ns, target = np.array([r.t_ns for r in rows], dtype=np.int64), np.array([r.target for r in rows], dtype=np.int32)
+    xy, velocity = np.array([x.xy for x in e]), np.array([x.velocity for x in e])
+    cov = np.array([x.covariance for x in e])
+    tracks = Tracks.of(
+        t_ns=t_ns, target_id=target, x=xy[:, 0], y=xy[:, 1], vx=velocity[:, 0], vy=velocity[:, 1],
+        cov_xx=cov[:, 0, 0], cov_xy=cov[:, 0, 1], cov_yy=cov[:, 1, 1],
+    )  # fmt: skip
+    diagnostics = Diagnostics(
+        t_ns=t_ns,
+        target_id=target,
+        ess=np.array([x.ess for x in e], dtype=np.float64),
+        log_likelihood=np.array([x.log_likelihood for x in e], dtype=np.float64),
+        n_looked=np.array([x.n_looked for x in e], dtype=np.int32),
+        n_seen=np.array([x.n_seen for x in e], dtype=np.int32),
+        fallback=np.array([x.fallback for x in e], dtype=np.str_),
+        cameras=np.array([",".join(names[i] for i in x.used) for x in e], dtype=np.str_),
+        n_offered=np.array([r.offered + r.estimate.n_looked for r in rows], dtype=np.int32),
+        selected=np.full(len(e), "", dtype="U1"),
+        predicted_mse=np.full(len(e), math.nan),
+    )
+    return Tracked(tracks, diagnostics, Calibration.empty(), cooperation=cooperation, offered=offered)
+
+
+def cooperation_of(requests: list[tuple[int, Request]]) -> Cooperation:
+    """The table of requests and their times, by time and target."""
+    ordered = sorted(requests, key=lambda r: (r[0], r[1].answer.ask.number))
+    if not ordered:
+        return Cooperation.empty()
+    nothing = np.full(2, np.nan)
+    xy = np.array([nothing if r.answer.place is None else r.answer.place for _, r in ordered])
+    none = np.full((2, 2), np.nan)
+    cov = np.array([none if r.answer.covariance is None else r.answer.covariance for _, r in ordered])
+    return Cooperation.of(
+        t_ns=np.array([t for t, _ in ordered], dtype=np.int64),
+        target_id=np.array([r.answer.ask.number for _, r in ordered], dtype=np.int32),
+        cause=np.array([",".join(r.answer.ask.causes) for _, r in ordered], dtype=np.str_),
+        cameras=np.array([",".join(r.cameras) for _, r in ordered], dtype=np.str_),
+        frames=np.array([r.frames for _, r in ordered], dtype=np.int32),
+        answered=np.array([r.answer.place is not None for _, r in ordered], dtype=np.bool_),
+        x=xy[:, 0], y=xy[:, 1], cov_xx=cov[:, 0, 0], cov_xy=cov[:, 0, 1], cov_yy=cov[:, 1, 1],
+    )  # fmt: skip
