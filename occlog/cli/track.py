@@ -8,7 +8,7 @@ import click
 
 from . import options
 
-METHODS = ("apf", "map", "direct3d", "imm", "pps")
+METHODS = ("apf", "map", "direct3d", "pps", "imm")
 """Names of `occlog.trackers.TRACKERS`; a test keeps the two alike, so that --help need not load the trackers."""
 POLICIES = ("greedy", "brute-force", "fixed", "random", "closest", "all")
 MODELS = ("perspective", "weak")
