@@ -100,4 +100,5 @@ def _provenance(paths: Paths, config: EvaluateConfig) -> Provenance:
             losses |= dict.fromkeys(open_recording(path).losses)
         elif kind == ".parquet":
             losses |= dict.fromkeys(read_provenance(path).losses)
-    return Provenance("evaluate", asdict(config), None, hash_inputs(paths.inputs), tuple(losses))
+    parameters = asdict(config) | ({"doa_labels": True} if paths.doa_labels else {})
+    return Provenance("evaluate", parameters, None, hash_inputs(paths.inputs), tuple(losses))
