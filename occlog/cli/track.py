@@ -8,7 +8,7 @@ import click
 
 from . import options
 
-METHODS = ("apf", "map", "direct3d", "pps", "imm")
+METHODS = ("apf", "map", "direct3d", "pps", "imm", "fix")
 """Names of `occlog.trackers.TRACKERS`; a test keeps the two alike, so that --help need not load the trackers."""
 POLICIES = ("greedy", "brute-force", "fixed", "random", "closest", "all")
 MODELS = ("perspective", "weak")

@@ -55,7 +55,8 @@ def looks_like_telemetr(head: list[str]) -> bool:
 def read_telemetr(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
     """Bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, and taken for UTC.
 
-    An animal's number is the identity of its bearings.
+    An animal's number is the identity of its bearings.  0 stands for a tower without a bearing
+    (north is 360): the program that made such logs took the other towers alone for its fix.
     """
     for rows in read_plain(path, "a field log of bearings"):
         columns = len(rows.cells)
@@ -76,6 +77,7 @@ def read_telemetr(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
         times = np.concatenate([t_ns for _ in pairs]) + options.start_ns
         animal = np.concatenate([_animals(rows.cells["2"]) for _ in pairs])
         order = np.argsort(line, kind="stable")
+        order = order[degrees[order] != 0.0]
         found = azimuths_only(line[order], times[order], tower[order], np.radians(degrees[order]))
         yield found._replace(source_id=animal[order])
 

@@ -151,6 +151,10 @@ def track(
                 filters[target] = own._replace(offered=offered)
                 continue
             state, estimate = chosen.step(own.state, scan._replace(occluders=priors), own.rng)
+            if estimate is None:
+                # The scan tells no position; the next row tells that it was there.
+                filters[target] = own._replace(state=state, offered=offered)
+                continue
             asked = () if own.selected is None else own.selected.choice.cameras
             rows.append(_Row(group.t_ns, target, estimate, offered, asked, own.mse))
             filters[target] = own._replace(state=state, offered=0, mse=math.nan)

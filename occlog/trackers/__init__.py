@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from ..errors import UsageError
-from . import apf, batch_map, direct3d, imm, imm_filter, pps
+from . import apf, batch_map, direct3d, fix, imm, imm_filter, pps
 from .apf_config import ApfConfig, apf_defaults
+from .fix_config import FixConfig, fix_defaults
 from .imm_config import ImmConfig, imm_defaults
 from .map_config import MapConfig, map_defaults
 from .method import Batch, Joint, Online
@@ -49,6 +50,13 @@ TRACKERS: dict[str, Online | Batch | Joint] = {
         init=imm_filter.init,
         step=imm_filter.step,
         estimates=imm.estimates,
+    ),
+    "fix": Online(
+        summary="each moment's position from its bearings alone (Lenth 1981)",
+        config=FixConfig,
+        defaults=fix_defaults,
+        init=fix.init,
+        step=fix.step,
     ),
 }
 """Every method by the name that `--method` takes."""

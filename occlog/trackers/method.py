@@ -125,7 +125,7 @@ class Online(NamedTuple):
     config: type  # frozen dataclass of its settings, validated; see `settings.configure`
     defaults: Callable[[str], Any]  # settings that suit a scene's length unit
     init: Callable[[Scene, Any, Generator], Any]
-    step: Callable[[Any, Scan, Generator], tuple[Any, Estimate]]
+    step: Callable[[Any, Scan, Generator], tuple[Any, Estimate | None]]  # None: the scan tells no position
     predict: Callable[[Any, int, Generator], Cloud] | None = None  # where the target will be; for selecting cameras
 
 

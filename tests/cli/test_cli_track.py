@@ -204,7 +204,7 @@ def test_directions_of_arrival_can_be_labelled(folder, capsys):
 
 @pytest.mark.jit
 def test_the_animal_of_a_field_log_is_followed_by_its_number(shared_data, tmp_path, capsys):
-    """828 bearings of an animal in 276 rounds: the filter is near the least-squares crossings (median 37 m)."""
+    """783 bearings of an animal in 276 rounds: the filter is near the least-squares crossings (median 37 m)."""
     data = shared_data / "telemetr_bearings"
     field, tracks = str(tmp_path / "field.mcap"), str(tmp_path / "tracks.parquet")
     logs = ["--doa", str(data / "azimuth.dat"), "--arrays", str(data / "towers.dat")]
