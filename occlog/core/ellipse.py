@@ -93,14 +93,14 @@ def holds_pixels(ellipse: Floats) -> bool:
     a, b = ellipse[2], ellipse[3]
     if not (math.isfinite(ellipse[0]) and math.isfinite(ellipse[1]) and math.isfinite(ellipse[4])):
         return False
-    return 0.0 < a <= LARGEST and 0.0 < b <= LARGEST and abs(ellipse[0]) < 1e7 and abs(ellipse[1]) < 1e7
+    return bool(0.0 < a <= LARGEST and 0.0 < b <= LARGEST and abs(ellipse[0]) < 1e7 and abs(ellipse[1]) < 1e7)
 
 
 @kernel
 def row_limits(cy: float, a: float, b: float, rho: float) -> tuple[int, int]:
     """First and last row that meet an ellipse for which `holds_pixels`; first > last: none."""
     reach = math.hypot(a * math.sin(rho), b * math.cos(rho))
-    return int(math.ceil(cy - reach)), int(math.floor(cy + reach))
+    return math.ceil(cy - reach), math.floor(cy + reach)
 
 
 @kernel
@@ -118,7 +118,7 @@ def column_limits(cx: float, dy: float, a: float, b: float, c: float) -> tuple[i
     if root < 0.0:
         return 1, 0
     half, middle = math.sqrt(root) / a, cx - b * dy / a
-    return int(math.ceil(middle - half)), int(math.floor(middle + half))
+    return math.ceil(middle - half), math.floor(middle + half)
 
 
 def pixels_inside(ellipse: Floats, size: tuple[int, int] | None = None, step: int = 1) -> Ints:
