@@ -7,6 +7,7 @@ everywhere in the box.  The floor is at z = 0, half an image height below the bo
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ Floats = NDArray[np.float64]
 FAR = 1e6
 """At this distance [px] places and sizes in an image of 320 px change by less than 0.03 px with depth."""
 
-VIEWS = ((0.0, 0.0), (90.0, 0.0), (45.0, -30.0), (135.0, -30.0), (20.0, -15.0), (110.0, -15.0))
+VIEWS = ((0.0, 0.0), (90.0, 0.0), (45.0, -15.0), (135.0, -15.0), (20.0, -10.0), (110.0, -10.0))
 """Yaw and pitch [deg]: the two of the paper, at a right angle and level, and more that look down from between."""
 
 TRIES = 5_000
@@ -93,17 +94,21 @@ def ball_cameras(config: BallsConfig) -> tuple[Camera, ...]:
 
 def ball_box(config: BallsConfig) -> Floats:
     """(3,) half lengths of the box in x, y, z: as wide and high as the images, or smaller so that all views hold it."""
-    full = 0.5 * np.array([config.width, config.width, config.height], dtype=np.float64)
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+    half = 0.5 * np.array([config.width, config.width, config.height], dtype=np.float64)
     cameras, middle = ball_cameras(config), np.array([0.0, 0.0, 0.5 * config.height])
-    corners = signs * full
-    if _all_inside(cameras, middle + corners):
-        return np.asarray(full)
+    return half * _largest(lambda scale: _all_inside(cameras, middle + scale * signs * half))
+
+
+def _largest(good: Callable[[float], bool]) -> float:
+    """The largest scale up to 1 that is good; good ones lie below bad ones."""
+    if good(1.0):
+        return 1.0
     low, high = 0.0, 1.0
     for _ in range(50):
         scale = 0.5 * (low + high)
-        low, high = (scale, high) if _all_inside(cameras, middle + scale * corners) else (low, scale)
-    return np.asarray(low * full)
+        low, high = (scale, high) if good(scale) else (low, scale)
+    return low
 
 
 def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
