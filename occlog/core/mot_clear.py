@@ -7,7 +7,7 @@ metrics".  Programs differ in how they pair targets and tracks in a frame; `Clea
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -50,14 +50,16 @@ class Matches(NamedTuple):
         frame: (n,) place of the frame in `Frames`.
         truth: (n,) true row in `Frames`.
         track: (n,) track row in `Frames`.
-        pair: (n,) pair in `Frames`.
+        distance: (n,) of the pair.
+        similarity: (n,) of the pair.
         switch: (n,) true: the target had another track when it was paired last.
     """
 
     frame: Ints
     truth: Ints
     track: Ints
-    pair: Ints
+    distance: Floats
+    similarity: Floats
     switch: Bools
 
 
@@ -105,21 +107,24 @@ def match(frames: Frames, rule: ClearRule = CLASSIC) -> Matches:
     """Pairs of all frames, one to one within each."""
     held = np.full(len(frames.truth_key), -1, dtype=np.int64)
     when = np.zeros(len(frames.truth_key), dtype=np.int64)
-    good = reaches(frames.similarity, rule.threshold)
-    parts: list[tuple[Ints, Ints, Ints, Bools, int]] = []
+    parts: list[Matches] = []
     for t in frames.meeting():
-        truth = frames.truth[frames.truth_start[t] : frames.truth_start[t + 1]]
-        track = frames.track[frames.track_start[t] : frames.track_start[t + 1]]
-        allowed = good[frames.pair_start[t] : frames.pair_start[t + 1]].reshape(len(truth), -1)
+        left, right = frames.rows(t)
+        truth, track = frames.truth[left], frames.track[right]
+        distance, similarity = frames.compare(t)
         last = np.where(frames.frame[t] - when[truth] <= rule.memory, held[truth], -1)
-        values = frames.block(t, frames.distance if rule.most else frames.similarity)
-        rows, columns = _pair(allowed, values, last[:, None] == track[None, :], rule.most)
-        paired, now = truth[rows], track[columns]
+        kept = last[:, None] == track[None, :]
+        allowed = reaches(similarity, rule.threshold)
+        i, j = _pair(allowed, distance if rule.most else similarity, kept, rule.most)
+        paired, now = truth[i], track[j]
         switch = (held[paired] >= 0) & (held[paired] != now)
         held[paired], when[paired] = now, frames.frame[t]
-        pair = frames.pair_start[t] + rows * len(track) + columns
-        parts.append((frames.truth_start[t] + rows, frames.track_start[t] + columns, pair, switch, t))
-    return _joined(parts)
+        at = np.full(len(i), t, dtype=np.int64)
+        parts.append(Matches(at, left.start + i, right.start + j, distance[i, j], similarity[i, j], switch))
+    none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
+    parts.append(Matches(none, none, none, nothing, nothing, np.zeros(0, dtype=np.bool_)))
+    columns: list[Any] = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return Matches(*columns)
 
 
 def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None = None) -> ClearMot:
@@ -131,7 +136,7 @@ def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None
         matches: what `match` gave for the same frames and rule; None: it is called.
     """
     made = match(frames, rule) if matches is None else matches
-    n, m, tp, switches = len(frames.truth), len(frames.track), len(made.pair), int(np.count_nonzero(made.switch))
+    n, m, tp, switches = len(frames.truth), len(frames.track), len(made.truth), int(np.count_nonzero(made.switch))
     paired = np.zeros(n, dtype=np.bool_)
     paired[made.truth] = True
     life = np.bincount(frames.truth, minlength=len(frames.truth_key))
@@ -141,8 +146,8 @@ def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None
         objects=n, estimates=m, tp=tp, fp=m - tp, fn=n - tp, switches=switches,
         fragmentations=_fragmentations(frames.truth, paired),
         mota=1.0 - ratio(m - tp + n - tp + switches, n),
-        motp=ratio(float(np.sum(frames.distance[made.pair])), tp),
-        motp_similarity=ratio(float(np.sum(frames.similarity[made.pair])), tp),
+        motp=ratio(float(np.sum(made.distance)), tp),
+        motp_similarity=ratio(float(np.sum(made.similarity)), tp),
         recall=ratio(tp, n), precision=ratio(tp, m),
         mostly_tracked=most, partly_tracked=len(life) - most - lost, mostly_lost=lost, tracked=tracked,
     )  # fmt: skip
@@ -173,15 +178,6 @@ def _assign(allowed: Bools, values: Floats, most: bool) -> tuple[Ints, Ints]:
     i, j = linear_sum_assignment(np.where(allowed, values, 0.0), maximize=True)
     good = allowed[i, j]
     return i[good].astype(np.int64), j[good].astype(np.int64)
-
-
-def _joined(parts: list[tuple[Ints, Ints, Ints, Bools, int]]) -> Matches:
-    if not parts:
-        none = np.zeros(0, dtype=np.int64)
-        return Matches(none, none, none, none, np.zeros(0, dtype=np.bool_))
-    truth, track, pair, switch = (np.concatenate([part[k] for part in parts]) for k in range(4))
-    frame = np.repeat(np.array([part[4] for part in parts], dtype=np.int64), [len(part[0]) for part in parts])
-    return Matches(frame, truth, track, pair, switch.astype(np.bool_))
 
 
 def _fragmentations(target: Ints, paired: Bools) -> int:

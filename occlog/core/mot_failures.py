@@ -83,13 +83,16 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float) -> Failures
 
 def _on(frames: Frames, reach: Floats) -> Ints:
     """(M,) true row that each tracker's row is on; -1: none."""
-    near = np.flatnonzero(frames.distance <= reach[frames.pair_truth])
-    truth, track = frames.pair_truth[near], frames.pair_track[near]
-    own = frames.truth_key[frames.truth[truth], 1] == frames.track_key[frames.track[track], 1]
-    order = np.lexsort((truth, np.where(own, -1.0, frames.distance[near]), track))
     on = np.full(len(frames.track), -1, dtype=np.int64)
-    rows, first = np.unique(track[order], return_index=True)
-    on[rows] = truth[order][first]
+    for t in frames.meeting():
+        left, right = frames.rows(t)
+        targets, trackers = frames.truth_key[frames.truth[left], 1], frames.track_key[frames.track[right], 1]
+        distance = frames.compare(t)[0]
+        distance = np.where(distance <= reach[left, None], distance, np.inf)
+        # On its own target before any other one, however near.
+        distance[(targets[:, None] == trackers[None, :]) & np.isfinite(distance)] = -1.0
+        best = np.argmin(distance, axis=0)
+        on[right] = np.where(np.isfinite(distance.min(axis=0)), left.start + best, -1)
     return on
 
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .jit import kernel
 from .metrics import Bools, Floats, Ints
 
 EPS = float(np.finfo(np.float64).eps)
@@ -41,10 +42,11 @@ class Objects(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """Truth and tracks by frame, with all pairs of each frame; `Frame` here is a frame of one view.
+    """Truth and tracks by frame; a frame of one view is a frame of its own here.
 
     Rows are sorted by view, frame, label.  T frames that have a row on either side, N true rows
-    of G targets, M rows of K tracks, P pairs.
+    of G targets, M rows of K tracks.  Pairs are compared frame by frame when they are asked for,
+    so that memory does not grow with their number.
 
     Attributes:
         frame: (T,) number of each frame.
@@ -53,15 +55,13 @@ class Frames(NamedTuple):
         track: (M,) number of each row's track, 0 to K - 1.
         truth_start: (T + 1,) first row of each frame in `truth`.
         track_start: (T + 1,) first row of each frame in `track`.
-        pair_start: (T + 1,) first pair of each frame; its pairs are a matrix, true rows by track rows.
-        pair_truth: (P,) true row of each pair.
-        pair_track: (P,) track row of each pair.
-        distance: (P,) >= 0.
-        similarity: (P,) in [0, 1].
+        truth_place: (N, d) places.
+        track_place: (M, d) places.
         truth_key: (G, 2) view and label of each target.
         track_key: (K, 2) view and label of each track.
         truth_row: (N,) place of each true row in the input.
         track_row: (M,) place of each track row in the input.
+        limit: distance of points at which their similarity is 0.5; NaN: the places are boxes.
     """
 
     frame: Ints
@@ -70,41 +70,47 @@ class Frames(NamedTuple):
     track: Ints
     truth_start: Ints
     track_start: Ints
-    pair_start: Ints
-    pair_truth: Ints
-    pair_track: Ints
-    distance: Floats
-    similarity: Floats
+    truth_place: Floats
+    track_place: Floats
     truth_key: Ints
     track_key: Ints
     truth_row: Ints
     track_row: Ints
-
-    def block(self, t: int, values: Floats) -> Floats:
-        """(n, m) values of frame t's pairs, true rows by track rows."""
-        n = int(self.truth_start[t + 1] - self.truth_start[t])
-        return values[self.pair_start[t] : self.pair_start[t + 1]].reshape(n, -1)
+    limit: float
 
     def meeting(self) -> list[int]:
         """Frames that have rows on both sides."""
-        return [int(t) for t in np.flatnonzero(np.diff(self.pair_start))]
+        return [int(t) for t in np.flatnonzero(np.diff(self.truth_start) * np.diff(self.track_start))]
+
+    def rows(self, t: int) -> tuple[slice, slice]:
+        """True rows and track rows of frame t."""
+        return (
+            slice(int(self.truth_start[t]), int(self.truth_start[t + 1])),
+            slice(int(self.track_start[t]), int(self.track_start[t + 1])),
+        )
+
+    def compare(self, t: int) -> tuple[Floats, Floats]:
+        """(n, m) distance >= 0 and similarity in [0, 1] of all pairs of frame t."""
+        left, right = self.rows(t)
+        a, b = self.truth_place[left], self.track_place[right]
+        if np.isnan(self.limit):
+            similarity = _overlaps(a, b)
+            return 1.0 - similarity, similarity
+        distance = _distances(a, b)
+        return distance, np.maximum(0.0, 1.0 - distance / (2.0 * self.limit))
 
 
 def of_boxes(truth: Objects, tracks: Objects) -> Frames:
     """Frames of boxes (n, 4): left, top, width, height.
 
     Raises:
-        ValueError: a place is not finite or no box, or a label comes twice in a frame of a view.
+        ValueError: a place is not finite or no box, a label comes twice in a frame of a view, or
+            only one side has views.
     """
     for side in (truth, tracks):
         if side.place.shape[1:] != (4,) or not (side.place[:, 2:] > 0).all():
             raise ValueError("boxes must be (n, 4): left, top, width, height with sizes above 0")
-    frames = _frames(truth, tracks)
-    a, b = truth.place[frames.truth_row[frames.pair_truth]], tracks.place[frames.track_row[frames.pair_track]]
-    low, high = np.maximum(a[:, :2], b[:, :2]), np.minimum(a[:, :2] + a[:, 2:], b[:, :2] + b[:, 2:])
-    shared = np.prod(np.maximum(high - low, 0.0), axis=1)
-    similarity = shared / (np.prod(a[:, 2:], axis=1) + np.prod(b[:, 2:], axis=1) - shared)
-    return frames._replace(distance=1.0 - similarity, similarity=similarity)
+    return _frames(truth, tracks, np.nan)
 
 
 def of_points(truth: Objects, tracks: Objects, limit: float) -> Frames:
@@ -116,14 +122,12 @@ def of_points(truth: Objects, tracks: Objects, limit: float) -> Frames:
         limit: distance at which the similarity is 0.5, > 0, unit of the places.
 
     Raises:
-        ValueError: a place is not finite, or a label comes twice in a frame of a view.
+        ValueError: a place is not finite or has other columns than those of the other side, a
+            label comes twice in a frame of a view, or only one side has views.
     """
     if not 0 < limit < np.inf:
         raise ValueError(f"limit {limit:g} must be above 0")
-    frames = _frames(truth, tracks)
-    apart = truth.place[frames.truth_row[frames.pair_truth]] - tracks.place[frames.track_row[frames.pair_track]]
-    distance = np.sqrt(np.sum(apart**2, axis=1))
-    return frames._replace(distance=distance, similarity=np.maximum(0.0, 1.0 - distance / (2.0 * limit)))
+    return _frames(truth, tracks, limit)
 
 
 def reaches(similarity: Floats, threshold: float) -> Bools:
@@ -131,9 +135,12 @@ def reaches(similarity: Floats, threshold: float) -> Bools:
     return np.asarray((similarity >= threshold - EPS) & (similarity > EPS))
 
 
-def _frames(truth: Objects, tracks: Objects) -> Frames:
-    """Frames with all pairs, distances and similarities still empty."""
+def _frames(truth: Objects, tracks: Objects, limit: float) -> Frames:
+    if truth.place.ndim != 2 or truth.place.shape[1:] != tracks.place.shape[1:]:
+        raise ValueError("places of both sides must have as many columns")
     n = len(truth.frame)
+    if n and len(tracks.frame) and (truth.view is None) != (tracks.view is None):
+        raise ValueError("views must be given for both sides or for none")
     both_views = np.concatenate([_views(truth), _views(tracks)])
     both_frames = np.concatenate([truth.frame, tracks.frame]).astype(np.int64)
     key, cell = _numbered(both_views, both_frames)
@@ -141,15 +148,14 @@ def _frames(truth: Objects, tracks: Objects) -> Frames:
     track_key, track = _numbered(both_views[n:], tracks.label)
     truth_row, truth_start = _sorted(truth, cell[:n], target, len(key))
     track_row, track_start = _sorted(tracks, cell[n:], track, len(key))
-    counts, width = np.diff(truth_start) * np.diff(track_start), np.diff(track_start)
-    pair_start = np.concatenate([[0], np.cumsum(counts)])
-    at = np.repeat(np.arange(len(key)), counts)
-    place = np.arange(pair_start[-1]) - pair_start[at]
-    pair_truth, pair_track = truth_start[at] + place // width[at], track_start[at] + place % width[at]
     return Frames(
-        key[:, 1], key[:, 0], target[truth_row], track[track_row], truth_start, track_start, pair_start,
-        pair_truth, pair_track, np.empty(0), np.empty(0), truth_key, track_key, truth_row, track_row,
+        key[:, 1], key[:, 0], target[truth_row], track[track_row], truth_start, track_start,
+        _rows_of(truth, truth_row), _rows_of(tracks, track_row), truth_key, track_key, truth_row, track_row, limit,
     )  # fmt: skip
+
+
+def _rows_of(side: Objects, rows: Ints) -> Floats:
+    return np.ascontiguousarray(side.place[rows], dtype=np.float64)
 
 
 def _views(side: Objects) -> Ints:
@@ -175,3 +181,31 @@ def _sorted(side: Objects, cell: Ints, number: Ints, cells: int) -> tuple[Ints, 
         row = order[int(np.flatnonzero(same)[0])]
         raise ValueError(f"label {side.label[row]} comes twice in frame {side.frame[row]}")
     return order.astype(np.int64), np.searchsorted(cell[order], np.arange(cells + 1)).astype(np.int64)
+
+
+@kernel
+def _overlaps(a: Floats, b: Floats) -> Floats:
+    """(n, m) intersection over union of boxes (n, 4) and (m, 4): `metrics.box_overlap`, quick for few boxes."""
+    out = np.zeros((len(a), len(b)))
+    for i in range(len(a)):
+        for j in range(len(b)):
+            width = min(a[i, 0] + a[i, 2], b[j, 0] + b[j, 2]) - max(a[i, 0], b[j, 0])
+            height = min(a[i, 1] + a[i, 3], b[j, 1] + b[j, 3]) - max(a[i, 1], b[j, 1])
+            if width > 0.0 and height > 0.0:
+                shared = width * height
+                # Rounding of the corners may make the shared area larger than a box.
+                out[i, j] = min(1.0, shared / (a[i, 2] * a[i, 3] + b[j, 2] * b[j, 3] - shared))
+    return out
+
+
+@kernel
+def _distances(a: Floats, b: Floats) -> Floats:
+    """(n, m) distances of points (n, d) and (m, d)."""
+    out = np.zeros((len(a), len(b)))
+    for i in range(len(a)):
+        for j in range(len(b)):
+            total = 0.0
+            for k in range(a.shape[1]):
+                total += (a[i, k] - b[j, k]) ** 2
+            out[i, j] = np.sqrt(total)
+    return out

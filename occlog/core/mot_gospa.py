@@ -69,11 +69,10 @@ def gospa(frames: Frames, cutoff: float, p: float = 2.0, alpha: float = 2.0) -> 
     """
     if not (0 < cutoff < np.inf and 1 <= p < np.inf and 0 < alpha <= 2):
         raise ValueError(f"cutoff {cutoff:g} must be above 0, p {p:g} at least 1, alpha {alpha:g} in (0, 2]")
-    cost = np.minimum(frames.distance, cutoff) ** p
     n, m = np.diff(frames.truth_start), np.diff(frames.track_start)
     pairs, localisation = np.zeros(len(n), dtype=np.int64), np.zeros(len(n))
     for t in frames.meeting():
-        block = frames.block(t, cost)
+        block = np.minimum(frames.compare(t)[0], cutoff) ** p
         chosen = block[linear_sum_assignment(block)]
         if alpha == 2:
             chosen = chosen[chosen < cutoff**p]

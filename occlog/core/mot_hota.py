@@ -59,9 +59,7 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
         frames: truth and tracks; for points the similarity is that of `mot_frames`.
         alphas: (A,) thresholds of similarity in (0, 1).
     """
-    pairs = _assigned(frames)
-    similarity = frames.similarity[pairs]
-    target, track = frames.truth[frames.pair_truth[pairs]], frames.track[frames.pair_track[pairs]]
+    target, track, similarity = _assigned(frames)
     tracks = max(len(frames.track_key), 1)
     couples, couple = np.unique(target * tracks + track, return_inverse=True)
     life = np.bincount(frames.truth, minlength=1)[couples // tracks]
@@ -81,26 +79,30 @@ def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
     return Hota(np.asarray(alphas), joint, det[0], parts[:, 0], locs, det[1], det[2], parts[:, 1], parts[:, 2], tps)
 
 
-def _assigned(frames: Frames) -> Ints:
-    """Pairs of all frames, one to one within each: similar now, and alike over all frames."""
+def _assigned(frames: Frames) -> tuple[Ints, Ints, Floats]:
+    """Target, track, similarity of the pairs of all frames: similar now, and alike over all frames."""
     alike = _alignment(frames)
-    chosen = [np.zeros(0, dtype=np.int64)]
+    targets, tracks, similarities = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     for t in frames.meeting():
-        score = frames.block(t, alike)
-        rows, columns = linear_sum_assignment(score, maximize=True)
-        chosen.append(frames.pair_start[t] + rows * score.shape[1] + columns)
-    return np.concatenate(chosen)
+        left, right = frames.rows(t)
+        truth, track = frames.truth[left], frames.track[right]
+        similarity = frames.compare(t)[1]
+        i, j = linear_sum_assignment(similarity * alike[truth[:, None], track[None, :]], maximize=True)
+        targets.append(truth[i])
+        tracks.append(track[j])
+        similarities.append(similarity[i, j])
+    return np.concatenate(targets), np.concatenate(tracks), np.concatenate(similarities)
 
 
 def _alignment(frames: Frames) -> Floats:
-    """(P,) similarity of each pair times how well its target and track agree over all frames."""
-    similarity, targets, tracks = frames.similarity, len(frames.truth_key), len(frames.track_key)
-    of_truth = np.bincount(frames.pair_truth, weights=similarity, minlength=len(frames.truth))
-    of_track = np.bincount(frames.pair_track, weights=similarity, minlength=len(frames.track))
-    whole = of_truth[frames.pair_truth] + of_track[frames.pair_track] - similarity
-    share = np.where(whole > EPS, similarity / np.where(whole > EPS, whole, 1.0), 0.0)
-    target, track = frames.truth[frames.pair_truth], frames.track[frames.pair_track]
-    code = target * tracks + track
-    met = np.bincount(code, weights=share, minlength=targets * tracks)[code]
-    together = np.bincount(frames.truth)[target] + np.bincount(frames.track)[track] - met if len(code) else met
-    return np.asarray(similarity * met / together) if len(code) else similarity
+    """(G, K) how well each target and track agree over all frames: shared over what either has, 0 to 1."""
+    met = np.zeros((len(frames.truth_key), len(frames.track_key)))
+    for t in frames.meeting():
+        left, right = frames.rows(t)
+        similarity = frames.compare(t)[1]
+        whole = similarity.sum(axis=0)[None, :] + similarity.sum(axis=1)[:, None] - similarity
+        some = whole > EPS
+        met[frames.truth[left][:, None], frames.track[right][None, :]] += similarity * some / np.where(some, whole, 1.0)
+    life = np.bincount(frames.truth, minlength=len(frames.truth_key))
+    length = np.bincount(frames.track, minlength=len(frames.track_key))
+    return np.asarray(met / (life[:, None] + length[None, :] - met))

@@ -44,9 +44,11 @@ def identity(frames: Frames, threshold: float = 0.5) -> Identity:
         threshold: least similarity at which a track meets a target.
     """
     targets, tracks = len(frames.truth_key), len(frames.track_key)
-    good = np.flatnonzero(reaches(frames.similarity, threshold))
-    code = frames.truth[frames.pair_truth[good]] * tracks + frames.track[frames.pair_track[good]]
-    met = np.bincount(code, minlength=targets * tracks).reshape(targets, tracks)
+    met = np.zeros((targets, tracks), dtype=np.int64)
+    for t in frames.meeting():
+        left, right = frames.rows(t)
+        # No label comes twice in a frame, so no element is added to twice.
+        met[frames.truth[left][:, None], frames.track[right][None, :]] += reaches(frames.compare(t)[1], threshold)
     # The sum of false rows is N + M - 2 idtp, so the least of it has the most idtp.
     rows, columns = linear_sum_assignment(met, maximize=True)
     idtp, n, m = int(met[rows, columns].sum()), len(frames.truth), len(frames.track)

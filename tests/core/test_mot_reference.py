@@ -7,6 +7,8 @@ import math
 import mot_reference as plain
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from occlog.core.mot_clear import CHALLENGE, CLASSIC, ClearRule, clear_mot
 from occlog.core.mot_failures import failures
@@ -134,3 +136,29 @@ def test_views_are_pooled(boxes: bool) -> None:
     assert identity(one).idtp == sum(identity(laid(scene, boxes)).idtp for scene in scenes)
     assert hota(one).means() == hota(other).means()
     assert gospa(one, 0.7).means() == gospa(other, 0.7).means()
+
+
+@pytest.mark.parametrize(("seed", "boxes"), KINDS)
+def test_what_does_not_tell_truth_from_tracks_stays_when_they_are_swapped(seed: int, boxes: bool) -> None:
+    scene = plain.random_scene(seed, boxes)
+    frames = laid(scene, boxes)
+    swapped = laid({t: (tracks, truth) for t, (truth, tracks) in scene.items()}, boxes)
+    one, other = hota(frames), hota(swapped)
+    for a, b in (("hota", "hota"), ("ass_a", "ass_a"), ("ass_re", "ass_pr"), ("det_re", "det_pr"), ("loc_a", "loc_a")):
+        np.testing.assert_allclose(getattr(one, a), getattr(other, b), rtol=1e-12)
+    assert (identity(frames).idtp, identity(frames).idfp) == (identity(swapped).idtp, identity(swapped).idfn)
+    np.testing.assert_allclose(gospa(frames, 0.7).gospa, gospa(swapped, 0.7).gospa, rtol=1e-12)
+    np.testing.assert_allclose(gospa(frames, 0.7).missed, gospa(swapped, 0.7).false, rtol=1e-12)
+
+
+@given(st.integers(0, 10**6), st.floats(1.0, 4.0), st.floats(0.05, 2.0), st.floats(0.1, 3.0))
+def test_gospa_keeps_the_triangle_inequality(seed: int, p: float, alpha: float, cutoff: float) -> None:
+    rng = np.random.default_rng(seed)
+    sets = []
+    for n in rng.integers(0, 5, 3):
+        sets.append(Objects(np.zeros(n, dtype=np.int64), np.arange(n), rng.uniform(0.0, 2.0, (n, 2))))
+    a, b, c = (
+        float(np.sum(gospa(of_points(sets[i], sets[j], 1.0), cutoff, p, alpha).gospa))
+        for i, j in ((0, 1), (1, 2), (0, 2))
+    )
+    assert c <= (a + b) * (1 + 1e-12) + 1e-12

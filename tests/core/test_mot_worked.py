@@ -10,7 +10,7 @@ import pytest
 
 from occlog.core.mot_clear import CHALLENGE, CLASSIC, ClearRule, clear_mot, match
 from occlog.core.mot_failures import NONE, failures
-from occlog.core.mot_frames import Objects, of_boxes, of_points
+from occlog.core.mot_frames import Frames, Objects, of_boxes, of_points
 from occlog.core.mot_gospa import gospa
 from occlog.core.mot_hota import hota
 from occlog.core.mot_identity import identity
@@ -26,6 +26,11 @@ def nothing(width: int = 2) -> Objects:
     return Objects(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros((0, width)))
 
 
+def compared(frames: Frames) -> np.ndarray:
+    """(2, T) distance and similarity of the one pair of each frame."""
+    return np.array([[part.item() for part in frames.compare(t)] for t in frames.meeting()]).T
+
+
 def line(label: int, frames: range, y: float = 0.0) -> list[tuple[float, ...]]:
     return [(frame, label, 0.0, y) for frame in frames]
 
@@ -34,19 +39,26 @@ def test_boxes_that_overlap_by_a_third_and_by_a_half() -> None:
     truth = rows((1, 1, 0, 0, 10, 10), (2, 1, 0, 0, 10, 10), (3, 1, 0, 0, 10, 10))
     tracks = rows((1, 7, 5, 0, 10, 10), (2, 7, 0, 0, 10, 5), (3, 7, 20, 0, 10, 10))
     frames = of_boxes(truth, tracks)
-    np.testing.assert_allclose(frames.similarity, [1 / 3, 0.5, 0.0])
-    np.testing.assert_allclose(frames.distance, [2 / 3, 0.5, 1.0])
+    np.testing.assert_allclose(compared(frames), [[2 / 3, 0.5, 1.0], [1 / 3, 0.5, 0.0]])
     got = clear_mot(frames)
     assert (got.tp, got.fp, got.fn) == (1, 2, 2)  # an overlap of exactly one half counts
     assert got.mota == pytest.approx(1 - 4 / 3)
     assert clear_mot(frames, ClearRule(threshold=1 / 3)).tp == 2
 
 
+def test_equal_boxes_are_no_distance_apart_whatever_their_corners_round_to() -> None:
+    place = np.random.default_rng(1).uniform(0.1, 300.0, (500, 4))
+    boxes = Objects(np.arange(500), np.ones(500, dtype=np.int64), place)
+    got = gospa(of_boxes(boxes, boxes), cutoff=0.5, p=1.5)
+    assert (got.localisation >= 0).all()
+    np.testing.assert_allclose(got.gospa, 0.0, atol=1e-8)
+
+
 def test_similarity_of_points_is_one_half_at_the_limit_and_zero_at_twice_the_limit() -> None:
     truth = rows(*[(frame, 1, 0, 0) for frame in range(5)])
     tracks = rows((0, 1, 0, 0), (1, 1, 0.35, 0), (2, 1, 0, 0.7), (3, 1, 1.4, 0), (4, 1, 9, 0))
     frames = of_points(truth, tracks, 0.7)
-    np.testing.assert_allclose(frames.similarity, [1.0, 0.75, 0.5, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(compared(frames)[1], [1.0, 0.75, 0.5, 0.0, 0.0], atol=1e-15)
     got = clear_mot(frames)
     assert got.tp == 3  # a distance of exactly the limit counts
     assert got.motp == pytest.approx((0 + 0.35 + 0.7) / 3)
@@ -184,6 +196,8 @@ def test_one_side_or_both_are_empty() -> None:
         (lambda: of_points(rows((0, 1, 0, 0), (0, 1, 1, 1)), nothing(), 1.0), "label 1 comes twice in frame 0"),
         (lambda: of_points(rows((0, 1, np.nan, 0)), nothing(), 1.0), "finite"),
         (lambda: of_points(nothing(), nothing(), 0.0), "limit"),
+        (lambda: of_points(rows((0, 1, 0, 0, 0)), rows((0, 1, 0, 0)), 1.0), "as many columns"),
+        (lambda: of_points(rows((0, 1, 0))._replace(view=np.zeros(1)), rows((0, 1, 0)), 1.0), "views"),
         (lambda: of_boxes(rows((0, 1, 0, 0, 0, 5)), nothing(4)), "sizes above 0"),
         (lambda: of_boxes(rows((0, 1, 0, 0)), nothing(4)), "left, top, width, height"),
         (lambda: gospa(of_points(nothing(), nothing(), 1.0), 1.0, 0.5), "p 0.5"),
