@@ -14,7 +14,7 @@ from . import options
 
 if TYPE_CHECKING:
     from ..io.recording import Recording
-    from ..scene import Camera, Scene
+    from ..scene import Camera, MicrophoneArray, Scene
 
 
 @click.command(name="info", short_help="Print what a scene, a recording or a table holds.")
@@ -69,7 +69,7 @@ def _describe_scene(scene: Scene) -> dict[str, Any]:
     lines += [f"camera    {line}" for line in _camera_lines(scene)]
     lines += [
         f"array     {a.name}: at ({a.position[0]:g}, {a.position[1]:g}, {a.position[2]:g}), "
-        f"{len(a.microphones)} microphones, sigma {math.degrees(a.sigma):.3g} deg"
+        f"{len(a.microphones)} microphones, sigma {math.degrees(a.sigma):.3g} deg{_array_more(a)}"
         for a in scene.arrays
     ]
     lines += [f"clock     {c.name}: offset {c.offset_ns} ns, drift {c.drift_ppm:g} ppm" for c in scene.clocks]
@@ -101,6 +101,20 @@ def _camera(c: Camera) -> dict[str, Any]:
         "fov_deg": math.degrees(c.fov),
         "noise": {"position": c.sigma_position, "yaw": c.sigma_yaw, "read_px": c.sigma_read_px},
     }
+
+
+def _array_more(array: MicrophoneArray) -> str:
+    """What is not as it is for most arrays."""
+    parts = []
+    if not array.upright:
+        parts.append(f"pitch {math.degrees(array.pitch):.3g} deg, roll {math.degrees(array.roll):.3g} deg")
+    if math.isfinite(array.range):
+        parts.append(f"range {array.range:g}")
+    if array.resolution > 0:
+        parts.append(f"resolution {math.degrees(array.resolution):.3g} deg")
+    if array.planar:
+        parts.append("no elevation")
+    return "".join(f", {part}" for part in parts)
 
 
 def _camera_lines(scene: Scene) -> Iterator[str]:

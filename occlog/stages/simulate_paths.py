@@ -99,8 +99,12 @@ def check_inside(scene: Scene, grid: Grid, start_ns: int) -> None:
 
 def moved(state: Floats, segment: Segment, dt: float) -> Floats:
     """(6,) place and velocity after dt seconds of one segment, without noise."""
-    acceleration = np.array(segment.acceleration)
-    out = np.concatenate([state[:3] + dt * (state[3:] + 0.5 * dt * acceleration), state[3:] + dt * acceleration])
+    out = state.copy()
+    out[:3] += dt * state[3:]
+    if any(segment.acceleration):
+        acceleration = np.array(segment.acceleration)
+        out[:3] += 0.5 * dt * dt * acceleration
+        out[3:] += dt * acceleration
     if segment.lateral != 0.0:
         i, j = PLANES[segment.plane]
         speed = math.hypot(state[3 + i], state[3 + j])
@@ -114,13 +118,14 @@ def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np
     """The (3,) place at every step; NaN where the target is not there."""
     x, y, own_z = target.position
     state = np.array([x, y, z if math.isnan(own_z) else own_z, *target.velocity])
-    now, end = to_ns(target.from_s), None if math.isinf(target.until_s) else to_ns(target.until_s)
+    begin, end = to_ns(target.from_s), math.inf if math.isinf(target.until_s) else to_ns(target.until_s)
+    now = begin
     pieces = _pieces(target)
     starts = [start for start, _ in pieces]
     state = _entered(state, pieces[0][1])
     for first in range(0, steps, CHUNK_STEPS):
         for t in step_times(first, min(CHUNK_STEPS, steps - first), step_s).tolist():
-            if t < to_ns(target.from_s) or (end is not None and t > end):
+            if not begin <= t <= end:
                 yield np.full(3, np.nan)
                 continue
             state = _advanced(state, pieces, starts, now, t)

@@ -8,9 +8,11 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.io.path_file import paths_from_yaml, read_paths
+from occlog.io.scene_file import scene_from_yaml
 from occlog.script import Segment
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
 WHOLE = """
 occlog_paths: 1
 length_unit: ft
@@ -55,6 +57,14 @@ def test_everything_that_a_file_can_say() -> None:
 @pytest.mark.parametrize("name", sorted(p.name for p in EXAMPLES.glob("*_paths.yaml")))
 def test_examples_are_read(name: str) -> None:
     assert read_paths(EXAMPLES / name).targets
+
+
+def test_what_the_documentation_shows_is_read() -> None:
+    page, scenes = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("simulate.md", "scenes.md"))
+    (block,) = re.findall(r"```yaml\n(occlog_paths.*?)```", page, re.DOTALL)
+    assert len(paths_from_yaml(block, "x").targets[0].segments) == 3
+    (block,) = re.findall(r"```yaml\n(occlog_scene.*?)```", scenes, re.DOTALL)
+    assert math.isclose(scene_from_yaml(block, "x").arrays[0].resolution, math.radians(5))
 
 
 @pytest.mark.parametrize(
