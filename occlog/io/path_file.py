@@ -22,10 +22,11 @@ def paths_from_yaml(text: str, source: str) -> Script:
 
 
 def _build(spec: PathsSpec, source: str) -> Script:
-    ids = [t.id for t in spec.targets]
-    for number in ids:
-        if ids.count(number) > 1:
-            raise InputError(f"{source}: two targets have the id {number}; ids must differ, occluders' too")
+    seen: set[int] = set()
+    for t in spec.targets:
+        if t.id in seen:
+            raise InputError(f"{source}: two targets have the id {t.id}; ids must differ, occluders' too")
+        seen.add(t.id)
     targets = [_target(t, f"{source}: target {t.id}") for t in spec.targets]
     return Script(tuple(sorted(targets, key=lambda t: t.id)), spec.length_unit, spec.seconds, spec.rate_hz)
 

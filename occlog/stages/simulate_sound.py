@@ -12,6 +12,8 @@ from ..columns import Bools, Floats, Ints
 from ..core.seeds import Stage, generator
 from ..errors import InputError
 
+BLOCK = 1_000_000
+"""Pairs of sources that are compared at a time."""
 PAIRS = 32
 """Durations of sound and silence drawn at a time for each source."""
 
@@ -97,6 +99,17 @@ def merge_near(to: Floats, known: Bools, heard: Bools, resolution: float, planar
     Returns:
         to, known and heard after that; where several became one, `to` is a unit vector.
     """
+    size = max(1, BLOCK // to.shape[1] ** 2)
+    blocks = [slice(k, k + size) for k in range(0, len(to), size)]
+    merged = [_merge(to[b], known[b], heard[b], resolution, planar) for b in blocks]
+    if not merged:
+        return to, known, heard
+    places, heights, stands = zip(*merged, strict=True)
+    return np.concatenate(places), np.concatenate(heights), np.concatenate(stands)
+
+
+def _merge(to: Floats, known: Bools, heard: Bools, resolution: float, planar: bool) -> tuple[Floats, Bools, Bools]:
+    """`merge_near` of one block of times."""
     flat = planar | ~(known[:, :, None] & known[:, None, :])
     ground = _unit(np.concatenate([to[..., :2], np.zeros_like(to[..., :1])], axis=-1))
     units = ground if planar else _unit(to)

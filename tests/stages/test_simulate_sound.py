@@ -113,6 +113,16 @@ def test_merging_is_that_of_following_links(seed):
     assert np.abs(got_units[:, None] - want[None]).sum(axis=-1).min(axis=0).max() < 1e-6
 
 
+def test_many_sources_and_times_are_those_of_each_time():
+    rng = np.random.default_rng(2)
+    places = rng.normal(size=(30, 200, 3))  # more pairs than are compared at a time
+    got = heard(places, array(resolution=0.1), SoundConfig(label=True))
+    for t in (0, 17, 29):
+        alone = heard(places[t : t + 1], array(resolution=0.1), SoundConfig(label=True))
+        assert got.source_id[got.t_ns == t * 10**9].tolist() == alone.source_id.tolist()
+        assert np.allclose(got.azimuth[got.t_ns == t * 10**9], alone.azimuth, atol=1e-7)
+
+
 def test_scripted_silence_is_from_up_to():
     places = np.tile(on_circle(0.0, 90.0), (10, 1, 1))
     got = heard(places, array(), SoundConfig(label=True), silent={1: np.array([[2, 4], [7, 20]]) * 10**9})
