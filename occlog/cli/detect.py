@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import InputError, UsageError
-from . import options
+from . import fuse_options, options
+from .fuse_options import FuseTally
 
 if TYPE_CHECKING:
     from ..io.provenance import Provenance
@@ -87,13 +88,14 @@ def settings(command: Any) -> Any:
     help="Look through the recording first, for what it shows when nobody is there.",
 )
 @settings
+@fuse_options.of_detect
 @options.workers_opt
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
 def command(
     recording: Path, output: Path, views: Path | None, scene: Path | None, only: str, references: Path | None,
-    boxes: tuple[str, ...], learn: bool, workers: int | None, overwrite: bool, quiet: bool, as_json: bool,
+    boxes: tuple[str, ...], learn: bool, fuse: bool, workers: int | None, overwrite: bool, quiet: bool, as_json: bool,
     **values: Any,
 ) -> int:  # fmt: skip
     """Reduce the frames of RECORDING to bearings of its targets.
@@ -105,12 +107,14 @@ def command(
 
     \b
       occlog detect walk.mcap -o bearings.parquet --views views.parquet
+      occlog detect walk.mcap -o bearings.parquet --views views.parquet --fuse
       occlog detect hall.mcap -o bearings.parquet --target-box cam1:120:310,95,40,110 --background knn
     """
     options.check_outputs([recording, scene, references], [output, views], overwrite)
     chosen = {name: values[name] for name in NAMES if values[name] is not None}
     names = tuple(part.strip() for part in only.split(",") if part.strip())
-    request = Request(recording, scene, names, references, boxes, learn, chosen, workers or os.cpu_count() or 1)
+    fusion = _fusion(fuse, values)
+    request = Request(recording, scene, names, references, boxes, learn, chosen, workers or os.cpu_count() or 1, fusion)
     summary, losses = run_detect(request, output, views, overwrite, quiet)
     return options.finish(summary, losses, as_json)
 
@@ -127,6 +131,7 @@ class Request:
     learn: bool
     settings: dict[str, Any]
     workers: int
+    fusion: dict[str, Any] | None = None  # options of the fusion; None: none
 
 
 def run_detect(
@@ -141,6 +146,9 @@ def run_detect(
     opened = open_recording(request.recording)
     scene = options.load_scene(request.scene, opened.scene, request.recording)
     detections, parameters = _detections(request, opened, scene, quiet)
+    fused = FuseTally()
+    if request.fusion is not None:
+        detections, parameters = _fused(detections, parameters, request, scene, fused)
     paths = [p for p in (request.recording, request.scene, request.references) if p is not None]
     provenance = _provenance(request, parameters, hash_inputs(paths))
     losses = list(opened.losses)
@@ -161,7 +169,42 @@ def run_detect(
         for writer in (rows, regions):
             if writer is not None:
                 writer.annotate(final)
-    return {"bearings": str(output), **_shown(tally)}, losses
+    if request.fusion is None:
+        return {"bearings": str(output), **_shown(tally)}, losses
+    fused.warn(quiet)
+    return {"bearings": str(output), **_shown(tally), "fusion": fused.summary()}, losses
+
+
+def _fusion(wanted: bool, values: dict[str, Any]) -> dict[str, Any] | None:
+    """Options of the fusion that were given; UsageError where there is to be none."""
+    named = {"fuse_sigma": "sigma", "fuse_window": "window_s", "p_miss": "p_miss", "p_false": "p_false"}
+    given = {name: values[option] for option, name in named.items() if values[option] is not None}
+    if given and not wanted:
+        option = next(o for o, name in named.items() if name in given)
+        raise UsageError(f"--{option.replace('_', '-')} is an option of the fusion; add --fuse")
+    if wanted and values["person_height"] is not None:
+        given["person_height"] = values["person_height"]
+    return given if wanted else None
+
+
+def _fused(
+    detections: Iterator[Detections], parameters: dict[str, Any], request: Request, scene: Scene, tally: FuseTally
+) -> tuple[Iterator[Detections], dict[str, Any]]:
+    """The parts after the fusion, counted, and the options with those of the fusion."""
+    from ..stages.detect_config import Detections
+    from ..stages.fuse import fuse
+    from ..stages.fuse_config import FuseConfig, in_scene
+    from ..stages.fuse_eyes import open_eyes
+
+    config = in_scene(FuseConfig(**(request.fusion or {})), scene)
+    open_eyes(scene, config)  # refuses a scene in which nothing can be fused before any image is looked at
+
+    def parts() -> Iterator[Detections]:
+        for part in fuse(detections, scene, config):
+            tally.add(part)
+            yield Detections(*part[:5])
+
+    return parts(), parameters | {"fusion": asdict(config)}
 
 
 def _shown(tally: dict[str, int]) -> dict[str, Any]:

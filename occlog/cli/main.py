@@ -16,6 +16,7 @@ COMMANDS = {
     "simulate": "Make a recording with ground truth from a scene.",
     "ingest": "Gather video, detections, DOA logs and calibration into one recording.",
     "detect": "Reduce the frames of a recording to bearings.",
+    "fuse": "Remove false detections and recover missed ones, from several cameras.",
     "priors": "Find where moving occluders are.",
     "fit-motion": "Identify a motion model from trajectories.",
     "track": "Estimate target tracks from bearings.",

@@ -95,7 +95,7 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
     azimuths = camera.bearings(centres)
     directions = np.column_stack([np.cos(azimuths), np.sin(azimuths)])
     spots = (camera.ground + distances[:, None, None] * directions).reshape(-1, 2)
-    middles, spans = _person_in_image(camera, spots, height)
+    middles, spans = person_in_image(camera, spots, height)
     lengths = np.sqrt(np.einsum("nij,nij->n", spans, spans))
     offsets = middles.reshape(DISTANCES, -1, 2) - centres
     miss = np.hypot(offsets[..., 0], offsets[..., 1]) / lengths.reshape(DISTANCES, -1) / ROW_TOLERANCE
@@ -108,8 +108,8 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
     return _mean_sizes(image_size, shape, weights, spans)
 
 
-def _person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Floats, Floats]:
-    """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people who stand at (N, 2) places."""
+def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Floats, Floats]:
+    """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people who stand at (N, 2) places; NaN behind the camera."""
     z = float(camera.position[2])
     foot = z - height / 2 if z <= 0 else 0.0  # height unknown: level with the middle of the body
     n = len(spots)
