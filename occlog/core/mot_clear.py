@@ -163,8 +163,10 @@ def _pair(allowed: Bools, values: Floats, kept: Bools, most: bool) -> tuple[Ints
     free[rows, :], free[:, columns] = False, False
     left, right = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
     if len(left):
-        inner = free[np.ix_(left, right)]
-        i, j = _assign(inner, values[np.ix_(left, right)], most)
+        inner, among = free[left[:, None], right[None, :]], values[left[:, None], right[None, :]]
+        # With one candidate each there is nothing to choose.
+        alone = np.count_nonzero(inner) == len(left) == len(right)
+        i, j = np.nonzero(inner) if alone else _assign(inner, among, most)
         rows, columns = np.concatenate([rows, left[i]]), np.concatenate([columns, right[j]])
     order = np.argsort(rows)
     return rows[order].astype(np.int64), columns[order].astype(np.int64)

@@ -229,6 +229,7 @@ def test_the_order_of_rows_does_not_matter() -> None:
 
 @pytest.mark.slow
 def test_a_thousand_frames_of_twenty_targets_take_less_than_a_second() -> None:
+    """Processor time, so that other programs matter little; about 0.3 s on a quiet machine."""
     rng = np.random.default_rng(0)
     n, k = 1000, 20
     frame, label = np.repeat(np.arange(n), k), np.tile(np.arange(k), n)
@@ -236,9 +237,9 @@ def test_a_thousand_frames_of_twenty_targets_take_less_than_a_second() -> None:
     truth = Objects(frame, label, place.reshape(-1, 2))
     tracks = truth._replace(place=truth.place + rng.normal(0, 0.3, truth.place.shape))
     took = []
-    for _ in range(3):
-        start = time.perf_counter()
+    for _ in range(5):
+        start = time.process_time()
         frames = of_points(truth, tracks, 1.0)
         clear_mot(frames), identity(frames), hota(frames), gospa(frames, 1.0), failures(truth, tracks, 1.0)
-        took.append(time.perf_counter() - start)
+        took.append(time.process_time() - start)
     assert min(took) < 1.0
