@@ -10,18 +10,20 @@ from typing import Any
 
 from ..errors import UsageError
 from ..report.plans import Plan
-from . import accuracy, laboratory, recorded_figures, selection, sparse_figures, speed, square
+from . import accuracy, laboratory, recorded_figures, selection, space_figures, sparse_figures, speed, square
 from .model import Execute, Experiment, Size, Table, Verdict
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
     "ercan": (*square.EXPERIMENTS, speed.FIG10, selection.FIG12, laboratory.FIG14, selection.FIG15, accuracy.FIG17),
     "rahimi": sparse_figures.EXPERIMENTS,
+    "lee": (*space_figures.EXPERIMENTS,),
 }
 RECORDED = {"ercan": recorded_figures.ITEMS}
 """Experiments that want a recording."""
 TITLES = {
     "ercan": "Ercan, El Gamal, Guibas 2013, Object tracking in the presence of occlusions using multiple cameras",
     "rahimi": "Rahimi, Dunagan, Darrell 2004, Tracking people with a sparse network of bearing sensors",
+    "lee": "Lee 2009, Design and analysis of heterogeneous sensors based object tracking systems",
 }
 
 
