@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..columns import Table
     from ..io.provenance import Provenance
     from ..losses import Loss
-    from ..records import Hulls, Occluders
+    from ..records import Bearings, Hulls, Occluders
     from ..report.model import ReportInput
     from ..scene import Scene
 
@@ -132,7 +132,7 @@ def run_report(paths: Paths, title: str) -> ReportInput:
 def read_input(paths: Paths, title: str) -> ReportInput:
     """Everything that was named; the scene of the recording with the truth or the bearings if no other is named."""
     from ..io.json_file import read_json
-    from ..records import Bearings, Bound, Diagnostics, Errors, Tracks, Truth
+    from ..records import Bound, Diagnostics, Errors, Tracks, Truth
     from ..report.model import ReportInput
 
     scene = _scene(paths)
@@ -142,7 +142,7 @@ def read_input(paths: Paths, title: str) -> ReportInput:
         title=title,
         scene=scene,
         tracks=_read(paths.tracks, Tracks),
-        bearings=_read(paths.bearings, Bearings),
+        bearings=_read_bearings(paths.bearings, scene),
         truth=_read(paths.truth, Truth),
         errors=_read(paths.errors, Errors),
         bound=_read(paths.bound, Bound),
@@ -175,6 +175,18 @@ def _read(path: Path | None, table: type[T]) -> T | None:
         return read_table(path, table)
     recording = open_recording(path)
     return recording.read(table) if recording.has(table) else None
+
+
+def _read_bearings(path: Path | None, scene: Scene | None) -> Bearings | None:
+    """All bearings, with the directions of arrival of a recording as `occlog track` uses them."""
+    from ..io.recording import open_recording
+    from ..records import Bearings as Rows
+    from ..records import Doa
+    from .evaluate_input import read_bearings
+
+    if path is not None and scene is not None and path.suffix.lower() == ".mcap" and open_recording(path).has(Doa):
+        return read_bearings(path, None, False, scene)
+    return _read(path, Rows)
 
 
 def _read_occluders(path: Path | None) -> Occluders | Hulls | None:

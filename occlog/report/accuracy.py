@@ -1,4 +1,4 @@
-"""Error and bound over time, in total and for each axis."""
+"""Error and bound over time, in total and for each axis, that of the height too where it is known."""
 
 from __future__ import annotations
 
@@ -16,20 +16,26 @@ BUCKETS = 350
 
 
 def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, target: int) -> None:
-    """Draw three rows: distance with running RMSE and bound, error along x, error along y."""
-    total, *rest = figure.subplots(3, 1, sharex=True, height_ratios=[2.0, 1.0, 1.0])
+    """Draw distance with running RMSE and bound, then a row for each axis: error along x, y and, if known, z."""
     errors = all_errors.take(all_errors.target_id == target)
+    names = axes_of(errors)
+    total, *rest = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=[2.0, *[1.0] * len(names)])
     bound = None if data.bound is None else data.bound.take(data.bound.target_id == target)
     tracks = None if data.tracks is None else data.tracks.take(data.tracks.target_id == target)
     colour = target_colour(data.targets.index(target))
     draw_distance(total, data.time, errors, bound, colour, data.unit)
-    for axes, name in zip(rest, "xy", strict=True):
+    for axes, name in zip(rest, names, strict=True):
         _axis_error(axes, data, errors, bound, tracks, name, colour)
     rest[-1].set_xlabel(data.time.label)
     rest[-1].set_xlim(0.0, max(data.time.length, 1e-9))
     handles, labels = total.get_legend_handles_labels()
     more_handles, more_labels = rest[0].get_legend_handles_labels()
     figure.legend(handles + more_handles, labels + more_labels, loc="outside lower center", ncols=3)
+
+
+def axes_of(errors: Errors) -> str:
+    """Axes along which there are errors: x, y and, where any height is known, z."""
+    return "xyz" if np.isfinite(errors.error_z).any() else "xy"
 
 
 def draw_distance(axes: Axes, time: TimeAxis, errors: Errors, bound: Bound | None, colour: str, unit: str) -> None:
@@ -75,7 +81,10 @@ def mark_clipped(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, top: fl
 def _axis_error(
     axes: Axes, data: ReportInput, errors: Errors, bound: Bound | None, tracks: Tracks | None, name: str, colour: str
 ) -> None:
-    """Signed error along one axis with what the filter and the bound say of its spread."""
+    """Signed error along one axis with what the filter and the bound say of its spread; heights where known."""
+    errors = errors.take(np.isfinite(getattr(errors, f"error_{name}")))
+    tracks = None if tracks is None else tracks.take(np.isfinite(getattr(tracks, f"cov_{name}{name}")))
+    bound = None if bound is None else bound.take(np.isfinite(getattr(bound, f"bound_{name}{name}")))
     values: Floats = getattr(errors, f"error_{name}")
     shown = [np.abs(values)]
     if tracks is not None and len(tracks):

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.figure import FigureBase
 
 from ..records import UNLABELLED
-from .accuracy import draw_accuracy
+from .accuracy import axes_of, draw_accuracy
 from .figures import groups, number
 from .filterplot import deviation, draw_filter, has_particles
 from .floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, outside, plan_limits
@@ -108,8 +108,11 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
     if data.bound is not None:
         _, bound = with_bound(errors.take(rows), data.bound.take(data.bound.target_id == target))
         caption += f"; the posterior Cramér–Rao bound on the RMSE is {number(bound)} {unit}" if bound > 0 else ""
+    axes = axes_of(errors.take(rows))
+    if "z" in axes:
+        caption = f"On the ground: {caption}. The lowest row is the height"
     heading = f"Error and bound over time{_whose(data, target)}"
-    size = (WIDTH, 5.6)
+    size = (WIDTH, 5.6 if axes == "xy" else 6.7)
     return [_plot(f"error{target}", heading, caption + ".", size, lambda f: draw_accuracy(f, data, errors, target))]
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from matplotlib.figure import FigureBase, SubFigure
 
-from .accuracy import draw_accuracy
+from .accuracy import axes_of, draw_accuracy
 from .floorplan import draw_floorplan
 from .model import ReportInput
 from .sightplot import draw_sight
@@ -66,7 +66,9 @@ def _figures(figure: FigureBase, data: ReportInput) -> None:
         x = 0.012 + i * step
         figure.text(x, 0.36, f"{item.value} {label(item.unit, 8)}".strip(), fontsize=15, va="center")
         words = f"{item.name}, {item.note}" if item.note else item.name
-        figure.text(x, 0.08, label(words, 42), fontsize=8.5, va="center", color=COLOURS["muted"])
+        figure.text(
+            x, 0.08, label(words, 42), fontsize=8.5 if len(shown) < 7 else 7.5, va="center", color=COLOURS["muted"]
+        )
 
 
 def _head(figure: FigureBase, text: str) -> None:
@@ -80,7 +82,8 @@ def _panels(data: ReportInput) -> list[Panel]:
     first = data.targets[0] if data.targets else None
     whose = "" if len(data.targets) <= 1 else f", target {first}"
     if first is not None and errors is not None and (errors.target_id == first).any():
-        out.append(Panel(f"Error and bound{whose}", 4.8, lambda f: draw_accuracy(f, data, errors, first)))
+        height = 4.8 if axes_of(errors.take(errors.target_id == first)) == "xy" else 5.8
+        out.append(Panel(f"Error and bound{whose}", height, lambda f: draw_accuracy(f, data, errors, first)))
     elif first is not None and first in data.residuals and len(data.residuals[first].residual):
         out.append(Panel(f"Track and sight lines{whose}", 4.4, lambda f: draw_sight(f, data, first)))
     seen = watched(data)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..records import Bound, Errors
@@ -40,7 +42,17 @@ def _accuracy(data: ReportInput) -> list[Figure]:
         if bound > 0:
             out.append(Figure("bound", number(bound), data.unit, "no filter can do better"))
             out.append(Figure("RMSE / bound", number(round(rmse / bound, 3)), "", "1 is the best possible"))
-    return out
+    return out + _in_space(data, data.errors)
+
+
+def _in_space(data: ReportInput, errors: Errors) -> list[Figure]:
+    """RMSE in space and over its bound, where heights are known."""
+    high = errors.error_space[np.isfinite(errors.error_space)]
+    if not len(high):
+        return []
+    rmse, bound = (math.nan, math.nan) if data.bound is None else with_bound(errors, data.bound, "_space")
+    note = f"{number(round(rmse / bound, 3))} × bound" if bound > 0 else "heights included"
+    return [Figure("RMSE in space", number(rms(high)), data.unit, note)]
 
 
 def rms(values: np.ndarray) -> float:
@@ -48,14 +60,19 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
-def with_bound(errors: Errors, bound: Bound) -> tuple[float, float]:
-    """RMSE and root mean square bound over the times and targets that have both; NaN where none has."""
+def with_bound(errors: Errors, bound: Bound, where: str = "") -> tuple[float, float]:
+    """RMSE and root mean square bound over the times and targets that have both; NaN where none has.
+
+    On the ground; `where` "_space": in space.
+    """
+    errors = errors.take(np.isfinite(getattr(errors, f"error{where}")))
+    bound = bound.take(np.isfinite(getattr(bound, f"bound{where}")))
     found, least = [np.empty(0)], [np.empty(0)]
     for target in np.unique(bound.target_id):
         mine, its = errors.target_id == target, bound.target_id == target
         _, e, b = np.intersect1d(errors.t_ns[mine], bound.t_ns[its], return_indices=True)
-        found.append(errors.error[mine][e])
-        least.append(bound.bound[its][b])
+        found.append(getattr(errors, f"error{where}")[mine][e])
+        least.append(getattr(bound, f"bound{where}")[its][b])
     return rms(np.concatenate(found)), rms(np.concatenate(least))
 
 

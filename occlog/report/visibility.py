@@ -28,12 +28,14 @@ class Sightings:
         edges: (C + 1,) borders of the cells [ns].
         looked: (C,) frames in each cell; 0 = no frame.
         seen: (C,) frames in each cell that saw the target.
+        any_object: whether they tell of candidates that may be of any object, not of a named target.
     """
 
     sensor: str
     edges: Ints
     looked: Ints
     seen: Ints
+    any_object: bool = False
 
     @property
     def share(self) -> float:
@@ -43,8 +45,14 @@ class Sightings:
 
 
 def sightings(bearings: Bearings, sensor: str, target: int) -> Sightings:
-    """Frames of one sensor, one cell a frame or, over long recordings, `CELLS` cells of equal time."""
-    rows = (bearings.sensor == sensor) & (bearings.target_id == target)
+    """Frames of one sensor, one cell a frame or, over long recordings, `CELLS` cells of equal time.
+
+    A sensor that names no target has its candidates counted, as a filter is offered them.
+    """
+    own = bearings.sensor == sensor
+    rows = own & (bearings.target_id == target)
+    free = target != UNLABELLED and not (own & (bearings.target_id != UNLABELLED)).any()
+    rows = own & (bearings.target_id == UNLABELLED) if free else rows
     # Several candidates of one frame are one look.
     times, frame = np.unique(bearings.t_ns[rows], return_inverse=True)
     seen = np.bincount(frame, bearings.seen[rows], len(times)) > 0
@@ -52,11 +60,11 @@ def sightings(bearings: Bearings, sensor: str, target: int) -> Sightings:
         return Sightings(sensor, np.zeros(1, np.int64), np.empty(0, np.int64), np.empty(0, np.int64))
     period = int(np.median(np.diff(times))) if len(times) > 1 else 0
     if len(times) <= CELLS:
-        return Sightings(sensor, *_frame_cells(times, seen, max(period, 1)))
+        return Sightings(sensor, *_frame_cells(times, seen, max(period, 1)), free)
     edges = np.linspace(times[0], times[-1] + max(period, 1), CELLS + 1).astype(np.int64)
     cell = np.searchsorted(edges, times, side="right") - 1
     looked = np.bincount(cell, minlength=CELLS)[:CELLS]
-    return Sightings(sensor, edges, looked, np.bincount(cell, seen, CELLS)[:CELLS].astype(np.int64))
+    return Sightings(sensor, edges, looked, np.bincount(cell, seen, CELLS)[:CELLS].astype(np.int64), free)
 
 
 def _frame_cells(times: Ints, seen: Bools, period: int) -> tuple[Ints, Ints, Ints]:
@@ -97,7 +105,8 @@ def draw_visibility(
     for row, name in enumerate(names):
         found = sightings(bearings, name, target)
         _bar(axes, data.time, found, -float(row))
-        shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} seen")
+        whose = "any" if found.any_object else "seen"
+        shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} {whose}")
     _rows(axes, [label(n, 18) for n in names], shares)
     axes.set_xlim(0.0, max(data.time.length, 1e-9))
     axes.set_xlabel(data.time.label)

@@ -12,7 +12,7 @@ from made_up import merged, ring_scene, run
 
 from occlog.errors import InputError
 from occlog.losses import Loss
-from occlog.records import Bearings, Diagnostics, Errors, Tracks, Truth
+from occlog.records import Bearings, Bound, Diagnostics, Errors, Tracks, Truth
 from occlog.report.model import ReportInput, TimeAxis
 from occlog.report.page import build_page, build_report
 from occlog.report.summary import headline
@@ -254,3 +254,23 @@ def test_time_axis(start: int, length_s: int, unit: str, begin: str) -> None:
     assert axis.start.startswith(begin)
     per_unit = {"s": 1, "min": 60, "h": 3600}[unit]
     assert axis.of(np.array([axis.end_ns]))[0] == pytest.approx(length_s / per_unit)
+
+
+def test_heights_have_figures_and_a_row_of_their_own() -> None:
+    data = run(steps=200)
+    n, columns = len(data.errors), {c.name: getattr(data.errors, c.name) for c in Errors.columns()}
+    up = np.where(np.arange(n) < n // 2, np.nan, 0.5)
+    errors = Errors.of(**columns | {"error_z": up, "error_space": np.hypot(data.errors.error, up)})
+    bounds = {c.name: getattr(data.bound, c.name) for c in Bound.columns()}
+    bounds |= {"bound_zz": np.full(len(data.bound), 0.04), "bound_space": np.hypot(data.bound.bound, 0.2)}
+    high = run(steps=200, errors=errors, bound=Bound.of(**bounds))
+    page, flat = build_page(high), build_page(data)
+    assert "The lowest row is the height" in page
+    assert "The lowest row is the height" not in flat
+    tiles = {item.name: item for item in headline(high)}
+    half, least = np.hypot(data.errors.error[n // 2 :], 0.5), high.bound.bound_space[n // 2 :]
+    rmse = np.sqrt(np.mean(half**2))
+    assert float(tiles["RMSE in space"].value) == pytest.approx(rmse, rel=1e-3)
+    ratio = float(tiles["RMSE in space"].note.removesuffix(" × bound"))
+    assert ratio == pytest.approx(rmse / np.sqrt(np.mean(least**2)), rel=2e-3)
+    assert "RMSE in space" not in {item.name for item in headline(data)}

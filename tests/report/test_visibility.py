@@ -57,3 +57,13 @@ def test_sensors_in_the_scene_come_first() -> None:
 def test_unassigned_candidates_are_shown_only_alone() -> None:
     assert watched(run(steps=20, bearings=looks([0], [True], target=-1))) == (-1,)
     assert watched(run(steps=20, targets=2)) == (0, 1)
+
+
+def test_a_sensor_that_names_no_target_has_its_candidates_counted() -> None:
+    data = run(steps=60, cameras=2)
+    own = data.bearings.sensor == "camera 1"
+    columns = {c.name: getattr(data.bearings, c.name) for c in Bearings.columns()}
+    mixed = Bearings.of(**columns | {"target_id": np.where(own, -1, data.bearings.target_id)})
+    named, free = sightings(mixed, "camera 2", 0), sightings(mixed, "camera 1", 0)
+    assert (named.any_object, free.any_object) == (False, True)
+    assert free.share == sightings(data.bearings, "camera 1", 0).share > 0
