@@ -37,8 +37,8 @@ class Tally:
         self.offered += part.offered
         if (asked := part.cooperation) is not None:
             self.cooperated = True
-            self.requests += len(asked)
-            self.answered += int(asked.answered.sum())
+            self.requests += int((asked.cause != "shared").sum())
+            self.answered += int((asked.answered & (asked.cause != "shared")).sum())
             self.frames += int(asked.frames.sum())
             self.asked.update(cause for text in asked.cause.tolist() for cause in text.split(","))
 

@@ -29,6 +29,13 @@ UNKNOWN_SIGMA = math.radians(1.0)
 """Standard deviation with which a camera is expected to tell a bearing before it has."""
 
 
+GOOD_ENOUGH = 2.0
+"""Two cameras that are asked already will do if their deviation is at most this many times the best two's."""
+LEAST = 1e-18
+"""Added to variances, so that exact positions can be compared."""
+Pair = tuple[int, int]
+
+
 class Frame(NamedTuple):
     """What a camera saw at its last frame."""
 
@@ -73,37 +80,60 @@ class Desk:
             self._frames[camera] = Frame(group.t_ns, target, group.bearing[rows], group.sigma[rows])
             self.offered += 1
 
-    def ask(self, asks: Sequence[Ask], t_ns: int) -> list[Request]:
-        """Answers to all questions of one time, in their order; every frame is counted once."""
+    def ask(self, asks: Sequence[Ask], others: Sequence[Ask], t_ns: int) -> list[Request]:
+        """Answers to all questions of one time, in their order, and then of who else is found; frames count once.
+
+        Args:
+            asks: questions.
+            others: targets nobody asks for, which frames that are looked at may show as well.
+            t_ns: now.
+        """
         fresh = [c for c, f in self._frames.items() if t_ns - f.t_ns <= self._config.frame_age_s * NS]
-        pairs = [self._pair(ask, sorted(fresh)) for ask in asks]
+        pairs: list[Pair | None] = []
+        for ask in asks:
+            pairs.append(self._pair(ask, sorted(fresh), [p for p in pairs if p is not None]))
         answers: dict[int, Answer] = {}
+        more: dict[int, Request] = {}
         for pair in sorted({p for p in pairs if p is not None}):
             mine = [n for n, p in enumerate(pairs) if p == pair]
-            answers |= zip(mine, self._match([asks[n] for n in mine], self._cross(pair, t_ns)), strict=True)
+            rest = [k for k in range(len(others)) if k not in more]
+            found = self._match([asks[n] for n in mine], [others[k] for k in rest], self._cross(pair, t_ns))
+            answers |= zip(mine, found[: len(mine)], strict=True)
+            for k, answer in zip(rest, found[len(mine) :], strict=True):
+                if answer.place is not None:
+                    more[k] = Request(answer, self._names(pair), 0)
         out, used = [], set[int]()
         for n, (ask, cameras) in enumerate(zip(asks, pairs, strict=True)):
             new = set(cameras or ()) - used
             used |= new
-            names = tuple(self._cameras[c].name for c in cameras or ())
-            out.append(Request(answers.get(n, Answer(ask, None, None, UNLABELLED)), names, len(new)))
-        return _once(out)
+            answer = answers.get(n, Answer(ask, None, None, UNLABELLED))
+            out.append(Request(answer, self._names(cameras or ()), len(new)))
+        return _once([*out, *(more[k] for k in sorted(more))])
 
-    def _pair(self, ask: Ask, fresh: list[int]) -> tuple[int, int] | None:
-        """The two cameras whose sight lines should tell the place best, of those that can see it, or else of all."""
-        if self._sensors is None:
+    def _names(self, cameras: Sequence[int]) -> tuple[str, ...]:
+        return tuple(self._cameras[c].name for c in cameras)
+
+    def _pair(self, ask: Ask, fresh: list[int], asked: list[Pair]) -> Pair | None:
+        """The two cameras whose sight lines should tell the place best, of those that can see it, or else of all.
+
+        Two that are asked already will do if they tell it nearly as well.
+        """
+        ranks = {pair: self._rank(ask.place, pair) for pair in combinations(fresh, 2)}
+        if not ranks:
             return None
-        place = np.ascontiguousarray(ask.place[None])
-        sees = {c: bool(seen_from(place, c, self._sensors)[0]) for c in fresh}
-        best: tuple[tuple[int, float], tuple[int, int]] | None = None
-        for pair in combinations(fresh, 2):
-            origins = np.array([self._cameras[c].position[:2] for c in pair])
-            sigmas = np.array([self._sigma(c) for c in pair])
-            variance = expected_variance(ask.place, origins, sigmas)
-            rank = (sum(not sees[c] for c in pair), variance)
-            if best is None or rank < best[0]:
-                best = (rank, pair)
-        return None if best is None else best[1]
+        best = min(ranks, key=lambda p: (ranks[p], p))
+        for pair in asked:
+            if ranks[pair][0] == ranks[best][0] and ranks[pair][1] <= GOOD_ENOUGH**2 * ranks[best][1]:
+                return pair
+        return best
+
+    def _rank(self, place: Floats, pair: Pair) -> tuple[int, float]:
+        """How many of two cameras cannot see a place, and the variance with which they would tell it."""
+        assert self._sensors is not None
+        at = np.ascontiguousarray(place[None])
+        blind = sum(not seen_from(at, c, self._sensors)[0] for c in pair)
+        origins = np.array([self._cameras[c].position[:2] for c in pair])
+        return blind, expected_variance(place, origins, np.array([self._sigma(c) for c in pair]))
 
     def _sigma(self, camera: int) -> float:
         """Noise that the camera is known to have: nothing of the frame is looked at before it is asked for."""
@@ -111,7 +141,7 @@ class Desk:
         sigma = math.hypot(c.sigma_yaw, c.sigma_read_px / float(c.focal_px[0]))
         return sigma if sigma > 0.0 else UNKNOWN_SIGMA
 
-    def _cross(self, pair: tuple[int, int], t_ns: int) -> _Found:
+    def _cross(self, pair: Pair, t_ns: int) -> _Found:
         """Where lines of two frames cross: equal labels, and every two candidates without."""
         one, other = (self._frames[c] for c in pair)
         ways = [
@@ -134,29 +164,36 @@ class Desk:
         moved = (self._config.speed * age) ** 2 * np.eye(2)
         return _Found(met.xy[good], met.covariance[good] + moved, label[good])
 
-    def _match(self, asks: list[Ask], found: _Found) -> list[Answer]:
-        """What is found for each question: by label where it has one, else by distance; each find once."""
-        answers = [Answer(ask, None, None, UNLABELLED) for ask in asks]
+    def _match(self, asks: Sequence[Ask], others: Sequence[Ask], found: _Found) -> list[Answer]:
+        """What is found for each: by label where it has one, else by distance; each find once.
+
+        Targets that are asked for go first, then the others, then those who are not known yet.
+        """
+        everyone = [*asks, *others]
+        answers = [Answer(ask, None, None, UNLABELLED) for ask in everyone]
         free = np.ones(len(found.xy), dtype=np.bool_)
-        for n, ask in enumerate(asks):
+        for n, ask in enumerate(everyone):
             own = np.flatnonzero(free & (found.label == ask.label))
             if ask.label != UNLABELLED and len(own):
                 answers[n] = _answer(ask, found, int(own[0]))
                 free[own[0]] = False
         # Who has a label of his own is nobody else.
-        free &= ~np.isin(found.label, [a.label for a in asks if a.label != UNLABELLED])
-        for wanted in (False, True):  # those who are known first
-            rows = [n for n, a in enumerate(answers) if a.place is None and (asks[n].number == UNNUMBERED) == wanted]
-            columns = np.flatnonzero(free)
+        free &= ~np.isin(found.label, [a.label for a in everyone if a.label != UNLABELLED])
+        first = [n for n, a in enumerate(asks) if a.number != UNNUMBERED]
+        unknown = [n for n, a in enumerate(asks) if a.number == UNNUMBERED]
+        for part in ([*first, *range(len(asks), len(everyone))], unknown):
+            rows, columns = [n for n in part if answers[n].place is None], np.flatnonzero(free)
             if not rows or not len(columns):
                 continue
-            known = np.array([asks[n].place for n in rows])
-            spread = np.array([asks[n].covariance for n in rows])
-            cost = distance2(found.xy[columns], found.covariance[columns] + 1e-18 * np.eye(2), known, spread).T
-            labelled = np.array([asks[n].label != UNLABELLED for n in rows])
+            known, spread = (
+                np.array([everyone[n].place for n in rows]),
+                np.array([everyone[n].covariance for n in rows]),
+            )
+            cost = distance2(found.xy[columns], found.covariance[columns] + LEAST * np.eye(2), known, spread).T
+            labelled = np.array([everyone[n].label != UNLABELLED for n in rows])
             barred = labelled[:, None] & (found.label[columns] != UNLABELLED)
             for r, c in zip(*assign(np.where(barred, np.inf, cost), self._config.gate**2), strict=True):
-                answers[rows[r]] = _answer(asks[rows[r]], found, int(columns[c]))
+                answers[rows[r]] = _answer(everyone[rows[r]], found, int(columns[c]))
                 free[columns[c]] = False
         return answers
 

@@ -61,7 +61,7 @@ def track_joint(
             state, report = method.step(state, t_ns, looks, rng)
             if asking:
                 asked, memory = imm_cooperate.asks(state, report, memory, helping)
-                answered = desk.ask(asked, t_ns)
+                answered = desk.ask(asked, imm_cooperate.others(state, report, asked), t_ns)
                 requests += [(t_ns, r) for r in answered]
                 state, report, memory = imm_cooperate.located(
                     state, report, [r.answer for r in answered], memory, helping

@@ -34,6 +34,7 @@ class ImmConfig:
     association: str = "joint"  # or `any`: every target's filter takes any bearing, [Lee] Eq. 3.6
     detection: float = 0.95  # an array hears a sounding target in its range
     clutter: float = 0.1  # bearings of nobody expected of an array at a time, anywhere around it
+    height: float | None = None  # of sources; None: an array's range is taken on the ground
     sound_s: float = 10.0  # a target sounds this long on average before it falls silent
     silent_s: float = 5.0  # and is silent for so long
 
@@ -54,6 +55,7 @@ class ImmConfig:
     triggers: str = "count,bearing,ellipse"  # of `printed`
     spread: float = 1.0  # of `spread`: asks when the root of the position's variance is above
     fix: str = "update"  # what a position found does: a measurement, or `replace` (the thesis)
+    share: bool = True  # whom else the frames show is taken in as well
     frame_age_s: float = 0.5  # frames older than this are none
     retry_s: float = 0.5  # a request in vain is not made anew before
     gate: float = 4.0  # standard deviations within which what unlabelled candidates show is of a target

@@ -12,7 +12,7 @@ else is there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,8 @@ from .imm_filter import Belief, Count, Look, Report, State
 from .imm_tracks import NS, UNLABELLED, UNNUMBERED, Track, at_place, on_line
 
 CAUSES = ("periodic", "count", "bearing", "ellipse", "spread")
+SHARED = "shared"
+"""What stands for a cause where nobody asked for a target, but frames that were looked at show it."""
 
 
 class Memory(NamedTuple):
@@ -85,6 +87,18 @@ def asks(state: State, report: Report, memory: Memory, rng: Generator) -> tuple[
         out += _leads(state, report, unknown, rng)
     bearings = {**memory.bearings, **{c.array: c.bearings for c in report.counts}}
     return out, memory._replace(period_ns=since, bearings=bearings)
+
+
+def others(state: State, report: Report, asked: Sequence[Ask]) -> list[Ask]:
+    """Targets that nobody asks for, and that frames may show as well; none if `config.share` is false."""
+    if not state.world.config.share or not asked:
+        return []
+    numbers = {a.number for a in asked}
+    return [
+        Ask(b.number, (SHARED,), b.moved.track.label, *_where(b.estimate))
+        for b in report.beliefs
+        if b.number not in numbers
+    ]
 
 
 def _count_asks(config: ImmConfig, count: Count, memory: Memory) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -72,7 +73,7 @@ def make_world(scene: Scene, config: ImmConfig) -> World:
         config,
         three_models(config.alpha),
         places,
-        np.array([a.range for a in arrays], dtype=np.float64),
+        np.array([_reach(a.range, float(a.position[2]), config.height) for a in arrays], dtype=np.float64),
         np.array([a.resolution for a in arrays], dtype=np.float64),
         region,
         config.walls and scene.room is not None,
@@ -80,14 +81,24 @@ def make_world(scene: Scene, config: ImmConfig) -> World:
     )
 
 
+def _reach(far: float, height: float, sources: float | None) -> float:
+    """How far on the ground an array hears sources of a height; None: the range is taken on the ground."""
+    if sources is None or math.isinf(far):
+        return far
+    return math.sqrt(max(far**2 - (height - sources) ** 2, 0.0))
+
+
 def given(config: ImmConfig, t_ns: int, rng: Generator) -> tuple[Track, ...]:
     """Tracks of the targets that are known at first, confirmed, numbered from 0."""
-    tracks = []
-    for n, (x, y, s, vx, vy, sv) in enumerate(np.reshape(config.start or (), (-1, START_NUMBERS)).tolist()):
-        normals = rng.standard_normal((config.particles, 4))
-        states = np.array([x, vx, y, vy]) + normals * np.array([s, sv, s, sv])
-        tracks.append(Track(n, UNLABELLED, _cloud(states), 1.0, 1.0, config.confirm_hits, t_ns))
-    return tuple(tracks)
+    starts = np.reshape(config.start or (), (-1, START_NUMBERS)).tolist()
+    return tuple(known(config, n, start, t_ns, rng) for n, start in enumerate(starts))
+
+
+def known(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng: Generator) -> Track:
+    """A confirmed track of a target whose state X, Y, SIGMA, VX, VY, SIGMA_V is known."""
+    x, y, s, vx, vy, sv = start
+    states = np.array([x, vx, y, vy]) + rng.standard_normal((config.particles, 4)) * np.array([s, sv, s, sv])
+    return Track(number, UNLABELLED, _cloud(states), 1.0, 1.0, config.confirm_hits, t_ns)
 
 
 def on_line(world: World, array: int, angle: float, sigma: float, t_ns: int, label: int, rng: Generator) -> Track:
