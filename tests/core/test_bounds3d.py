@@ -7,6 +7,7 @@ import pytest
 
 from occlog.core import bounds3d, planes
 from occlog.core.camera import rotation_from_angles, wrap_angle
+from occlog.core.crlb import bearing_information
 from occlog.core.planes import XY, YZ, ZX, Floats
 
 POSES = [np.eye(3), rotation_from_angles(0.4, 0.7, -0.3), rotation_from_angles(-2.5, -1.2, 1.9)]
@@ -122,6 +123,37 @@ def test_two_planes_with_their_covariance_are_the_direct_information(pose: int, 
     np.testing.assert_allclose(two / scale, direct / scale, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("pose", range(3))
+def test_with_the_height_left_free_the_azimuth_with_its_own_variance_remains(pose: int) -> None:
+    xyz = many_positions()
+    theta, phi = bounds3d.sight_angles(xyz, POSITION, POSES[pose])
+    variance = planes.projected_covariance(theta, phi, *SIGMAS, POSES[pose])[:, XY, XY]
+    expected = bearing_information(xyz[:, :2], POSITION[:2], np.sqrt(variance))
+    left = bounds3d.ground_information(bounds3d.direction_information(xyz, POSITION, POSES[pose], *SIGMAS))
+    scale = np.abs(expected).max(axis=(1, 2))[:, None, None]
+    np.testing.assert_allclose(left / scale, expected / scale, rtol=0, atol=1e-8)
+
+
+def test_with_the_height_left_free_nothing_else_is_lost() -> None:
+    """By inverting the whole with a prior so weak that it does not count; and where nothing is told of the height."""
+    rng = np.random.default_rng(5)
+    root = rng.standard_normal((50, 3, 3))
+    J = root @ np.swapaxes(root, 1, 2)
+    np.testing.assert_allclose(bounds3d.ground_information(J), np.linalg.inv(np.linalg.inv(J)[:, :2, :2]), rtol=1e-6)
+    J[:, 2] = J[:, :, 2] = 0.0
+    np.testing.assert_array_equal(bounds3d.ground_information(J), J[:, :2, :2])
+
+
+def test_each_row_has_its_own_noise_and_an_infinite_one_is_no_measurement() -> None:
+    xyz, R = many_positions(4), POSES[2]
+    theta, phi = np.array([0.01, 0.02, np.inf, np.inf]), np.array([0.03, np.inf, 0.04, np.inf])
+    rows = bounds3d.direction_information(xyz, POSITION, R, theta, phi)
+    for n in range(4):
+        alone = bounds3d.direction_information(xyz[n : n + 1], POSITION, R, float(theta[n]), float(phi[n]))[0]
+        np.testing.assert_allclose(rows[n], alone, rtol=1e-9, atol=1e-9)
+    assert np.linalg.matrix_rank(rows).tolist() == [2, 1, 1, 0]
+
+
 def test_two_planes_with_their_covariance_give_the_direct_bound() -> None:
     xyz = scenario(3)[:, :3]
     args = (xyz, np.zeros(3), POSES[1], *SIGMAS)
@@ -160,6 +192,35 @@ def test_direct_bound_is_never_above_a_planes_bound(number: int, pose: int) -> N
                 axes = bounds3d.plane_axes(plane)
                 own = bounds3d.plane_bound(xyz, DT, sensors, SIGMAS, P0[np.ix_(axes, axes)], plane)
                 assert smallest_eigenvalue(own - direct[:, axes][:, :, axes]).min() > -1e-9
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_direct_bound_is_never_above_a_planes_bound_in_random_scenes(seed: int) -> None:
+    """Random walks, one to four sensors of random poses, noises and silences, noise of the motion."""
+    rng = np.random.default_rng(seed)
+    steps, count = 40, int(rng.integers(1, 5))
+    xyz = np.cumsum(rng.normal(scale=0.3, size=(steps, 3)), axis=0)
+    where = rng.uniform(-6, 6, (count, 3))
+    poses = np.array([rotation_from_angles(*rng.uniform(-3, 3, 3)) for _ in range(count)])
+    sigmas, q = tuple(rng.uniform(0.005, 0.1, 2).tolist()), float(rng.uniform(0, 1))
+    used = rng.uniform(size=(steps, count)) < 0.7
+    root = rng.standard_normal((6, 6))
+    P0, dt = root @ root.T + 0.1 * np.eye(6), rng.uniform(0, 0.5, steps)
+    direct = bounds3d.direct_bound(xyz, dt, (where, poses), sigmas, P0, used, q)
+    for plane in (XY, YZ, ZX):
+        axes = bounds3d.plane_axes(plane)
+        own = bounds3d.plane_bound(xyz, dt, (where, poses), sigmas, P0[np.ix_(axes, axes)], plane, used, q)
+        least = np.linalg.eigvalsh(own - direct[:, axes][:, :, axes])[:, 0]
+        assert (least > -1e-8 * np.abs(own).max(axis=(1, 2))).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_order_of_the_sensors_does_not_matter(seed: int) -> None:
+    rng, xyz = np.random.default_rng(seed), scenario(1)[:, :3]
+    where, poses, turn = rng.uniform(-6, 6, (3, 3)), np.array(POSES), rng.permutation(3)
+    a = bounds3d.direct_bound(xyz, DT, (where, poses), SIGMAS, PRIOR)
+    b = bounds3d.direct_bound(xyz, DT, (where[turn], poses[turn]), SIGMAS, PRIOR)
+    np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-14)
 
 
 def test_recursion_is_that_of_the_thesis_written_out() -> None:
