@@ -19,8 +19,8 @@ from .evaluate_paths import Expected, Path, Sensor
 class Residuals(NamedTuple):
     """Reported minus expected, in pixels, radians and standard deviations; NaN where nothing was reported.
 
-    Of a tilted array that reports an elevation `rad` and `normalised` are of the azimuth about
-    its own z axis, which is what its noise is of, where the height of the object is known.
+    Of an array that reports an elevation `rad` and `normalised` are of the azimuth about its
+    own z axis, which is what its noise is of, where the height of the object is known.
     """
 
     px: Floats
@@ -48,7 +48,7 @@ def residuals(rows: Bearings, expected: Expected, sensor: Sensor) -> Residuals:
     up = np.full(expected.bearing.shape, np.nan)
     if np.isfinite(rows.elevation).any():
         across, up = _in_own_frame(rows, expected, sensor, shape)
-        rad = rad if sensor.upright else np.where(np.isnan(up), rad, across)
+        rad = np.where(np.isnan(up), rad, across)
     pixels = np.isfinite(u_px) & np.isfinite(sigma_px)
     behind = pixels & np.isnan(expected.u_px)
     px = np.where(behind, np.inf, u_px - expected.u_px)

@@ -246,6 +246,21 @@ def test_noise_of_elevations_is_reported_about_the_arrays_own_axes(turn: float) 
     assert m["elevation_rms_mrad"] == pytest.approx(20.0, rel=0.06)
 
 
+def test_a_direction_reported_from_beyond_the_pole_is_of_the_target() -> None:
+    """Half a standard deviation off in elevation, just below an array: the azimuth comes out half a turn off."""
+    true = truth([0.0], [10.05, 10.0], z=0.0)
+    down = math.atan2(-3.0, 0.05)
+    rows = heard(CEILING, [0.0], [10.05, 10.0, 0.0], target=UNLABELLED, sigma_up=0.1)
+    columns = {c.name: getattr(rows, c.name) for c in Bearings.columns()}
+    past = -math.pi - (down - 0.05)  # 0.05 rad further down, seen from the other side
+    beyond = Bearings.of(**columns | {"bearing": np.array([-math.pi]), "elevation": np.array([past])})
+    config = EvaluateConfig(bound_in="space", gate_sigma=1.0)
+    result = evaluate(None, true, beyond, PLACE, config)
+    assert result.metrics["detected"] == 1
+    assert result.metrics["elevation_rms_mrad"] == pytest.approx(50.0)
+    assert result.bound.n_seen[0] == 1
+
+
 @pytest.mark.parametrize("kind", ["camera", "tilted", "mixed"])
 def test_information_is_the_covariance_of_the_score(kind: str) -> None:
     """Score by numerical differences of the log-likelihood at 40,000 draws: each entry within 5 standard errors."""

@@ -36,6 +36,13 @@ def test_four_frames_by_hand() -> None:
     assert m["rmse_space_target_0_m"] == m["rmse_space_m"]
 
 
+def test_covariances_with_the_height_count() -> None:
+    found = heights(tracks([0.0], [11, 12], var=2.0), 4.0, (0.5, -0.3, 1.5))
+    m = evaluate(found, truth([0.0], [10, 10], z=1.0), None, scene()).metrics
+    P, e = np.array([[2, 0, 0.5], [0, 2, -0.3], [0.5, -0.3, 1.5]]), np.array([1.0, 2.0, 3.0])
+    assert m["nees_space_mean"] == pytest.approx(e @ np.linalg.inv(P) @ e)
+
+
 def test_height_counts_only_where_both_are_known() -> None:
     true = both(truth(T4, [10, 10], 0, z=[1.0, np.nan, np.nan, 1.0]), truth(T4, [5, 5], 1))
     found = both(heights(tracks(T4, [10, 10], 0), [1.5, 1, 1, np.nan]), heights(tracks(T4, [5, 5], 1), 2.0))
