@@ -21,6 +21,8 @@ NS = 1_000_000_000
 UNNUMBERED = -1
 """Number of a track that is not confirmed."""
 UNLABELLED = -1
+FEW_INSIDE = 0.1
+"""If no more than this share of a cloud stays in the room, the others are put back instead of left out."""
 ROUNDS = 20
 """Places on a sight line are drawn this often until enough of them are in the room."""
 
@@ -154,8 +156,11 @@ def move(world: World, track: Track, dt: float, rng: Generator) -> Moved:
     if world.walls:
         inside = inside_polygon(np.ascontiguousarray(predicted[..., ::2].reshape(-1, 2)), world.region).reshape(J, L)
         mass = float(prior[inside].sum())
-        if 0.0 < mass < 1.0:
+        if FEW_INSIDE < mass < 1.0:
             prior = np.where(inside, prior, 0.0) / mass
+        elif mass < 1.0:
+            # Who walks into a wall stands there.
+            predicted = np.where(inside[..., None], predicted, cloud.states * np.array([1.0, 0.0, 1.0, 0.0]))
     off, on = _chance(dt, config.sound_s), _chance(dt, config.silent_s)
     sounds = track.sounds * (1.0 - off) + (1.0 - track.sounds) * on
     return Moved(track._replace(sounds=sounds), predicted, prior, prior)
