@@ -5,7 +5,7 @@ import pytest
 
 from occlog.core.jit import kernel
 from occlog.vision.appearance import pixel_bin
-from occlog.vision.bin_map import bin_map
+from occlog.vision.bin_map import bin_map, update_bin_map
 
 
 @kernel
@@ -32,3 +32,14 @@ def test_colours_at_random_have_their_bins():
 def test_grey_images_are_all_brightness():
     image = np.arange(256, dtype=np.uint8).reshape(16, 16)
     assert np.array_equal(bin_map(image), 64 + image // 32)
+
+
+def test_boxes_are_updated_and_the_rest_is_kept():
+    old, new = np.random.default_rng(2).integers(0, 256, (2, 20, 30, 3)).astype(np.uint8)
+    got, want = bin_map(old), bin_map(old)
+    boxes = np.array([[3, 4, 9, 12], [7, 10, 99, 15], [-5, -5, 2, 2], [40, 0, 50, 10], [5, 5, 5, 9]])
+    update_bin_map(got, new, boxes)
+    whole = bin_map(new)
+    for part in (np.s_[4:12, 3:9], np.s_[10:15, 7:], np.s_[:2, :2]):
+        want[part] = whole[part]
+    assert np.array_equal(got, want)
