@@ -48,11 +48,20 @@ def moved(cloud: Floats, motion: Motion, dt: float, rng: np.random.Generator, ju
     d = len(cloud) // 2
     known = known_jump(motion.acceleration, dt) + (0.0 if jump is None else jump)
     noisy = bool(np.any(motion.density > 0.0))
-    normals = rng.standard_normal(cloud.shape) if noisy else np.empty((2 * d, 0))
+    normals = half_normals(cloud.shape[1], 2 * d, rng) if noisy else np.empty((2 * d, 0))
     out = drift(cloud, dt, known, motion_noise(motion, dt), normals)
     if motion.turn != 0.0:
         _turn(out, cloud, motion.turn, motion.axes[0], motion.axes[1], dt)
     return out
+
+
+def half_normals(particles: int, rows: int, rng: np.random.Generator) -> Floats:
+    """(rows, H) standard normal draws for twice as many particles: each serves two, once with its sign changed.
+
+    Each particle has the right distribution, the mean of all noise is 0 instead of nearly 0, and drawing, which
+    is most of the work, is halved.
+    """
+    return rng.standard_normal((rows, (particles + 1) // 2))
 
 
 @array_kernel
@@ -64,24 +73,26 @@ def drift(cloud: Floats, dt: float, jump: Floats, root: Floats, normals: Floats)
         dt: [s].
         jump: (2d,) added to all.
         root: (d, 2, 2) of `motion_noise`.
-        normals: (2d, L) standard normal, or (2d, 0) for no noise.
+        normals: (2d, H) of `half_normals`, or (2d, 0) for no noise.
     """
-    d, L = cloud.shape[0] // 2, cloud.shape[1]
+    d, L, H = cloud.shape[0] // 2, cloud.shape[1], normals.shape[1]
     out = np.empty_like(cloud)
-    noisy = normals.shape[1] == L
     for k in range(d):
         x, v, nx, nv = cloud[k], cloud[d + k], out[k], out[d + k]
         dx, dv = jump[k], jump[d + k]
-        if noisy:
-            a, b, c = root[k, 0, 0], root[k, 1, 0], root[k, 1, 1]
-            m, n = normals[k], normals[d + k]
+        if H == 0:
             for l in range(L):  # noqa: E741 - the papers' letter
-                nx[l] = x[l] + dt * v[l] + dx + a * m[l]
-                nv[l] = v[l] + dv + b * m[l] + c * n[l]
-        else:
-            for l in range(L):  # noqa: E741
                 nx[l] = x[l] + dt * v[l] + dx
                 nv[l] = v[l] + dv
+            continue
+        a, b, c = root[k, 0, 0], root[k, 1, 0], root[k, 1, 1]
+        m, n = normals[k], normals[d + k]
+        for l in range(H):  # noqa: E741
+            nx[l] = x[l] + dt * v[l] + dx + a * m[l]
+            nv[l] = v[l] + dv + b * m[l] + c * n[l]
+        for l in range(L - H):  # noqa: E741
+            nx[H + l] = x[H + l] + dt * v[H + l] + dx - a * m[l]
+            nv[H + l] = v[H + l] + dv - b * m[l] - c * n[l]
     return out
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from .geometry import Floats, Ints
 from .jit import array_kernel
 from .resampling import systematic_ancestors
+from .space_motion import half_normals
 
 
 def best_width(particles: int, dimension: int) -> float:
@@ -51,15 +52,19 @@ def redraw(
     rows = systematic_ancestors(weights, n, rng.random())
     if h == 0.0:
         return np.ascontiguousarray(cloud[:, rows])
-    shift = h * root_of(covariance) @ rng.standard_normal((len(cloud), n))
-    _pull(shift, cloud, rows, mean, math.sqrt(1.0 - h * h))
-    return shift
+    shift = h * root_of(covariance) @ half_normals(n, len(cloud), rng)
+    return np.asarray(_shifted(cloud, rows, mean, math.sqrt(1.0 - h * h), shift))
 
 
 @array_kernel
-def _pull(out: Floats, cloud: Floats, rows: Ints, mean: Floats, a: float) -> None:
-    """Adds a x + (1 - a) mean of the chosen particles to `out`."""
+def _shifted(cloud: Floats, rows: Ints, mean: Floats, a: float, shift: Floats) -> Floats:
+    """The chosen particles pulled to the mean and moved by (d, H) shifts, the second half with the sign changed."""
+    n, H = rows.shape[0], shift.shape[1]
+    out = np.empty((cloud.shape[0], n))
     for k in range(cloud.shape[0]):
-        x, to, rest = cloud[k], out[k], (1.0 - a) * mean[k]
-        for i in range(rows.shape[0]):
-            to[i] += a * x[rows[i]] + rest
+        x, to, by, rest = cloud[k], out[k], shift[k], (1.0 - a) * mean[k]
+        for i in range(H):
+            to[i] = a * x[rows[i]] + rest + by[i]
+        for i in range(n - H):
+            to[H + i] = a * x[rows[H + i]] + rest - by[i]
+    return out

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from ..columns import Floats, Ints
+from ..columns import Bools, Floats, Ints
 from ..core.smc import effective_size, normalise
 from ..core.space_motion import moved
 from ..core.space_resample import best_width, moments, redraw
@@ -68,11 +68,15 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     space, config = state.space, state.space.config
     heard = pack_scan(scan, space.ears, state.near, use_score=config.use_score)
     draw = _take_in(state, scan.t_ns, heard, rng)
-    astray, lost = contradicted(state.astray, draw.cloud[:3, int(np.argmax(draw.weights))], heard, config)
+    mean, covariance = moments(draw.cloud, draw.weights)
+    best = draw.cloud[:3, int(np.argmax(draw.weights))]
+    good = agrees(np.stack([best, mean[:3]]), heard, config.gate)
+    astray, lost = contradicted(state.astray, good[0], heard, config)
     if lost:
         draw = begin(space, heard, "restart", rng)
-    mean, covariance = moments(draw.cloud, draw.weights)
-    estimate = estimate_of(mean, covariance, draw, heard, config.gate)
+        mean, covariance = moments(draw.cloud, draw.weights)
+        good = agrees(mean[None, :3], heard, config.gate)
+    estimate = estimate_of(mean, covariance, draw, heard, good[-1])
     cloud, weights = draw.cloud, draw.weights
     if estimate.ess < config.resample_below * config.particles or cloud.shape[1] != config.particles:
         n = config.particles
@@ -124,7 +128,7 @@ def elapsed(before_ns: int, t_ns: int) -> float:
     return (t_ns - before_ns) / NS
 
 
-def contradicted(astray: Ints, best: Floats, heard: Heard, config: SpaceConfig) -> tuple[Ints, bool]:
+def contradicted(astray: Ints, good: Bools, heard: Heard, config: SpaceConfig) -> tuple[Ints, bool]:
     """How many more reports of each sensor spoke against where the target is thought to be than for it.
 
     And whether it is lost: it is when one sensor has spoken against it `lost_after` times more.  Every sensor counts by
@@ -134,12 +138,11 @@ def contradicted(astray: Ints, best: Floats, heard: Heard, config: SpaceConfig) 
 
     Args:
         astray: (S,) counts so far; below 0: not heard before so many reports.
-        best: (3,) the likeliest place.
+        good: (N,) which sensors of the scan agree with the likeliest place.
         heard: the scan.
         config: settings.
     """
     reports = np.diff(heard.sights.first) > 0
-    good = agrees(best, heard, config.gate)
     astray = astray.copy()
     for sensor in heard.sensor[reports & good]:
         astray[sensor] = max(0, astray[sensor] - 1)
@@ -150,10 +153,10 @@ def contradicted(astray: Ints, best: Floats, heard: Heard, config: SpaceConfig) 
     return astray, lost
 
 
-def estimate_of(mean: Floats, covariance: Floats, draw: Draw, heard: Heard, gate: float) -> Estimate:
-    """Mean (6,) and covariance (6, 6) as an estimate."""
+def estimate_of(mean: Floats, covariance: Floats, draw: Draw, heard: Heard, good: Bools) -> Estimate:
+    """Mean (6,) and covariance (6, 6) as an estimate; `good` (N,): which sensors agree with it."""
     seen = np.diff(heard.sights.first) > 0
-    seen &= heard.sights.labelled | agrees(mean[:3], heard, gate)
+    seen &= heard.sights.labelled | good
     return Estimate(
         xy=mean[:2],
         velocity=mean[3:5],

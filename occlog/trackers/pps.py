@@ -88,7 +88,7 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     clouds, flats = _weighed(state, clouds, pair, heard, angles, rng)
     used = flats[pair[0][1]], flats[pair[1][1]]
     joined = combine((pair[0][1], pair[1][1]), used, config.combining)
-    astray, lost = contradicted(state.astray, joined.mean[:3], heard, config)
+    astray, lost = contradicted(state.astray, agrees(joined.mean[None, :3], heard, config.gate)[0], heard, config)
     if lost or not all(math.isfinite(f.log_evidence) for f in used):
         return _started(
             state._replace(astray=astray), scan.t_ns, heard, angles, begin(space, heard, "restart", rng), rng
@@ -221,7 +221,7 @@ def _estimate(
     joined: Joined, heard: Heard, config: PpsConfig, ess: float, log_sum: float, fallback: str, pair: Pair
 ) -> Estimate:
     seen = np.diff(heard.sights.first) > 0
-    seen &= heard.sights.labelled | agrees(joined.mean[:3], heard, config.gate)
+    seen &= heard.sights.labelled | agrees(joined.mean[None, :3], heard, config.gate)[0]
     used = heard.sensor
     if config.per_plane == "best":
         used = used[np.unique([s for s, _ in pair if s >= 0]).astype(np.int64)]

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..columns import Bools, Floats, Ints
-from ..core.camera import wrap_angle
 from ..core.planes import direction, direction_angles, polar_from_elevation
 from ..core.space import UNIFORM, UNIFORM_AZIMUTH, Sights
 from ..scene import Scene
@@ -71,7 +70,7 @@ def pack_scan(scan: Scan, ears: Ears, near: Floats, *, use_score: bool) -> Heard
     flat = np.isnan(up) | np.isnan(sigma_up)
     rotation = np.where(flat[:, None, None], np.eye(3), ears.rotation[sensor])
     world = direction(bearing, polar_from_elevation(np.where(flat, 0.0, up)))
-    theta, phi = direction_angles(np.einsum("rij,ri->rj", rotation, world))
+    theta, phi = direction_angles((world[:, None, :] @ rotation)[:, 0])
     weigh = np.isfinite(scan.score[keep]) & ~scan.labelled[keep] & use_score
     sights = Sights(
         first=first,
@@ -85,14 +84,16 @@ def pack_scan(scan: Scan, ears: Ears, near: Floats, *, use_score: bool) -> Heard
         share=np.where(weigh, scan.score[keep], 1.0),
     )
     uniform = np.where(flat, UNIFORM_AZIMUTH, UNIFORM)
-    return Heard(sights, wrap_angle(theta), rotation, uniform, scan.sensor[start], flat)
+    return Heard(sights, theta, rotation, uniform, scan.sensor[start], flat)
 
 
 def _frames(theta: Floats, rotation: Floats) -> Floats:
     """(R, 3, 3) rows along the azimuth, to its left, and up, in the world."""
-    c, s, zero = np.cos(theta), np.sin(theta), np.zeros_like(theta)
-    own = np.stack([np.stack([c, s, zero], -1), np.stack([-s, c, zero], -1), np.stack([zero, zero, zero + 1], -1)], 1)
-    return np.ascontiguousarray(own @ np.swapaxes(rotation, 1, 2))
+    c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
+    x, y = rotation[:, :, 0], rotation[:, :, 1]
+    frame = np.empty((len(theta), 3, 3))
+    frame[:, 0], frame[:, 1], frame[:, 2] = c * x + s * y, c * y - s * x, rotation[:, :, 2]
+    return frame
 
 
 def _with_pose(sigma: Floats, sensor: Ints, ears: Ears, near: Floats) -> Floats:
@@ -104,21 +105,27 @@ def _with_pose(sigma: Floats, sensor: Ints, ears: Ears, near: Floats) -> Floats:
 
 
 def agrees(places: Floats, heard: Heard, gate: float) -> Bools:
-    """(N,) whether a sensor has a direction within `gate` standard deviations of a place; False for none.
+    """(K, N) whether a sensor has a direction within `gate` standard deviations of each place; False for none.
 
     Args:
-        places: (3,) or (N, 3), one for each sensor.
+        places: (K, 3).
         heard: the scan.
         gate: of each angle, and of the sight line where its azimuth means little (near the pole).
     """
     s = heard.sights
-    rows = np.repeat(np.arange(len(s.labelled)), np.diff(s.first))
-    local = np.einsum("rij,rj->ri", s.frame, np.broadcast_to(places, (len(s.labelled), 3))[rows] - s.position)
-    off, phi = direction_angles(local)
+    counts = np.diff(s.first)
+    if not len(s.phi):
+        return np.zeros((len(places), len(counts)), dtype=np.bool_)
+    to = places[:, None, :, None] - s.position[:, :, None]
+    local = (s.frame @ to)[..., 0]
+    ground = np.hypot(local[..., 0], local[..., 1])
+    off = np.abs(np.arctan2(local[..., 1], local[..., 0]))
+    phi = np.arctan2(ground, local[..., 2])
     spread = np.hypot(np.sin(s.phi), np.cos(s.phi) * s.sigma_phi)
     arc = np.abs(2.0 * np.sin(0.5 * off)) * np.sin(phi)
-    good = (np.abs(off) <= gate * s.sigma_theta) | (arc <= gate * s.sigma_theta * spread)
+    good = (off <= gate * s.sigma_theta) | (arc <= gate * s.sigma_theta * spread)
     good &= heard.flat | (np.abs(phi - s.phi) <= gate * s.sigma_phi)
-    out = np.zeros(len(s.labelled), dtype=np.bool_)
-    np.logical_or.at(out, rows, good)
+    out = np.zeros((len(places), len(counts)), dtype=np.bool_)
+    some = counts > 0
+    out[:, some] = np.logical_or.reduceat(good, s.first[:-1][some], axis=1)
     return out
