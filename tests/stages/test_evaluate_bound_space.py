@@ -290,3 +290,37 @@ def test_information_is_the_covariance_of_the_score(kind: str) -> None:
     information = np.linalg.inv(covariances(bound)[0]) - np.eye(3)
     error = products.std(axis=2) / math.sqrt(n)
     assert np.all(np.abs(products.mean(axis=2) - information) <= 5 * error + 1e-6)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_an_extended_kalman_filter_in_space_reaches_the_bound_and_not_less(seed: int) -> None:
+    """Walks of known drift, two arrays, one of them tilted, and a camera: mean squared error over mean bound."""
+    rng, runs, steps, sigma_v = np.random.default_rng(seed), 40, 25, 0.1
+    ears = [array("ceiling", 10.0, 10.0, 3.0, sigma=0.02), array("wall", 1.0, 9.0, 1.5, sigma=0.03, pitch=0.7)]
+    place = scene(camera("eye", 0.0, 10.0, 0.0), arrays=tuple(ears), room_height=3.0)
+    t, P0 = np.arange(steps), np.diag([0.25, 0.25, 0.04])
+    config = EvaluateConfig(bound_in="space", prior_cov=(0.25, 0.0, 0.25), prior_z=0.04, sigma_v=sigma_v)
+    sigmas = np.array([1.0, 0.02, 0.02, 0.03, 0.02])
+    squared, bounds = np.empty((runs, steps)), np.empty((runs, steps))
+
+    def measure(p: np.ndarray) -> np.ndarray:
+        return np.array([-100.0 * (p[1] - 10.0) / p[0], *own_angles(ears[0], p), *own_angles(ears[1], p)])
+
+    for run in range(runs):
+        noise = sigma_v * rng.standard_normal((steps, 3)) * (t > 0)[:, None]
+        x = np.array([6.0, 12.0, 1.0]) + np.sqrt(np.diag(P0)) * rng.standard_normal(3) + np.cumsum(noise, axis=0)
+        z = np.array([measure(p) for p in x]) + sigmas * rng.standard_normal((steps, 5))
+        guess, P = np.array([6.0, 12.0, 1.0]), P0
+        for k in range(steps):
+            P = P + (sigma_v**2 * np.eye(3) if k else 0.0)
+            H = np.array([(measure(guess + e) - measure(guess - e)) / 2e-5 for e in 1e-5 * np.eye(3)]).T
+            K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(sigmas**2))
+            guess, P = guess + K @ (z[k] - measure(guess)), P - K @ H @ P
+            squared[run, k] = np.sum((guess - x[k]) ** 2)
+        heard_rows = [heard(ear, t, x) for ear in ears]
+        u = -100.0 * (x[:, 1] - 10.0) / x[:, 0]
+        rows = both(pixels(camera("eye", 0.0, 10.0, 0.0), t, u), *heard_rows)
+        bounds[run] = evaluate(None, truth(t, x[:, :2], z=x[:, 2]), rows, place, config).bound.bound_space ** 2
+    per_run = squared.mean(axis=1) / bounds.mean()
+    error_bar = per_run.std() / math.sqrt(runs)
+    assert 1 - 3 * error_bar < per_run.mean() < 1.1 + 3 * error_bar
