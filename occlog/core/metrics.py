@@ -93,7 +93,7 @@ def normalised_squared_errors_in_space(errors: Floats, covariances: Floats) -> F
         (N,), NaN where anything is not known and where P is singular to rounding.
     """
     scale = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
-    known: Bools = np.isfinite(errors).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2)) & (scale > 0).all(axis=1)
+    known = np.isfinite(errors).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2)) & (scale > 0).all(axis=1)
     rows = np.flatnonzero(known)
     s = scale[rows]
     correlation = covariances[rows] / (s[:, :, None] * s[:, None, :])
