@@ -76,9 +76,9 @@ class IngestPlan:
             **values,
             "video": _named("--video", values["video"]),
             "images": _named("--images", values["images"]),
-            "boxes": (*_pairs(values["boxes"], Path), *mot.items()),
-            **{key: _pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays")},
-            **{key: _pairs(values[key], str) for key in ("start_time", "fps")},
+            "boxes": (*pairs(values["boxes"], Path), *mot.items()),
+            **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays")},
+            **{key: pairs(values[key], str) for key in ("start_time", "fps")},
         }
         plan = cls(output=output, **taken)
         plan.check()
@@ -129,7 +129,7 @@ def _plain(value: Any) -> Any:
     return [_plain(v) for v in value] if isinstance(value, tuple) else value
 
 
-def _pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | None, T], ...]:
+def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | None, T], ...]:
     """`NAME=VALUE` or `VALUE`: what stands before = is a name unless the whole is a file."""
     out: list[tuple[str | None, T]] = []
     for text in values:
@@ -144,7 +144,7 @@ def _pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str |
 def _named(option: str, values: Iterable[str]) -> dict[str, Path]:
     """`NAME=VALUE` pairs with names that differ."""
     out: dict[str, Path] = {}
-    for name, path in _pairs(values, Path):
+    for name, path in pairs(values, Path):
         if name is None:
             raise UsageError(f"{option} {path}: does not name its camera; give {option} CAMERA={path}")
         if name in out:

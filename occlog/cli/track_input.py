@@ -35,13 +35,16 @@ class Inputs:
         recording = open_recording(bearings) if is_recording(bearings) else None
         self.scene: Scene = options.load_scene(scene, recording.scene if recording else None, bearings)
         streams: list[Iterable[Bearings]] = []
-        if recording is None or recording.has(Bearings):
+        directions = recording is None and describe(bearings)["schema"] == Doa.NAME
+        if directions:
+            streams.append(bearings_of_doa(self.open(bearings, Doa), self.scene, doa_labels))
+        elif recording is None or recording.has(Bearings):
             streams.append(self.open(bearings, Bearings))
         if doa is None and recording is not None and recording.has(Doa):
             doa = bearings
         if doa is not None:
             streams.append(bearings_of_doa(self.open(doa, Doa), self.scene, doa_labels))
-        elif doa_labels:
+        elif doa_labels and not directions:
             raise UsageError("--doa-labels wants directions of arrival; give them with --doa")
         if not streams:
             raise InputError(f"{bearings}: holds no bearings; make them with `occlog detect`")
