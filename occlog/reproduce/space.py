@@ -39,7 +39,7 @@ PRIOR = (0.3, 0.1)
 
 TABLE, TABLE_START, TABLE_STEP_S = 0, (10.0, 130.0, 18.0, 1.0, -0.75, 0.75), 1.0
 TABLE_TURN = -0.01
-"""Lateral acceleration [m/s^2] from y to z; only this sense gives the printed range of phi."""
+"""Lateral acceleration [m/s^2], from z towards y; only this sense gives the printed ranges of the angles."""
 TABLE_PRIOR = (1.0, 0.05)
 WRONG_FROM, WRONG_FOR = 50, 50
 """Steps during which the filter of the yz plane has a wrong model; the thesis says how long, not when."""
