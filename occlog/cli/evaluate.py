@@ -86,6 +86,7 @@ def settings(command: F) -> F:
 )
 @click.option("--doa-labels", is_flag=True, help="Identities in the log of directions are those of targets.")
 @click.option("--views", type=options.PATH, default=None, help="Views to compare with the true boxes of --truth.")
+@click.option("--cooperation", type=options.PATH, default=None, help="What cameras were asked; gives its cost too.")
 @options.scene_opt
 @options.output_opt("All figures as one JSON object.", required=False)
 @click.option("--errors", type=options.PATH, default=None, help="Write the error of every estimate (Parquet).")

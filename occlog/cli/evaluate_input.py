@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 from ..errors import InputError, UsageError
 from ..io.parquet import describe, read_table, schema_name
 from ..io.recording import open_recording
-from ..records import Bearings, Doa, Tracks, Truth, TruthBoxes, Views
+from ..records import Bearings, Cooperation, Doa, Tracks, Truth, TruthBoxes, Views
 from ..scene import Scene
 from ..stages.sources import bearings_of_doa
 from . import options
@@ -29,6 +29,7 @@ class Paths:
     bearings: Path | None = None
     doa: Path | None = None
     views: Path | None = None
+    cooperation: Path | None = None
     scene: Path | None = None
     output: Path | None = None
     errors: Path | None = None
@@ -44,7 +45,7 @@ class Paths:
     @property
     def inputs(self) -> tuple[Path, ...]:
         """Every file that is read."""
-        given = (self.tracks, self.truth, self.bearings, self.doa, self.views, self.scene)
+        given = (self.tracks, self.truth, self.bearings, self.doa, self.views, self.cooperation, self.scene)
         return tuple(dict.fromkeys(p for p in given if p is not None))
 
 
@@ -58,6 +59,7 @@ class Tables:
     truth_boxes: TruthBoxes | None
     bearings: Bearings | None
     views: Views | None
+    cooperation: Cooperation | None
 
 
 def read_tables(paths: Paths) -> Tables:
@@ -75,6 +77,7 @@ def read_tables(paths: Paths) -> Tables:
         boxes,
         read_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
         _read_rows(paths.views, Views),
+        _read_rows(paths.cooperation, Cooperation),
     )
 
 

@@ -15,6 +15,7 @@ from ..io.provenance import Provenance, hash_inputs
 from ..io.recording import open_recording
 from ..stages.evaluate import EvaluateConfig, Evaluation, evaluate
 from ..stages.evaluate_config import default_sigma_v
+from ..stages.evaluate_cooperation import cooperation_figures
 from . import options
 from .evaluate_input import Paths, read_tables
 
@@ -32,6 +33,8 @@ def run_evaluate(paths: Paths, values: Mapping[str, Any]) -> tuple[Evaluation, s
     config = make_config(with_defaults(values, paths.truth, t.scene.length_unit))
     _check_held_out(paths.tracks, config.held_out)
     result = evaluate(t.tracks, t.truth, t.bearings, t.scene, config, views=t.views, truth_boxes=t.truth_boxes)
+    if t.cooperation is not None:
+        result.metrics.update(cooperation_figures(t.cooperation, t.tracks))
     _write(paths, result, t.scene.length_unit, config)
     return result, t.scene.length_unit
 

@@ -52,6 +52,15 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         ("held_out_median", "median residual", "mrad"), ("held_out_share_within", "frames predicted", ""),
         ("held_out_share_within_chance", "  by chance", ""), ("held_out_frames", "frames", ""),
     )),
+    ("cooperation", (
+        ("cooperation_requests", "requests", ""), ("cooperation_answered", "answered", ""),
+        ("cooperation_shared", "places that came along", ""), ("cooperation_frames", "frames asked for", ""),
+        ("cooperation_period", "mean time between requests", "s"),
+        ("cooperation_requests_periodic", "  by the period", ""), ("cooperation_requests_count", "  by the count", ""),
+        ("cooperation_requests_bearing", "  by the bearing", ""),
+        ("cooperation_requests_ellipse", "  by the ellipse", ""),
+        ("cooperation_requests_spread", "  by the spread", ""),
+    )),
     ("views", (
         ("views_recall", "recall", ""), ("views_recall_clear", "  in the clear", ""),
         ("views_recall_front", "  in front of others", ""), ("views_recall_hidden", "  partly hidden", ""),

@@ -38,7 +38,7 @@ FORMS: dict[str, dict[str, Any]] = {
 }
 SCENES: dict[str, dict[str, Any]] = {
     "field": {"alpha": FIELD_ALPHA, "sigma_v": 0.01, "speed": 0.2, "frame_age_s": 0.5},
-    "room": {"alpha": ROOM_ALPHA, "sigma_v": 0.1, "speed": 0.3, "frame_age_s": 0.2, "height": 0.9},
+    "room": {"alpha": ROOM_ALPHA, "sigma_v": 0.1, "speed": 0.3, "frame_age_s": 0.2},
 }
 """Motion: the manoeuvres' acceleration, and as much noise of the velocity in a second (half as much in the room)."""
 

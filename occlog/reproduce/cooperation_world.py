@@ -1,5 +1,7 @@
 """The two environments of [Lee] Ch. 3: the field of Fig. 3-7 and the room of Sec. 3.4, with what sensors say.
 
+The room's ranges are those on the ground, so its sensors are at the height of the objects.
+
 What the thesis does not print (which way the turns go, where the cameras of the field stand,
 the ranges of the room's sensors) is as in the files of the same names in `examples/`.
 """
@@ -64,8 +66,8 @@ occlog_scene: 1
 length_unit: m
 room: [[0, 0], [14.63, 0], [14.63, 8.23], [0, 8.23]]
 microphone_arrays:
-- {name: A1, position: [3.2, 1.9, 2.5], sigma_deg: 1.7320508075688772, range: 3.05, resolution_deg: 3, planar: true, rate_hz: 100}
-- {name: A2, position: [7.6, 6.8, 2.5], sigma_deg: 1.7320508075688772, range: 4.71, resolution_deg: 3, planar: true, rate_hz: 100}
+- {name: A1, position: [3.2, 1.9, 0.9], sigma_deg: 1.7320508075688772, range: 3.05, resolution_deg: 3, planar: true, rate_hz: 100}
+- {name: A2, position: [7.6, 6.8, 0.9], sigma_deg: 1.7320508075688772, range: 4.71, resolution_deg: 3, planar: true, rate_hz: 100}
 cameras:
 - {name: V1, position: [1.9, 6.3, 1.2], yaw_deg: -37, focal_px: 160, image_size_px: [320, 240], rate_hz: 6, noise: {read_px: 2}}
 - {name: V2, position: [13.4, 5.0, 1.2], yaw_deg: 187, focal_px: 160, image_size_px: [320, 240], rate_hz: 6, noise: {read_px: 2}}

@@ -158,7 +158,7 @@ def test_two_targets_heard_as_one_by_drawing_them():
         z = (math.radians(at) - middle) / sigma
         exact = float(np.mean(np.exp(-0.5 * z * z) / (sigma * math.sqrt(2 * math.pi)) * near))
         assert both(a, b, look, resolution)[0, 0, 0] == pytest.approx(exact, rel=0.15)
-    far = hear(one + [0, 0, 8.0, 0], np.ones((1, 1)), bearings(10.0), math.inf)
+    far = hear(one + np.array([0, 0, 8.0, 0]), np.ones((1, 1)), bearings(10.0), math.inf)
     assert not both(a, far, bearings(10.0), resolution).any()
     assert not both(a, b, bearings(10.0), 0.0).any()
 
