@@ -14,12 +14,38 @@ import numpy as np
 from .geometry import Floats, Ints
 from .jit import array_kernel
 from .resampling import systematic_ancestors
+from .smc import effective_size, normalise
 from .space_motion import half_normals
 
 
 def best_width(particles: int, dimension: int) -> float:
     """Width h, in standard deviations, that is best for a Gaussian: (4 / (n (d + 2)))^(1 / (d + 4))."""
     return float((4.0 / (particles * (dimension + 2.0))) ** (1.0 / (dimension + 4.0)))
+
+
+def weigh(log_prior: Floats, log_likelihood: Floats, least: float) -> tuple[Floats, float]:
+    """Weights (L,) of sum 1 after a scan, and the log of their sum before.
+
+    Where fewer than `least` particles would be left with weight, none of them agrees well with
+    the scan and the spread of the few says nothing.  Then the likelihood is flattened, to the
+    power of what keeps that many: the cloud moves towards the scan and stays wide.
+
+    Args:
+        log_prior: (L,) log weights, sum of the weights 1.
+        log_likelihood: (L,) of the scan; -inf for none.
+        least: effective size that is kept, if the prior has it.
+    """
+    weights, log_sum = normalise(log_prior + log_likelihood)
+    if not math.isfinite(log_sum) or effective_size(weights) >= least:
+        return weights, log_sum
+    low, high = 0.0, 1.0
+    relative = np.maximum(log_likelihood - np.max(log_likelihood), -1e300)
+    for _ in range(40):
+        power = 0.5 * (low + high)
+        low, high = (
+            (power, high) if effective_size(normalise(log_prior + power * relative)[0]) >= least else (low, power)
+        )
+    return normalise(log_prior + low * relative)[0], log_sum
 
 
 def moments(cloud: Floats, weights: Floats) -> tuple[Floats, Floats]:

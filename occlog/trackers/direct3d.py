@@ -5,6 +5,8 @@ A SIR filter.  Departures from the thesis, each with its reason:
 * particles are resampled only when their effective number is low, and then from a kernel
   density (`occlog.core.space_resample`) that leaves mean and covariance as they are: without
   process noise mere copies would become one place;
+* where nearly no particle agrees with a scan its likelihood is flattened (`space_resample.weigh`), since the
+  spread of one or two particles would be taken for certainty;
 * a labelled report may be false with a small probability, so that one outlier does not end a track;
 * a filter that a sensor contradicts for some scans starts anew from the scan (`restart`).
 """
@@ -20,7 +22,7 @@ from numpy.random import Generator
 from ..columns import Bools, Floats, Ints
 from ..core.smc import effective_size, normalise
 from ..core.space_motion import moved
-from ..core.space_resample import best_width, moments, redraw
+from ..core.space_resample import best_width, moments, redraw, weigh
 from ..scene import Scene
 from .method import Cloud, Estimate, Height, Scan
 from .space_config import Direct3dConfig, SpaceConfig
@@ -28,6 +30,8 @@ from .space_sensing import Heard, agrees, pack_scan
 from .space_start import Space, around, found, log_likelihood, make_space
 
 NS = 1_000_000_000
+LEAST = 12.0
+"""Effective particles that are kept in any scan: twice the state's dimensions."""
 PATIENCE = 4
 """How many times longer a sensor must speak against a filter that has already started anew because of it."""
 
@@ -108,7 +112,7 @@ def _take_in(state: State, t_ns: int, heard: Heard, rng: Generator) -> Draw:
         if dt > space.config.max_gap_s:
             return begin(space, heard, "gap", rng)
     cloud = moved(state.cloud, space.motion, dt, rng) if dt > 0.0 else state.cloud
-    weights, log_sum = normalise(state.log_weights + log_likelihood(cloud[:3], heard, space))
+    weights, log_sum = weigh(state.log_weights, log_likelihood(cloud[:3], heard, space), LEAST)
     if not math.isfinite(log_sum):
         return begin(space, heard, "restart", rng)
     return Draw(cloud, weights, log_sum, "")

@@ -27,7 +27,7 @@ from ..core.bounds3d import plane_axes
 from ..core.planes import AXES, PLANES, XY
 from ..core.smc import effective_size, normalise
 from ..core.space_motion import Motion, moved, turn_jump
-from ..core.space_resample import best_width, moments, redraw
+from ..core.space_resample import best_width, moments, redraw, weigh
 from ..scene import Scene
 from .direct3d import Draw, begin, contradicted, elapsed
 from .method import Cloud, Estimate, Height, Scan
@@ -40,6 +40,8 @@ from .space_start import log_likelihood as space_log_likelihood
 
 NS = 1_000_000_000
 ALL = range(len(PLANES))
+LEAST = 8.0
+"""Effective particles that are kept in any scan: twice the dimensions of a plane's state."""
 Clouds = tuple[tuple[Floats, Floats], ...]
 """Particles (4, L) and log weights (L,) of each plane."""
 
@@ -206,7 +208,8 @@ def _weighed(
     for p in _running(state, pair):
         cloud, log_weights = clouds[p]
         only = best.get(p) if config.per_plane == "best" else None
-        weights, log_sum = normalise(log_weights + log_likelihood(cloud, p, heard, angles, state.space.chances, only))
+        told = log_likelihood(cloud, p, heard, angles, state.space.chances, only)
+        weights, log_sum = weigh(log_weights, told, LEAST)
         mean, covariance = moments(cloud, weights)
         flats[p] = Flat(mean, covariance, log_sum, effective_size(weights))
         if flats[p].ess < config.resample_below * n:

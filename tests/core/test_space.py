@@ -10,6 +10,7 @@ import pytest
 from occlog.core import bounds3d, planes
 from occlog.core.arctangent import fast_atan2
 from occlog.core.camera import array_rotation, wrap_angle
+from occlog.core.smc import effective_size, normalise
 from occlog.core.space import (
     Chances,
     Sights,
@@ -19,7 +20,7 @@ from occlog.core.space import (
     scan_log_likelihood,
 )
 from occlog.core.space_motion import Motion, known_jump, moved, turn_jump
-from occlog.core.space_resample import best_width, moments, redraw
+from occlog.core.space_resample import best_width, moments, redraw, weigh
 from occlog.core.turns import acceleration_root, turn_matrix
 
 POSES = [np.eye(3), array_rotation(0.4, 0.7, -0.3), array_rotation(-2.5, -1.2, 1.9)]
@@ -206,3 +207,21 @@ def test_a_cloud_of_one_place_stays_there() -> None:
     cloud, rng = np.full((4, 10), 2.0), np.random.default_rng(0)
     mean, covariance = moments(cloud, np.full(10, 0.1))
     np.testing.assert_allclose(redraw(cloud, np.full(10, 0.1), mean, covariance, 10, 0.5, rng), 2.0)
+
+
+def test_a_scan_that_hardly_a_particle_agrees_with_leaves_some_of_them() -> None:
+    prior, x = np.full(1000, -math.log(1000)), np.linspace(0.0, 10.0, 1000)
+    mild, sharp = -0.5 * (x - 5.0) ** 2, -0.5 * ((x - 30.0) / 0.01) ** 2
+    for told in (mild, sharp):
+        weights, log_sum = weigh(prior, told, 12.0)
+        expected, total = normalise(prior + told)
+        assert log_sum == total
+        if told is mild:
+            np.testing.assert_array_equal(weights, expected)
+        else:
+            assert effective_size(expected) < 1.001
+            assert effective_size(weights) == pytest.approx(12.0, rel=1e-3)
+            assert weights @ x > 9.8  # at the side where the scan is
+    assert weigh(prior, np.full(1000, -math.inf), 12.0)[1] == -math.inf
+    some = np.where(x > 5, 0.0, -math.inf)
+    assert weigh(prior, some, 900.0)[0].sum() == pytest.approx(1.0)
