@@ -98,6 +98,11 @@ COOPERATE = ("none", "periodic", "printed", "count", "spread")
     help="Track only this target; may be repeated. The first also numbers a track without labels.",
 )
 @click.option("--labelled-only", is_flag=True, help="Do not use candidates that are not assigned to a target.")
+@click.option(
+    "--use-recovered",
+    is_flag=True,
+    help="Use what the fusion of detections recovered as if it had been measured. [default: not seen]",
+)
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Use only these sensors.")
 @click.option("--without", default="", metavar="A,B,...", help="Leave these sensors out.")
 @click.option(
@@ -136,7 +141,7 @@ def command(
     doa: Path | None, occluders: Path | None, policy: str | None, count: int | None, every: float | None,
     model: str | None, order: str, method: str,
     particles: int | None, starts: tuple[str, ...], cooperate: str | None, cooperation: Path | None,
-    targets: tuple[int, ...], labelled_only: bool, only: str, without: str,
+    targets: tuple[int, ...], labelled_only: bool, use_recovered: bool, only: str, without: str,
     window: float, doa_labels: bool, turn: float | None, motion: Path | None, lag: float | None,
     settings: tuple[str, ...], seed: int, overwrite: bool, quiet: bool, as_json: bool,
 ) -> int:  # fmt: skip
@@ -185,6 +190,7 @@ def command(
         parse_names(without), parse_window(window), seed, occluders, policy, {
             name: value for name, value in (("count", count), ("every", every), ("model", model)) if value is not None
         }, parse_names(order), doa_labels, None if turn is None else parse_seconds("--in-turn", turn), motion,
+        use_recovered,
     )  # fmt: skip
     summary, losses = run_track(request, outputs, overwrite, quiet)
     return options.finish(summary, losses, as_json)

@@ -13,6 +13,7 @@ from ..io.motion_file import read_motion
 from ..io.parquet import TableWriter
 from ..io.provenance import Provenance, hash_inputs
 from ..records import Bearings, Calibration, Cooperation, Diagnostics, Tracks
+from ..stages.fuse_input import only_measured
 from ..stages.scans import checked
 from ..stages.sources import in_turn
 from ..stages.track import choose_sensors, track
@@ -57,6 +58,7 @@ class Request:
     doa_labels: bool = False
     turn_s: float | None = None  # one sensor at a time, for so long; None: all of them
     motion: Path | None = None  # a fitted motion model, for --method map
+    use_recovered: bool = False  # of fused bearings also those that were recovered
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,8 @@ def run_track(
     targets = request.targets or None
     selection = make_selection(request)
     chunks = options.progress(inputs.chunks, "track", quiet=quiet)
+    if not request.use_recovered:
+        chunks = only_measured(chunks)
     if request.turn_s is not None:
         chunks = one_at_a_time(chunks, inputs.scene, sensors, request.turn_s)
     tracked = track(
@@ -97,6 +101,7 @@ def run_track(
         "method": request.method, "sensors": sorted(sensors), "targets": targets, "unlabelled": request.unlabelled,
         "window_ns": request.window_ns, "in_turn_s": request.turn_s, "doa_labels": request.doa_labels,
         "selection": None if selection is None else asdict(selection), **asdict(config),
+        **({"use_recovered": True} if request.use_recovered else {}),
     }  # fmt: skip
     paths = [
         p for p in (request.bearings, request.scene, request.doa, request.occluders, request.motion) if p is not None

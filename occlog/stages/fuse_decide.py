@@ -33,6 +33,8 @@ from ..core.triangulate import MET, sight_lines_meet
 from .fuse_config import FuseConfig
 from .fuse_eyes import Eyes
 
+CONFIRMED = 2
+"""Moments in which cameras must meet in an object before its prediction counts: any two lines cross somewhere."""
 SAMPLES = 16
 """Places along a lone sight line at which is asked who sees them."""
 
@@ -42,6 +44,7 @@ class Memory(NamedTuple):
 
     motion: Motion | None = None
     absent: int = 0  # moments in a row without a declaration
+    met: int = 0  # moments in which cameras met in it
 
 
 class Decision(NamedTuple):
@@ -73,7 +76,8 @@ def decide(memory: Memory, t_ns: int, sight: Sight, looked: Ints, eyes: Eyes, co
         eyes: the cameras.
         config: from `in_scene`.
     """
-    motion = None if memory.motion is None else ahead(memory.motion, t_ns, config.acceleration or 0.0)
+    held = None if memory.motion is None else ahead(memory.motion, t_ns, config.acceleration or 0.0)
+    motion = held if memory.met >= CONFIRMED else None
     if not len(sight.azimuth):
         return _nothing(motion, memory, np.zeros(0, dtype=np.bool_), -math.inf, config)
     sigma2 = (config.sigma or 0.0) ** 2
@@ -102,7 +106,10 @@ def decide(memory: Memory, t_ns: int, sight: Sight, looked: Ints, eyes: Eyes, co
         return _nothing(motion, memory, np.zeros(len(near), dtype=np.bool_), value, config)
     kept = used & (_across(sight, place) <= config.gate)
     missed = looked[sees & ~np.isin(looked, sight.sensor[kept])]
-    return Decision(True, value, place, kept, missed, Memory(after, 0))
+    met = memory.met + (len(group) > 1)
+    if motion is None and held is not None:
+        after, met = _followed(held, after, place, memory, config)
+    return Decision(True, value, place, kept, missed, Memory(after, 0, met))
 
 
 def agreeing(sight: Sight, rows: Ints, motion: Motion | None, eyes: Eyes, config: FuseConfig) -> Ints:
@@ -161,6 +168,15 @@ def _locate(motion: Motion | None, t_ns: int, sight: Sight, config: FuseConfig) 
     return (place if len(sight.azimuth) > 1 else after.place), after
 
 
+def _followed(held: Motion, new: Motion, place: Place, memory: Memory, config: FuseConfig) -> tuple[Motion, int]:
+    """Motion of an object met again that was not confirmed yet, or that of a new one, and how often it was met."""
+    away = place.xy - held.mean[:2]
+    spread = held.place.cov + place.cov + (config.sigma or 0.0) ** 2 * np.eye(2)
+    if away @ np.linalg.solve(spread, away) > config.reach**2:
+        return new, 1
+    return corrected_by_place(held, place), memory.met + 1
+
+
 def _across(sight: Sight, place: Place) -> Floats:
     """(R,) standard deviations by which lines miss a place; what is known of distances is not asked."""
     nothing = np.full(len(sight.azimuth), np.nan)
@@ -175,9 +191,9 @@ def _prior(place: Place, predicted: Place, sigma2: float) -> float:
 
 
 def _nothing(motion: Motion | None, memory: Memory, kept: Bools, value: float, config: FuseConfig) -> Decision:
-    """No object is declared; a prediction that was not met for long is dropped."""
+    """No object is declared; a prediction that was not met for long is dropped, a new one at once."""
     absent = memory.absent + 1
-    after = Memory(None if absent >= config.hold else motion, absent)
+    after = Memory() if motion is None or absent >= config.hold else Memory(motion, absent, memory.met)
     return Decision(False, value, None, kept, np.zeros(0, dtype=np.int64), after)
 
 

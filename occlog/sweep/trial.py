@@ -82,7 +82,7 @@ def run_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     )  # fmt: skip
     seconds = time.process_time() - start
     tracks, diagnostics = Tracks.concat([p.tracks for p in parts]), Diagnostics.concat([p.diagnostics for p in parts])
-    figures = _errors(tracks, world.truth, scene, int(spec.get("skip", 0)))
+    figures = errors_of(tracks, world.truth, scene, int(spec.get("skip", 0)))
     figures["rmse_occ"] = rmse_of_priors(occluders, world.truth)
     return figures | _filter_figures(diagnostics) | {"track_seconds": seconds}
 
@@ -147,7 +147,7 @@ def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
     return float(np.sqrt(np.mean(dx**2 + dy**2)))
 
 
-def _errors(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str, float]:
+def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str, float]:
     """Figures of the errors of target 0 at the times of the estimates."""
     true = truth.take(truth.target_id == 0)
     own = tracks.take(tracks.target_id == 0)

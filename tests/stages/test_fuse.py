@@ -144,15 +144,14 @@ def test_two_false_detections_that_meet_far_from_the_prediction_are_removed():
     assert of_step(alone, 2) == {"a": HIT, "b": HIT, "c": BACK}
 
 
-def test_a_prediction_is_dropped_after_some_times_without_a_declaration():
+@pytest.mark.parametrize(("met", "held"), [(3, 3), (1, 0)])
+def test_a_prediction_is_dropped_after_some_times_without_a_declaration_and_a_new_one_at_once(met: int, held: int):
     where = scene(3)
-    rows = [*look(0, where, PLACE)]
-    for step in range(1, 6):
-        rows += look(step, where, FAR, missed="c")
-    config = FuseConfig(hold=3)
-    after = fused(table(rows, where), where, config)
-    declared = [of_step(after, step)["c"] == BACK for step in range(1, 6)]
-    assert declared == [False, False, False, True, True]
+    rows = [row for step in range(met) for row in look(step, where, PLACE)]
+    rows += [row for step in range(met, met + 5) for row in look(step, where, FAR, missed="c")]
+    after = fused(table(rows, where), where, FuseConfig(hold=3))
+    declared = [of_step(after, step)["c"] == BACK for step in range(met, met + 5)]
+    assert declared == [False] * held + [True] * (5 - held)
 
 
 def test_cameras_that_face_each_other_support_each_other_without_a_place():
