@@ -399,7 +399,8 @@ class Diagnostics(Table):
         nan="the method has no particles",
     )  # fmt: skip
     log_likelihood: Floats = column(
-        "f8", "1", "log of the predictive likelihood of the scan; a batch method's: of the likelihood at the estimate",
+        "f8", "1",
+        "log of the predictive likelihood of the scan; of a batch method and `fix`: of the likelihood at the estimate",
         nan="no measurement had weight",
     )  # fmt: skip
     n_looked: Ints32 = column("i4", "1", "sensors that delivered a frame in the scan")
@@ -409,7 +410,8 @@ class Diagnostics(Table):
         "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew), `gap` (the same after a long gap); "
         "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints that no place "
         "holds were left out, with what was seen then), `wall` (no way around a wall was found) or `unfinished` (the "
-        "search did not converge)",
+        "search did not converge); of `fix` `pair` (two lines, whose spread is as stated) or `stated` (the spread was "
+        "not found)",
     )  # fmt: skip
     cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
     n_offered: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import click
@@ -85,6 +85,21 @@ def settings(command: F) -> F:
     help="Directions of arrival to use along with the bearings. [default: those of the same recording]",
 )
 @click.option("--doa-labels", is_flag=True, help="Identities in the log of directions are those of targets.")
+@click.option(
+    "--truth-azimuths",
+    type=options.PATH,
+    default=None,
+    help="True directions to compare those of --doa with: a log (time, azimuth_deg) or a table.",
+)
+@click.option(
+    "--doa-gate",
+    "doa_gate_deg",
+    type=click.FloatRange(0, 180),
+    default=10.0,
+    show_default=True,
+    metavar="DEGREES",
+    help="A direction further from the truth is a false one, and the true one missed.",
+)
 @click.option("--views", type=options.PATH, default=None, help="Views to compare with the true boxes of --truth.")
 @click.option("--cooperation", type=options.PATH, default=None, help="What cameras were asked; gives its cost too.")
 @options.scene_opt
@@ -109,14 +124,26 @@ def command(**given: Any) -> int:
           -o metrics.json --errors errors.parquet --bound bound.parquet --fail-if 'rmse>0.5'
       occlog evaluate without_cam4.parquet --bearings all.parquet --scene scene.yaml --held-out cam4
       occlog evaluate --views views.parquet --truth recording.mcap --json | jq .views_recall
+      occlog evaluate --doa doa.parquet --truth-azimuths azimuths.csv
     """
-    from ..stages.evaluate import failures, parse_threshold
+    from ..stages.evaluate import parse_threshold
     from .evaluate_input import Paths
     from .evaluate_run import run_evaluate
 
     thresholds = [parse_threshold(text) for text in given.pop("fail_if")]
     as_json, quiet = given.pop("as_json"), given.pop("quiet")
+    azimuths, gate = given.pop("truth_azimuths"), given.pop("doa_gate_deg")
     paths = Paths(**{name: given.pop(name) for name in Paths.__annotations__})
+    if azimuths is not None:
+        from .evaluate_doa import run_evaluate_doa
+
+        if any(
+            p is not None for p in (paths.tracks, paths.truth, paths.bearings, paths.views, paths.errors, paths.bound)
+        ):
+            raise click.UsageError("--truth-azimuths goes with --doa and nothing else to compare")
+        figures = run_evaluate_doa(paths.doa, azimuths, paths.output, gate, given["max_gap_s"], paths.overwrite)
+        options.echo_summary(figures, as_json)
+        return _judged(figures, thresholds)
     result, unit = run_evaluate(paths, given)
     if as_json:
         options.echo_summary(result.metrics, True)
@@ -124,10 +151,18 @@ def command(**given: Any) -> int:
         from .evaluate_text import summary_lines
 
         click.echo("\n".join(summary_lines(result.metrics, unit)))
-    broken = failures(result.metrics, thresholds)
-    for line in broken:
-        click.echo(f"occlog: {line}", err=True)
+    code = _judged(result.metrics, thresholds)
     for path in (paths.output, paths.errors, paths.bound):
         if path is not None:
             options.note(f"wrote {path}", quiet)
+    return code
+
+
+def _judged(metrics: Mapping[str, Any], thresholds: list[Any]) -> int:
+    """Exit code 6 if a threshold was broken, each told in a line."""
+    from ..stages.evaluate import failures
+
+    broken = failures(metrics, thresholds)
+    for line in broken:
+        click.echo(f"occlog: {line}", err=True)
     return ExitCode.THRESHOLD if broken else ExitCode.DONE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +48,7 @@ class Tally:
         return {
             "targets": len(self.targets),
             "rows": self.rows,
-            **(self._searches() if self.solves else {"mean_effective_particles": self.ess / max(self.rows, 1)}),
+            **(self._searches() if self.solves else self._particles()),
             "fallbacks": dict(sorted(self.fallbacks.items())),
             **self.messages.summary(),
             **(self._cooperation() if self.cooperated else {}),
@@ -78,6 +79,10 @@ class Tally:
         return [
             f"{self.fallbacks[k]} of {self.rows} rows: {k}: {text}" for k, text in said.items() if self.fallbacks[k]
         ]
+
+    def _particles(self) -> dict[str, Any]:
+        """Mean effective number of particles, of a method that has some."""
+        return {} if math.isnan(self.ess) else {"mean_effective_particles": self.ess / max(self.rows, 1)}
 
     def _searches(self) -> dict[str, Any]:
         """Figures of a batch method: iterations of each target's searches, and how many did not converge."""
