@@ -10,13 +10,24 @@ from typing import Any
 
 from ..errors import UsageError
 from ..report.plans import Plan
-from . import accuracy, cooperation_figures, laboratory, recorded_figures, selection, space_figures, sparse_figures, speed, square
+from . import (
+    accuracy,
+    cooperation_figures,
+    fusion_figures,
+    laboratory,
+    recorded_figures,
+    selection,
+    space_figures,
+    sparse_figures,
+    speed,
+    square,
+)
 from .model import Execute, Experiment, Size, Table, Verdict
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
     "ercan": (*square.EXPERIMENTS, speed.FIG10, selection.FIG12, laboratory.FIG14, selection.FIG15, accuracy.FIG17),
     "rahimi": sparse_figures.EXPERIMENTS,
-    "lee": (*space_figures.EXPERIMENTS, *cooperation_figures.EXPERIMENTS),
+    "lee": (*space_figures.EXPERIMENTS, *cooperation_figures.EXPERIMENTS, *fusion_figures.EXPERIMENTS),
 }
 RECORDED = {"ercan": recorded_figures.ITEMS}
 """Experiments that want a recording."""
