@@ -43,7 +43,7 @@ def run_evaluate_doa(
     if not len(found):
         raise InputError(f"{doa}: has no directions; nothing can be compared")
     metrics = doa_metrics(found, _truth(truth, found), math.radians(gate_deg), round(0.5 * max_gap_s * NS))
-    if metrics["doa_sets"] == 0:
+    if metrics["doa_found"] == 0:
         raise InputError(f"{truth}: has no time near those of {doa}; look at the times, or give a larger --max-gap")
     if output is not None:
         parameters = {"doa_gate_deg": gate_deg, "max_gap_s": max_gap_s}

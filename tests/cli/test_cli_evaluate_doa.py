@@ -76,6 +76,9 @@ def test_ten_sources_at_once(shared_data: Path, tmp_path: Path, capsys: pytest.C
     args = ["--doa", f"mic={tmp_path / 'found.csv'}", "--arrays", f"mic={tmp_path / 'mics.csv'}"]
     assert run(["ingest", *args, "-o", found, "-q"]) == ExitCode.DONE
     capsys.readouterr()
+    (tmp_path / "late.csv").write_text("time,azimuth_deg\n9,1\n")
+    assert run(["evaluate", "--doa", found, "--truth-azimuths", str(tmp_path / "late.csv")]) == ExitCode.BAD_INPUT
+    assert "has no time near those of" in capsys.readouterr().err
     out = str(tmp_path / "m.json")
     args = ["evaluate", "--doa", found, "--truth-azimuths", str(tmp_path / "truth.csv"), "-o", out, "--json"]
     assert run([*args, "--fail-if", "doa_missed>0"]) == ExitCode.DONE
