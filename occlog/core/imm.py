@@ -29,6 +29,8 @@ from .turns import move_under_all
 
 CHI2_95 = -2.0 * math.log(0.05)
 """5.991: squared radius of the ellipse that holds 95 % of a Gaussian in the plane."""
+LEAST_LOG = -708.0
+"""Weights are 0 below the exponential of this, the least that is a normal number."""
 RANGE_SIGMAS = 2.0
 """Half width of the 95 % range of a bearing, as printed in [Lee] Eq. 3.15."""
 
@@ -114,7 +116,7 @@ def step(cloud: Cloud, motion: Motion, dt: float, bearings: Bearings, draws: Dra
     prior = prior_weights(cloud.models, len(motion.models), motion.switching)
     weights = weigh(predicted, prior, bearings)
     rows, models = resample(weights.total, draws.u, draws.picks)
-    return Step(Cloud(predicted[models, rows], models), moments(predicted, weights.total), predicted, prior, weights)
+    return Step(Cloud(taken(predicted, models, rows), models), moments(predicted, weights.total), predicted, prior, weights)
 
 
 def prior_weights(models: Ints, count: int, switching: Floats | None) -> Floats:
@@ -135,12 +137,10 @@ def weigh(predicted: Floats, prior: Floats, bearings: Bearings) -> Weights:
     if len(bearings.angle) == 0:
         return Weights(np.zeros((0, *prior.shape)), prior, 0.0)
     x0, y0 = bearings.position
-    # NumPy's arctan2 and exp are several times as fast as those of a compiled loop.
+    # NumPy's arctan2 is several times as fast as that of a compiled loop.
     at = np.arctan2(predicted[..., 2] - y0, predicted[..., 0] - x0)
     each, top = _log_weights(at, prior, wrap_angle(bearings.angle), bearings.sigma, np.log(bearings.sigma))
-    each -= top
-    np.exp(each, out=each)
-    total, mass = _times_prior(each, prior)
+    total, mass = _times_prior(each, top, prior)
     each /= mass
     return Weights(each, total / mass, top + math.log(mass) - 0.5 * math.log(2.0 * math.pi))
 
@@ -167,15 +167,19 @@ def _log_weights(at: Floats, prior: Floats, angle: Floats, sigma: Floats, scale:
 
 
 @array_kernel
-def _times_prior(each: Floats, prior: Floats) -> tuple[Floats, float]:
-    """Multiplies `each` by the prior, in place; its sums over i, (J, L), and over all."""
+def _times_prior(each: Floats, top: float, prior: Floats) -> tuple[Floats, float]:
+    """Weights of log weights `each`, relative to the largest, times the prior, in place; sums over i, (J, L), and all.
+
+    Most bearings are far from most particles: there is no exponential to be had for them.
+    """
     N, J, L = each.shape
     total = np.zeros((J, L))
     mass = 0.0
     for i in range(N):
         for m in range(J):
             for l in range(L):  # noqa: E741 - the paper's letter
-                each[i, m, l] *= prior[m, l]
+                log_weight = each[i, m, l] - top
+                each[i, m, l] = math.exp(log_weight) * prior[m, l] if log_weight > LEAST_LOG else 0.0
                 total[m, l] += each[i, m, l]
                 mass += each[i, m, l]
     return total, mass
@@ -191,26 +195,40 @@ def moments(particles: Floats, weights: Floats) -> Estimate:
     return Estimate(mean, covariance, mu, means, covariances)
 
 
-@kernel
+@array_kernel
 def _moments(x: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
-    """mu, means and covariances of `Estimate`."""
+    """mu, means and covariances of `Estimate`; sums are kept in variables of their own, which is twice as fast."""
     J, L = w.shape
-    mu, means, covariances = np.zeros(J), np.zeros((J, 4)), np.zeros((J, 4, 4))
+    mu, means, covariances = np.zeros(J), np.full((J, 4), math.nan), np.full((J, 4, 4), math.nan)
     for m in range(J):
+        total = s0 = s1 = s2 = s3 = 0.0
         for l in range(L):  # noqa: E741 - the paper's letter
-            mu[m] += w[m, l]
-            for a in range(4):
-                means[m, a] += w[m, l] * x[m, l, a]
-        for a in range(4):
-            means[m, a] = means[m, a] / mu[m] if mu[m] > 0.0 else math.nan
+            total += w[m, l]
+            s0 += w[m, l] * x[m, l, 0]
+            s1 += w[m, l] * x[m, l, 1]
+            s2 += w[m, l] * x[m, l, 2]
+            s3 += w[m, l] * x[m, l, 3]
+        mu[m] = total
+        if not total > 0.0:
+            continue
+        m0, m1, m2, m3 = s0 / total, s1 / total, s2 / total, s3 / total
+        c00 = c10 = c11 = c20 = c21 = c22 = c30 = c31 = c32 = c33 = 0.0
         for l in range(L):  # noqa: E741
-            for a in range(4):
-                for b in range(a + 1):
-                    covariances[m, a, b] += w[m, l] * (x[m, l, a] - means[m, a]) * (x[m, l, b] - means[m, b])
-        for a in range(4):
-            for b in range(a + 1):
-                covariances[m, a, b] = covariances[m, a, b] / mu[m] if mu[m] > 0.0 else math.nan
-                covariances[m, b, a] = covariances[m, a, b]
+            o0, o1, o2, o3 = x[m, l, 0] - m0, x[m, l, 1] - m1, x[m, l, 2] - m2, x[m, l, 3] - m3
+            w0, w1, w2, w3 = w[m, l] * o0, w[m, l] * o1, w[m, l] * o2, w[m, l] * o3
+            c00 += w0 * o0
+            c10 += w1 * o0
+            c11 += w1 * o1
+            c20 += w2 * o0
+            c21 += w2 * o1
+            c22 += w2 * o2
+            c30 += w3 * o0
+            c31 += w3 * o1
+            c32 += w3 * o2
+            c33 += w3 * o3
+        means[m] = np.array([m0, m1, m2, m3])
+        lower = np.array([[c00, c10, c20, c30], [c10, c11, c21, c31], [c20, c21, c22, c32], [c30, c31, c32, c33]])
+        covariances[m] = lower / total
     return mu, means, covariances
 
 
@@ -227,10 +245,37 @@ def resample(weights: Floats, u: float, picks: Floats) -> tuple[Ints, Ints]:
         picks: (n,) draws from U[0, 1).
     """
     rows = systematic_ancestors(weights.sum(axis=0), len(picks), u)
-    cumulated = np.cumsum(weights, axis=0)[:, rows]
-    # Below the sum in spite of rounding, so that a last model without weight is never taken.
-    points = np.minimum(picks * cumulated[-1], np.nextafter(cumulated[-1], 0.0))
-    return rows, np.asarray((cumulated <= points).sum(axis=0), dtype=np.int64)
+    return rows, _models_of(weights, rows, picks)
+
+
+@kernel
+def taken(predicted: Floats, models: Ints, rows: Ints) -> Floats:
+    """(n, 4) particles predicted[models, rows], of (J, L, 4)."""
+    out = np.empty((rows.shape[0], 4))
+    for i in range(rows.shape[0]):
+        for a in range(4):
+            out[i, a] = predicted[models[i], rows[i], a]
+    return out
+
+
+@kernel
+def _models_of(weights: Floats, rows: Ints, picks: Floats) -> Ints:
+    """(n,) a model of each row, drawn by the row's weights; one without weight is never taken."""
+    J, n = weights.shape[0], rows.shape[0]
+    models = np.empty(n, dtype=np.int64)
+    for i in range(n):
+        whole = 0.0
+        for m in range(J):
+            whole += weights[m, rows[i]]
+        point, passed, chosen = picks[i] * whole, 0.0, -1
+        for m in range(J):
+            w = weights[m, rows[i]]
+            # The last with weight is taken where rounding lets the point be at the sum.
+            if w > 0.0 and (chosen < 0 or passed <= point):
+                chosen = m
+            passed += w
+        models[i] = max(chosen, 0)
+    return models
 
 
 def association(weights: Weights) -> Floats:

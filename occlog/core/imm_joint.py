@@ -37,7 +37,12 @@ class Heard(NamedTuple):
     fit: Floats  # (N,) its mean over the particles
     reached: float  # weight of the particles in range
     at: Floats  # (J, L) bearing of each particle [rad]
-    centre: float  # circular mean of the bearings [rad]
+
+
+class Direction(NamedTuple):
+    """Where an array would hear a target, taken for a Gaussian."""
+
+    centre: float  # circular mean of the particles' bearings [rad]
     spread: float  # standard deviation of them [rad]
 
 
@@ -59,33 +64,52 @@ def hear(predicted: Floats, weights: Floats, bearings: Bearings, reach: float) -
         bearings: what the array heard; may be none.
         reach: range of the array [length]; may be infinite.
     """
-    dx, dy = predicted[..., 0] - bearings.position[0], predicted[..., 2] - bearings.position[1]
-    within = dx * dx + dy * dy <= reach * reach
-    at = np.arctan2(dy, dx)
-    c, s = float(np.vdot(weights, np.cos(at))), float(np.vdot(weights, np.sin(at)))
-    centre, length = math.atan2(s, c), min(math.hypot(c, s), 1.0)
-    spread = math.sqrt(-2.0 * math.log(max(length, 1e-12)))
+    within, reached = in_range(predicted, weights, bearings.position, reach)
+    at = np.arctan2(predicted[..., 2] - bearings.position[1], predicted[..., 0] - bearings.position[0])
     each = density(at, within, bearings.angle, bearings.sigma)
-    fit = np.einsum("nml,ml->n", each, weights)
-    return Heard(each, within, fit, float(weights[within].sum()), at, centre, spread)
+    return Heard(each, within, each.reshape(len(each), at.size) @ weights.ravel(), reached, at)
+
+
+def in_range(predicted: Floats, weights: Floats, position: Floats, reach: float) -> tuple[Bools, float]:
+    """(J, L) which of the (J, L, 4) particles are in the range of an array, and their weight."""
+    if math.isinf(reach):
+        return np.ones(weights.shape, dtype=np.bool_), 1.0
+    dx, dy = predicted[..., 0] - position[0], predicted[..., 2] - position[1]
+    within = dx * dx + dy * dy <= reach * reach
+    return within, float(weights[within].sum())
+
+
+def direction(heard: Heard, weights: Floats) -> Direction:
+    """Mean and standard deviation of the bearings of (J, L) weighted particles."""
+    c, s = float(np.vdot(weights, np.cos(heard.at))), float(np.vdot(weights, np.sin(heard.at)))
+    length = min(math.hypot(c, s), 1.0)
+    return Direction(math.atan2(s, c), math.sqrt(-2.0 * math.log(max(length, 1e-12))))
 
 
 def density(at: Floats, within: Bools, angle: Floats, sigma: Floats) -> Floats:
-    """(N, J, L) normal densities of N bearings at particles of bearings `at`, 0 where not `within`."""
-    off = wrap_angle(angle[:, None, None] - at) / sigma[:, None, None]
-    return np.asarray(np.exp(-0.5 * off * off) * within / (ROOT_2PI * sigma[:, None, None]))
+    """(N, J, L) normal densities of N bearings at particles of bearings `at` in [-pi, pi], 0 where not `within`."""
+    out = np.empty((len(angle), *at.shape))
+    for i, (a, s) in enumerate(zip(wrap_angle(angle).tolist(), sigma.tolist(), strict=True)):
+        off = np.abs(a - at)
+        np.minimum(off, 2.0 * math.pi - off, out=off)
+        off *= off
+        off *= -0.5 / (s * s)
+        np.exp(off, out=off)
+        off *= 1.0 / (ROOT_2PI * s)
+        np.multiply(off, within, out=out[i])
+    return out
 
 
-def both(one: Heard, other: Heard, bearings: Bearings, resolution: float) -> Floats:
+def both(one: Heard, mine: Direction, other: Direction, bearings: Bearings, resolution: float) -> Floats:
     """(N, J, L) density of a bearing of two targets heard as one, for each particle of `one`.
 
     The bearing is taken for the middle of the two, the other for a Gaussian in bearing: the
     other is within the resolution with the probability that this Gaussian gives, and then
-    anywhere there, which adds resolution^2 / 12 to the variance.  All zero where the targets
-    are too far apart.
+    anywhere there, which adds resolution^2 / 12 to the variance.  All zero where the targets,
+    at `mine` and `other`, are too far apart.
     """
-    gap = abs(wrap_angle(np.array(other.centre - one.centre)))
-    if resolution <= 0.0 or gap > resolution + NEAR_SIGMAS * (one.spread + other.spread):
+    gap = abs(wrap_angle(np.array(other.centre - mine.centre)))
+    if resolution <= 0.0 or gap > resolution + NEAR_SIGMAS * (mine.spread + other.spread):
         return np.zeros_like(one.each)
     off = wrap_angle(other.centre - one.at)
     near = close_by(np.ascontiguousarray(off), max(other.spread, 1e-9), resolution)

@@ -10,6 +10,7 @@ and silence follow.
 from __future__ import annotations
 
 import math
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.random import Generator
 
 from ..columns import Bools, Floats, Ints
 from ..core import imm
-from ..core.imm_joint import Association, Heard, associate, both, hear, reweigh
+from ..core.imm_joint import Association, Direction, Heard, associate, both, direction, hear, in_range, reweigh
 from ..core.smc import effective_size
 from ..scene import Scene
 from .imm_config import ImmConfig
@@ -119,6 +120,8 @@ def step(state: State, t_ns: int, looks: tuple[Look, ...], rng: Generator) -> tu
 
 def _in_range(world: World, moved: Moved, array: int) -> bool:
     """Whether the middle of a track is in an array's range."""
+    if math.isinf(world.reach[array]):
+        return True
     x, y = np.einsum("ml,mlc->c", moved.weights, moved.predicted)[::2] - world.places[array]
     return math.hypot(x, y) <= float(world.reach[array])
 
@@ -126,42 +129,49 @@ def _in_range(world: World, moved: Moved, array: int) -> bool:
 def _listen(world: World, moved: list[Moved], look: Look) -> tuple[list[Moved], Ints, float]:
     """Tracks after an array's bearings, which of these are of nobody, and the log density of all."""
     bearings = imm.Bearings(look.angle, look.sigma, world.places[look.array])
-    reach = float(world.reach[look.array])
-    heard = [hear(m.predicted, m.weights, bearings, reach) for m in moved]
-    allowed, moved = _allowed(moved, look, heard)
-    if world.config.association == "any":
-        found, moved = _take_any(world, moved, bearings, heard, allowed)
-    else:
-        found, moved = _take_jointly(world, moved, look, bearings, heard, allowed)
+    if (look.label != UNLABELLED).any():
+        moved = _labelled(world, moved, look, bearings)
+    take = _take_any if world.config.association == "any" else _take_jointly
+    found, moved = take(world, moved, look, bearings, _allowed(moved, look))
     taken = found.alone.sum(axis=0) + 0.5 * found.shared.sum(axis=(0, 1))
     return moved, np.flatnonzero(taken < 1.0 - FREE), found.log_evidence
 
 
-def _allowed(moved: list[Moved], look: Look, heard: list[Heard]) -> tuple[Bools, list[Moved]]:
-    """(K, N) whether bearing i can be of track k: labels must agree; a label that is new goes to who fits best."""
+def _labelled(world: World, moved: list[Moved], look: Look, bearings: imm.Bearings) -> list[Moved]:
+    """The tracks with labels that are new given to those who fit them best."""
+    reach = float(world.reach[look.array])
+    fits = np.array([hear(m.predicted, m.weights, bearings, reach).fit for m in moved])
+    fits = fits.reshape(len(moved), len(look.angle))
     for i in np.flatnonzero(look.label != UNLABELLED).tolist():
         if any(m.track.label == look.label[i] for m in moved):
             continue
-        fits = [h.fit[i] if m.track.label == UNLABELLED else 0.0 for m, h in zip(moved, heard, strict=True)]
-        if fits and max(fits) > 1.0 / (2.0 * math.pi):
-            k = int(np.argmax(fits))
+        fit = [f if m.track.label == UNLABELLED else 0.0 for m, f in zip(moved, fits[:, i].tolist(), strict=True)]
+        if fit and max(fit) > 1.0 / (2.0 * math.pi):
+            k = int(np.argmax(fit))
             moved[k] = moved[k]._replace(track=moved[k].track._replace(label=int(look.label[i])))
+    return moved
+
+
+def _allowed(moved: list[Moved], look: Look) -> Bools:
+    """(K, N) whether bearing i can be of track k: labels must agree, and a track's own label excludes others."""
+    if (look.label == UNLABELLED).all():
+        return np.ones((len(moved), len(look.label)), dtype=np.bool_)
     own = np.array([m.track.label for m in moved], dtype=np.int64)[:, None]
     same = own == look.label
     spoken = (same & (own != UNLABELLED)).any(axis=1, keepdims=True)  # its own bearing is among them
-    return np.where(spoken, same, look.label == UNLABELLED), moved
+    return np.asarray(np.where(spoken, same, look.label == UNLABELLED))
 
 
-def _clutter(world: World, look_or_bearings: Floats) -> Floats:
-    return np.full(len(look_or_bearings), world.config.clutter / (2.0 * math.pi))
+def _clutter(world: World, angle: Floats) -> Floats:
+    return np.full(len(angle), world.config.clutter / (2.0 * math.pi))
 
 
 def _take_jointly(
-    world: World, moved: list[Moved], look: Look, bearings: imm.Bearings, heard: list[Heard], allowed: Bools
+    world: World, moved: list[Moved], look: Look, bearings: imm.Bearings, allowed: Bools
 ) -> tuple[Association, list[Moved]]:
     """Joint association, and what it does to the tracks."""
     K, N, config = len(moved), len(look.angle), world.config
-    resolution = float(world.resolution[look.array])
+    heard = [hear(m.predicted, m.weights, bearings, float(world.reach[look.array])) for m in moved]
     exists = np.array([m.track.exists for m in moved])
     chance = np.array([m.track.sounds for m in moved]) * config.detection
     fit = np.array([h.fit for h in heard]).reshape(K, N)
@@ -169,28 +179,39 @@ def _take_jointly(
     unheard = 1.0 - exists * chance * np.array([h.reached for h in heard])
     # Nobody else can be heard with a label.
     unheard = np.where((allowed & (look.label != UNLABELLED)).any(axis=1), 1e-6 * unheard, unheard)
-    shared, apart, pairs = np.zeros((K, K, N)), np.ones((K, K)), {}
-    for k in range(K):
-        for b in range(K):
-            if k == b or not N or resolution <= 0.0:
-                continue
-            density = both(heard[k], heard[b], bearings, resolution)
-            if density.any():
-                pairs[k, b] = density
-                mean = np.einsum("nml,ml->n", density, moved[k].weights) * allowed[k] * allowed[b]
-                shared[k, b] += 0.5 * exists[k] * exists[b] * chance[k] * chance[b] * mean
-                shared[b, k] += 0.5 * exists[k] * exists[b] * chance[k] * chance[b] * mean
-                apart[k, b] = apart[b, k] = min(apart[k, b], _apart(heard[k], heard[b], resolution))
+    shared, apart, pairs = _together(world, moved, look, bearings, heard)
+    shared *= (exists * chance)[:, None, None] * (exists * chance)[:, None] * allowed[:, None] * allowed
     found = associate(alone, unheard, shared, apart, _clutter(world, look.angle))
     out = []
     for k, m in enumerate(moved):
         mine = [(found.shared[k, b], pairs[k, b]) for b in range(K) if (k, b) in pairs]
         weights = reweigh(m.weights, heard[k], float(chance[k]), found.alone[k], float(found.unheard[k]), mine)
-        out.append(_after(m, weights, heard[k], config, float(found.unheard[k]), look.array))
+        out.append(_after(m, weights, heard[k].reached, config, float(found.unheard[k]), look.array))
     return found, out
 
 
-def _apart(one: Heard, other: Heard, resolution: float) -> float:
+def _together(
+    world: World, moved: list[Moved], look: Look, bearings: imm.Bearings, heard: list[Heard]
+) -> tuple[Floats, Floats, dict[tuple[int, int], Floats]]:
+    """Two targets heard as one: (K, K, N) densities, (K, K) probabilities to be heard apart, and those by particle."""
+    K, N, resolution = len(moved), len(look.angle), float(world.resolution[look.array])
+    shared, apart = np.zeros((K, K, N)), np.ones((K, K))
+    pairs: dict[tuple[int, int], Floats] = {}
+    if K < 2 or not N or resolution <= 0.0:
+        return shared, apart, pairs
+    at = [direction(h, m.weights) for h, m in zip(heard, moved, strict=True)]
+    for k, b in permutations(range(K), 2):
+        each = both(heard[k], at[k], at[b], bearings, resolution)
+        if each.any():
+            pairs[k, b] = each
+            mean = 0.5 * np.einsum("nml,ml->n", each, moved[k].weights)  # the two ways to see it are averaged
+            shared[k, b] += mean
+            shared[b, k] += mean
+            apart[k, b] = apart[b, k] = _apart(at[k], at[b], resolution)
+    return shared, apart, pairs
+
+
+def _apart(one: Direction, other: Direction, resolution: float) -> float:
     """Probability that two targets are heard apart, both taken for Gaussians in bearing."""
     gap = math.remainder(one.centre - other.centre, 2.0 * math.pi)
     scale = math.sqrt(2.0) * max(math.hypot(one.spread, other.spread), 1e-9)
@@ -198,33 +219,33 @@ def _apart(one: Heard, other: Heard, resolution: float) -> float:
 
 
 def _take_any(
-    world: World, moved: list[Moved], bearings: imm.Bearings, heard: list[Heard], allowed: Bools
+    world: World, moved: list[Moved], look: Look, bearings: imm.Bearings, allowed: Bools
 ) -> tuple[Association, list[Moved]]:
     """Every track takes any bearing, [Lee] Eq. 3.6; silence says nothing of where it is."""
-    N, config = len(bearings.angle), world.config
-    alone, unheard, out, evidence = np.zeros((len(moved), N)), np.ones(len(moved)), [], 0.0
+    K, N, config = len(moved), len(look.angle), world.config
+    alone, unheard, out, evidence = np.zeros((K, N)), np.ones(K), [], 0.0
     for k, m in enumerate(moved):
-        some = allowed[k]
-        clutter = _clutter(world, bearings.angle[some])
+        some = np.flatnonzero(allowed[k])
+        reached = in_range(m.predicted, m.weights, bearings.position, float(world.reach[look.array]))[1]
+        weights, fit = m.weights, np.zeros(len(some))
         chance = m.track.exists * m.track.sounds * config.detection
-        fit = chance * heard[k].fit[some] / clutter
-        missed = 1.0 - chance * heard[k].reached
-        weights = m.weights
-        if some.any():
-            found = imm.weigh(
-                m.predicted, m.weights, bearings._replace(angle=bearings.angle[some], sigma=bearings.sigma[some])
-            )
+        if len(some):
+            own = imm.Bearings(bearings.angle[some], bearings.sigma[some], bearings.position)
+            found = imm.weigh(m.predicted, m.weights, own)
             weights, evidence = found.total, evidence + found.log_evidence
+            # The mean density of each bearing is its share of that of all.
+            share = found.each.reshape(len(some), -1).sum(axis=1)
+            fit = chance * math.exp(found.log_evidence) * share * (2.0 * math.pi / config.clutter)
+        missed = 1.0 - chance * reached
         alone[k, some] = fit / (fit.sum() + missed)
         unheard[k] = missed / (fit.sum() + missed)
-        # A track that was given, or that cameras found, ends only by being forgotten.
-        out.append(_after(m, weights, heard[k], config, float(unheard[k]), -1))
-    return Association(alone, unheard, np.zeros((len(moved), len(moved), N)), evidence), out
+        out.append(_after(m, weights, reached, config, float(unheard[k]), look.array))
+    return Association(alone, unheard, np.zeros((K, K, N)), evidence), out
 
 
-def _after(m: Moved, weights: Floats, heard: Heard, config: ImmConfig, unheard: float, array: int) -> Moved:
-    track = after(m.track, heard, config.detection, unheard)
-    arrays = m.arrays if array < 0 else (*m.arrays, array)
+def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard: float, array: int) -> Moved:
+    track = after(m.track, reached, config.detection, unheard)
+    arrays = (*m.arrays, array)
     return m._replace(track=track, weights=weights, heard=m.heard or unheard < FREE, arrays=arrays)
 
 

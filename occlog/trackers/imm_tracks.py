@@ -12,7 +12,6 @@ from numpy.random import Generator
 from ..columns import Floats
 from ..core import imm
 from ..core.geometry import inside_polygon
-from ..core.imm_joint import Heard
 from ..core.turns import acceleration_root, move_under_all, three_models
 from ..scene import Scene
 from .imm_config import START_NUMBERS, ImmConfig
@@ -185,20 +184,20 @@ def _chance(dt: float, mean_s: float) -> float:
     return -math.expm1(-dt / mean_s)
 
 
-def after(track: Track, heard: Heard, detection: float, unheard: float) -> Track:
+def after(track: Track, reached: float, detection: float, unheard: float) -> Track:
     """The track's probabilities once an array has listened.
 
     Args:
         track: before.
-        heard: reach of the array.
+        reached: probability that it is in the array's range.
         detection: that a target in range is heard, if it sounds.
         unheard: probability that no bearing was of it, given everything that was heard.
     """
-    missed = 1.0 - track.sounds * detection * heard.reached  # not heard, if it exists
+    missed = 1.0 - track.sounds * detection * reached  # not heard, if it exists
     silent_too = 1.0 - track.exists + track.exists * missed  # not heard, if it exists or not
     there = unheard * track.exists * missed / silent_too if silent_too > 0.0 else 0.0
     exists = 1.0 - unheard + there
-    still = track.sounds * (1.0 - detection * heard.reached) / missed if missed > 0.0 else 1.0
+    still = track.sounds * (1.0 - detection * reached) / missed if missed > 0.0 else 1.0
     sounds = (1.0 - unheard + there * still) / exists if exists > 0.0 else track.sounds
     return track._replace(exists=min(exists, 1.0), sounds=min(sounds, 1.0))
 
@@ -208,4 +207,4 @@ def resampled(moved: Moved, particles: int, rng: Generator) -> Track:
     track = moved.track
     n = particles if track.number != UNNUMBERED else len(track.cloud.states)
     rows, models = imm.resample(moved.weights, float(rng.random()), rng.random(n))
-    return track._replace(cloud=imm.Cloud(moved.predicted[models, rows], models))
+    return track._replace(cloud=imm.Cloud(imm.taken(moved.predicted, models, rows), models))

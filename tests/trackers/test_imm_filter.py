@@ -113,7 +113,7 @@ def test_existence_and_sound_follow_bayes(unheard):
     total = sum(states.values())
     exists = 1.0 - unheard + unheard * (states["silent"] + states["missed"]) / total
     sounds = (1.0 - unheard + unheard * states["missed"] / total) / exists
-    got = after(track, silent, 0.9, unheard)
+    got = after(track, silent.reached, 0.9, unheard)
     assert got.exists == pytest.approx(exists, rel=1e-12)
     assert got.sounds == pytest.approx(sounds, rel=1e-12)
 
