@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -48,7 +49,7 @@ def declaration_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-RULES = {"printed": "(4.13)", "half": "(4.13), P_1 = 1/2", "cases": "as in the case studies"}
+RULES = {"printed": "(4.13)", "half": "(4.13), P_1 = 1/2", "cases": "the sum of the case studies"}
 
 
 def curves(size: Size, execute: Execute) -> Table:
@@ -88,7 +89,7 @@ def judge_curves(table: Table) -> list[Verdict]:
 def _threshold(key: str, said: str, limit: float, rows: list[Row], level: float) -> Verdict:
     """Where the share declared falls below a level, between the points by straight lines."""
     measured = math.nan
-    for before, after in zip(rows[:-1], rows[1:], strict=True):
+    for before, after in itertools.pairwise(rows):
         if before.mean > level >= after.mean:
             measured = before.x + (after.x - before.x) * (before.mean - level) / (before.mean - after.mean)
             break
@@ -121,7 +122,7 @@ CASES = {
     "case3": Case(np.array([(7.3, 5.1), (7.1, 6.3), NOTHING]), (4.9, 3.4), {0: 0.0132, 1: 0.0013}, (7.28, 5.21),
                   0.0114, -6.101, False, 0.4),
 }  # fmt: skip
-ITEMS = ("quality", "x", "y", "prior", "value as printed (4.13)", "value, sum of log10 W", "value by (4.3)")
+ITEMS = ("quality", "x", "y", "prior", "value (4.13)", "value, sum of log10 W", "value (4.3)")
 
 
 def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
