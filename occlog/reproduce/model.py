@@ -36,6 +36,7 @@ class Row:
     x: float  # NaN: a line across the figure
     values: tuple[float, ...]
     extra: dict[str, float] = field(default_factory=dict)
+    plotted: bool = True  # false: in the table only
 
     @property
     def runs(self) -> int:

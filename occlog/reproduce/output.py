@@ -84,8 +84,8 @@ def _text(value: float) -> str:
 def chart(finding: Finding) -> Chart:
     """What the plot shows."""
     e, curves = finding.experiment, []
-    for name in dict.fromkeys(r.series for r in finding.table):
-        own = [r for r in finding.table if r.series == name and r.runs]
+    for name in dict.fromkeys(r.series for r in finding.table if r.plotted):
+        own = [r for r in finding.table if r.series == name and r.runs and r.plotted]
         across = [r.mean for r in own if math.isnan(r.x)]
         rows = sorted((r for r in own if not math.isnan(r.x)), key=lambda r: r.x)
         if own:

@@ -42,23 +42,31 @@ def root_mean(squares: Sequence[float] | Floats) -> tuple[float, ...]:
 
 
 def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
-    """RMSE of each axis at every fifth instant, and the bounds; at x NaN the RMSE over all instants."""
+    """RMSE in space and of each axis at every fifth instant, and the bounds; at x NaN the RMSE over all instants.
+
+    The plot shows those in space; the axes are in the table.
+    """
     n = FEW if size.quick else PARTICLES
-    points = list(WAYS)
-    specs = [space_spec(size, r, scenario, WAYS[w][0], n, **WAYS[w][1]) for w in points for r in range(size.runs)]
+    specs = [space_spec(size, r, scenario, WAYS[w][0], n, **WAYS[w][1]) for w in WAYS for r in range(size.runs)]
     results = execute(specs)
     rows, T = [], size.steps
-    for i, way in enumerate(points):
+    for i, way in enumerate(WAYS):
         own = results[i * size.runs : (i + 1) * size.runs]
-        share = math.fsum(r["xy_yz"] for r in own) / len(own)
-        for a in AXIS_NAMES:
-            square = np.array([[r[f"{a}_{k}"] for k in range(T)] for r in own])
-            rows += [Row(f"{way} {a}", _time(k), root_mean(square[:, k]), {"xy_yz": share}) for k in _instants(T)]
-            rows.append(Row(f"{way} {a} overall", math.nan, root_mean(square.mean(axis=1)), {"xy_yz": share}))
+        extra = {"xy_yz": math.fsum(r["xy_yz"] for r in own) / len(own)}
+        square = np.array([[[r[f"{a}_{k}"] for k in range(T)] for r in own] for a in AXIS_NAMES])
+        rows += _rows(way, square, extra)
     for name, bound in zip((DIRECT_BOUND, PLANES_BOUND), bounds(scenario, T), strict=True):
-        for j, a in enumerate(AXIS_NAMES):
-            rows += [Row(f"{name} {a}", _time(k), (float(bound[k, j]),) * 2) for k in _instants(T)]
-            rows.append(Row(f"{name} {a} overall", math.nan, (math.sqrt(float(np.mean(bound[:, j] ** 2))),) * 2))
+        rows += _rows(name, np.repeat(bound.T[:, None] ** 2, 2, axis=1), {})
+    return rows
+
+
+def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
+    """Of one way, from squared errors (3, runs, T)."""
+    T = square.shape[2]
+    rows = [Row(name, _time(k), root_mean(square[:, :, k].sum(axis=0)), extra) for k in _instants(T)]
+    for a, own in zip(AXIS_NAMES, square, strict=True):
+        rows += [Row(f"{name} {a}", _time(k), root_mean(own[:, k]), extra, False) for k in _instants(T)]
+        rows.append(Row(f"{name} {a} overall", math.nan, root_mean(own.mean(axis=1)), extra, False))
     return rows
 
 
@@ -197,9 +205,10 @@ def _time(k: int) -> float:
 
 def _scenario(number: int) -> Experiment:
     return Experiment(
-        f"scenario{number}", f"Errors and bounds in scenario {number}", "time [s]", "RMSE [m]", 100, 50, (3, 20),
+        f"scenario{number}", f"Errors and bounds in scenario {number}", "time [s]", "RMSE in space [m]", 100, 50,
+        (3, 20),
         functools.partial(scenario_table, number), functools.partial(judge_scenario, number),
-        note=f"{PARTICLES} particles, for PPS in each plane. Lines across: over all instants.",
+        note=f"{PARTICLES} particles, for PPS in each plane. Errors along x, y and z are in the table.",
         trial=space_trial,
     )  # fmt: skip
 

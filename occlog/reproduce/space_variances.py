@@ -27,6 +27,8 @@ from .model import Execute, Experiment, Row, Size, Table, Verdict
 SIGMA = math.radians(1.0)
 """The figures' variances are 1, in degrees squared."""
 PHIS, THETAS = (15, 30, 60, 75, 90), tuple(range(0, 181, 15))
+SHOWN = (30, 60)
+"""Polar angles in the plot."""
 DRAWS, DIRECTIONS = 4000, 20_000
 """Random angles in each run of a point, and random directions in each run of a share."""
 SAME = 0.05
@@ -37,7 +39,7 @@ EYE = np.eye(3)
 
 
 def variances(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Variance of the projected angle over that of the measured ones, against theta for some phi; shares as lines."""
+    """Variance of the projected angle over that of the measured ones, against theta for some phi; shares at x NaN."""
     rows = []
     rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2009, 22)))
     draws = DRAWS // 10 if size.quick else DRAWS
@@ -51,10 +53,10 @@ def variances(size: Size, execute: Execute) -> Table:  # noqa: ARG001
                 first = float(projected_covariance(*at, SIGMA, SIGMA, EYE)[p, p]) / SIGMA**2
                 values = tuple(_sampled(*angles, p, draws, rng) for _ in range(size.runs))
                 name = f"{PLANES[p]}, phi {phi}"
-                rows.append(Row(f"{name}, {FIRST}", float(theta), (first, first)))
-                rows.append(Row(f"{name}, {MONTE_CARLO}", float(theta), values))
+                rows.append(Row(f"{name}, {FIRST}", float(theta), (first, first), plotted=phi in SHOWN))
+                rows.append(Row(f"{name}, {MONTE_CARLO}", float(theta), values, plotted=phi in SHOWN))
     shares = [_wrong_shares(rng) for _ in range(size.runs)]
-    return rows + [Row(f"share wrong: {n}", math.nan, tuple(s[n] for s in shares)) for n in SHARES]
+    return rows + [Row(f"share wrong: {n}", math.nan, tuple(s[n] for s in shares), plotted=False) for n in SHARES]
 
 
 def _blind(theta: float, phi: float, plane: int) -> bool:
@@ -140,6 +142,6 @@ def judge(table: Table) -> list[Verdict]:
 
 VARIANCES = Experiment(
     "variances", "Variances of projected angles", "theta [deg]", "variance to that of the measurement", 20, 10, (3, 10),
-    variances, judge, note="Angles with a standard deviation of 1 degree; not where a plane is blind. Lines across: "
-    "shares of directions for which what is printed is wrong.",
+    variances, judge, note="Angles with a standard deviation of 1 degree; not where a plane is blind. More polar "
+    "angles, and the shares of directions for which what is printed is wrong, are in the table.",
 )  # fmt: skip
