@@ -285,13 +285,13 @@ def test_where_the_input_is_cut_does_not_matter():
 
 def test_memory_does_not_grow_with_the_recording():
     where = scene(3)
-    piece = walk(12, where)
+    piece = walk(8, where)
     wide = replace(piece, sensor=piece.sensor.astype("U200"))  # rows that would show if they were held
     size = sum(getattr(wide, c.name).nbytes for c in Bearings.columns())
 
     def parts(n: int) -> Iterator[Detections]:
         for k in range(n):
-            moved = replace(wide, t_ns=wide.t_ns + k * 12 * STEP)
+            moved = replace(wide, t_ns=wide.t_ns + k * 8 * STEP)
             yield Detections(Views.empty(), moved, (), 0, 0)
 
     def peak(n: int) -> int:
@@ -303,7 +303,7 @@ def test_memory_does_not_grow_with_the_recording():
         return top
 
     peak(2)
-    assert peak(10) - peak(3) < 2 * size
+    assert peak(7) - peak(3) < size
 
 
 def test_frames_close_in_time_are_one_moment_and_keep_their_own_times():
