@@ -11,6 +11,7 @@ from occlog.records import Bearings, Cooperation, Tracks
 from occlog.stages.track import track
 from occlog.trackers.imm_config import imm_defaults
 
+pytestmark = pytest.mark.jit
 SCENE = room()
 TWO = {0: line(5, 8, 0.2, 0.1), 1: line(14, 12, -0.2, -0.1)}
 CONFIG = replace(imm_defaults("m"), particles=200)

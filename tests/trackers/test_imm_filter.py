@@ -45,6 +45,7 @@ def by_grid(x, y, s, looks, detection, reach):
     return mean, np.array([(p * (X - mean[0]) ** 2).sum(), (p * (Y - mean[1]) ** 2).sum()])
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize(
     "looks",
     [
@@ -70,6 +71,7 @@ def test_one_target_is_where_a_grid_has_it(looks, seed):
     np.testing.assert_allclose(np.diag(estimate.covariance)[::2], variance, rtol=0.06)
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("seed", [0, 1])
 def test_arrays_in_one_scan_are_as_good_as_one_after_the_other(seed):
     config = replace(STILL, start=(8.0, 8.0, 1.0, 0.0, 0.0, 0.0))
