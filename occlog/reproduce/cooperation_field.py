@@ -77,7 +77,7 @@ def by_policy(size: Size, execute: Execute) -> Table:
         points += [(f"{PERIODIC}, {name}", form, math.nan, {"cooperate": "periodic", "period_s": p}) for p in grid]
         points.append((f"{PRINTED}, {name}", form, math.nan, {"cooperate": "printed"}))
         points.append((f"{EDGE}, {name}", form, math.nan, {"cooperate": "count"}))
-        points += [(f"{SPREAD}, {name}", form, math.nan, {"cooperate": "spread", "spread": s}) for s in SPREADS]
+        points += [(f"{SPREAD} {s:g} m, {name}", form, math.nan, {"cooperate": "spread", "spread": s}) for s in SPREADS]
     return trials(size, execute, points)
 
 
@@ -90,11 +90,12 @@ def judge_policy(table: Table) -> list[Verdict]:
         out.append(v.number("fig3.14-none", said, AVERAGE, none.mean, none.error, none.runs))
     for name, key in FORMS.items():
         period = v.series(table, f"{PERIODIC}, {name}")
-        for policy, code in ((PRINTED, "printed"), (EDGE, "count"), (SPREAD, "spread")):
-            for row in v.series(table, f"{policy}, {name}"):
+        policies = [(PRINTED, "printed"), (EDGE, "count"), *((f"{SPREAD} {s:g} m", f"spread-{s:g}") for s in SPREADS)]
+        for policy, code in policies:
+            row = v.find(table, f"{policy}, {name}")
+            if row is not None:
                 which = f"{policy} ({name}, {row.extra['frames']:.0f} frames, {row.mean:.2f} m)"
-                tail = f"-{row.mean:.2f}" if policy == SPREAD else ""
-                out.append(_cheaper(f"fig3.14-{key}-{code}{tail}", which, row, period))
+                out.append(_cheaper(f"fig3.14-{key}-{code}", which, row, period))
     return out
 
 
