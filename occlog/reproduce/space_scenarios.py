@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -16,12 +17,17 @@ from .model import Execute, Experiment, Row, Size, Table, Verdict
 from .space import AXIS_NAMES, bounds, space_spec, space_trial, world
 
 DIRECT, PPS, THESIS = "direct3d", "pps", "pps as printed"
-WAYS: dict[str, tuple[str, dict[str, str]]] = {
+WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     DIRECT: ("direct3d", {}),
     PPS: ("pps", {}),
     THESIS: ("pps", {"selection": "printed", "running": "selected", "per_plane": "best",
                      "combining": "planes-weighted"}),
 }  # fmt: skip
+DIRECT_COPIES, PPS_COPIES = "direct3d, copies", "pps, copies"
+COUNTED_WAYS: dict[str, tuple[str, dict[str, Any]]] = {
+    **WAYS, DIRECT_COPIES: ("direct3d", {"kernel": 0.0}), PPS_COPIES: ("pps", {"kernel": 0.0}),
+}  # fmt: skip
+"""Copies: resampled particles are mere copies, as in the thesis."""
 DIRECT_BOUND, PLANES_BOUND = "bound", "bound of the planes"
 PARTICLES, FEW = 10_000, 300
 """In the full form and in the quick one."""
@@ -131,10 +137,10 @@ def _angles(scenario: int) -> list[Verdict]:
 def particles_table(size: Size, execute: Execute) -> Table:
     """RMSE in space over that of the direct bound, of all four scenarios, against the number of particles."""
     counts = COUNTS[:2] if size.quick else COUNTS
-    points = [(way, n) for way in WAYS for n in counts]
+    points = [(way, n) for way in COUNTED_WAYS for n in counts]
     numbers = (1, 2, 3, 4)
     specs = [
-        space_spec(size, r, s, WAYS[way][0], n, **WAYS[way][1])
+        space_spec(size, r, s, COUNTED_WAYS[way][0], n, **COUNTED_WAYS[way][1])
         for way, n in points for s in numbers for r in range(size.runs)
     ]  # fmt: skip
     results, rows = iter(execute(specs)), []
@@ -157,6 +163,8 @@ def judge_particles(table: Table) -> list[Verdict]:
     out = [
         v.pairs("particles-few", f"{said}, with 100 and 300 particles a filter.", v.matched(table, PPS, DIRECT, few)),
         v.pairs("particles-many", f"{said}, with 3000 and 10000.", v.matched(table, PPS, DIRECT, many)),
+        v.pairs("particles-copies-few", f"{said}, with 100 and 300 (mere copies).",
+                v.matched(table, PPS_COPIES, DIRECT_COPIES, few)),
         v.pairs("particles-printed-few", f"{said}, with 100 and 300 (as printed).",
                 v.matched(table, THESIS, DIRECT, few)),
         v.pairs("particles-printed-many", f"{said}, with 3000 and 10000 (as printed).",
@@ -216,7 +224,8 @@ def _scenario(number: int) -> Experiment:
 SCENARIOS = tuple(_scenario(number) for number in (1, 2, 3, 4))
 COUNTED = Experiment(
     "particles", "Particles against error, scenarios 1 to 4", "particles of a filter", "RMSE to the direct bound",
-    100, 50, (3, 20), particles_table, judge_particles, note="PPS has so many in each plane.", trial=space_trial,
+    100, 50, (3, 20), particles_table, judge_particles,
+    note="PPS has so many in each plane. Copies: resampled particles are not moved (`kernel=0`).", trial=space_trial,
 )  # fmt: skip
 SENSORS = Experiment(
     "sensors", "One array and two", "arrays", "RMSE in space [m]", 100, 50, (3, 20), sensors_table, judge_sensors,

@@ -73,7 +73,7 @@ def test_particles_and_sensors_are_relative_to_what_they_say() -> None:
     table = space_scenarios.COUNTED.compute(SMALL, execute)
     assert [r.x for r in v.series(table, "pps")] == [100.0, 300.0]
     assert all(0.0 < r.mean < 10.0 for r in table)
-    assert len(space_scenarios.COUNTED.judge(table)) == 4
+    assert len(space_scenarios.COUNTED.judge(table)) == 5
     rows = space_scenarios.SENSORS.compute(SMALL, execute)
     assert [r.x for r in v.series(rows, "direct3d")] == [1.0, 2.0]
     assert len(space_scenarios.SENSORS.judge(rows)) == 3
