@@ -37,9 +37,10 @@ def trials(size: Size, execute: Execute, points: Sequence[tuple[str, str, float,
     specs = [cooperation_spec(size, r, "field", form, **s) for _, form, _, s in points for r in range(size.runs)]
     results = execute(specs)
     rows = []
-    for n, (series, _, x, _) in enumerate(points):
+    for n, (series, _, x, settings) in enumerate(points):
         own = results[n * size.runs : (n + 1) * size.runs]
         extra = {name: _mean([r[name] for r in own]) for name in (*FIGURES, "rmse_1", "rmse_2", "rmse_3")}
+        extra["limit"] = float(settings.get("spread", math.nan))
         extra |= {f"frames_{k}": r["frames"] for k, r in enumerate(own)}
         rows.append(Row(series, extra["frames"] if math.isnan(x) else x, tuple(r["rmse"] for r in own), extra))
     return rows
@@ -77,7 +78,7 @@ def by_policy(size: Size, execute: Execute) -> Table:
         points += [(f"{PERIODIC}, {name}", form, math.nan, {"cooperate": "periodic", "period_s": p}) for p in grid]
         points.append((f"{PRINTED}, {name}", form, math.nan, {"cooperate": "printed"}))
         points.append((f"{EDGE}, {name}", form, math.nan, {"cooperate": "count"}))
-        points += [(f"{SPREAD} {s:g} m, {name}", form, math.nan, {"cooperate": "spread", "spread": s}) for s in SPREADS]
+        points += [(f"{SPREAD}, {name}", form, math.nan, {"cooperate": "spread", "spread": s}) for s in SPREADS]
     return trials(size, execute, points)
 
 
@@ -90,12 +91,12 @@ def judge_policy(table: Table) -> list[Verdict]:
         out.append(v.number("fig3.14-none", said, AVERAGE, none.mean, none.error, none.runs))
     for name, key in FORMS.items():
         period = v.series(table, f"{PERIODIC}, {name}")
-        policies = [(PRINTED, "printed"), (EDGE, "count"), *((f"{SPREAD} {s:g} m", f"spread-{s:g}") for s in SPREADS)]
-        for policy, code in policies:
-            row = v.find(table, f"{policy}, {name}")
-            if row is not None:
+        for policy, code in ((PRINTED, "printed"), (EDGE, "count"), (SPREAD, "spread")):
+            for row in v.series(table, f"{policy}, {name}"):
+                limit = row.extra.get("limit", math.nan)
+                tail = "" if math.isnan(limit) else f"-{limit:g}"
                 which = f"{policy} ({name}, {row.extra['frames']:.0f} frames, {row.mean:.2f} m)"
-                out.append(_cheaper(f"fig3.14-{key}-{code}", which, row, period))
+                out.append(_cheaper(f"fig3.14-{key}-{code}{tail}", which, row, period))
     return out
 
 
