@@ -530,8 +530,10 @@ class Cooperation(Table):
     t_ns: Ints = column("i8", "ns", "time of the request since the Unix epoch")
     target_id: Ints32 = column("i4", "1", "identity of the track; -1 = asked for whoever is there")
     cause: Strings = column(
-        "U", "1", "what made it ask: `periodic`, `count`, `bearing`, `ellipse`, `spread`, several separated by commas; "
-        "`shared`: nobody asked, but frames that were looked at show it"
+        "U",
+        "1",
+        "what made it ask: `periodic`, `count`, `bearing`, `ellipse`, `spread`, several separated by commas; "
+        "`shared`: nobody asked, but frames that were looked at show it",
     )
     cameras: Strings = column("U", "1", "cameras that were asked, separated by commas")
     frames: Ints32 = column("i4", "1", "frames that were asked for, answered or not; 0: counted in another row")

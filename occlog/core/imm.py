@@ -116,7 +116,8 @@ def step(cloud: Cloud, motion: Motion, dt: float, bearings: Bearings, draws: Dra
     prior = prior_weights(cloud.models, len(motion.models), motion.switching)
     weights = weigh(predicted, prior, bearings)
     rows, models = resample(weights.total, draws.u, draws.picks)
-    return Step(Cloud(taken(predicted, models, rows), models), moments(predicted, weights.total), predicted, prior, weights)
+    cloud = Cloud(taken(predicted, models, rows), models)
+    return Step(cloud, moments(predicted, weights.total), predicted, prior, weights)
 
 
 def prior_weights(models: Ints, count: int, switching: Floats | None) -> Floats:

@@ -30,7 +30,8 @@ BIN = 50
 """Steps that a share of requests is taken over."""
 START_SIGMA, START_SIGMA_V = 0.1, 0.01
 FIELD_ALPHA, ROOM_ALPHA = 0.01, 0.2
-THESIS = {"association": "any", "birth": 0.0, "fix": "replace", "particles": 500, "retry_s": 0.0, "forget_s": 1e6}
+THESIS = {"association": "any", "birth": 0.0, "fix": "replace", "particles": 500, "retry_s": 0.0, "forget_s": 1e6,
+          "sound_s": 10.0, "silent_s": 5.0}  # fmt: skip
 """The filter as the thesis has it, with the weights put right."""
 FORMS: dict[str, dict[str, Any]] = {
     "thesis": THESIS,

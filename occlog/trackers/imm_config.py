@@ -25,8 +25,8 @@ class ImmConfig:
     """X, Y, SIGMA, VX, VY, SIGMA_V of each target known at first; None: none is."""
 
     # Motion, [Lee] Sec. 3.3.1
-    alpha: float = 0.3  # lateral acceleration of the two turns
-    sigma_v: float = 0.2  # noise of the velocity per axis, gathered in a second
+    alpha: float = 1.0  # lateral acceleration of the two turns
+    sigma_v: float = 1.3  # noise of the velocity per axis, gathered in a second
     hold_s: float | None = None  # a model holds this long on average; None: every model is as likely at every step
     speed: float = 1.0  # standard deviation of a new target's velocity, per axis
 
@@ -35,11 +35,11 @@ class ImmConfig:
     detection: float = 0.95  # an array hears a sounding target in its range
     clutter: float = 0.1  # bearings of nobody expected of an array at a time, anywhere around it
     height: float | None = None  # of sources; None: an array's range is taken on the ground
-    sound_s: float = 10.0  # a target sounds this long on average before it falls silent
-    silent_s: float = 5.0  # and is silent for so long
+    sound_s: float = 30.0  # a target sounds this long on average before it falls silent
+    silent_s: float = 3.0  # and is silent for so long
 
     # Births and deaths
-    birth: float = 0.2
+    birth: float = 0.02
     """A bearing of nobody is of a new target with this probability.  With 0, and with `association=any`, targets are
     only those of `start`, those that cameras find, and those that have labels."""
     birth_factor: int = 10  # a new target has this many times the particles until it is confirmed

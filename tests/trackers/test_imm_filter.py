@@ -121,7 +121,8 @@ def test_existence_and_sound_follow_bayes(unheard):
 
 
 def test_births_are_on_the_sight_line_in_range_and_room():
-    world = make_world(SCENE, imm_defaults("m"))
+    config = imm_defaults("m")
+    world = make_world(SCENE, config)
     track = on_line(world, 0, math.radians(30.0), math.radians(1.0), 5, UNLABELLED, np.random.default_rng(0))
     xy = track.cloud.states[:, ::2] - world.places[0]
     assert len(xy) == 5000
@@ -129,7 +130,7 @@ def test_births_are_on_the_sight_line_in_range_and_room():
     far = np.hypot(*xy.T)
     assert far.max() <= 9.0
     assert np.mean(far) == pytest.approx(4.5, abs=0.15)  # uniform in the distance; standard error 0.04
-    assert (track.number, track.exists, track.met_ns) == (UNNUMBERED, 0.2, 5)
+    assert (track.number, track.exists, track.met_ns) == (UNNUMBERED, config.birth, 5)
     out = on_line(world, 0, math.radians(-135.0), 0.01, 5, 4, np.random.default_rng(0))
     inside = (out.cloud.states[:, [0, 2]] >= 0).all()
     assert inside  # the array is 2.8 m from the corner
