@@ -113,7 +113,8 @@ def run(args: list[str] | None = None) -> int:
     except BrokenPipeError:
         return _broken_pipe()
     except MemoryError:
-        return _fail("out of memory; use fewer particles, a shorter --lag or smaller images, or free memory", ExitCode.BAD_INPUT)
+        remedy = "use fewer particles, a shorter --lag or smaller images, or free memory"
+        return _fail(f"out of memory; {remedy}", ExitCode.BAD_INPUT)
 
 
 def _fail(message: str, code: ExitCode) -> int:

@@ -109,7 +109,7 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
 
 
 def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Floats, Floats]:
-    """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people who stand at (N, 2) places; NaN behind the camera."""
+    """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people at (N, 2) places; NaN behind the camera."""
     z = float(camera.position[2])
     foot = z - height / 2 if z <= 0 else 0.0  # height unknown: level with the middle of the body
     n = len(spots)
