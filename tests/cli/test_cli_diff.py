@@ -231,7 +231,7 @@ def test_frames_by_their_pixels(tmp_path: Path, capsys: Any) -> None:
         (["a", "b", "--tol-unit", "parsec=1"], ExitCode.USAGE, "no column has this unit"),
         (["a", "b", "--time-tol", "5"], ExitCode.USAGE, "want a number with"),
         (["a", "b", "--rtol", "nan"], ExitCode.USAGE, "finite"),
-        (["a/tracks.parquet", "b/tracks.parquet", "--tol", "cov_x=1"], ExitCode.USAGE, "did you mean 'cov_xy'?"),
+        (["a/tracks.parquet", "b/tracks.parquet", "--tol", "cov_x=1"], ExitCode.USAGE, "did you mean 'cov_xz'?"),
     ],
 )
 def test_wrong_usage_is_one_line(
