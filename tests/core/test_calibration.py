@@ -169,6 +169,7 @@ def test_solving_all_scans_agrees_with_a_plain_joint_fit(seed):
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)).reshape(5, 3), deviation, rtol=0.1 + scale - 1.0)
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("how", ["update", "solve"])
 def test_estimates_are_consistent_with_the_true_errors(how):
     """The normalised squared error is chi-squared with 15 degrees of freedom: over 15 runs its mean is 15 +- 1.4."""

@@ -120,6 +120,7 @@ def test_any_polygon_around_a_place(spokes: list[tuple[float, float]], seed: int
     check_pieces(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]), np.random.default_rng(seed))
 
 
+@pytest.mark.jit
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.integers(1, 3), st.integers(0, 4)), min_size=2, max_size=8))
 def test_towers_whose_walls_meet_in_line(towers: list[tuple[int, int]]) -> None:

@@ -95,6 +95,7 @@ def test_free_A_is_found() -> None:
     assert fit.A_error[free].max() < 0.1
 
 
+@pytest.mark.jit
 def test_differences_with_free_A_and_sigma_are_least_squares() -> None:
     rng = np.random.default_rng(3)
     paths = [walk(constant_velocity(0.4, 0.1, 0.25), 200, rng) for _ in range(2)]

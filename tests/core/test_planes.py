@@ -116,6 +116,7 @@ def scatter(theta: float, phi: float, sigmas: tuple[float, float], R: Floats, rn
     return np.var(wrap_angle(noisy - true), axis=0)
 
 
+@pytest.mark.slow
 # A variance of 200,000 numbers, of them 100,000 independent, has a standard error of
 # sqrt(2 / 100,000) = 0.45 %, somewhat more with heavy tails: 5 % by formula and 1.5 % by chance.
 @pytest.mark.parametrize("sigma_deg", [1.0, 3.0**0.5, 3.0])
@@ -131,6 +132,7 @@ def test_first_order_variances_hold_within_5_percent_for_equal_sigmas(sigma_deg:
         np.testing.assert_allclose(formula[~blind], measured[~blind], rtol=0.065)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pose", range(3))
 @pytest.mark.parametrize("sigmas", [(0.03, 0.03), (0.04, 0.015), (0.015, 0.04)])
 def test_first_order_variances_hold_for_any_pose_and_sigmas_a_little_farther_off(

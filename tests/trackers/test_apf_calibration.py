@@ -97,6 +97,7 @@ def test_nothing_is_estimated_unless_asked_for():
     assert found[0].calibration is None
 
 
+@pytest.mark.jit
 def test_the_initial_phase_ends_and_what_it_found_stays():
     scene = room100(cameras=6)
     _, scans, _ = recorded(scene, "calibration", 0, 40)
@@ -144,6 +145,7 @@ def test_a_cloud_far_apart_gets_eq_2_with_what_is_left():
     np.testing.assert_allclose(narrow.sigma_yaw, np.sqrt((0.5 / away) ** 2 + 0.005**2), rtol=1e-3)
 
 
+@pytest.mark.jit
 def test_what_cannot_be_observed_is_in_the_covariance_of_the_estimate():
     """Cameras that agree perfectly still do not know where all of them are."""
     scene = room100(cameras=6, sigma_read_px=0.2)

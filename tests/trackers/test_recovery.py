@@ -71,6 +71,7 @@ def test_a_lost_target_is_found_within_20_steps_of_being_seen_by_two_cameras(how
     assert sum(steps <= WITHIN for steps in judged) == len(judged)
 
 
+@pytest.mark.jit
 def test_a_single_false_report_does_not_throw_particles_away():
     scene = room100(cameras=4)
     scans, _ = recorded(scene, 0)
