@@ -24,6 +24,8 @@ from .jit import kernel
 
 MOST_EVENTS = 50_000
 """Beyond so many events of targets that share bearings, the least likely bearings of a target are not thought of."""
+NEGLIGIBLE = 1e-9
+"""A bearing so much likelier to be of nobody is not a target's; otherwise all targets would share all bearings."""
 NEAR_SIGMAS = 3.0
 """Two targets' bearings further apart than this, beyond the resolution, are not heard as one."""
 ROOT_2PI = math.sqrt(2.0 * math.pi)
@@ -141,10 +143,9 @@ def associate(alone: Floats, unheard: Floats, shared: Floats, apart: Floats, clu
     K, N = alone.shape
     out = Association(np.zeros((K, N)), np.ones(K), np.zeros((K, K, N)), float(np.log(clutter).sum()))
     evidence = out.log_evidence
-    possible = (alone > 0.0) | (shared > 0.0).any(axis=1)
-    for group in _clusters(possible):
+    ratio = np.maximum(alone, shared.max(axis=1, initial=0.0)) / clutter
+    for group, own in _groups(ratio > NEGLIGIBLE, ratio):
         some = np.ix_(group, group)
-        own = _fewer(possible[group], alone[group] / clutter)
         a, u, s, total = _all_events(
             alone[group] / clutter, unheard[group], shared[some] / clutter, apart[some], own,
         )  # fmt: skip
@@ -171,14 +172,27 @@ def _clusters(possible: Bools) -> list[Ints]:
     return found
 
 
-def _fewer(possible: Bools, ratio: Floats) -> Bools:
-    """What is gone through: all that is possible, or so much of it that there are no more than MOST_EVENTS events."""
+def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
+    """Targets to be gone through together, and what is possible of them: no more than MOST_EVENTS events each.
+
+    Where there are more, the least likely bearing of a target that has others is left out, which
+    parts targets sooner or later; a target's last bearing goes only if none has another.
+    """
+    left, found = _clusters(possible), []
     keep = possible.copy()
-    while np.prod(1.0 + keep.sum(axis=1)) > MOST_EVENTS:
-        k = int(np.argmax(keep.sum(axis=1)))
-        options = np.flatnonzero(keep[k])
-        keep[k, options[np.argmin(ratio[k, options])]] = False
-    return keep
+    while left:
+        group = left.pop()
+        own = keep[group]
+        if np.prod(1.0 + own.sum(axis=1)) <= MOST_EVENTS:
+            found.append((group, own))
+            continue
+        several = own & (own.sum(axis=1, keepdims=True) > 1)
+        options = several if several.any() else own
+        best = np.where(own, ratio[group], 0.0).max(axis=1, keepdims=True)
+        k, i = np.unravel_index(np.argmin(np.where(options, ratio[group] / best, np.inf)), own.shape)
+        keep[group[k], i] = False
+        left += [group[part] for part in _clusters(keep[group])]
+    return found
 
 
 @kernel

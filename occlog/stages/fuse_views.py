@@ -95,9 +95,9 @@ def recovered_views(new: Sequence[New], eyes: Eyes, views: Views, bearings: Bear
     rows = []
     for t_ns, which, target, place in new:
         camera = eyes.cameras[which]
-        if camera.name not in frames:
-            continue
         key = (t_ns, camera.name)
+        if key not in numbers:
+            continue
         cluster = counts.get(key, 0)
         counts[key] = cluster + 1
         rows.append(_view(t_ns, camera, numbers[key], cluster, target, place, height))

@@ -86,14 +86,14 @@ class Listener:
         for look in looks:
             self._clocks[look.array].heard(group.t_ns)
         spoke = {look.array for look in looks}
-        # Others whose next scan is now, within what they may be late.
+        # Others whose next scan is now: not before its time, for a row of theirs may be about to come.
         for a, clock in enumerate(self._clocks):
             period = clock.period_ns
             if a in spoke or clock.last_ns is None or period is None:
                 continue
-            if group.t_ns - clock.last_ns >= (1.0 - LATE) * period:
+            if group.t_ns - clock.last_ns >= period:
                 looks.append(NOTHING._replace(array=a))
-                clock.last_ns = group.t_ns
+                clock.last_ns += period
         yield group.t_ns, tuple(sorted(looks, key=lambda k: k.array))
 
     def _in_vain(self, t_ns: int) -> Iterator[tuple[int, tuple[Look, ...]]]:

@@ -180,7 +180,7 @@ def located(
     return (
         state._replace(tracks=tuple(tracks), free=free),
         report._replace(beliefs=told),
-        memory._replace(refused=refused),
+        memory._replace(refused={n: at for n, at in refused.items() if n in {UNNUMBERED, *(t.number for t in tracks)}}),
     )
 
 

@@ -105,7 +105,7 @@ def step(state: State, t_ns: int, looks: tuple[Look, ...], rng: Generator) -> tu
         moved, free, fit = _listen(world, moved, look)
         evidence += fit
         counts.append(Count(look.array, len(look.angle), expected, free))
-        moved += _births(world, look, free, t_ns, rng)
+        moved += _births(world, look, free, {m.track.number for m in moved}, t_ns, rng)
     moved = [m._replace(track=_met(m, t_ns)) for m in moved]
     moved = [m for m in moved if _alive(m.track, t_ns, world.config)]
     moved, least = _numbered(moved, state.free, world.config)
@@ -249,8 +249,8 @@ def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard
     return m._replace(track=track, weights=weights, heard=m.heard or unheard < FREE, arrays=arrays)
 
 
-def _births(world: World, look: Look, free: Ints, t_ns: int, rng: Generator) -> list[Moved]:
-    """New tracks on the sight lines of bearings that are of nobody."""
+def _births(world: World, look: Look, free: Ints, numbers: set[int], t_ns: int, rng: Generator) -> list[Moved]:
+    """New tracks on the sight lines of bearings that are of nobody; a label that is a track's number gets another."""
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
     config, born = world.config, []
     unaided = config.birth > 0.0 and config.association == "joint"
@@ -258,6 +258,9 @@ def _births(world: World, look: Look, free: Ints, t_ns: int, rng: Generator) -> 
         label = int(look.label[i])
         if unaided or label != UNLABELLED:
             track = on_line(world, look.array, float(look.angle[i]), float(look.sigma[i]), t_ns, label, rng)
+            if track.number in numbers:
+                track = track._replace(number=UNNUMBERED)
+            numbers.add(track.number)
             born.append(standing(world, track)._replace(arrays=(look.array,)))
     return born
 
