@@ -47,7 +47,8 @@ class Inputs:
         elif doa_labels and not directions:
             raise UsageError("--doa-labels wants directions of arrival; give them with --doa")
         if not streams:
-            raise InputError(f"{bearings}: holds no bearings; make them with `occlog detect`")
+            remedy = "make them with `occlog detect` or `occlog listen`"
+            raise InputError(f"{bearings}: holds no bearings and no directions of arrival; {remedy}")
         self.chunks = _not_empty(in_time(streams), bearings)
         self.occluders = None if occluders is None else self._priors(occluders)
 

@@ -127,7 +127,9 @@ def run_track(
                     writer.write(table)
             tally.add(part)
         if not tally.rows and request.method != "imm":
-            raise InputError(f"{request.bearings}: no row is of the chosen targets and sensors; choose others")
+            remedy = "a fix wants directions of two sensors at one time (--window)" if request.method == "fix" else ""
+            what = "no row is of the chosen targets and sensors"
+            raise InputError(f"{request.bearings}: {what}; {remedy or 'choose others'}")
     for line in tally.warnings():
         options.note(f"warning: {line}", quiet)
     return {"tracks": str(wanted.tracks), "method": request.method, **tally.summary()}, losses
@@ -154,7 +156,10 @@ def make_config(request: Request, unit: str) -> Any:
         if "start" in values:
             raise UsageError("--start and --set start=... say the same; give one of them")
         values["start"] = parse_starts(request.starts, request.method, unit)
-    return configure(defaults, values, request.method)
+    try:
+        return configure(defaults, values, request.method)
+    except InputError as error:  # here the values are options
+        raise UsageError(str(error)) from error
 
 
 def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str, Any]:

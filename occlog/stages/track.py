@@ -126,6 +126,8 @@ def track(
         return
     feed = None
     if occluders is not None:
+        if not hasattr(config, "occluder_diameter"):
+            raise UsageError(f"--occluders: method {method} knows nothing of moving occluders; leave --occluders out")
         feed = OccluderFeed(occluders, config.occluder_diameter, round(config.prior_max_age_s * NS))
     selector = None if selection is None else Selector(chosen, scene, selection, frozenset(use.sensors), config)
     filters: dict[int, _Filter] = {}

@@ -72,13 +72,13 @@ def test_starts_of_several_targets(folder, capsys):
 @pytest.mark.parametrize(
     ("more", "code", "said"),
     [
-        (["--cooperate", "often"], ExitCode.BAD_INPUT, "imm: cooperate is often, must be of none, periodic"),
+        (["--cooperate", "often"], ExitCode.USAGE, "imm: cooperate is often, must be of none, periodic"),
         (["--cameras", "a1,a2,c1", "--cooperate", "spread"], ExitCode.USAGE, "wants two cameras with a pose"),
         (["--cameras", "c1,c2"], ExitCode.BAD_INPUT, "no row is of a microphone array"),
         (["--start", "1"], ExitCode.USAGE, "want X,Y"),
         (["--start", "1,2,3,4"], ExitCode.USAGE, "want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V"),
         (["--select", "greedy"], ExitCode.USAGE, "--select: method imm asks cameras itself"),
-        (["--set", "detection=2"], ExitCode.BAD_INPUT, "imm: detection is 2.0, must be above 0 and at most 1"),
+        (["--set", "detection=2"], ExitCode.USAGE, "imm: detection is 2.0, must be above 0 and at most 1"),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(folder, capsys, more, code, said):

@@ -69,15 +69,24 @@ def test_same_seed_same_track_and_another_seed_another(recording, tmp_path) -> N
 @pytest.mark.parametrize(
     ("options", "code", "said"),
     [
-        (["--method", "direct3d", "--set", "likelihood=round"], ExitCode.BAD_INPUT, "one of product, cone"),
+        (["--method", "direct3d", "--set", "likelihood=round"], ExitCode.USAGE, "one of product, cone"),
         (["--method", "pps", "--set", "likelihood=cone"], ExitCode.USAGE, "no setting 'likelihood'"),
-        (["--method", "pps", "--set", "acceleration=1,2"], ExitCode.BAD_INPUT, "must be AX,AY,AZ"),
-        (["--method", "direct3d", "--set", "start=1,2,3,4,5"], ExitCode.BAD_INPUT, "must be X,Y,SIGMA"),
-        (["--method", "direct3d", "--set", "turn_plane=yx"], ExitCode.BAD_INPUT, "one of xy, yz, zx"),
+        (["--method", "pps", "--set", "acceleration=1,2"], ExitCode.USAGE, "must be AX,AY,AZ"),
+        (["--method", "direct3d", "--set", "start=1,2,3,4,5"], ExitCode.USAGE, "must be X,Y,SIGMA"),
+        (["--method", "direct3d", "--set", "turn_plane=yx"], ExitCode.USAGE, "one of xy, yz, zx"),
     ],
 )
 def test_bad_settings_are_one_line(recording, tmp_path, capsys, options, code, said) -> None:
     assert track(recording, tmp_path / "t.parquet", *options) == code
     error = capsys.readouterr().err
     assert said in error
+    assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("method", ["direct3d", "pps", "fix"])
+def test_moving_occluders_are_refused(recording, tmp_path, capsys, method) -> None:
+    command = ["track", str(recording), "-o", str(tmp_path / "t.parquet"), "-q", "--method", method]
+    assert run([*command, "--occluders", str(recording)]) == ExitCode.USAGE
+    error = capsys.readouterr().err
+    assert f"method {method} knows nothing of moving occluders" in error
     assert error.count("\n") == 1

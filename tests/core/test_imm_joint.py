@@ -190,3 +190,27 @@ def test_nothing_heard_pushes_particles_out_of_range():
     silent = hear(x, weights, bearings(), 10.0)
     got = reweigh(weights, silent, 0.9, np.empty(0), 1.0, ())
     np.testing.assert_allclose(got, [[0.1 / 1.1, 1.0 / 1.1]])
+
+
+@pytest.mark.parametrize("K", [12, 16, 24])
+def test_many_targets_far_apart_are_all_heard(K):
+    """Beyond 15 targets all events of one cluster would be too many; far apart they do not form one."""
+    angle = np.arange(K) * 2.0 * np.pi / K
+    off = np.abs(np.angle(np.exp(1j * (angle[:, None] - angle))))
+    sigma = math.radians(3.0)
+    alone = 0.95 * np.exp(-0.5 * (off / sigma) ** 2) / (math.sqrt(2.0 * math.pi) * sigma)
+    found = associate(alone, np.full(K, 0.05), np.zeros((K, K, K)), np.ones((K, K)), np.full(K, 0.016))
+    assert np.diag(found.alone).min() > 0.99
+    assert found.unheard.max() < 0.01
+
+
+def test_of_many_targets_on_one_bearing_none_is_left_out_while_another_has_a_choice(monkeypatch):
+    monkeypatch.setattr(imm_joint, "MOST_EVENTS", 8)
+    rng = np.random.default_rng(3)
+    alone = rng.uniform(0.5, 1.0, (3, 4))
+    groups = imm_joint._groups(alone > 0.0, alone / CLUTTER)
+    assert sorted(k for group, _ in groups for k in group.tolist()) == [0, 1, 2]
+    assert all(own.any(axis=1).all() for _, own in groups)
+    for group, own in groups:
+        assert np.prod(1.0 + own.sum(axis=1)) <= 8
+        np.testing.assert_array_equal(own[np.arange(len(group)), alone[group].argmax(axis=1)], True)

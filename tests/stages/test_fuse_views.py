@@ -103,6 +103,16 @@ def test_a_missed_person_gets_a_box_where_it_should_be():
     assert len(bearings) == 6
 
 
+def test_a_camera_that_sees_somebody_only_later_has_views_from_then_on():
+    where = scene()
+    late = [boxes(where, {"a": PLACE, "b": PLACE, "c": PLACE if k > 2 else None}, k) for k in range(5)]
+    whole = run(where, [Boxes.concat(late)])
+    for views, bearings in (whole, run(where, late)):
+        assert not ((views.sensor == "c") & (views.t_ns < 3 * 10**8)).any()
+        assert np.array_equal(bearings.cause, whole[1].cause)
+        assert (bearings.cause[bearings.sensor == "c"] == "recovered").any()
+
+
 def test_a_false_box_is_marked_in_views_and_no_longer_seen():
     where = scene()
     views, bearings = run(where, [boxes(where, {"a": None, "b": (7.0, 4.0), "c": None})])

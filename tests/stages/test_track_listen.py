@@ -47,6 +47,12 @@ def test_another_arrays_scan_shows_silence_at_its_time():
     assert scans(times)[-2:] == [(1.0, [0], [1]), (1.2, [0, 1], [])]
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.03, 0.1, 0.17])
+def test_arrays_out_of_step_are_not_silent_before_their_time(offset):
+    times = sorted([(0.2 * n, ["a1"]) for n in range(20)] + [(0.2 * n + offset, ["a2"]) for n in range(20)])
+    assert not any(silent for _, _, silent in scans(times))
+
+
 def test_rows_of_cameras_are_no_scans():
     found = scans([(0.0, ["a2"]), (0.2, ["a2"]), (0.25, ["c1"]), (0.75, ["c1"])])
     assert [f[0] for f in found] == [0.0, 0.2, pytest.approx(0.4), pytest.approx(0.6)]

@@ -137,6 +137,18 @@ def test_births_are_on_the_sight_line_in_range_and_room():
     assert (out.number, out.exists) == (4, 1.0)
 
 
+def test_no_two_tracks_have_a_number():
+    config = replace(imm_defaults("m"), start=(9.0, 2.0, 0.5, 0.0, 0.0, 0.1))
+    rng = np.random.default_rng(1)
+    state = init(SCENE, config, rng)  # the known target has number 0, and is heard with label 5
+    for k in range(5):
+        heard = Look(0, np.array([0.0, 1.0]), np.array([0.02, 0.02]), np.array([5, 0]))
+        state, report = step(state, int(k * 1e9), (heard,), rng)
+        numbers = [belief.number for belief in report.beliefs]
+        assert len(set(numbers)) == len(numbers)
+    assert {t.label: t.number for t in state.tracks} == {5: 0, 0: 1}
+
+
 def test_nobody_leaves_the_room():
     config = replace(imm_defaults("m"), particles=500, start=(19.5, 7.0, 0.1, 2.0, 0.0, 0.1))
     rng = np.random.default_rng(0)
