@@ -32,6 +32,7 @@ from .columns import (
     first_row,
 )
 from .errors import InputError
+from .view_records import Failures, ViewTracks
 
 APPEARANCE_BINS = 72
 """Length of an appearance histogram: 8 x 8 hue-saturation bins, then 8 brightness bins of grey pixels."""
@@ -199,9 +200,15 @@ class Boxes(Table):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthBoxes(Boxes):
-    """True boxes of the targets in each view (same columns as `Boxes`)."""
+    """True boxes of the targets in each view (columns of `Boxes`, and what is visible of them)."""
 
     NAME: ClassVar[str] = "truth_boxes"
+    VERSION: ClassVar[int] = 2
+
+    visible: Floats = column(
+        "f8", "1", "visible share of the part that is in the image, 0 to 1", nan="the frame has no box, or not known",
+        optional=True,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -569,6 +576,8 @@ TABLES: dict[str, type[Table]] = {
         Errors,
         Bound,
         Cooperation,
+        ViewTracks,
+        Failures,
     )
 }
 """Every table by the name that its files carry."""

@@ -14,8 +14,11 @@ from occlog.io import parquet
 from occlog.io.provenance import Provenance
 from occlog.losses import Loss
 from occlog.records import APPEARANCE_BINS, TABLES, Bearings, Hulls, Occluders, Tracks, Views
+from occlog.view_records import COUNTERPARTS, EVENTS
 
 PROVENANCE = Provenance("detect", {"method": "em"}, 7, (("a.mcap", "00"),), (Loss("cam1", "frame 3", "lost", 1),))
+
+WORDS = {"event": EVENTS, "counterpart": COUNTERPARTS, "kind": ["position", "label"]}
 
 
 def random_table(table: type, rows: int, seed: int = 0):
@@ -24,7 +27,7 @@ def random_table(table: type, rows: int, seed: int = 0):
     values = {}
     for c in table.columns():
         if c.kind == "U":
-            values[c.name] = rng.choice(["target", "occluder"], rows)
+            values[c.name] = rng.choice(WORDS.get(c.name, ["target", "occluder"]), rows)
         elif c.kind == "?":
             values[c.name] = np.ones(rows, bool)
         elif c.kind in ("i8", "i4"):
