@@ -1,0 +1,71 @@
+"""How good the loop check of [Qu] Sec. 3.4.2 is: what it says of trackers, against where they truly are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..columns import Bools, Floats
+from ..core.mot_frames import Objects
+from ..trackers.view_method import BAD, GOOD
+from .views_world import Followed
+
+
+def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int] | None = None) -> dict[str, float]:
+    """What the loop check said.
+
+    A target is sound in a frame if all its trackers are on it.
+
+    Args:
+        truth: boxes by view and frame.
+        followed: what a method gave.
+        tau: (n,) for each true row, how far from the target a tracker may be [px].
+        wrong: (view, target, other) of a tracker that was put on another target.
+
+    Returns:
+        `checked`: share of the rows that were checked; `false_alarm`: of those of sound targets, the share that is
+        `bad`; `missed`: of those of the others, the share that is `good`; with `wrong`, `noticed`: frames until
+        the tracker is first `bad` (inf: never), and `recovered`: frames until it is on its own target for the first
+        time (inf: never).  NaN where there is nothing to divide by.
+    """
+    f = followed
+    on = on_own(truth, followed, tau)
+    sound, later = _sound(f, on), f.mode >= 0
+    checked = later & np.isin(f.counterpart, (BAD, GOOD))
+    out = {
+        "checked": _share(checked, later),
+        "false_alarm": _share(checked & sound & (f.counterpart == BAD), checked & sound),
+        "missed": _share(checked & ~sound & (f.counterpart == GOOD), checked & ~sound),
+    }
+    if wrong is not None:
+        own = (f.view == wrong[0]) & (f.target == wrong[1]) & later
+        out |= {"noticed": _first(f, own & (f.counterpart == BAD)), "recovered": _first(f, own & on)}
+    return out
+
+
+def on_own(truth: Objects, followed: Followed, tau: Floats) -> Bools:
+    """(n,) whether each tracker is within tau of its own target."""
+    f = followed
+    assert truth.view is not None
+    place = {key: i for i, key in enumerate(zip(truth.frame, truth.view, truth.label, strict=True))}
+    rows = np.array([place.get(key, -1) for key in zip(f.frame, f.view, f.target, strict=True)], dtype=np.int64)
+    middle = truth.place[:, :2] + 0.5 * truth.place[:, 2:]
+    away = np.hypot(*(f.ellipse[:, :2] - middle[rows]).T)
+    return np.asarray((rows >= 0) & (away <= tau[rows]))
+
+
+def _sound(followed: Followed, on: Bools) -> Bools:
+    """(n,) whether all trackers of the row's target in its frame are on it."""
+    _, cell = np.unique(np.column_stack([followed.frame, followed.target]), axis=0, return_inverse=True)
+    off = np.bincount(cell.ravel(), weights=~on)
+    return np.asarray(off[cell.ravel()] == 0)
+
+
+def _share(some: Bools, of: Bools) -> float:
+    return float(np.sum(some) / np.sum(of)) if of.any() else math.nan
+
+
+def _first(followed: Followed, rows: Bools) -> float:
+    return float(followed.frame[rows].min()) if rows.any() else math.inf

@@ -1,0 +1,140 @@
+"""One trial of trackers in the images: draw a video, track with one or several methods, score against the truth.
+
+A trial is described by plain values; several methods share the drawing, which costs as much
+as a method or two.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..columns import Floats
+from ..core.mot_clear import clear_mot
+from ..core.mot_failures import failures
+from ..core.mot_frames import Objects, of_boxes
+from ..core.mot_hota import hota
+from ..core.mot_identity import identity
+from ..errors import InputError
+from ..trackers.settings import configure
+from ..trackers.view_method import LEFT, LOST, MODES, Visual
+from ..trackers.views import VISUAL
+from ..vision.render_balls_motion import BallsConfig
+from .model import Spec
+from .views_alarms import alarms
+from .views_world import Followed, Runner, balls_config, births_of, boxes_of, first_frame, follow, geometry_of
+
+KEYS = ("kind", "seed", "balls", "method", "methods", "set", "fundamental", "wrong", "tau", "track_seed")
+OWN = ("method", "set", "fundamental", "wrong", "track_seed")
+"""Keys of each of `methods`."""
+KIND = "qu-views"
+WARM = {"frames": 8, "balls": 3, "radius": 12.0, "width": 96, "height": 96, "start_apart": False, "clutter": 0}
+"""A video that has everything compiled before anything is timed."""
+
+
+def views_spec(seed: int, methods: Mapping[str, Mapping[str, Any]], balls: Mapping[str, Any], **more: Any) -> Spec:
+    """Description of a trial of several methods, see `run_views_trial`."""
+    return {
+        "kind": KIND, "seed": seed, "balls": dict(balls), "methods": {k: dict(m) for k, m in methods.items()}, **more,
+    }  # fmt: skip
+
+
+def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Figures of a trial.
+
+    Args:
+        spec: `seed` of the video, and of the trackers where they have no `track_seed`; `balls` (fields of
+            `BallsConfig`; `views` may be a number); `tau` (factor of a target's radius within which a tracker
+            is on it, default 1).  One method: `method` (a name of `VISUAL`), `set` (its settings),
+            `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
+            the tracker of `target` starts on `other`).  Several: `methods`, these keys by label.
+
+    Returns:
+        For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`,
+        `mota` (boxes about the ellipses, IoU 0.5), `track_seconds` and `frame_ms` (CPU of the steps, median of
+        a frame; without drawing), `particles` (of a tracker; NaN for none), `left` and `lost` (trackers that
+        ended so), `mode_mipf`, ... (shares of the rows), and those of `views_alarms.alarms`.
+
+    Raises:
+        InputError, UsageError: values that do not fit.
+    """
+    _check(spec, KEYS)
+    config, single = balls_config(spec.get("balls", {})), "methods" not in spec
+    told = {"": {k: spec[k] for k in OWN if k in spec}} if single else spec["methods"]
+    runners = {label: _runner(config, spec, own) for label, own in told.items()}
+    for own in told.values():
+        warm(str(own["method"]))
+    done, truth, radius = follow(config, int(spec["seed"]), runners)
+    tau, out = float(spec.get("tau", 1.0)) * radius, {}
+    for label, followed in done.items():
+        figures = scores(truth, followed, tau)
+        figures |= {"particles": float(getattr(runners[label].config, "particles", math.nan))}
+        figures |= alarms(truth, followed, tau, told[label].get("wrong"))
+        out |= {f"{label}.{name}" if not single else name: value for name, value in figures.items()}
+    return out
+
+
+def visual_of(name: str) -> Visual:
+    """A method by name; InputError for none."""
+    if name not in VISUAL:
+        raise InputError(f"trial: no method {name!r} that tracks in images; there are: {', '.join(VISUAL)}")
+    return VISUAL[name]
+
+
+def _runner(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, Any]) -> Runner:
+    _check(own, OWN)
+    visual = visual_of(str(own.get("method")))
+    settings = configure(visual.config(), dict(own.get("set", {})), str(own["method"]))
+    told = own.get("fundamental", "true")
+    kind, amount = (told, 0.0) if isinstance(told, str) else told
+    births = births_of(first_frame(config, int(spec["seed"])), own.get("wrong"))
+    seed = own.get("track_seed", spec.get("track_seed", spec["seed"]))
+    return Runner(visual, settings, geometry_of(config, kind, float(amount)), births, int(seed))
+
+
+def _check(spec: Mapping[str, Any], keys: tuple[str, ...]) -> None:
+    for key in spec:
+        if key not in keys:
+            raise InputError(f"trial: unknown key {key!r}; it has: {', '.join(keys)}")
+    if "seed" in keys and "seed" not in spec:
+        raise InputError("trial: seed is missing")
+
+
+@functools.lru_cache(maxsize=32)
+def warm(method: str) -> None:
+    """Run a method on a few small frames, so that nothing is compiled while a trial is timed."""
+    config = balls_config(WARM)
+    visual = visual_of(method)
+    births = births_of(first_frame(config, 0))
+    follow(config, 0, {method: Runner(visual, visual.config(), geometry_of(config), births, 0)})
+
+
+def scores(truth: Objects, followed: Followed, tau: Floats) -> dict[str, float]:
+    """Figures of merit and of cost.
+
+    Args:
+        truth: boxes by view and frame.
+        followed: what a method gave.
+        tau: (n,) for each true row, how far from the target a tracker may be [px].
+    """
+    f = followed
+    place = truth.place[:, :2] + 0.5 * truth.place[:, 2:]
+    failed = failures(truth._replace(place=place), Objects(f.frame, f.target, f.ellipse[:, :2], f.view), tau)
+    boxes = of_boxes(truth, Objects(f.frame, f.target, boxes_of(f.ellipse), f.view))
+    modes = {f"mode_{name}": float(np.mean(f.mode[f.mode >= 0] == k)) for k, name in enumerate(MODES)}
+    return {
+        "fr_p": failed.fr_p,
+        "fr_l": failed.fr_l,
+        "idf1": identity(boxes).idf1,
+        "hota": hota(boxes).means()["hota"],
+        "mota": clear_mot(boxes).mota,
+        "left": float(np.sum(f.event == LEFT)),
+        "lost": float(np.sum(f.event == LOST)),
+        "track_seconds": float(np.sum(f.seconds)),
+        "frame_ms": 1e3 * float(np.median(f.seconds)),
+        **modes,
+    }
