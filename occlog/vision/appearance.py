@@ -15,17 +15,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.bin_map import BRIGHTNESS_BINS, GREY_BIN, HUE_BINS, N_BINS, SATURATION_BINS, as_colour
 from ..core.jit import kernel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
-
-HUE_BINS = 8
-SATURATION_BINS = 8
-BRIGHTNESS_BINS = 8
-GREY_BIN = HUE_BINS * SATURATION_BINS
-N_BINS = GREY_BIN + BRIGHTNESS_BINS
 
 
 @kernel
@@ -96,13 +91,6 @@ def histogram(image: Bytes, mask: Bytes | None = None) -> Floats:
     counts = np.zeros(N_BINS)
     add_pixels_into(counts, colour, where, 0, 0, width, height, 1.0)
     return normalised(counts)
-
-
-def as_colour(image: Bytes) -> Bytes:
-    """(height, width, 3) view of a grey or colour image; grey pixels count as B = G = R."""
-    if image.ndim == 3:
-        return image
-    return np.broadcast_to(image[:, :, None], (*image.shape, 3))
 
 
 def normalised(counts: Floats) -> Floats:

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.bin_map import N_BINS, as_colour
 from ..core.jit import kernel
-from .appearance import N_BINS, as_colour, normalised, pixel_bin
+from .appearance import normalised, pixel_bin
 from .prior import Prior, place
 from .regions import Regions
 

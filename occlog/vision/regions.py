@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.bin_map import N_BINS, as_colour
 from ..core.jit import kernel
-from .appearance import N_BINS, as_colour, normalised, pixel_bin
+from .appearance import normalised, pixel_bin
 from .cells import gather
 from .clustering import Clusters, find_clusters
 from .prior import Prior

@@ -8,10 +8,11 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.bin_map import N_BINS
 from ..core.camera import rotation_from_angles
 from ..core.seeds import Stage, generator
 from ..scene import Camera, Scene
-from .appearance import N_BINS, add_pixels_into, normalised
+from .appearance import add_pixels_into, normalised
 from .render import RenderConfig, scene_metre
 from .render_body import STATURE, Clothes, dress, outfit
 from .render_frame import Canvas, bare_canvas, draw
