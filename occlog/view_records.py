@@ -48,7 +48,7 @@ class ViewTracks(Table):
     )  # fmt: skip
     mode: Strings = column(
         "U", "1", "what the tracker did in the frame: `mipf` (alone), `idmot` (repulsion by its neighbours), `bmct` "
-        "(other views too), `cmct`, `mcmc`",
+        "(other views too), `cmct`, `mcmc`; empty in the row where it starts",
     )  # fmt: skip
     counterpart: Strings = column(
         "U", "1", "the target in other views by the loop check: `good`, `bad`, `none`; empty: not checked"

@@ -89,3 +89,4 @@ class Visual(NamedTuple):
     init: Callable[[Sequence[View], Geometry, Any, Generator], Any]  # the state without trackers
     born: Callable[[Any, Looks, Sequence[Birth]], Any]  # state with new trackers, whose colours are those in the frames
     step: Callable[[Any, Looks, Generator], tuple[Any, Outlines]]  # the frames after those of births
+    ended: Callable[[Any, Sequence[tuple[int, int]]], Any] | None = None  # state without the trackers (view, target_id)
