@@ -152,13 +152,25 @@ def test_failures_by_the_stated_rule() -> None:
     got = failures(truth, trackers, 4.0)
     table = list(zip(got.frame.tolist(), got.target.tolist(), got.other.tolist(), got.causes(), strict=True))
     assert table == [
-        (0, 3, NONE, "no tracker"),
+        (0, 3, NONE, "its tracker is on target 1"),
         (0, 3, 1, "tracker on target 1"),
-        (1, 1, NONE, "no tracker"),
+        (1, 1, NONE, "its tracker is on target 2"),
         (1, 1, 2, "tracker on target 2"),
         (1, 3, NONE, "no tracker"),
     ]
     assert (got.total, got.fr_p, got.fr_l) == (6, 3 / 6, 2 / 6)
+
+
+def test_trackers_may_have_other_numbers_than_their_targets() -> None:
+    """Two trackers of target 1, one of target 2 that strays, and one without a target that is on 2."""
+    truth = rows((0, 1, 0, 0), (0, 2, 5, 0))
+    trackers = rows((0, 7, 0.5, 0), (0, 8, 5, 0), (0, 9, 2.5, 0), (0, 10, 5, 0))
+    got = failures(truth, trackers, 1.0, np.array([1, 1, 2, NONE]))
+    assert (got.target.tolist(), got.other.tolist(), got.causes()) == ([1], [2], ["tracker on target 2"])
+    got = failures(truth, trackers, 1.0, np.array([1, NONE, 2, NONE]))
+    assert (got.target.tolist(), got.causes("m"), got.fr_p, got.fr_l) == ([2], ["its tracker is 2.5 m away"], 0.5, 0.0)
+    with pytest.raises(ValueError, match="label 7 comes twice"):
+        failures(truth, trackers._replace(label=np.array([7, 7, 9, 10])), 1.0, np.array([1, 1, 2, NONE]))
 
 
 def test_failures_tell_views_apart_and_take_a_tau_for_each_target() -> None:

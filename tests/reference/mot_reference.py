@@ -198,6 +198,10 @@ def failures(scene: Scene, tau: dict[int, float]) -> list[tuple[int, int, str]]:
             near = [(math.dist(place, truth[i]), i) for i in truth if math.dist(place, truth[i]) <= tau[i]]
             if near:
                 on[k] = min(near)[1]
-        rows += [(frame, i, "no tracker") for i in truth if i not in on.values()]
+        for i in truth:
+            if i not in on.values():
+                there = i in trackers
+                away = f"its tracker is {math.dist(trackers[i], truth[i]):.4g} px away" if there else "no tracker"
+                rows.append((frame, i, f"its tracker is on target {on[i]}" if i in on else away))
         rows += [(frame, k, f"tracker on target {i}") for k, i in on.items() if k != i]
     return sorted(rows)
