@@ -172,7 +172,8 @@ def _common(config: Config, command: click.Command) -> dict[str, Any]:
 
 def _to_args(config: Config, name: str, command: click.Command, values: dict[str, Any]) -> list[str]:
     """Command-line arguments of the keys of a stage."""
-    options = {_key(p): p for p in command.params}
+    # An argument goes before an option of its name.
+    options = {_key(p): p for p in sorted(command.params, key=lambda p: isinstance(p, click.Argument))}
     ahead: list[str] = []
     args: list[str] = []
     for key, value in values.items():

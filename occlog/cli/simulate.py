@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from . import options
+from . import options, simulate_kinds
 
 F = TypeVar("F", bound=Callable[..., Any])
 POSITIVE = click.FloatRange(min=0, min_open=True)
@@ -87,13 +87,21 @@ RENDER = (
 
 def settings(command: F) -> F:
     """Add the options of all lists, in order."""
-    for option in reversed((*PATHS, *WORLD, *OBSERVE, *SOUND, *RENDER)):
+    kinds = (*simulate_kinds.BOTH, *simulate_kinds.BALLS, *simulate_kinds.PEOPLE)
+    for option in reversed((*PATHS, *WORLD, *OBSERVE, *SOUND, *RENDER, *kinds)):
         command = option(command)
     return command
 
 
 @click.command(name="simulate", short_help="Make a recording with ground truth from a scene.")
-@click.argument("scene", type=options.PATH)
+@click.argument("scene", type=options.PATH, required=False)
+@click.option(
+    "--scene",
+    "kind",
+    type=click.Choice(simulate_kinds.KINDS),
+    default=None,
+    help="A video to track in, instead of SCENE: balls that hide one another, or people who look alike.",
+)
 @options.output_opt("The recording (MCAP).")
 @settings
 @click.option("--fps", type=POSITIVE, default=None, metavar="HZ",
@@ -104,7 +112,8 @@ def settings(command: F) -> F:
 @options.quiet_opt
 @options.json_opt
 def command(
-    scene: Path,
+    scene: Path | None,
+    kind: str | None,
     output: Path,
     fps: float | None,
     seed: int,
@@ -122,16 +131,27 @@ def command(
     --render it holds video instead, for `occlog detect`.  With --paths objects do what the
     file says.
 
+    With --scene a video comes from no file: `balls` is that of Qu et al. 2007, Sec. 4.1, six
+    balls of one look seen by two cameras at a right angle; `people` is a room with people
+    in the same clothes.  The true boxes are of all targets in all frames.
+
     \b
       occlog simulate examples/room100.yaml -o room.mcap --steps 1000 --occluders 40 --seed 7
       occlog simulate examples/room.yaml -o video.mcap --render --seconds 15 --occluders 3
       occlog simulate examples/lee_field.yaml --paths examples/lee_field_paths.yaml -o field.mcap
+      occlog simulate --scene balls -o balls.mcap --store ffv1 --seed 1
+      occlog simulate --scene people -o people.mcap --people 5 --views 4 --store ffv1
     """
+    paths: Path | None = values.pop("paths")
+    given = {name: value for name, value in values.items() if value is not None and (name, value) != ("render", False)}
+    simulate_kinds.check_kind(kind, scene, paths, given)
+    if kind == "balls":
+        return _balls(output, given, fps, seed, workers, overwrite, quiet, as_json)
+    assert scene is not None  # as `check_kind` saw to
     from ..io.path_file import read_paths
     from .simulate_run import make_setup, run_simulate
     from .simulate_video import video_paths
 
-    paths: Path | None = values.pop("paths")
     inputs = [scene] if paths is None else [scene, paths]
     options.check_outputs(inputs, [output], overwrite)
     loaded = options.load_scene(scene, None, scene)
@@ -139,3 +159,21 @@ def command(
     options.check_outputs(inputs, [output, *video_paths(setup, output).values()], overwrite)
     summary = run_simulate(inputs, setup, output, seed, overwrite=overwrite, quiet=quiet)
     return options.finish(summary, [], as_json)
+
+
+def _balls(
+    output: Path,
+    given: dict[str, Any],
+    fps: float | None,
+    seed: int,
+    workers: int | None,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    from .simulate_balls import balls_setup, balls_videos, run_balls
+
+    options.check_outputs([], [output], overwrite)
+    setup = balls_setup(given, fps, workers)
+    options.check_outputs([], [output, *balls_videos(setup, output).values()], overwrite)
+    return options.finish(run_balls(setup, output, seed, overwrite=overwrite, quiet=quiet), [], as_json)

@@ -25,7 +25,7 @@ class MotionSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """A linear Gaussian motion model: x' = A x + N(0, sigma), x = [u u' v v'], in length units and seconds."""
 
     occlog_motion: Annotated[Literal[1], Meta(description="version of this format")]
-    length_unit: Annotated[Literal["m", "ft", "in", "unit"], Meta(description="unit of every length")]
+    length_unit: Annotated[Literal["m", "ft", "in", "unit", "px"], Meta(description="unit of every length")]
     step_s: Annotated[float, Meta(gt=0, description="time from x to x' [s]")]
     A: Annotated[Matrix, Meta(description="by rows")]
     sigma: Annotated[Matrix, Meta(description="by rows; symmetric, positive definite")]

@@ -58,7 +58,7 @@ class PathsSpec(Spec, kw_only=True):
 
     occlog_paths: Annotated[Literal[1], Meta(description="version of this format")]
     length_unit: (
-        Annotated[Literal["m", "unit", "ft", "in"], Meta(description="must be the scene's; default: the scene's")]
+        Annotated[Literal["m", "unit", "ft", "in", "px"], Meta(description="must be the scene's; default: the scene's")]
         | None
     ) = None
     seconds: Annotated[Time, Meta(description="length of the recording")] | None = None

@@ -126,7 +126,7 @@ class SceneSpec(Spec, kw_only=True):
     """A scene file."""
 
     occlog_scene: Annotated[Literal[1], Meta(description="version of this format")]
-    length_unit: Annotated[Literal["m", "unit", "ft", "in"], Meta(description="unit of every length")] = "m"
+    length_unit: Annotated[Literal["m", "unit", "ft", "in", "px"], Meta(description="unit of every length")] = "m"
     room: Annotated[Polygon, Meta(description="corners of the floor")] | None = None
     room_height: Positive = 2.5
     static_occluders: list[OccluderSpec] = []
