@@ -1,4 +1,4 @@
-"""How pairs of views see the same point: fundamental matrices with where they come from and how good they are."""
+"""How pairs of views see the same point: matches, and fundamental matrices with what they rest on."""
 
 from __future__ import annotations
 
@@ -9,6 +9,16 @@ import numpy as np
 from .columns import Floats
 
 SOURCES = ("calibration", "matches")
+
+
+class Matches(NamedTuple):
+    """Images of the same points in two views."""
+
+    a: str  # name of the first camera
+    b: str
+    points_a: Floats  # (N, 2) as recorded [px]
+    points_b: Floats
+    where: str  # what they are, for messages
 
 
 class ViewPair(NamedTuple):

@@ -16,6 +16,7 @@ COMMANDS = {
     "simulate": "Make a recording with ground truth from a scene.",
     "ingest": "Gather video, detections, DOA logs and calibration into one recording.",
     "listen": "Find directions of arrival in the sound of microphone arrays.",
+    "epipolar": "Find how pairs of views see the same point, or check it.",
     "detect": "Reduce the frames of a recording to bearings.",
     "fuse": "Remove false detections and recover missed ones, from several cameras.",
     "priors": "Find where moving occluders are.",

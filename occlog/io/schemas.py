@@ -12,6 +12,7 @@ import msgspec
 from ..columns import Table
 from ..errors import UsageError
 from ..records import TABLES
+from .epipolar_file import epipolar_schema
 from .messages import RECORDED, message_schema, schema_of
 from .motion_file import motion_schema
 from .path_spec import paths_schema
@@ -53,6 +54,7 @@ SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
     "scene": scene_schema,
     "motion": motion_schema,
     "paths": paths_schema,
+    "epipolar": epipolar_schema,
 }
 """Every published schema by name; `schemas/NAME.json` holds its text."""
 
