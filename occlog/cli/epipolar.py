@@ -61,5 +61,6 @@ def command(
     options.check_outputs(inputs, [output], overwrite)
     request = Request(recording, scene, matches, tracks, fundamental, check, model, threshold, max_error, only)
     summary, losses, agree = run_epipolar(request, output, overwrite, quiet)
-    code = options.finish(summary, losses, as_json)
+    shown = summary if as_json else {**summary, **summary["pairs"], "pairs": []}  # a line for each pair
+    code = options.finish(shown, losses, as_json)
     return code if agree else ExitCode.THRESHOLD

@@ -144,6 +144,7 @@ def _describe_recording(recording: Recording) -> dict[str, Any]:
         lines.append(f"time      {_utc(span[0])} to {_utc(span[1])}, {(span[1] - span[0]) / 1e9:.3f} s")
     lines += [f"topic     {t.name}: {t.messages} x {t.schema or '(no schema)'}" for t in recording.topics]
     lines += [f"attached  {name}" for name in recording.attachments]
+    lines += [f"epipolar  {line}" for line in _epipolar_lines(recording)]
     lines += [f"lost      {loss}" for loss in recording.losses]
     lines += _provenance_lines(recording.provenance.as_dict()) if recording.ours else []
     if recording.scene is not None:
@@ -157,6 +158,16 @@ def _describe_recording(recording: Recording) -> dict[str, Any]:
         "provenance": recording.provenance.as_dict() if recording.ours else None,
         "_lines": lines,
     }
+
+
+def _epipolar_lines(recording: Recording) -> Iterator[str]:
+    """The pairs of views whose fundamental matrix a recording holds."""
+    from ..io.epipolar_file import attached_epipolar
+
+    found = attached_epipolar(recording)
+    for pair in found.pairs if found is not None else ():
+        error = "" if math.isnan(pair.error_px) else f", lines to {pair.error_px:.2g} px"
+        yield f"{pair.a}, {pair.b}: from {pair.source}{error}"
 
 
 def _utc(t_ns: int) -> str:
