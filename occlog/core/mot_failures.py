@@ -20,7 +20,7 @@ from .metrics import Bools, Floats, Ints, ratio
 from .mot_frames import Frames, Objects, of_points
 
 NONE = -1
-"""No target: `other` of a position failure, `elsewhere` of a label failure, `own` of a tracker without a target."""
+"""No target: `other` of a position failure, `elsewhere` of a label failure, a tracker without a target of its own."""
 
 
 class Failures(NamedTuple):
@@ -74,8 +74,8 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
             without an estimate.
         tau: largest distance from a target at which a tracker is on it, >= 0; (n,) for each true
             row, such as the radius of the target, or one for all.
-        own: (m,) label of the target that each row's tracker belongs to; rows with `NONE` are left
-            out, as a tracker without a target can be on none.  None: the tracker's own label.
+        own: (m,) label of the target that each row's tracker belongs to; `NONE`: the tracker has no
+            target, so that being on one is a label failure.  None: the tracker's own label.
 
     Raises:
         ValueError: a label comes twice in a frame of a view, a true place is not finite, tau is not a length.
@@ -85,7 +85,7 @@ def failures(truth: Objects, trackers: Objects, tau: Floats | float, own: Ints |
     if not (lengths >= 0).all():
         raise ValueError("tau must be at least 0")
     whose = trackers.label if own is None else own
-    given = np.isfinite(trackers.place).all(axis=1) & (whose != NONE)
+    given = np.isfinite(trackers.place).all(axis=1)
     views = None if trackers.view is None else trackers.view[given]
     known = Objects(trackers.frame[given], trackers.label[given], trackers.place[given], views)
     frames = of_points(truth, known, 1.0)
@@ -140,8 +140,9 @@ def _failures(frames: Frames, looks: _Looks) -> Failures:
     )  # fmt: skip
     columns: list[Any] = [np.concatenate(pair) for pair in zip(*sides, strict=True)]
     order = np.lexsort((columns[3], columns[1], columns[0]))
-    cell, *rest = (column[order] for column in columns)
+    cell, target, other, of_label, away, elsewhere = (column[order] for column in columns)
     total = len(frames.truth)
     return Failures(
-        frames.frame[cell], frames.view[cell], *rest, total, ratio(len(lost), total), ratio(len(wrong), total)
-    )
+        frames.frame[cell], frames.view[cell], target, other, of_label, away, elsewhere,
+        total, ratio(len(lost), total), ratio(len(wrong), total),
+    )  # fmt: skip

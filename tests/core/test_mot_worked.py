@@ -166,8 +166,10 @@ def test_trackers_may_have_other_numbers_than_their_targets() -> None:
     truth = rows((0, 1, 0, 0), (0, 2, 5, 0))
     trackers = rows((0, 7, 0.5, 0), (0, 8, 5, 0), (0, 9, 2.5, 0), (0, 10, 5, 0))
     got = failures(truth, trackers, 1.0, np.array([1, 1, 2, NONE]))
-    assert (got.target.tolist(), got.other.tolist(), got.causes()) == ([1], [2], ["tracker on target 2"])
-    got = failures(truth, trackers, 1.0, np.array([1, NONE, 2, NONE]))
+    assert (got.target.tolist(), got.other.tolist()) == ([NONE, 1], [2, 2])
+    assert got.causes() == ["tracker on target 2"] * 2
+    assert (got.fr_p, got.fr_l) == (0.0, 1.0)
+    got = failures(truth, Objects(*(column[[0, 2]] for column in trackers[:3])), 1.0, np.array([1, 2]))
     assert (got.target.tolist(), got.causes("m"), got.fr_p, got.fr_l) == ([2], ["its tracker is 2.5 m away"], 0.5, 0.0)
     with pytest.raises(ValueError, match="label 7 comes twice"):
         failures(truth, trackers._replace(label=np.array([7, 7, 9, 10])), 1.0, np.array([1, 1, 2, NONE]))

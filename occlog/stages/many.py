@@ -1,0 +1,172 @@
+"""Tracks of many targets against the truth: failure rates of [Qu], CLEAR-MOT, IDF1, HOTA and GOSPA."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..columns import Floats, Ints, Strings
+from ..core import mot_failures
+from ..core.mot_frames import Objects, of_boxes, of_points
+from ..records import Boxes, TruthBoxes
+from ..view_records import Failures
+from .many_config import ManyConfig, ManyEvaluation
+from .many_figures import (
+    Metrics,
+    across_views,
+    centres,
+    failure_figures,
+    gospa_figures,
+    mot_figures,
+    of_view,
+)
+from .many_own import own_targets
+from .many_sides import Sides, lay_boxes
+
+
+class Places(NamedTuple):
+    """Truth and tracks as points, and what is needed to tell of failures."""
+
+    truth: Objects
+    tracks: Objects
+    tau: Floats  # (n,) how near a tracker on a true row must be
+    views: tuple[str, ...]
+    t_ns: tuple[Ints, ...]  # for each view the times of its frames
+    number: tuple[Ints, ...]  # for each view the numbers of its frames
+    visible: Floats  # (n,) visible share of each true row
+    unit: str  # of distances
+
+
+def evaluate_boxes(
+    tracks: Boxes, truth: TruthBoxes, config: ManyConfig | None = None, *, by_number: bool = False
+) -> ManyEvaluation:
+    """Figures of tracks in the images of one or several cameras.
+
+    Args:
+        tracks: boxes with identities (`many_sides.boxes_of` for ellipses).
+        truth: true boxes with identities.
+        config: options.
+        by_number: frames are told by their numbers, not by their times.
+
+    Raises:
+        InputError: the tables do not fit together (no common camera or time), or an identity is
+            missing or twice in a frame.
+    """
+    config = config or ManyConfig()
+    return evaluate_sides(lay_boxes(tracks, truth, config, by_number=by_number), config)
+
+
+def evaluate_sides(sides: Sides, config: ManyConfig) -> ManyEvaluation:
+    """Figures of boxes that have been laid against each other: all views pooled, then each view."""
+    points = as_places(sides, config)
+    found = find_failures(points, config)
+    frames = of_boxes(sides.truth, sides.tracks)
+    metrics: Metrics = failure_figures(found, found.frame >= 0, len(sides.truth.frame))
+    metrics |= mot_figures(frames, config, sum(sides.frames)) | sides.counts
+    metrics |= {"targets": len(frames.truth_key), "tracks": len(frames.track_key)}
+    metrics |= _centre_gospa(points, config, sum(sides.frames))
+    if len(sides.views) > 1:
+        metrics |= across_views(sides.truth, sides.tracks, config.overlap)
+        for v, name in enumerate(sides.views):
+            metrics |= _of_view(sides, found, config, v, f"_sensor_{name}")
+    notes = [*_left_out(sides), *_strangers(points, config)]
+    return ManyEvaluation(
+        {name: float(value) for name, value in metrics.items()}, failure_rows(found, points), tuple(notes)
+    )
+
+
+def as_places(sides: Sides, config: ManyConfig) -> Places:
+    """Middles of the boxes; a target's radius is sqrt(half width * half height)."""
+    radius = 0.5 * np.sqrt(sides.truth.place[:, 2] * sides.truth.place[:, 3])
+    tau = config.tau * radius if config.tau_px is None else np.full(len(radius), config.tau_px)
+    return Places(
+        centres(sides.truth), centres(sides.tracks), tau, sides.views, sides.t_ns, sides.number, sides.visible, "px"
+    )
+
+
+def find_failures(places: Places, config: ManyConfig) -> mot_failures.Failures:
+    """Failures of trackers, whose own targets are told by `config.own`."""
+    own = own_targets(places.truth, places.tracks, places.tau, _times(places, places.tracks), config.own)
+    return mot_failures.failures(places.truth, places.tracks, places.tau, own)
+
+
+def failure_rows(found: mot_failures.Failures, places: Places) -> Failures:
+    """The table of failures, by time, camera and target."""
+    view = found.view.astype(np.int64)
+    at = Objects(found.frame, found.target, np.zeros((len(view), 2)), view)
+    names: Strings = np.array([*places.views, ""], dtype=np.str_)
+    table = Failures.of(
+        t_ns=_times(places, at), sensor=names[view], frame=_numbers(places, at),
+        target_id=found.target.astype(np.int32), kind=np.where(found.label, "label", "position"),
+        other_id=found.other.astype(np.int32), cause=np.array(found.causes(places.unit), dtype=np.str_),
+        visible=_visible(at, places),
+    )  # fmt: skip
+    return table.sorted()
+
+
+def _views_of(side: Objects) -> Ints:
+    return np.zeros(len(side.frame), dtype=np.int64) if side.view is None else side.view
+
+
+def _times(places: Places, side: Objects) -> Ints:
+    """(n,) time of each row."""
+    starts = np.cumsum([0, *(len(t) for t in places.t_ns)])
+    return np.concatenate([*places.t_ns, np.zeros(0, np.int64)])[starts[_views_of(side)] + side.frame]
+
+
+def _numbers(places: Places, side: Objects) -> Ints:
+    """(n,) number of each row's frame in the camera's stream."""
+    starts = np.cumsum([0, *(len(t) for t in places.t_ns)])
+    return np.concatenate([*places.number, np.zeros(0, np.int64)])[starts[_views_of(side)] + side.frame]
+
+
+def _visible(at: Objects, places: Places) -> Floats:
+    """(n,) visible share of the target of each row; NaN where it is not known or not in the frame."""
+    known = zip(_views_of(places.truth).tolist(), places.truth.frame.tolist(), places.truth.label.tolist(), strict=True)
+    share = dict(zip(known, places.visible.tolist(), strict=True))
+    rows = zip(_views_of(at).tolist(), at.frame.tolist(), at.label.tolist(), strict=True)
+    return np.array([share.get(row, np.nan) for row in rows], dtype=np.float64)
+
+
+def _centre_gospa(points: Places, config: ManyConfig, cells: int, view: int | None = None, whose: str = "") -> Metrics:
+    if config.gospa_px is None:
+        return {}
+    sides = [points.truth, points.tracks] if view is None else [of_view(s, view) for s in (points.truth, points.tracks)]
+    frames = of_points(sides[0], sides[1], config.gospa_px)
+    return gospa_figures(frames, config, config.gospa_px, cells, whose, "px")
+
+
+def _of_view(sides: Sides, found: mot_failures.Failures, config: ManyConfig, v: int, whose: str) -> Metrics:
+    truth, tracks = of_view(sides.truth, v), of_view(sides.tracks, v)
+    frames = of_boxes(truth, tracks)
+    out = failure_figures(found, found.view == v, len(truth.frame), whose)
+    out |= mot_figures(frames, config, sides.frames[v], whose)
+    out |= {f"targets{whose}": len(frames.truth_key), f"tracks{whose}": len(frames.track_key)}
+    return (
+        out
+        | {f"frames{whose}": sides.frames[v]}
+        | _centre_gospa(as_places(sides, config), config, sides.frames[v], v, whose)
+    )
+
+
+def _left_out(sides: Sides) -> list[str]:
+    if not sides.left_out:
+        return []
+    return [f"left out: {', '.join(sides.left_out)}, which the truth knows and no track is in"]
+
+
+def _strangers(places: Places, config: ManyConfig) -> list[str]:
+    """A line if the numbers of tracks and targets have nothing to do with each other."""
+    ours, theirs = np.unique(places.tracks.label), np.unique(places.truth.label)
+    if config.own != "label" or not len(ours) or np.isin(ours, theirs).any():
+        return []
+    return [
+        f"no track has the number of a target ({_some(ours)}; {_some(theirs)}), so that every tracker is on another "
+        "target than its own; --own start gives each track the first target that it is on"
+    ]
+
+
+def _some(numbers: Ints) -> str:
+    shown = ", ".join(str(n) for n in numbers[:6].tolist())
+    return f"{shown}, ..." if len(numbers) > 6 else shown
