@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -61,6 +62,12 @@ def command(
     options.check_outputs(inputs, [output], overwrite)
     request = Request(recording, scene, matches, tracks, fundamental, check, model, threshold, max_error, only)
     summary, losses, agree = run_epipolar(request, output, overwrite, quiet)
-    shown = summary if as_json else {**summary, **summary["pairs"], "pairs": []}  # a line for each pair
-    code = options.finish(shown, losses, as_json)
+    code = options.finish(summary if as_json else {**summary, "pairs": []}, losses, as_json)
+    for name, figures in () if as_json else summary["pairs"].items():
+        click.echo(f"{name}: {_line(figures)}")
     return code if agree else ExitCode.THRESHOLD
+
+
+def _line(figures: dict[str, Any]) -> str:
+    """Figures of one pair for a person."""
+    return ", ".join(f"{k.replace('_', ' ')} {f'{v:.3g}' if isinstance(v, float) else v}" for k, v in figures.items())
