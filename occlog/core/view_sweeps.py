@@ -1,0 +1,130 @@
+"""Weights of all trackers in one frame of all views: repulsion within views, bands between them, [Qu] Alg. 1."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import kernel
+from .view_bands import add_band, anchor, line_of, reach_across
+from .view_motion import mean_into, normalise_into
+from .view_repulsion import Interaction, add_inertia, repel_into
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+
+class Near(NamedTuple):
+    """Who is near whom, by the estimates without neighbours and other views."""
+
+    busy: Bools  # (n,) close to another tracker of its view
+    touching: Bools  # (n, n)
+
+
+class Past(NamedTuple):
+    """Where the trackers were and how they moved."""
+
+    centre: Floats  # (n, 2) in the last frame
+    step: Floats  # (n, 2) v_ref, to the next one
+
+
+class Rig(NamedTuple):
+    """What the views know of each other."""
+
+    camera: Ints  # (n,) view of each tracker
+    helper: Ints  # (n, V) tracker of the same target in another view that may help; -1: none
+    fundamental: Floats  # (V, V, 3, 3)
+    affine: Floats  # (n, 2, 3)
+    bottom: bool  # which point of an ellipse stands for the target
+    band: float  # Sigma of Eq. 5 over the reach of the ellipse across the line
+
+
+@kernel
+def settle(
+    particles: Floats,
+    log_local: Floats,
+    near: Near,
+    past: Past,
+    rig: Rig,
+    order: Ints,
+    sweeps: int,
+    model: Interaction,
+    here: Bools,
+) -> tuple[Floats, Floats, Bools]:
+    """Weights, estimates and helpers of all trackers.
+
+    Trackers that are far from others keep their own weights.  The rest are worked out view by
+    view, in several sweeps; in the first, views that come later do not help yet.
+
+    Args:
+        particles: (n, N, 5).
+        log_local: (n, N) logarithms of the local likelihood.
+        near: neighbours.
+        past: of the trackers.
+        rig: of the views.
+        order: (V,) in which views are worked out.
+        sweeps: >= 1.
+        model: of the interaction.
+        here: (n,) trackers whose view has a frame; the estimate of the others is where their particles are.
+
+    Returns:
+        Weights (n, N), estimates (n, 5) and helpers (n, V).
+    """
+    n = particles.shape[0]
+    log_own = log_local.copy()
+    weights, estimate = np.empty(log_local.shape), np.empty((n, 5))
+    for i in range(n):
+        if near.touching[i].any():
+            add_inertia(log_own[i], particles[i], past.centre[i], past.step[i], model)
+        normalise_into(weights[i], log_own[i])
+        mean_into(estimate[i], particles[i], weights[i])
+    ready, helped = ~near.busy, np.zeros(rig.helper.shape, dtype=np.bool_)
+    for _ in range(sweeps):
+        for v in order:
+            rows = np.flatnonzero(near.busy & here & (rig.camera == v))
+            for i in rows:
+                log_w = log_own[i].copy()
+                collaborate(log_w, helped[i], i, particles[i], estimate, ready, near.busy, rig)
+                normalise_into(weights[i], log_w)
+                mean_into(estimate[i], particles[i], weights[i])
+            repel_into(weights, estimate, particles, rows, near.touching, model)
+            ready[rows] = True
+    return weights, estimate, helped
+
+
+@kernel
+def collaborate(
+    log_w: Floats, helped: Bools, i: int, particles: Floats, estimate: Floats, ready: Bools, busy: Bools, rig: Rig
+) -> None:
+    """Add the bands of the counterparts to a tracker's log weights: of those alone in their view, or else of all.
+
+    Args:
+        log_w: (N,) changed in place.
+        helped: (V,) set to which views helped.
+        i: the tracker.
+        particles: (N, 5) of it.
+        estimate: (n, 5).
+        ready: (n,) whose estimates can be used.
+        busy: (n,).
+        rig: of the views.
+    """
+    alone = False
+    for v in range(helped.shape[0]):
+        j = rig.helper[i, v]
+        alone = alone or (j >= 0 and ready[j] and not busy[j])
+    for v in range(helped.shape[0]):
+        j = rig.helper[i, v]
+        helped[v] = False
+        if j < 0 or not ready[j] or (alone and busy[j]):
+            continue
+        x, y = anchor(estimate[j], rig.affine[j], rig.bottom)
+        line = line_of(rig.fundamental[v, rig.camera[i]], x, y)
+        if math.isnan(line[0]):
+            continue
+        helped[v] = True
+        sigma = rig.band * reach_across(estimate[i], line[0], line[1])
+        add_band(log_w, particles, rig.affine[i], rig.bottom, line, sigma)

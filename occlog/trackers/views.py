@@ -1,0 +1,31 @@
+"""Methods that track many targets in the images of several views, by name, [Qu]."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from .view_method import Birth, Looks, Visual
+from .views_config import BmctConfig, IdmotConfig, MipfConfig
+from .views_loop import paired_anew
+from .views_state import State, born, empty, ended
+from .views_step import Scheme, advance
+from .views_weigh import alone, among, together
+
+
+def _born_checked(state: State, looks: Looks, births: Sequence[Birth]) -> State:
+    later = born(state, looks, births)
+    return later._replace(trackers=paired_anew(later))
+
+
+def _visual(summary: str, config: type, scheme: Scheme) -> Visual:
+    begin = _born_checked if scheme.loop else born
+    return Visual(summary, config, empty, begin, partial(advance, scheme), ended)
+
+
+VISUAL: dict[str, Visual] = {
+    "mipf": _visual("a particle filter for each target and view, on its own", MipfConfig, Scheme(alone, False)),
+    "idmot": _visual("trackers that touch repel each other and keep their ways", IdmotConfig, Scheme(among, False)),
+    "bmct": _visual("as idmot, helped by the other views through epipolar lines", BmctConfig, Scheme(together, True)),
+}
+"""Names as they are given on the command line."""

@@ -1,0 +1,179 @@
+"""What is kept of trackers in images from frame to frame: one tracker for each target and view, [Qu] Sec. 2.2."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from ..columns import Bools, Floats, Ints
+from ..core.bin_map import N_BINS, update_bin_map
+from ..core.ellipse_colour import histograms
+from ..core.view_motion import boxes_of
+from .view_method import Birth, Geometry, Looks, View
+
+INTERVALS = 9
+"""Frames whose distance in time tells how often a view delivers one."""
+LONGEST = 10.0
+"""A longer gap [frames] counts as this one."""
+
+
+class Trackers(NamedTuple):
+    """n trackers, by view and target."""
+
+    view: Ints  # (n,)
+    target: Ints  # (n,)
+    particles: Floats  # (n, N, 5) of equal weight
+    estimate: Floats  # (n, 5)
+    velocity: Floats  # (n, 2) [px a frame]
+    path: Floats  # (n, M, 2) the last displacements [px]
+    axes: Floats  # (n, 2) half axes at the start
+    colours: Floats  # (n, N_BINS)
+    weak: Ints  # (n,) frames in a row in which no particle looked like the target
+    likeness: Floats  # (n,) of the last estimate
+    twin: Ints  # (n, V) row of the tracker of the same target in each other view; -1: none
+    good: Bools  # (n, V) counterparts that pass the loop check
+    run: Ints  # (n, V) loop checks in a row that said otherwise
+    checked: Bools  # (n, V) whether there was a loop check since the younger of both was born
+
+
+class Clock(NamedTuple):
+    """When each view's last frames were."""
+
+    t_ns: Ints  # (V,) -1: none yet
+    interval_ns: Floats  # (V, INTERVALS) NaN: not known
+
+
+class State(NamedTuple):
+    """The state of a method: see `occlog.trackers.view_method`."""
+
+    views: tuple[View, ...]
+    geometry: Geometry
+    config: Any
+    clock: Clock
+    bins: tuple[Any, ...]  # (V,) maps of bins, (H, W); only what the latest frame's trackers look at is up to date
+    trackers: Trackers
+    memories: tuple[Any, ...] = ()  # (n,) what another appearance model knows of each target
+
+
+def empty(views: Sequence[View], geometry: Geometry, config: Any, rng: Generator) -> State:
+    """The state without trackers."""
+    del rng
+    n = len(views)
+    clock = Clock(np.full(n, -1), np.full((n, INTERVALS), np.nan))
+    bins = tuple(np.zeros((view.height, view.width), dtype=np.uint8) for view in views)
+    return State(tuple(views), completed(geometry), config, clock, bins, _none(n, config))
+
+
+def completed(geometry: Geometry) -> Geometry:
+    """The geometry with each unknown matrix replaced by the transposed one of the other direction."""
+    given = np.array(geometry.fundamental, dtype=np.float64)
+    back = given.transpose(1, 0, 3, 2)
+    return geometry._replace(fundamental=np.where(np.isnan(given).any(axis=(2, 3))[..., None, None], back, given))
+
+
+def _none(views: int, config: Any) -> Trackers:
+    z, memory = np.zeros, getattr(config, "memory", 1)
+    whole, flags = np.int64, np.bool_
+    return Trackers(
+        z(0, whole), z(0, whole), z((0, config.particles, 5)), z((0, 5)), z((0, 2)), z((0, memory, 2)), z((0, 2)),
+        z((0, N_BINS)), z(0, whole), z(0), z((0, views), whole), z((0, views), flags), z((0, views), whole),
+        z((0, views), flags),
+    )  # fmt: skip
+
+
+def born(state: State, looks: Looks, births: Sequence[Birth]) -> State:
+    """The state with new trackers; one that replaces a tracker of its target and view ends that."""
+    if not births:
+        return state
+    new = {(birth.view, birth.target_id) for birth in births}
+    old = state.trackers
+    pairs = zip(old.view.tolist(), old.target.tolist(), strict=True)
+    kept = chosen(state, np.array([pair not in new for pair in pairs], dtype=np.bool_))
+    fresh = _newborn(state, looks, births)
+    joined = Trackers(*(np.concatenate(parts) for parts in zip(kept.trackers, fresh, strict=True)))
+    order = np.lexsort((joined.target, joined.view))
+    trackers = _paired(Trackers(*(field[order] for field in joined)), len(state.views))
+    return seen(state._replace(trackers=trackers), looks)
+
+
+def _newborn(state: State, looks: Looks, births: Sequence[Birth]) -> Trackers:
+    n, views, config = len(births), len(state.views), state.config
+    ellipse = np.array([birth.ellipse for birth in births], dtype=np.float64)
+    view = np.array([birth.view for birth in births], dtype=np.int64)
+    colours = np.empty((n, N_BINS))
+    for v in np.unique(view).tolist():
+        image, mine = looks.images[v], view == v
+        if image is None:
+            raise ValueError(f"a tracker is born in view {v}, which has no frame")
+        update_bin_map(state.bins[v], image, boxes_of(ellipse[mine][:, None]))
+        colours[mine] = histograms(state.bins[v], ellipse[mine], N_BINS, config.pixel_step)
+    blank = _none(views, config)
+    return Trackers(
+        view,
+        np.array([birth.target_id for birth in births], dtype=np.int64),
+        np.repeat(ellipse[:, None], config.particles, axis=1),
+        ellipse,
+        np.zeros((n, 2)),
+        np.zeros((n, *blank.path.shape[1:])),
+        ellipse[:, 2:4].copy(),
+        colours,
+        np.zeros(n, dtype=np.int64),
+        np.ones(n),
+        np.full((n, views), -1),
+        np.zeros((n, views), dtype=np.bool_),
+        np.zeros((n, views), dtype=np.int64),
+        np.zeros((n, views), dtype=np.bool_),
+    )
+
+
+def _paired(trackers: Trackers, views: int) -> Trackers:
+    """The trackers with each other's places; where a counterpart came or went the loop check starts anew."""
+    row = {pair: i for i, pair in enumerate(zip(trackers.view.tolist(), trackers.target.tolist(), strict=True))}
+    twin = np.full((len(trackers.view), views), -1)
+    for (view, target), i in row.items():
+        for v in range(views):
+            if v != view:
+                twin[i, v] = row.get((v, target), -1)
+    both = (twin >= 0) & trackers.checked & trackers.checked[twin, trackers.view[:, None]]
+    return trackers._replace(
+        twin=twin, good=trackers.good & both, run=np.where(both, trackers.run, 0), checked=both
+    )  # fmt: skip
+
+
+def chosen(state: State, keep: Bools) -> State:
+    """The state with some of its trackers only."""
+    if keep.all():
+        return state
+    trackers = _paired(Trackers(*(field[keep] for field in state.trackers)), len(state.views))
+    return state._replace(trackers=trackers)
+
+
+def ended(state: State, pairs: Sequence[tuple[int, int]]) -> State:
+    """The state without the trackers of these views and targets."""
+    gone, t = set(pairs), state.trackers
+    have = zip(t.view.tolist(), t.target.tolist(), strict=True)
+    return chosen(state, np.array([pair not in gone for pair in have], dtype=np.bool_))
+
+
+def seen(state: State, looks: Looks) -> State:
+    """The state whose clock knows of the frames; the same frames a second time change nothing."""
+    clock = state.clock
+    have = np.array([image is not None for image in looks.images]) & (clock.t_ns != looks.t_ns)
+    gap = np.where(clock.t_ns >= 0, looks.t_ns - clock.t_ns, np.nan)
+    later = np.column_stack([clock.interval_ns[:, 1:], gap])
+    return state._replace(
+        clock=Clock(np.where(have, looks.t_ns, clock.t_ns), np.where(have[:, None], later, clock.interval_ns))
+    )
+
+
+def gaps(clock: Clock, t_ns: int) -> Floats:
+    """(V,) frames of each view since its last one, by the median of its last intervals; 1 to `LONGEST`."""
+    out = np.ones(len(clock.t_ns))
+    for v, known in enumerate(clock.interval_ns):
+        usual = known[~np.isnan(known)]
+        if len(usual) and clock.t_ns[v] >= 0:
+            out[v] = min(max(np.round((t_ns - clock.t_ns[v]) / np.median(usual)), 1.0), LONGEST)
+    return out

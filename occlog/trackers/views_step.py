@@ -1,0 +1,155 @@
+"""One frame of all trackers in images, but for how a method weighs their particles, [Qu] Alg. 1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from ..columns import Bools, Floats, Ints
+from ..core.bin_map import update_bin_map
+from ..core.ellipse_colour import likenesses
+from ..core.view_motion import Motion, boxes_of, moved, resampled, spreads
+from .view_method import LEFT, LOST, Looks, Outlines
+from .views_loop import counterparts, looped
+from .views_state import State, Trackers, chosen, gaps, seen
+
+
+class Moment(NamedTuple):
+    """What is known of all n trackers when their particles have moved."""
+
+    here: Bools  # (n,) whether the view has a frame
+    fresh: Bools  # (n,) whether the last frame is recent enough to help other views
+    gap: Floats  # (n,) frames since the last one
+    particles: Floats  # (n, N, 5)
+    likeness: Floats  # (n, N) 1 where there is no frame
+    log_local: Floats  # (n, N) 0 where there is no frame
+
+
+class Weighed(NamedTuple):
+    """What a method makes of it."""
+
+    weights: Floats  # (n, N)
+    estimate: Floats  # (n, 5)
+    touching: Bools  # (n, n)
+    helped: Bools  # (n, V)
+    mode: Ints  # (n,)
+
+
+Propose = Callable[[State, Floats, Floats, Generator], Floats]
+"""State, particles (n, N, 5) moved, gap: the particles to be weighed."""
+Weigh = Callable[[State, Moment, Generator], Weighed]
+Learn = Callable[[State, Weighed, Floats, Bools], Trackers]
+"""State, weighed, likeness of the estimates and `here`: trackers with colours brought up to date."""
+
+
+class Scheme(NamedTuple):
+    """What makes a method."""
+
+    weigh: Weigh
+    loop: bool  # whether it checks counterparts
+    propose: Propose | None = None
+    learn: Learn | None = None
+
+
+def advance(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> tuple[State, Outlines]:
+    """The next state and the estimates, see `occlog.trackers.view_method.Visual.step`."""
+    moment = _moment(scheme, state, looks, rng)
+    weighed = scheme.weigh(state, moment, rng)
+    u = rng.random(len(moment.here))
+    state = seen(state, looks)
+    likeness = _alike(state, weighed.estimate[:, None], moment.here)[:, 0]
+    after = _after(state.trackers, moment, weighed, likeness, u, state.config)
+    state = state._replace(trackers=after)
+    if scheme.loop:
+        state = state._replace(trackers=looped(state, moment.here & moment.fresh))
+    if scheme.learn is not None:
+        state = state._replace(trackers=scheme.learn(state, weighed, likeness, moment.here))
+    event = _events(scheme, state, moment.here)
+    outlines = _outlines(scheme, state, moment, weighed, likeness, event)
+    return chosen(state, event == 0), outlines
+
+
+def _moment(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> Moment:
+    t, config = state.trackers, state.config
+    here = np.array([image is not None for image in looks.images])[t.view]
+    gap = gaps(state.clock, looks.t_ns)[t.view]
+    normals = rng.standard_normal(t.particles.shape)
+    motion = Motion(config.sigma_px, config.keep_axes, config.sigma_axes_px, config.axes_limit, config.sigma_rho)
+    particles = moved(t.particles, t.velocity, t.axes, gap, normals, motion)
+    if scheme.propose is not None:
+        particles = scheme.propose(state, particles, gap, rng)
+    if not here.all():
+        waiting = t.particles.copy()
+        waiting[..., :2] += (gap[:, None] * t.velocity)[:, None]
+        particles = np.where(here[:, None, None], particles, waiting)
+    boxes = boxes_of(particles)
+    for v, image in enumerate(looks.images):
+        if image is not None:
+            update_bin_map(state.bins[v], image, boxes[t.view == v])
+    likeness = _alike(state, particles, here)
+    log_local = (likeness - 1.0) / (2.0 * config.sigma_colour**2)
+    return Moment(here, here | (gap < 1.5), gap, particles, likeness, log_local)
+
+
+def _alike(state: State, ellipses: Floats, here: Bools) -> Floats:
+    """(n, K) likeness of ellipses (n, K, 5) with their tracker's target; 1 where the view has no frame."""
+    t = state.trackers
+    out = np.ones(ellipses.shape[:2])
+    starts = np.searchsorted(t.view, np.arange(len(state.views) + 1))
+    for bins, first, last in zip(state.bins, starts[:-1], starts[1:], strict=True):
+        if first < last and here[first]:
+            flat = ellipses[first:last].reshape(-1, 5)
+            owner = np.repeat(np.arange(last - first), ellipses.shape[1])
+            found = likenesses(bins, flat, owner, t.colours[first:last], state.config.pixel_step)
+            out[first:last] = found.reshape(last - first, -1)
+    return out
+
+
+def _after(t: Trackers, moment: Moment, weighed: Weighed, likeness: Floats, u: Floats, config: object) -> Trackers:
+    """Trackers after their frame; those without one stay as they were."""
+    here = moment.here[:, None]
+    step = (weighed.estimate[:, :2] - t.estimate[:, :2]) / moment.gap[:, None]
+    keep = config.keep_velocity
+    best = moment.likeness.max(axis=1)
+    weak = np.where(moment.here, np.where(best < config.lost_likeness, t.weak + 1, 0), t.weak)
+    frozen = getattr(config, "frozen", 1.0)
+    usual = t.path.mean(axis=1)
+    entry = np.where(weighed.touching.any(axis=1)[:, None], usual + frozen * (step - usual), step)
+    path = np.concatenate([t.path[:, 1:], entry[:, None]], axis=1)
+    return t._replace(
+        particles=np.where(here[..., None], resampled(moment.particles, weighed.weights, u), t.particles),
+        estimate=np.where(here, weighed.estimate, t.estimate),
+        velocity=np.where(here, keep * t.velocity + (1.0 - keep) * step, t.velocity),
+        path=np.where(here[..., None], path, t.path),
+        weak=weak,
+        likeness=np.where(moment.here, likeness, t.likeness),
+    )
+
+
+def _events(scheme: Scheme, state: State, here: Bools) -> Ints:
+    """(n,) `LEFT` for trackers whose target left the image, `LOST` for those that lost it; 0: go on."""
+    t, config = state.trackers, state.config
+    size = np.array([(view.width, view.height) for view in state.views], dtype=np.float64)[t.view]
+    centre, reach = t.estimate[:, :2], t.estimate[:, 2:4].max(axis=1)[:, None]
+    outside = ((centre < -0.5) | (centre > size - 0.5)).any(axis=1)
+    over = ((centre < reach - 0.5) | (centre > size - 0.5 - reach)).any(axis=1)
+    lost = (t.weak >= config.lost_after) & bool(config.lost_after)
+    if scheme.loop:
+        lost &= ~t.good.any(axis=1)
+    return np.where(here & (outside | (lost & over)), LEFT, np.where(here & lost, LOST, 0))
+
+
+def _outlines(
+    scheme: Scheme, state: State, moment: Moment, weighed: Weighed, likeness: Floats, event: Ints
+) -> Outlines:
+    """Rows of the trackers whose views had a frame."""
+    t, rows = state.trackers, np.flatnonzero(moment.here)
+    covariance, ess = spreads(moment.particles, weighed.weights, weighed.estimate)
+    checked = counterparts(t) if scheme.loop else np.zeros(len(t.view), dtype=np.int64)
+    return Outlines(
+        t.view[rows], t.target[rows], weighed.estimate[rows], covariance[rows], likeness[rows], ess[rows],
+        weighed.mode[rows], checked[rows], weighed.touching[np.ix_(rows, rows)], weighed.helped[rows], event[rows],
+    )  # fmt: skip

@@ -1,0 +1,57 @@
+"""How the methods weigh particles: alone, with their neighbours, and with the other views, [Qu] Sec. 3."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.random import Generator
+
+from ..columns import Bools, Floats
+from ..core.ellipse import nearness
+from ..core.view_motion import summed
+from ..core.view_repulsion import Interaction
+from ..core.view_sweeps import Near, Past, Rig, settle
+from .view_method import MODES
+from .views_loop import affine_maps, helpers
+from .views_state import State
+from .views_step import Moment, Weighed
+
+MIPF, IDMOT, BMCT = MODES.index("mipf"), MODES.index("idmot"), MODES.index("bmct")
+
+
+def alone(state: State, moment: Moment, rng: Generator) -> Weighed:
+    """Weights of the colours only."""
+    del rng
+    weights, estimate = summed(moment.particles, moment.log_local)
+    n = len(weights)
+    nobody = np.zeros((n, n), dtype=np.bool_)
+    return Weighed(weights, estimate, nobody, np.zeros(state.trackers.twin.shape, dtype=np.bool_), np.full(n, MIPF))
+
+
+def among(state: State, moment: Moment, rng: Generator) -> Weighed:
+    """Weights with repulsion and inertia of trackers that touch."""
+    n, views = state.trackers.twin.shape
+    helper = np.full((n, views), -1)
+    return _settled(state, moment, helper, np.arange(views), 1)
+
+
+def together(state: State, moment: Moment, rng: Generator) -> Weighed:
+    """Weights with those and with the bands of good counterparts in other views."""
+    order = rng.permutation(len(state.views))
+    return _settled(state, moment, helpers(state.trackers, moment.fresh), order, state.config.sweeps)
+
+
+def _settled(state: State, moment: Moment, helper: np.ndarray, order: np.ndarray, sweeps: int) -> Weighed:
+    t, c = state.trackers, state.config
+    first = summed(moment.particles, moment.log_local)[1]
+    ratio = np.where(t.view[:, None] == t.view[None, :], nearness(first), np.inf)
+    touching = ratio <= c.touch
+    near = Near((ratio <= getattr(c, "close", c.touch)).any(axis=1), touching)
+    past = Past(t.estimate[:, :2], t.path.mean(axis=1) * moment.gap[:, None])
+    bottom, band = getattr(c, "anchor", "centre") == "bottom", getattr(c, "band", 1.0)
+    rig = Rig(t.view, helper, state.geometry.fundamental, affine_maps(state, first), bottom, band)
+    model = Interaction(c.alpha, c.repulsion, c.iterations, c.inertia, c.inertia_angle, c.inertia_speed)
+    weights, estimate, helped = settle(
+        moment.particles, moment.log_local, near, past, rig, order, sweeps, model, moment.here
+    )
+    mode = np.where(helped.any(axis=1), BMCT, np.where(touching.any(axis=1), IDMOT, MIPF))
+    return Weighed(weights, estimate, touching, helped, mode)
