@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import base64
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .planplot import draw_plan
+from .planplot import draw_plan, plan_png
 from .plans import Plan
+from .shotplot import shots_png
+from .shots import Shots
 from .style import COLOURS, DARK, house_style, new_figure, raw_svg, to_png
 from .svg import page_svg
 
@@ -53,7 +56,7 @@ class Part(NamedTuple):
     size: str
     verdicts: list[dict[str, Any]]
     table: list[list[str]]  # first row: heads
-    plans: Mapping[str, Plan] = {}  # floor plans by name
+    plans: Mapping[str, Plan | Shots] = {}  # floor plans and frames by name
 
 
 def draw(chart: Chart) -> Figure:
@@ -108,7 +111,7 @@ def build_reproduction(title: str, parts: Sequence[Part]) -> str:
     """The page as HTML: self-contained, without scripts; the same input gives the same bytes."""
     with house_style():
         plots = [Markup(_svg(part.chart)) for part in parts]
-        plans = [[(p, Markup(_plan_svg(part.chart.item, name, p))) for name, p in part.plans.items()] for part in parts]
+        plans = [[(p, Markup(_picture(part.chart.item, name, p))) for name, p in part.plans.items()] for part in parts]
     environment = Environment(
         loader=PackageLoader("occlog.report"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
@@ -126,6 +129,19 @@ def build_reproduction(title: str, parts: Sequence[Part]) -> str:
 def _svg(chart: Chart) -> str:
     words = f"{chart.y_label} against {chart.x_label}: {', '.join(c.name for c in chart.curves)}"
     return page_svg(raw_svg(draw(chart)), chart.item, chart.title, words)
+
+
+def picture_png(picture: Plan | Shots) -> bytes:
+    """A floor plan or frames as PNG."""
+    return plan_png(picture) if isinstance(picture, Plan) else shots_png(picture)
+
+
+def _picture(item: str, name: str, picture: Plan | Shots) -> str:
+    if isinstance(picture, Plan):
+        return _plan_svg(item, name, picture)
+    data = base64.b64encode(shots_png(picture)).decode()
+    words = escape(f"{picture.title}: {', '.join(picture.rows)}")
+    return f'<img class="plot" alt="{words}" src="data:image/png;base64,{data}">'
 
 
 def _plan_svg(item: str, name: str, plan: Plan) -> str:

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
 from ..report.plans import Plan
+from ..report.shots import Shots
 from ..sweep.trial import run_trial
 
 Spec = dict[str, Any]
@@ -96,7 +97,7 @@ class Experiment:
     judge: Callable[[Table], list[Verdict]]
     note: str = ""
     trial: Callable[[Mapping[str, Any]], dict[str, float]] = run_trial  # what `compute` has executed
-    plans: Mapping[str, Callable[[Size], Plan]] = field(default_factory=dict)  # further pictures by name
+    plans: Mapping[str, Callable[[Size], Plan | Shots]] = field(default_factory=dict)  # further pictures by name
 
 
 def deviation(values: Sequence[float]) -> float:

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from ..errors import OutputError
 from ..io.atomic import check_writable, translate_write_errors, write_bytes
-from ..report.planplot import plan_png
-from ..report.reproduction import Chart, Curve, Part, build_reproduction, chart_png
+from ..report.reproduction import Chart, Curve, Part, build_reproduction, chart_png, picture_png
 from .model import EXTRAS, Experiment, Table
 from .run import TITLES, Finding
 
@@ -26,7 +25,7 @@ def paths(folder: Path, experiments: Sequence[Experiment]) -> list[Path]:
 
 
 def plan_path(folder: Path, experiment: Experiment, name: str) -> Path:
-    """File of a floor plan."""
+    """File of a floor plan, or of frames."""
     return folder / f"{experiment.item}-{name}.png"
 
 
@@ -41,12 +40,12 @@ def prepare(folder: Path, experiments: Sequence[Experiment], overwrite: bool) ->
 
 
 def write(folder: Path, finding: Finding, overwrite: bool) -> None:
-    """Table, plot, floor plans and verdicts of one experiment."""
+    """Table, plot, further pictures and verdicts of one experiment."""
     item = finding.experiment.item
     write_bytes(folder / f"{item}.csv", table_csv(finding.table).encode(), overwrite)
     write_bytes(folder / f"{item}.png", chart_png(chart(finding)), overwrite)
     for name, plan in finding.plans.items():
-        write_bytes(plan_path(folder, finding.experiment, name), plan_png(plan), overwrite)
+        write_bytes(plan_path(folder, finding.experiment, name), picture_png(plan), overwrite)
     text = json.dumps(finding.as_dict(), indent=2, sort_keys=True) + "\n"
     write_bytes(folder / f"{item}.json", text.encode(), overwrite)
 

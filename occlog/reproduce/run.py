@@ -10,6 +10,7 @@ from typing import Any
 
 from ..errors import UsageError
 from ..report.plans import Plan
+from ..report.shots import Shots
 from . import (
     accuracy,
     cooperation_figures,
@@ -48,8 +49,8 @@ class Finding:
     verdicts: list[Verdict]
     cpu_seconds: float
     """Of this process; that of the workers is in the column `track_seconds`."""
-    plans: dict[str, Plan] = field(default_factory=dict)
-    """Floor plans by name."""
+    plans: dict[str, Plan | Shots] = field(default_factory=dict)
+    """Floor plans and frames by name."""
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -25,10 +25,11 @@ def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int]
         wrong: (view, target, other) of a tracker that was put on another target.
 
     Returns:
-        `checked`: share of the rows that were checked; `false_alarm`: of those of sound targets, the share that is
-        `bad`; `missed`: of those of the others, the share that is `good`; with `wrong`, `noticed`: frames until
-        the tracker is first `bad` (inf: never), and `recovered`: frames until it is on its own target for the first
-        time (inf: never).  NaN where there is nothing to divide by.
+        `checked`: share of the rows that were checked; `bad`: share of those that is `bad`; `false_alarm`: of those
+        of sound targets, the share that is `bad`; `missed`: of those of the others, the share that is `good`; with
+        `wrong`, `noticed`: frames until the tracker is first `bad`, `recovered`: frames until it is on its own
+        target for the first time, and `returned`: frames until it is so for good.  NaN where there is nothing to
+        divide by; inf: never.
     """
     f = followed
     on = on_own(truth, followed, tau)
@@ -36,13 +37,27 @@ def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int]
     checked = later & np.isin(f.counterpart, (BAD, GOOD))
     out = {
         "checked": _share(checked, later),
+        "bad": _share(checked & (f.counterpart == BAD), checked),
         "false_alarm": _share(checked & sound & (f.counterpart == BAD), checked & sound),
         "missed": _share(checked & ~sound & (f.counterpart == GOOD), checked & ~sound),
     }
     if wrong is not None:
         own = (f.view == wrong[0]) & (f.target == wrong[1]) & later
         out |= {"noticed": _first(f, own & (f.counterpart == BAD)), "recovered": _first(f, own & on)}
+        out["returned"] = _for_good(f, own, on)
     return out
+
+
+def timeline(truth: Objects, followed: Followed, tau: Floats, parts: int) -> dict[str, float]:
+    """Share of the true rows whose tracker is not on them: `off_0` to `off_<parts - 1>` of the video, `off_end`."""
+    f = followed
+    last = int(truth.frame.max())
+    on = on_own(truth, followed, tau)
+    there, all_rows = np.bincount(f.frame[on], minlength=last + 1), np.bincount(truth.frame, minlength=last + 1)
+    part = np.arange(last + 1) * parts // (last + 1)
+    held, of = np.bincount(part, there, parts), np.bincount(part, all_rows, parts)
+    out = {f"off_{k}": 1.0 - float(held[k] / of[k]) if of[k] else math.nan for k in range(parts)}
+    return {**out, "off_end": 1.0 - float(there[last] / all_rows[last])}
 
 
 def on_own(truth: Objects, followed: Followed, tau: Floats) -> Bools:
@@ -69,3 +84,11 @@ def _share(some: Bools, of: Bools) -> float:
 
 def _first(followed: Followed, rows: Bools) -> float:
     return float(followed.frame[rows].min()) if rows.any() else math.inf
+
+
+def _for_good(followed: Followed, rows: Bools, on: Bools) -> float:
+    """First frame from which a tracker stays on its target to its end."""
+    frames, held = followed.frame[rows], on[rows]
+    off = frames[~held]
+    after = frames[frames > off.max()] if len(off) else frames
+    return float(after.min()) if len(after) else math.inf

@@ -25,11 +25,24 @@ from ..trackers.view_method import LEFT, LOST, MODES, Visual
 from ..trackers.views import VISUAL
 from ..vision.render_balls_motion import BallsConfig
 from .model import Spec
-from .views_alarms import alarms
-from .views_world import Followed, Runner, balls_config, births_of, boxes_of, first_frame, follow, geometry_of
+from .views_alarms import alarms, timeline
+from .views_world import Followed, Runner, balls_config, births_of, boxes_of, first_frame, follow, geometry_of, of_views
 
-KEYS = ("kind", "seed", "balls", "method", "methods", "set", "fundamental", "wrong", "tau", "track_seed")
-OWN = ("method", "set", "fundamental", "wrong", "track_seed")
+KEYS = (
+    "kind",
+    "seed",
+    "balls",
+    "method",
+    "methods",
+    "set",
+    "fundamental",
+    "wrong",
+    "use",
+    "tau",
+    "track_seed",
+    "parts",
+)
+OWN = ("method", "set", "fundamental", "wrong", "use", "track_seed")
 """Keys of each of `methods`."""
 KIND = "qu-views"
 WARM = {"frames": 8, "balls": 3, "radius": 12.0, "width": 96, "height": 96, "start_apart": False, "clutter": 0}
@@ -51,7 +64,8 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
             `BallsConfig`; `views` may be a number); `tau` (factor of a target's radius within which a tracker
             is on it, default 1).  One method: `method` (a name of `VISUAL`), `set` (its settings),
             `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
-            the tracker of `target` starts on `other`).  Several: `methods`, these keys by label.
+            the tracker of `target` starts on `other`), `use` (the first so many views only).  Several: `methods`,
+            these keys by label.  `parts`: also `off_0`, ... of `views_alarms.timeline`.
 
     Returns:
         For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`,
@@ -65,15 +79,18 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     _check(spec, KEYS)
     config, single = balls_config(spec.get("balls", {})), "methods" not in spec
     told = {"": {k: spec[k] for k in OWN if k in spec}} if single else spec["methods"]
-    runners = {label: _runner(config, spec, own) for label, own in told.items()}
+    runners = {label: runner_of(config, spec, own) for label, own in told.items()}
     for own in told.values():
         warm(str(own["method"]))
     done, truth, radius = follow(config, int(spec["seed"]), runners)
-    tau, out = float(spec.get("tau", 1.0)) * radius, {}
+    out: dict[str, float] = {}
     for label, followed in done.items():
-        figures = scores(truth, followed, tau)
+        true, reach = of_views(truth, float(spec.get("tau", 1.0)) * radius, runners[label].use)
+        figures = scores(true, followed, reach)
         figures |= {"particles": float(getattr(runners[label].config, "particles", math.nan))}
-        figures |= alarms(truth, followed, tau, told[label].get("wrong"))
+        figures |= alarms(true, followed, reach, told[label].get("wrong"))
+        if spec.get("parts"):
+            figures |= timeline(true, followed, reach, int(spec["parts"]))
         out |= {f"{label}.{name}" if not single else name: value for name, value in figures.items()}
     return out
 
@@ -85,15 +102,19 @@ def visual_of(name: str) -> Visual:
     return VISUAL[name]
 
 
-def _runner(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, Any]) -> Runner:
+def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, Any]) -> Runner:
+    """One method of a trial, see `run_views_trial`; InputError, UsageError for what does not fit."""
     _check(own, OWN)
     visual = visual_of(str(own.get("method")))
     settings = configure(visual.config(), dict(own.get("set", {})), str(own["method"]))
     told = own.get("fundamental", "true")
     kind, amount = (told, 0.0) if isinstance(told, str) else told
-    births = births_of(first_frame(config, int(spec["seed"])), own.get("wrong"))
+    use = int(own.get("use", len(config.views)))
+    if not 1 <= use <= len(config.views):
+        raise InputError(f"trial: use is {use}, must be 1 to {len(config.views)}, the number of views")
+    births = births_of(first_frame(config, int(spec["seed"])), use, own.get("wrong"))
     seed = own.get("track_seed", spec.get("track_seed", spec["seed"]))
-    return Runner(visual, settings, geometry_of(config, kind, float(amount)), births, int(seed))
+    return Runner(visual, settings, geometry_of(config, use, kind, float(amount)), births, int(seed), use)
 
 
 def _check(spec: Mapping[str, Any], keys: tuple[str, ...]) -> None:
@@ -109,8 +130,8 @@ def warm(method: str) -> None:
     """Run a method on a few small frames, so that nothing is compiled while a trial is timed."""
     config = balls_config(WARM)
     visual = visual_of(method)
-    births = births_of(first_frame(config, 0))
-    follow(config, 0, {method: Runner(visual, visual.config(), geometry_of(config), births, 0)})
+    births = births_of(first_frame(config, 0), 2)
+    follow(config, 0, {method: Runner(visual, visual.config(), geometry_of(config, 2), births, 0, 2)})
 
 
 def scores(truth: Objects, followed: Followed, tau: Floats) -> dict[str, float]:

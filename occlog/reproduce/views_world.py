@@ -40,6 +40,7 @@ class Runner(NamedTuple):
     geometry: Geometry
     births: tuple[Birth, ...]
     seed: int
+    use: int  # it gets the first so many views
 
 
 class Followed(NamedTuple):
@@ -98,11 +99,12 @@ def balls_config(values: Mapping[str, Any]) -> BallsConfig:
     return configure(BallsConfig(), own, "balls")
 
 
-def geometry_of(config: BallsConfig, kind: str = "true", amount: float = 0.0) -> Geometry:
-    """How the views see each other, as a method is told.
+def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float = 0.0) -> Geometry:
+    """How the first views see each other, as a method is told.
 
     Args:
         config: the views.
+        use: number of them.
         kind: `true`; `none`: nothing is known; wrong ones: `shift`: every line is `amount` px lower,
             `turn`: the images are taken for turned by `amount` degrees against each other,
             `swap`: the matrix of the opposite direction.
@@ -113,15 +115,15 @@ def geometry_of(config: BallsConfig, kind: str = "true", amount: float = 0.0) ->
     """
     if kind not in WRONG:
         raise InputError(f"trial: fundamental is {kind!r}, must be one of {', '.join(WRONG)}")
-    cameras, n = ball_cameras(config), len(config.views)
-    matrices = np.full((n, n, 3, 3), np.nan)
-    for a in range(n):
-        for b in range(a + 1, n):
+    cameras = ball_cameras(config)
+    matrices = np.full((use, use, 3, 3), np.nan)
+    for a in range(use):
+        for b in range(a + 1, use):
             if kind != "none":
                 right = fundamental_of_cameras(cameras[a], cameras[b])
                 matrices[a, b] = _made_wrong(right, kind, amount, (config.width, config.height))
                 matrices[b, a] = matrices[a, b].T
-    return Geometry(matrices, (None,) * n)
+    return Geometry(matrices, (None,) * use)
 
 
 def _made_wrong(right: Floats, kind: str, amount: float, size: tuple[int, int]) -> Floats:
@@ -144,15 +146,16 @@ def first_frame(config: BallsConfig, seed: int) -> BallsFrame:
     return next(iter(render_balls(config, seed)))
 
 
-def births_of(frame: BallsFrame, wrong: Sequence[int] | None = None) -> tuple[Birth, ...]:
-    """Trackers for all targets in all views, on their true outlines.
+def births_of(frame: BallsFrame, use: int, wrong: Sequence[int] | None = None) -> tuple[Birth, ...]:
+    """Trackers for all targets in the first views, on their true outlines.
 
     Args:
         frame: the first one.
+        use: number of views.
         wrong: (view, target, other): there the tracker of `target` is put on `other`.
     """
     out = []
-    for view, ellipses in enumerate(frame.ellipses):
+    for view, ellipses in enumerate(frame.ellipses[:use]):
         for target in range(len(ellipses)):
             put = wrong[2] if wrong is not None and (view, target) == (wrong[0], wrong[1]) else target
             out.append(Birth(view, target, ellipses[put].copy()))
@@ -164,10 +167,9 @@ def views_of(config: BallsConfig) -> tuple[View, ...]:
     return tuple(View(c.name, config.width, config.height) for c in ball_cameras(config))
 
 
-def looks_of(frame: BallsFrame) -> Looks:
-    """A frame as methods take it."""
-    numbers = np.full(len(frame.images), frame.frame, dtype=np.int64)
-    return Looks(frame.frame * FRAME_NS, numbers, tuple(frame.images))
+def looks_of(frame: BallsFrame, use: int) -> Looks:
+    """The first views of a frame as methods take it."""
+    return Looks(frame.frame * FRAME_NS, np.full(use, frame.frame, dtype=np.int64), frame.images[:use])
 
 
 def follow(
@@ -190,10 +192,11 @@ def follow(
     frames: list[BallsFrame] = []
     views = views_of(config)
     for frame in render_balls(config, seed):
-        looks = looks_of(frame)
         for label, r in runners.items():
+            looks = looks_of(frame, r.use)
             if not frames:
-                states[label] = r.visual.born(r.visual.init(views, r.geometry, r.config, rngs[label]), looks, r.births)
+                fresh = r.visual.init(views[: r.use], r.geometry, r.config, rngs[label])
+                states[label] = r.visual.born(fresh, looks, r.births)
                 done[label].append(_first(r.births))
                 continue
             start = time.thread_time()
@@ -234,6 +237,13 @@ def truth_of(frames: Sequence[BallsFrame]) -> tuple[Objects, Floats]:
     numbers = np.array([f.frame for f in frames], dtype=np.int64)
     boxes = boxes_of(ellipses.reshape(-1, 5))
     return Objects(numbers[t], target, boxes, view), 0.5 * np.sqrt(boxes[:, 2] * boxes[:, 3])
+
+
+def of_views(truth: Objects, radius: Floats, use: int) -> tuple[Objects, Floats]:
+    """The rows of the first views of what `truth_of` gives."""
+    assert truth.view is not None
+    kept = truth.view < use
+    return Objects(truth.frame[kept], truth.label[kept], truth.place[kept], truth.view[kept]), radius[kept]
 
 
 def boxes_of(ellipses: Floats) -> Floats:
