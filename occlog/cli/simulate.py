@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from . import options, simulate_kinds
+
+if TYPE_CHECKING:
+    from .simulate_video import Setup
 
 F = TypeVar("F", bound=Callable[..., Any])
 POSITIVE = click.FloatRange(min=0, min_open=True)
@@ -147,18 +150,29 @@ def command(
     simulate_kinds.check_kind(kind, scene, paths, given)
     if kind == "balls":
         return _balls(output, given, fps, seed, workers, overwrite, quiet, as_json)
-    assert scene is not None  # as `check_kind` saw to
-    from ..io.path_file import read_paths
-    from .simulate_run import make_setup, run_simulate
+    from .simulate_run import run_simulate
     from .simulate_video import video_paths
 
-    inputs = [scene] if paths is None else [scene, paths]
+    inputs = [path for path in (scene, paths) if path is not None]
     options.check_outputs(inputs, [output], overwrite)
-    loaded = options.load_scene(scene, None, scene)
-    setup = make_setup(loaded, values, fps, workers, None if paths is None else read_paths(paths))
+    setup = _setup(scene, paths, values if scene is not None else given, fps, workers)
     options.check_outputs(inputs, [output, *video_paths(setup, output).values()], overwrite)
     summary = run_simulate(inputs, setup, output, seed, overwrite=overwrite, quiet=quiet)
     return options.finish(summary, [], as_json)
+
+
+def _setup(
+    scene: Path | None, paths: Path | None, values: dict[str, Any], fps: float | None, workers: int | None
+) -> Setup:
+    """What decides on the recording: a scene from a file with its options, or the room with people."""
+    from ..io.path_file import read_paths
+    from .simulate_people import people_setup
+    from .simulate_run import make_setup
+
+    if scene is None:
+        return people_setup(values, fps, workers)
+    loaded = options.load_scene(scene, None, scene)
+    return make_setup(loaded, values, fps, workers, None if paths is None else read_paths(paths))
 
 
 def _balls(

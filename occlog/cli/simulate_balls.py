@@ -19,10 +19,11 @@ from ..io.recording_writer import RecordingWriter
 from ..io.video_writer import LosslessVideo
 from ..scene import Scene
 from ..stages.simulate import START_NS
-from ..stages.simulate_balls import balls_boxes, balls_scene, balls_truth, grey
+from ..stages.simulate_balls import balls_boxes, balls_scene, balls_truth
 from ..stages.simulate_paths import step_times
 from ..vision.render_balls import BallsFrame, render_balls
 from ..vision.render_balls_motion import VIEWS, BallPaths, BallsConfig, ball_paths
+from ..vision.render_light import grey
 from . import options
 
 T = TypeVar("T")

@@ -116,6 +116,7 @@ def _parameters(setup: Setup) -> dict[str, Any]:
     if values["render"] is not None:
         del values["render"]["workers"]
         values["store"] = setup.store
+        values["grey"] = setup.grey
     if setup.sound != SoundConfig(step_s=setup.sound.step_s, heights=setup.sound.heights):
         values["sound"] = asdict(setup.sound)
     if setup.script is not None:

@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..core.grid import Grid
@@ -19,6 +19,7 @@ from ..scene import Camera, Scene
 from ..script import Script
 from ..stages.simulate import ObserveConfig, SoundConfig, WorldConfig
 from ..vision.render import RenderConfig, Rendered, render
+from ..vision.render_light import grey
 from . import options
 
 RENDER_ONLY = (
@@ -45,6 +46,7 @@ class Setup:
     store: str = "png"  # or "ffv1"
     sound: SoundConfig = SoundConfig()
     script: Script | None = None  # None: random walkers
+    grey: bool = False  # video without colours
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:
@@ -68,9 +70,10 @@ def film(
     """Render all cameras along the chunks of truth; write video and true boxes, and count them."""
     if setup.render is None:
         return
-    frames = options.progress(
-        render(setup.scene, chunks, setup.render, seed), "render", _frames_in_all(setup), quiet=quiet
-    )
+    drawn = render(setup.scene, chunks, setup.render, seed)
+    if setup.grey:
+        drawn = (replace(frame, image=grey(frame.image)) for frame in drawn)
+    frames = options.progress(drawn, "render", _frames_in_all(setup), quiet=quiet)
     if setup.store == "png":
         for frame, data in _compressed(frames, setup.render.workers):
             writer.image(frame.sensor, frame.t_ns, frame.index, data, "png")

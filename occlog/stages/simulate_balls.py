@@ -74,9 +74,3 @@ def _boxes(ellipses: Floats, share: Floats, camera: Camera, frame: int, t_ns: in
         confidence=nan,
         visible=share[ids] if some else nan,
     )
-
-
-def grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(H, W, 3) BGR image without its colours: three equal channels."""
-    luma = image @ np.array([0.114, 0.587, 0.299])
-    return np.repeat(np.rint(luma).astype(np.uint8)[..., None], 3, axis=2)

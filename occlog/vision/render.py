@@ -47,7 +47,8 @@ class RenderConfig:
     shadows: bool = True
     texture: float = 1.0  # contrast of tiles, bricks and grain; 0: plain paint, which makes small files
     lookalike: bool = False  # occluders wear the same clothes as targets
-    min_visible: float = 0.1  # a body has a box when at least this share of it is visible
+    alike: bool = False  # all targets wear the clothes, and have the stature, of the first one
+    min_visible: float = 0.1  # a body has a box when at least this share of it is visible; 0: hidden ones have it too
     diameter: float = 3.33  # of an object in a scene whose unit is not a length: it is taken as 0.5 m
     workers: int = 1  # cameras drawn at the same time; the result does not depend on it
 
@@ -72,8 +73,8 @@ class Rendered:
     index: int
     image: Bytes  # (H, W, 3) BGR
     boxes: TruthBoxes  # whole bodies, hidden parts included, as far as they are in the image
-    visible: TruthBoxes  # the visible parts of the same bodies
-    share: Floats  # visible share of each of them
+    visible: TruthBoxes  # the visible parts of the same bodies, but for those wholly hidden
+    share: Floats  # visible share of each body that has a box
 
 
 class _Job(NamedTuple):
@@ -125,7 +126,7 @@ def render(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: RenderCon
     with ThreadPoolExecutor(config.workers) as pool:
         for grid, found in looks(grids, [camera.rate_hz for camera in cameras]):
             start_ns = int(grid.t_ns[0]) if start_ns is None else start_ns
-            clothes = _clothes(grid.ids, grid.target, config.lookalike, seed)
+            clothes = _clothes(grid.ids, grid.target, config, seed)
             for _, group in groupby(_jobs(found, grid.ids, clothes), key=lambda job: job.t_ns):
                 jobs = list(group)
                 if config.workers > 1:
@@ -145,14 +146,16 @@ def _checked(camera: Camera) -> Camera:
     return camera
 
 
-def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], lookalike: bool, seed: int) -> Clothes:
-    """What the objects wear: it depends on seed and number only (and, with `lookalike`, on who the targets are)."""
+def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderConfig, seed: int) -> Clothes:
+    """What the objects wear: it depends on seed and number only (where some look alike, on who is a target too)."""
     targets = ids[target].tolist()
     worn = []
     for number, is_target in zip(ids.tolist(), target.tolist(), strict=True):
         model = number
-        if lookalike and targets and not is_target:
+        if config.lookalike and targets and not is_target:
             model = targets[number % len(targets)]
+        if config.alike and model in targets:
+            model = targets[0]
         rank = targets.index(model) if model in targets else -1
         look = dress(rank, rank >= 0, generator(seed, Stage.RENDER_CLOTHES, model))
         worn.append(look)
@@ -171,16 +174,18 @@ def _jobs(found: list[Look], ids: NDArray[np.int64], clothes: Clothes) -> list[_
 
 def _rendered(camera: Camera, job: _Job, drawn: Drawn, config: RenderConfig) -> Rendered:
     share = drawn.visible[:, 4] / np.maximum(drawn.extent[:, 4], 1)
-    shown = (drawn.visible[:, 4] > 0) & (share >= config.min_visible)
-    ids = job.ids[drawn.present[shown]]
-    boxes, visible = (_boxes(camera, job, ids, table[shown]) for table in (drawn.extent, drawn.visible))
+    shown = (drawn.extent[:, 4] > 0) & (share >= config.min_visible)
+    seen = shown & (drawn.visible[:, 4] > 0)
+    ids = job.ids[drawn.present]
+    boxes = _boxes(camera, job, ids[shown], drawn.extent[shown], share[shown])
+    visible = _boxes(camera, job, ids[seen], drawn.visible[seen], share[seen])
     return Rendered(job.t_ns, camera.name, job.frame, drawn.image, boxes, visible, share[shown])
 
 
-def _boxes(camera: Camera, job: _Job, ids: NDArray[np.int64], pixels: NDArray[np.int64]) -> TruthBoxes:
+def _boxes(camera: Camera, job: _Job, ids: NDArray[np.int64], pixels: NDArray[np.int64], share: Floats) -> TruthBoxes:
     """Boxes around whole pixels; one empty row for a frame that shows nobody."""
     if not len(ids):
-        ids, pixels = np.array([-1]), np.full((1, 5), -1)
+        ids, pixels, share = np.array([-1]), np.full((1, 5), -1), np.array([np.nan])
         left = top = width = height = np.array([np.nan])
     else:
         left, top = pixels[:, 0] - 0.5, pixels[:, 1] - 0.5
@@ -197,4 +202,5 @@ def _boxes(camera: Camera, job: _Job, ids: NDArray[np.int64], pixels: NDArray[np
         width_px=width,
         height_px=height,
         confidence=np.full(n, np.nan),
+        visible=share,
     )

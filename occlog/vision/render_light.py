@@ -128,3 +128,9 @@ def shade_into(
                 light *= lit_share(px, py, pz, lights[k], spread, walls, starts, heights)
             total += light
         out[i] = total
+
+
+def grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(H, W, 3) BGR image without its colours: three equal channels."""
+    luma = image @ np.array([0.114, 0.587, 0.299])
+    return np.repeat(np.rint(luma).astype(np.uint8)[..., None], 3, axis=2)

@@ -44,8 +44,10 @@ def reference_appearances(
     metre = scene_metre(scene, config.diameter)
     views = [_view(scene, metre, 2 * math.pi * side / SIDES) for side in range(SIDES)]
     found: list[dict[str, int | list[float]]] = []
-    for rank, target in enumerate(targets):
-        look = dress(rank, True, generator(seed, Stage.RENDER_CLOTHES, target))
+    numbers = list(targets)
+    for rank, target in enumerate(numbers):
+        model, hue = (numbers[0], 0) if config.alike else (target, rank)
+        look = dress(hue, True, generator(seed, Stage.RENDER_CLOTHES, model))
         counts = np.zeros(N_BINS)
         for side, view in enumerate(views):
             _add_into(counts, view, outfit([look]), 2 * math.pi * side / SIDES)

@@ -16,6 +16,8 @@ from occlog.records import Truth, TruthBoxes
 from occlog.vision.render_balls import render_balls
 from occlog.vision.render_balls_motion import VIEWS, BallsConfig
 
+pytestmark = pytest.mark.jit
+
 SMALL = ["--frames", "5", "--size", "64x48", "--balls", "3", "--radius", "6"]
 CONFIG = BallsConfig(frames=5, width=64, height=48, balls=3, radius=6.0)
 
@@ -113,7 +115,7 @@ def test_options_that_do_not_belong_together(
     ("args", "words"),
     [
         (["--radius", "200"], "does not fit into the box"),
-        (["--balls", "90"], "take fewer or smaller ones, or let them --overlap"),
+        (["--balls", "30", "--size", "64x48", "--radius", "8"], "take fewer or smaller ones, or let them --overlap"),
         (["--distance", "100"], "distance is 100, must be above"),
     ],
 )

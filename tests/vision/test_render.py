@@ -151,6 +151,34 @@ def test_boxes_are_whole_and_clipped_and_name_who_is_visible():
     assert abs(r.boxes.left_px[0] + 0.5 * r.boxes.width_px[0] - axis[0]) < 0.2 * r.boxes.width_px[0]
 
 
+def test_hidden_bodies_have_boxes_when_asked():
+    cam = camera(size=(192, 144))
+    behind_pillar = (7.5, 0.3 + (2.25 - 0.3) / (4.25 - 0.2) * 7.3)
+    truth = still((2.0, 1.8), behind_pillar, (0.1, 5.9))
+    (usual,) = frames_of(scene(cam), truth)
+    (r,) = frames_of(scene(cam), truth, dataclasses.replace(QUIET, min_visible=0.0))
+    assert (r.image == usual.image).all()
+    assert usual.boxes.target_id.tolist() == [0]
+    assert r.boxes.target_id.tolist() == [0, 1]  # the third is outside the image
+    assert r.boxes.visible.tolist() == r.share.tolist() == [1.0, 0.0]
+    assert r.visible.target_id.tolist() == [0]
+    pixel = cam.project(np.array([[*behind_pillar, 0.9]]))[0]
+    assert 0 < pixel[0] - r.boxes.left_px[1] < r.boxes.width_px[1]
+    assert 0 < pixel[1] - r.boxes.top_px[1] < r.boxes.height_px[1]
+
+
+def test_targets_may_all_look_alike():
+    cam, seed = camera(size=(320, 240)), 5
+    config = dataclasses.replace(QUIET, alike=True)
+    truth = truth_of(np.array([[[2.2, 2.2], [3.4, 1.6]]]), targets=2)
+    swapped = truth_of(np.array([[[3.4, 1.6], [2.2, 2.2]]]), targets=2)
+    (one,), (other,) = (frames_of(scene(cam), t, config, seed) for t in (truth, swapped))
+    # The gait differs; all else is the same
+    assert (np.abs(one.image.astype(int) - other.image).max(axis=2) > 8).mean() < 0.01
+    first, second = reference_appearances(scene(cam), [0, 1], config, seed)
+    assert first["appearance"] == second["appearance"]
+
+
 def test_a_frame_without_anybody_has_one_empty_row():
     (r,) = frames_of(scene(), still((0.1, 5.9)))
     assert r.boxes.box.tolist() == [-1]
