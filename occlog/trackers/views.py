@@ -8,6 +8,7 @@ from functools import partial
 from .view_method import Birth, Looks, Visual
 from .views_config import BmctConfig, IdmotConfig, MipfConfig
 from .views_loop import paired_anew
+from .views_mcmc import MCMC
 from .views_state import State, born, empty, ended
 from .views_step import Scheme, advance
 from .views_weigh import alone, among, together
@@ -27,5 +28,6 @@ VISUAL: dict[str, Visual] = {
     "mipf": _visual("a particle filter for each target and view, on its own", MipfConfig, Scheme(alone, False)),
     "idmot": _visual("trackers that touch repel each other and keep their ways", IdmotConfig, Scheme(among, False)),
     "bmct": _visual("as idmot, helped by the other views through epipolar lines", BmctConfig, Scheme(together, True)),
+    "mcmc": MCMC,
 }
 """Names as they are given on the command line."""
