@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..core.seeds import Stage, generator
 from ..errors import InputError, UsageError
-from ..records import Bearings, Calibration, Cooperation, Diagnostics, Tracks
+from ..records import Bearings, Cooperation
 from ..scene import Scene
 from ..trackers import imm_cooperate
-from ..trackers.method import Estimate, Joint, sensor_names
+from ..trackers.method import Joint, sensor_names
 from .scans import Rows, groups
 from .track_desk import Desk, Request
 from .track_listen import Listener
+from .track_rows import ROWS_PER_CHUNK, Row, tables
 from .tracked import Tracked
-
-ROWS_PER_CHUNK = 4096
-
-
-class _Row(NamedTuple):
-    t_ns: int
-    target: int
-    estimate: Estimate
-    offered: int  # frames of cameras since the scan before
 
 
 def track_joint(
@@ -51,7 +42,7 @@ def track_joint(
     rng, helping = generator(seed, Stage.TRACK, 0), generator(seed, Stage.COOPERATE, 0)
     state, memory = method.init(scene, config, rng), imm_cooperate.Memory()
     listener, desk = Listener(scene, config.forget_s), Desk(scene, config)
-    rows: list[_Row] = []
+    rows: list[Row] = []
     requests: list[tuple[int, Request]] = []
     heard, told, offered = False, 0, 0
     for group in groups(bearings, scene, use, window_ns):
@@ -66,47 +57,21 @@ def track_joint(
                 state, report, memory = imm_cooperate.located(
                     state, report, [r.answer for r in answered], memory, helping
                 )
-            rows += [_Row(t_ns, k, e, desk.offered - offered) for k, e in method.estimates(report, scene)]
+            rows += [Row(t_ns, k, e, desk.offered - offered + e.n_looked) for k, e in method.estimates(report, scene)]
             offered = desk.offered
         if len(rows) + len(requests) >= ROWS_PER_CHUNK:
-            yield _tables(rows, requests, desk.offered - told, names)
+            yield _tracked(rows, requests, desk.offered - told, names)
             rows, requests, told = [], [], desk.offered
     if not heard:
         raise InputError(
             "bearings: no row is of a microphone array of the scene, which this method needs; give directions of "
             "arrival (--doa), or use --method apf for bearings of cameras"
         )
-    yield _tables(rows, requests, desk.offered - told, names)
+    yield _tracked(rows, requests, desk.offered - told, names)
 
 
-def _tables(rows: list[_Row], requests: list[tuple[int, Request]], offered: int, names: tuple[str, ...]) -> Tracked:
-    cooperation = cooperation_of(requests)
-    if not rows:
-        return Tracked(
-            Tracks.empty(), Diagnostics.empty(), Calibration.empty(), cooperation=cooperation, offered=offered
-        )
-    e = [r.estimate for r in rows]
-    t_ns, target = np.array([r.t_ns for r in rows], dtype=np.int64), np.array([r.target for r in rows], dtype=np.int32)
-    xy, velocity = np.array([x.xy for x in e]), np.array([x.velocity for x in e])
-    cov = np.array([x.covariance for x in e])
-    tracks = Tracks.of(
-        t_ns=t_ns, target_id=target, x=xy[:, 0], y=xy[:, 1], vx=velocity[:, 0], vy=velocity[:, 1],
-        cov_xx=cov[:, 0, 0], cov_xy=cov[:, 0, 1], cov_yy=cov[:, 1, 1],
-    )  # fmt: skip
-    diagnostics = Diagnostics(
-        t_ns=t_ns,
-        target_id=target,
-        ess=np.array([x.ess for x in e], dtype=np.float64),
-        log_likelihood=np.array([x.log_likelihood for x in e], dtype=np.float64),
-        n_looked=np.array([x.n_looked for x in e], dtype=np.int32),
-        n_seen=np.array([x.n_seen for x in e], dtype=np.int32),
-        fallback=np.array([x.fallback for x in e], dtype=np.str_),
-        cameras=np.array([",".join(names[i] for i in x.used) for x in e], dtype=np.str_),
-        n_offered=np.array([r.offered + r.estimate.n_looked for r in rows], dtype=np.int32),
-        selected=np.full(len(e), "", dtype="U1"),
-        predicted_mse=np.full(len(e), math.nan),
-    )
-    return Tracked(tracks, diagnostics, Calibration.empty(), cooperation=cooperation, offered=offered)
+def _tracked(rows: list[Row], requests: list[tuple[int, Request]], offered: int, names: tuple[str, ...]) -> Tracked:
+    return tables(rows, names)._replace(cooperation=cooperation_of(requests), offered=offered)
 
 
 def cooperation_of(requests: list[tuple[int, Request]]) -> Cooperation:

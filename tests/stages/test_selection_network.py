@@ -9,7 +9,7 @@ import pytest
 from tracker_scenes import PLACES, SECOND, observe, room100, walk, with_array
 
 from occlog.records import Bearings, Diagnostics, Occluders, Tracks
-from occlog.stages import track as stage
+from occlog.stages import track_select as stage
 from occlog.stages.messages import Messages
 from occlog.stages.track import track
 from occlog.trackers.apf_config import ApfConfig
