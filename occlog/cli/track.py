@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from . import options
+from . import options, track_views
 
 METHODS = ("apf", "map", "direct3d", "pps", "imm", "fix")
 """Names of `occlog.trackers.TRACKERS`; a test keeps the two alike, so that --help need not load the trackers."""
@@ -17,7 +18,7 @@ COOPERATE = ("none", "periodic", "printed", "count", "spread")
 """The same of `occlog.trackers.imm_config`."""
 
 
-@click.command(name="track", short_help="Estimate target tracks from bearings.")
+@click.command(name="track", short_help="Estimate target tracks from bearings or video.")
 @click.argument("bearings", type=options.PATH)
 @options.output_opt("Tracks (Parquet).")
 @click.option("--diagnostics", type=options.PATH, default=None, help="How the filter fared at each time (Parquet).")
@@ -69,8 +70,17 @@ COOPERATE = ("none", "periodic", "printed", "count", "spread")
     help="Camera model of the expected error. [default: perspective]",
 )
 @click.option("--select-order", "order", default="", metavar="A,B,...", help="Order of the cameras for --select fixed.")
-@click.option("--method", type=click.Choice(METHODS), default="apf", show_default=True, help="Tracking method.")
-@click.option("--particles", type=click.IntRange(min=1), default=None, help="Particles a target. [default: 2000]")
+@click.option(
+    "--method",
+    type=click.Choice((*METHODS, *track_views.VIEW_METHODS)),
+    default="apf",
+    show_default=True,
+    help=f"Tracking method; {', '.join(track_views.VIEW_METHODS)} track in the images of a recording.",
+)
+@track_views.view_opts
+@click.option(
+    "--particles", type=click.IntRange(min=1), default=None, help="Particles a target. [default: 2000, in images 60]"
+)
 @click.option(
     "--start",
     "starts",
@@ -108,9 +118,10 @@ COOPERATE = ("none", "periodic", "printed", "count", "spread")
 @click.option(
     "--window",
     type=click.FloatRange(min=0),
-    default=0.0,
+    default=None,
     metavar="SECONDS",
-    help="Measurements this close together in time make one scan. [default: equal times]",
+    help="Measurements this close together in time make one scan. [default: equal times; frames: below half the "
+    "shortest frame period]",
 )
 @click.option(
     "--in-turn",
@@ -136,14 +147,16 @@ COOPERATE = ("none", "periodic", "printed", "count", "spread")
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
+@click.pass_context
 def command(
+    context: click.Context, /,
     bearings: Path, output: Path, diagnostics: Path | None, calibration: Path | None, scene: Path | None,
     doa: Path | None, occluders: Path | None, policy: str | None, count: int | None, every: float | None,
     model: str | None, order: str, method: str,
     particles: int | None, starts: tuple[str, ...], cooperate: str | None, cooperation: Path | None,
     targets: tuple[int, ...], labelled_only: bool, use_recovered: bool, only: str, without: str,
-    window: float, doa_labels: bool, turn: float | None, motion: Path | None, lag: float | None,
-    settings: tuple[str, ...], seed: int, overwrite: bool, quiet: bool, as_json: bool,
+    window: float | None, doa_labels: bool, turn: float | None, motion: Path | None, lag: float | None,
+    settings: tuple[str, ...], seed: int, overwrite: bool, quiet: bool, as_json: bool, **_views: Any,
 ) -> int:  # fmt: skip
     """Estimate target tracks from BEARINGS (Parquet, or a recording that holds bearings).
 
@@ -159,6 +172,9 @@ def command(
     --method map finds the most probable trajectory of each labelled target from everything that was
     recorded, before and after; it needs no cameras that overlap, but labels (`occlog label`).
 
+    --method mipf, idmot, cmct, bmct and mcmc follow many targets as ellipses in the images of a recording
+    instead, which then stands in the place of BEARINGS; they write `view_tracks`.
+
     \b
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
@@ -166,10 +182,13 @@ def command(
         -o selected.parquet --diagnostics selected_diagnostics.parquet
       occlog track directions.mcap --method imm --cooperate spread --set spread=0.5 -o heard.parquet \
         --cooperation asked.parquet
+      occlog track balls.mcap --method bmct --initial balls.mcap -o view_tracks.parquet
       occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
     """
     from .track_run import Outputs, Request, parse_names, parse_seconds, parse_setting, parse_window, run_track
 
+    if track_views.check_options(context, method):
+        return track_views.run(context, None if window is None else parse_window(window))
     outputs = Outputs(output, diagnostics, calibration, cooperation)
     options.check_outputs([bearings, scene, doa, occluders, motion], outputs.paths, overwrite)
     for option, given, wanted in (
@@ -187,7 +206,7 @@ def command(
         values["cooperate"] = cooperate
     request = Request(
         bearings, scene, doa, method, values, starts, targets, not labelled_only, parse_names(only),
-        parse_names(without), parse_window(window), seed, occluders, policy, {
+        parse_names(without), parse_window(window or 0.0), seed, occluders, policy, {
             name: value for name, value in (("count", count), ("every", every), ("model", model)) if value is not None
         }, parse_names(order), doa_labels, None if turn is None else parse_seconds("--in-turn", turn), motion,
         use_recovered,

@@ -98,7 +98,7 @@ def process(state: CameraState, frames: list[Frame]) -> Stretch:
             warmup += 1
         else:
             found.append(Found(frame.t_ns, frame.index, regions))
-    return Stretch(tuple(found), _stretches(state.camera.name, lost), warmup)
+    return Stretch(tuple(found), stretches(state.camera.name, lost), warmup)
 
 
 def _look(state: CameraState, eye: Eye, frame: Frame, image: Image) -> tuple[str, Regions | None]:
@@ -211,7 +211,7 @@ def _size(shape: tuple[int, ...]) -> str:
     return f"{shape[1]} x {shape[0]} px {'in colour' if len(shape) == 3 else 'grey'}"
 
 
-def _stretches(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
+def stretches(sensor: str, lost: list[tuple[int, str]]) -> tuple[Loss, ...]:
     """One loss for each run of consecutive frames lost for the same reason."""
     losses = []
     # Index minus position is constant in a run of consecutive frames.

@@ -116,7 +116,7 @@ def _unexplained(regions: Floats, trackers: Sequence[Floats], apart: float) -> F
     if not trackers or not len(regions):
         return regions
     near = nearness(np.vstack([regions, *trackers]))[: len(regions), len(regions) :]
-    return regions[near.min(axis=1) > apart]
+    return np.asarray(regions[near.min(axis=1) > apart])
 
 
 def _follow(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -> tuple[Candidate, ...]:

@@ -1,0 +1,134 @@
+"""What `occlog track` does with methods that track in images: read, track, write."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError, UsageError
+from ..io.parquet import TableWriter
+from ..io.provenance import Provenance, hash_inputs
+from ..records import Tracks
+from ..stages.track_views import Setup, ViewsPart, track_views
+from ..stages.view_config import ViewsConfig
+from ..stages.view_frames import in_step
+from ..trackers.settings import configure
+from ..trackers.views import VISUAL
+from ..view_records import ViewTracks
+from . import options
+from .track_views_input import ViewsInput
+from .track_views_summary import ViewsTally
+
+if TYPE_CHECKING:
+    from ..losses import Loss
+
+
+@dataclass(frozen=True)
+class ViewsRequest:
+    """What to track in images, and how."""
+
+    recording: Path
+    scene: Path | None
+    method: str
+    settings: dict[str, str]
+    initial: Path | None
+    detections: Path | None
+    fundamental: Path | None
+    only: tuple[str, ...]  # cameras; empty: all
+    without: tuple[str, ...]
+    window_ns: int | None
+    seed: int
+
+    @property
+    def paths(self) -> list[Path]:
+        """All inputs, each once."""
+        given = (self.recording, self.scene, self.initial, self.detections, self.fundamental)
+        return list(dict.fromkeys(p for p in given if p is not None))
+
+    @property
+    def births(self) -> str:
+        """Where trackers come from."""
+        if self.initial is None:
+            return "detections"
+        return "initial" if self.detections is None else "both"
+
+
+@dataclass(frozen=True)
+class ViewsOutputs:
+    """What to write."""
+
+    tracks: Path
+    world: Path | None = None
+
+
+def run_track_views(
+    request: ViewsRequest, wanted: ViewsOutputs, overwrite: bool, quiet: bool
+) -> tuple[dict[str, Any], list[Loss]]:
+    """Track and write; the summary, and what was lost."""
+    config, stage = view_settings(request)
+    inputs = ViewsInput(request, stage)
+    if wanted.world is not None:
+        inputs.check_world()
+    starts, next_id = inputs.starts()
+    setup = Setup(inputs.views, inputs.geometry, VISUAL[request.method], config, stage, starts, next_id)
+    feed = inputs.feed()
+    window = request.window_ns if request.window_ns is not None else inputs.window_ns
+    frames = options.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
+    moments = in_step(frames, inputs.views, window, os.cpu_count() or 1, stage.bits)
+    parts = track_views(moments, setup, request.seed, feed)
+    parameters = {
+        "method": request.method, "births": request.births, "cameras": list(inputs.names), "window_ns": window,
+        "geometry": inputs.geometry_source, **asdict(stage), **asdict(config),
+    }  # fmt: skip
+    earlier = tuple(inputs.losses)
+    made = Provenance("track", parameters, request.seed, hash_inputs(request.paths), earlier)
+    tally = ViewsTally(request.method, inputs)
+    unit = inputs.length_unit
+    with ExitStack() as stack:
+        rows = stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, overwrite=overwrite, length_unit=unit))
+        writers = [rows]
+        passed = _passed(parts, rows, tally)
+        if wanted.world is not None:
+            ground = TableWriter(wanted.world, Tracks, made, overwrite=overwrite, length_unit=unit)
+            writers.append(stack.enter_context(ground))
+            for places in inputs.on_ground(passed, window):
+                writers[-1].write(places.tracks)
+                tally.places += places.counts
+        for _ in passed:
+            pass
+        if feed is not None and feed.read and not feed.met:
+            raise InputError(
+                f"{request.detections or request.recording}: none of its {feed.read} regions is of the time of a frame "
+                f"of {', '.join(inputs.names)}; give detections that were made from this recording"
+            )
+        losses = [*earlier, *tally.losses()]
+        for writer in writers:
+            writer.annotate(replace(made, losses=tuple(losses)))
+    for line in tally.warnings():
+        options.note(f"warning: {line}", quiet)
+    world = {} if wanted.world is None else {"world": str(wanted.world)}
+    return {"tracks": str(wanted.tracks), **world, "method": request.method, **tally.summary()}, losses
+
+
+def _passed(parts: Iterator[ViewsPart], rows: TableWriter, tally: ViewsTally) -> Iterator[ViewTracks]:
+    """The tables, written and counted on their way."""
+    for part in parts:
+        rows.write(part.tracks)
+        tally.add(part)
+        yield part.tracks
+
+
+def view_settings(request: ViewsRequest) -> tuple[Any, ViewsConfig]:
+    """Settings of the method and of what is around it; UsageError for what neither has."""
+    around = {f.name for f in fields(ViewsConfig)}
+    own = {name: value for name, value in request.settings.items() if name not in around}
+    others = {name: value for name, value in request.settings.items() if name in around}
+    try:
+        method = VISUAL[request.method].config
+        return configure(method(), own, request.method), configure(ViewsConfig(), others, request.method)
+    except InputError as error:  # here the values are options
+        raise UsageError(str(error)) from error
