@@ -84,7 +84,7 @@ def test_chain_has_the_exact_posterior(n, strength):
 
 
 def test_moves_are_accepted_by_the_ratio():
-    """A move from likelihood 1 to q is taken if u <= q; where a target would come upon another, if u <= q e^-strength."""
+    """Likelihood 1 to q: taken if u <= q; where the target would come upon another, if u <= q e^-strength."""
     far, near, at = disc(100, 0, 5), disc(50, 0, 5), disc(0, 0, 5)
     for log_q, new, factor in ((-0.7, near, 0.0), (-0.7, at, 2.0), (0.5, at, 2.0)):
         pool = np.array([far, at, new])
