@@ -9,6 +9,7 @@ import click
 
 from ..errors import ExitCode
 from . import options
+from .evaluate_many_options import check_ground_options, check_image_options, given_names, many_options
 
 F = TypeVar("F", bound=Callable[..., Any])
 POSITIVE = click.FloatRange(min=0, min_open=True)
@@ -63,7 +64,7 @@ SETTINGS = (
     click.option("--lines-crossing-deg", "lines_min_crossing", type=AT_LEAST_0, default=5.0, show_default=True,
                  help="Refuse scans whose lines cross at smaller angles."),
     click.option("--box-overlap", type=click.FloatRange(0, 1, min_open=True), default=0.5, show_default=True,
-                 help="Intersection over union from which a view is of a true box."),
+                 help="Intersection over union from which a view or a track is of a true box."),
 )  # fmt: skip
 
 
@@ -76,7 +77,8 @@ def settings(command: F) -> F:
 
 @click.command(name="evaluate", short_help="Compare tracks with the truth and with the Cramer-Rao bound.")
 @click.argument("tracks", type=options.PATH, required=False)
-@click.option("--truth", type=options.PATH, default=None, help="True positions or boxes: a recording or a table.")
+@click.option("--truth", type=options.PATH, default=None,
+              help="True positions or boxes: a recording or a table, or MOTChallenge text.")  # fmt: skip
 @click.option("--bearings", type=options.PATH, default=None, help="Bearings: for detections, bound, sight lines.")
 @click.option(
     "--doa",
@@ -109,6 +111,7 @@ def settings(command: F) -> F:
 @click.option("--fail-if", multiple=True, metavar="CONDITION",
               help="Exit code 6 if this holds or cannot be told, e.g. 'rmse>0.5'; may be repeated.")  # fmt: skip
 @settings
+@many_options
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
@@ -118,6 +121,8 @@ def command(**given: Any) -> int:
     Whatever the given files allow is computed: errors (tracks and truth), detections and the
     posterior Cramer-Rao bound (bearings and truth), distance of the tracks from where sight
     lines meet and prediction of held-out sensors (no truth needed), recall of views (true boxes).
+    TRACKS of many targets, in images (view_tracks, boxes with identities, MOTChallenge text) or on
+    the ground, get CLEAR-MOT, IDF1, HOTA, GOSPA, and the failure rates of [Qu] Eq. 9.
 
     \b
       occlog evaluate tracks.parquet --truth recording.mcap --bearings bearings.parquet \\
@@ -125,9 +130,12 @@ def command(**given: Any) -> int:
       occlog evaluate without_cam4.parquet --bearings all.parquet --scene scene.yaml --held-out cam4
       occlog evaluate --views views.parquet --truth recording.mcap --json | jq .views_recall
       occlog evaluate --doa doa.parquet --truth-azimuths azimuths.csv
+      occlog evaluate view_tracks.parquet --truth recording.mcap --failures failures.parquet
+      occlog evaluate test.txt --truth gt.txt --fail-if 'mota<0.5'
     """
     from ..stages.evaluate import parse_threshold
     from .evaluate_input import Paths
+    from .evaluate_many import in_images, run_evaluate_many
     from .evaluate_run import run_evaluate
 
     thresholds = [parse_threshold(text) for text in given.pop("fail_if")]
@@ -144,7 +152,15 @@ def command(**given: Any) -> int:
         figures = run_evaluate_doa(paths.doa, azimuths, paths.output, gate, given["max_gap_s"], paths.overwrite)
         options.echo_summary(figures, as_json)
         return _judged(figures, thresholds)
-    result, unit = run_evaluate(paths, given)
+    names = given_names()
+    if in_images(paths.tracks):
+        check_image_options(names)
+        result, unit = run_evaluate_many(paths, given), "px"
+    else:
+        check_ground_options(names, paths.tracks is not None and paths.truth is not None)
+        result, unit = run_evaluate(paths, given)
+    for line in result.notes:
+        options.note(line, quiet)
     if as_json:
         options.echo_summary(result.metrics, True)
     else:
@@ -152,7 +168,7 @@ def command(**given: Any) -> int:
 
         click.echo("\n".join(summary_lines(result.metrics, unit)))
     code = _judged(result.metrics, thresholds)
-    for path in (paths.output, paths.errors, paths.bound):
+    for path in (paths.output, paths.errors, paths.bound, paths.failures, paths.mot):
         if path is not None:
             options.note(f"wrote {path}", quiet)
     return code

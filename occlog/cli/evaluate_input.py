@@ -34,6 +34,8 @@ class Paths:
     output: Path | None = None
     errors: Path | None = None
     bound: Path | None = None
+    failures: Path | None = None
+    mot: Path | None = None
     doa_labels: bool = False
     overwrite: bool = False
 

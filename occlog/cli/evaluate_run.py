@@ -11,13 +11,14 @@ from typing import Any
 from ..errors import InputError, UsageError
 from ..io.json_file import write_json
 from ..io.parquet import read_provenance, write_table
-from ..io.provenance import Provenance, hash_inputs
 from ..io.recording import open_recording
 from ..stages.evaluate import EvaluateConfig, Evaluation, evaluate
 from ..stages.evaluate_config import default_sigma_v
 from ..stages.evaluate_cooperation import cooperation_figures
 from . import options
+from .evaluate_ground import ground_figures, split_many
 from .evaluate_input import Paths, read_tables
+from .evaluate_provenance import provenance_of
 
 
 def run_evaluate(paths: Paths, values: Mapping[str, Any]) -> tuple[Evaluation, str]:
@@ -28,14 +29,16 @@ def run_evaluate(paths: Paths, values: Mapping[str, Any]) -> tuple[Evaluation, s
         values: fields of EvaluateConfig as the options give them (degrees, milliradians).
     """
     _check_request(paths, values)
-    options.check_outputs(paths.inputs, (paths.output, paths.errors, paths.bound), paths.overwrite)
+    options.check_outputs(paths.inputs, (paths.output, paths.errors, paths.bound, paths.failures), paths.overwrite)
     t = read_tables(paths)
+    own, values = split_many(values)
     config = make_config(with_defaults(values, paths.truth, t.scene.length_unit))
     _check_held_out(paths.tracks, config.held_out)
     result = evaluate(t.tracks, t.truth, t.bearings, t.scene, config, views=t.views, truth_boxes=t.truth_boxes)
     if t.cooperation is not None:
         result.metrics.update(cooperation_figures(t.cooperation, t.tracks))
-    _write(paths, result, t.scene.length_unit, config)
+    result, many = ground_figures(result, t, config, own, paths.failures is not None)
+    _write(paths, result, t.scene.length_unit, config, many)
     return result, t.scene.length_unit
 
 
@@ -85,23 +88,12 @@ def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:
         raise InputError(f"{tracks}: was made with {names}; make it again with `occlog track --without {names}`")
 
 
-def _write(paths: Paths, result: Evaluation, unit: str, config: EvaluateConfig) -> None:
-    provenance = _provenance(paths, config)
-    for path, table in ((paths.errors, result.errors), (paths.bound, result.bound)):
+def _write(paths: Paths, result: Evaluation, unit: str, config: EvaluateConfig, many: Mapping[str, Any]) -> None:
+    parameters = asdict(config) | ({"doa_labels": True} if paths.doa_labels else {})
+    provenance = provenance_of(paths, {**parameters, **many})
+    for path, table in ((paths.errors, result.errors), (paths.bound, result.bound), (paths.failures, result.failures)):
         if path is not None:
             write_table(path, table, provenance, overwrite=paths.overwrite, length_unit=unit)
     if paths.output is not None:
         values = {**result.metrics, "_provenance": provenance.as_dict()}
         write_json(paths.output, values, overwrite=paths.overwrite)
-
-
-def _provenance(paths: Paths, config: EvaluateConfig) -> Provenance:
-    losses: dict[Any, None] = {}  # of all inputs, each once, in order
-    for path in paths.inputs:
-        kind = path.suffix.lower()
-        if kind == ".mcap":
-            losses |= dict.fromkeys(open_recording(path).losses)
-        elif kind == ".parquet":
-            losses |= dict.fromkeys(read_provenance(path).losses)
-    parameters = asdict(config) | ({"doa_labels": True} if paths.doa_labels else {})
-    return Provenance("evaluate", parameters, None, hash_inputs(paths.inputs), tuple(losses))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 
+from . import evaluate_many_text
+
 Entry = tuple[str, str, str]
 
 # Heading, then (name without unit, label, unit); `length` stands for the scene's unit.
@@ -68,6 +70,7 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         ("views_error_rms_clear", "  in the clear", "px"), ("views_error_rms_front", "  in front of others", "px"),
         ("views_error_rms_hidden", "  partly hidden", "px"),
     )),
+    evaluate_many_text.GROUP,
 )  # fmt: skip
 
 BY_TARGET = (("rmse", "RMSE", "length"), ("bound_rmse", "bound", "length"), ("bound_ratio", "ratio", ""),
@@ -75,7 +78,8 @@ BY_TARGET = (("rmse", "RMSE", "length"), ("bound_rmse", "bound", "length"), ("bo
              ("bound_ratio_space", "ratio", ""), ("nees_mean", "NEES", ""), ("estimates", "estimates", ""))  # fmt: skip
 BY_SENSOR = (("detection_rate", "rate", ""), ("detected", "detected", ""), ("missed", "missed", ""),
              ("false_alarms", "false", ""), ("bearing_rms", "RMS", "px"), ("held_out_median", "held out", "px"),
-             ("views_recall", "recall", ""), ("views_precision", "precision", ""))  # fmt: skip
+             ("views_recall", "recall", ""), ("views_precision", "precision", ""),
+             *evaluate_many_text.BY_SENSOR)  # fmt: skip
 
 
 def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:

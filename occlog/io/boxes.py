@@ -65,6 +65,7 @@ class BoxOptions:
         confidence_scale: number by which confidences are divided.
         ignore_extra: skip unknown columns instead of refusing them.
         drop_zero: leave out boxes whose confidence is 0.
+        use_confidence: false: confidences, which may then be any number, are not kept.
     """
 
     frames: tuple[int, int] | None = None
@@ -72,6 +73,7 @@ class BoxOptions:
     confidence_scale: float = 1.0
     ignore_extra: bool = False
     drop_zero: bool = False
+    use_confidence: bool = True
 
 
 class BoxFile(NamedTuple):
@@ -230,7 +232,8 @@ def _numbers(rows: Rows, camera: Ints, options: BoxOptions) -> BoxRows:
         raise rows.fail(row, f"frame {rows.cells['frame'][row]}; the first one is {options.first_number}")
     left, top = rows.floats("left"), rows.floats("top")
     n = len(frame)
-    confidence = rows.floats("confidence", blank=True) if rows.has("confidence") else np.full(n, np.nan)
+    given = rows.has("confidence") and options.use_confidence
+    confidence = rows.floats("confidence", blank=True) if given else np.full(n, np.nan)
     return BoxRows(
         frame=frame,
         camera=camera,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from ..errors import InputError
 from ..records import Bound, Errors
+from ..view_records import Failures
 
 NS = 1_000_000_000
 METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
@@ -88,3 +89,5 @@ class Evaluation:
     metrics: dict[str, float]
     errors: Errors = field(default_factory=Errors.empty)
     bound: Bound = field(default_factory=Bound.empty)
+    failures: Failures = field(default_factory=Failures.empty)
+    notes: tuple[str, ...] = ()  # what the user must know of

@@ -11,7 +11,8 @@ from ..core import mot_failures
 from ..core.mot_frames import Objects, of_boxes, of_points
 from ..records import Boxes, TruthBoxes
 from ..view_records import Failures
-from .many_config import ManyConfig, ManyEvaluation
+from .evaluate_config import Evaluation
+from .many_config import ManyConfig
 from .many_figures import (
     Metrics,
     across_views,
@@ -40,7 +41,7 @@ class Places(NamedTuple):
 
 def evaluate_boxes(
     tracks: Boxes, truth: TruthBoxes, config: ManyConfig | None = None, *, by_number: bool = False
-) -> ManyEvaluation:
+) -> Evaluation:
     """Figures of tracks in the images of one or several cameras.
 
     Args:
@@ -57,7 +58,7 @@ def evaluate_boxes(
     return evaluate_sides(lay_boxes(tracks, truth, config, by_number=by_number), config)
 
 
-def evaluate_sides(sides: Sides, config: ManyConfig) -> ManyEvaluation:
+def evaluate_sides(sides: Sides, config: ManyConfig) -> Evaluation:
     """Figures of boxes that have been laid against each other: all views pooled, then each view."""
     points = as_places(sides, config)
     found = find_failures(points, config)
@@ -70,10 +71,9 @@ def evaluate_sides(sides: Sides, config: ManyConfig) -> ManyEvaluation:
         metrics |= across_views(sides.truth, sides.tracks, config.overlap)
         for v, name in enumerate(sides.views):
             metrics |= _of_view(sides, found, config, v, f"_sensor_{name}")
-    notes = [*_left_out(sides), *_strangers(points, config)]
-    return ManyEvaluation(
-        {name: float(value) for name, value in metrics.items()}, failure_rows(found, points), tuple(notes)
-    )
+    notes = [*_left_out(sides), *strangers(points, config)]
+    flat = {name: float(value) for name, value in metrics.items()}
+    return Evaluation(flat, failures=failure_rows(found, points), notes=tuple(notes))
 
 
 def as_places(sides: Sides, config: ManyConfig) -> Places:
@@ -96,13 +96,14 @@ def failure_rows(found: mot_failures.Failures, places: Places) -> Failures:
     view = found.view.astype(np.int64)
     at = Objects(found.frame, found.target, np.zeros((len(view), 2)), view)
     names: Strings = np.array([*places.views, ""], dtype=np.str_)
-    table = Failures.of(
-        t_ns=_times(places, at), sensor=names[view], frame=_numbers(places, at),
-        target_id=found.target.astype(np.int32), kind=np.where(found.label, "label", "position"),
-        other_id=found.other.astype(np.int32), cause=np.array(found.causes(places.unit), dtype=np.str_),
-        visible=_visible(at, places),
-    )  # fmt: skip
-    return table.sorted()
+    columns = {
+        "t_ns": _times(places, at), "sensor": names[view], "frame": _numbers(places, at),
+        "target_id": found.target.astype(np.int32), "kind": np.where(found.label, "label", "position"),
+        "other_id": found.other.astype(np.int32), "cause": np.array(found.causes(places.unit), dtype=np.str_),
+        "visible": _visible(at, places),
+    }  # fmt: skip
+    order = np.lexsort([columns[name] for name in ("kind", *reversed(Failures.KEY))])
+    return Failures.of(**{name: column[order] for name, column in columns.items()})
 
 
 def _views_of(side: Objects) -> Ints:
@@ -156,7 +157,7 @@ def _left_out(sides: Sides) -> list[str]:
     return [f"left out: {', '.join(sides.left_out)}, which the truth knows and no track is in"]
 
 
-def _strangers(places: Places, config: ManyConfig) -> list[str]:
+def strangers(places: Places, config: ManyConfig) -> list[str]:
     """A line if the numbers of tracks and targets have nothing to do with each other."""
     ours, theirs = np.unique(places.tracks.label), np.unique(places.truth.label)
     if config.own != "label" or not len(ours) or np.isin(ours, theirs).any():

@@ -1,13 +1,12 @@
-"""What the evaluation of many targets is asked for, and what it gives back."""
+"""What the evaluation of many targets is asked for."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from ..core.mot_clear import CHALLENGE, CLASSIC, ClearRule
 from ..errors import InputError
-from ..view_records import Failures
 from .evaluate_config import METRES, NS
 
 OWN = ("label", "start", "best")
@@ -70,12 +69,3 @@ def _check(name: str, value: object, good: object, limit: str) -> None:
 def default_distance(length_unit: str) -> float | None:
     """1 m in the scene's unit; None where that is not known."""
     return 1.0 / METRES[length_unit] if length_unit in METRES else None
-
-
-@dataclass(frozen=True, eq=False)
-class ManyEvaluation:
-    """What came out: flat metrics, the failures, and lines that the user must know of."""
-
-    metrics: dict[str, float]
-    failures: Failures = field(default_factory=Failures.empty)
-    notes: tuple[str, ...] = ()

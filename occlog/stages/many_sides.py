@@ -96,7 +96,7 @@ def lay_boxes(tracks: Boxes, truth: TruthBoxes, config: ManyConfig, *, by_number
     counts = {
         "frames": sum(len(t) for t in times),
         "frames_without_tracks": sum(len(t) for t in times) - len(np.unique(view[known] * 2**40 + cell[known])),
-        "estimates_without_truth": int(np.count_nonzero(~known)),
+        "estimates_other_frames": int(np.count_nonzero(~known)),
         "views_without_tracks": len(left_out),
     }
     return Sides(
