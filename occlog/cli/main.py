@@ -22,6 +22,7 @@ COMMANDS = {
     "priors": "Find where moving occluders are.",
     "fit-motion": "Identify a motion model from trajectories.",
     "track": "Estimate target tracks from bearings.",
+    "ground": "Bring tracks in the images of calibrated cameras together in the world.",
     "label": "Give candidates the identity of the track they agree with.",
     "evaluate": "Compare tracks with the truth and with the Cramer-Rao bound.",
     "report": "Show a run as one offline page and a picture.",
