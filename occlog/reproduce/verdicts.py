@@ -113,8 +113,12 @@ def _near(measured: float, error: float, paper: float) -> bool:
 
 
 def quotient(above: Row, below: Row) -> tuple[float, float]:
-    """Quotient of two means and its standard error by the delta method."""
-    ratio = above.mean / below.mean if below.mean else math.nan
+    """Quotient of two means and its standard error by the delta method; NaN over a mean of 0."""
+    if not below.mean:
+        return math.nan, math.nan
+    if not above.mean:
+        return 0.0, above.error / abs(below.mean)
+    ratio = above.mean / below.mean
     return ratio, abs(ratio) * math.hypot(above.error / above.mean, below.error / below.mean)
 
 

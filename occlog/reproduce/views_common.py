@@ -23,6 +23,8 @@ DRAWS = 4000
 """Bootstrap samples of the runs."""
 SURE = 0.84
 """Share of them that must agree: as one standard error of a normal mean."""
+LITTLE = 1.0
+"""Rate [%] below which there is nothing to gain."""
 KEPT = ("idf1", "hota", "mota", "frame_ms", "particles", "left", "lost")
 """Figures of trials that tables have besides the rates."""
 
@@ -62,6 +64,30 @@ def ordered(key: str, statement: str, low: Row, high: Row) -> Verdict:
         f"lower in {better} runs, higher in {worse}"
     )
     return Verdict(key, statement, None, gap, error, low.runs, word, rule)
+
+
+def everywhere(key: str, statement: str, points: Sequence[tuple[Row, Row]]) -> Verdict | None:
+    """Verdict that one mean is below another at several points; None where nothing can be gained at any of them.
+
+    Args:
+        key: of the verdict.
+        statement: what it is about.
+        points: the lower and the higher row [%] of each; those whose higher mean is below `LITTLE` are left out.
+    """
+    open_ones = [(low, high) for low, high in points if high.mean >= LITTLE]
+    if not open_ones:
+        return None
+    single = [ordered(key, statement, low, high) for low, high in open_ones]
+    held = [x.verdict == v.REPRODUCED for x in single]
+    found = [v.difference(low, high) for low, high in open_ones]
+    error = math.sqrt(math.fsum(e * e for _, e in found)) / len(found)
+    left = f"; {len(points) - len(found)} left out, at which there is less than {LITTLE:g} % to gain"
+    rule = f"above 0 in {SURE:.0%} of bootstrap samples of the runs: {sum(held)} of {len(held)} points"
+    mean = math.fsum(gap for gap, _ in found) / len(found)
+    runs = min(low.runs for low, _ in open_ones)
+    return Verdict(
+        key, statement, None, mean, error, runs, v.share(held), rule + (left if len(points) > len(found) else "")
+    )
 
 
 def bootstrap_share(gaps: Floats) -> float:

@@ -42,7 +42,7 @@ KEYS = (
     "track_seed",
     "parts",
 )
-OWN = ("method", "set", "fundamental", "wrong", "use", "track_seed")
+OWN = ("method", "set", "fundamental", "wrong", "use", "timed", "track_seed")
 """Keys of each of `methods`."""
 KIND = "qu-views"
 WARM = {"frames": 8, "balls": 3, "radius": 12.0, "width": 96, "height": 96, "start_apart": False, "clutter": 0}
@@ -64,8 +64,9 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
             `BallsConfig`; `views` may be a number); `tau` (factor of a target's radius within which a tracker
             is on it, default 1).  One method: `method` (a name of `VISUAL`), `set` (its settings),
             `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
-            the tracker of `target` starts on `other`), `use` (the first so many views only).  Several: `methods`,
-            these keys by label.  `parts`: also `off_0`, ... of `views_alarms.timeline`.
+            the tracker of `target` starts on `other`), `use` (the first so many views only), `timed`
+            (also `local_ms`, `interaction_ms`, `collaboration_ms` and `step_ms`: means of CPU time a frame).  Several:
+            `methods`, these keys by label.  `parts`: also `off_0`, ... of `views_alarms.timeline`.
 
     Returns:
         For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`,
@@ -89,6 +90,10 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
         figures = scores(true, followed, reach)
         figures |= {"particles": float(getattr(runners[label].config, "particles", math.nan))}
         figures |= alarms(true, followed, reach, told[label].get("wrong"))
+        if len(followed.parts):
+            names = ("local_ms", "interaction_ms", "collaboration_ms", "step_ms")
+            times = np.column_stack([followed.parts, followed.seconds])
+            figures |= dict(zip(names, (1e3 * times.mean(axis=0)).tolist(), strict=True))
         if spec.get("parts"):
             figures |= timeline(true, followed, reach, int(spec["parts"]))
         out |= {f"{label}.{name}" if not single else name: value for name, value in figures.items()}
@@ -114,7 +119,9 @@ def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, An
         raise InputError(f"trial: use is {use}, must be 1 to {len(config.views)}, the number of views")
     births = births_of(first_frame(config, int(spec["seed"])), use, own.get("wrong"))
     seed = own.get("track_seed", spec.get("track_seed", spec["seed"]))
-    return Runner(visual, settings, geometry_of(config, use, kind, float(amount)), births, int(seed), use)
+    return Runner(
+        visual, settings, geometry_of(config, use, kind, float(amount)), births, int(seed), use, bool(own.get("timed"))
+    )
 
 
 def _check(spec: Mapping[str, Any], keys: tuple[str, ...]) -> None:

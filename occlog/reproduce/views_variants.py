@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from . import verdicts as v
 from .model import Execute, Experiment, Size, Table, Verdict
-from .views_common import METHODS, RATES, ordered, rate_row, seed_of, spec_of
+from .views_common import METHODS, RATES, everywhere, rate_row, seed_of, spec_of
 from .views_trial import run_views_trial, views_spec
 
 MOST_VIEWS = 4
@@ -77,17 +77,15 @@ def judge(variant: Variant, table: Table) -> list[Verdict]:
     """Whether cooperation pays everywhere; and what more views do."""
     out = []
     for rate, name in RATES.items():
-        for low, high in v.matched(table, f"BMCT, {name}", f"IDMOT, {name}"):
-            if variant is not VIEWS or low.x > 1:
-                said = f"{variant.label} {low.x:g}: rate of {name} of BMCT below that of IDMOT, by [%]."
-                out.append(ordered(f"{variant.item}-{rate}-{low.x:g}", said, low, high))
+        own = v.series(table, f"BMCT, {name}")
+        pairs = v.matched(table, f"BMCT, {name}", f"IDMOT, {name}")
+        pairs = [(low, high) for low, high in pairs if variant is not VIEWS or low.x > 1]
+        said = f"Cooperation pays at any number of {variant.label}: mean rate of {name} below that of IDMOT, by [%]."
+        out.append(everywhere(f"{variant.item}-{rate}", said.replace("number of radius", "radius"), pairs))
         if variant is VIEWS:
-            for less, more in v.neighbours(v.series(table, f"BMCT, {name}")):
-                said = (
-                    f"More cameras avoid failures: rate of {name} lower with {less.x:g} views than {more.x:g}, by [%]."
-                )
-                out.append(ordered(f"views-{rate}-more-{less.x:g}", said, less, more))
-    return out
+            said = f"With more cameras failures are avoided: rate of {name} of BMCT lower with one view more, by [%]."
+            out.append(everywhere(f"views-{rate}-more", said, v.neighbours(own)))
+    return [verdict for verdict in out if verdict is not None]
 
 
 def _experiment(variant: Variant) -> Experiment:

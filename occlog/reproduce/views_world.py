@@ -41,6 +41,7 @@ class Runner(NamedTuple):
     births: tuple[Birth, ...]
     seed: int
     use: int  # it gets the first so many views
+    timed: bool = False  # also how long the parts of its likelihood take; for `bmct`
 
 
 class Followed(NamedTuple):
@@ -55,6 +56,8 @@ class Followed(NamedTuple):
         counterpart: (n,) see `Outlines`.
         event: (n,) see `Outlines`.
         seconds: CPU time of each step of the method.
+        parts: (steps, 3) CPU time of the local, the interaction and the collaboration likelihood in each
+            step [s]; (0, 3) where they were not asked for.
     """
 
     frame: Ints
@@ -65,6 +68,7 @@ class Followed(NamedTuple):
     counterpart: Ints
     event: Ints
     seconds: Floats
+    parts: Floats
 
 
 class Rows(NamedTuple):
@@ -188,6 +192,7 @@ def follow(
     """
     done: dict[str, list[Rows]] = {label: [] for label in runners}
     seconds: dict[str, list[float]] = {label: [] for label in runners}
+    parts: dict[str, list[tuple[float, float, float]]] = {label: [] for label in runners}
     states, rngs = {}, {label: generator(r.seed, Stage.TRACK) for label, r in runners.items()}
     frames: list[BallsFrame] = []
     views = views_of(config)
@@ -199,15 +204,19 @@ def follow(
                 states[label] = r.visual.born(fresh, looks, r.births)
                 done[label].append(_first(r.births))
                 continue
+            if r.timed:
+                from ..trackers.views_timing import likelihood_seconds
+
+                parts[label].append(likelihood_seconds(states[label], looks, np.random.default_rng(frame.frame)))
             start = time.thread_time()
             states[label], outlines = r.visual.step(states[label], looks, rngs[label])
             seconds[label].append(time.thread_time() - start)
             done[label].append(_rows(frame.frame, outlines))
         if seen is not None:
-            seen(Step(frame, {label: parts[-1] for label, parts in done.items()}))
+            seen(Step(frame, {label: rows[-1] for label, rows in done.items()}))
         frames.append(frame._replace(images=()))
     truth, radius = truth_of(frames)
-    return {label: _joined(done[label], seconds[label]) for label in runners}, truth, radius
+    return {label: _joined(done[label], seconds[label], parts[label]) for label in runners}, truth, radius
 
 
 def _first(births: Sequence[Birth]) -> Rows:
@@ -223,9 +232,11 @@ def _rows(frame: int, o: Outlines) -> Rows:
     return Rows(at, o.view, o.target_id, o.ellipse, o.mode, o.counterpart, o.event, o._replace())
 
 
-def _joined(parts: Sequence[Rows], seconds: Sequence[float]) -> Followed:
-    columns: list[Any] = [np.concatenate(column) for column in zip(*(p[:-1] for p in parts), strict=True)]
-    columns.append(np.array(seconds))
+def _joined(
+    rows: Sequence[Rows], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
+) -> Followed:  # fmt: skip
+    columns: list[Any] = [np.concatenate(column) for column in zip(*(r[:-1] for r in rows), strict=True)]
+    columns += [np.array(seconds), np.array(parts).reshape(-1, 3)]
     return Followed(*columns)
 
 
