@@ -117,7 +117,7 @@ def test_variants_have_both_rates_at_every_value(experiment) -> None:
     words = found(experiment.judge(table))
     assert words[f"{experiment.item}-fr_p"] == words[f"{experiment.item}-fr_l"] == v.REPRODUCED
     if experiment.item == "views":
-        assert words["views-fr_p-more"] == v.NOT  # the same with any number
+        assert "views-fr_p-more" not in words  # nothing to gain with any number
 
 
 def test_loop_counts_wrong_trackers_and_compares_with_idmot() -> None:
