@@ -24,11 +24,13 @@ from ..columns import Bools, Floats, Ints
 from ..core.bin_map import update_bin_map
 from ..core.ellipse import touching
 from ..core.ellipse_colour import likenesses
+from ..core.patch_pca import PatchModels
 from ..core.resampling import systematic_ancestors
 from ..core.smc import effective_size, normalise
 from ..core.view_mcmc import crowding_of_samples, distinct_size, run_chain
 from ..core.view_motion import Motion, boxes_of, moved, spreads, summed
 from .view_method import LEFT, LOST, MODES, Image, Looks, Outlines, Visual
+from .views_appearance import log_patches
 from .views_mcmc_config import McmcConfig
 from .views_state import State, Trackers, born, empty, ended, gaps, seen
 
@@ -42,6 +44,7 @@ class Panel(NamedTuple):
     bins: Image  # (H, W) space for its bins
     trackers: Trackers  # the n rows of the view
     gap: float  # frames since the last one
+    models: list[PatchModels]  # n of their patches; none for `model=colour`
     config: McmcConfig
 
 
@@ -61,7 +64,9 @@ def step(state: State, looks: Looks, rng: Generator) -> tuple[State, Outlines]:
     for v, image in enumerate(looks.images):
         own = Trackers._make(field[starts[v] : starts[v + 1]] for field in t)
         if image is not None and len(own.view):
-            own, said = _followed(state, Panel(image, state.bins[v], own, gap[v], state.config), rng)
+            own, said = _followed(
+                state, Panel(image, state.bins[v], own, gap[v], _models(state, own), state.config), rng
+            )
             outlines.append(said)
         parts.append(own)
     after = Trackers._make(np.concatenate(fields) for fields in zip(*parts, strict=True))
@@ -143,7 +148,16 @@ def _weighed(panel: Panel, ellipses: Floats, owner: Ints) -> tuple[Floats, Float
     boxes = [boxes_of(ellipses[None, owner == i]) for i in range(len(panel.trackers.view))]
     update_bin_map(panel.bins, panel.image, np.concatenate(boxes))
     likeness = _likeness(panel, ellipses, owner)
-    return likeness, (likeness - 1.0) / (2.0 * panel.config.sigma_colour**2)
+    log_likelihood = (likeness - 1.0) / (2.0 * panel.config.sigma_colour**2)
+    if panel.models:
+        log_likelihood += log_patches(panel.image, ellipses, owner, panel.models, panel.config)
+    return likeness, log_likelihood
+
+
+def _models(state: State, t: Trackers) -> list[PatchModels]:
+    """Of the patches of trackers."""
+    pairs = zip(t.view.tolist(), t.target.tolist(), strict=True)
+    return [state.memories[pair] for pair in pairs] if state.config.model == "pca" else []
 
 
 def _likeness(panel: Panel, ellipses: Floats, owner: Ints) -> Floats:

@@ -13,11 +13,13 @@ from ..core.bin_map import N_BINS, update_bin_map
 from ..core.ellipse_colour import histograms
 from ..core.view_motion import boxes_of
 from .view_method import Birth, Geometry, Looks, View
+from .views_appearance import Memories, remembered
 
 INTERVALS = 9
 """Frames whose distance in time tells how often a view delivers one."""
 LONGEST = 10.0
 """A longer gap [frames] counts as this one."""
+NOTHING: Memories = {}
 
 
 class Trackers(NamedTuple):
@@ -55,7 +57,7 @@ class State(NamedTuple):
     clock: Clock
     bins: tuple[Any, ...]  # (V,) maps of bins, (H, W); only what the latest frame's trackers look at is up to date
     trackers: Trackers
-    memories: tuple[Any, ...] = ()  # (n,) what another appearance model knows of each target
+    memories: Memories = NOTHING  # what is known of targets besides colours; empty for `model=colour`
 
 
 def empty(views: Sequence[View], geometry: Geometry, config: Any, rng: Generator) -> State:
@@ -96,7 +98,12 @@ def born(state: State, looks: Looks, births: Sequence[Birth]) -> State:
     joined = Trackers(*(np.concatenate(parts) for parts in zip(kept.trackers, fresh, strict=True)))
     order = np.lexsort((joined.target, joined.view))
     trackers = _paired(Trackers(*(field[order] for field in joined)), len(state.views))
-    return seen(state._replace(trackers=trackers), looks)
+    known = remembered(state.memories, _pairs(kept.trackers), looks, births, state.config)
+    return seen(state._replace(trackers=trackers, memories=known), looks)
+
+
+def _pairs(trackers: Trackers) -> list[tuple[int, int]]:
+    return list(zip(trackers.view.tolist(), trackers.target.tolist(), strict=True))
 
 
 def _newborn(state: State, looks: Looks, births: Sequence[Birth]) -> Trackers:

@@ -13,6 +13,7 @@ from ..core.bin_map import update_bin_map
 from ..core.ellipse_colour import likenesses
 from ..core.view_motion import Motion, boxes_of, moved, resampled, spreads
 from .view_method import LEFT, LOST, Looks, Outlines
+from .views_appearance import log_appearance
 from .views_loop import counterparts, looped
 from .views_state import State, Trackers, chosen, gaps, seen
 
@@ -91,6 +92,7 @@ def _moment(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> Momen
             update_bin_map(state.bins[v], image, boxes[t.view == v])
     likeness = _alike(state, particles, here)
     log_local = (likeness - 1.0) / (2.0 * config.sigma_colour**2)
+    log_local += log_appearance(looks, particles, t.view, t.target, state.memories, config)
     return Moment(here, here | (gap < 1.5), gap, particles, likeness, log_local)
 
 

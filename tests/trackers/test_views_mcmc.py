@@ -77,7 +77,7 @@ def test_two_targets_are_followed_through_each_other(sampler):
 def panel_of(state, image):
     t = state.trackers
     own = type(t)._make(field[t.view == 0] for field in t)
-    return Panel(image, state.bins[0], own, 1.0, state.config)
+    return Panel(image, state.bins[0], own, 1.0, [], state.config)
 
 
 def test_sir_weighs_by_the_product_over_targets_and_the_prior():
