@@ -10,6 +10,7 @@ import click
 
 from ..errors import InputError, UsageError
 from . import options
+from .report_options import overlay_options, split
 
 if TYPE_CHECKING:
     from ..columns import Table
@@ -34,8 +35,14 @@ T = TypeVar("T", bound="Table")
               help="Moving occluders as the tracker was told: hulls or occluders, written by priors.")  # fmt: skip
 @click.option("--metrics", type=options.PATH, default=None, help="Figures written by evaluate (JSON).")
 @click.option("--title", default="Tracking report", show_default=True, help="Heading of the page.")
-@options.output_opt("The page: one HTML file that needs nothing else.")
-@click.option("--png", type=options.PATH, default=None, help="Also write the main figures as a picture.")
+@options.output_opt("The page: one HTML file that needs nothing else.", required=False)
+@click.option(
+    "--png",
+    type=options.PATH,
+    default=None,
+    help="Also write the main figures as a picture; with --frame that frame, drawn over.",
+)
+@overlay_options
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
@@ -49,8 +56,16 @@ def command(**given: Any) -> int:
       occlog report run/ -o report.html --png report.png
       occlog report tracks.parquet --scene scene.yaml --bearings bearings.parquet -o report.html
       occlog report --scene scene.yaml -o scene.html
+      occlog report view_tracks.parquet --recording balls.mcap --truth balls.mcap --video balls.mp4
+
+    With --recording no page is made: TRACKS (in images) and true boxes are drawn over the frames.
     """
     as_json, quiet, title = given.pop("as_json"), given.pop("quiet"), given.pop("title")
+    overlay = split(given, title)
+    if overlay is not None:
+        from .report_video import Asked, run_overlay
+
+        return options.finish(run_overlay(Asked(**overlay), quiet=quiet), (), as_json)
     paths = from_folder(Paths(**given))
     data = run_report(paths, title)
     for loss in data.losses:

@@ -1,4 +1,4 @@
-"""Lossless video files (FFV1 in AVI), half as large as PNG images."""
+"""Video files: lossless ones (FFV1 in AVI), half as large as PNG images, and small ones to look at."""
 
 from __future__ import annotations
 
@@ -15,13 +15,19 @@ from ..frames import Image
 from .atomic import check_writable, open_output
 from .video_container import read_container
 
+SHOWN = {".avi": "MJPG", ".mp4": "mp4v"}
+"""Kinds of files to look at, and how their frames are coded; most players know both."""
 
-class LosslessVideo:
+
+class VideoWriter:
     """Context manager; the file appears, complete, when the block ends without an error.
 
-    AVI, because it carries neither times nor random numbers: equal images give equal bytes.
     OpenCV does not say when it cannot write, so the frames in the file are counted at the end.
     """
+
+    code = ""
+    suffix = ".avi"
+    otherwise = ""
 
     def __init__(self, path: Path, size: tuple[int, int], rate_hz: float, *, overwrite: bool = False) -> None:
         """Prepare to write `path` with images of `size` (width, height)."""
@@ -32,12 +38,12 @@ class LosslessVideo:
         """Open a temporary file."""
         check_writable(self.path, self.overwrite)
         self._folder = tempfile.TemporaryDirectory(prefix="occlog-")
-        self._draft = Path(self._folder.name) / "video.avi"
-        code = cv2.VideoWriter.fourcc(*"FFV1")
+        self._draft = Path(self._folder.name) / f"video{self.suffix}"
+        code = cv2.VideoWriter.fourcc(*self.code)
         self._video = cv2.VideoWriter(str(self._draft), cv2.CAP_FFMPEG, code, self.rate_hz, self.size)
         if not self._video.isOpened():
             self._folder.cleanup()
-            raise OutputError(f"{self.path}: OpenCV here cannot write FFV1 video; keep PNG images instead")
+            raise OutputError(f"{self.path}: OpenCV here cannot write {self.code} video{self.otherwise}")
         return self
 
     def write(self, image: Image) -> None:
@@ -68,3 +74,20 @@ class LosslessVideo:
             )
         with self._draft.open("rb") as draft, open_output(self.path, self.overwrite) as file:
             shutil.copyfileobj(draft, file, 1 << 20)
+
+
+class LosslessVideo(VideoWriter):
+    """FFV1; in AVI, because it carries neither times nor random numbers: equal images give equal bytes."""
+
+    code = "FFV1"
+    otherwise = "; keep PNG images instead"
+
+
+class ShownVideo(VideoWriter):
+    """Video to look at, not to measure in; the name's suffix, one of `SHOWN`, decides on the kind."""
+
+    def __init__(self, path: Path, size: tuple[int, int], rate_hz: float, *, overwrite: bool = False) -> None:
+        """Prepare to write `path` with images of `size` (width, height), both even."""
+        super().__init__(path, size, rate_hz, overwrite=overwrite)
+        self.suffix = path.suffix.lower()
+        self.code = SHOWN[self.suffix]
