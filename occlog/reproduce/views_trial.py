@@ -71,8 +71,8 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     Returns:
         For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`,
         `mota` (boxes about the ellipses, IoU 0.5), `track_seconds` and `frame_ms` (CPU of the steps, median of
-        a frame; without drawing), `particles` (of a tracker; NaN for none), `left` and `lost` (trackers that
-        ended so), `mode_mipf`, ... (shares of the rows), and those of `views_alarms.alarms`.
+        a frame; without drawing), `particles` (the setting; NaN for none), `ess` (median), `left` and `lost`
+        (trackers that ended so), `mode_mipf`, ... (shares of the rows), and those of `views_alarms.alarms`.
 
     Raises:
         InputError, UsageError: values that do not fit.
@@ -164,5 +164,6 @@ def scores(truth: Objects, followed: Followed, tau: Floats) -> dict[str, float]:
         "lost": float(np.sum(f.event == LOST)),
         "track_seconds": float(np.sum(f.seconds)),
         "frame_ms": 1e3 * float(np.median(f.seconds)),
+        "ess": float(np.nanmedian(f.ess)) if np.isfinite(f.ess).any() else math.nan,
         **modes,
     }

@@ -55,6 +55,7 @@ class Followed(NamedTuple):
         mode: (n,) place in `MODES`; -1 in the first frame.
         counterpart: (n,) see `Outlines`.
         event: (n,) see `Outlines`.
+        ess: (n,) see `Outlines`; NaN in the first frame.
         seconds: CPU time of each step of the method.
         parts: (steps, 3) CPU time of the local, the interaction and the collaboration likelihood in each
             step [s]; (0, 3) where they were not asked for.
@@ -67,6 +68,7 @@ class Followed(NamedTuple):
     mode: Ints
     counterpart: Ints
     event: Ints
+    ess: Floats
     seconds: Floats
     parts: Floats
 
@@ -81,6 +83,7 @@ class Rows(NamedTuple):
     mode: Ints
     counterpart: Ints
     event: Ints
+    ess: Floats
     outlines: Outlines | None
 
 
@@ -224,12 +227,13 @@ def _first(births: Sequence[Birth]) -> Rows:
     view = np.array([b.view for b in births], dtype=np.int64)
     target = np.array([b.target_id for b in births], dtype=np.int64)
     zero = np.zeros(n, dtype=np.int64)
-    return Rows(zero, view, target, np.stack([b.ellipse for b in births]), zero - 1, zero, zero + START, None)
+    ellipse, none = np.stack([b.ellipse for b in births]), np.full(n, np.nan)
+    return Rows(zero, view, target, ellipse, zero - 1, zero, zero + START, none, None)
 
 
 def _rows(frame: int, o: Outlines) -> Rows:
     at = np.full(len(o.view), frame, dtype=np.int64)
-    return Rows(at, o.view, o.target_id, o.ellipse, o.mode, o.counterpart, o.event, o._replace())
+    return Rows(at, o.view, o.target_id, o.ellipse, o.mode, o.counterpart, o.event, o.ess, o._replace())
 
 
 def _joined(

@@ -33,7 +33,8 @@ def made_up(frames: int = 4, views: int = 2, targets: int = 2) -> tuple[Objects,
     checked = np.where(truth.frame > 0, GOOD, 0)
     zero = np.zeros(n, dtype=np.int64)
     return truth, radius, Followed(
-        truth.frame, truth.view, truth.label, rows, later, checked, zero, np.full(frames - 1, 0.002), np.zeros((0, 3)),
+        truth.frame, truth.view, truth.label, rows, later, checked, zero, np.full(n, 30.0),
+        np.full(frames - 1, 0.002), np.zeros((0, 3)),
     )  # fmt: skip
 
 
