@@ -23,6 +23,7 @@ class Near(NamedTuple):
 
     busy: Bools  # (n,) close to another tracker of its view
     touching: Bools  # (n, n)
+    ratio: Floats  # (n,) distance to the nearest over the sum of their radii
 
 
 class Past(NamedTuple):
@@ -41,6 +42,7 @@ class Rig(NamedTuple):
     affine: Floats  # (n, 2, 3)
     bottom: bool  # which point of an ellipse stands for the target
     band: float  # Sigma of Eq. 5 over the reach of the ellipse across the line
+    clear: float  # a counterpart helps when its ratio is at least this, or that of the tracker
 
 
 @kernel
@@ -82,15 +84,15 @@ def settle(
             add_inertia(log_own[i], particles[i], past.centre[i], past.step[i], model)
         normalise_into(weights[i], log_own[i])
         mean_into(estimate[i], particles[i], weights[i])
-    ready, helped = ~near.busy, np.zeros(rig.helper.shape, dtype=np.bool_)
+    ready, helped = ~(near.busy & here), np.zeros(rig.helper.shape, dtype=np.bool_)
     for _ in range(sweeps):
         for v in order:
             rows = np.flatnonzero(near.busy & here & (rig.camera == v))
-            for i in rows:
-                log_w = log_own[i].copy()
-                collaborate(log_w, helped[i], i, particles[i], estimate, ready, near.busy, rig)
-                normalise_into(weights[i], log_w)
-                mean_into(estimate[i], particles[i], weights[i])
+            for k in rows:
+                log_w = log_own[k].copy()
+                collaborate(log_w, helped[k], k, particles[k], estimate, ready, near, rig)
+                normalise_into(weights[k], log_w)
+                mean_into(estimate[k], particles[k], weights[k])
             repel_into(weights, estimate, particles, rows, near.touching, model)
             ready[rows] = True
     return weights, estimate, helped
@@ -98,9 +100,11 @@ def settle(
 
 @kernel
 def collaborate(
-    log_w: Floats, helped: Bools, i: int, particles: Floats, estimate: Floats, ready: Bools, busy: Bools, rig: Rig
+    log_w: Floats, helped: Bools, i: int, particles: Floats, estimate: Floats, ready: Bools, near: Near, rig: Rig
 ) -> None:
-    """Add the bands of the counterparts to a tracker's log weights: of those alone in their view, or else of all.
+    """Add the bands of the counterparts to a tracker's log weights: of those alone in their view, or else of others.
+
+    A counterpart that is more hidden than the tracker would rather mislead it.
 
     Args:
         log_w: (N,) changed in place.
@@ -109,17 +113,19 @@ def collaborate(
         particles: (N, 5) of it.
         estimate: (n, 5).
         ready: (n,) whose estimates can be used.
-        busy: (n,).
+        near: neighbours.
         rig: of the views.
     """
     alone = False
     for v in range(helped.shape[0]):
         j = rig.helper[i, v]
-        alone = alone or (j >= 0 and ready[j] and not busy[j])
+        alone = alone or (j >= 0 and ready[j] and not near.busy[j])
     for v in range(helped.shape[0]):
         j = rig.helper[i, v]
         helped[v] = False
-        if j < 0 or not ready[j] or (alone and busy[j]):
+        if j < 0 or not ready[j] or (alone and near.busy[j]):
+            continue
+        if near.ratio[j] < min(rig.clear, near.ratio[i]):
             continue
         x, y = anchor(estimate[j], rig.affine[j], rig.bottom)
         line = line_of(rig.fundamental[v, rig.camera[i]], x, y)

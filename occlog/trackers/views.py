@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from functools import partial
 
 from .view_method import Birth, Looks, Visual
-from .views_config import BmctConfig, IdmotConfig, MipfConfig
+from .views_config import BmctConfig, CmctConfig, IdmotConfig, MipfConfig
+from .views_lines import adapted, by_colours, on_lines
 from .views_loop import paired_anew
 from .views_mcmc import MCMC
 from .views_state import State, born, empty, ended
@@ -27,6 +28,11 @@ def _visual(summary: str, config: type, scheme: Scheme) -> Visual:
 VISUAL: dict[str, Visual] = {
     "mipf": _visual("a particle filter for each target and view, on its own", MipfConfig, Scheme(alone, False)),
     "idmot": _visual("trackers that touch repel each other and keep their ways", IdmotConfig, Scheme(among, False)),
+    "cmct": _visual(
+        "particles on the epipolar lines of the other views, colours that adapt; no interaction",
+        CmctConfig,
+        Scheme(by_colours, True, on_lines, adapted),
+    ),  # fmt: skip
     "bmct": _visual("as idmot, helped by the other views through epipolar lines", BmctConfig, Scheme(together, True)),
     "mcmc": MCMC,
 }

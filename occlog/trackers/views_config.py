@@ -99,6 +99,7 @@ class BmctConfig(IdmotConfig):
     close: float = CLOSE  # trackers are close when nearer than this many times the sum of their radii
     band: float = 0.3  # Sigma of [Qu] Eq. 5 over the radius
     anchor: str = "centre"  # point of the ellipse whose epipolar line counts: `centre`, or `bottom` for people
+    clear: float = CLOSE  # less clear counterparts (see `close`) help only trackers that are less clear still; 0: all
     sweeps: int = 2  # over the views of targets that are close to others in all of them
     bad_after: int = 15  # loop checks in a row that fail make a counterpart bad
     good_after: int = 5  # that hold make it good again
@@ -111,6 +112,7 @@ class BmctConfig(IdmotConfig):
             ("band", self.band > 0, "above 0"),
             ("anchor", self.anchor in ANCHORS, f"one of {', '.join(ANCHORS)}"),
             *((name, getattr(self, name) >= 1, "at least 1") for name in ("sweeps", "bad_after", "good_after")),
+            ("clear", self.clear >= 0, "at least 0"),
         ]
 
 

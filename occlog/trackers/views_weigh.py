@@ -28,6 +28,7 @@ def alone(state: State, moment: Moment, rng: Generator) -> Weighed:
 
 def among(state: State, moment: Moment, rng: Generator) -> Weighed:
     """Weights with repulsion and inertia of trackers that touch."""
+    del rng
     n, views = state.trackers.twin.shape
     helper = np.full((n, views), -1)
     return _settled(state, moment, helper, np.arange(views), 1)
@@ -39,15 +40,16 @@ def together(state: State, moment: Moment, rng: Generator) -> Weighed:
     return _settled(state, moment, helpers(state.trackers, moment.fresh), order, state.config.sweeps)
 
 
-def _settled(state: State, moment: Moment, helper: np.ndarray, order: np.ndarray, sweeps: int) -> Weighed:
+def _settled(state: State, moment: Moment, helper: Ints, order: Ints, sweeps: int) -> Weighed:
     t, c = state.trackers, state.config
     first = summed(moment.particles, moment.log_local)[1]
     ratio = np.where(t.view[:, None] == t.view[None, :], nearness(first), np.inf)
     touching = ratio <= c.touch
-    near = Near((ratio <= getattr(c, "close", c.touch)).any(axis=1), touching)
+    near = Near((ratio <= getattr(c, "close", c.touch)).any(axis=1), touching, ratio.min(axis=1))
     past = Past(t.estimate[:, :2], t.path.mean(axis=1) * moment.gap[:, None])
     bottom, band = getattr(c, "anchor", "centre") == "bottom", getattr(c, "band", 1.0)
-    rig = Rig(t.view, helper, state.geometry.fundamental, affine_maps(state, first), bottom, band)
+    maps, clear = affine_maps(state, first), getattr(c, "clear", 0.0)
+    rig = Rig(t.view, helper, state.geometry.fundamental, maps, bottom, band, clear)
     model = Interaction(c.alpha, c.repulsion, c.iterations, c.inertia, c.inertia_angle, c.inertia_speed)
     weights, estimate, helped = settle(
         moment.particles, moment.log_local, near, past, rig, order, sweeps, model, moment.here
