@@ -32,7 +32,7 @@ VISUAL: dict[str, Visual] = {
         "particles on the epipolar lines of the other views, colours that adapt; no interaction",
         CmctConfig,
         Scheme(by_colours, True, on_lines, adapted),
-    ),  # fmt: skip
+    ),
     "bmct": _visual("as idmot, helped by the other views through epipolar lines", BmctConfig, Scheme(together, True)),
     "mcmc": MCMC,
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.random import Generator
 
+from ..columns import Ints
 from ..core.ellipse import nearness
 from ..core.view_motion import summed
 from ..core.view_repulsion import Interaction
