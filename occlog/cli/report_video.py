@@ -131,7 +131,7 @@ def _check_shown(asked: Asked, shown: int, png: bytes, pictures: _Pictures) -> N
     if asked.video is not None and not shown:
         first, last = asked.frames or (0, 0)
         raise InputError(f"{asked.recording}: camera {pictures.first} has no frame in {first}:{last}")
-    if asked.tracks is not None and not pictures.tracks_used:
+    if asked.video is not None and asked.tracks is not None and not pictures.used()["tracks"]:
         raise InputError(
             f"{asked.tracks}: no row is of a frame shown of {asked.recording} (time and camera must agree); "
             "are these the tracks of this recording?"
@@ -144,8 +144,7 @@ def _summary(asked: Asked, names: list[str], shown: int, rate: float, pictures: 
         summary |= {"video": str(asked.video), "frames": shown, "fps": round(rate, 3)}
     if asked.png is not None:
         summary |= {"png": str(asked.png), "frame": asked.frame}
-    summary["cameras"] = names
-    return summary | {"tracks": pictures.tracks_used} if asked.tracks is not None else summary
+    return summary | {"cameras": names} | pictures.used()
 
 
 def _cameras(recording: Recording, asked: tuple[str, ...]) -> list[str]:
@@ -181,10 +180,10 @@ class _Pictures:
         height = max(view.height for view in self._rig.views)
         self._scale = asked.scale or float(max(1, round(GOOD_HEIGHT / height)))
 
-    @property
-    def tracks_used(self) -> int:
-        """Rows of tracks drawn so far."""
-        return self._tracks.used if self._tracks is not None else 0
+    def used(self) -> dict[str, int]:
+        """Rows of each table that belong to the frames so far."""
+        tables = {"tracks": self._tracks, "truth": self._truth, "failures": self._failures}
+        return {name: rows.used for name, rows in tables.items() if rows is not None}
 
     def __iter__(self) -> Iterator[tuple[int, Image]]:
         images: list[Image] = [np.zeros((v.height, v.width, 3), dtype=np.uint8) for v in self._rig.views]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,6 +13,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Colour = tuple[int, int, int]
+Box = tuple[int, int, int, int]
+"""Left, top, right, bottom of a label, half-open."""
 
 COLOURS: tuple[Colour, ...] = (
     (233, 180, 86),
@@ -92,8 +93,12 @@ def draw_shot(image: Bytes, shot: Shot, scale: float) -> Bytes:
         _path(picture, link, scale, WHITE, 2)
     for outline in shot.outlines:
         _estimate(picture, outline, scale)
-    for outline in shot.outlines:  # numbers lie over everything else
-        _tag(picture, outline, scale)
+    taken: list[Box] = []  # numbers lie over everything else
+    for outline in shot.outlines:
+        _tag(picture, outline, scale, taken)
+    for place in shot.places if shot.boxed else ():
+        x, y = (scale * (place.box[:2] + [0.5 * place.box[2], 0.0] + 0.5) - 0.5).tolist()
+        _label(picture, str(place.target_id), (x, y - 2), colour_of(place.target_id), taken)
     for n, note in enumerate(reversed(shot.notes)):
         _text(picture, note, (6, picture.shape[0] - 8 - 20 * n), 0.5, ALARM)
     return np.vstack([_bar(shot.title, size[0]), picture])
@@ -136,32 +141,52 @@ def _rim(ellipse: Floats, count: int = 72) -> Floats:
     return np.column_stack([x + u * math.cos(rho) - v * math.sin(rho), y + u * math.sin(rho) + v * math.cos(rho)])
 
 
+def _dashes(points: Floats, scale: float) -> list[Floats]:
+    """Parts of a way (k, 2) with gaps between them that can be told apart in the picture."""
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    count = max(3, round(scale * float(way[-1]) / 22.0))
+    parts = (np.arange(count)[:, None] + np.linspace(0.0, 0.5, 7)) / count * way[-1]
+    return [np.column_stack([np.interp(part, way, points[:, k]) for k in (0, 1)]) for part in parts]
+
+
 def _estimate(picture: Bytes, outline: Outline, scale: float) -> None:
     rim, width = _rim(outline.ellipse), 3 if outline.strong else 2
     colour = colour_of(outline.target_id)
-    for part in [rim[k : k + 5] for k in range(0, 72, 8)] if outline.dashed else [rim]:
+    for part in _dashes(rim, scale) if outline.dashed else [rim]:
         _path(picture, part, scale, colour, width, halo=True)
     if outline.wrong:
         _path(picture, _rim(outline.ellipse * [1, 1, 1.18, 1.18, 1]), scale, ALARM, 2, halo=True)
 
 
-def _tag(picture: Bytes, outline: Outline, scale: float) -> None:
+def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box]) -> None:
     """The target's number above its ellipse, and what is wrong with it."""
     rim = _rim(outline.ellipse)
     x, y = (scale * (rim[rim[:, 1].argmin()] + 0.5) - 0.5).tolist()
     words = str(outline.target_id) + (f" {outline.wrong}" if outline.wrong else "")
-    _label(picture, words, (x, y - 2), ALARM if outline.wrong else colour_of(outline.target_id))
+    _label(picture, words, (x, y - 2), ALARM if outline.wrong else colour_of(outline.target_id), taken)
 
 
-def _label(picture: Bytes, words: str, bottom: tuple[float, float], colour: Colour) -> None:
-    """Words on a ground of some colour; its lower edge is in the middle at `bottom`, but it stays in the picture."""
+def _label(picture: Bytes, words: str, bottom: tuple[float, float], colour: Colour, taken: list[Box]) -> None:
+    """Words on a ground of some colour, with the middle of its lower edge at `bottom`.
+
+    It stays in the picture and is moved aside where it would hide one of those in `taken`, to which it is added.
+    """
     (width, height), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
-    left = round(min(max(bottom[0] - 0.5 * width - 4, 0), max(picture.shape[1] - width - 8, 0)))
-    top = round(min(max(bottom[1] - height - 7, 0), max(picture.shape[0] - height - 8, 0)))
-    cv2.rectangle(picture, (left, top), (left + width + 7, top + height + 7), colour, cv2.FILLED)
+    wide, high = width + 8, height + 8
+    top = round(min(max(bottom[1] - high, 0), max(picture.shape[0] - high, 0)))
+    middle, most = bottom[0] - 0.5 * wide, max(picture.shape[1] - wide, 0)
+    aside = (min(max(middle + step * (wide + 1), 0), most) for step in (0, 1, -1, 2, -2, 3, -3, 4, -4))
+    spots = [(round(left), top, round(left) + wide, top + high) for left in aside]
+    spot = next((s for s in spots if not any(_overlap(s, t) for t in taken)), spots[0])
+    taken.append(spot)
+    cv2.rectangle(picture, spot[:2], (spot[2] - 1, spot[3] - 1), colour, cv2.FILLED)
     light = 0.114 * colour[0] + 0.587 * colour[1] + 0.299 * colour[2] > 110.0
-    ink = BLACK if light else WHITE
-    cv2.putText(picture, words, (left + 4, top + height + 3), cv2.FONT_HERSHEY_SIMPLEX, 0.5, ink, 1, cv2.LINE_AA)
+    at = (spot[0] + 4, top + height + 3)
+    cv2.putText(picture, words, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, BLACK if light else WHITE, 1, cv2.LINE_AA)
+
+
+def _overlap(a: Box, b: Box) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
 def _corners(box: Floats) -> Floats:
@@ -171,16 +196,10 @@ def _corners(box: Floats) -> Floats:
 
 
 def _true_box(picture: Bytes, place: Place, scale: float) -> None:
-    """The box, dashed where the target is hidden, and its number."""
-    corners, colour = _corners(place.box), colour_of(place.target_id)
-    for a, b in itertools.pairwise(corners):
-        parts = 7 if place.visible < HIDDEN else 1
-        at = np.linspace(0.0, 1.0, 2 * parts)[:, None]
-        points = a + at * (b - a)
-        for k in range(0, 2 * parts, 2):
-            _path(picture, points[k : k + 2], scale, colour, 2, halo=True)
-    x, y = (scale * (corners[0] + 0.5) - 0.5).tolist()
-    _label(picture, str(place.target_id), (x + 0.5 * scale * float(place.box[2]), y - 2), colour)
+    """The box, dashed where the target is hidden."""
+    corners, hidden = _corners(place.box), place.visible < HIDDEN
+    for part in _dashes(corners, scale) if hidden else [corners]:
+        _path(picture, part, scale, colour_of(place.target_id), 2, halo=True)
 
 
 def _true_cross(picture: Bytes, place: Place, scale: float) -> None:
