@@ -13,10 +13,10 @@ from .csv_rows import read_rows
 COLUMNS = {
     "sensor_a": ("sensor_a",),
     "sensor_b": ("sensor_b",),
-    "xa": ("xa_px",),
-    "ya": ("ya_px",),
-    "xb": ("xb_px",),
-    "yb": ("yb_px",),
+    "xa_px": ("xa_px",),
+    "ya_px": ("ya_px",),
+    "xb_px": ("xb_px",),
+    "yb_px": ("yb_px",),
 }
 WHAT = "matches of two views (columns sensor_a,sensor_b,xa_px,ya_px,xb_px,yb_px)"
 
@@ -30,7 +30,7 @@ def read_matches(path: Path) -> tuple[Matches, ...]:
         for name in COLUMNS:
             if not rows.has(name):
                 raise InputError(f"{path}: has no column {COLUMNS[name][0]!r}; {WHAT} were expected")
-        values = np.column_stack([rows.floats(name) for name in ("xa", "ya", "xb", "yb")])
+        values = np.column_stack([rows.floats(name) for name in ("xa_px", "ya_px", "xb_px", "yb_px")])
         for n, pair in enumerate(zip(rows.cells["sensor_a"].tolist(), rows.cells["sensor_b"].tolist(), strict=True)):
             if pair[0] == pair[1] or not all(pair):
                 raise rows.fail(n, f"sensor_a {pair[0]!r} and sensor_b {pair[1]!r} must name two cameras")
