@@ -21,7 +21,7 @@ from ..trackers.views import VISUAL
 from ..view_records import ViewTracks
 from . import options
 from .track_views_input import ViewsInput
-from .track_views_summary import ViewsTally
+from .track_views_summary import ALONE, ViewsTally
 
 if TYPE_CHECKING:
     from ..losses import Loss
@@ -74,7 +74,8 @@ def run_track_views(
     if wanted.world is not None:
         inputs.check_world()
     starts, next_id = inputs.starts()
-    setup = Setup(inputs.views, inputs.geometry, VISUAL[request.method], config, stage, starts, next_id)
+    helped = request.method in ALONE
+    setup = Setup(inputs.views, inputs.geometry, VISUAL[request.method], config, stage, starts, next_id, helped)
     feed = inputs.feed()
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
     frames = options.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)

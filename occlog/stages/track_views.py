@@ -45,6 +45,8 @@ class Setup:
         stage: settings around it.
         starts: trackers to begin.
         next_id: number of the first target that detections begin.
+        helped: the method uses other views.  The trackers of one that does not may be on different targets in
+            two views, which is no fault of the geometry.
     """
 
     views: tuple[View, ...]
@@ -54,6 +56,7 @@ class Setup:
     stage: ViewsConfig = field(default_factory=ViewsConfig)
     starts: tuple[Start, ...] = ()
     next_id: int = 0
+    helped: bool = True
 
 
 class ViewsPart(NamedTuple):
@@ -125,7 +128,7 @@ def _advance(
         state, outlines = setup.method.step(run.state, moment.looks, rng)
         outlines = outlines._replace(event=np.where(outlines.event == START, 0, outlines.event))
         run = replace(run, state=state, trackers=_survivors(run.trackers, outlines))
-        checks = check_outlines(outlines, setup.geometry)
+        checks = check_outlines(outlines, setup.geometry) if setup.helped else checks
     run, births = _due(run, moment.looks)
     ended: tuple[Key, ...] = ()
     if feed is not None:

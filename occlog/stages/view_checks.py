@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..columns import Bools, Floats
+from ..columns import Floats, Ints
 from ..core.ellipse import touching
 from ..trackers.view_method import Birth, Geometry, Outlines
 from .view_births import loop_distances, radius
@@ -41,25 +41,25 @@ def gather(parts: Sequence[Checks]) -> Checks:
 
 def check_outlines(outlines: Outlines, geometry: Geometry) -> Checks:
     """Loop checks of the targets that touch no other in either view."""
-    alone: Bools = ~np.asarray(outlines.touching.any(axis=1))
-    rows = {
-        (v, t): ellipse
-        for v, t, ellipse, free in zip(
-            outlines.view.tolist(), outlines.target_id.tolist(), outlines.ellipse, alone.tolist(), strict=True
-        )
-        if free
-    }
-    return _checks(rows, geometry)
+    return _checks(_free(outlines.view, outlines.target_id, outlines.ellipse), geometry)
 
 
 def check_births(births: Sequence[Birth], geometry: Geometry) -> Checks:
     """The same of ellipses that trackers start with."""
+    if not births:
+        return no_checks()
+    view, target = np.array([b.view for b in births]), np.array([b.target_id for b in births])
+    return _checks(_free(view, target, np.array([b.ellipse for b in births])), geometry)
+
+
+def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[tuple[int, int], Floats]:
+    """Ellipses that touch no other of their view, by view and target."""
     rows = {}
-    for v in sorted({birth.view for birth in births}):
-        mine = [birth for birth in births if birth.view == v]
-        crowded: Bools = np.asarray(touching(np.array([birth.ellipse for birth in mine])).any(axis=1))
-        rows.update({(v, b.target_id): b.ellipse for b, c in zip(mine, crowded.tolist(), strict=True) if not c})
-    return _checks(rows, geometry)
+    for v in np.unique(view).tolist():
+        mine = np.flatnonzero(view == v)
+        alone = mine[~touching(ellipses[mine]).any(axis=1)]
+        rows.update({(v, t): e for t, e in zip(target[alone].tolist(), ellipses[alone], strict=True)})
+    return rows
 
 
 def _checks(rows: Mapping[tuple[int, int], Floats], geometry: Geometry) -> Checks:
