@@ -28,3 +28,11 @@ def shared_data() -> Path:
     if not path.is_dir():
         pytest.skip(f"recorded data not found at {path}; set OCCLOG_SHARED_DATA")
     return path
+
+
+@pytest.fixture(scope="session")
+def peers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Python of an environment with TrackEval and py-motmetrics; OCCLOG_PEERS names one that exists."""
+    from mot_environment import make_environment
+
+    return make_environment(tmp_path_factory.mktemp("peers"))

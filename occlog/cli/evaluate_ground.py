@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def split_many(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Options of many targets that were given, and all others."""
-    told = {name: values[name] for name in FIELDS if values.get(name) is not None}
+    told = {name: values[name] for name in FIELDS if values.get(name) not in (None, ())}
     return told, {name: value for name, value in values.items() if name not in FIELDS}
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from fractions import Fraction
 from pathlib import Path
@@ -17,7 +18,7 @@ from ..io.frame_times import FrameTimes
 from ..io.json_file import write_json
 from ..io.mot_file import SequenceInfo
 from ..io.mot_layout import MotSequence, write_layout
-from ..io.parquet import read_table, schema_name, write_table
+from ..io.parquet import read_provenance, read_table, schema_name, write_table
 from ..io.recording import open_recording
 from ..io.video import rate_times
 from ..records import Boxes, TruthBoxes
@@ -37,6 +38,10 @@ B = TypeVar("B", bound=Boxes)
 TEXT = (".txt", ".csv")
 RATE = Fraction(25)
 """Frames a second of MOTChallenge text, which has no times."""
+
+FROM_DETECTIONS = (
+    "trackers were born from detections, so that their numbers are not those of targets; FR needs --own start"
+)
 
 
 def in_images(path: Path | None) -> bool:
@@ -68,11 +73,37 @@ def run_evaluate_many(paths: Paths, values: Mapping[str, Any]) -> Evaluation:
     named = not text and schema_name(paths.tracks) == ViewTracks.NAME
     config = many_config(values, values["box_overlap"], "label" if named else "start")
     by_number = text or _is_text(paths.truth)
+    if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
+        raise UsageError(f"--gospa-cutoff {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
+                         "there is --gospa-px")  # fmt: skip
     tracks, truth, scene = _read_both(paths.tracks, paths.truth, config)
-    sides = lay_boxes(tracks, truth, config, by_number=by_number)
+    with _named({"tracks": paths.tracks, "truth": paths.truth}):
+        made = _made(paths.tracks) if named else {}
+        sides = lay_boxes(tracks, truth, config, by_number=by_number, looked=_strings(made.get("cameras")))
     result = evaluate_sides(sides, config)
+    if config.own == "label" and made.get("births", "initial") != "initial":
+        result = replace(result, notes=(*result.notes, f"{paths.tracks}: {FROM_DETECTIONS}"))
     _write(paths, result, sides, config, scene)
     return result
+
+
+def _made(path: Path) -> Mapping[str, Any]:
+    """Parameters with which tracks were made."""
+    return read_provenance(path).parameters
+
+
+def _strings(value: object) -> tuple[str, ...]:
+    return tuple(text for text in value if isinstance(text, str)) if isinstance(value, list) else ()
+
+
+@contextmanager
+def _named(files: Mapping[str, Path]) -> Iterator[None]:
+    """Put the file in the place of the word with which a message begins."""
+    try:
+        yield
+    except InputError as error:
+        word, mark, rest = str(error).partition(": ")
+        raise (InputError(f"{files[word]}{mark}{rest}") if word in files else error) from error
 
 
 def _is_text(path: Path) -> bool:

@@ -66,7 +66,8 @@ def evaluate_sides(sides: Sides, config: ManyConfig) -> Evaluation:
     metrics: Metrics = failure_figures(found, found.frame >= 0, len(sides.truth.frame))
     metrics |= mot_figures(frames, config, sum(sides.frames)) | sides.counts
     metrics |= {"targets": len(frames.truth_key), "tracks": len(frames.track_key)}
-    metrics |= _centre_gospa(points, config, sum(sides.frames))
+    if config.gospa_px is not None:
+        metrics |= _centre_gospa(points.truth, points.tracks, config, config.gospa_px, sum(sides.frames))
     if len(sides.views) > 1:
         metrics |= across_views(sides.truth, sides.tracks, config.overlap)
         for v, name in enumerate(sides.views):
@@ -130,12 +131,10 @@ def _visible(at: Objects, places: Places) -> Floats:
     return np.array([share.get(row, np.nan) for row in rows], dtype=np.float64)
 
 
-def _centre_gospa(points: Places, config: ManyConfig, cells: int, view: int | None = None, whose: str = "") -> Metrics:
-    if config.gospa_px is None:
-        return {}
-    sides = [points.truth, points.tracks] if view is None else [of_view(s, view) for s in (points.truth, points.tracks)]
-    frames = of_points(sides[0], sides[1], config.gospa_px)
-    return gospa_figures(frames, config, config.gospa_px, cells, whose, "px")
+def _centre_gospa(
+    truth: Objects, tracks: Objects, config: ManyConfig, cutoff: float, cells: int, whose: str = ""
+) -> Metrics:
+    return gospa_figures(of_points(truth, tracks, cutoff), config, cutoff, cells, whose, "px")
 
 
 def _of_view(sides: Sides, found: mot_failures.Failures, config: ManyConfig, v: int, whose: str) -> Metrics:
@@ -144,11 +143,10 @@ def _of_view(sides: Sides, found: mot_failures.Failures, config: ManyConfig, v: 
     out = failure_figures(found, found.view == v, len(truth.frame), whose)
     out |= mot_figures(frames, config, sides.frames[v], whose)
     out |= {f"targets{whose}": len(frames.truth_key), f"tracks{whose}": len(frames.track_key)}
-    return (
-        out
-        | {f"frames{whose}": sides.frames[v]}
-        | _centre_gospa(as_places(sides, config), config, sides.frames[v], v, whose)
-    )
+    out |= {f"frames{whose}": sides.frames[v]}
+    if config.gospa_px is not None:
+        out |= _centre_gospa(centres(truth), centres(tracks), config, config.gospa_px, sides.frames[v], whose)
+    return out
 
 
 def _left_out(sides: Sides) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -67,7 +67,9 @@ def places(boxes: Boxes) -> Floats:
     return np.column_stack([boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px])
 
 
-def lay_boxes(tracks: Boxes, truth: TruthBoxes, config: ManyConfig, *, by_number: bool = False) -> Sides:
+def lay_boxes(
+    tracks: Boxes, truth: TruthBoxes, config: ManyConfig, *, by_number: bool = False, looked: Collection[str] = ()
+) -> Sides:
     """Tracks and truth of the frames that the truth has, with a box or known to have none.
 
     Args:
@@ -75,12 +77,13 @@ def lay_boxes(tracks: Boxes, truth: TruthBoxes, config: ManyConfig, *, by_number
         truth: true boxes with identities.
         config: cameras and frames that are to be compared.
         by_number: frames are the same when camera and number are; otherwise when camera and time are.
+        looked: cameras that are compared even if no track is in them.
 
     Raises:
         InputError: nothing is to be compared, an object has no identity, or the same one twice in a frame.
     """
-    truth, tracks = _wanted(truth, config, "truth"), _wanted(tracks, config, "tracks")
-    views, left_out = _views(tracks, truth)
+    truth, tracks = _wanted(truth, config, "truth"), _wanted(tracks, config, "tracks", looked)
+    views, left_out = _views(tracks, truth, looked)
     truth = truth.take(np.isin(truth.sensor, views))
     key = "frame" if by_number else "t_ns"
     times, numbers, keys = _frames(truth, views, key)
@@ -107,25 +110,23 @@ def lay_boxes(tracks: Boxes, truth: TruthBoxes, config: ManyConfig, *, by_number
     )  # fmt: skip
 
 
-def _wanted(boxes: B, config: ManyConfig, what: str) -> B:
+def _wanted(boxes: B, config: ManyConfig, what: str, looked: Collection[str] = ()) -> B:
     """Rows of the cameras and frames asked for."""
-    names = np.unique(boxes.sensor).tolist()
+    names = sorted({*np.unique(boxes.sensor).tolist(), *looked})
     if missing := [name for name in config.cameras if name not in names]:
         raise InputError(f"{what}: no camera {', '.join(missing)}; there is {', '.join(names) or 'none'}")
     keep = np.isin(boxes.sensor, config.cameras) if config.cameras else np.ones(len(boxes), dtype=np.bool_)
     if config.frames is not None:
         keep &= (boxes.frame >= config.frames[0]) & (boxes.frame < config.frames[1])
-    if len(boxes) and not keep.any():
-        first, stop = config.frames or (0, 0)
-        raise InputError(
-            f"{what}: no row in frames {first}:{stop}; they are {boxes.frame.min()} to {boxes.frame.max()}"
-        )
+    if what == "truth" and config.frames is not None and len(boxes) and not keep.any():
+        first, stop = config.frames
+        raise InputError(f"truth: no row in frames {first}:{stop}; they are {_span(boxes.frame)}")
     return boxes.take(keep)
 
 
-def _views(tracks: Boxes, truth: TruthBoxes) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _views(tracks: Boxes, truth: TruthBoxes, looked: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Cameras of both, and those of the truth without a track."""
-    ours, theirs = np.unique(tracks.sensor).tolist(), np.unique(truth.sensor).tolist()
+    ours, theirs = sorted({*np.unique(tracks.sensor).tolist(), *looked}), np.unique(truth.sensor).tolist()
     if not theirs:
         raise InputError("truth: has no boxes; nothing to compare with")
     if not ours:  # nothing was tracked at all, which is to be counted

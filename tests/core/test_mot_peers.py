@@ -7,9 +7,6 @@ OCCLOG_PEERS names the Python of one that exists.  Without an index of packages 
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +14,7 @@ from typing import Any, TypeVar
 import mot_reference as plain
 import numpy as np
 import pytest
+from mot_environment import ask
 
 from occlog.core.mot_clear import CHALLENGE, CLASSIC, clear_mot
 from occlog.core.mot_frames import Frames, Objects, of_boxes, of_points, reaches
@@ -28,37 +26,10 @@ from occlog.io.video import rate_times
 from occlog.records import Boxes, TruthBoxes
 
 pytestmark = pytest.mark.slow
-SCRIPT = Path(plain.__file__).with_name("mot_peers.py")
-PACKAGES = ("trackeval==1.3.0", "motmetrics==1.4.0")
 NAMES = ("TUD-Campus", "TUD-Stadtmitte")
 LIMIT = 0.8
 SCENES = 40
 B = TypeVar("B", bound=Boxes)
-
-
-@pytest.fixture(scope="session")
-def peers(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Python of an environment with both packages."""
-    if given := os.environ.get("OCCLOG_PEERS"):
-        return Path(given)
-    folder = tmp_path_factory.mktemp("peers")
-    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-    python = folder / "bin" / "python"
-    install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *PACKAGES]
-    done = subprocess.run(install, capture_output=True, text=True, env=alone())
-    if done.returncode:
-        pytest.skip(f"{' and '.join(PACKAGES)} cannot be installed: {done.stderr.strip().splitlines()[-1]}")
-    return python
-
-
-def alone() -> dict[str, str]:
-    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-
-
-def ask(python: Path, given: Path) -> Any:
-    done = subprocess.run([python, SCRIPT, given], capture_output=True, text=True, env=alone())
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
 
 
 def as_frames(frames: Frames) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
     python mot_peers.py scenes.json    a list of scenes, each a list of frames
                                        {"truth": ids, "tracks": ids, "similarity": rows, "distance": rows}
     python mot_peers.py folder         truth/NAME/..., tracks/ours/data/NAME.txt, list.txt: evaluated as files
+    python mot_peers.py layout folder  gt/..., trackers/...: as TrackEval looks at them by itself, and py-motmetrics
 
 A distance that must not be paired is null.
 """
@@ -86,6 +87,39 @@ def of_folder(folder: Path) -> dict[str, Any]:
     }
 
 
+def of_layout(folder: Path) -> dict[str, Any]:
+    """Both programs on the folder; TrackEval is told nothing but where it is."""
+    import trackeval
+
+    places = {"GT_FOLDER": str(folder / "gt"), "TRACKERS_FOLDER": str(folder / "trackers"), "PRINT_CONFIG": False}
+    data = trackeval.datasets.MotChallenge2DBox(places)
+    wanted = [trackeval.metrics.HOTA(), trackeval.metrics.CLEAR(), trackeval.metrics.Identity()]
+    how = {"PRINT_CONFIG": False, "PRINT_RESULTS": False, "TIME_PROGRESS": False, "BREAK_ON_ERROR": True}
+    how |= {"OUTPUT_SUMMARY": False, "OUTPUT_DETAILED": False, "PLOT_CURVES": False, "LOG_ON_ERROR": None}
+    found = trackeval.Evaluator(how).evaluate([data], wanted)[0]["MotChallenge2DBox"]
+    return {
+        tracker: {
+            name: _plain({k: v for part in classes["pedestrian"].values() for k, v in part.items()})
+            | ({} if name == "COMBINED_SEQ" else {"motmetrics": _motmetrics_files(folder, tracker, name)})
+            for name, classes in sequences.items()
+        }
+        for tracker, sequences in found.items()
+    }
+
+
+def _motmetrics_files(folder: Path, tracker: str, name: str) -> dict[str, Any]:
+    import motmetrics
+
+    # py-motmetrics 1.4.0 wants what NumPy 2 no longer has.
+    np.asfarray = lambda values: np.asarray(values, dtype=float)
+    truth = motmetrics.io.loadtxt(folder / "gt" / "MOT17-train" / name / "gt" / "gt.txt", fmt="mot15-2D")
+    tracks = motmetrics.io.loadtxt(folder / "trackers" / "MOT17-train" / tracker / "data" / f"{name}.txt")
+    accumulator = motmetrics.utils.compare_to_groundtruth(truth, tracks, "iou", distth=0.5)
+    names = ["num_false_positives", "num_misses", "num_switches", "mota", "motp", "idf1"]
+    table = motmetrics.metrics.create().compute(accumulator, metrics=names, name="all")
+    return _plain({k: table[k].iloc[0] for k in names})
+
+
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
     """Numbers and lists for JSON; what is not finite as null."""
     made = {name: np.asarray(value, dtype=float) for name, value in values.items()}
@@ -93,7 +127,10 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    given = Path(sys.argv[1])
+    given = Path(sys.argv[-1])
     with contextlib.redirect_stdout(sys.stderr):
-        answer = of_folder(given) if given.is_dir() else of_scenes(json.loads(given.read_text()))
+        if sys.argv[1] == "layout":
+            answer: Any = of_layout(given)
+        else:
+            answer = of_folder(given) if given.is_dir() else of_scenes(json.loads(given.read_text()))
     json.dump(answer, sys.stdout)
