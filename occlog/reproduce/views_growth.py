@@ -36,6 +36,13 @@ class Filter(NamedTuple):
     grid: tuple[float, ...]  # particles of a tracker, or of a view and target; `sir`: see `tried`
 
 
+class Tried(NamedTuple):
+    """What came of one number of particles."""
+
+    ess: Row  # effective samples of a target
+    ms: Row  # CPU time of a frame
+
+
 BMCT = Filter("BMCT", "bmct", {}, True, (24, 48, 96))
 MCMC = Filter("MCMC", "mcmc", {}, False, (45, 90, 180))
 SIR = Filter("joint SIR", "mcmc", {"sampler": "sir"}, False, (1, 2, 4))
@@ -64,7 +71,7 @@ def table2(size: Size, execute: Execute) -> Table:
         needs, times = [], []
         for i, n in enumerate(counts):
             trials = [_trial(f, n, k, results[i * size.runs : (i + 1) * size.runs]) for k in tried(f, n)]
-            raw += trials
+            raw += [row for trial in trials for row in trial]
             need, spent = needed(trials)
             needs.append(Row(f"{f.name}, {TOTAL}", n, need, _extra(f, n, trials, need), plotted=False))
             times.append(Row(f"{f.name}, {TIME}", n, spent, _fps(f, n, spent), plotted=False))
@@ -82,44 +89,46 @@ def _spec(size: Size, run: int, targets: int) -> Spec:
     return views_spec(seed_of(size, run), methods, {"frames": size.steps, "balls": targets, "views": VIEWS})
 
 
-def _trial(f: Filter, targets: int, particles: int, results: Sequence[Mapping[str, float]]) -> Row:
-    """Effective samples of a target in every run."""
-    figures = {q: [r[f"{f.name}-{particles}.{q}"] for r in results] for q in ("ess", "fr_p", "fr_l", "frame_ms")}
-    extra = {q: math.fsum(figures[q]) / len(results) for q in ("fr_p", "fr_l", "frame_ms")}
-    extra |= {f"ms_{run}": ms for run, ms in enumerate(figures["frame_ms"])}
-    name = f"{f.name}, {targets} targets: effective samples"
-    return Row(name, total(f, targets, particles), tuple(figures["ess"]), extra, plotted=False)
+def _trial(f: Filter, targets: int, particles: int, results: Sequence[Mapping[str, float]]) -> Tried:
+    """Effective samples and time in every run; x is the total number of particles."""
+    found = {q: tuple(r[f"{f.name}-{particles}.{q}"] for r in results) for q in ("ess", "fr_p", "fr_l", "frame_ms")}
+    rates = {q: math.fsum(found[q]) / len(results) for q in ("fr_p", "fr_l")}
+    name, x = f"{f.name}, {targets} targets", total(f, targets, particles)
+    return Tried(
+        Row(f"{name}: effective samples", x, found["ess"], rates, plotted=False),
+        Row(f"{name}: {TIME}", x, found["frame_ms"], plotted=False),
+    )
 
 
-def needed(trials: Sequence[Row]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def needed(trials: Sequence[Tried]) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Total particles of which `ENOUGH` are effective, in every run, and the time that they take.
 
     Between the numbers tried, and beyond, both are powers of the number.  No fewer than the number
     from which on targets are followed (`ROBUST`); nothing where that is never so.
 
     Args:
-        trials: rows of `_trial` by rising number of particles.
+        trials: by rising number of particles.
     """
     robust = _robust(trials)
     if math.isinf(robust):
         return (), ()
     need, spent = [], []
-    x = np.log([row.x for row in trials])
-    for run in range(trials[0].runs):
-        ess = np.log([row.values[run] for row in trials])
+    x = np.log([t.ess.x for t in trials])
+    for run in range(trials[0].ess.runs):
+        ess = np.log([t.ess.values[run] for t in trials])
         log_need = max(_line(ess, x, math.log(ENOUGH)), math.log(robust) if robust else -math.inf)
         need.append(math.exp(log_need))
-        spent.append(math.exp(_line(x, np.log([row.extra[f"ms_{run}"] for row in trials]), log_need)))
+        spent.append(math.exp(_line(x, np.log([t.ms.values[run] for t in trials]), log_need)))
     return tuple(need), tuple(spent)
 
 
-def _robust(trials: Sequence[Row]) -> float:
+def _robust(trials: Sequence[Tried]) -> float:
     """The least number tried from which on the rate of false positions is low; 0: it always is, inf: it is not."""
-    low = [row.extra["fr_p"] <= ROBUST for row in trials]
+    low = [t.ess.extra["fr_p"] <= ROBUST for t in trials]
     if all(low):
         return 0.0
     first = len(low) - low[::-1].index(False)
-    return trials[first].x if first < len(low) else math.inf
+    return trials[first].ess.x if first < len(low) else math.inf
 
 
 def _line(x: Any, y: Any, at: float) -> float:
@@ -129,12 +138,12 @@ def _line(x: Any, y: Any, at: float) -> float:
     return float(y[k - 1] + (y[k] - y[k - 1]) * (at - x[k - 1]) / step)
 
 
-def _extra(f: Filter, targets: int, trials: Sequence[Row], need: Sequence[float]) -> dict[str, float]:
+def _extra(f: Filter, targets: int, trials: Sequence[Tried], need: Sequence[float]) -> dict[str, float]:
     """Rates at the number tried that is nearest to what is needed, and what the paper has."""
     if not need:
         return {}
     middle = math.fsum(need) / len(need)
-    near = min(trials, key=lambda row: abs(math.log(row.x / middle)))
+    near = min((t.ess for t in trials), key=lambda row: abs(math.log(row.x / middle)))
     printed = PRINTED.get(f.name, {}).get(targets, math.nan)
     return {"printed": printed, "fr_p": near.extra["fr_p"], "fr_l": near.extra["fr_l"]}
 
@@ -238,7 +247,7 @@ def _runs(rows: Sequence[Row]) -> int:
 
 
 TABLE2 = Experiment(
-    "table2", "Particles and time that are needed", "targets", "1: at 4 targets", 6, 100, (2, 20), table2, judge2,
+    "table2", "Particles and time that are needed", "targets", "needed, 1: at 4 targets", 6, 100, (2, 20), table2, judge2,
     note=f"As many particles as give each target {ENOUGH:g} effective ones and at most {ROBUST:.0%} false positions.",
     trial=run_views_trial,
 )  # fmt: skip

@@ -14,6 +14,7 @@ from occlog.reproduce.views_growth import (
     TABLE2,
     TIME,
     TOTAL,
+    Tried,
     exponents,
     judge2,
     needed,
@@ -30,7 +31,7 @@ def trial_rows(efficiency, fr_p=(0.0, 0.0, 0.0), runs=2):
     rows = []
     for x, rate in zip((100.0, 200.0, 400.0), fr_p, strict=True):
         values = tuple(efficiency * x * (1.0 + 0.1 * k) for k in range(runs))
-        rows.append(Row("", x, values, {"fr_p": rate, **{f"ms_{k}": (x / 100.0) ** 0.5 for k in range(runs)}}))
+        rows.append(Tried(Row("", x, values, {"fr_p": rate}), Row("", x, ((x / 100.0) ** 0.5,) * runs)))
     return rows
 
 
