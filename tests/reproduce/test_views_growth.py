@@ -5,22 +5,8 @@ import math
 import pytest
 
 from occlog.reproduce.model import Row, Size
-from occlog.reproduce.views_growth import (
-    BMCT,
-    ENOUGH,
-    FILTERS,
-    MCMC,
-    SIR,
-    TABLE2,
-    TIME,
-    TOTAL,
-    Tried,
-    exponents,
-    judge2,
-    needed,
-    total,
-    tried,
-)
+from occlog.reproduce.views_growth import BMCT, ENOUGH, FILTERS, MCMC, SIR, TABLE2, Tried, needed, total, tried
+from occlog.reproduce.views_growth_verdicts import TIME, TOTAL, exponents, judge2
 from occlog.reproduce.views_trial import run_views_trial
 
 COUNTS = (2, 3, 4, 5, 6, 8)
