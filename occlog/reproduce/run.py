@@ -22,6 +22,7 @@ from . import (
     sparse_figures,
     speed,
     square,
+    views_figures,
 )
 from .model import Execute, Experiment, Size, Table, Verdict
 
@@ -29,6 +30,7 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
     "ercan": (*square.EXPERIMENTS, speed.FIG10, selection.FIG12, laboratory.FIG14, selection.FIG15, accuracy.FIG17),
     "rahimi": sparse_figures.EXPERIMENTS,
     "lee": (*space_figures.EXPERIMENTS, *cooperation_figures.EXPERIMENTS, *fusion_figures.EXPERIMENTS),
+    "qu": views_figures.EXPERIMENTS,
 }
 RECORDED = {"ercan": recorded_figures.ITEMS}
 """Experiments that want a recording."""
@@ -36,6 +38,8 @@ TITLES = {
     "ercan": "Ercan, El Gamal, Guibas 2013, Object tracking in the presence of occlusions using multiple cameras",
     "rahimi": "Rahimi, Dunagan, Darrell 2004, Tracking people with a sparse network of bearing sensors",
     "lee": "Lee 2009, Design and analysis of heterogeneous sensors based object tracking systems",
+    "qu": "Qu, Schonfeld, Mohamed 2007, Distributed Bayesian multiple-target tracking in crowded environments using "
+    "multiple collaborative cameras",
 }
 
 

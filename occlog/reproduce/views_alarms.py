@@ -22,7 +22,8 @@ def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int]
         truth: boxes by view and frame.
         followed: what a method gave.
         tau: (n,) for each true row, how far from the target a tracker may be [px].
-        wrong: (view, target, other) of a tracker that was put on another target.
+        wrong: (view, target, other) of a tracker that was put on another target in the first frame, or with the
+            frame behind in which that was.
 
     Returns:
         `checked`: share of the rows that were checked; `bad`: share of those that is `bad`; `false_alarm`: of those
@@ -42,9 +43,10 @@ def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int]
         "missed": _share(checked & ~sound & (f.counterpart == GOOD), checked & ~sound),
     }
     if wrong is not None:
-        own = (f.view == wrong[0]) & (f.target == wrong[1]) & later
-        out |= {"noticed": _first(f, own & (f.counterpart == BAD)), "recovered": _first(f, own & on)}
-        out["returned"] = _for_good(f, own, on)
+        start = wrong[3] - 1 if len(wrong) > 3 else 0
+        own = (f.view == wrong[0]) & (f.target == wrong[1]) & (f.frame > start)
+        out["noticed"] = _first(f, own & (f.counterpart == BAD)) - start
+        out |= {"recovered": _first(f, own & on) - start, "returned": _for_good(f, own, on) - start}
     return out
 
 

@@ -64,9 +64,10 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
             `BallsConfig`; `views` may be a number); `tau` (factor of a target's radius within which a tracker
             is on it, default 1).  One method: `method` (a name of `VISUAL`), `set` (its settings),
             `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
-            the tracker of `target` starts on `other`), `use` (the first so many views only), `timed`
-            (also `local_ms`, `interaction_ms`, `collaboration_ms` and `step_ms`: means of CPU time a frame).  Several:
-            `methods`, these keys by label.  `parts`: also `off_0`, ... of `views_alarms.timeline`.
+            the tracker of `target` starts on `other`; with a frame behind, the two are exchanged in that),
+            `use` (the first so many views only), `timed` (also `local_ms`, `interaction_ms`, `collaboration_ms`
+            and `step_ms`: means of CPU time a frame).  Several: `methods`, these keys by label.  `parts`: also
+            `off_0`, ... of `views_alarms.timeline`.
 
     Returns:
         For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`,
@@ -117,11 +118,12 @@ def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, An
     use = int(own.get("use", len(config.views)))
     if not 1 <= use <= len(config.views):
         raise InputError(f"trial: use is {use}, must be 1 to {len(config.views)}, the number of views")
-    births = births_of(first_frame(config, int(spec["seed"])), use, own.get("wrong"))
+    wrong = tuple(own.get("wrong", ()))
+    births = births_of(first_frame(config, int(spec["seed"])), use, wrong if len(wrong) == 3 else None)
     seed = own.get("track_seed", spec.get("track_seed", spec["seed"]))
-    return Runner(
-        visual, settings, geometry_of(config, use, kind, float(amount)), births, int(seed), use, bool(own.get("timed"))
-    )
+    geometry = geometry_of(config, use, kind, float(amount))
+    exchange = (int(wrong[0]), int(wrong[1]), int(wrong[2]), int(wrong[3])) if len(wrong) == 4 else None
+    return Runner(visual, settings, geometry, births, int(seed), use, exchange, bool(own.get("timed")))
 
 
 def _check(spec: Mapping[str, Any], keys: tuple[str, ...]) -> None:

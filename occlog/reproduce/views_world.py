@@ -22,6 +22,8 @@ from ..core.seeds import Stage, generator
 from ..errors import InputError
 from ..trackers.settings import configure
 from ..trackers.view_method import START, Birth, Geometry, Looks, Outlines, View, Visual
+from ..trackers.views_state import State
+from ..trackers.views_timing import likelihood_seconds
 from ..vision.epipolar import fundamental_of_cameras
 from ..vision.render_balls import BallsFrame, render_balls
 from ..vision.render_balls_motion import VIEWS, BallsConfig, ball_cameras
@@ -41,6 +43,7 @@ class Runner(NamedTuple):
     births: tuple[Birth, ...]
     seed: int
     use: int  # it gets the first so many views
+    exchange: tuple[int, int, int, int] | None = None  # view, two targets and the frame before which they are exchanged
     timed: bool = False  # also how long the parts of its likelihood take; for `bmct`
 
 
@@ -71,6 +74,10 @@ class Followed(NamedTuple):
     ess: Floats
     seconds: Floats
     parts: Floats
+
+
+PLACED = ("particles", "estimate", "velocity", "path", "axes", "likeness", "weak")
+"""What of a tracker goes with its place."""
 
 
 class Rows(NamedTuple):
@@ -207,9 +214,9 @@ def follow(
                 states[label] = r.visual.born(fresh, looks, r.births)
                 done[label].append(_first(r.births))
                 continue
+            if r.exchange is not None and r.exchange[3] == frame.frame:
+                states[label] = exchanged(states[label], *r.exchange[:3])
             if r.timed:
-                from ..trackers.views_timing import likelihood_seconds
-
                 parts[label].append(likelihood_seconds(states[label], looks, np.random.default_rng(frame.frame)))
             start = time.thread_time()
             states[label], outlines = r.visual.step(states[label], looks, rngs[label])
@@ -220,6 +227,19 @@ def follow(
         frames.append(frame._replace(images=()))
     truth, radius = truth_of(frames)
     return {label: _joined(done[label], seconds[label], parts[label]) for label in runners}, truth, radius
+
+
+def exchanged(state: Any, view: int, one: int, other: int) -> Any:
+    """The state with two trackers of a view in each other's place; InputError where it has no such trackers."""
+    if not isinstance(state, State):
+        raise InputError("trial: trackers of this method cannot be exchanged")
+    t = state.trackers
+    rows = [np.flatnonzero((t.view == view) & (t.target == k)) for k in (one, other)]
+    if any(len(r) != 1 for r in rows):
+        raise InputError(f"trial: view {view} has no trackers of {one} and {other} to exchange")
+    order = np.arange(len(t.view))
+    order[np.concatenate(rows)] = order[np.concatenate(rows[::-1])]
+    return state._replace(trackers=t._replace(**{name: getattr(t, name)[order] for name in PLACED}))
 
 
 def _first(births: Sequence[Birth]) -> Rows:

@@ -22,7 +22,7 @@ def test_list_names_all(capsys: pytest.CaptureFixture[str]) -> None:
     assert "fig6 " in text
     assert "fig17 " in text
     assert run(["reproduce", "--list", "--json"]) == ExitCode.DONE
-    assert list(json.loads(capsys.readouterr().out)) == ["ercan", "lee", "rahimi"]
+    assert list(json.loads(capsys.readouterr().out)) == ["ercan", "lee", "qu", "rahimi"]
 
 
 def test_files_of_an_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,7 @@ from occlog.core.mot_frames import Objects
 from occlog.errors import InputError, UsageError
 from occlog.reproduce import views_world
 from occlog.reproduce.views_alarms import alarms, on_own, timeline
-from occlog.reproduce.views_trial import run_views_trial, scores, views_spec
+from occlog.reproduce.views_trial import run_views_trial, runner_of, scores, views_spec
 from occlog.reproduce.views_world import Followed, balls_config, births_of, boxes_of, geometry_of, truth_of
 from occlog.trackers.view_method import BAD, GOOD
 from occlog.vision.render_balls import BallsFrame, render_balls
@@ -178,3 +178,24 @@ def test_the_first_views_of_the_truth() -> None:
     kept, reach = views_world.of_views(truth, radius, 2)
     assert len(kept.frame) == len(reach) == 8
     assert set(kept.view.tolist()) == {0, 1}
+
+
+def test_exchanged_trackers_are_in_each_others_place() -> None:
+    config = balls_config(SMALL)
+    runner = runner_of(config, {"seed": 5}, {"method": "bmct", "wrong": [1, 0, 2, 3]})
+    frame = next(render_balls(config, 5))
+    state = runner.visual.init(views_world.views_of(config), runner.geometry, runner.config, np.random.default_rng(0))
+    state = runner.visual.born(state, views_world.looks_of(frame, 2), runner.births)
+    assert runner.exchange == (1, 0, 2, 3)
+    t, after = state.trackers, views_world.exchanged(state, 1, 0, 2).trackers
+    np.testing.assert_array_equal(after.target, t.target)
+    np.testing.assert_array_equal(after.colours, t.colours)
+    place = dict(zip(zip(t.view, t.target, strict=True), t.estimate, strict=True))
+    for view, target, estimate, cloud in zip(t.view, t.target, after.estimate, after.particles, strict=True):
+        source = {(1, 0): (1, 2), (1, 2): (1, 0)}.get((view, target), (view, target))
+        np.testing.assert_array_equal(estimate, place[source])
+        np.testing.assert_allclose(cloud.mean(axis=0), place[source])
+    with pytest.raises(InputError, match="has no trackers of 0 and 9"):
+        views_world.exchanged(state, 1, 0, 9)
+    with pytest.raises(InputError, match="cannot be exchanged"):
+        views_world.exchanged((), 1, 0, 1)
