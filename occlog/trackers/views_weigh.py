@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.random import Generator
 
@@ -41,19 +43,38 @@ def together(state: State, moment: Moment, rng: Generator) -> Weighed:
     return _settled(state, moment, helpers(state.trackers, moment.fresh), order, state.config.sweeps)
 
 
+class Setting(NamedTuple):
+    """What `settle` is told besides the particles and their local weights."""
+
+    near: Near
+    past: Past
+    rig: Rig
+    model: Interaction
+
+
 def _settled(state: State, moment: Moment, helper: Ints, order: Ints, sweeps: int) -> Weighed:
+    s = setting(state, moment, helper)
+    weights, estimate, helped = settle(moment.particles, moment.log_local, *s[:3], order, sweeps, s.model, moment.here)
+    touching = s.near.touching
+    mode = np.where(helped.any(axis=1), BMCT, np.where(touching.any(axis=1), IDMOT, MIPF))
+    return Weighed(weights, estimate, touching, helped, mode)
+
+
+def setting(state: State, moment: Moment, helper: Ints) -> Setting:
+    """Neighbours by the local weights, the past and the rig.
+
+    Args:
+        state: before the frame.
+        moment: of the frame.
+        helper: (n, V) trackers of the same target in other views that may help; -1: none.
+    """
     t, c = state.trackers, state.config
     first = summed(moment.particles, moment.log_local)[1]
     ratio = np.where(t.view[:, None] == t.view[None, :], nearness(first), np.inf)
-    touching = ratio <= c.touch
-    near = Near((ratio <= getattr(c, "close", c.touch)).any(axis=1), touching, ratio.min(axis=1))
+    near = Near((ratio <= getattr(c, "close", c.touch)).any(axis=1), ratio <= c.touch, ratio.min(axis=1))
     past = Past(t.estimate[:, :2], t.path.mean(axis=1) * moment.gap[:, None])
     bottom, band = getattr(c, "anchor", "centre") == "bottom", getattr(c, "band", 1.0)
     maps, clear = affine_maps(state, first), getattr(c, "clear", 0.0)
     rig = Rig(t.view, helper, state.geometry.fundamental, maps, bottom, band, clear)
     model = Interaction(c.alpha, c.repulsion, c.iterations, c.inertia, c.inertia_angle, c.inertia_speed)
-    weights, estimate, helped = settle(
-        moment.particles, moment.log_local, near, past, rig, order, sweeps, model, moment.here
-    )
-    mode = np.where(helped.any(axis=1), BMCT, np.where(touching.any(axis=1), IDMOT, MIPF))
-    return Weighed(weights, estimate, touching, helped, mode)
+    return Setting(near, past, rig, model)
