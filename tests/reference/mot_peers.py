@@ -111,7 +111,7 @@ def _motmetrics_files(folder: Path, tracker: str, name: str) -> dict[str, Any]:
     import motmetrics
 
     # py-motmetrics 1.4.0 wants what NumPy 2 no longer has.
-    np.asfarray = lambda values: np.asarray(values, dtype=float)
+    vars(np)["asfarray"] = lambda values: np.asarray(values, dtype=float)
     truth = motmetrics.io.loadtxt(folder / "gt" / "MOT17-train" / name / "gt" / "gt.txt", fmt="mot15-2D")
     tracks = motmetrics.io.loadtxt(folder / "trackers" / "MOT17-train" / tracker / "data" / f"{name}.txt")
     accumulator = motmetrics.utils.compare_to_groundtruth(truth, tracks, "iou", distth=0.5)
