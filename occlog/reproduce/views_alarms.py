@@ -10,7 +10,7 @@ import numpy as np
 from ..columns import Bools, Floats
 from ..core.mot_frames import Objects
 from ..trackers.view_method import BAD, GOOD
-from .views_world import Followed
+from .views_follow import Followed
 
 
 def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int] | None = None) -> dict[str, float]:

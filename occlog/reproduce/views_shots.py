@@ -12,8 +12,9 @@ from ..report.shots import Line, Mark, Shot, Shots
 from ..trackers.view_method import Geometry
 from ..vision.render_balls import BallsFrame
 from .model import Size
+from .views_follow import Rows, Step, follow
 from .views_trial import runner_of
-from .views_world import Rows, Step, balls_config, follow, geometry_of
+from .views_world import balls_config, geometry_of
 
 SHOWN = ("mipf", "idmot", "bmct")
 """The methods of the figure."""

@@ -26,7 +26,8 @@ from ..trackers.views import VISUAL
 from ..vision.render_balls_motion import BallsConfig
 from .model import Spec
 from .views_alarms import alarms, timeline
-from .views_world import Followed, Runner, balls_config, births_of, boxes_of, first_frame, follow, geometry_of, of_views
+from .views_follow import Followed, Runner, follow
+from .views_world import balls_config, births_of, boxes_of, first_frame, geometry_of, of_views
 
 KEYS = (
     "kind",

@@ -10,10 +10,11 @@ import pytest
 from occlog.core.epipolar import epipolar_distances, line_distances
 from occlog.core.mot_frames import Objects
 from occlog.errors import InputError, UsageError
-from occlog.reproduce import views_world
+from occlog.reproduce import views_follow, views_world
 from occlog.reproduce.views_alarms import alarms, on_own, timeline
+from occlog.reproduce.views_follow import Followed
 from occlog.reproduce.views_trial import run_views_trial, runner_of, scores, views_spec
-from occlog.reproduce.views_world import Followed, balls_config, births_of, boxes_of, geometry_of, truth_of
+from occlog.reproduce.views_world import balls_config, births_of, boxes_of, geometry_of, truth_of
 from occlog.trackers.view_method import BAD, GOOD
 from occlog.vision.render_balls import BallsFrame, render_balls
 
@@ -187,7 +188,7 @@ def test_exchanged_trackers_are_in_each_others_place() -> None:
     state = runner.visual.init(views_world.views_of(config), runner.geometry, runner.config, np.random.default_rng(0))
     state = runner.visual.born(state, views_world.looks_of(frame, 2), runner.births)
     assert runner.exchange == (1, 0, 2, 3)
-    t, after = state.trackers, views_world.exchanged(state, 1, 0, 2).trackers
+    t, after = state.trackers, views_follow.exchanged(state, 1, 0, 2).trackers
     np.testing.assert_array_equal(after.target, t.target)
     np.testing.assert_array_equal(after.colours, t.colours)
     place = dict(zip(zip(t.view, t.target, strict=True), t.estimate, strict=True))
@@ -196,6 +197,6 @@ def test_exchanged_trackers_are_in_each_others_place() -> None:
         np.testing.assert_array_equal(estimate, place[source])
         np.testing.assert_allclose(cloud.mean(axis=0), place[source])
     with pytest.raises(InputError, match="has no trackers of 0 and 9"):
-        views_world.exchanged(state, 1, 0, 9)
+        views_follow.exchanged(state, 1, 0, 9)
     with pytest.raises(InputError, match="cannot be exchanged"):
-        views_world.exchanged((), 1, 0, 1)
+        views_follow.exchanged((), 1, 0, 1)
