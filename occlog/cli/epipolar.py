@@ -11,6 +11,8 @@ from . import options
 
 MODELS = ("auto", "perspective", "affine")
 """The same as `occlog.vision.epipolar`."""
+POINTS = ("centres", "ends")
+"""The same as `occlog.stages.track_matches`."""
 
 
 @click.command(name="epipolar", short_help="Find how pairs of views see the same point, or check it.")
@@ -22,6 +24,8 @@ MODELS = ("auto", "perspective", "affine")
 @click.option("--from-tracks", "tracks", type=options.PATH, default=None, metavar="FILE",
               help="Take the centres of targets in two views for matches: view tracks (Parquet), or a recording or "
                    "table with true boxes.")  # fmt: skip
+@click.option("--points", type=click.Choice(POINTS), default="centres", show_default=True,
+              help="What to take of each target; of people take ends, their tops and bottoms.")  # fmt: skip
 @click.option("--fundamental", type=options.PATH, default=None, metavar="FILE",
               help="Use these matrices (JSON, or a recording that holds some).")  # fmt: skip
 @click.option("--check", is_flag=True, help="Say how well the matches agree with the matrices or the poses.")
@@ -37,7 +41,7 @@ MODELS = ("auto", "perspective", "affine")
 @options.json_opt
 def command(
     recording: Path | None, output: Path | None, scene: Path | None, matches: Path | None, tracks: Path | None,
-    fundamental: Path | None, check: bool, model: str, threshold: float, max_error: float, only: str,
+    points: str, fundamental: Path | None, check: bool, model: str, threshold: float, max_error: float, only: str,
     overwrite: bool, quiet: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """Find the fundamental matrix of each pair of views: where a point of one view can be in the other.
@@ -60,7 +64,7 @@ def command(
 
     inputs = [recording, scene, matches, tracks, fundamental]
     options.check_outputs(inputs, [output], overwrite)
-    request = Request(recording, scene, matches, tracks, fundamental, check, model, threshold, max_error, only)
+    request = Request(recording, scene, matches, tracks, points, fundamental, check, model, threshold, max_error, only)
     summary, losses, agree = run_epipolar(request, output, overwrite, quiet)
     code = options.finish(summary if as_json else {**summary, "pairs": []}, losses, as_json)
     for name, figures in () if as_json else summary["pairs"].items():

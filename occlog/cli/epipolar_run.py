@@ -34,6 +34,7 @@ class Request(NamedTuple):
     scene: Path | None
     matches: Path | None
     tracks: Path | None
+    points: str
     fundamental: Path | None
     check: bool
     model: str
@@ -63,7 +64,9 @@ def run_epipolar(
     pairs = _only(_find(request, scene), request)
     if output is None:  # _check_usage has refused it
         raise UsageError("name the output with -o")
-    parameters = {k: v for k, v in request._asdict().items() if k in ("model", "threshold_px", "max_error_px", "only")}
+    parameters = {
+        k: v for k, v in request._asdict().items() if k in ("points", "model", "threshold_px", "max_error_px", "only")
+    }
     provenance = Provenance("epipolar", parameters, None, hash_inputs(request.inputs), losses)
     if is_recording(output) and recording is not None:
         _check_names(pairs, recording)
@@ -125,7 +128,7 @@ def _checks(request: Request, recording: Recording | None, scene: Scene | None) 
 
 def _matches(request: Request) -> tuple[Matches, ...]:
     """Matches of the cameras asked for; InputError if there are none."""
-    found = _of_tracks(request.tracks) if request.tracks is not None else ()
+    found = _of_tracks(request.tracks, request.points) if request.tracks is not None else ()
     if request.matches is not None:
         found = read_matches(request.matches)
     only = parse_names(request.only)
@@ -136,16 +139,16 @@ def _matches(request: Request) -> tuple[Matches, ...]:
     return kept
 
 
-def _of_tracks(path: Path) -> tuple[Matches, ...]:
+def _of_tracks(path: Path, points: str) -> tuple[Matches, ...]:
     """Matches from view tracks or true boxes."""
     if is_recording(path):
         recording = open_recording(path)
         if not recording.has(TruthBoxes):
             raise InputError(f"{path}: holds no true boxes; give view tracks or a recording with true boxes")
-        return matches_of_tracks(recording.tables(TruthBoxes), str(path))
+        return matches_of_tracks(recording.tables(TruthBoxes), str(path), points)
     if describe(path)["schema"] == TruthBoxes.NAME:
-        return matches_of_tracks(iter_table(path, TruthBoxes), str(path))
-    return matches_of_tracks(iter_table(path, ViewTracks), str(path))
+        return matches_of_tracks(iter_table(path, TruthBoxes), str(path), points)
+    return matches_of_tracks(iter_table(path, ViewTracks), str(path), points)
 
 
 def _only(pairs: ViewPairs, request: Request) -> ViewPairs:
