@@ -173,10 +173,14 @@ def _decode(
 
 def _image(decode: Callable[[], Image], view: View, bits: int | None) -> Image | str:
     try:
-        image = plain_image(decode(), bits)
+        decoded = decode()
     except InputError as error:
         # The message begins with file, camera and frame; without them equal reasons are equal.
         return str(error).rsplit(": ", 1)[-1]
+    try:
+        image = plain_image(decoded, bits)
+    except InputError as error:
+        return str(error)
     height, width = image.shape[:2]
     if (width, height) != (view.width, view.height):
         return f"image is {width} x {height} px, the camera's first was {view.width} x {view.height} px"

@@ -1,0 +1,64 @@
+"""Loop checks of targets that stand free, and matrices that the first targets contradict."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.stages.view_checks import check_births, check_outlines, gather, no_checks, trusted
+from occlog.trackers.view_method import Birth, Geometry, Outlines
+
+LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+NOTHING = np.full((3, 3), np.nan)
+ROWS = Geometry(np.stack([np.stack([NOTHING, LEVEL]), np.stack([LEVEL.T, NOTHING])]), (None, None))
+
+
+def births(*rows):
+    return [Birth(view, target, np.array([x, y, 10.0, 10.0, 0.0])) for view, target, x, y in rows]
+
+
+def outlines(made):
+    n = len(made)
+    zeros = np.zeros(n, dtype=np.int64)
+    return Outlines(
+        np.array([b.view for b in made]), np.array([b.target_id for b in made]), np.array([b.ellipse for b in made]),
+        np.ones((n, 3)), np.ones(n), np.ones(n), zeros, zeros, np.zeros((n, n), dtype=bool),
+        np.zeros((n, 2), dtype=bool), zeros,
+    )  # fmt: skip
+
+
+def test_distance_is_in_radii_and_pixels_of_targets_in_both_views():
+    made = births((0, 1, 50, 60), (1, 1, 200, 72), (0, 2, 90, 200), (1, 3, 90, 200))
+    for checks in (check_births(made, ROWS), check_outlines(outlines(made), ROWS)):
+        assert checks.first.tolist() == [0.0]
+        assert checks.second.tolist() == [1.0]
+        np.testing.assert_allclose(checks.radii, [1.2])
+        np.testing.assert_allclose(checks.px, [12.0])
+
+
+def test_targets_that_touch_another_do_not_count():
+    made = births((0, 1, 50, 60), (0, 2, 65, 60), (1, 1, 200, 60), (1, 2, 100, 60), (0, 3, 200, 200), (1, 3, 20, 200))
+    assert len(check_births(made, ROWS).radii) == 1
+
+
+def test_nothing_to_check():
+    assert len(check_births([], ROWS).radii) == 0
+    assert len(gather([no_checks(), no_checks()]).px) == 0
+    blind = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
+    assert len(check_births(births((0, 1, 50, 60), (1, 1, 200, 60)), blind).radii) == 0
+
+
+def test_a_matrix_that_most_starts_contradict_is_not_used():
+    good = births(*[(v, k, 50 * k + 20, 40 * k + 30) for k in range(4) for v in (0, 1)])
+    kept, dropped = trusted(ROWS, good)
+    assert not dropped
+    np.testing.assert_array_equal(kept.fundamental, ROWS.fundamental)
+    bad = births(*[(v, k, 50 * k + 20, 40 * k + 30 + 15 * v) for k in range(3) for v in (0, 1)])
+    kept, dropped = trusted(ROWS, bad)
+    assert dropped == ((0, 1),)
+    assert np.isnan(kept.fundamental).all()
+    assert np.isfinite(ROWS.fundamental[0, 1]).all()  # as it was
+
+
+def test_two_targets_do_not_say_that_a_matrix_is_wrong():
+    few = births(*[(v, k, 50 * k + 20, 40 * k + 30 + 15 * v) for k in range(2) for v in (0, 1)])
+    assert not trusted(ROWS, few)[1]
