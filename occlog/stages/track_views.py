@@ -124,6 +124,10 @@ def _advance(
     run: _Run, moment: Moment, setup: Setup, rng: np.random.Generator, feed: Feed | None
 ) -> tuple[_Run, _Step]:
     outlines, checks = None, no_checks()
+    found: tuple[Floats | None, ...] = ()
+    if feed is not None:
+        found = tuple(feed.at([view.name for view in setup.views], moment.t_ns))
+        moment = moment._replace(looks=moment.looks._replace(regions=found))
     if run.trackers and there(moment).any():
         state, outlines = setup.method.step(run.state, moment.looks, rng)
         outlines = outlines._replace(event=np.where(outlines.event == START, 0, outlines.event))
@@ -132,7 +136,6 @@ def _advance(
     run, births = _due(run, moment.looks)
     ended: tuple[Key, ...] = ()
     if feed is not None:
-        found = feed.at([view.name for view in setup.views], moment.t_ns)
         trackers = {**run.trackers, **{(b.view, b.target_id): b.ellipse for b in births}}
         kept, born, ended = attend(run.nursery, found, trackers, setup.views, run.geometry, setup.stage)
         births, run = (*births, *born), replace(run, nursery=kept)

@@ -141,15 +141,30 @@ def _ends(
     state: Nursery, regions: Sequence[Floats | None], trackers: Mapping[Key, Floats], config: ViewsConfig
 ) -> tuple[Nursery, tuple[Key, ...]]:
     """Counts of frames without support, and the trackers that have had none for too long."""
+    before = {key: state.alone.get(key, 0) for key in trackers}
     alone: dict[Key, int] = {}
-    for (v, target), ellipse in trackers.items():
-        found, count = regions[v], state.alone.get((v, target), 0)
-        if found is not None:
-            touched = len(found) > 0 and bool((nearness(np.vstack([ellipse, found]))[0, 1:] <= 1.0).any())
-            count = 0 if touched else count + 1
-        alone[v, target] = count
+    for v, found in enumerate(regions):
+        mine = [key for key in trackers if key[0] == v]
+        supported = [] if found is None else _supported(mine, trackers, found, before)
+        for key in mine:
+            alone[key] = before[key] if found is None else 0 if key in supported else before[key] + 1
     ended = tuple(key for key, count in alone.items() if 0 < config.support_frames <= count)
     return replace(state, alone={key: n for key, n in alone.items() if key not in ended}), ended
+
+
+def _supported(
+    mine: Sequence[Key], trackers: Mapping[Key, Floats], regions: Floats, before: Mapping[Key, int]
+) -> list[Key]:
+    """Trackers that touch a region, each with a region of its own; the one with the latest support goes first."""
+    if not mine or not len(regions):
+        return []
+    near = nearness(np.vstack([*(trackers[key] for key in mine), regions]))[: len(mine), len(mine) :]
+    pairs = [(before[mine[i]], near[i, r], i, r) for i, r in zip(*np.nonzero(near <= 1.0), strict=True)]
+    taken: dict[int, int] = {}
+    for _, _, i, r in sorted(pairs):
+        if i not in taken and r not in taken.values():
+            taken[i] = r
+    return [mine[i] for i in taken]
 
 
 def _births(state: Nursery, geometry: Geometry, config: ViewsConfig) -> tuple[Nursery, tuple[Birth, ...]]:

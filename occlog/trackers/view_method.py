@@ -63,6 +63,7 @@ class Looks(NamedTuple):
     t_ns: int
     frame: Ints  # (V,) number of each view's frame; -1: none
     images: tuple[Image | None, ...]  # (V,) None: the view has no frame at this time
+    regions: tuple[Floats | None, ...] = ()  # (V,) a detector's ellipses (K, 5); None: it did not look; (): no detector
 
 
 class Outlines(NamedTuple):

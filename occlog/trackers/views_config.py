@@ -36,6 +36,13 @@ class MipfConfig:
     model: str = "colour"  # `colour`, or `pca`: an appearance model on top of the colours
     pca_power: float = 1.0  # power of the likelihood of `pca`
 
+    # With the regions of a detector
+    region_reach: float = 0.6  # a tracker has a region to itself nearer than this, in sums of radii
+    region_share: float = 0.3  # share of its particles that start anew there
+    region_spread: float = 0.1  # their spread over the radius
+    region_pull: float = 0.25  # spread of the distance from it over the radius
+    region_axes: float = 0.2  # how fast the half axes of the start follow its own
+
     # When a tracker ends
     lost_likeness: float = 0.6  # below this the best particle's colours are not the target's
     lost_after: int = 25  # frames in a row of that; 0: never
@@ -50,8 +57,8 @@ class MipfConfig:
 
     def limits(self) -> list[tuple[str, bool, str]]:
         """Name, whether its limit holds, and the limit, for each setting."""
-        above = ("sigma_px", "sigma_colour")
-        shares = ("keep_velocity", "keep_axes", "lost_likeness")
+        above = ("sigma_px", "sigma_colour", "region_reach", "region_spread", "region_pull")
+        shares = ("keep_velocity", "keep_axes", "lost_likeness", "region_share", "region_axes")
         return [
             ("particles", self.particles >= 1, "at least 1"),
             ("axes_limit", 0.0 <= self.axes_limit < 1.0, "at least 0 and below 1"),

@@ -14,11 +14,14 @@ from ..core.ellipse_colour import histograms
 from ..core.view_motion import boxes_of
 from .view_method import Birth, Geometry, Looks, View
 from .views_appearance import Memories, remembered
+from .views_regions import mask_outside
 
 INTERVALS = 9
 """Frames whose distance in time tells how often a view delivers one."""
 LONGEST = 10.0
 """A longer gap [frames] counts as this one."""
+LEAST = 1e-9
+"""A histogram of less than this is empty."""
 NOTHING: Memories = {}
 
 
@@ -115,8 +118,12 @@ def _newborn(state: State, looks: Looks, births: Sequence[Birth]) -> Trackers:
         image, mine = looks.images[v], view == v
         if image is None:
             raise ValueError(f"a tracker is born in view {v}, which has no frame")
-        update_bin_map(state.bins[v], image, boxes_of(ellipse[mine][:, None]))
+        boxes = boxes_of(ellipse[mine][:, None])
+        update_bin_map(state.bins[v], image, boxes)
+        mask_outside(state.bins[v], boxes, looks, v)
         colours[mine] = histograms(state.bins[v], ellipse[mine], N_BINS, config.pixel_step)
+    if looks.regions:  # what is outside them is no colour of the target
+        colours /= np.maximum(colours.sum(axis=1, keepdims=True), LEAST)
     blank = _none(views, config)
     return Trackers(
         view,

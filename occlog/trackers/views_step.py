@@ -15,6 +15,7 @@ from ..core.view_motion import Motion, boxes_of, moved, resampled, spreads
 from .view_method import LEFT, LOST, Looks, Outlines
 from .views_appearance import log_appearance
 from .views_loop import counterparts, looped
+from .views_regions import Held, drawn, held, mask_outside, pull
 from .views_state import State, Trackers, chosen, gaps, seen
 
 
@@ -27,6 +28,7 @@ class Moment(NamedTuple):
     particles: Floats  # (n, N, 5)
     likeness: Floats  # (n, N) 1 where there is no frame
     log_local: Floats  # (n, N) 0 where there is no frame
+    held: Held  # regions of a detector that are the trackers' own
 
 
 class Weighed(NamedTuple):
@@ -82,6 +84,10 @@ def _moment(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> Momen
     particles = moved(t.particles, t.velocity, t.axes, gap, normals, motion)
     if scheme.propose is not None:
         particles = scheme.propose(state, particles, gap, rng)
+    expected = t.estimate.copy()
+    expected[:, :2] += gap[:, None] * t.velocity
+    found = held(looks, t.view, expected, config.region_reach)
+    particles = drawn(particles, found, normals, config.region_share, config.region_spread)
     if not here.all():
         waiting = t.particles.copy()
         waiting[..., :2] += (gap[:, None] * t.velocity)[:, None]
@@ -90,10 +96,12 @@ def _moment(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> Momen
     for v, image in enumerate(looks.images):
         if image is not None:
             update_bin_map(state.bins[v], image, boxes[t.view == v])
+            mask_outside(state.bins[v], boxes[t.view == v], looks, v)
     likeness = _alike(state, particles, here)
     log_local = (likeness - 1.0) / (2.0 * config.sigma_colour**2)
     log_local += log_appearance(looks, particles, t.view, t.target, state.memories, config)
-    return Moment(here, here | (gap < 1.5), gap, particles, likeness, log_local)
+    log_local += pull(particles, found, config.region_pull)
+    return Moment(here, here | (gap < 1.5), gap, particles, likeness, log_local, found)
 
 
 def _alike(state: State, ellipses: Floats, here: Bools) -> Floats:
@@ -121,7 +129,9 @@ def _after(t: Trackers, moment: Moment, weighed: Weighed, likeness: Floats, u: F
     usual = t.path.mean(axis=1)
     entry = np.where(weighed.touching.any(axis=1)[:, None], usual + frozen * (step - usual), step)
     path = np.concatenate([t.path[:, 1:], entry[:, None]], axis=1)
+    size = np.where(moment.held.has[:, None], moment.held.region[:, 2:4], t.axes)
     return t._replace(
+        axes=t.axes + config.region_axes * (size - t.axes),
         particles=np.where(here[..., None], resampled(moment.particles, weighed.weights, u), t.particles),
         estimate=np.where(here, weighed.estimate, t.estimate),
         velocity=np.where(here, keep * t.velocity + (1.0 - keep) * step, t.velocity),
