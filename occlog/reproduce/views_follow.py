@@ -50,8 +50,8 @@ class Followed(NamedTuple):
         event: (n,) see `Outlines`.
         ess: (n,) see `Outlines`; NaN in the first frame.
         seconds: CPU time of each step of the method.
-        parts: (steps, 3) CPU time of the local, the interaction and the collaboration likelihood in each
-            step [s]; (0, 3) where they were not asked for.
+        parts: (n, 3) CPU time of the local, the interaction and the collaboration likelihood in some of the
+            steps [s]; (0, 3) where they were not asked for.
     """
 
     frame: Ints
@@ -66,6 +66,8 @@ class Followed(NamedTuple):
     parts: Floats
 
 
+EVERY, REPEATS = 5, 3
+"""Frames in which the parts of the likelihood are timed, and how often in each."""
 PLACED = ("particles", "estimate", "velocity", "path", "axes", "likeness", "weak")
 """What of a tracker goes with its place."""
 
@@ -121,8 +123,9 @@ def follow(
                 continue
             if r.exchange is not None and r.exchange[3] == frame.frame:
                 states[label] = exchanged(states[label], *r.exchange[:3])
-            if r.timed:
-                parts[label].append(likelihood_seconds(states[label], looks, np.random.default_rng(frame.frame)))
+            if r.timed and frame.frame % EVERY == 1:
+                rng = np.random.default_rng(frame.frame)
+                parts[label].append(likelihood_seconds(states[label], looks, rng, REPEATS))
             start = time.thread_time()
             states[label], outlines = r.visual.step(states[label], looks, rngs[label])
             seconds[label].append(time.thread_time() - start)

@@ -94,8 +94,8 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
         figures |= alarms(true, followed, reach, told[label].get("wrong"))
         if len(followed.parts):
             names = ("local_ms", "interaction_ms", "collaboration_ms", "step_ms")
-            times = np.column_stack([followed.parts, followed.seconds])
-            figures |= dict(zip(names, (1e3 * times.mean(axis=0)).tolist(), strict=True))
+            times = [*followed.parts.mean(axis=0).tolist(), float(followed.seconds.mean())]
+            figures |= {name: 1e3 * seconds for name, seconds in zip(names, times, strict=True)}
         if spec.get("parts"):
             figures |= timeline(true, followed, reach, int(spec["parts"]))
         out |= {f"{label}.{name}" if not single else name: value for name, value in figures.items()}
