@@ -40,27 +40,29 @@ def bin_map(image: Bytes) -> Bytes:
     """
     colour = as_colour(image)
     out = np.empty(colour.shape[:2], dtype=np.uint8)
-    _bins_into(out, colour, 0, 0, colour.shape[1], colour.shape[0], _OVER)
+    _bins_into(out, colour, 0, 0, colour.shape[1], colour.shape[0], 1, _OVER)
     return out
 
 
-def update_bin_map(out: Bytes, image: Bytes, boxes: Ints) -> None:
+def update_bin_map(out: Bytes, image: Bytes, boxes: Ints, step: int = 1) -> None:
     """Set the numbers of a map inside boxes only: all that trackers look at, in a fraction of the time.
 
     Args:
         out: (H, W) map, changed in place; pixels outside all boxes keep their numbers.
         image: (H, W, 3) BGR or (H, W) grey.
         boxes: (K, 4) left, top, right, bottom, half-open; boxes may overlap and reach over the image.
+        step: only pixels whose column and row are multiples of it.
     """
     colour, (height, width) = as_colour(image), out.shape
     for left, top, right, bottom in boxes.tolist():
-        _bins_into(out, colour, max(left, 0), max(top, 0), min(right, width), min(bottom, height), _OVER)
+        start = max(left, 0) + -max(left, 0) % step, max(top, 0) + -max(top, 0) % step
+        _bins_into(out, colour, *start, min(right, width), min(bottom, height), step, _OVER)
 
 
 @kernel
-def _bins_into(out: Bytes, image: Bytes, left: int, top: int, right: int, bottom: int, over: Floats) -> None:
-    for y in range(top, bottom):
-        for x in range(left, right):
+def _bins_into(out: Bytes, image: Bytes, left: int, top: int, right: int, bottom: int, step: int, over: Floats) -> None:
+    for y in range(top, bottom, step):
+        for x in range(left, right, step):
             b, g, r = int(image[y, x, 0]), int(image[y, x, 1]), int(image[y, x, 2])
             high, low = max(b, g, r), min(b, g, r)
             spread = high - low

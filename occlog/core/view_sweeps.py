@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .jit import kernel
 from .view_bands import add_band, anchor, line_of, reach_across
 from .view_motion import mean_into, normalise_into
-from .view_repulsion import Interaction, add_inertia, repel_into
+from .view_repulsion import Interaction, add_inertia, half_reach, repel_into
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -43,6 +43,28 @@ class Rig(NamedTuple):
     bottom: bool  # which point of an ellipse stands for the target
     band: float  # Sigma of Eq. 5 over the reach of the ellipse across the line
     clear: float  # a counterpart helps when its ratio is at least this, or that of the tracker
+
+
+@kernel
+def nearby(estimate: Floats, camera: Ints, touch: float, close: float) -> Near:
+    """Neighbours of ellipses (n, 5) within their views (n,).
+
+    Two touch when their distance is at most `touch` times the sum of their radii along the
+    line between them, and are close at `close` times it.
+    """
+    n = estimate.shape[0]
+    busy, touching, ratio = np.zeros(n, dtype=np.bool_), np.zeros((n, n), dtype=np.bool_), np.full(n, np.inf)
+    for i in range(n):
+        for j in range(i):
+            if camera[i] != camera[j]:
+                continue
+            distance = math.hypot(estimate[j, 0] - estimate[i, 0], estimate[j, 1] - estimate[i, 1])
+            over = distance / (2.0 * half_reach(estimate[i], estimate[j]))
+            ratio[i], ratio[j] = min(ratio[i], over), min(ratio[j], over)
+            touching[i, j] = touching[j, i] = over <= touch
+    for i in range(n):
+        busy[i] = ratio[i] <= close
+    return Near(busy, touching, ratio)
 
 
 @kernel

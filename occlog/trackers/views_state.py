@@ -98,9 +98,9 @@ def born(state: State, looks: Looks, births: Sequence[Birth]) -> State:
     pairs = zip(old.view.tolist(), old.target.tolist(), strict=True)
     kept = chosen(state, np.array([pair not in new for pair in pairs], dtype=np.bool_))
     fresh = _newborn(state, looks, births)
-    joined = Trackers(*(np.concatenate(parts) for parts in zip(kept.trackers, fresh, strict=True)))
+    joined = Trackers._make(np.concatenate(parts) for parts in zip(kept.trackers, fresh, strict=True))
     order = np.lexsort((joined.target, joined.view))
-    trackers = _paired(Trackers(*(field[order] for field in joined)), len(state.views))
+    trackers = _paired(Trackers._make(field[order] for field in joined), len(state.views))
     known = remembered(state.memories, _pairs(kept.trackers), looks, births, state.config)
     return seen(state._replace(trackers=trackers, memories=known), looks)
 
@@ -161,7 +161,7 @@ def chosen(state: State, keep: Bools) -> State:
     """The state with some of its trackers only."""
     if keep.all():
         return state
-    trackers = _paired(Trackers(*(field[keep] for field in state.trackers)), len(state.views))
+    trackers = _paired(Trackers._make(field[keep] for field in state.trackers), len(state.views))
     return state._replace(trackers=trackers)
 
 
@@ -184,10 +184,15 @@ def seen(state: State, looks: Looks) -> State:
 
 
 def gaps(clock: Clock, t_ns: int) -> Floats:
-    """(V,) frames of each view since its last one, by the median of its last intervals; 1 to `LONGEST`."""
+    """(V,) frames of each view from its last one to one at a time: whole numbers, 1 to `LONGEST`."""
+    return np.clip(np.round(ages(clock, t_ns)), 1.0, LONGEST)
+
+
+def ages(clock: Clock, t_ns: int) -> Floats:
+    """(V,) time since each view's last frame over the median of its last intervals; 1 where that is not known."""
     out = np.ones(len(clock.t_ns))
-    for v, known in enumerate(clock.interval_ns):
-        usual = known[~np.isnan(known)]
-        if len(usual) and clock.t_ns[v] >= 0:
-            out[v] = min(max(np.round((t_ns - clock.t_ns[v]) / np.median(usual)), 1.0), LONGEST)
+    for v, (last, row) in enumerate(zip(clock.t_ns.tolist(), clock.interval_ns.tolist(), strict=True)):
+        known = sorted(interval for interval in row if interval == interval)
+        if known and last >= 0:
+            out[v] = (t_ns - last) / known[len(known) // 2]
     return out

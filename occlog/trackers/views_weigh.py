@@ -8,10 +8,9 @@ import numpy as np
 from numpy.random import Generator
 
 from ..columns import Ints
-from ..core.ellipse import nearness
 from ..core.view_motion import summed
 from ..core.view_repulsion import Interaction
-from ..core.view_sweeps import Near, Past, Rig, settle
+from ..core.view_sweeps import Near, Past, Rig, nearby, settle
 from .view_method import MODES
 from .views_loop import affine_maps, helpers
 from .views_state import State
@@ -70,8 +69,7 @@ def setting(state: State, moment: Moment, helper: Ints) -> Setting:
     """
     t, c = state.trackers, state.config
     first = summed(moment.particles, moment.log_local)[1]
-    ratio = np.where(t.view[:, None] == t.view[None, :], nearness(first), np.inf)
-    near = Near((ratio <= getattr(c, "close", c.touch)).any(axis=1), ratio <= c.touch, ratio.min(axis=1))
+    near = nearby(first, t.view, c.touch, getattr(c, "close", c.touch))
     past = Past(t.estimate[:, :2], t.path.mean(axis=1) * moment.gap[:, None])
     bottom, band = getattr(c, "anchor", "centre") == "bottom", getattr(c, "band", 1.0)
     maps, clear = affine_maps(state, first), getattr(c, "clear", 0.0)

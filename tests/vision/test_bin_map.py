@@ -43,3 +43,16 @@ def test_boxes_are_updated_and_the_rest_is_kept():
     for part in (np.s_[4:12, 3:9], np.s_[10:15, 7:], np.s_[:2, :2]):
         want[part] = whole[part]
     assert np.array_equal(got, want)
+
+
+@pytest.mark.parametrize("step", [2, 3])
+def test_only_pixels_that_count_are_updated(step):
+    old, new = np.random.default_rng(3).integers(0, 256, (2, 20, 31, 3)).astype(np.uint8)
+    got, want = bin_map(old), bin_map(old)
+    update_bin_map(got, new, np.array([[1, 5, 9, 12], [-4, 8, 40, 30]]), step)
+    box = np.zeros(got.shape, dtype=bool)
+    box[5:12, 1:9] = box[8:, :] = True
+    y, x = np.indices(got.shape)
+    box &= (x % step == 0) & (y % step == 0)
+    want[box] = bin_map(new)[box]
+    assert np.array_equal(got, want)
