@@ -37,20 +37,25 @@ def copy_recording(
         provenance: how the copy was made; a recording of another program stays one.
         overwrite: replace a file that exists.
     """
-    with open_mcap(source.path) as (reader, _), open_output(path, overwrite) as file:
+    with open_output(path, overwrite) as file:
         writer = Writer(
             file, chunk_size=1024 * 1024, compression=CompressionType.ZSTD, index_types=IndexType.ALL,
             enable_crcs=True, enable_data_crcs=True,
         )  # fmt: skip
         writer.start(profile="", library=f"occlog {__version__}")
-        for each in reader.iter_attachments():
-            if each.name not in attachments:
-                writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
+        # A file without an index can be gone through only once each time it is opened.
+        with open_mcap(source.path) as (reader, _):
+            for each in reader.iter_attachments():
+                if each.name not in attachments:
+                    writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
         for name, data in attachments.items():
             writer.add_attachment(0, 0, name, "application/json", data)
-        messages = _copy_messages(reader, writer)
-        for record in reader.iter_metadata():
-            writer.add_metadata(record.name, _metadata(record.name, dict(record.metadata), source, path, provenance))
+        with open_mcap(source.path) as (reader, _):
+            messages = _copy_messages(reader, writer)
+        with open_mcap(source.path) as (reader, _):
+            for record in reader.iter_metadata():
+                values = _metadata(record.name, dict(record.metadata), source, path, provenance)
+                writer.add_metadata(record.name, values)
         writer.finish()
     return messages
 

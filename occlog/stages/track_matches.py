@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -31,21 +33,58 @@ def matches_of_tracks(
         where: what they come from, for messages.
         points: one of `POINTS`.
     """
-    places: dict[str, dict[tuple[int, int, int], Floats]] = {}
+    sides = (-1, 1) if points == "ends" else (0,)
+    samples: dict[tuple[str, str], _Sample] = {}
+    for moment in _moments(chunks):
+        for a, b in combinations(sorted(moment), 2):
+            for target in moment[a]:
+                if target not in moment[b]:
+                    continue
+                sample = samples.setdefault((a, b), _Sample())
+                for side in sides:
+                    sample.add([xy + side * np.array([0.0, r]) for xy, r in (moment[a][target], moment[b][target])])
+    return tuple(samples[pair].matches(*pair, f"{where}: {pair[0]} and {pair[1]}") for pair in sorted(samples))
+
+
+@dataclass
+class _Sample:
+    """Matches at equal steps, at most about twice `MOST` of them at any time."""
+
+    kept: list[Any] = field(default_factory=list)
+    step: int = 1
+    seen: int = 0
+
+    def add(self, match: Any) -> None:
+        """Keep every `step`-th match; with too many every other one of them is dropped."""
+        if self.seen % self.step == 0:
+            self.kept.append(match)
+        self.seen += 1
+        if len(self.kept) >= 2 * MOST:
+            self.kept, self.step = self.kept[::2], 2 * self.step
+
+    def matches(self, a: str, b: str, where: str) -> Matches:
+        """What was kept, at most `MOST`."""
+        rows = np.unique(np.linspace(0, len(self.kept) - 1, min(len(self.kept), MOST)).astype(int))
+        both = np.array(self.kept)[rows]
+        return Matches(a, b, both[:, 0], both[:, 1], where)
+
+
+Moment = dict[str, dict[int, tuple[Floats, float]]]
+"""Centres of targets and how far they reach up and down, by view and target."""
+
+
+def _moments(chunks: Iterable[ViewTracks] | Iterable[TruthBoxes]) -> Iterator[Moment]:
+    """What the views show at each time; where chunks are cut does not matter."""
+    moment: Moment = {}
+    last: int | None = None
     for chunk in chunks:
         table = _boxes(chunk) if isinstance(chunk, TruthBoxes) else _ellipses(chunk)
         for t_ns, sensor, target, x, y, reach in zip(*table, strict=True):
-            for side in (-1, 1) if points == "ends" else (0,):
-                places.setdefault(sensor, {})[int(t_ns), int(target), side] = np.array([x, y + side * reach])
-    out = []
-    for a, b in combinations(sorted(places), 2):
-        both = [key for key in places[a] if key in places[b]]
-        if not both:
-            continue
-        chosen = [both[k] for k in np.unique(np.linspace(0, len(both) - 1, min(len(both), MOST)).astype(int))]
-        first, second = (np.array([places[name][key] for key in chosen]) for name in (a, b))
-        out.append(Matches(a, b, first, second, f"{where}: {a} and {b}"))
-    return tuple(out)
+            if t_ns != last:
+                yield moment
+                moment, last = {}, t_ns
+            moment.setdefault(sensor, {})[int(target)] = (np.array([x, y]), float(reach))
+    yield moment
 
 
 Columns = tuple[np.ndarray, np.ndarray, np.ndarray, Floats, Floats, Floats]
