@@ -41,11 +41,11 @@ def judge2(table: Table) -> list[Verdict]:
         sign = 1.0 if printed is PRINTED else -1.0
         rows = v.series(table, f"BMCT, {name}")
         paper = sign * _printed_exponent(printed["BMCT"])
-        said = f"Of BMCT the required {what} vary linearly with the targets: exponent of their number."
+        said = f"BMCT's need of {what} grows linearly with the targets: exponent of their number."
         out.append(_linear(f"table2-bmct-{what}", said, paper, rows))
         for f in (MCMC, SIR):
             paper = sign * _printed_exponent(printed["MCMC"]) if f is MCMC else math.nan
-            said = f"Of the joint filter ({f}) the required {what} grow faster than linearly: exponent."
+            said = f"The need of the joint filter ({f}) of {what} grows faster than linearly: exponent."
             out.append(_faster(f"table2-{f.split()[-1].lower()}-{what}", said, paper, v.series(table, f"{f}, {name}")))
     out.append(_exponential(v.series(table, f"{SIR}, {TOTAL}")))
     for n, paper in PRINTED["MCMC"].items():
@@ -75,7 +75,7 @@ def _faster(key: str, said: str, paper: float, rows: Sequence[Row]) -> Verdict:
 
 def _exponential(rows: Sequence[Row]) -> Verdict:
     """Whether the numbers grow by the same factor with every target, rather than as a power."""
-    said = "Joint-state methods grow exponentially with the targets (joint SIR): factor for one target more."
+    said = "Joint-state methods grow exponentially with the targets (joint SIR): particles, factor for one target more."
     rule = (
         "a factor fits the growth better than a power, and is above 1 by two standard errors; in part without the first"
     )
