@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from ..errors import ExitCode
 from . import options
 from .evaluate_many_options import check_ground_options, check_image_options, given_names, many_options
+
+if TYPE_CHECKING:
+    from .evaluate_input import Paths
 
 F = TypeVar("F", bound=Callable[..., Any])
 POSITIVE = click.FloatRange(min=0, min_open=True)
@@ -143,13 +147,7 @@ def command(**given: Any) -> int:
     azimuths, gate = given.pop("truth_azimuths"), given.pop("doa_gate_deg")
     paths = Paths(**{name: given.pop(name) for name in Paths.__annotations__})
     if azimuths is not None:
-        from .evaluate_doa import run_evaluate_doa
-
-        if any(
-            p is not None for p in (paths.tracks, paths.truth, paths.bearings, paths.views, paths.errors, paths.bound)
-        ):
-            raise click.UsageError("--truth-azimuths goes with --doa and nothing else to compare")
-        figures = run_evaluate_doa(paths.doa, azimuths, paths.output, gate, given["max_gap_s"], paths.overwrite)
+        figures = _azimuths(paths, azimuths, gate, given["max_gap_s"])
         options.echo_summary(figures, as_json)
         return _judged(figures, thresholds)
     names = given_names()
@@ -161,17 +159,31 @@ def command(**given: Any) -> int:
         result, unit = run_evaluate(paths, given)
     for line in result.notes:
         options.note(line, quiet)
-    if as_json:
-        options.echo_summary(result.metrics, True)
-    else:
-        from .evaluate_text import summary_lines
-
-        click.echo("\n".join(summary_lines(result.metrics, unit)))
+    _show(result.metrics, unit, as_json)
     code = _judged(result.metrics, thresholds)
     for path in (paths.output, paths.errors, paths.bound, paths.failures, paths.mot):
         if path is not None:
             options.note(f"wrote {path}", quiet)
     return code
+
+
+def _azimuths(paths: Paths, azimuths: Path, gate_deg: float, max_gap_s: float) -> dict[str, Any]:
+    """Directions against true ones; UsageError where anything else is to be compared too."""
+    from .evaluate_doa import run_evaluate_doa
+
+    others = (paths.tracks, paths.truth, paths.bearings, paths.views, paths.errors, paths.bound, paths.failures)
+    if any(path is not None for path in (*others, paths.mot)):
+        raise click.UsageError("--truth-azimuths goes with --doa and nothing else to compare")
+    return run_evaluate_doa(paths.doa, azimuths, paths.output, gate_deg, max_gap_s, paths.overwrite)
+
+
+def _show(metrics: Mapping[str, float], unit: str, as_json: bool) -> None:
+    if as_json:
+        options.echo_summary(metrics, True)
+        return
+    from .evaluate_text import summary_lines
+
+    click.echo("\n".join(summary_lines(metrics, unit)))
 
 
 def _judged(metrics: Mapping[str, Any], thresholds: list[Any]) -> int:

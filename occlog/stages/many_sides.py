@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ..columns import Floats, Ints, Strings
+from ..columns import Floats, Ints
 from ..core.mot_frames import Objects
 from ..errors import InputError
 from ..records import Boxes, TruthBoxes
@@ -88,24 +88,24 @@ def lay_boxes(
     key = "frame" if by_number else "t_ns"
     times, numbers, keys = _frames(truth, views, key)
     there, found = truth.take(truth.box >= 0), tracks.take(tracks.box >= 0)
-    _check_identities("truth", there)
     true_view, true_cell = _cells(there, views, keys, key)
+    _check_identities("truth", there, true_view, true_cell)
     view, cell = _cells(found, views, keys, key)
     known = cell >= 0
     if len(found) and not known.any():
         raise InputError(_apart(found, truth, by_number))
-    found = found.take(known)
-    _check_identities("tracks", found)
+    found, view, cell = found.take(known), view[known], cell[known]
+    _check_identities("tracks", found, view, cell)
     counts = {
         "frames": sum(len(t) for t in times),
-        "frames_without_tracks": sum(len(t) for t in times) - len(np.unique(view[known] * 2**40 + cell[known])),
+        "frames_without_tracks": sum(len(t) for t in times) - len(np.unique(view * 2**40 + cell)),
         "estimates_other_frames": int(np.count_nonzero(~known)),
         "views_without_tracks": len(left_out),
     }
     return Sides(
         views,
         Objects(true_cell, there.target_id.astype(np.int64), places(there), true_view),
-        Objects(cell[known], found.target_id.astype(np.int64), places(found), view[known]),
+        Objects(cell, found.target_id.astype(np.int64), places(found), view),
         there.visible, times, numbers, {name: float(n) for name, n in counts.items()}, left_out,
     )  # fmt: skip
 
@@ -179,13 +179,12 @@ def _span(values: Ints) -> str:
     return f"{values.min()} to {values.max()}"
 
 
-def _check_identities(what: str, boxes: Boxes) -> None:
+def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
     """InputError where an object has no identity, or the same one as another in the frame."""
-    order = np.lexsort((boxes.target_id, boxes.sensor, boxes.t_ns))
-    target, t_ns = boxes.target_id[order], boxes.t_ns[order]
-    sensor: Strings = boxes.sensor[order]
-    same = (target[1:] == target[:-1]) & (t_ns[1:] == t_ns[:-1]) & (sensor[1:] == sensor[:-1])
-    for bad, words in ((np.flatnonzero(target < 0), "a box without an identity"), (np.flatnonzero(same) + 1, "")):
+    order = np.lexsort((boxes.target_id, cell, view))
+    keys = np.column_stack([view, cell, boxes.target_id])[order]
+    same = (keys[1:] == keys[:-1]).all(axis=1)
+    for bad, words in ((np.flatnonzero(keys[:, 2] < 0), "a box without an identity"), (np.flatnonzero(same) + 1, "")):
         if len(bad):
             row = order[bad[0]]
             found = words or f"target {boxes.target_id[row]} twice"
