@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..records import Tracks
 from ..scene import Camera, Scene
 from ..view_records import ViewTracks
-from ..vision.epipolar import ideal_pixels
+from ..vision.epipolar import ideal_pixels_anywhere
 from .ground_config import GroundConfig, in_scene
 
 WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", APART: "contradict"}
@@ -153,11 +153,13 @@ def _shapes(table: ViewTracks) -> Floats:
 
 def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
     """(R, 2) centres without lens distortion, and (R, 2, 2) how these change with the recorded ones."""
-    ideal = ideal_pixels(camera, centres)
+    ideal = ideal_pixels_anywhere(camera, centres)
     if not np.any(camera.distortion):
         return ideal, np.broadcast_to(np.eye(2), (len(centres), 2, 2))
     steps = [0.5 * np.eye(2)[axis] for axis in range(2)]
-    changes = [ideal_pixels(camera, centres + step) - ideal_pixels(camera, centres - step) for step in steps]
+    changes = [
+        ideal_pixels_anywhere(camera, centres + step) - ideal_pixels_anywhere(camera, centres - step) for step in steps
+    ]
     return ideal, np.stack(changes, axis=2)
 
 

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..scene import Camera, Scene
 from ..trackers.view_method import Geometry, View
 from ..view_pairs import ViewPair, ViewPairs
-from ..vision.epipolar import fundamental_of_cameras, ideal_pixels
+from ..vision.epipolar import fundamental_of_cameras, ideal_pixels_anywhere
 
 
 def view_geometry(views: Sequence[View], scene: Scene | None = None, fundamental: ViewPairs | None = None) -> Geometry:
@@ -62,7 +62,7 @@ def _of_poses(a: Camera | None, b: Camera | None) -> Floats:
 
 
 def _ideal(camera: Camera | None) -> Callable[[Floats], Floats] | None:
-    return partial(ideal_pixels, camera) if camera is not None and bends(camera) else None
+    return partial(ideal_pixels_anywhere, camera) if camera is not None and bends(camera) else None
 
 
 def _check_pixels(pair: ViewPair, a: Camera | None, b: Camera | None) -> None:

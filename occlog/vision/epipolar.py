@@ -65,6 +65,18 @@ def ideal_pixels(camera: Camera, pixels: Floats) -> Floats:
     return undistort(normalised, camera.distortion, camera.distortion_model) * camera.focal_px + camera.principal_px
 
 
+def ideal_pixels_anywhere(camera: Camera, pixels: Floats) -> Floats:
+    """(N, 2) the same, where `pixels` may be far outside the image: what the lens does at its border goes on there.
+
+    A lens model says nothing outside the image, and may not even have a solution.
+    """
+    p = np.asarray(pixels, dtype=np.float64)
+    if camera.image_size is None or not np.any(camera.distortion):
+        return ideal_pixels(camera, p)
+    inside = np.clip(p, -0.5, np.array(camera.image_size) - 0.5)
+    return ideal_pixels(camera, inside) + (p - inside)
+
+
 def fundamental_of_cameras(a: Camera, b: Camera) -> Floats:
     """(3, 3) fundamental matrix, for `ideal_pixels`, of two cameras of a scene.
 

@@ -8,7 +8,12 @@ from epipolar_rigs import flat_points, matches, rig, room_points
 
 from occlog.core.camera import rotation_from_angles
 from occlog.core.epipolar import check_fundamental, epipolar_distances
-from occlog.vision.epipolar import estimate_fundamental, fundamental_of_cameras, ideal_pixels
+from occlog.vision.epipolar import (
+    estimate_fundamental,
+    fundamental_of_cameras,
+    ideal_pixels,
+    ideal_pixels_anywhere,
+)
 from occlog.vision.render_balls_motion import VIEWS, BallsConfig, ball_cameras, ball_ellipses, ball_paths
 
 BROWN = np.array([-0.25, 0.06, 0.002, -0.001, 0.0])
@@ -161,3 +166,21 @@ def test_matrices_of_the_balls():
         assert np.sqrt((epipolar_distances(fit.matrix, images[i], images[j]) ** 2).mean()) < 0.2
         assert check_fundamental(f, *seen).fits
         assert not check_fundamental(fundamental_of_cameras(cameras[1], cameras[2]), images[0], images[1]).fits
+
+
+@pytest.mark.parametrize(("lens", "model"), [(BROWN, "brown"), (10 * BROWN, "brown"), (TSAI, "tsai")])
+def test_points_far_outside_the_image_stay_finite(lens, model):
+    camera = rig(np.random.default_rng(1), distortion=0.3 * lens, distortion_model=model)[0]
+    grid = np.stack(np.meshgrid(np.linspace(0, 639, 15), np.linspace(0, 479, 15)), axis=-1).reshape(-1, 2)
+    assert np.array_equal(ideal_pixels_anywhere(camera, grid), ideal_pixels(camera, grid))
+    middle = np.array([319.5, 239.5])
+    far = ideal_pixels_anywhere(camera, middle + 50.0 * (grid - middle))
+    assert np.isfinite(far).all()
+    border = np.array([[639.5, 300.0]])
+    step = ideal_pixels_anywhere(camera, border + np.array([1e-6, 0])) - ideal_pixels_anywhere(
+        camera, border - np.array([1e-6, 0])
+    )
+    assert np.abs(step).max() < 1e-5
+    assert ideal_pixels_anywhere(camera, border + np.array([7.0, 0])) == pytest.approx(
+        ideal_pixels(camera, border) + np.array([7.0, 0])
+    )
