@@ -17,8 +17,9 @@ def fig7(size: Size, execute: Execute) -> Table:
     rows = []
     for m in SHOWN:
         for k in range(PARTS):
-            x = (k + 0.5) * size.steps / PARTS
-            rows.append(Row(m.upper(), x, tuple(100.0 * r[f"{m}.off_{k}"] for r in results)))
+            values = tuple(100.0 * r[f"{m}.off_{k}"] for r in results)
+            if not math.isnan(values[0]):  # a short video has fewer parts
+                rows.append(Row(m.upper(), (k + 0.5) * size.steps / PARTS, values))
         rows.append(Row(f"{m.upper()}, last frame", math.nan, tuple(100.0 * r[f"{m}.off_end"] for r in results), {},
                         plotted=False))  # fmt: skip
     return rows
