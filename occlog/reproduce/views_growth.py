@@ -71,7 +71,13 @@ def table2(size: Size, execute: Execute) -> Table:
             needs.append(Row(f"{f.name}, {TOTAL}", n, need, _extra(f, n, trials, need), plotted=False))
             times.append(Row(f"{f.name}, {TIME}", n, spent, _fps(f, n, spent), plotted=False))
         table += [*_relative(f"{f.name}, particles", needs), *_relative(f"{f.name}, time", times), *needs, *times]
-    return table + raw
+    return [*table, *_printed(counts), *raw]
+
+
+def _printed(counts: Sequence[int]) -> list[Row]:
+    """The particles of the paper's joint filter over those at 4 targets."""
+    unit, name = PRINTED[verdicts.MCMC][4], "MCMC-PF as printed, particles"
+    return [Row(name, n, (value / unit,)) for n, value in PRINTED[verdicts.MCMC].items() if n in counts]
 
 
 def _spec(size: Size, run: int, targets: int) -> Spec:
