@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..columns import Bools, Floats, Ints
-from ..core.view_ground import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Meeting, Rig, Sights, meet_in_space
+from ..core.view_ground import meet_in_space
+from ..core.view_place import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Meeting, Rig, Sights
 from ..errors import InputError
 from ..records import Tracks
 from ..scene import Camera, Scene

@@ -5,7 +5,8 @@ import pytest
 from epipolar_rigs import looking
 from scipy.optimize import minimize
 
-from occlog.core.view_ground import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Rig, Sights, meet_in_space
+from occlog.core.view_ground import meet_in_space
+from occlog.core.view_place import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Rig, Sights
 
 HEIGHT = Height(0.9, 0.1)
 
