@@ -122,7 +122,14 @@ def settle(
 
 @kernel
 def collaborate(
-    log_w: Floats, helped: Bools, i: int, particles: Floats, estimate: Floats, ready: Bools, near: Near, rig: Rig
+    log_w: Floats,
+    helped: Bools,
+    i: int | np.integer,
+    particles: Floats,
+    estimate: Floats,
+    ready: Bools,
+    near: Near,
+    rig: Rig,
 ) -> None:
     """Add the bands of the counterparts to a tracker's log weights: of those alone in their view, or else of others.
 

@@ -76,7 +76,7 @@ def completed(geometry: Geometry) -> Geometry:
     """The geometry with each unknown matrix replaced by the transposed one of the other direction."""
     given = np.array(geometry.fundamental, dtype=np.float64)
     back = given.transpose(1, 0, 3, 2)
-    return geometry._replace(fundamental=np.where(np.isnan(given).any(axis=(2, 3))[..., None, None], back, given))
+    return geometry._replace(fundamental=np.where(np.isnan(given).any(axis=(2, 3), keepdims=True), back, given))
 
 
 def _none(views: int, config: Any) -> Trackers:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -16,7 +16,7 @@ from .view_method import LEFT, LOST, Looks, Outlines
 from .views_appearance import log_appearance
 from .views_loop import counterparts, looped
 from .views_regions import Held, drawn, held, mask_outside, pull
-from .views_state import State, Trackers, chosen, gaps, seen
+from .views_state import LONGEST, State, Trackers, ages, chosen, gaps, seen
 
 
 class Moment(NamedTuple):
@@ -78,7 +78,7 @@ def advance(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> tuple
 def _moment(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> Moment:
     t, config = state.trackers, state.config
     here = np.array([image is not None for image in looks.images])[t.view]
-    gap = gaps(state.clock, looks.t_ns)[t.view]
+    age, gap = (since(state.clock, looks.t_ns)[t.view] for since in (ages, gaps))
     normals = rng.standard_normal(t.particles.shape)
     motion = Motion(config.sigma_px, config.keep_axes, config.sigma_axes_px, config.axes_limit, config.sigma_rho)
     particles = moved(t.particles, t.velocity, t.axes, gap, normals, motion)
@@ -90,18 +90,18 @@ def _moment(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> Momen
     particles = drawn(particles, found, normals, config.region_share, config.region_spread)
     if not here.all():
         waiting = t.particles.copy()
-        waiting[..., :2] += (gap[:, None] * t.velocity)[:, None]
+        waiting[..., :2] += (np.minimum(age, LONGEST)[:, None] * t.velocity)[:, None]
         particles = np.where(here[:, None, None], particles, waiting)
     boxes = boxes_of(particles)
     for v, image in enumerate(looks.images):
         if image is not None:
-            update_bin_map(state.bins[v], image, boxes[t.view == v])
+            update_bin_map(state.bins[v], image, boxes[t.view == v], config.pixel_step)
             mask_outside(state.bins[v], boxes[t.view == v], looks, v)
     likeness = _alike(state, particles, here)
     log_local = (likeness - 1.0) / (2.0 * config.sigma_colour**2)
     log_local += log_appearance(looks, particles, t.view, t.target, state.memories, config)
     log_local += pull(particles, found, config.region_pull)
-    return Moment(here, here | (gap < 1.5), gap, particles, likeness, log_local, found)
+    return Moment(here, here | (age < 1.5), gap, particles, likeness, log_local, found)
 
 
 def _alike(state: State, ellipses: Floats, here: Bools) -> Floats:
@@ -118,27 +118,32 @@ def _alike(state: State, ellipses: Floats, here: Bools) -> Floats:
     return out
 
 
-def _after(t: Trackers, moment: Moment, weighed: Weighed, likeness: Floats, u: Floats, config: object) -> Trackers:
-    """Trackers after their frame; those without one stay as they were."""
-    here = moment.here[:, None]
+def _after(t: Trackers, moment: Moment, weighed: Weighed, likeness: Floats, u: Floats, config: Any) -> Trackers:
+    """Trackers after their frame; those whose view has none stay as they were."""
     step = (weighed.estimate[:, :2] - t.estimate[:, :2]) / moment.gap[:, None]
     keep = config.keep_velocity
     best = moment.likeness.max(axis=1)
-    weak = np.where(moment.here, np.where(best < config.lost_likeness, t.weak + 1, 0), t.weak)
     frozen = getattr(config, "frozen", 1.0)
     usual = t.path.mean(axis=1)
-    entry = np.where(weighed.touching.any(axis=1)[:, None], usual + frozen * (step - usual), step)
+    entry = np.where(weighed.touching.any(axis=1, keepdims=True), usual + frozen * (step - usual), step)
     path = np.concatenate([t.path[:, 1:], entry[:, None]], axis=1)
     size = np.where(moment.held.has[:, None], moment.held.region[:, 2:4], t.axes)
-    return t._replace(
+    after = t._replace(
         axes=t.axes + config.region_axes * (size - t.axes),
-        particles=np.where(here[..., None], resampled(moment.particles, weighed.weights, u), t.particles),
-        estimate=np.where(here, weighed.estimate, t.estimate),
-        velocity=np.where(here, keep * t.velocity + (1.0 - keep) * step, t.velocity),
-        path=np.where(here[..., None], path, t.path),
-        weak=weak,
-        likeness=np.where(moment.here, likeness, t.likeness),
+        particles=resampled(moment.particles, weighed.weights, u),
+        estimate=weighed.estimate,
+        velocity=keep * t.velocity + (1.0 - keep) * step,
+        path=path,
+        weak=np.where(best < config.lost_likeness, t.weak + 1, 0),
+        likeness=likeness,
     )
+    return after if moment.here.all() else _where(moment.here, after, t)
+
+
+def _where(rows: Bools, one: Trackers, other: Trackers) -> Trackers:
+    """Trackers of one set in these rows, and of another elsewhere."""
+    pairs = zip(one, other, strict=True)
+    return Trackers._make(np.where(rows.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs)
 
 
 def _events(scheme: Scheme, state: State, here: Bools) -> Ints:
