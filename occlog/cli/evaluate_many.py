@@ -38,6 +38,8 @@ B = TypeVar("B", bound=Boxes)
 TEXT = (".txt", ".csv")
 RATE = Fraction(25)
 """Frames a second of MOTChallenge text, which has no times."""
+MAX_FRAMES = 2_000_000
+"""Most frames of text; the truth has a row for each of them."""
 
 FROM_DETECTIONS = (
     "trackers were born from detections, so that their numbers are not those of targets; FR needs --own start"
@@ -158,10 +160,13 @@ def _read_text(path: Path, camera: str, table: type[B], last: int | None = None)
         raise InputError(f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes")
     file, how = [BoxFile(path, camera)], BoxOptions(drop_zero=last is not None, use_confidence=last is not None)
     survey = survey_boxes(file, (), how)
+    if survey.stop > MAX_FRAMES:
+        raise InputError(f"{path}: frame {survey.stop}; text may have {MAX_FRAMES} frames; correct the number")
     if last is not None:
         survey = replace(survey, first=0, stop=max(survey.stop, last + 1))
     times: dict[str, FrameTimes] = {camera: rate_times(RATE, "assumed")}
-    return table.concat(read_boxes(file, survey, times, (), how, table))
+    rows = read_boxes(file, survey, times, (), how, table)
+    return table.concat(rows if last is not None else (part.take(part.box >= 0) for part in rows))
 
 
 def _write(paths: Paths, result: Evaluation, sides: Sides, config: ManyConfig, scene: Scene | None) -> None:

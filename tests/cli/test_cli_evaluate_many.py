@@ -167,6 +167,19 @@ def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFix
     assert figures([*both, "--camera", "north"], capsys)["fr_p"] == 1.0
 
 
+def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*EVALUATE, "--failures", "f.parquet", "-q"]) == ExitCode.DONE
+    assert run([*EVALUATE, "--failures", "g.parquet", "--tau", "0.5", "-q"]) == ExitCode.DONE
+    for name in ("f.parquet", "view_tracks.parquet"):
+        assert run(["info", name]) == ExitCode.DONE
+        assert run(["diff", name, name]) == ExitCode.DONE
+    assert "tracker on target 1" in capsys.readouterr().out
+    assert run(["diff", "f.parquet", "g.parquet"]) == ExitCode.DONE
+    assert run(["diff", "f.parquet", "view_tracks.parquet"]) == ExitCode.USAGE
+    for name in ("failures", "view_tracks"):
+        assert run(["schema", name]) == ExitCode.DONE
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
@@ -186,6 +199,8 @@ def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFix
         (["evaluate", "twice.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "frame 2: target 1 twice"),
         (["evaluate", "twice.txt", "--truth", "recording.mcap"], 2, "--camera"),
         (["evaluate", "late.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "frames (99 to 99) are none"),
+        (["evaluate", "far.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "far.txt: frame 90000000"),
+        (["report", "view_tracks.parquet", "-o", "page.html"], 4, "view_tracks.parquet: holds view_tracks/1"),
         (["evaluate", "other.parquet", "--truth", "recording.mcap"], 4, "other.parquet: their cameras (west)"),
         (["evaluate", "away.parquet", "--truth", "recording.mcap"], 4, "away.parquet: the time of no frame"),
         (["evaluate", "--failures", "f.parquet", "--truth", "recording.mcap"], 2, "needs TRACKS"),
@@ -198,6 +213,7 @@ def test_bad_input(
     (folder / "short.txt").write_text("1,1,10\n")
     (folder / "header.txt").write_text("frame,id,left,top,width,height,conf\n1,1,10,10,20,20,1\n")
     (folder / "twice.txt").write_text("3,1,10,10,20,20,1\n3,1,50,10,20,20,1\n")
+    (folder / "far.txt").write_text("90000000,1,10,10,20,20,1\n")
     (folder / "late.txt").write_text("100,1,10,10,20,20,1\n")
     tracks = view_tracks()
     whole = {c.name: getattr(tracks, c.name) for c in ViewTracks.columns()}
