@@ -143,7 +143,7 @@ def command(
       occlog simulate examples/room.yaml -o video.mcap --render --seconds 15 --occluders 3
       occlog simulate examples/lee_field.yaml --paths examples/lee_field_paths.yaml -o field.mcap
       occlog simulate --scene balls -o balls.mcap --store ffv1 --seed 1
-      occlog simulate --scene people -o people.mcap --people 5 --views 4 --store ffv1
+      occlog simulate --scene people -o people.mcap --views 4 --store ffv1
     """
     paths: Path | None = values.pop("paths")
     given = {name: value for name, value in values.items() if value is not None and (name, value) != ("render", False)}

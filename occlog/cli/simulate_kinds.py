@@ -38,6 +38,8 @@ BOTH = (
     click.option("--size", type=Size(), default=None, metavar="WxH",
                  help="Of the images. [default: 320x240 of balls, 640x480 of people]"),
     click.option("--grey", is_flag=True, default=None, help="Video without colours."),
+    click.option("--overlap", is_flag=True, default=None,
+                 help="Targets may hide one another in the first frame already."),
 )  # fmt: skip
 
 BALLS = (
@@ -52,8 +54,6 @@ BALLS = (
                  help="From the cameras to the middle of the box; near ones see sizes change. [default: 1e6]"),
     click.option("--collide", is_flag=True, default=None,
                  help="Balls bounce off each other. [default: one flies through the other]"),
-    click.option("--overlap", is_flag=True, default=None,
-                 help="Balls may hide one another in the first frame already."),
     click.option("--clutter", type=click.IntRange(min=0), default=None,
                  help="Patches in the balls' colours on each background. [default: 6]"),
 )  # fmt: skip
@@ -63,10 +63,10 @@ PEOPLE = (
                  help="How many, all targets in the same clothes. [default: 4]"),
 )  # fmt: skip
 
-SHARED = ("frames", "views", "size", "grey")
+SHARED = ("frames", "views", "size", "grey", "overlap")
 RENDERED = ("store", "image_noise", "colour_noise")
 ALLOWED = {
-    "balls": {*SHARED, *RENDERED, "balls", "radius", "ball_speed", "spin", "distance", "collide", "overlap", "clutter"},
+    "balls": {*SHARED, *RENDERED, "balls", "radius", "ball_speed", "spin", "distance", "collide", "clutter"},
     "people": {*SHARED, *RENDERED, "people", "speed", "texture", "light_drift", "light_period", "shadows"},
 }
 """Options of each kind of scene."""

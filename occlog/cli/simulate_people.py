@@ -23,7 +23,7 @@ def people_setup(given: Mapping[str, Any], fps: float | None, workers: int | Non
     views, size, rate = given.get("views", 3), given.get("size", (640, 480)), fps or 25.0
     if min(size) < 64:
         raise UsageError(f"--size: people need images of 64 px or more a side, got {size[0]}x{size[1]}")
-    own = {"frames", "views", "size", "people", "grey"}
+    own = {"frames", "views", "size", "people", "grey", "overlap"}
     values = {
         "render": True,
         "targets": given.get("people", 4),
@@ -35,4 +35,4 @@ def people_setup(given: Mapping[str, Any], fps: float | None, workers: int | Non
     setup = make_setup(people_room(views, size, rate), values, None, workers)
     assert setup.render is not None  # it was asked for
     video = replace(setup.render, alike=True, min_visible=0.0)
-    return replace(setup, render=video, grey=bool(given.get("grey")))
+    return replace(setup, render=video, grey=bool(given.get("grey")), apart=not given.get("overlap"))

@@ -18,6 +18,7 @@ from ..io.recording_writer import RecordingWriter
 from ..records import Truth
 from ..scene import Scene
 from ..script import Script
+from ..stages.people_room import people_apart
 from ..stages.simulate import (
     ObserveConfig,
     SoundConfig,
@@ -91,6 +92,8 @@ def run_simulate(
 ) -> dict[str, Any]:
     """Write the recording; what it holds."""
     made = Provenance("simulate", _parameters(setup), seed, hash_inputs(inputs))
+    if setup.apart:
+        setup = replace(setup, start=people_apart(setup.scene, setup.world.targets, seed))
     if setup.render is not None and setup.script is not None:
         for chunk in _truth(setup, seed):
             check_inside(setup.scene, truth_grid(chunk), setup.world.start_ns)
@@ -116,7 +119,7 @@ def _parameters(setup: Setup) -> dict[str, Any]:
     if values["render"] is not None:
         del values["render"]["workers"]
         values["store"] = setup.store
-        values["grey"] = setup.grey
+        values |= {"grey": setup.grey, "start_apart": setup.apart}
     if setup.sound != SoundConfig(step_s=setup.sound.step_s, heights=setup.sound.heights):
         values["sound"] = asdict(setup.sound)
     if setup.script is not None:
@@ -135,7 +138,7 @@ def _targets(setup: Setup) -> list[int]:
 def _truth(setup: Setup, seed: int) -> Iterator[Truth | Grid]:
     world, script = setup.world, setup.script
     if script is None:
-        return simulate_truth(setup.scene, world, seed)
+        return simulate_truth(setup.scene, world, seed, setup.start)
     return simulate_paths(script, world.steps, world.step_s, world.z, world.start_ns, seed)
 
 

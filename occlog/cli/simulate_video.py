@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..columns import Floats
 from ..core.grid import Grid
 from ..io.image_codec import encode_image
 from ..io.provenance import hash_file
@@ -47,6 +48,8 @@ class Setup:
     sound: SoundConfig = SoundConfig()
     script: Script | None = None  # None: random walkers
     grey: bool = False  # video without colours
+    apart: bool = False  # nobody hides another in the first frame
+    start: Floats | None = None  # (n, 2) first places; None: random, or not drawn yet
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:

@@ -10,7 +10,10 @@ import math
 
 import numpy as np
 
+from ..columns import Bools, Floats
 from ..core.camera import rotation_from_angles
+from ..core.seeds import Stage, generator
+from ..errors import UsageError
 from ..scene import Camera, Scene, camera_fov
 
 SIDE = 14.0
@@ -28,6 +31,11 @@ CAMERAS = (
 """Place x, y, z [m], and focal length [px] in images of 640 x 480."""
 HEIGHT = 0.9
 """Of the point in the middle of the room that all cameras look at [m]."""
+
+BODY = np.array([[x, y, z] for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (0.0, 1.85)])
+"""Corners of a box about a body, from where it stands [m]."""
+TRIES, DRAWN = 200, 500
+"""Searches for places at which nobody hides another, and places drawn in each."""
 
 
 def people_room(views: int, size: tuple[int, int], rate_hz: float) -> Scene:
@@ -63,3 +71,42 @@ def _camera(number: int, size: tuple[int, int], rate_hz: float) -> Camera:
         fov=camera_fov(size, focal_px, principal, np.zeros(5), "brown", rotation),
         rate_hz=rate_hz,
     )
+
+
+def people_apart(scene: Scene, people: int, seed: int) -> Floats:
+    """(n, 2) places in the middle of the room at which nobody hides another from any camera.
+
+    Args:
+        scene: the room.
+        people: n.
+        seed: of the search.
+
+    Returns:
+        The places; UsageError where none are found.
+    """
+    rng = generator(seed, Stage.WORLD_START)
+    for _ in range(TRIES):
+        places = rng.uniform(CLEARANCE, SIDE - CLEARANCE, (DRAWN, 2))
+        boxes = np.stack([_image_boxes(camera, places) for camera in scene.cameras], axis=1)
+        free, kept = np.arange(DRAWN), [0]
+        while len(kept) < people and len(free := free[_clear(boxes[kept[-1]], boxes[free])]):
+            kept.append(int(free[0]))
+        if len(kept) == people:
+            return places[kept]
+    raise UsageError(
+        f"--scene people: no places found at which {people} people hide nobody from {len(scene.cameras)} cameras; "
+        "take fewer of either, or let them --overlap in the first frame"
+    )
+
+
+def _image_boxes(camera: Camera, places: Floats) -> Floats:
+    """(n, 4) left, top, right, bottom of bodies at places (n, 2)."""
+    corners = np.column_stack([places, np.zeros(len(places))])[:, None] + BODY
+    pixels = camera.project(corners.reshape(-1, 3)).reshape(len(places), len(BODY), 2)
+    return np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
+
+
+def _clear(box: Floats, others: Floats) -> Bools:
+    """(m,) whether others' boxes (m, V, 4) overlap with none of a body's (V, 4)."""
+    apart = (box[:, :2] > others[..., 2:]) | (others[..., :2] > box[:, 2:])
+    return np.asarray(apart.any(axis=-1).all(axis=-1))

@@ -123,7 +123,7 @@ def ground(scene: Scene, clearance: float) -> Ground:
     return Ground(np.ascontiguousarray(scene.region, dtype=np.float64), *pack_polygons(walls), clearance)
 
 
-def simulate_truth(scene: Scene, config: WorldConfig, seed: int) -> Iterator[Truth]:
+def simulate_truth(scene: Scene, config: WorldConfig, seed: int, start: Floats | None = None) -> Iterator[Truth]:
     """True places of all objects, chunk after chunk: targets are numbered 0, 1, ..., occluders after them.
 
     An object's noise depends on seed and number only, not on how many others there are
@@ -133,6 +133,7 @@ def simulate_truth(scene: Scene, config: WorldConfig, seed: int) -> Iterator[Tru
         scene: its room (or the region around its sensors) bounds the world.
         config: numbers, speeds, times.
         seed: of all random numbers.
+        start: (n, 2) places of all objects at the first step; None: random ones.
 
     Returns:
         Tables of up to CHUNK_STEPS steps; time k is `start_ns + round(k step_s)`.
@@ -140,6 +141,7 @@ def simulate_truth(scene: Scene, config: WorldConfig, seed: int) -> Iterator[Tru
     """
     floor, n = ground(scene, config.clearance), config.targets + config.occluders
     world = _first(floor, n, config, seed)
+    world = world if start is None else world._replace(xy=start.copy())
     generators = [[generator(seed, Stage.WORLD_MOTION, i, kind) for kind in range(3)] for i in range(n)]
     path = world.xy[None]
     for first in range(0, config.steps, CHUNK_STEPS):

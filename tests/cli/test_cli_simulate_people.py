@@ -13,7 +13,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.recording import open_recording
 from occlog.records import Truth, TruthBoxes
-from occlog.stages.people_room import CAMERAS, CLEARANCE, SIDE, people_room
+from occlog.stages.people_room import CAMERAS, CLEARANCE, SIDE, people_apart, people_room
 
 pytestmark = pytest.mark.jit
 
@@ -42,6 +42,8 @@ def test_the_recording_holds_everybody_in_every_frame(tmp_path: Path, capsys: py
     looks = json.loads(recording.attachment("appearance.json") or b"")
     assert [one["appearance"] for one in looks] == 3 * [looks[0]["appearance"]]
     assert recording.provenance.parameters["render"]["alike"]
+    first = boxes.take(boxes.frame == 0)
+    assert (first.visible == 1.0).all()
 
 
 def test_the_same_bytes_for_any_number_of_workers_and_video_without_colours(tmp_path: Path) -> None:
@@ -64,11 +66,30 @@ def test_all_views_hold_all_people_who_keep_off_the_walls() -> None:
             assert ((pixels > 0) & (pixels < np.array(size) - 1)).all(), camera.name
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_nobody_hides_another_at_the_start(seed: int) -> None:
+    scene = people_room(3, (320, 240), 25.0)
+    places = people_apart(scene, 4, seed)
+    assert ((places > CLEARANCE) & (places < SIDE - CLEARANCE)).all()
+    turns = np.linspace(0, 2 * np.pi, 40)
+    rim = np.column_stack([0.3 * np.cos(turns), 0.3 * np.sin(turns)])
+    for camera in scene.cameras:
+        covered = []
+        for place in places:
+            body = np.concatenate([np.column_stack([place + rim, np.full(40, z)]) for z in (0.0, 0.9, 1.8)])
+            pixels = camera.project(body)
+            covered.append((pixels.min(axis=0), pixels.max(axis=0)))
+        for i, (low, high) in enumerate(covered):
+            for other_low, other_high in covered[:i]:
+                assert (high < other_low).any() or (other_high < low).any()
+
+
 @pytest.mark.parametrize(
     ("args", "words"),
     [
         (["--balls", "3"], "--balls is not an option of --scene people"),
         (["--lookalike"], "--lookalike is not an option of --scene people"),
+        (["--people", "12", "--frames", "1"], "or let them --overlap in the first frame"),
         (["--size", "32x32"], "people need images of 64 px or more a side, got 32x32"),
     ],
 )
