@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from ..core.mot_clear import CHALLENGE, CLASSIC, ClearRule
 from ..errors import InputError
@@ -57,12 +59,12 @@ class ManyConfig:
         return limit_ns if self.track_gap_s is None else round(self.track_gap_s * NS)
 
 
-def _check(name: str, value: object, good: object, limit: str) -> None:
+def _check(name: str, value: Any, good: Callable[[Any], bool], limit: str) -> None:
     if value is None:
         return
     if isinstance(value, float) and not math.isfinite(value):
         raise InputError(f"evaluate: {name} is {value}, must be a finite number")
-    if callable(good) and not good(value):
+    if not good(value):
         raise InputError(f"evaluate: {name} is {value}, must be {limit}")
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..columns import Bools
 from ..core.metrics import ratio
-from ..core.mot_clear import clear_mot
+from ..core.mot_clear import ClearRule, clear_mot
 from ..core.mot_failures import Failures
-from ..core.mot_frames import Frames, Objects, of_boxes, of_points
+from ..core.mot_frames import Frames, Objects, of_boxes
 from ..core.mot_gospa import gospa
 from ..core.mot_hota import hota
 from ..core.mot_identity import identity
@@ -37,8 +37,8 @@ def mot_figures(frames: Frames, config: ManyConfig, cells: int, whose: str = "",
     return out | gospa_figures(frames, config, cutoff, cells, whose, unit)
 
 
-def _clear(frames: Frames, rule: object, whose: str, unit: str) -> Metrics:
-    got = clear_mot(frames, rule)  # type: ignore[arg-type]
+def _clear(frames: Frames, rule: ClearRule, whose: str, unit: str) -> Metrics:
+    got = clear_mot(frames, rule)
     end = f"{whose}_{unit}" if unit else whose
     out: Metrics = {
         f"objects{whose}": got.objects, f"estimates_compared{whose}": got.estimates,
@@ -97,6 +97,3 @@ def failure_figures(found: Failures, rows: Bools, total: int, whose: str = "") -
         f"fr_p{whose}": ratio(position, total), f"fr_l{whose}": ratio(label, total),
         f"position_failures{whose}": position, f"label_failures{whose}": label,
     }  # fmt: skip
-
-
-__all__ = ["across_views", "centres", "failure_figures", "gospa_figures", "mot_figures", "of_points", "of_view"]
