@@ -51,7 +51,7 @@ def log_patches(image: Image, ellipses: Floats, owner: Ints, models: Sequence[Pa
         config: with `pca_power`.
     """
     power = config.pca_power / len(disc_points())
-    return power * patch_log_likelihood(image, ellipses, owner, stack_models(models))
+    return np.asarray(power * patch_log_likelihood(image, ellipses, owner, stack_models(models)))
 
 
 def log_appearance(

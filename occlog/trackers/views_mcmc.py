@@ -10,7 +10,8 @@ Two samplers of the same joint posterior (see `occlog.core.view_mcmc`):
             weight is good only if all of its targets are in good places.
 
 Views are not connected.  The prediction of a chain is the product over the targets of their
-own predictions.  A sample of a view is in the same column of `particles` for all trackers of the view.
+own predictions.  A sample of a view is in the same column of `particles` for all trackers of
+the view.  Regions of a detector count in the likelihood only: no sample starts anew at one.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from ..core.view_motion import Motion, boxes_of, moved, spreads, summed
 from .view_method import LEFT, LOST, MODES, Image, Looks, Outlines, Visual
 from .views_appearance import log_patches
 from .views_mcmc_config import McmcConfig
+from .views_regions import Held, held, mask_outside, pull
 from .views_state import State, Trackers, born, empty, ended, gaps, seen
 
 MODE = MODES.index("mcmc")
@@ -40,11 +42,14 @@ MODE = MODES.index("mcmc")
 class Panel(NamedTuple):
     """A frame of one view with n targets, and the samples before it."""
 
+    looks: Looks
+    view: int
     image: Image
     bins: Image  # (H, W) space for its bins
     trackers: Trackers  # the n rows of the view
     gap: float  # frames since the last one
     models: list[PatchModels]  # n of their patches; none for `model=colour`
+    held: Held  # regions of a detector that are the trackers' own
     config: McmcConfig
 
 
@@ -64,9 +69,7 @@ def step(state: State, looks: Looks, rng: Generator) -> tuple[State, Outlines]:
     for v, image in enumerate(looks.images):
         own = Trackers._make(field[starts[v] : starts[v + 1]] for field in t)
         if image is not None and len(own.view):
-            own, said = _followed(
-                state, Panel(image, state.bins[v], own, gap[v], _models(state, own), state.config), rng
-            )
+            own, said = _followed(panel_of(state, looks, v, image, own, gap[v]), len(state.views), rng)
             outlines.append(said)
         parts.append(own)
     after = Trackers._make(np.concatenate(fields) for fields in zip(*parts, strict=True))
@@ -74,7 +77,15 @@ def step(state: State, looks: Looks, rng: Generator) -> tuple[State, Outlines]:
     return _without_ended(seen(state._replace(trackers=after), looks), joined), joined
 
 
-def _followed(state: State, panel: Panel, rng: Generator) -> tuple[Trackers, Outlines]:
+def panel_of(state: State, looks: Looks, v: int, image: Image, t: Trackers, gap: float) -> Panel:
+    """A frame of one view, for its trackers `t`, `gap` frames after the last one."""
+    expected = t.estimate.copy()
+    expected[:, :2] += gap * t.velocity
+    found = held(looks, t.view, expected, state.config.region_reach)
+    return Panel(looks, v, image, state.bins[v], t, gap, _models(state, t), found, state.config)
+
+
+def _followed(panel: Panel, views: int, rng: Generator) -> tuple[Trackers, Outlines]:
     """The trackers of a view after its frame, and what they say."""
     t, config, n = panel.trackers, panel.config, len(panel.trackers.view)
     cloud = (run_mcmc if config.sampler == "mcmc" else run_sir)(panel, rng)
@@ -82,7 +93,9 @@ def _followed(state: State, panel: Panel, rng: Generator) -> tuple[Trackers, Out
     covariance, _ = spreads(cloud.particles, weights, mean)
     likeness = _likeness(panel, mean, np.arange(n))
     pace = (mean[:, :2] - t.estimate[:, :2]) / panel.gap
+    size = np.where(panel.held.has[:, None], panel.held.region[:, 2:4], t.axes)
     after = t._replace(
+        axes=t.axes + config.region_axes * (size - t.axes),
         particles=_equal(cloud, rng) if config.sampler == "sir" else cloud.particles,
         estimate=mean,
         velocity=config.keep_velocity * t.velocity + (1.0 - config.keep_velocity) * pace,
@@ -90,7 +103,7 @@ def _followed(state: State, panel: Panel, rng: Generator) -> tuple[Trackers, Out
         likeness=likeness,
     )
     none = np.zeros(n, dtype=np.int64)
-    helpers = np.zeros((n, len(state.views)), dtype=np.bool_)
+    helpers = np.zeros((n, views), dtype=np.bool_)
     event = _events(after, panel)
     said = Outlines(
         t.view, t.target, mean, covariance, likeness, cloud.ess, none + MODE, none, touching(mean), helpers, event
@@ -146,12 +159,14 @@ def _moved(panel: Panel, ellipses: Floats, owner: Ints, rng: Generator) -> Float
 def _weighed(panel: Panel, ellipses: Floats, owner: Ints) -> tuple[Floats, Floats]:
     """(P,) likeness and log likelihood of ellipses of the targets; the map is brought up to date where they are."""
     boxes = [boxes_of(ellipses[None, owner == i]) for i in range(len(panel.trackers.view))]
-    update_bin_map(panel.bins, panel.image, np.concatenate(boxes))
+    update_bin_map(panel.bins, panel.image, np.concatenate(boxes), panel.config.pixel_step)
+    mask_outside(panel.bins, np.concatenate(boxes), panel.looks, panel.view)
     likeness = _likeness(panel, ellipses, owner)
     log_likelihood = (likeness - 1.0) / (2.0 * panel.config.sigma_colour**2)
     if panel.models:
         log_likelihood += log_patches(panel.image, ellipses, owner, panel.models, panel.config)
-    return likeness, log_likelihood
+    mine = Held(panel.held.has[owner], panel.held.region[owner])
+    return likeness, log_likelihood + pull(ellipses[:, None], mine, panel.config.region_pull)[:, 0]
 
 
 def _models(state: State, t: Trackers) -> list[PatchModels]:

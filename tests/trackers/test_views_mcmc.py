@@ -10,7 +10,7 @@ from occlog.core.ellipse_colour import likenesses
 from occlog.core.view_mcmc import overlap
 from occlog.errors import InputError
 from occlog.trackers.view_method import LEFT, LOST, MODES, Birth, Geometry, Looks, View
-from occlog.trackers.views_mcmc import MCMC, Panel, run_mcmc, run_sir, step
+from occlog.trackers.views_mcmc import MCMC, panel_of, run_mcmc, run_sir, step
 from occlog.trackers.views_mcmc_config import McmcConfig
 
 W, H, R = 120, 90, 9.0
@@ -74,17 +74,17 @@ def test_two_targets_are_followed_through_each_other(sampler):
     assert not touch[:2, 2:].any()
 
 
-def panel_of(state, image):
+def first_panel(state, image):
     t = state.trackers
     own = type(t)._make(field[t.view == 0] for field in t)
-    return Panel(image, state.bins[0], own, 1.0, [], state.config)
+    return panel_of(state, looks(1, image, None), 0, image, own, 1.0)
 
 
 def test_sir_weighs_by_the_product_over_targets_and_the_prior():
     way = [(40, 40), (52, 44), (80, 30)]
     image = picture(way)
     state = begin(way, image=image, sampler="sir", particles=30, overlap=1.5)
-    panel = panel_of(state, image)
+    panel = first_panel(state, image)
     cloud = run_sir(panel, np.random.default_rng(3))
     whole = bin_map(image)
     for k in range(30):
@@ -107,7 +107,7 @@ def test_both_samplers_have_the_same_posterior():
         state = begin(way, image=image, sampler=sampler, particles=count)
         run, rows = run_mcmc if sampler == "mcmc" else run_sir, []
         for seed in range(12):
-            cloud = run(panel_of(state, image), np.random.default_rng(seed))
+            cloud = run(first_panel(state, image), np.random.default_rng(seed))
             w = np.exp(cloud.log_weights - cloud.log_weights.max())
             places = cloud.particles[..., :2]
             middle = np.einsum("k,nkc->nc", w / w.sum(), places)
@@ -202,3 +202,16 @@ def test_overlap_keeps_two_targets_of_one_colour_apart():
 def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(InputError, match=f"mcmc: {next(iter(wrong))} is"):
         McmcConfig(**wrong)
+
+
+def test_regions_of_a_detector_hold_targets():
+    """Targets that no image shows, followed by their regions."""
+    way = paths(12)
+    frames = [looks(t, picture([], t), None) for t in range(len(way))]
+    frames = [f._replace(regions=(np.array([disc(p) for p in way[t]]), None)) for t, f in enumerate(frames)]
+    state = MCMC.init(VIEWS, NOWHERE, McmcConfig(particles=100), np.random.default_rng(0))
+    state = MCMC.born(state, frames[0], [Birth(0, i, disc(p)) for i, p in enumerate(way[0])])
+    rng = np.random.default_rng(7)
+    for f in frames[1:]:
+        state, o = step(state, f, rng)
+    assert np.hypot(*(o.ellipse[:, :2] - way[-1]).T).max() < 0.5 * R
