@@ -10,6 +10,7 @@ from .views_config import BmctConfig, CmctConfig, IdmotConfig, MipfConfig
 from .views_lines import adapted, by_colours, on_lines
 from .views_loop import paired_anew
 from .views_mcmc import MCMC
+from .views_restart import restarted
 from .views_state import State, born, empty, ended
 from .views_step import Scheme, advance
 from .views_weigh import alone, among, together
@@ -33,7 +34,11 @@ VISUAL: dict[str, Visual] = {
         CmctConfig,
         Scheme(by_colours, True, on_lines, adapted),
     ),
-    "bmct": _visual("as idmot, helped by the other views through epipolar lines", BmctConfig, Scheme(together, True)),
+    "bmct": _visual(
+        "as idmot, helped by the other views through epipolar lines",
+        BmctConfig,
+        Scheme(together, True, again=restarted),
+    ),
     "mcmc": MCMC,
 }
 """Names as they are given on the command line."""

@@ -110,6 +110,8 @@ class BmctConfig(IdmotConfig):
     sweeps: int = 2  # over the views of targets that are close to others in all of them
     bad_after: int = 15  # loop checks in a row that fail make a counterpart bad
     good_after: int = 5  # that hold make it good again
+    restart: bool = True  # a tracker with bad counterparts that is on another one or on nothing starts again on a line
+    restart_likeness: float = 0.85  # where colours are at least this alike
 
     def limits(self) -> list[tuple[str, bool, str]]:
         """See `MipfConfig`."""
@@ -120,6 +122,7 @@ class BmctConfig(IdmotConfig):
             ("anchor", self.anchor in ANCHORS, f"one of {', '.join(ANCHORS)}"),
             *((name, getattr(self, name) >= 1, "at least 1") for name in ("sweeps", "bad_after", "good_after")),
             ("clear", self.clear >= 0, "at least 0"),
+            ("restart_likeness", 0.0 <= self.restart_likeness <= 1.0, "0 to 1"),
         ]
 
 

@@ -55,6 +55,7 @@ class Scheme(NamedTuple):
     loop: bool  # whether it checks counterparts
     propose: Propose | None = None
     learn: Learn | None = None
+    again: Callable[[State, Looks], State] | None = None  # starts trackers again
 
 
 def advance(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> tuple[State, Outlines]:
@@ -72,6 +73,8 @@ def advance(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> tuple
         state = state._replace(trackers=scheme.learn(state, weighed, likeness, moment.here))
     event = _events(scheme, state, moment.here)
     outlines = _outlines(scheme, state, moment, weighed, likeness, event)
+    if scheme.again is not None:
+        state = scheme.again(state, looks)
     return chosen(state, event == 0), outlines
 
 

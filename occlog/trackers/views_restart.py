@@ -1,0 +1,101 @@
+"""Trackers that start again on an epipolar line, after which a bad counterpart may be good, [Qu] Sec. 3.4.2.
+
+[Qu] leaves open when and how.  Here a tracker starts again when the loop check has said that
+its counterparts are bad, it sits on another tracker or on nothing, and a counterpart is in
+the clear on something that looks right: then it is this one that is wrong.  It goes to the
+place on the line that looks most like its target, unless others are there or nothing does.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..columns import Floats
+from ..core.bin_map import update_bin_map
+from ..core.ellipse import nearness
+from ..core.ellipse_colour import likenesses
+from ..core.view_bands import anchor, line_of
+from .view_method import Looks
+from .views_loop import affine_maps
+from .views_state import State, Trackers
+
+APART = 0.5
+"""Nearer than this many times the sum of their radii, two trackers are on the same target."""
+CLEAR = 0.75
+"""Farther than this, a tracker hardly hides another one."""
+STEP_PX = 2.0
+"""Between the places on a line that are tried."""
+
+
+def restarted(state: State, looks: Looks) -> State:
+    """The state after the frame, with some trackers in new places."""
+    t, config = state.trackers, state.config
+    bad = t.checked.any(axis=1) & ~t.good.any(axis=1)
+    if not (config.restart and bad.any()):
+        return state
+    ratio = np.where(t.view[:, None] == t.view[None, :], nearness(t.estimate), np.inf).min(axis=1)
+    wrong = bad & ((ratio < APART) | (t.likeness < config.restart_likeness))
+    clear = (ratio > CLEAR) & (t.likeness >= config.restart_likeness)
+    for i in np.flatnonzero(wrong).tolist():
+        image = looks.images[int(t.view[i])]
+        guides = [j for j in t.twin[i].tolist() if j >= 0 and clear[j] and _agreed(t, i, j)]
+        if image is None or not guides:
+            continue
+        place = _place(state, i, guides[0], image)
+        if place is not None:
+            return state._replace(trackers=_moved(t, i, place))
+    return state
+
+
+def _agreed(t: Trackers, i: int, j: int) -> bool:
+    """Whether at least half of the targets of two views agree, so that it is not their geometry that is wrong."""
+    pairs = (t.view == t.view[i]) & t.checked[:, t.view[j]]
+    return bool(2 * (pairs & t.good[:, t.view[j]]).sum() >= pairs.sum())
+
+
+def _place(state: State, i: int, guide: int, image: Any) -> Floats | None:
+    """(5,) where tracker i should start again on the line of its counterpart; None: nowhere."""
+    t, config, view = state.trackers, state.config, state.views[int(state.trackers.view[i])]
+    tried = _tried(state, i, guide)
+    others = np.flatnonzero((t.view == t.view[i]) & (np.arange(len(t.view)) != i))
+    inside = ((tried[:, :2] >= 0) & (tried[:, :2] < [view.width, view.height])).all(axis=1)
+    tried = tried[inside]
+    near = nearness(np.vstack([t.estimate[others], tried]))[: len(others), len(others) :]
+    tried = tried[(near >= APART).all(axis=0)]
+    bins = state.bins[int(t.view[i])]
+    update_bin_map(bins, image, np.array([[0, 0, view.width, view.height]]), config.pixel_step)
+    alike = likenesses(bins, tried, np.zeros(len(tried), dtype=np.int64), t.colours[i : i + 1], config.pixel_step)
+    if not len(tried) or alike.max() < config.restart_likeness:
+        return None
+    return np.asarray(tried[int(np.argmax(alike))])
+
+
+def _tried(state: State, i: int, guide: int) -> Floats:
+    """(K, 5) ellipses of tracker i along the line of its counterpart, through the whole image."""
+    t, bottom = state.trackers, state.config.anchor == "bottom"
+    maps, view = affine_maps(state, t.estimate), state.views[int(t.view[i])]
+    x, y = anchor(t.estimate[guide], maps[guide], bottom)
+    line = line_of(state.geometry.fundamental[t.view[guide], t.view[i]], x, y)
+    x, y = anchor(t.estimate[i], maps[i], bottom)
+    off, reach = line[0] * x + line[1] * y + line[2], math.hypot(view.width, view.height)
+    along = np.arange(-reach, reach + STEP_PX, STEP_PX)
+    shift = np.column_stack([-off * line[0] - along * line[1], -off * line[1] + along * line[0]])
+    out = np.repeat(t.estimate[i][None], len(along), axis=0)
+    out[:, :2] += np.linalg.solve(maps[i][:, :2], shift.T).T
+    out[:, 2:4] = t.axes[i]
+    return out
+
+
+def _moved(t: Trackers, i: int, place: Floats) -> Trackers:
+    """The trackers with one in a new place, at rest, its counterparts to be checked anew."""
+    out = Trackers._make(field.copy() for field in t)
+    out.particles[i], out.estimate[i] = place, place
+    out.velocity[i], out.path[i], out.weak[i] = 0.0, 0.0, 0
+    others = t.twin[i][t.twin[i] >= 0]
+    for field in (out.good, out.run, out.checked):
+        field[i] = 0
+        field[others, t.view[i]] = 0
+    return out
