@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -14,8 +15,8 @@ from . import options
 @options.output_opt("Tracks (Parquet).")
 @options.scene_opt
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Use only these cameras.")
-@click.option("--window", type=click.FloatRange(min=0), default=0.0, metavar="SECONDS",
-              help="Frames at most this far apart are of one time. [default: equal times]")  # fmt: skip
+@click.option("--window", type=click.FloatRange(min=0), default=None, metavar="SECONDS",
+              help="Frames at most this far apart are of one time. [default: as when they were tracked]")  # fmt: skip
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE",
               help="A setting, e.g. height=0.8; may be repeated. Names: height, height_sigma, model_share, gate, "
                    "min_crossing_deg.")  # fmt: skip
@@ -23,7 +24,7 @@ from . import options
 @options.quiet_opt
 @options.json_opt
 def command(
-    view_tracks: Path, output: Path, scene: Path | None, only: str, window: float, settings: tuple[str, ...],
+    view_tracks: Path, output: Path, scene: Path | None, only: str, window: float | None, settings: tuple[str, ...],
     overwrite: bool, quiet: bool, as_json: bool,
 ) -> int:  # fmt: skip
     """Find where the targets of VIEW_TRACKS (Parquet) are in the world, with covariance.
@@ -42,6 +43,8 @@ def command(
 
     options.check_outputs([view_tracks, scene], [output], overwrite)
     files = Files(view_tracks, scene, output, overwrite)
-    values = {"window_s": parse_seconds("--window", window), **dict(parse_setting(text) for text in settings)}
+    values: dict[str, Any] = dict(parse_setting(text) for text in settings)
+    if window is not None:
+        values["window_s"] = parse_seconds("--window", window)
     summary, losses = run_ground(files, parse_names(only), values, quiet)
     return options.finish(summary, losses, as_json)

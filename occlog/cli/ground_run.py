@@ -43,14 +43,14 @@ def run_ground(
     scene = options.load_scene(files.scene, None, files.view_tracks)
     if unknown := [name for name in cameras if name not in [c.name for c in scene.cameras]]:
         raise UsageError(f"--cameras {unknown[0]}: the scene has {', '.join(c.name for c in scene.cameras) or 'none'}")
+    made = read_provenance(files.view_tracks)
     try:
-        config = in_scene(configure(GroundConfig(), values, "ground"), scene)
+        config = in_scene(configure(GroundConfig(), {"window_s": _tracked_window(made), **values}, "ground"), scene)
     except InputError as error:  # here the values are options
         raise UsageError(str(error)) from error
-    losses = read_provenance(files.view_tracks).losses
     inputs = [path for path in (files.view_tracks, files.scene) if path is not None]
     parameters = {**asdict(config), "cameras": list(cameras)}
-    provenance = Provenance("ground", parameters, None, hash_inputs(inputs), losses)
+    provenance = Provenance("ground", parameters, None, hash_inputs(inputs), made.losses)
     tally, unit = GroundTally(), scene.length_unit
     rows = options.progress(iter_table(files.view_tracks, ViewTracks), "ground", quiet=quiet)
     with TableWriter(files.output, Tracks, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
@@ -58,7 +58,13 @@ def run_ground(
             writer.write(part.tracks)
             tally.add(part)
         tally.check(str(files.view_tracks))
-    return {"tracks": str(files.output), **tally.summary()}, losses
+    return {"tracks": str(files.output), **tally.summary()}, made.losses
+
+
+def _tracked_window(made: Provenance) -> float:
+    """The window that brought frames together when view tracks were made [s]; 0 where that is not told."""
+    window = made.parameters.get("window_ns", 0)
+    return window * 1e-9 if isinstance(window, int) and window >= 0 else 0.0
 
 
 class GroundTally:

@@ -90,6 +90,23 @@ def test_cameras_heights_and_what_was_lost(folder, capsys):
     assert read_provenance(folder / "l.parquet").losses == losses
 
 
+def test_frames_are_brought_together_as_when_they_were_tracked(folder, capsys):
+    rows = view_tracks(SCENE.cameras, WALKS, np.random.default_rng(0), delay_ns=4_000_000)
+    for name, window_ns in (("told", 19_000_000), ("untold", None)):
+        write_table(folder / f"{name}.parquet", rows, replace(MADE, parameters={"window_ns": window_ns}))
+
+    def views(*args):
+        capsys.readouterr()
+        base = ["--scene", "scene.yaml", "-o", "t.parquet", "--overwrite", "--json"]
+        assert ground(folder, *args, *base) == ExitCode.DONE
+        return json.loads(capsys.readouterr().out)["views"]
+
+    assert views("told.parquet").keys() <= {"2", "3"}
+    assert views("untold.parquet").keys() == {"1"}
+    assert views("told.parquet", "--window", "0").keys() == {"1"}
+    assert views("untold.parquet", "--window", "0.01").keys() <= {"2", "3"}
+
+
 @pytest.mark.parametrize(
     ("args", "code", "says"),
     [
