@@ -58,10 +58,10 @@ class Asked:
         """UsageError for options that do not go together, and for outputs that exist."""
         if self.tracks is None and self.truth is None:
             raise UsageError("nothing to draw: give TRACKS (in images), or true boxes with --truth, or both")
-        if self.video is None and self.png is None:
-            raise UsageError("no output: give --video, or --png with --frame")
         if (self.png is None) != (self.frame is None):
             raise UsageError("--png and --frame belong together: the picture of one frame")
+        if self.video is None and self.png is None:
+            raise UsageError("no output: give --video, or --png with --frame")
         if self.video is not None and self.video.suffix.lower() not in SHOWN:
             raise UsageError(f"{self.video}: video can be {' or '.join(SHOWN)}; name it so")
         inputs = (self.recording, self.tracks, self.truth, self.failures, self.fundamental, self.scene)
