@@ -312,7 +312,6 @@ def read_boxes(path: Path) -> Boxes:
     return open_recording(path).read(Boxes)
 
 
-@pytest.mark.slow
 def test_trackers_begin_from_what_moves(tmp_path):
     path = record_balls(tmp_path / "plain.mcap", boxes=False)
     assert track(path, tmp_path, "-q", initial=None) == ExitCode.DONE
@@ -347,3 +346,23 @@ def test_truth_boxes_of_the_same_frames_as_initial_table(balls, tmp_path):
     write_table(path, open_recording(balls).read(TruthBoxes), Provenance("test"))
     assert track(balls, tmp_path, "-q", method="mipf", initial=path) == ExitCode.DONE
     assert set(result(tmp_path).target_id.tolist()) == {0, 1, 2}
+
+
+@pytest.mark.parametrize("method", VIEW_METHODS)
+def test_every_method_ends_trackers_that_nothing_supports(balls, tmp_path, method):
+    boxes = read_boxes(balls)
+    seen = boxes.take(boxes.frame < 6)
+    frames = boxes.take((boxes.frame >= 6) & (boxes.box == 0))
+    nan = np.full(len(frames), np.nan)
+    nobody = {c.name: getattr(frames, c.name) for c in Boxes.columns()} | {
+        "box": np.full(len(frames), -1, np.int32), "left_px": nan, "top_px": nan, "width_px": nan, "height_px": nan,
+    }  # fmt: skip
+    path = tmp_path / "boxes.parquet"
+    write_table(path, Boxes.concat([seen, Boxes.of(**nobody)]), Provenance("test"))
+    args = ("-q", "--detections", str(path), "--set", "support_frames=3")
+    assert track(balls, tmp_path, *args, method=method, initial=None) == ExitCode.DONE
+    table = result(tmp_path)
+    last = table.take(table.event == "lost")
+    assert len(last) == (table.event == "start").sum() >= 4
+    assert set(last.frame.tolist()) == {8}
+    assert table.frame.max() == 8
