@@ -17,9 +17,10 @@ from ..stages.ground_config import GroundConfig
 from ..stages.ground_tracks import GroundPart, ground_tracks
 from ..stages.scans import nearest
 from ..stages.track_views import Start
+from ..stages.view_background import Watch, watches
 from ..stages.view_frames import step_window, survey
 from ..stages.view_geometry import view_geometry
-from ..stages.view_moving import moving_regions
+from ..stages.view_moving import moving_regions, with_cameras
 from ..stages.view_regions import Feed, Regions, regions_of_boxes, regions_of_views
 from ..view_records import ViewTracks
 from . import options
@@ -114,6 +115,13 @@ class ViewsInput:
                         f"{each.where}: frame {each.frame} of target {each.target_id}: camera {name} has no such "
                         f"frame; it has {known.first} to {found.last}; correct it"
                     )
+
+    def background(self, quiet: bool) -> tuple[Watch | None, ...]:
+        """Models of the empty scene, where they are wanted."""
+        if not self.stage.background:
+            return ()
+        frames = options.progress(self.recording.frames(self.names), "first look", self.frames, quiet=quiet)
+        return watches(frames, with_cameras(self.scene, self.views), self.views, os.cpu_count() or 1)
 
     def feed(self) -> Feed | None:
         """Regions of a detector; None where trackers begin from a file only."""

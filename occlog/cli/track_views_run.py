@@ -79,7 +79,7 @@ def run_track_views(
     feed = inputs.feed()
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
     frames = options.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
-    moments = in_step(frames, inputs.views, window, os.cpu_count() or 1, stage.bits)
+    moments = in_step(frames, inputs.views, window, os.cpu_count() or 1, stage.bits, inputs.background(quiet))
     parts = track_views(moments, setup, request.seed, feed)
     parameters = {
         "method": request.method, "births": request.births, "cameras": list(inputs.names), "window_ns": window,

@@ -79,7 +79,7 @@ def attend(
         config: settings.
     """
     now = state.moment
-    keep = config.birth_frames
+    keep = max(config.birth_frames, 1)
     trails = {key: _longer(state.trails.get(key, ()), now, ellipse, keep) for key, ellipse in trackers.items()}
     state = replace(state, trails=trails, moment=now + 1)
     waiting = []
@@ -93,7 +93,10 @@ def attend(
     state = replace(state, candidates=tuple(waiting))
     state, ended = _ends(state, regions, trackers, config)
     alive = {key: trail for key, trail in state.trails.items() if key not in ended}
-    state, births = _births(replace(state, trails=alive), geometry, config)
+    state = replace(state, trails=alive)
+    if config.birth_frames == 0:
+        return replace(state, candidates=nursery(len(views)).candidates), (), ended
+    state, births = _births(state, geometry, config)
     return state, births, ended
 
 

@@ -12,7 +12,8 @@ class ViewsConfig:
     """Settings around the trackers; each may be given with --set."""
 
     bits: int | None = None  # significant bits of 16-bit images; None: they are refused
-    birth_frames: int = 3  # frames in a row in which a region that no tracker explains must be seen
+    background: bool = False  # colours of the empty scene, learnt in a first look, are none of a target
+    birth_frames: int = 3  # frames in a row in which a region that no tracker explains must be seen; 0: none begins
     birth_wait: int = 12  # more frames to wait where it may be any of several targets of other views
     birth_apart: float = 0.6  # nearer to a tracker than this, in sums of radii, a region is explained by it
     birth_size: float = 4.0  # smallest half width and half height of a region [px]
@@ -26,7 +27,7 @@ class ViewsConfig:
             "tracking in images",
             (
                 ("bits", self.bits is None or 8 <= self.bits <= 16, "from 8 to 16"),
-                ("birth_frames", self.birth_frames >= 1, "at least 1"),
+                ("birth_frames", self.birth_frames >= 0, "at least 0"),
                 ("birth_wait", self.birth_wait >= 0, "at least 0"),
                 ("birth_apart", self.birth_apart > 0, "above 0"),
                 ("birth_size", self.birth_size > 0, "above 0 px"),

@@ -22,6 +22,7 @@ from ..frames import Frame, Image
 from ..scene import Camera
 from ..trackers.view_method import Looks, View
 from .detect_camera import check_size, plain_image
+from .view_background import Watch, mask
 
 STAMPS = 64
 """Frames of a camera from which its period is told."""
@@ -38,6 +39,13 @@ class Surveyed(NamedTuple):
     first: int  # number of the first frame
     last: int  # the last number that was looked at
     missing: tuple[int, ...]  # frames asked for that there are not
+
+
+class Seen(NamedTuple):
+    """A frame's image, and where it shows no background; None: not told."""
+
+    image: Image
+    mask: Image | None
 
 
 class Moment(NamedTuple):
@@ -102,7 +110,12 @@ def step_window(periods: Iterable[int]) -> int:
 
 
 def in_step(
-    frames: Iterable[Frame], views: Sequence[View], window_ns: int, workers: int = 1, bits: int | None = None
+    frames: Iterable[Frame],
+    views: Sequence[View],
+    window_ns: int,
+    workers: int = 1,
+    bits: int | None = None,
+    background: Sequence[Watch | None] = (),
 ) -> Iterator[Moment]:
     """Moments in the order of time, decoded a little ahead; the result does not depend on `workers`.
 
@@ -112,6 +125,7 @@ def in_step(
         window_ns: frames at most this far apart make one moment.
         workers: threads that decode, one camera each.
         bits: significant bits of 16-bit images.
+        background: models of the views, for masks; none: no masks.
 
     Raises:
         InputError: the time of a frame is before that of the one before.
@@ -119,8 +133,8 @@ def in_step(
     place = {view.name: v for v, view in enumerate(views)}
     size = sum(3 * view.width * view.height for view in views)
     ahead = int(np.clip(READ_AHEAD_BYTES // max(size, 1), 1, MOST_AHEAD))
-    last: dict[str, Future[list[Image | str]]] = {}
-    waiting: deque[tuple[tuple[dict[str, Frame], ...], dict[str, Future[list[Image | str]]]]] = deque()
+    last: dict[str, Future[list[Seen | str]]] = {}
+    waiting: deque[tuple[tuple[dict[str, Frame], ...], dict[str, Future[list[Seen | str]]]]] = deque()
     with ThreadPoolExecutor(max(1, min(workers, len(views)))) as pool:
         try:
             groups = _groups(frames, place, window_ns)
@@ -128,8 +142,9 @@ def in_step(
                 jobs = {}
                 for name, v in place.items():
                     mine = [group[name] for group in batch if name in group]
+                    watch = background[v] if background else None
                     if mine:
-                        jobs[name] = last[name] = pool.submit(_decode, mine, views[v], bits, last.get(name))
+                        jobs[name] = last[name] = pool.submit(_decode, mine, views[v], bits, last.get(name), watch)
                 waiting.append((batch, jobs))
                 if len(waiting) > 1:
                     yield from _moments(*waiting.popleft(), place)
@@ -163,12 +178,13 @@ def _groups(frames: Iterable[Frame], place: dict[str, int], window_ns: int) -> I
 
 
 def _decode(
-    frames: list[Frame], view: View, bits: int | None, before: Future[list[Image | str]] | None
-) -> list[Image | str]:
+    frames: list[Frame], view: View, bits: int | None, before: Future[list[Seen | str]] | None, watch: Watch | None
+) -> list[Seen | str]:
     """Images of a camera's frames, or why they cannot be used; those before must be done."""
     if before is not None:
         before.exception()  # waits; it is told where its own result is taken
-    return [_image(frame.decode, view, bits) for frame in frames]
+    images = ((frame.index, _image(frame.decode, view, bits)) for frame in frames)
+    return [image if isinstance(image, str) else Seen(image, mask(watch, image, number)) for number, image in images]
 
 
 def _image(decode: Callable[[], Image], view: View, bits: int | None) -> Image | str:
@@ -188,25 +204,29 @@ def _image(decode: Callable[[], Image], view: View, bits: int | None) -> Image |
 
 
 def _moments(
-    groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[Image | str]]], place: dict[str, int]
+    groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[Seen | str]]], place: dict[str, int]
 ) -> Iterator[Moment]:
     decoded = {name: iter(job.result()) for name, job in jobs.items()}
     for group in groups:
         yield _moment(group, {name: next(decoded[name]) for name in place if name in group}, place)
 
 
-def _moment(group: dict[str, Frame], decoded: dict[str, Image | str], place: dict[str, int]) -> Moment:
+def _moment(group: dict[str, Frame], decoded: dict[str, Seen | str], place: dict[str, int]) -> Moment:
     number, t_ns = np.full(len(place), -1), np.full(len(place), -1, dtype=np.int64)
     images: list[Image | None] = [None] * len(place)
+    masks: list[Image | None] = [None] * len(place)
     lost = []
     for name, v in place.items():
-        image = decoded.get(name)
-        if isinstance(image, str):
-            lost.append((v, group[name].index, image))
-        elif image is not None:
-            images[v], number[v], t_ns[v] = image, group[name].index, group[name].t_ns
+        seen = decoded.get(name)
+        if isinstance(seen, str):
+            lost.append((v, group[name].index, seen))
+        elif seen is not None:
+            images[v], masks[v], number[v], t_ns[v] = seen.image, seen.mask, group[name].index, group[name].t_ns
     time = max(frame.t_ns for frame in group.values())
-    return Moment(Looks(time, number.astype(np.int64), tuple(images)), t_ns, tuple(lost))
+    looks = Looks(time, number.astype(np.int64), tuple(images))
+    if any(m is not None for m in masks):
+        looks = looks._replace(masks=tuple(masks))
+    return Moment(looks, t_ns, tuple(lost))
 
 
 def there(moment: Moment) -> Bools:

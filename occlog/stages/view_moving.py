@@ -42,7 +42,7 @@ def moving_regions(
         views: V views.
         workers: threads.
     """
-    whole = _with_cameras(scene, views)
+    whole = with_cameras(scene, views)
     config = DetectConfig()
     learned, _ = learn(frames(), whole, config, (), workers)
     unknown = [v for v in views if v.name not in learned.sizes and _size(whole, v, config) is None]
@@ -57,7 +57,7 @@ def _size(scene: Scene, view: View, config: DetectConfig) -> SizeMap | None:
     return known_sizes(scene.camera(view.name), scene, (view.width, view.height), config)
 
 
-def _with_cameras(scene: Scene | None, views: Sequence[View]) -> Scene:
+def with_cameras(scene: Scene | None, views: Sequence[View]) -> Scene:
     """The scene with all views, those that it lacks without a pose."""
     scene = Scene() if scene is None else scene
     known = [camera.name for camera in scene.cameras]

@@ -64,6 +64,7 @@ class Looks(NamedTuple):
     frame: Ints  # (V,) number of each view's frame; -1: none
     images: tuple[Image | None, ...]  # (V,) None: the view has no frame at this time
     regions: tuple[Floats | None, ...] = ()  # (V,) a detector's ellipses (K, 5); None: it did not look; (): no detector
+    masks: tuple[Image | None, ...] = ()  # (V,) (H, W), 0 where there is background; None, (): not told
 
 
 class Outlines(NamedTuple):

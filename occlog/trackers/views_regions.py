@@ -29,8 +29,14 @@ class Held(NamedTuple):
 
 
 def mask_outside(bins: Bytes, boxes: Ints, looks: Looks, view: int) -> None:
-    """Take the colours away from those pixels of a view's map that are in the boxes (n, 4), but in no region's box."""
+    """Take the colours away from those pixels of a view's map that are in the boxes (n, 4), but of no target.
+
+    They are background by the view's mask, or in no region's box.
+    """
     regions = looks.regions[view] if looks.regions else None
+    mask = looks.masks[view] if looks.masks else None
+    if mask is not None:
+        _clear(bins, boxes, mask > 0)
     if regions is None:
         return
     height, width = bins.shape
@@ -38,6 +44,11 @@ def mask_outside(bins: Bytes, boxes: Ints, looks: Looks, view: int) -> None:
     for x, y, a, b, _ in regions.tolist():
         rows = slice(max(int(np.ceil(y - b)), 0), max(int(np.floor(y + b)) + 1, 0))
         inside[rows, max(int(np.ceil(x - a)), 0) : max(int(np.floor(x + a)) + 1, 0)] = True
+    _clear(bins, boxes, inside)
+
+
+def _clear(bins: Bytes, boxes: Ints, inside: Bools) -> None:
+    """Set the bins in the boxes, outside of what is inside, to `OUTSIDE`."""
     for left, top, right, bottom in boxes.tolist():
         part = slice(max(top, 0), max(bottom, 0)), slice(max(left, 0), max(right, 0))
         bins[part][~inside[part]] = OUTSIDE

@@ -98,8 +98,8 @@ def test_settings_and_particles(balls, tmp_path, capsys):
     assert "has no setting 'birth_frame'" in refused(
         capsys, track(balls, tmp_path, "--set", "birth_frame=2"), ExitCode.USAGE
     )
-    assert "birth_frames is 0, must be at least 1" in refused(
-        capsys, track(balls, tmp_path, "--set", "birth_frames=0"), ExitCode.USAGE
+    assert "birth_frames is -1, must be at least 0" in refused(
+        capsys, track(balls, tmp_path, "--set", "birth_frames=-1"), ExitCode.USAGE
     )
 
 

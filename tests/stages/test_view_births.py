@@ -156,7 +156,14 @@ def test_a_sparse_feed_takes_frames_without_rows_for_looked_at():
     assert feed.at(("a", "b"), np.array([20, 20]))[1].shape == (0, 5)
 
 
-@pytest.mark.parametrize(("name", "value"), [("birth_frames", 0), ("birth_confidence", 1.5), ("birth_apart", 0.0)])
+@pytest.mark.parametrize(("name", "value"), [("birth_frames", -1), ("birth_confidence", 1.5), ("birth_apart", 0.0)])
 def test_settings_have_limits(name, value):
     with pytest.raises(Exception, match=name):
         ViewsConfig(**{name: value})
+
+
+def test_no_tracker_begins_where_none_is_wanted_but_they_end():
+    config = ViewsConfig(birth_frames=0, support_frames=4)
+    births, ends = live(lambda k: [rows(disc(200, 60)), rows()], config, trackers={(0, 7): disc(50, 60)})
+    assert not births
+    assert ends == [(3, (0, 7))]
