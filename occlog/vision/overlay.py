@@ -87,12 +87,12 @@ def draw_shot(image: Bytes, shot: Shot, scale: float) -> Bytes:
     picture = np.ascontiguousarray(cv2.resize(colour, size, interpolation=_interpolation(scale)), dtype=np.uint8)
     for target, points in shot.lines:
         _path(picture, points, scale, colour_of(target), 1)
-    for place in shot.places:
-        (_true_box if shot.boxed else _true_cross)(picture, place, scale)
     for link in shot.links:
         _path(picture, link, scale, WHITE, 2)
     for outline in shot.outlines:
         _estimate(picture, outline, scale)
+    for place in shot.places:
+        (_true_box if shot.boxed else _true_cross)(picture, place, scale)
     taken: list[Box] = []  # numbers lie over everything else
     for outline in shot.outlines:
         _tag(picture, outline, scale, taken)
