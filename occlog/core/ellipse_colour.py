@@ -18,6 +18,7 @@ from .jit import array_kernel, kernel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 
 SIGMA = 0.1
@@ -25,12 +26,14 @@ SIGMA = 0.1
 
 TWO, THREE, FOUR = np.uint64(2), np.uint64(3), np.uint64(4)
 
+WHOLE, ABOVE, BELOW = 0, 1, 2
+
 _SLOTS = 256
 """Bin numbers are bytes, so that no number in a map is out of bounds."""
 
 
 @array_kernel
-def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: int) -> float:
+def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: int, half: int) -> float:
     """Add the weights 1 - q of the pixels of an ellipse to the sums of their bins.
 
     Four neighbours at a time, which mostly share a bin, go to four sums: no addition waits
@@ -43,9 +46,10 @@ def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: in
         bins: (H, W).
         ellipse: (5,).
         step: see `histograms`.
+        half: `ABOVE` its centre only, `BELOW` and level with it only, or `WHOLE`.
 
     Returns:
-        The weight of all pixels of the ellipse, those off the image included.
+        The weight of all its pixels there, those off the image included.
     """
     mass = 0.0
     if not holds_pixels(ellipse):
@@ -56,6 +60,10 @@ def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: in
     one, two, three, four = sums[0], sums[1], sums[2], sums[3]
     a, b, c = quadratic(unit * ellipse[2], unit * ellipse[3], ellipse[4])
     first, last = row_limits(cy, unit * ellipse[2], unit * ellipse[3], ellipse[4])
+    if half == ABOVE:
+        last = min(last, math.ceil(cy) - 1)
+    elif half == BELOW:
+        first = max(first, math.ceil(cy))
     for y in range(first, last + 1):
         dy = y - cy
         left, right = column_limits(cx, dy, a, b, c)
@@ -103,7 +111,7 @@ def histograms(bins: Bytes, ellipses: Floats, n_bins: int, step: int) -> Floats:
     sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
     for p in range(ellipses.shape[0]):
         sums[:, :n_bins] = 0.0
-        mass = _weigh(sums, weights, bins, ellipses[p], step)
+        mass = _weigh(sums, weights, bins, ellipses[p], step, WHOLE)
         if mass > 0.0:
             for k in range(n_bins):
                 out[p, k] = max(sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k], 0.0) / mass
@@ -131,12 +139,61 @@ def likenesses(bins: Bytes, ellipses: Floats, owner: Ints, models: Floats, step:
     sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
     for p in range(ellipses.shape[0]):
         sums[:, :n_bins] = 0.0
-        mass = _weigh(sums, weights, bins, ellipses[p], step)
+        mass = _weigh(sums, weights, bins, ellipses[p], step, WHOLE)
         model, total = models[owner[p]], 0.0
         for k in range(n_bins):
             common = (sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k]) * model[k]
             if common > 0.0:
                 total += math.sqrt(common)
+        out[p] = min(total / math.sqrt(mass), 1.0) if mass > 0.0 else 0.0
+    return out
+
+
+@kernel
+def half_histograms(bins: Bytes, ellipses: Floats, n_bins: int, step: int) -> Floats:
+    """(P, 2 n_bins) as `histograms`, the pixels above the centre apart from the others; both sum to 1 together."""
+    out = np.zeros((ellipses.shape[0], 2 * n_bins))
+    sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
+    for p in range(ellipses.shape[0]):
+        total = 0.0
+        for half in (ABOVE, BELOW):
+            sums[:, :n_bins] = 0.0
+            total += _weigh(sums, weights, bins, ellipses[p], step, half)
+            for k in range(n_bins):
+                out[p, (half - ABOVE) * n_bins + k] = max(sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k], 0.0)
+        if total > 0.0:
+            out[p] /= total
+    return out
+
+
+@kernel
+def half_likenesses(bins: Bytes, ellipses: Floats, owner: Ints, models: Floats, split: Bools, step: int) -> Floats:
+    """As `likenesses`, for targets of which some know where their colours are.
+
+    Args:
+        bins: (H, W).
+        ellipses: (P, 5).
+        owner: (P,).
+        models: (M, 2 n_bins) of `half_histograms`, or of `histograms` with zeros behind.
+        split: (M,) which of them are of halves.
+        step: see `histograms`.
+
+    Returns:
+        (P,).
+    """
+    n_bins = models.shape[1] // 2
+    out = np.empty(ellipses.shape[0])
+    sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
+    for p in range(ellipses.shape[0]):
+        mass, total = 0.0, 0.0
+        for part in range(2 if split[owner[p]] else 1):
+            sums[:, :n_bins] = 0.0
+            half = ABOVE + part if split[owner[p]] else WHOLE
+            mass += _weigh(sums, weights, bins, ellipses[p], step, half)
+            for k in range(n_bins):
+                common = (sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k]) * models[owner[p], part * n_bins + k]
+                if common > 0.0:
+                    total += math.sqrt(common)
         out[p] = min(total / math.sqrt(mass), 1.0) if mass > 0.0 else 0.0
     return out
 

@@ -29,6 +29,7 @@ class Motion(NamedTuple):
     sigma_axes: float  # of the half axes [px]
     limit: float  # largest change of a half axis, as a share of the first one
     sigma_rho: float  # of the angle [rad]
+    keep_rho: float = 1.0  # share of the turn from the first angle that stays
 
 
 @kernel
@@ -36,12 +37,12 @@ def moved(particles: Floats, velocity: Floats, axes: Floats, gap: Floats, normal
     """Particles in the next frame.
 
     The centre moves by the tracker's velocity and noise; the half axes go back towards the
-    first ones and stay near them; the angle drifts.  A gap of several frames adds up their noise.
+    first ones and stay near them, and so does the angle.  A gap of several frames adds up their noise.
 
     Args:
         particles: (n, N, 5).
         velocity: (n, 2) of the centres [px a frame].
-        axes: (n, 2) half axes at the start [px].
+        axes: (n, 3) half axes [px] and angle at the start.
         gap: (n,) frames since the last one, >= 1.
         normals: (n, N, 5) standard normal numbers.
         motion: the model.
@@ -61,7 +62,8 @@ def moved(particles: Floats, velocity: Floats, axes: Floats, gap: Floats, normal
                 half = first + keep * (x[2 + c] - first) + root * motion.sigma_axes * z[2 + c]
                 half = min(max(half, (1.0 - motion.limit) * first), (1.0 + motion.limit) * first)
                 out[i, p, 2 + c] = max(half, SHORTEST)
-            out[i, p, 4] = turned(x[4] + root * motion.sigma_rho * z[4])
+            turn = motion.keep_rho ** gap[i] * turned(x[4] - axes[i, 2])
+            out[i, p, 4] = turned(axes[i, 2] + turn + root * motion.sigma_rho * z[4])
     return out
 
 

@@ -29,9 +29,11 @@ class MipfConfig:
     sigma_axes_px: float = 0.3
     axes_limit: float = 0.15  # largest change of a half axis, as a share of the one at the start
     sigma_rho: float = 0.05  # noise of the angle [rad]
+    keep_rho: float = 0.9  # share of a turn from the angle at the start that stays
 
     # Local likelihood
     sigma_colour: float = SIGMA  # of exp(-(1 - BC) / (2 sigma^2))
+    halves: float = 1.5  # targets this many times higher than wide have colours for each half; 0: none
     pixel_step: int = 2  # only each n-th pixel of each n-th row counts
     model: str = "colour"  # `colour`, or `pca`: an appearance model on top of the colours
     pca_power: float = 1.0  # power of the likelihood of `pca`
@@ -58,11 +60,12 @@ class MipfConfig:
     def limits(self) -> list[tuple[str, bool, str]]:
         """Name, whether its limit holds, and the limit, for each setting."""
         above = ("sigma_px", "sigma_colour", "region_reach", "region_spread", "region_pull")
-        shares = ("keep_velocity", "keep_axes", "lost_likeness", "region_share", "region_axes")
+        shares = ("keep_velocity", "keep_axes", "keep_rho", "lost_likeness", "region_share", "region_axes")
         return [
             ("particles", self.particles >= 1, "at least 1"),
             ("axes_limit", 0.0 <= self.axes_limit < 1.0, "at least 0 and below 1"),
             ("pixel_step", self.pixel_step >= 1, "at least 1"),
+            ("halves", self.halves >= 0, "at least 0"),
             ("lost_after", self.lost_after >= 0, "at least 0"),
             ("model", self.model in MODELS, f"one of {', '.join(MODELS)}"),
             *((name, getattr(self, name) > 0, "above 0") for name in above),

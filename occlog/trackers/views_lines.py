@@ -10,10 +10,9 @@ import numpy as np
 from numpy.random import Generator
 
 from ..columns import Bools, Floats
-from ..core.bin_map import N_BINS
-from ..core.ellipse_colour import histograms
 from ..core.view_lines import drawn_on_lines
 from .view_method import MODES
+from .views_colours import colours_in
 from .views_loop import affine_maps
 from .views_state import State, Trackers
 from .views_step import Moment, Weighed
@@ -50,6 +49,6 @@ def adapted(state: State, weighed: Weighed, likeness: Floats, here: Bools) -> Tr
     colours = t.colours.copy()
     for v, bins in enumerate(state.bins):
         rows = np.flatnonzero((t.view == v) & here & (likeness >= c.adapt_above))
-        new = histograms(bins, weighed.estimate[rows], N_BINS, c.pixel_step)
+        new = colours_in(bins, weighed.estimate[rows], t.split[rows], c.pixel_step)
         colours[rows] = (1.0 - c.adapt) * colours[rows] + c.adapt * new
     return t._replace(colours=colours)

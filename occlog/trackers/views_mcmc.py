@@ -24,7 +24,6 @@ from numpy.random import Generator
 from ..columns import Bools, Floats, Ints
 from ..core.bin_map import update_bin_map
 from ..core.ellipse import touching
-from ..core.ellipse_colour import likenesses
 from ..core.patch_pca import PatchModels
 from ..core.resampling import systematic_ancestors
 from ..core.smc import effective_size, normalise
@@ -32,6 +31,7 @@ from ..core.view_mcmc import crowding_of_samples, distinct_size, run_chain
 from ..core.view_motion import Motion, boxes_of, moved, spreads, summed
 from .view_method import LEFT, LOST, MODES, Image, Looks, Outlines, Visual
 from .views_appearance import log_patches
+from .views_colours import alike
 from .views_mcmc_config import McmcConfig
 from .views_regions import Held, held, mask_outside, pull
 from .views_state import State, Trackers, born, empty, ended, gaps, seen
@@ -93,7 +93,7 @@ def _followed(panel: Panel, views: int, rng: Generator) -> tuple[Trackers, Outli
     covariance, _ = spreads(cloud.particles, weights, mean)
     likeness = _likeness(panel, mean, np.arange(n))
     pace = (mean[:, :2] - t.estimate[:, :2]) / panel.gap
-    size = np.where(panel.held.has[:, None], panel.held.region[:, 2:4], t.axes)
+    size = np.where(panel.held.has[:, None], panel.held.region[:, 2:], t.axes)
     after = t._replace(
         axes=t.axes + config.region_axes * (size - t.axes),
         particles=_equal(cloud, rng) if config.sampler == "sir" else cloud.particles,
@@ -151,7 +151,7 @@ def _equal(cloud: Cloud, rng: Generator) -> Floats:
 def _moved(panel: Panel, ellipses: Floats, owner: Ints, rng: Generator) -> Floats:
     """(P, 5) where the motion takes ellipses of the targets."""
     c, t = panel.config, panel.trackers
-    motion = Motion(c.sigma_px, c.keep_axes, c.sigma_axes_px, c.axes_limit, c.sigma_rho)
+    motion = Motion(c.sigma_px, c.keep_axes, c.sigma_axes_px, c.axes_limit, c.sigma_rho, c.keep_rho)
     gap, normals = np.full(len(owner), panel.gap), rng.standard_normal((len(owner), 1, 5))
     return np.asarray(moved(ellipses[:, None], t.velocity[owner], t.axes[owner], gap, normals, motion)[:, 0])
 
@@ -177,7 +177,7 @@ def _models(state: State, t: Trackers) -> list[PatchModels]:
 
 def _likeness(panel: Panel, ellipses: Floats, owner: Ints) -> Floats:
     """(P,) of ellipses among those that the map was brought up to date for."""
-    return np.asarray(likenesses(panel.bins, ellipses, owner, panel.trackers.colours, panel.config.pixel_step))
+    return alike(panel.bins, ellipses, owner, panel.trackers.colours, panel.trackers.split, panel.config.pixel_step)
 
 
 def _events(t: Trackers, panel: Panel) -> Ints:

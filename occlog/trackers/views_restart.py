@@ -16,9 +16,9 @@ import numpy as np
 from ..columns import Floats
 from ..core.bin_map import update_bin_map
 from ..core.ellipse import nearness
-from ..core.ellipse_colour import likenesses
 from ..core.view_bands import anchor, line_of
 from .view_method import Looks
+from .views_colours import alike
 from .views_loop import affine_maps
 from .views_state import State, Trackers
 
@@ -67,10 +67,11 @@ def _place(state: State, i: int, guide: int, image: Any) -> Floats | None:
     tried = tried[(near >= APART).all(axis=0)]
     bins = state.bins[int(t.view[i])]
     update_bin_map(bins, image, np.array([[0, 0, view.width, view.height]]), config.pixel_step)
-    alike = likenesses(bins, tried, np.zeros(len(tried), dtype=np.int64), t.colours[i : i + 1], config.pixel_step)
-    if not len(tried) or alike.max() < config.restart_likeness:
+    owner, one = np.zeros(len(tried), dtype=np.int64), slice(i, i + 1)
+    found = alike(bins, tried, owner, t.colours[one], t.split[one], config.pixel_step)
+    if not len(tried) or found.max() < config.restart_likeness:
         return None
-    return np.asarray(tried[int(np.argmax(alike))])
+    return np.asarray(tried[int(np.argmax(found))])
 
 
 def _tried(state: State, i: int, guide: int) -> Floats:
@@ -85,7 +86,7 @@ def _tried(state: State, i: int, guide: int) -> Floats:
     shift = np.column_stack([-off * line[0] - along * line[1], -off * line[1] + along * line[0]])
     out = np.repeat(t.estimate[i][None], len(along), axis=0)
     out[:, :2] += np.linalg.solve(maps[i][:, :2], shift.T).T
-    out[:, 2:4] = t.axes[i]
+    out[:, 2:] = t.axes[i]
     return out
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.random import Generator
 
 from ..columns import Bools, Floats, Ints
-from ..core.bin_map import N_BINS, update_bin_map
-from ..core.ellipse_colour import histograms
+from ..core.bin_map import update_bin_map
 from ..core.view_motion import boxes_of
 from .view_method import Birth, Geometry, Looks, View
 from .views_appearance import Memories, remembered
+from .views_colours import WIDTH, colours_in, level, upright
 from .views_regions import mask_outside
 
 INTERVALS = 9
@@ -34,14 +34,15 @@ class Trackers(NamedTuple):
     estimate: Floats  # (n, 5)
     velocity: Floats  # (n, 2) [px a frame]
     path: Floats  # (n, M, 2) the last displacements [px]
-    axes: Floats  # (n, 2) half axes at the start
-    colours: Floats  # (n, N_BINS)
+    axes: Floats  # (n, 3) half axes and angle at the start
+    colours: Floats  # (n, WIDTH) see `views_colours`
     weak: Ints  # (n,) frames in a row in which no particle looked like the target
     likeness: Floats  # (n,) of the last estimate
     twin: Ints  # (n, V) row of the tracker of the same target in each other view; -1: none
     good: Bools  # (n, V) counterparts that pass the loop check
     run: Ints  # (n, V) loop checks in a row that said otherwise
     checked: Bools  # (n, V) whether there was a loop check since the younger of both was born
+    split: Bools  # (n,) whether the colours are of halves
 
 
 class Clock(NamedTuple):
@@ -83,9 +84,9 @@ def _none(views: int, config: Any) -> Trackers:
     z, memory = np.zeros, getattr(config, "memory", 1)
     whole, flags = np.int64, np.bool_
     return Trackers(
-        z(0, whole), z(0, whole), z((0, config.particles, 5)), z((0, 5)), z((0, 2)), z((0, memory, 2)), z((0, 2)),
-        z((0, N_BINS)), z(0, whole), z(0), z((0, views), whole), z((0, views), flags), z((0, views), whole),
-        z((0, views), flags),
+        z(0, whole), z(0, whole), z((0, config.particles, 5)), z((0, 5)), z((0, 2)), z((0, memory, 2)), z((0, 3)),
+        z((0, WIDTH)), z(0, whole), z(0), z((0, views), whole), z((0, views), flags), z((0, views), whole),
+        z((0, views), flags), z(0, flags),
     )  # fmt: skip
 
 
@@ -111,17 +112,18 @@ def _pairs(trackers: Trackers) -> list[tuple[int, int]]:
 
 def _newborn(state: State, looks: Looks, births: Sequence[Birth]) -> Trackers:
     n, views, config = len(births), len(state.views), state.config
-    ellipse = np.array([birth.ellipse for birth in births], dtype=np.float64)
+    ellipse = level(np.array([birth.ellipse for birth in births], dtype=np.float64))
+    split = upright(ellipse, config.halves)
     view = np.array([birth.view for birth in births], dtype=np.int64)
-    colours = np.empty((n, N_BINS))
+    colours = np.empty((n, WIDTH))
     for v in np.unique(view).tolist():
         image, mine = looks.images[v], view == v
         if image is None:
             raise ValueError(f"a tracker is born in view {v}, which has no frame")
         boxes = boxes_of(ellipse[mine][:, None])
-        update_bin_map(state.bins[v], image, boxes)
+        update_bin_map(state.bins[v], image, boxes, config.pixel_step)
         mask_outside(state.bins[v], boxes, looks, v)
-        colours[mine] = histograms(state.bins[v], ellipse[mine], N_BINS, config.pixel_step)
+        colours[mine] = colours_in(state.bins[v], ellipse[mine], split[mine], config.pixel_step)
     if looks.regions:  # what is outside them is no colour of the target
         colours /= np.maximum(colours.sum(axis=1, keepdims=True), LEAST)
     blank = _none(views, config)
@@ -132,7 +134,7 @@ def _newborn(state: State, looks: Looks, births: Sequence[Birth]) -> Trackers:
         ellipse,
         np.zeros((n, 2)),
         np.zeros((n, *blank.path.shape[1:])),
-        ellipse[:, 2:4].copy(),
+        ellipse[:, 2:].copy(),
         colours,
         np.zeros(n, dtype=np.int64),
         np.ones(n),
@@ -140,6 +142,7 @@ def _newborn(state: State, looks: Looks, births: Sequence[Birth]) -> Trackers:
         np.zeros((n, views), dtype=np.bool_),
         np.zeros((n, views), dtype=np.int64),
         np.zeros((n, views), dtype=np.bool_),
+        split,
     )
 
 

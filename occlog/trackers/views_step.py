@@ -10,10 +10,10 @@ from numpy.random import Generator
 
 from ..columns import Bools, Floats, Ints
 from ..core.bin_map import update_bin_map
-from ..core.ellipse_colour import likenesses
 from ..core.view_motion import Motion, boxes_of, moved, resampled, spreads
 from .view_method import LEFT, LOST, Looks, Outlines
 from .views_appearance import log_appearance
+from .views_colours import alike
 from .views_loop import counterparts, looped
 from .views_regions import Held, drawn, held, mask_outside, pull
 from .views_state import LONGEST, State, Trackers, ages, chosen, gaps, seen
@@ -83,7 +83,9 @@ def _moment(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> Momen
     here = np.array([image is not None for image in looks.images])[t.view]
     age, gap = (since(state.clock, looks.t_ns)[t.view] for since in (ages, gaps))
     normals = rng.standard_normal(t.particles.shape)
-    motion = Motion(config.sigma_px, config.keep_axes, config.sigma_axes_px, config.axes_limit, config.sigma_rho)
+    motion = Motion(
+        config.sigma_px, config.keep_axes, config.sigma_axes_px, config.axes_limit, config.sigma_rho, config.keep_rho
+    )
     particles = moved(t.particles, t.velocity, t.axes, gap, normals, motion)
     if scheme.propose is not None:
         particles = scheme.propose(state, particles, gap, rng)
@@ -116,7 +118,8 @@ def _alike(state: State, ellipses: Floats, here: Bools) -> Floats:
         if first < last and here[first]:
             flat = ellipses[first:last].reshape(-1, 5)
             owner = np.repeat(np.arange(last - first), ellipses.shape[1])
-            found = likenesses(bins, flat, owner, t.colours[first:last], state.config.pixel_step)
+            rows = slice(first, last)
+            found = alike(bins, flat, owner, t.colours[rows], t.split[rows], state.config.pixel_step)
             out[first:last] = found.reshape(last - first, -1)
     return out
 
@@ -130,7 +133,7 @@ def _after(t: Trackers, moment: Moment, weighed: Weighed, likeness: Floats, u: F
     usual = t.path.mean(axis=1)
     entry = np.where(weighed.touching.any(axis=1, keepdims=True), usual + frozen * (step - usual), step)
     path = np.concatenate([t.path[:, 1:], entry[:, None]], axis=1)
-    size = np.where(moment.held.has[:, None], moment.held.region[:, 2:4], t.axes)
+    size = np.where(moment.held.has[:, None], moment.held.region[:, 2:], t.axes)
     after = t._replace(
         axes=t.axes + config.region_axes * (size - t.axes),
         particles=resampled(moment.particles, weighed.weights, u),

@@ -5,6 +5,7 @@ import pytest
 
 from occlog.core import epipolar
 from occlog.core.ellipse import pixels_inside, support_radius
+from occlog.core.ellipse_colour import bhattacharyya, half_histograms, half_likenesses, histograms, likenesses
 from occlog.core.view_bands import (
     APART,
     TOGETHER,
@@ -22,7 +23,7 @@ from occlog.core.view_repulsion import Interaction, repel_into
 from occlog.core.view_sweeps import nearby
 
 SAME = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-MOTION = Motion(3.0, 0.9, 0.3, 0.15, 0.05)
+MOTION = Motion(3.0, 0.9, 0.3, 0.15, 0.05, 0.8)
 MODEL = Interaction(1.2, 0.6, 4, 5.0, 0.6, 2.0)
 
 
@@ -35,15 +36,15 @@ def ellipses(rng, *shape):
 def test_moments_of_the_motion(gap):
     rng, n = np.random.default_rng(1), 4000
     start = np.tile([50.0, 40.0, 11.0, 6.0, 0.3], (1, n, 1))
-    velocity, axes = np.array([[2.0, -1.0]]), np.array([[10.0, 6.5]])
+    velocity, axes = np.array([[2.0, -1.0]]), np.array([[10.0, 6.5, 0.1]])
     out = moved(start, velocity, axes, np.array([gap]), rng.standard_normal((1, n, 5)), MOTION)[0]
-    back = axes[0] + 0.9**gap * (start[0, 0, 2:4] - axes[0])
-    want = np.concatenate([start[0, 0, :2] + gap * velocity[0], back, [0.3]])
+    back = axes[0] + [0.9**gap, 0.9**gap, 0.8**gap] * (start[0, 0, 2:] - axes[0])
+    want = np.concatenate([start[0, 0, :2] + gap * velocity[0], back])
     sd = np.sqrt(gap) * np.array([3.0, 3.0, 0.3, 0.3, 0.05])
     # The half axes are cut at 15 %, here 2.5 to 3.3 standard deviations of one gap away: a few tails move the mean.
     assert (np.abs(out.mean(axis=0) - want) < 5 * sd / np.sqrt(n) + [0, 0, 0.02, 0.02, 0]).all()
     np.testing.assert_allclose(out.std(axis=0)[[0, 1, 4]], sd[[0, 1, 4]], rtol=5 / np.sqrt(2 * n))
-    assert (np.abs(out[:, 2:4] / axes[0] - 1.0) <= 0.15 + 1e-12).all()
+    assert (np.abs(out[:, 2:4] / axes[0, :2] - 1.0) <= 0.15 + 1e-12).all()
 
 
 def test_angles_are_averaged_as_axes():
@@ -205,3 +206,26 @@ def test_particles_on_lines():
     assert d.std() == pytest.approx(sigma, rel=bar)
     assert abs(along.mean() - middle) < bar * 15.0
     assert along.std() == pytest.approx(15.0, rel=bar)
+
+
+def test_halves_of_an_ellipse():
+    rng = np.random.default_rng(10)
+    bins = rng.integers(0, 5, (60, 80)).astype(np.uint8)
+    some = ellipses(rng, 12) - [15.0, 12.0, 0, 0, 0]  # some reach over the edge
+    halves = half_histograms(bins, some, 5, 2)
+    np.testing.assert_allclose(halves[:, :5] + halves[:, 5:], histograms(bins, some, 5, 2), atol=1e-12)
+    for e, found in zip(some, halves, strict=True):
+        want, mass = np.zeros(10), 0.0
+        for x, y in pixels_inside(e, step=2):
+            c, s, dx, dy = np.cos(e[4]), np.sin(e[4]), x - e[0], y - e[1]
+            weight = 1 - ((c * dx + s * dy) / e[2]) ** 2 - ((c * dy - s * dx) / e[3]) ** 2
+            mass += weight
+            if 0 <= x < 80 and 0 <= y < 60:
+                want[bins[y, x] + (5 if dy >= 0 else 0)] += weight
+        np.testing.assert_allclose(found, want / mass, atol=1e-12)
+    whole = np.concatenate([histograms(bins, some[:1], 5, 2), np.zeros((1, 5))], axis=1)
+    models, owner = np.concatenate([whole, halves[1:2]]), rng.integers(0, 2, 12)
+    got = half_likenesses(bins, some, owner, models, np.array([False, True]), 2)
+    alone = likenesses(bins, some, np.zeros(12, dtype=np.int64), np.ascontiguousarray(whole[:, :5]), 2)
+    want = np.where(owner == 0, alone, bhattacharyya(halves, models[1]))
+    np.testing.assert_allclose(got, want, atol=1e-12)

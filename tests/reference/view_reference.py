@@ -119,10 +119,12 @@ def moved(t: Any, c: Any, normals: Array) -> Array:
     """Particles of the next frame."""
     out = t.particles.copy()
     out[..., :2] += t.velocity[:, None] + c.sigma_px * normals[..., :2]
-    first = t.axes[:, None]
+    first, rho = t.axes[:, None, :2], t.axes[:, None, 2]
     out[..., 2:4] = first + c.keep_axes * (out[..., 2:4] - first) + c.sigma_axes_px * normals[..., 2:4]
     out[..., 2:4] = np.clip(out[..., 2:4], (1 - c.axes_limit) * first, (1 + c.axes_limit) * first)
-    out[..., 4] = np.mod(out[..., 4] + c.sigma_rho * normals[..., 4] + np.pi / 2, np.pi) - np.pi / 2
+    turn = np.mod(out[..., 4] - rho + np.pi / 2, np.pi) - np.pi / 2
+    out[..., 4] = rho + c.keep_rho * turn + c.sigma_rho * normals[..., 4]
+    out[..., 4] = np.mod(out[..., 4] + np.pi / 2, np.pi) - np.pi / 2
     return out
 
 
@@ -147,7 +149,7 @@ def frame(t: Any, c: Any, fundamental: Array, bins: list[Array], normals: Array,
         u: (n,) for resampling.
     """
     x, n = moved(t, c, normals), len(t.view)
-    alike = [likeness_of(bins[t.view[i]], x[i], t.colours[i], c.pixel_step) for i in range(n)]
+    alike = [likeness_of(bins[t.view[i]], x[i], t.colours[i, :72], c.pixel_step) for i in range(n)]
     log_local = [(a - 1) / (2 * c.sigma_colour**2) for a in alike]
     ratio = ratios(np.array([mean_of(x[i], weights_of(log_local[i])) for i in range(n)]), t.view)
     touching, busy = ratio <= c.touch, (ratio <= c.close).any(axis=1)
