@@ -20,6 +20,8 @@ PETS = "View_001"
 PETS_LAST = 400  # frames with true boxes
 PETS_FPS = 7.0
 ROOM_FPS = 25.0
+ROOM = ("--scene", "people", "--frames", "200", "--size", "480x360", "--store", "ffv1")
+"""The simulated room."""
 
 
 class Case(NamedTuple):
@@ -58,11 +60,11 @@ def pets(folder: Path, work: Path) -> Case:
     return detected(recording, PETS_FPS, PETS_LAST)
 
 
-def room(seed: int, work: Path, options: tuple[str, ...] = ()) -> Case:
+def room(seed: int, work: Path) -> Case:
     """A room with people who look alike, seen by three cameras."""
     recording = work / f"people_{seed}.mcap"
     if not recording.exists():
-        occlog("simulate", "--scene", "people", *options, "-o", recording, "--seed", str(seed), "--store", "ffv1", "-q")
+        occlog("simulate", *ROOM, "-o", recording, "--seed", str(seed), "-q")
     return detected(recording, ROOM_FPS, sys.maxsize)
 
 
@@ -76,7 +78,7 @@ def detected(recording: Path, fps: float, last: int) -> Case:
     if held.scene is None:
         raise SystemExit(f"{recording}: holds no scene")
     views = tuple(sorted(held.cameras))
-    sizes = tuple(held.scene.camera(name).image_size for name in views)
+    sizes = tuple(held.scene.camera(name).image_size or (0, 0) for name in views)
     regions, boxes = read_table(detections, Views), held.read(TruthBoxes)
     frames = tuple(1 + max(_last(regions, name), _last(boxes, name)) for name in views)
     boxes = boxes.take((boxes.box >= 0) & (boxes.frame < last))

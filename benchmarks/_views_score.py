@@ -43,7 +43,7 @@ def inside(boxes: Placed, size: Ints) -> Placed:
     """Boxes of which a part is in the image, which has size (n, 2); a tracker's box may have lost its own."""
     low, high = boxes.box[:, :2], boxes.box[:, :2] + boxes.box[:, 2:]
     keep = ((high > 0) & (low < size) & (boxes.box[:, 2:] > 0)).all(axis=1)
-    return Placed(*(column[keep] for column in boxes))
+    return Placed._make(column[keep] for column in boxes)
 
 
 def figures(truth: Placed, tracks: Placed) -> dict[str, float]:
