@@ -17,7 +17,7 @@ from ..frames import Frame, Image
 from ..io.atomic import write_bytes
 from ..io.epipolar_file import attached_epipolar, read_epipolar
 from ..io.image_codec import encode_image
-from ..io.parquet import iter_table
+from ..io.parquet import iter_table, read_provenance
 from ..io.recording import IMAGE_SCHEMA, Recording, open_recording
 from ..io.recording_writer import VIDEO_FRAME
 from ..io.video_writer import SHOWN, ShownVideo
@@ -217,7 +217,15 @@ def _rig(asked: Asked, recording: Recording, names: list[str], scene: Scene | No
     if asked.tracks is None:
         return Rig(views, cameras, None)
     pairs = read_epipolar(asked.fundamental) if asked.fundamental is not None else attached_epipolar(recording)
-    return Rig(views, cameras, view_geometry(views, scene, pairs))
+    return Rig(views, cameras, view_geometry(views, scene, pairs), _numbered(asked))
+
+
+def _numbered(asked: Asked) -> bool:
+    """Whether trackers have the numbers of their targets: not those that began with detections."""
+    births = read_provenance(asked.tracks).parameters.get("births") if asked.tracks is not None else None
+    failures = asked.failures
+    own = read_provenance(failures).parameters.get("own") if failures is not None else None
+    return births in (None, "initial") and own in (None, "label")
 
 
 def _rows(path: Path | None, table: type[T]) -> Rows[T] | None:

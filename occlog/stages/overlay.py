@@ -35,6 +35,7 @@ class Rig(NamedTuple):
     views: Sequence[View]
     cameras: Sequence[Camera | None]  # of the scene, for lens distortion
     geometry: Geometry | None  # None: no epipolar lines are drawn
+    numbered: bool = True  # a tracker has the number of its target; else the two have nothing in common
 
 
 def frame_shot(view: int, frame: int, told: Sequence[Told], rig: Rig) -> Shot:
@@ -51,9 +52,9 @@ def frame_shot(view: int, frame: int, told: Sequence[Told], rig: Rig) -> Shot:
         estimates their epipolar lines come; links of those that touch; true places; failures.
     """
     tracks, truth, failures = told[view]
-    labels = _label_failures(failures)
+    labels = _label_failures(failures) if rig.numbered else {}
     missed = _missed(failures)
-    places = [] if truth is None else _places(truth, missed)
+    places = [] if truth is None else _places(truth, missed, rig.numbered or tracks is None)
     drawn = {place.target_id for place in places}
     return Shot(
         title=f"{rig.views[view].name}   frame {frame}",
@@ -62,7 +63,7 @@ def frame_shot(view: int, frame: int, told: Sequence[Told], rig: Rig) -> Shot:
         lines=[] if tracks is None or rig.geometry is None else _lines(view, tracks, told, rig, rig.geometry),
         places=places,
         boxed=tracks is None,
-        notes=[f"target {target}: no tracker" for target in sorted(missed - drawn)],
+        notes=[f"target {target}: no tracker" for target in sorted(missed - drawn)] + _others(failures, rig.numbered),
     )
 
 
@@ -72,6 +73,15 @@ def _label_failures(failures: Failures | None) -> dict[int, int]:
         return {}
     rows = np.flatnonzero(failures.kind == "label")
     return dict(zip(failures.target_id[rows].tolist(), failures.other_id[rows].tolist(), strict=True))
+
+
+def _others(failures: Failures | None, numbered: bool) -> list[str]:
+    """Words for label failures of trackers whose numbers are not told."""
+    if failures is None or numbered:
+        return []
+    rows = np.flatnonzero(failures.kind == "label")
+    pairs = zip(failures.target_id[rows].tolist(), failures.other_id[rows].tolist(), strict=True)
+    return [f"a tracker of {f'target {own}' if own >= 0 else 'no target'} is on target {on}" for own, on in pairs]
 
 
 def _missed(failures: Failures | None) -> set[int]:
@@ -103,10 +113,10 @@ def _links(tracks: ViewTracks) -> list[Floats]:
     return [centres[list(pair)] for pair in sorted(pairs)]
 
 
-def _places(truth: TruthBoxes, missed: set[int]) -> list[Place]:
+def _places(truth: TruthBoxes, missed: set[int], coloured: bool) -> list[Place]:
     boxes = np.column_stack([truth.left_px, truth.top_px, truth.width_px, truth.height_px])
     return [
-        Place(boxes[k], target, float(truth.visible[k]), target in missed)
+        Place(boxes[k], target, float(truth.visible[k]), target in missed, coloured)
         for k, target in enumerate(truth.target_id.tolist())
         if truth.box[k] >= 0
     ]

@@ -52,6 +52,7 @@ class Place(NamedTuple):
     target_id: int
     visible: float = math.nan  # share; NaN: not known
     missed: bool = False  # no tracker is on it
+    coloured: bool = True  # in the colour of its number; else white
 
 
 class Shot(NamedTuple):
@@ -204,7 +205,7 @@ def _true_box(picture: Bytes, place: Place, scale: float) -> None:
 
 def _true_cross(picture: Bytes, place: Place, scale: float) -> None:
     """A cross in the middle of the target, a ring too where it is hidden; in red around one without a tracker."""
-    middle, colour = place.box[:2] + 0.5 * place.box[2:], colour_of(place.target_id)
+    middle, colour = place.box[:2] + 0.5 * place.box[2:], colour_of(place.target_id) if place.coloured else WHITE
     arms = [np.array([middle - arm, middle + arm]) for arm in 5.0 / scale * np.eye(2)]
     for paint, width in ((BLACK, 4), (colour, 2)):
         for arm in arms:

@@ -126,6 +126,17 @@ def test_failures_are_red_in_their_frame_only(folder: Path) -> None:
     assert red[1] > 200
 
 
+def test_trackers_with_numbers_of_their_own_leave_the_truth_white(folder: Path) -> None:
+    args = ["--truth", str(folder / "r.mcap"), "--frame", "2", "--png", str(folder / "p.png"), "--overwrite"]
+    white = []
+    for births in ("initial", "detections"):
+        made = Provenance("track", {"births": births})
+        write_table(folder / "t.parquet", tracks_of([k * STEP for k in range(N)]), made, overwrite=True)
+        assert report(folder, *args) == ExitCode.DONE
+        white.append(holds(cv2.imread(str(folder / "p.png")), (255, 255, 255)))
+    assert white[1] > white[0] + 100
+
+
 def test_truth_alone_one_camera_and_some_frames(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording, out = str(folder / "r.mcap"), folder / "o.avi"
     args = ["--recording", recording, "--truth", recording, "--video", str(out), "--camera", "view2"]

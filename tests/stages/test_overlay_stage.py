@@ -99,6 +99,10 @@ def test_failures_and_truth():
     assert np.isnan(shot.places[0].visible)
     assert shot.notes == ["target 5: no tracker"]
     assert not shot.boxed
+    own = frame_shot(0, 7, [first, Told(None, None, None)], rig(scene)._replace(numbered=False))
+    assert [o.wrong for o in own.outlines] == ["", "", ""]
+    assert own.notes == ["target 5: no tracker", "a tracker of target 0 is on target 2"]
+    assert [p.coloured for p in own.places] == [False, False]
     alone = frame_shot(0, 7, [Told(None, boxes, None), Told(None, None, None)], rig(scene))
     assert alone.boxed
     assert alone.outlines == alone.lines == alone.links == []
