@@ -366,3 +366,11 @@ def test_every_method_ends_trackers_that_nothing_supports(balls, tmp_path, metho
     assert len(last) == (table.event == "start").sum() >= 4
     assert set(last.frame.tolist()) == {8}
     assert table.frame.max() == 8
+
+
+def test_colours_of_the_background_may_be_left_out(balls, tmp_path):
+    assert track(balls, tmp_path, "-q", "--set", "background=true") == ExitCode.DONE
+    assert read_provenance(tmp_path / "t.parquet").parameters["background"] is True
+    table = result(tmp_path)
+    assert len(table) == 2 * 3 * FRAMES
+    assert np.mean(misses(table) < 1.0) > 0.8
