@@ -46,7 +46,9 @@ def judge2(table: Table) -> list[Verdict]:
         for f in (MCMC, SIR):
             paper = sign * _printed_exponent(printed["MCMC"]) if f is MCMC else math.nan
             said = f"The need of the joint filter ({f}) of {what} grows faster than linearly: exponent."
-            out.append(_faster(f"table2-{f.split()[-1].lower()}-{what}", said, paper, v.series(table, f"{f}, {name}")))
+            out.append(
+                _faster(f"table2-{f.split()[-1].lower()}-{what}", said, paper, v.series(table, f"{f}, {name}"), rows)
+            )
     out.append(_exponential(v.series(table, f"{SIR}, {TOTAL}")))
     for n, paper in PRINTED["MCMC"].items():
         row = v.find(table, f"MCMC, {TOTAL}", n)
@@ -65,11 +67,13 @@ def _linear(key: str, said: str, paper: float, rows: Sequence[Row]) -> Verdict:
     return Verdict(key, said, paper, power, error, _runs(rows), word, rule)
 
 
-def _faster(key: str, said: str, paper: float, rows: Sequence[Row]) -> Verdict:
+def _faster(key: str, said: str, paper: float, rows: Sequence[Row], bmct: Sequence[Row]) -> Verdict:
     power, error = exponents(rows)
-    least = power - 2.0 * (0.0 if math.isnan(error) else error)
-    word = v.REPRODUCED if least > LINEAR else v.IN_PART if least > 1.0 else v.NOT
-    rule = f"exponent above {LINEAR} by two standard errors; in part above 1 by as much"
+    own, own_error = exponents(bmct)
+    doubt = 2.0 * (0.0 if math.isnan(error) else error)
+    more = power - own > 2.0 * math.hypot(*(0.0 if math.isnan(e) else e for e in (error, own_error)))
+    word = v.REPRODUCED if power - doubt > LINEAR else v.IN_PART if more else v.NOT
+    rule = f"exponent above {LINEAR} by two standard errors; in part above that of BMCT by as much"
     return Verdict(key, said, paper if math.isfinite(paper) else None, power, error, _runs(rows), word, rule)
 
 
