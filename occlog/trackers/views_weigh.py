@@ -70,7 +70,7 @@ def setting(state: State, moment: Moment, helper: Ints) -> Setting:
     t, c = state.trackers, state.config
     first = summed(moment.particles, moment.log_local)[1]
     near = nearby(first, t.view, c.touch, getattr(c, "close", c.touch))
-    past = Past(t.estimate[:, :2], t.path.mean(axis=1) * moment.gap[:, None])
+    past = Past(t.estimate[:, :2].copy(), t.path.mean(axis=1) * moment.gap[:, None])
     bottom, band = getattr(c, "anchor", "centre") == "bottom", getattr(c, "band", 1.0)
     maps, clear = affine_maps(state, first), getattr(c, "clear", 0.0)
     rig = Rig(t.view, helper, state.geometry.fundamental, maps, bottom, band, clear)
