@@ -19,7 +19,7 @@ class GroundConfig:
 
     height: float | None = None  # of a target's middle, for one that a single view shows; 0: such times have no row
     height_sigma: float | None = None  # its standard deviation
-    model_share: float = 0.1  # standard deviation by which an ellipse's centre is off the target's, of its half axes
+    model_share: float = 0.25  # standard deviation by which an ellipse's centre is off the target's, of its half axes
     gate: float = 1e-3  # chance at which a time whose views are all right is said to have one that is wrong
     min_crossing_deg: float = 5.0  # sight lines that cross at smaller angles give no place
     window_s: float = 0.0  # frames at most this far apart are of one time
