@@ -91,3 +91,4 @@ class ShownVideo(VideoWriter):
         super().__init__(path, size, rate_hz, overwrite=overwrite)
         self.suffix = path.suffix.lower()
         self.code = SHOWN[self.suffix]
+        self.otherwise = f" of {size[0]} x {size[1]} px; make it smaller"

@@ -80,7 +80,7 @@ def _others(failures: Failures | None, numbered: bool) -> list[str]:
     if failures is None or numbered:
         return []
     rows = np.flatnonzero(failures.kind == "label")
-    pairs = zip(failures.target_id[rows].tolist(), failures.other_id[rows].tolist(), strict=True)
+    pairs = sorted(set(zip(failures.target_id[rows].tolist(), failures.other_id[rows].tolist(), strict=True)))
     return [f"a tracker of {f'target {own}' if own >= 0 else 'no target'} is on target {on}" for own, on in pairs]
 
 

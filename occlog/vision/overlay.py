@@ -101,7 +101,7 @@ def draw_shot(image: Bytes, shot: Shot, scale: float) -> Bytes:
         x, y = (scale * (place.box[:2] + [0.5 * place.box[2], 0.0] + 0.5) - 0.5).tolist()
         _label(picture, str(place.target_id), (x, y - 2), colour_of(place.target_id), taken)
     for n, note in enumerate(reversed(shot.notes)):
-        _text(picture, note, (6, picture.shape[0] - 8 - 20 * n), 0.5, ALARM)
+        _note(picture, note, n)
     return np.vstack([_bar(shot.title, size[0]), picture])
 
 
@@ -221,9 +221,12 @@ def _true_cross(picture: Bytes, place: Place, scale: float) -> None:
             _path(picture, cross, scale, ALARM, 2, halo=True)
 
 
-def _text(picture: Bytes, words: str, at: tuple[int, int], size: float, colour: Colour) -> None:
-    cv2.putText(picture, words, at, cv2.FONT_HERSHEY_SIMPLEX, size, BLACK, 3, cv2.LINE_AA)
-    cv2.putText(picture, words, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
+def _note(picture: Bytes, words: str, line: int) -> None:
+    """Words on a dark ground in the lower left corner, some lines up."""
+    (width, _), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
+    bottom = picture.shape[0] - 22 * line
+    cv2.rectangle(picture, (0, max(bottom - 22, 0)), (width + 12, bottom - 1), BLACK, cv2.FILLED)
+    cv2.putText(picture, words, (6, bottom - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, ALARM, 1, cv2.LINE_AA)
 
 
 def _bar(title: str, width: int) -> Bytes:

@@ -62,11 +62,11 @@ def test_true_places_are_crosses_or_boxes_and_missed_ones_red():
 
 def test_links_lines_and_notes():
     link = np.array([[20.0, 20.0], [60.0, 20.0]])
-    line = np.array([[-500.0, 100.0], [500.0, 100.0]])
+    line = np.array([[-500.0, 60.0], [500.0, 60.0]])
     picture = draw_shot(GREY, Shot("a", links=[link], lines=[(3, line)], notes=["target 7: no tracker"]), 1.0)
     assert near(picture, 40, 20, overlay.WHITE, 1)
-    assert near(picture, 5, 100, colour_of(3), 1)
-    assert near(picture, 155, 100, colour_of(3), 1)
+    assert near(picture, 5, 60, colour_of(3), 1)
+    assert near(picture, 155, 60, colour_of(3), 1)
     assert near(picture, 30, 108, overlay.ALARM, 12)
 
 
