@@ -1,6 +1,6 @@
 """Tracking in images against trackers of other projects, from the same regions.
 
-    python -m benchmarks.views_peer [--pets FOLDER] [--seeds 1-3] [--work DIR] [--json]
+    python -m benchmarks.views_peer [--pets FOLDER] [--seeds 1-3] [--only A,B,...] [--work DIR] [--json]
 
 FOLDER holds PETS 2009 S2.L1 view 1 (`vtest.avi`, `calibration`, `annotations`; it is not shipped).  Without it
 only the simulated room is tracked: people who look alike in three views, a recording for each seed.
@@ -44,6 +44,7 @@ TRUE_STARTS = ("idmot", "bmct")
 ALONE = ("mipf", "idmot", "bmct")
 """Methods that are something with one view."""
 TRUE_START = " (true start)"
+EVERY = (*OURS, *PEERS, *(m + TRUE_START for m in TRUE_STARTS))
 
 
 class Outcome(NamedTuple):
@@ -82,7 +83,9 @@ def theirs(case: Case, name: str, python: Path, work: Path) -> Outcome:
     save(given, case)
     done = subprocess.run([python, peer, given, out, name], check=True, capture_output=True, text=True, env=alone())
     got = np.load(out)
-    return Outcome(Placed(*(got[column] for column in Placed._fields)), json.loads(done.stdout)["seconds"], joint=False)
+    return Outcome(
+        Placed._make(got[column] for column in Placed._fields), json.loads(done.stdout)["seconds"], joint=False
+    )
 
 
 def ours(case: Case, method: str, work: Path, *, true_start: bool) -> Outcome:
@@ -107,22 +110,23 @@ def scored(case: Case, outcome: Outcome) -> dict[str, float]:
     return out
 
 
-def contenders(views: int, folder: Path) -> Iterator[tuple[str, Callable[[Case, Path], Outcome]]]:
-    """All trackers by name."""
-    methods = OURS if views > 1 else ALONE
+def contenders(views: int, only: list[str], folder: Path) -> Iterator[tuple[str, Callable[[Case, Path], Outcome]]]:
+    """Trackers by name, those asked for."""
+    methods = [m for m in (OURS if views > 1 else ALONE) if m in only]
     for method in methods:
         yield method, lambda c, w, m=method: ours(c, m, w, true_start=False)  # type: ignore[misc]
-    for name, package in PEERS.items():
+    for name in (n for n in PEERS if n in only):
+        package = PEERS[name]
         python = environment(package, folder)
         yield name, lambda c, w, n=name, p=python: theirs(c, n, p, w)  # type: ignore[misc]
-    for method in (m for m in methods if m in TRUE_STARTS):
+    for method in (m for m in TRUE_STARTS if m + TRUE_START in only):
         yield method + TRUE_START, lambda c, w, m=method: ours(c, m, w, true_start=True)  # type: ignore[misc]
 
 
-def compare(given: list[Case], folder: Path, work: Path) -> dict[str, dict[str, list[float]]]:
+def compare(given: list[Case], only: list[str], folder: Path, work: Path) -> dict[str, dict[str, list[float]]]:
     """Figures of all trackers, a value for each case."""
     out: dict[str, dict[str, list[float]]] = {}
-    for name, run in contenders(len(given[0].views), folder):
+    for name, run in contenders(len(given[0].views), only, folder):
         rows = [scored(case, run(case, work)) for case in given]
         out[name] = {figure: [row[figure] for row in rows] for figure in (*FIGURES, "fps")}
         print(f"{name}: done", file=sys.stderr)
@@ -164,18 +168,20 @@ def main() -> None:
     )
     parser.add_argument("--pets", type=Path, metavar="FOLDER", help="real video with true boxes")
     parser.add_argument("--seeds", type=seeds, default=seeds("1-3"), help="of the simulated room; default 1-3")
+    parser.add_argument("--only", metavar="A,B,...", help=f"these trackers; of {', '.join(EVERY)}")
     parser.add_argument("--work", type=Path, help="keep recordings and environments here")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     options = parser.parse_args()
+    only = options.only.split(",") if options.only else list(EVERY)
     results: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as scratch:
         work = options.work or Path(scratch)
         work.mkdir(parents=True, exist_ok=True)
         if options.pets:
-            results["PETS, one view"] = compare([cases.pets(options.pets, work)], work, Path(scratch))
+            results["PETS, one view"] = compare([cases.pets(options.pets, work)], only, work, Path(scratch))
         if options.seeds:
             rooms = [cases.room(seed, work) for seed in options.seeds]
-            results["room, three views"] = compare(rooms, work, Path(scratch))
+            results["room, three views"] = compare(rooms, only, work, Path(scratch))
     if options.json:
         print(json.dumps(results, sort_keys=True))
         return
