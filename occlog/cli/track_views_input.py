@@ -38,6 +38,7 @@ class ViewsInput:
     def __init__(self, request: ViewsRequest, stage: ViewsConfig) -> None:
         """Look at the first frames of every camera."""
         self.request, self.stage = request, stage
+        self.given = 0  # first ellipses
         self.recording = open_video(request)
         self.losses: dict[Loss, None] = dict.fromkeys(self.recording.losses)
         given = None if request.scene is None else options.load_scene(request.scene, None, request.scene)
@@ -96,14 +97,16 @@ class ViewsInput:
             return (), 0
         sizes = {view.name: (view.width, view.height) for view in self.views}
         given = read_ellipses(self.request.initial, sizes, self.recording.cameras)
-        self._check_frames(given)
+        if self.request.initial.suffix.lower() not in (".mcap", ".parquet"):
+            self._check_frames(given)  # tables may be of a longer recording
         place = {name: v for v, name in enumerate(self.names)}
         starts = [Start(place[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
         starts.sort(key=lambda s: (s.frame, s.view, s.target_id))
+        self.given = len(starts)
         return tuple(starts), max(s.target_id for s in starts) + 1
 
     def _check_frames(self, given: tuple[GivenEllipse, ...]) -> None:
-        """InputError for a frame that a camera does not have; those of tables are of its frames anyway."""
+        """InputError for a frame that a camera does not have."""
         for name, known in zip(self.names, self.surveyed, strict=True):
             asked = [g for g in given if g.sensor == name and g.frame not in (FIRST, known.first)]
             if not asked:

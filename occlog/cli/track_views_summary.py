@@ -94,6 +94,8 @@ class ViewsTally:
     def warnings(self) -> list[str]:
         """What whoever uses the tracks should know."""
         lines = [*self._alone(), *self._ends(), *(self._misfit(a, b) for a, b in self._misfits())]
+        if (late := self.inputs.given - self.events["start"]) > 0:
+            lines.append(f"{late} of {self.inputs.given} first ellipses began no tracker: the video ends before them")
         if not self.rows:
             lines.append("no target was found; give the first ellipses (--initial) or better --detections")
         return lines

@@ -374,3 +374,16 @@ def test_colours_of_the_background_may_be_left_out(balls, tmp_path):
     table = result(tmp_path)
     assert len(table) == 2 * 3 * FRAMES
     assert np.mean(misses(table) < 1.0) > 0.8
+
+
+def test_tables_may_be_of_a_longer_recording(tmp_path, capsys):
+    path = record_balls(tmp_path / "short.mcap", keep=lambda view, frame: frame < 5)
+    long = {"t_ns": np.array([0]), "sensor": ["view1"], "frame": np.array([9]), "box": np.zeros(1, np.int32),
+            "target_id": np.array([8], np.int32), "left_px": [40.0], "top_px": [40.0], "width_px": [20.0],
+            "height_px": [20.0], "confidence": [np.nan], "visible": [1.0]}  # fmt: skip
+    table = tmp_path / "truth.parquet"
+    write_table(table, TruthBoxes.of(**long), Provenance("test"))
+    assert track(path, tmp_path, method="mipf", initial=table) == ExitCode.DONE
+    said = capsys.readouterr().err
+    assert "1 of 1 first ellipses began no tracker: the video ends before them" in said
+    assert "no target was found" in said
