@@ -22,13 +22,17 @@ CMCT = MODES.index("cmct")
 
 
 def on_lines(state: State, particles: Floats, gap: Floats, rng: Generator) -> Floats:
-    """Particles (n, N, 5) of which a share, or all after a loss, lie on the lines of the last estimates."""
+    """Particles (n, N, 5) of which a share, or all after a loss, lie on the lines of the last estimates.
+
+    A loss is an estimate that does not look like the target, or a counterpart that is bad.
+    """
     t, c = state.trackers, state.config
     expected = t.estimate.copy()
     expected[:, :2] += gap[:, None] * t.velocity
     maps = affine_maps(state, expected)
     many = particles.shape[1]
-    count = np.where(t.likeness < c.search_below, many, round(c.on_line * many))
+    bad = ((t.twin >= 0) & t.checked & ~t.good).any(axis=1)
+    count = np.where(bad | (t.likeness < c.search_below), many, round(c.on_line * many))
     twin = np.where((t.twin >= 0) & (gap <= 1.0)[t.twin], t.twin, -1)
     normals = rng.standard_normal((*particles.shape[:2], 2))
     return drawn_on_lines(
