@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,8 @@ MOST_NAMES = 6
 TRUE_PATH: dict[str, Any] = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2))}
 
 
+FAR = 10.0
+"""Cameras farther from the room than so many times its size are not drawn, but named."""
 LONG = 15.0
 RECENT = 6.0
 """A path longer than `LONG` times the plan's diagonal is drawn faint but for its last `RECENT` diagonals."""
@@ -40,8 +43,11 @@ def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
     axes.grid(False)
     limits = plan_limits(data)
     handles: list[Line2D | Patch] = []
-    if data.scene is not None:
-        handles += draw_scene(axes, data.scene, limits)
+    near, far = (None, []) if data.scene is None else _near(data.scene)
+    if near is not None:
+        handles += draw_scene(axes, near, limits)
+    if far:
+        handles.append(Line2D([], [], linestyle="none", label=f"far away: {label(', '.join(far), 40)}"))
     if data.truth is not None:
         handles += _moving_occluders(axes, data.truth)
     if data.occluders is not None:
@@ -53,8 +59,8 @@ def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
     axes.set_xlabel(f"x [{label(data.unit)}]")
     axes.set_ylabel(f"y [{label(data.unit)}]")
     bar = draw_scale_bar(axes, limits, label(data.unit))
-    if data.scene is not None:
-        name_sensors(axes, data.scene, limits, bar)
+    if near is not None:
+        name_sensors(axes, near, limits, bar)
     if handles:
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
 
@@ -65,7 +71,7 @@ def plan_limits(data: ReportInput) -> Floats:
     if data.scene is not None:
         points += [data.scene.room] if data.scene.room is not None else []
         points += [o.polygon for o in data.scene.occluders]
-        points += [p[None] for p in places(data.scene).values()]
+        points += [p[None] for p in places(_near(data.scene)[0]).values()]
     paths = [t for t in (data.tracks, data.truth) if t is not None and len(t)]
     for xy in (np.column_stack([table.x, table.y]) for table in paths):
         points.append(np.percentile(xy, [0.5, 99.5], axis=0) if len(xy) > 200 else xy)
@@ -79,6 +85,16 @@ def plan_limits(data: ReportInput) -> Floats:
     size = max(float((high - low).max()), 1e-6)
     grow = np.maximum(0.3 * size - (high - low), 0.0) / 2.0 + 0.06 * size
     return np.array([low - grow, high + grow])
+
+
+def _near(scene: Scene) -> tuple[Scene, list[str]]:
+    """The scene without cameras so far from its room that this would be a dot, and their names."""
+    if scene.room is None:
+        return scene, []
+    low, high = scene.room.min(axis=0), scene.room.max(axis=0)
+    most = FAR * float((high - low).max())
+    far = [c.name for c in scene.cameras if c.placed and np.abs(c.ground - 0.5 * (low + high)).max() > most]
+    return replace(scene, cameras=tuple(c for c in scene.cameras if c.name not in far)), far
 
 
 def _ahead(scene: Scene) -> Floats:

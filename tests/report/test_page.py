@@ -13,9 +13,11 @@ from made_up import merged, ring_scene, run
 from occlog.errors import InputError
 from occlog.losses import Loss
 from occlog.records import Bearings, Bound, Diagnostics, Errors, Tracks, Truth
+from occlog.report.floorplan import plan_limits
 from occlog.report.model import ReportInput, TimeAxis
 from occlog.report.page import build_page, build_report
 from occlog.report.summary import headline
+from occlog.scene import Camera, Scene
 
 EVIL = '<script>alert("x")</script>\' onload=$x_1$ style="color: red" ]]>\x07'
 
@@ -274,3 +276,15 @@ def test_heights_have_figures_and_a_row_of_their_own() -> None:
     ratio = float(tiles["RMSE in space"].note.removesuffix(" × bound"))
     assert ratio == pytest.approx(rmse / np.sqrt(np.mean(least**2)), rel=2e-3)
     assert "RMSE in space" not in {item.name for item in headline(data)}
+
+
+def test_cameras_far_away_do_not_make_the_room_a_dot() -> None:
+    camera = {"rotation": np.eye(3), "focal_px": np.full(2, 1e6), "principal_px": np.zeros(2), "fov": 1e-3}
+    near = Camera("near", np.array([-5.0, 0.0, 1.0]), **camera)
+    scene = Scene(cameras=(near, Camera("remote", np.array([-1e6, 0.0, 1.0]), **camera)), room=np.array(
+        [[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]]))  # fmt: skip
+    data = ReportInput(scene=scene)
+    low, high = plan_limits(data)
+    assert (high - low < 30).all()
+    assert (low < [-5, 0]).all()
+    assert "far away: remote" in build_page(data)
