@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,9 @@ SMALL = BallsConfig(frames=40, width=120, height=90, balls=3, radius=9.0, speed=
 
 
 @lru_cache(maxsize=8)
-def film(config: BallsConfig = SMALL, seed: int = 1) -> tuple[BallsFrame, ...]:
-    """All frames of a film."""
-    return tuple(render_balls(config, seed))
+def film(config: BallsConfig = SMALL, seed: int = 1, count: int | None = None) -> tuple[BallsFrame, ...]:
+    """The first frames of a film, or all."""
+    return tuple(islice(render_balls(config, seed), count))
 
 
 def views_of(config: BallsConfig = SMALL) -> list[View]:

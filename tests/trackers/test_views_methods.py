@@ -28,6 +28,7 @@ def crossing(rise=4.0):
     return tuple(render_balls(CROSSING, 3, paths=BallPaths(np.stack([across, y, z], axis=-1), turns)))
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("method", METHODS)
 def test_a_ball_alone_is_followed(method):
     frames = film(ALONE, 2)
@@ -50,6 +51,7 @@ def test_balls_that_cross_keep_their_labels_with_two_views():
     assert sum(misses["mipf"]) > 0
 
 
+@pytest.mark.jit
 def test_modes_say_what_was_done():
     frames = film(SMALL, 1)
     for method in ("mipf", "cmct"):
@@ -75,6 +77,7 @@ def injected(state, moved):
     return state._replace(trackers=t._replace(particles=particles, estimate=estimate))
 
 
+@pytest.mark.jit
 def test_a_counterpart_that_is_moved_away_becomes_bad_and_good_again():
     still = BallsConfig(frames=60, width=100, height=80, balls=1, radius=9.0, speed=0.0, clutter=0)
     frames = film(still, 4)
@@ -97,7 +100,7 @@ def test_a_counterpart_that_is_moved_away_becomes_bad_and_good_again():
 
 
 def test_no_help_from_a_bad_counterpart():
-    frames = film(SMALL, 1)
+    frames = film(SMALL, 1, 2)
     state, rng = begun("bmct", frames, particles=10, clear=0.0)
     t = state.trackers
     assert t.good[t.twin >= 0].all()
@@ -108,7 +111,7 @@ def test_no_help_from_a_bad_counterpart():
 
 
 def test_a_wrong_matrix_is_noticed():
-    frames, wrong = film(SMALL, 1), geometry_of().fundamental.copy()
+    frames, wrong = film(SMALL, 1, 2), geometry_of().fundamental.copy()
     wrong[0, 1] = scaled(np.array([[0, 0, 0.0], [0, 0, -1.0], [0, 1.0, 40.0]]))  # lines 40 px too high
     wrong[1, 0] = wrong[0, 1].T
     visual = VISUAL["bmct"]
@@ -119,7 +122,7 @@ def test_a_wrong_matrix_is_noticed():
 
 
 def test_without_geometry_nobody_is_a_counterpart():
-    frames, unknown = film(SMALL, 1), np.full((2, 2, 3, 3), np.nan)
+    frames, unknown = film(SMALL, 1, 2), np.full((2, 2, 3, 3), np.nan)
     visual = VISUAL["bmct"]
     state = visual.init(views_of(), Geometry(unknown, (None, None)), BmctConfig(particles=5), np.random.default_rng(0))
     state = visual.born(state, looks_of(frames[0]), births_of(frames[0]))
@@ -128,6 +131,7 @@ def test_without_geometry_nobody_is_a_counterpart():
     assert not said.helpers.any()
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("method", METHODS)
 def test_missing_frames_are_waited_out(method):
     frames = film(ALONE, 2)
@@ -138,6 +142,7 @@ def test_missing_frames_are_waited_out(method):
     assert far[np.isfinite(far)].max() < 6.0
 
 
+@pytest.mark.jit
 def test_views_of_unequal_rate_do_not_gain_noise():
     """A view with every second frame moves by one of its own frames, not by two, once its rate is known."""
     frames = film(ALONE, 2)
@@ -147,7 +152,7 @@ def test_views_of_unequal_rate_do_not_gain_noise():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_seed_decides_all_and_arguments_are_left_alone(method):
-    frames = film(SMALL, 1)
+    frames = film(SMALL, 1, 2)
     state, rng = begun(method, frames, particles=8)
     images = [image.copy() for image in frames[1].images]
     kept = [np.array(field) for field in state.trackers]
@@ -169,6 +174,7 @@ def blank_after(frames, last, centre=None):
     return [f if f.frame <= last else f._replace(images=tuple(wall for _ in f.images)) for f in frames]
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("method", METHODS)
 def test_trackers_end_when_nothing_is_left_of_their_targets(method):
     frames = blank_after(film(ALONE, 2), 5)
@@ -202,12 +208,14 @@ def test_a_tracker_whose_target_leaves_the_image_ends():
     assert len(state.trackers.view) == 0
 
 
+@pytest.mark.jit
 def test_grey_video_is_followed():
     frames = [f._replace(images=tuple(i.mean(axis=2).astype(np.uint8) for i in f.images)) for f in film(ALONE, 2)]
     said, _ = tracked("bmct", frames[:15], ALONE, particles=30)
     assert off(frames[:15], said).max() < 6.0
 
 
+@pytest.mark.jit
 def test_pixels_with_distortion_are_taken_to_those_without():
     """Images turned by a right angle about their corner, and the map back: the same bands help."""
     frames, config = film(SMALL, 1), SMALL
@@ -238,7 +246,7 @@ def upside(ellipses, config):
 
 
 def test_ended_trackers_are_forgotten_by_their_counterparts():
-    state, _ = begun("bmct", film(SMALL, 1), particles=5)
+    state, _ = begun("bmct", film(SMALL, 1, 2), particles=5)
     after = VISUAL["bmct"].ended(state, [(0, 1)])
     t = after.trackers
     assert sorted(zip(t.view.tolist(), t.target.tolist(), strict=True)) == [(0, 0), (0, 2), (1, 0), (1, 1), (1, 2)]
@@ -247,6 +255,7 @@ def test_ended_trackers_are_forgotten_by_their_counterparts():
     assert not t.good[lonely].any()
 
 
+@pytest.mark.jit
 def test_a_hijacked_tracker_starts_again_on_the_line():
     """Two balls apart in both views; the tracker of one is put onto the other in one view."""
     frames = crossing(25.0)[:1] * 40
