@@ -163,6 +163,8 @@ def log_density(patches: Floats, owner: Ints, mean: Floats, basis: Floats, varia
 def patch_log_likelihood(image: Bytes, ellipses: Floats, owner: Ints, models: PatchModels) -> Floats:
     """(P,) log densities of what is inside ellipses, under the models of their targets.
 
+    An ellipse says which way its axis lies but not where it points to: of both ways round the likelier one counts.
+
     Args:
         image: (H, W, C) or (H, W).
         ellipses: (P, 5).
@@ -170,7 +172,8 @@ def patch_log_likelihood(image: Bytes, ellipses: Floats, owner: Ints, models: Pa
         models: of patches from `disc_points()`.
     """
     patches = warp_patches(np.atleast_3d(image), ellipses, disc_points())
-    return np.asarray(log_density(patches, owner, *models))
+    back = np.ascontiguousarray(patches[:, ::-1])  # the opposite points are in the opposite order
+    return np.asarray(np.maximum(log_density(patches, owner, *models), log_density(back, owner, *models)))
 
 
 def learn_target(image: Bytes, ellipse: Floats, jitter: Floats, components: int) -> PatchModels:

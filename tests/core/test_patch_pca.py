@@ -99,6 +99,21 @@ def test_points_fill_the_disc():
     assert len(points) == pytest.approx(math.pi / 4 * 256, rel=0.05)
 
 
+def test_an_axis_has_no_direction():
+    """Opposite points are in the opposite order, and half a turn makes no difference."""
+    points = disc_points()
+    assert np.array_equal(points[::-1], -points)
+    rng = np.random.default_rng(8)
+    image = rng.integers(0, 256, (30, 40)).astype(np.uint8)
+    e = np.array([19.3, 14.8, 9.0, 5.0, 0.7])
+    model = learn_target(image, e, rng.standard_normal((20, 5)), 6)
+    tried = e + 0.3 * rng.standard_normal((5, 5))
+    owner = np.zeros(5, dtype=np.int64)
+    got = patch_log_likelihood(image, tried, owner, model)
+    assert patch_log_likelihood(image, tried + [0, 0, 0, 0, np.pi], owner, model) == pytest.approx(got)
+    assert got == pytest.approx(log_density(warp_patches(image[..., None], tried, points), owner, *model))
+
+
 def test_target_is_likelier_in_its_own_place():
     rng = np.random.default_rng(7)
     image = np.kron(rng.integers(0, 256, (15, 20)), np.ones((4, 4))).astype(np.uint8)
