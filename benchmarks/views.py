@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from occlog.core.epipolar import fundamental_from_poses
+from occlog.scene import Camera
 from occlog.trackers.view_method import Birth, Geometry, Looks, View
 from occlog.trackers.views import VISUAL
 from occlog.trackers.views_timing import likelihood_seconds
@@ -34,12 +35,14 @@ def reference() -> ModuleType:
     return importlib.import_module("view_reference")
 
 
+def inner(camera: Camera) -> np.ndarray:
+    """(3, 3) matrix of focal lengths and principal point."""
+    (fx, fy), (cx, cy) = camera.focal_px.tolist(), camera.principal_px.tolist()
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
 def geometry(config: BallsConfig) -> Geometry:
-    a, b = (
-        (np.array([[*(f := c.focal_px), 0.0][:1] + [0.0, c.principal_px[0]], [0.0, f[1], c.principal_px[1]], [0, 0, 1]]),
-         c.rotation, c.position)
-        for c in ball_cameras(config)
-    )  # fmt: skip
+    a, b = ((inner(c), c.rotation, c.position) for c in ball_cameras(config))
     out = np.full((2, 2, 3, 3), np.nan)
     out[0, 1], out[1, 0] = fundamental_from_poses(*a, *b), fundamental_from_poses(*b, *a)
     return Geometry(out, (None, None))

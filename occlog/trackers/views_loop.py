@@ -23,7 +23,8 @@ def affine_maps(state: State, estimate: Floats) -> Floats:
         if ideal is None or not len(rows):
             continue
         centre = estimate[rows, :2]
-        p, right, down = np.split(ideal(np.concatenate([centre, centre + [1.0, 0.0], centre + [0.0, 1.0]])), 3)
+        around = centre + np.array([[[0.0, 0.0]], [[1.0, 0.0]], [[0.0, 1.0]]])
+        p, right, down = ideal(around.reshape(-1, 2)).reshape(3, -1, 2)
         turn = np.stack([right - p, down - p], axis=-1)
         out[rows] = np.concatenate([turn, (p - np.einsum("nij,nj->ni", turn, centre))[..., None]], axis=-1)
     return out

@@ -60,7 +60,7 @@ class Scheme(NamedTuple):
 
 def advance(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> tuple[State, Outlines]:
     """The next state and the estimates, see `occlog.trackers.view_method.Visual.step`."""
-    moment = _moment(scheme, state, looks, rng)
+    moment = moment_of(scheme, state, looks, rng)
     weighed = scheme.weigh(state, moment, rng)
     u = rng.random(len(moment.here))
     state = seen(state, looks)
@@ -78,7 +78,8 @@ def advance(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> tuple
     return chosen(state, event == 0), outlines
 
 
-def _moment(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> Moment:
+def moment_of(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> Moment:
+    """The particles of all trackers moved into a frame, and what the images say of them."""
     t, config = state.trackers, state.config
     here = np.array([image is not None for image in looks.images])[t.view]
     age, gap = (since(state.clock, looks.t_ns)[t.view] for since in (ages, gaps))

@@ -14,7 +14,7 @@ from ..core.view_sweeps import Near, settle
 from .view_method import Looks
 from .views_loop import helpers
 from .views_state import State
-from .views_step import Scheme, _moment
+from .views_step import Scheme, moment_of
 from .views_weigh import setting, together
 
 
@@ -30,7 +30,7 @@ def likelihood_seconds(state: State, looks: Looks, rng: Generator, repeats: int 
         rng: drawn from a copy of it.
         repeats: of each part, of which the median counts.
     """
-    moment = _moment(Scheme(together, True), state, looks, copy.deepcopy(rng))
+    moment = moment_of(Scheme(together, True), state, looks, copy.deepcopy(rng))
     s = setting(state, moment, helpers(state.trackers, moment.fresh))
     order, sweeps = np.arange(len(state.views)), state.config.sweeps
     apart = Near(np.zeros_like(s.near.busy), np.zeros_like(s.near.touching), s.near.ratio)
@@ -43,7 +43,7 @@ def likelihood_seconds(state: State, looks: Looks, rng: Generator, repeats: int 
 
     nobody = np.full_like(s.rig.helper, -1)
     parts = [
-        lambda: _moment(Scheme(together, True), state, looks, copy.deepcopy(rng)),
+        lambda: moment_of(Scheme(together, True), state, looks, copy.deepcopy(rng)),
         weigh(apart, nobody), weigh(s.near, nobody), weigh(s.near, s.rig.helper),
     ]  # fmt: skip
     local, base, touching, helped = (_median_seconds(part, repeats) for part in parts)
