@@ -17,6 +17,7 @@ import numpy as np
 from ..columns import Floats, Ints
 from ..core.patch_pca import PatchModels, disc_points, learn_target, patch_log_likelihood, stack_models
 from .view_method import Birth, Image, Looks
+from .views_colours import level
 
 Memories = Mapping[tuple[int, int], PatchModels]
 """Models by view and target."""
@@ -36,7 +37,8 @@ def remembered(memories: Memories, pairs: Sequence[tuple[int, int]], looks: Look
     for birth in births:
         image = looks.images[birth.view]
         if image is not None:
-            out[birth.view, birth.target_id] = learn_target(image, birth.ellipse, jitter, COMPONENTS)
+            ellipse = level(np.asarray(birth.ellipse, dtype=np.float64)[None])[0]  # axes in the order of the tracker's
+            out[birth.view, birth.target_id] = learn_target(image, ellipse, jitter, COMPONENTS)
     return out
 
 

@@ -110,7 +110,7 @@ def test_an_axis_has_no_direction():
     tried = e + 0.3 * rng.standard_normal((5, 5))
     owner = np.zeros(5, dtype=np.int64)
     got = patch_log_likelihood(image, tried, owner, model)
-    assert patch_log_likelihood(image, tried + [0, 0, 0, 0, np.pi], owner, model) == pytest.approx(got)
+    assert patch_log_likelihood(image, np.add(tried, [0, 0, 0, 0, np.pi]), owner, model) == pytest.approx(got)
     assert got == pytest.approx(log_density(warp_patches(image[..., None], tried, points), owner, *model))
 
 

@@ -42,6 +42,18 @@ def test_it_is_the_density_of_each_patch_to_a_power():
     assert not waiting[1:].any()
 
 
+def test_patches_lie_as_the_trackers_do():
+    """An ellipse with its axes in another order is the same one: its patches are likely where the tracker starts."""
+    image, turned = scene(1), E[[0, 1, 3, 2, 4]] + np.array([0, 0, 0, 0, np.pi / 2])
+    visual, found = VISUAL["mipf"], []
+    for ellipse in (E, turned):
+        state = visual.init(VIEWS, NOWHERE, PCA, np.random.default_rng(0))
+        state = visual.born(state, looks(0, image, image), [Birth(0, 1, ellipse)])
+        t = state.trackers
+        found.append(log_appearance(looks(0, image, image), t.particles, t.view, t.target, state.memories, PCA)[0, 0])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
 def test_only_trackers_that_are_left_are_remembered():
     image = scene(1)
     first = remembered({}, [], looks(0, image, image), [Birth(0, 1, E), Birth(1, 2, E)], PCA)
