@@ -200,14 +200,14 @@ def test_particles_on_lines():
     np.testing.assert_array_equal(out[0, :, 2:], particles[0, :, 2:])
     line = np.array(line_of(f[1, 0], *pair[1, :2]))
     x = out[0, :, :2] @ affine[0, :, :2].T + affine[0, :, 2]
-    d, along = x @ line[:2] + line[2], x @ [-line[1], line[0]]
+    d, beside = x @ line[:2] + line[2], x @ [-line[1], line[0]]
     sigma = 0.5 * reach_across(pair[0], line[0], line[1])
     middle = np.array(anchor(pair[0], affine[0], False)) @ [-line[1], line[0]]
     bar = 5 / np.sqrt(n)
     assert abs(d.mean()) < bar * sigma
     assert d.std() == pytest.approx(sigma, rel=bar)
-    assert abs(along.mean() - middle) < bar * 15.0
-    assert along.std() == pytest.approx(15.0, rel=bar)
+    assert abs(beside.mean() - middle) < bar * 15.0
+    assert beside.std() == pytest.approx(15.0, rel=bar)
 
 
 def test_halves_of_an_ellipse():
