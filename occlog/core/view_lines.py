@@ -24,7 +24,7 @@ def drawn_on_lines(
     fundamental: Floats,
     bottom: bool,
     count: Ints,
-    along: Floats,
+    along: float,
     across: float,
     normals: Floats,
 ) -> Floats:
@@ -42,7 +42,7 @@ def drawn_on_lines(
         fundamental: (V, V, 3, 3).
         bottom: which point of an ellipse stands for the target.
         count: (n,) how many of the particles are moved, 0 to N.
-        along: (n,) spread along the line [px].
+        along: spread along the line [px].
         across: spread across it over the ellipse's reach.
         normals: (n, N, 2) standard normal numbers.
 
@@ -58,8 +58,8 @@ def drawn_on_lines(
             l1, l2, l3 = lines[p % known]
             off = across * reach_across(estimate[i], l1, l2) * normals[i, p, 1] - (l1 * x0 + l2 * y0 + l3)
             x, y = anchor(out[i, p], affine[i], bottom)
-            dx = x0 + off * l1 - along[i] * normals[i, p, 0] * l2 - x
-            dy = y0 + off * l2 + along[i] * normals[i, p, 0] * l1 - y
+            dx = x0 + off * l1 - along * normals[i, p, 0] * l2 - x
+            dy = y0 + off * l2 + along * normals[i, p, 0] * l1 - y
             a, b, c, d = affine[i, 0, 0], affine[i, 0, 1], affine[i, 1, 0], affine[i, 1, 1]
             area = a * d - b * c
             out[i, p, 0] += (d * dx - b * dy) / area

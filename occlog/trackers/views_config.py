@@ -136,7 +136,6 @@ class CmctConfig(MipfConfig):
     particles: int = 100
     on_line: float = 0.3  # share of the particles drawn on the epipolar line
     along_px: float = 8.0  # their spread along it, about the tracker
-    search_px: float = 15.0  # the same after a loss
     across: float = 0.5  # their spread across it over the radius
     anchor: str = "centre"  # see `BmctConfig`
     adapt: float = 0.1  # how fast the target's colours follow those in the estimate
@@ -152,7 +151,6 @@ class CmctConfig(MipfConfig):
             *super().limits(),
             ("anchor", self.anchor in ANCHORS, f"one of {', '.join(ANCHORS)}"),
             ("along_px", self.along_px > 0, "above 0"),
-            ("search_px", self.search_px > 0, "above 0"),
             ("across", self.across > 0, "above 0"),
             *((name, 0.0 <= getattr(self, name) <= 1.0, "0 to 1") for name in shares),
             *((name, getattr(self, name) >= 1, "at least 1") for name in ("bad_after", "good_after")),

@@ -32,13 +32,12 @@ def on_lines(state: State, particles: Floats, gap: Floats, rng: Generator) -> Fl
     maps = affine_maps(state, expected)
     many = particles.shape[1]
     bad = ((t.twin >= 0) & t.checked & ~t.good).any(axis=1)
-    loss = bad | (t.likeness < c.search_below)
-    count = np.where(loss, many, round(c.on_line * many))
+    count = np.where(bad | (t.likeness < c.search_below), many, round(c.on_line * many))
     twin = np.where((t.twin >= 0) & (gap <= 1.0)[t.twin], t.twin, -1)
     normals = rng.standard_normal((*particles.shape[:2], 2))
     return drawn_on_lines(
         particles, expected, maps, t.view, twin, state.geometry.fundamental, c.anchor == "bottom", count,
-        np.where(loss, c.search_px, c.along_px), c.across, normals,
+        c.along_px, c.across, normals,
     )  # fmt: skip
 
 

@@ -193,9 +193,7 @@ def test_particles_on_lines():
     particles = np.repeat(pair[:, None], n, axis=1)
     affine = np.stack([np.array([[1.1, 0.2, -3.0], [-0.1, 0.9, 4.0]]), SAME])
     args = affine, np.array([0, 1]), np.array([[-1, 1], [0, -1]]), f, False
-    out = drawn_on_lines(
-        particles, pair, *args, np.array([n, 0]), np.array([15.0, 9.0]), 0.5, rng.standard_normal((2, n, 2))
-    )
+    out = drawn_on_lines(particles, pair, *args, np.array([n, 0]), 15.0, 0.5, rng.standard_normal((2, n, 2)))
     np.testing.assert_array_equal(out[1], particles[1])
     np.testing.assert_array_equal(out[0, :, 2:], particles[0, :, 2:])
     line = np.array(line_of(f[1, 0], *pair[1, :2]))
