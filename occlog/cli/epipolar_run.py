@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from ..errors import InputError, UsageError
 from ..io.epipolar_file import EPIPOLAR_ATTACHMENT, attached_epipolar, epipolar_bytes, read_epipolar, write_epipolar
 from ..io.matches import read_matches
-from ..io.parquet import describe, iter_table
+from ..io.parquet import describe, iter_table, read_provenance
 from ..io.provenance import Provenance, hash_inputs
 from ..io.recording import Recording, open_recording
 from ..io.recording_copy import copy_recording
@@ -148,7 +148,8 @@ def _of_tracks(path: Path, points: str) -> tuple[Matches, ...]:
         return matches_of_tracks(recording.tables(TruthBoxes), str(path), points)
     if describe(path)["schema"] == TruthBoxes.NAME:
         return matches_of_tracks(iter_table(path, TruthBoxes), str(path), points)
-    return matches_of_tracks(iter_table(path, ViewTracks), str(path), points)
+    window = read_provenance(path).parameters.get("window_ns")
+    return matches_of_tracks(iter_table(path, ViewTracks), str(path), points, window if isinstance(window, int) else 0)
 
 
 def _only(pairs: ViewPairs, request: Request) -> ViewPairs:

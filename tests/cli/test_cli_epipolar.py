@@ -195,6 +195,11 @@ def test_targets_are_matches(folder, capsys):
     args = ["--check", "--from-tracks", "tracks.parquet", "--fundamental", "boxes.json", "--json"]
     assert epipolar(folder, *args) == ExitCode.DONE
     assert json.loads(capsys.readouterr().out)["pairs"]["a-b"]["matches"] == 400
+    late = view_tracks(scene().cameras, walks(200), np.random.default_rng(0), sigma=0.5, delay_ns=5_000_000)
+    made = Provenance("track", {"window_ns": 10_000_000})  # cameras that do not keep step
+    write_table(folder / "tracks.parquet", late, made, overwrite=True)
+    assert epipolar(folder, *args) == ExitCode.DONE
+    assert json.loads(capsys.readouterr().out)["pairs"]["a-b"]["matches"] == 400
 
 
 FLOOR = room_points(np.random.default_rng(5), 60) * [1, 1, 0]

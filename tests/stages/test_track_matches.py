@@ -1,6 +1,7 @@
 """Matches of two views from tracks and true boxes."""
 
 import numpy as np
+import pytest
 from epipolar_rigs import looking
 from view_scenes import TICK, view_tracks, walks
 
@@ -9,6 +10,7 @@ from occlog.records import TruthBoxes
 from occlog.scene import Scene
 from occlog.stages.epipolar import estimated_pairs
 from occlog.stages.track_matches import MOST, matches_of_tracks
+from occlog.view_records import ViewTracks
 
 CAMERAS = [looking(n, np.array(p), (0, 0, 1), 500.0) for n, p in (("a", [7.0, 0, 2.5]), ("b", [0, 7.0, 2.5]))]
 
@@ -61,11 +63,47 @@ def test_heads_and_feet_of_people_tell_the_matrix():
     assert np.median(epipolar_distances(pair.matrix, a, b)) < 1.5
 
 
-def test_of_very_many_some_are_taken_at_equal_steps():
+def test_of_very_many_some_moments_are_taken_with_all_targets():
     rows = view_tracks(CAMERAS, walks(1500), np.random.default_rng(0), sigma=0.0)
     (found,) = matches_of_tracks([rows], "here")
     assert len(found.points_a) == MOST
-    exact = CAMERAS[0].project(walks(1500).reshape(-1, 3))
-    assert np.allclose(found.points_a[0], exact[0])
-    assert (np.abs(found.points_a[:, None] - exact).max(axis=2).min(axis=1) < 1e-6).all()
-    assert np.abs(found.points_a[-1] - exact[-4:]).max(axis=1).min() < 1e-6
+    exact = CAMERAS[0].project(walks(1500).reshape(-1, 3)).reshape(-1, 2, 2)
+    pairs = found.points_a.reshape(-1, 2, 2)
+    moments = np.abs(exact[:, 0] - pairs[:, None, 0]).max(axis=2).argmin(axis=1)
+    assert np.allclose(pairs, exact[moments])
+    assert (np.diff(moments) > 0).all()
+    # From all over: of each 150 moments 100, give or take 4 standard deviations of 5.8
+    assert (np.abs(np.histogram(moments, 10, (0, 1500))[0] - 100) < 25).all()
+
+
+@pytest.mark.parametrize("targets", [2, 3, 4])
+@pytest.mark.parametrize("steps", [300, 2500])
+def test_every_target_and_both_ends_are_taken_alike(targets, steps):
+    """Targets are told apart by their heights in the images."""
+    n = 2 * steps * targets
+    target = np.tile(np.arange(targets, dtype=np.int32), 2 * steps)
+    one, blank = np.ones(n), np.full(n, "")
+    rows = ViewTracks.of(
+        t_ns=np.repeat(np.arange(steps), 2 * targets), sensor=np.tile(np.repeat(["a", "b"], targets), steps),
+        frame=np.repeat(np.arange(steps), 2 * targets), target_id=target, x_px=one, y_px=100.0 * target + 50,
+        a_px=9 * one, b_px=9 * one, rho=0 * one, cov_xx_px=one, cov_xy_px=0 * one, cov_yy_px=one, likeness=one, ess=one,
+        mode=blank, counterpart=blank, neighbours=blank, helpers=blank, event=blank,
+    )  # fmt: skip
+    (found,) = matches_of_tracks([rows], "here", "ends")
+    values, counts = np.unique(found.points_a[:, 1], return_counts=True)
+    assert values.tolist() == sorted(100.0 * k + 50 + side for k in range(targets) for side in (-9, 9))
+    assert len(set(counts.tolist())) == 1
+    assert counts.sum() == 2 * targets * min(steps, MOST // (2 * targets))
+
+
+def test_views_whose_frames_have_times_of_their_own():
+    rows = view_tracks(CAMERAS, walks(50), np.random.default_rng(0), sigma=0.0, delay_ns=TICK // 4)
+    assert matches_of_tracks([rows], "here") == ()
+    parts = [rows.take(slice(k, k + 33)) for k in range(0, len(rows), 33)]
+    for window in (TICK // 4, TICK // 2):
+        (found,) = matches_of_tracks(parts, "here", window_ns=window)
+        assert np.allclose(found.points_a, CAMERAS[0].project(walks(50).reshape(-1, 3)))
+        assert np.allclose(found.points_b, CAMERAS[1].project(walks(50).reshape(-1, 3)))
+    # A view never speaks twice at one time
+    (wide,) = matches_of_tracks(parts, "here", window_ns=10 * TICK)
+    assert np.allclose(wide.points_b, found.points_b)
