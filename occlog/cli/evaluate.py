@@ -11,13 +11,12 @@ import click
 from ..errors import ExitCode
 from . import options
 from .evaluate_many_options import check_ground_options, check_image_options, given_names, many_options
+from .numbers import AT_LEAST_0, POSITIVE, Finite
 
 if TYPE_CHECKING:
     from .evaluate_input import Paths
 
 F = TypeVar("F", bound=Callable[..., Any])
-POSITIVE = click.FloatRange(min=0, min_open=True)
-AT_LEAST_0 = click.FloatRange(min=0)
 
 # Every option of this list is a field of EvaluateConfig; its default is stated there.
 SETTINGS = (
@@ -67,7 +66,7 @@ SETTINGS = (
                  help="Give the share of scans in which the track is this near to the meeting point."),
     click.option("--lines-crossing-deg", "lines_min_crossing", type=AT_LEAST_0, default=5.0, show_default=True,
                  help="Refuse scans whose lines cross at smaller angles."),
-    click.option("--box-overlap", type=click.FloatRange(0, 1, min_open=True), default=0.5, show_default=True,
+    click.option("--box-overlap", type=Finite(0, 1, min_open=True), default=0.5, show_default=True,
                  help="Intersection over union from which a view or a track is of a true box."),
 )  # fmt: skip
 
@@ -100,7 +99,7 @@ def settings(command: F) -> F:
 @click.option(
     "--doa-gate",
     "doa_gate_deg",
-    type=click.FloatRange(0, 180),
+    type=Finite(0, 180),
     default=10.0,
     show_default=True,
     metavar="DEGREES",

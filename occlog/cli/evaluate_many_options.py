@@ -10,9 +10,9 @@ import click
 from ..errors import UsageError
 from . import options
 from .ingest_plan import FRAMES
+from .numbers import POSITIVE, Finite
 
 F = TypeVar("F", bound=Callable[..., Any])
-POSITIVE = click.FloatRange(min=0, min_open=True)
 
 # Every option of this list but the last two is a field of ManyConfig, which has its default.
 OPTIONS = (
@@ -27,12 +27,12 @@ OPTIONS = (
                  help="CLEAR-MOT pairs as py-motmetrics (classic) or as TrackEval. [default: classic]"),
     click.option("--match-distance", type=POSITIVE, default=None, metavar="LENGTH",
                  help="On the ground: a track meets a target this near. [default: 1 m]"),
-    click.option("--track-gap", "track_gap_s", type=click.FloatRange(min=0), default=None, metavar="SECONDS",
+    click.option("--track-gap", "track_gap_s", type=Finite(min=0), default=None, metavar="SECONDS",
                  help="On the ground: interpolate tracks of many targets over at most this. [default: --max-gap]"),
     click.option("--gospa-cutoff", type=POSITIVE, default=None,
                  help="GOSPA's cutoff, of 1 - IoU or of the distance on the ground. [default: where a pair meets]"),
-    click.option("--gospa-p", type=click.FloatRange(min=1), default=None, help="GOSPA's exponent. [default: 2]"),
-    click.option("--gospa-alpha", type=click.FloatRange(0, 2, min_open=True), default=None,
+    click.option("--gospa-p", type=Finite(min=1), default=None, help="GOSPA's exponent. [default: 2]"),
+    click.option("--gospa-alpha", type=Finite(0, 2, min_open=True), default=None,
                  help="GOSPA's alpha. [default: 2]"),
     click.option("--gospa-px", type=POSITIVE, default=None, metavar="PX",
                  help="Give GOSPA of the centres in the image too, with this cutoff."),

@@ -10,6 +10,7 @@ import click
 from ..errors import UsageError
 from . import options
 from .ingest_plan import FRAMES
+from .numbers import Finite
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -27,9 +28,9 @@ OVERLAY = (
     click.option("--failures", type=options.PATH, default=None, help="Failures written by evaluate, drawn in red."),
     click.option("--fundamental", type=options.PATH, default=None,
                  help="Geometry of the views as the tracker had it, if not that of the recording."),
-    click.option("--scale", type=click.FloatRange(0.05, 16), default=None,
+    click.option("--scale", type=Finite(0.05, 16), default=None,
                  help="Enlarge images. [default: by a whole number, to a height of about 480 px]"),
-    click.option("--fps", type=click.FloatRange(0.1, 1000), default=None, metavar="HZ",
+    click.option("--fps", type=Finite(0.1, 1000), default=None, metavar="HZ",
                  help="Frames a second of the video. [default: those of the recording]"),
 )  # fmt: skip
 

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from . import options, simulate_kinds
+from .numbers import AT_LEAST_0, POSITIVE, RATE, Finite
 
 if TYPE_CHECKING:
     from .simulate_video import Setup
 
 F = TypeVar("F", bound=Callable[..., Any])
-POSITIVE = click.FloatRange(min=0, min_open=True)
-AT_LEAST_0 = click.FloatRange(min=0)
-SHARE = click.FloatRange(0, 1)
+SHARE = Finite(0, 1)
 COUNT = click.IntRange(min=0)
 
 # Options of one list are fields of one configuration; None: its default, which depends on the length unit.
@@ -24,7 +23,7 @@ WORLD = (
     click.option("--steps", type=click.IntRange(min=1), default=None,
                  help="Time steps. [default: 600, or 4000 in units of its own]"),
     click.option("--seconds", type=AT_LEAST_0, default=None, help="Length of the recording, instead of --steps."),
-    click.option("--rate", "rate_hz", type=POSITIVE, default=None, metavar="HZ",
+    click.option("--rate", "rate_hz", type=RATE, default=None, metavar="HZ",
                  help="Steps a second. [default: 10, or 1 in units of its own]"),
     click.option("--targets", type=COUNT, default=None, help="Targets. [default: 1]"),
     click.option("--occluders", type=COUNT, default=None, help="Other moving objects. [default: 0]"),
@@ -79,7 +78,7 @@ RENDER = (
                  help="Noise of every colour alone. [default: 1]"),
     click.option("--texture", type=AT_LEAST_0, default=None,
                  help="Contrast of tiles, bricks and grain; 0, plain paint, makes small files. [default: 1]"),
-    click.option("--light-drift", type=click.FloatRange(0, 1, max_open=True), default=None,
+    click.option("--light-drift", type=Finite(0, 1, max_open=True), default=None,
                  help="Share by which the light rises and falls. [default: 0.03]"),
     click.option("--light-period", type=POSITIVE, default=None, metavar="SECONDS",
                  help="Time in which it does so. [default: 60]"),
@@ -107,7 +106,7 @@ def settings(command: F) -> F:
 )
 @options.output_opt("The recording (MCAP).")
 @settings
-@click.option("--fps", type=POSITIVE, default=None, metavar="HZ",
+@click.option("--fps", type=RATE, default=None, metavar="HZ",
               help="Frames a second of every camera, instead of the scene's rates.")  # fmt: skip
 @options.seed_opt
 @options.workers_opt

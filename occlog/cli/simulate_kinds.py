@@ -9,9 +9,8 @@ from typing import Any
 import click
 
 from ..errors import UsageError
+from .numbers import AT_LEAST_0, POSITIVE, Finite
 
-POSITIVE = click.FloatRange(min=0, min_open=True)
-AT_LEAST_0 = click.FloatRange(min=0)
 KINDS = ("balls", "people")
 
 
@@ -44,7 +43,7 @@ BOTH = (
 
 BALLS = (
     click.option("--balls", type=click.IntRange(min=1), default=None, help="How many. [default: 6]"),
-    click.option("--radius", type=click.FloatRange(min=0.5), default=None, metavar="PX",
+    click.option("--radius", type=Finite(min=0.5), default=None, metavar="PX",
                  help="Of the balls. [default: 22]"),
     click.option("--ball-speed", type=AT_LEAST_0, default=None, metavar="PX",
                  help="Mean way of a ball in a frame, in space. [default: 3]"),

@@ -184,6 +184,11 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
     ("arguments", "code", "words"),
     [
         ([*EVALUATE, "--tau", "0"], 2, "--tau"),
+        ([*EVALUATE, "--tau", "nan"], 2, "nan is not a finite number"),
+        ([*EVALUATE, "--tau", "inf"], 2, "inf is not a finite number"),
+        ([*EVALUATE, "--gospa-px", "nan"], 2, "nan is not a finite number"),
+        ([*EVALUATE, "--gospa-p", "inf"], 2, "inf is not a finite number"),
+        ([*EVALUATE, "--box-overlap", "nan"], 2, "nan is not a finite number"),
         ([*EVALUATE, "--bearings", "b.parquet"], 2, "--bearings has no meaning for tracks in images"),
         ([*EVALUATE, "--match-distance", "1"], 2, "--match-distance has no meaning"),
         ([*EVALUATE, "--gospa-cutoff", "3"], 2, "at most 1 apart"),

@@ -180,6 +180,8 @@ def test_views_that_end_early_or_are_slower_keep_their_last_picture(tmp_path: Pa
         (["t", "--video", "o.avi"], ExitCode.USAGE, "--video needs --recording"),
         (["t"], ExitCode.USAGE, "no output: give -o (the page), or --recording with --video or --frame"),
         (["R", "--video", "o.avi"], ExitCode.USAGE, "nothing to draw"),
+        (["t", "R", "--frame", "1", "--png", "o.png", "--scale", "nan"], ExitCode.USAGE, "nan is not a finite number"),
+        (["t", "R", "--video", "o.avi", "--fps", "nan"], ExitCode.USAGE, "nan is not a finite number"),
         (["t", "R"], ExitCode.USAGE, "no output: give --video, or --png with --frame"),
         (["t", "R", "--frame", "1"], ExitCode.USAGE, "--png and --frame belong together"),
         (["t", "R", "--video", "o.mov"], ExitCode.USAGE, "o.mov: video can be .avi or .mp4"),

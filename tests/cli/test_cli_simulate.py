@@ -157,7 +157,9 @@ def test_a_recording_can_be_the_scene(room: Path, tmp_path: Path) -> None:
         (["--image-noise", "2"], ExitCode.USAGE, "--image-noise is about video"),
         (["--miss", "1.5"], ExitCode.USAGE, "--miss"),
         (["--occluders", "5000"], ExitCode.BAD_INPUT, "use fewer or smaller objects, or a larger room"),
-        (["--redirect", "nan"], ExitCode.BAD_INPUT, "redirect is nan"),
+        (["--redirect", "nan"], ExitCode.USAGE, "nan is not a finite number"),
+        (["--fps", "nan"], ExitCode.USAGE, "nan is not a finite number"),
+        (["--rate", "1e12"], ExitCode.USAGE, "--rate"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_file(
