@@ -162,10 +162,12 @@ def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floa
             placed = np.zeros((0, 3))  # the first ones may leave no room for the rest
         if len(placed) == config.balls:
             return placed
-    raise InputError(
-        f"balls: no room for {config.balls} balls of radius {config.radius:g} px that start apart; "
-        "take fewer or smaller ones, or start_apart false"
-    )
+    where = f"{config.balls} balls of radius {config.radius:g} px that start apart"
+    if config.start_apart:
+        raise InputError(f"balls: no room for {where}; take fewer or smaller ones, or start_apart false")
+    if config.collide:
+        raise InputError(f"balls: no room for {where}, as balls that collide must; take fewer or smaller ones")
+    raise InputError(f"balls: {config.balls} are more than the {TRIES} that there can be; take fewer")
 
 
 def _fly(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:

@@ -116,7 +116,14 @@ def test_options_that_do_not_belong_together(
     [
         (["--radius", "200"], "does not fit into the box"),
         (["--balls", "30", "--size", "64x48", "--radius", "8"], "take fewer or smaller ones, or let them --overlap"),
+        (["--balls", "100000", "--overlap", "--collide"], "as balls that collide must; take fewer or smaller ones\n"),
+        (["--balls", "100000", "--overlap"], "; take fewer\n"),
         (["--distance", "100"], "distance is 100, must be above"),
+        (["--fps", "nan"], "nan is not a finite number"),
+        (["--fps", "1e12"], "is not in the range"),
+        (["--fps", "1e-9"], "--fps"),
+        (["--radius", "nan"], "nan is not a finite number"),
+        (["--distance", "inf"], "inf is not a finite number"),
     ],
 )
 def test_balls_that_cannot_be(tmp_path: Path, capsys: pytest.CaptureFixture[str], args: list[str], words: str) -> None:
