@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..stages.evaluate_config import EvaluateConfig, Evaluation
 from ..stages.many_config import ManyConfig, default_distance
 from ..stages.many_ground import evaluate_ground
 from .evaluate_many_options import FIELDS
+from .video_tracks import born_from_detections, own_notes
 
 if TYPE_CHECKING:
     from .evaluate_input import Tables
@@ -24,7 +26,12 @@ def split_many(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any
 
 
 def ground_figures(
-    result: Evaluation, tables: Tables, config: EvaluateConfig, told: Mapping[str, Any], wanted: bool
+    result: Evaluation,
+    tables: Tables,
+    config: EvaluateConfig,
+    told: Mapping[str, Any],
+    wanted: bool,
+    path: Path | None = None,
 ) -> tuple[Evaluation, dict[str, Any]]:
     """The evaluation with the figures of many targets, and the options behind these.
 
@@ -36,6 +43,7 @@ def ground_figures(
         config: of the other figures.
         told: options of many targets that were given.
         wanted: the table of failures is to be written.
+        path: file of the tracks.
     """
     tracks, truth, unit = tables.tracks, tables.truth, tables.scene.length_unit
     if tracks is None or truth is None:
@@ -43,12 +51,14 @@ def ground_figures(
     several = max(len(np.unique(tracks.target_id)), len(np.unique(truth.target_id[truth.role == "target"]))) > 1
     if not (several or told or wanted):
         return result, {}
-    own = "label" if config.match == "id" else "best"
+    numbered = "start" if born_from_detections(path) else "label"
+    own = numbered if config.match == "id" else "best"
     many = ManyConfig(**{"own": own, "match_distance": default_distance(unit), **told})
     if many.match_distance is None:
         line = f"lengths are in {unit}: give --match-distance for the figures of many targets"
         return replace(result, notes=(*result.notes, line)), {}
     made = evaluate_ground(tracks, truth, many, config.limit_ns, unit)
     metrics = {**result.metrics, **{name: value for name, value in made.metrics.items() if name not in result.metrics}}
-    whole = replace(result, metrics=metrics, failures=made.failures, notes=(*result.notes, *made.notes))
+    notes = (*result.notes, *made.notes, *own_notes(path, many.own, told.get("own")))
+    whole = replace(result, metrics=metrics, failures=made.failures, notes=notes)
     return whole, {"many": asdict(many)}

@@ -33,6 +33,7 @@ from . import options
 from .evaluate_input import Paths
 from .evaluate_many_options import FIELDS
 from .evaluate_provenance import provenance_of
+from .video_tracks import born_from_detections, other_video, own_notes
 
 B = TypeVar("B", bound=Boxes)
 TEXT = (".txt", ".csv")
@@ -40,10 +41,6 @@ RATE = Fraction(25)
 """Frames a second of MOTChallenge text, which has no times."""
 MAX_FRAMES = 2_000_000
 """Most frames of text; the truth has a row for each of them."""
-
-FROM_DETECTIONS = (
-    "trackers were born from detections, so that their numbers are not those of targets; FR needs --own start"
-)
 
 
 def in_images(path: Path | None) -> bool:
@@ -73,7 +70,8 @@ def run_evaluate_many(paths: Paths, values: Mapping[str, Any]) -> Evaluation:
     options.check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
     text = _is_text(paths.tracks)
     named = not text and schema_name(paths.tracks) == ViewTracks.NAME
-    config = many_config(values, values["box_overlap"], "label" if named else "start")
+    born = born_from_detections(paths.tracks)
+    config = many_config(values, values["box_overlap"], "label" if named and not born else "start")
     by_number = text or _is_text(paths.truth)
     if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
         raise UsageError(f"--gospa-cutoff {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
@@ -83,8 +81,8 @@ def run_evaluate_many(paths: Paths, values: Mapping[str, Any]) -> Evaluation:
         made = _made(paths.tracks) if named else {}
         sides = lay_boxes(tracks, truth, config, by_number=by_number, looked=_strings(made.get("cameras")))
     result = evaluate_sides(sides, config)
-    if config.own == "label" and made.get("births", "initial") != "initial":
-        result = replace(result, notes=(*result.notes, f"{paths.tracks}: {FROM_DETECTIONS}"))
+    told = own_notes(paths.tracks, config.own, values["own"])
+    result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
     _write(paths, result, sides, config, scene)
     return result
 

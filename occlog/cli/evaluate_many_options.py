@@ -22,7 +22,8 @@ OPTIONS = (
     click.option("--tau-px", type=POSITIVE, default=None, metavar="PX", help="The same in pixels, instead of --tau."),
     click.option("--own", type=click.Choice(["label", "start", "best"]), default=None,
                  help="A track's own target: that of its number, the first one it is on, or by the best assignment. "
-                      "[default: label; start for MOTChallenge text and boxes; best with --match optimal]"),
+                      "[default: label; start for MOTChallenge text, boxes, and trackers born from detections; best "
+                      "with --match optimal]"),
     click.option("--clear-rule", type=click.Choice(["classic", "challenge"]), default=None,
                  help="CLEAR-MOT pairs as py-motmetrics (classic) or as TrackEval. [default: classic]"),
     click.option("--match-distance", type=POSITIVE, default=None, metavar="LENGTH",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from . import options
 from .evaluate_ground import ground_figures, split_many
 from .evaluate_input import Paths, read_tables
 from .evaluate_provenance import provenance_of
+from .video_tracks import other_video
 
 
 def run_evaluate(paths: Paths, values: Mapping[str, Any]) -> tuple[Evaluation, str]:
@@ -37,7 +38,8 @@ def run_evaluate(paths: Paths, values: Mapping[str, Any]) -> tuple[Evaluation, s
     result = evaluate(t.tracks, t.truth, t.bearings, t.scene, config, views=t.views, truth_boxes=t.truth_boxes)
     if t.cooperation is not None:
         result.metrics.update(cooperation_figures(t.cooperation, t.tracks))
-    result, many = ground_figures(result, t, config, own, paths.failures is not None)
+    result, many = ground_figures(result, t, config, own, paths.failures is not None, paths.tracks)
+    result = replace(result, notes=(*result.notes, *other_video(paths.tracks, [paths.truth])))
     _write(paths, result, t.scene.length_unit, config, many)
     return result, t.scene.length_unit
 

@@ -29,6 +29,7 @@ from ..trackers.view_method import View
 from ..view_records import Failures, ViewTracks
 from ..vision.overlay import draw_shot, tile
 from . import options
+from .video_tracks import other_video
 
 T = TypeVar("T", bound=Table)
 GOOD_HEIGHT = 480
@@ -105,6 +106,8 @@ def run_overlay(asked: Asked, *, quiet: bool = False) -> dict[str, Any]:
     pictures = _Pictures(asked, recording, names, scene)
     rate = asked.fps or _rate(recording, names)
     shown = 0
+    for line in other_video(asked.tracks, [asked.recording, asked.truth]):
+        options.note(line, quiet)
     with ExitStack() as stack:
         video: ShownVideo | None = None
         png = b""

@@ -12,8 +12,9 @@ from mot_published import PUBLISHED
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.io.image_codec import encode_image
 from occlog.io.parquet import read_provenance, read_table, write_table
-from occlog.io.provenance import Provenance
+from occlog.io.provenance import Provenance, hash_inputs
 from occlog.io.recording_writer import RecordingWriter
 from occlog.io.scene_file import scene_from_yaml
 from occlog.records import Boxes, Tracks, Truth, TruthBoxes
@@ -162,9 +163,56 @@ def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFix
     write_table(folder / "both.parquet", east, made)
     both = ["evaluate", "both.parquet", "--truth", "recording.mcap"]
     assert run(both) == ExitCode.DONE
-    assert "FR needs --own start" in capsys.readouterr().err
+    assert "born from detections, so that their numbers are not those of targets; --own start" in _notes(capsys)
+    assert run([*both, "--own", "label"]) == ExitCode.DONE
+    assert "FR needs --own start" in _notes(capsys)
     assert figures([*both, "--own", "start"], capsys)["fr_p_sensor_north"] == 1.0
+    assert "born" not in _notes(capsys)
+    assert figures(both, capsys) == figures([*both, "--own", "start"], capsys)
+    own = {c.name: getattr(east, c.name) for c in ViewTracks.columns()}
+    write_table(folder / "own.parquet", ViewTracks.of(**{**own, "target_id": east.target_id + np.int32(7)}), made)
+    renamed = ["evaluate", "own.parquet", "--truth", "recording.mcap"]
+    assert figures(renamed, capsys) == figures(both, capsys)
+    assert figures([*renamed, "--own", "label"], capsys)["fr_l"] > figures(renamed, capsys)["fr_l"] > 0
     assert figures([*both, "--camera", "north"], capsys)["fr_p"] == 1.0
+
+
+def _notes(capsys: pytest.CaptureFixture[str]) -> str:
+    return capsys.readouterr().err
+
+
+def test_a_recording_that_is_not_that_of_the_tracks_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Times and cameras are the same in all three recordings; one has no video, so that nothing can be said of it."""
+    for name, level in (("own", 10), ("other", 20)):
+        with RecordingWriter(folder / f"{name}.mcap", scene_from_yaml(SCENE, "scene"), MADE) as writer:
+            writer.table(true_boxes())
+            writer.image("east", 0, 0, encode_image(np.full((8, 8, 3), level, dtype=np.uint8), "png", 0), "png")
+    made = Provenance("track", {"births": "initial"}, 0, hash_inputs([folder / "own.mcap"]))
+    write_table(folder / "v.parquet", view_tracks(), made)
+    for name, told in (("own", False), ("recording", False), ("other", True)):
+        assert run(["evaluate", "v.parquet", "--truth", f"{name}.mcap"]) == ExitCode.DONE
+        line = "other.mcap: v.parquet was made from another file (own.mcap)"
+        assert (line in _notes(capsys)) == told
+    write_table(folder / "old.parquet", view_tracks(), Provenance("track", {"births": "initial"}))
+    assert run(["evaluate", "old.parquet", "--truth", "other.mcap"]) == ExitCode.DONE
+    assert "another file" not in _notes(capsys)
+
+
+def test_world_tracks_born_from_detections(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Numbers of their own, on the ground too: failures are swaps only, unless numbers are said to be of targets."""
+    truth, tracks = world(3, 0.1)
+    with RecordingWriter(folder / "w.mcap", scene_from_yaml(SCENE, "scene"), MADE) as writer:
+        writer.table(truth)
+    turned = {c.name: getattr(tracks, c.name) for c in Tracks.columns()}
+    turned["target_id"] = (turned["target_id"] + 1) % 3
+    order = np.lexsort((turned["target_id"], turned["t_ns"]))
+    born = Tracks.of(**{name: column[order] for name, column in turned.items()})
+    write_table(folder / "w.parquet", born, Provenance("track", {"births": "detections"}))
+    asked = ["evaluate", "w.parquet", "--truth", "w.mcap"]
+    assert figures(asked, capsys)["label_failures"] == 10  # two of three swap in half of ten frames
+    assert run(asked) == ExitCode.DONE
+    assert "--own start is used" in _notes(capsys)
+    assert figures([*asked, "--own", "label"], capsys)["label_failures"] == 25
 
 
 def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

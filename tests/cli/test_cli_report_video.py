@@ -13,7 +13,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.image_codec import encode_image
 from occlog.io.parquet import write_table
-from occlog.io.provenance import Provenance
+from occlog.io.provenance import Provenance, hash_inputs
 from occlog.io.recording import open_recording
 from occlog.io.recording_writer import RecordingWriter
 from occlog.records import Truth, TruthBoxes
@@ -212,6 +212,16 @@ def test_what_cannot_be_drawn_is_said_in_one_line(
     assert words in error
     assert "Traceback" not in error
     assert sorted(p.name for p in folder.iterdir()) == before
+
+
+def test_tracks_of_another_recording_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    used = folder / "r.mcap"
+    for name, of in (("t", used), ("u", folder / "f.parquet")):
+        made = Provenance("track", {"births": "initial"}, 0, hash_inputs([of]))
+        write_table(folder / f"{name}.parquet", tracks_of([k * STEP for k in range(N)]), made, overwrite=True)
+        args = ["--recording", str(used), "--frame", "1", "--png", str(folder / f"{name}.png")]
+        assert run(["report", str(folder / f"{name}.parquet"), *args]) == ExitCode.DONE
+        assert ("was made from another file" in capsys.readouterr().err) == (name == "u")
 
 
 def test_nothing_is_replaced_unasked(folder: Path) -> None:
