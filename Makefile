@@ -12,6 +12,8 @@ demo: $(VENV)/installed
 	$(BIN)/occlog run sample_data/room/run.yaml -o $(RUN)/room
 	@echo "Look at $(RUN)/room/report.html and $(RUN)/pose2sim/report.html"
 
+# Comparisons with TrackEval and py-motmetrics install these; without a network they are skipped, or fail with
+# OCCLOG_PEERS_REQUIRED=1. OCCLOG_PEERS=/path/to/python names an environment that has them.
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest
 

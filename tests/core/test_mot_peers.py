@@ -1,7 +1,8 @@
 """Figures for many targets against TrackEval 1.3.0 and py-motmetrics 1.4.0.
 
 Both run in an environment of their own, which is made for this test (about a minute);
-OCCLOG_PEERS names the Python of one that exists.  Without an index of packages the tests are skipped.
+OCCLOG_PEERS names the Python of one that exists.  Without an index of packages the tests are skipped, or fail
+if OCCLOG_PEERS_REQUIRED=1.
 """
 
 from __future__ import annotations
