@@ -59,14 +59,19 @@ def nearness(ellipses: Floats) -> Floats:
         and for a NaN ellipse.
     """
     e = np.asarray(ellipses, dtype=np.float64)
-    dx, dy = e[None, :, 0] - e[:, None, 0], e[None, :, 1] - e[:, None, 1]
-    theta = np.arctan2(dy, dx)
-    reach = support_radius(e[:, None, :], theta) + support_radius(e[None, :, :], theta)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.hypot(dx, dy) / reach
-    ratio = np.where(np.isnan(ratio), np.inf, ratio)
+    ratio = nearness_between(e, e)
     np.fill_diagonal(ratio, np.inf)
     return np.minimum(ratio, ratio.T)  # both are the same but for rounding
+
+
+def nearness_between(a: Floats, b: Floats) -> Floats:
+    """(N, M) the same of ellipses a (N, 5) with ellipses b (M, 5); inf for a NaN ellipse."""
+    dx, dy = b[None, :, 0] - a[:, None, 0], b[None, :, 1] - a[:, None, 1]
+    theta = np.arctan2(dy, dx)
+    reach = support_radius(a[:, None, :], theta) + support_radius(b[None, :, :], theta)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.hypot(dx, dy) / reach
+    return np.where(np.isnan(ratio), np.inf, ratio)
 
 
 def touching(ellipses: Floats) -> Bools:

@@ -14,6 +14,15 @@ from .settings import check_settings
 
 MODELS = ("colour", "pca")
 ANCHORS = ("centre", "bottom")
+LARGEST = 1e4
+"""Of settings that are lengths, or factors of them."""
+MOST = 1000
+"""Of settings that are numbers of turns of a loop."""
+
+
+def above_0(value: float) -> tuple[bool, str]:
+    """Whether a value is above 0 and at most `LARGEST`, and that in words."""
+    return 0.0 < value <= LARGEST, f"above 0 and at most {LARGEST:g}"
 
 
 @dataclass(frozen=True)
@@ -60,6 +69,7 @@ class MipfConfig:
     def limits(self) -> list[tuple[str, bool, str]]:
         """Name, whether its limit holds, and the limit, for each setting."""
         above = ("sigma_px", "sigma_colour", "region_reach", "region_spread", "region_pull")
+        positive = ("sigma_axes_px", "sigma_rho", "pca_power")
         shares = ("keep_velocity", "keep_axes", "keep_rho", "lost_likeness", "region_share", "region_axes")
         return [
             ("particles", self.particles >= 1, "at least 1"),
@@ -68,9 +78,9 @@ class MipfConfig:
             ("halves", self.halves >= 0, "at least 0"),
             ("lost_after", self.lost_after >= 0, "at least 0"),
             ("model", self.model in MODELS, f"one of {', '.join(MODELS)}"),
-            *((name, getattr(self, name) > 0, "above 0") for name in above),
+            *((name, *above_0(getattr(self, name))) for name in above),
             *((name, 0.0 <= getattr(self, name) <= 1.0, "0 to 1") for name in shares),
-            *((name, getattr(self, name) >= 0, "at least 0") for name in ("sigma_axes_px", "sigma_rho", "pca_power")),
+            *((name, 0.0 <= getattr(self, name) <= LARGEST, f"0 to {LARGEST:g}") for name in positive),
         ]
 
 
@@ -94,11 +104,11 @@ class IdmotConfig(MipfConfig):
         return [
             *super().limits(),
             ("alpha", self.alpha >= 1.0, "at least 1"),
-            ("iterations", self.iterations >= 0, "at least 0"),
+            ("iterations", 0 <= self.iterations <= MOST, f"0 to {MOST}"),
             ("inertia", self.inertia >= 0, "at least 0"),
-            ("memory", self.memory >= 1, "at least 1"),
+            ("memory", 1 <= self.memory <= MOST, f"1 to {MOST}"),
             ("frozen", 0.0 <= self.frozen <= 1.0, "0 to 1"),
-            *((name, getattr(self, name) > 0, "above 0") for name in above),
+            *((name, *above_0(getattr(self, name))) for name in above),
         ]
 
 
@@ -121,9 +131,10 @@ class BmctConfig(IdmotConfig):
         return [
             *super().limits(),
             ("close", self.close >= self.touch, f"at least touch ({self.touch:g})"),
-            ("band", self.band > 0, "above 0"),
+            ("band", *above_0(self.band)),
+            ("sweeps", 1 <= self.sweeps <= MOST, f"1 to {MOST}"),
             ("anchor", self.anchor in ANCHORS, f"one of {', '.join(ANCHORS)}"),
-            *((name, getattr(self, name) >= 1, "at least 1") for name in ("sweeps", "bad_after", "good_after")),
+            *((name, getattr(self, name) >= 1, "at least 1") for name in ("bad_after", "good_after")),
             ("clear", self.clear >= 0, "at least 0"),
             ("restart_likeness", 0.0 <= self.restart_likeness <= 1.0, "0 to 1"),
         ]
@@ -150,8 +161,8 @@ class CmctConfig(MipfConfig):
         return [
             *super().limits(),
             ("anchor", self.anchor in ANCHORS, f"one of {', '.join(ANCHORS)}"),
-            ("along_px", self.along_px > 0, "above 0"),
-            ("across", self.across > 0, "above 0"),
+            ("along_px", *above_0(self.along_px)),
+            ("across", *above_0(self.across)),
             *((name, 0.0 <= getattr(self, name) <= 1.0, "0 to 1") for name in shares),
             *((name, getattr(self, name) >= 1, "at least 1") for name in ("bad_after", "good_after")),
         ]

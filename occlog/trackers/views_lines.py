@@ -14,7 +14,7 @@ from ..core.view_lines import drawn_on_lines
 from .view_method import MODES
 from .views_colours import colours_in
 from .views_loop import affine_maps
-from .views_state import State, Trackers
+from .views_state import LEAST, State, Trackers
 from .views_step import Moment, Weighed
 from .views_weigh import alone
 
@@ -54,5 +54,7 @@ def adapted(state: State, weighed: Weighed, likeness: Floats, here: Bools) -> Tr
     for v, bins in enumerate(state.bins):
         rows = np.flatnonzero((t.view == v) & here & (likeness >= c.adapt_above))
         new = colours_in(bins, weighed.estimate[rows], t.split[rows], c.pixel_step)
+        # Where a part is hidden by the edge of the image or a mask, the colours are those of the rest.
+        new *= colours[rows].sum(axis=1, keepdims=True) / np.maximum(new.sum(axis=1, keepdims=True), LEAST)
         colours[rows] = (1.0 - c.adapt) * colours[rows] + c.adapt * new
     return t._replace(colours=colours)

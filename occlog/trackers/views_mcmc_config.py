@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .views_config import MipfConfig
+from .views_config import MOST, MipfConfig
 
 SAMPLERS = ("mcmc", "sir")
 
@@ -25,6 +25,6 @@ class McmcConfig(MipfConfig):
         return [
             *super().limits(),
             ("sampler", self.sampler in SAMPLERS, f"one of {', '.join(SAMPLERS)}"),
-            ("thin", self.thin >= 1, "at least 1"),
-            *((name, getattr(self, name) >= 0, "at least 0") for name in ("burn", "overlap")),
+            ("thin", 1 <= self.thin <= MOST, f"1 to {MOST}"),
+            *((name, 0 <= getattr(self, name) <= MOST, f"0 to {MOST}") for name in ("burn", "overlap")),
         ]

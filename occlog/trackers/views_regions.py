@@ -14,7 +14,7 @@ import numpy as np
 
 from ..columns import Bools, Floats, Ints
 from ..core.bin_map import Bytes
-from ..core.ellipse import nearness
+from ..core.ellipse import nearness_between
 from .view_method import Looks
 
 OUTSIDE = 255
@@ -47,6 +47,12 @@ def mask_outside(bins: Bytes, boxes: Ints, looks: Looks, view: int) -> None:
     _clear(bins, boxes, inside)
 
 
+def masked(looks: Looks, view: int) -> bool:
+    """Whether `mask_outside` may take colours away in a view."""
+    regions = bool(looks.regions) and looks.regions[view] is not None
+    return regions or (bool(looks.masks) and looks.masks[view] is not None)
+
+
 def _clear(bins: Bytes, boxes: Ints, inside: Bools) -> None:
     """Set the bins in the boxes, outside of what is inside, to `OUTSIDE`."""
     for left, top, right, bottom in boxes.tolist():
@@ -68,7 +74,7 @@ def held(looks: Looks, view: Ints, expected: Floats, reach: float) -> Held:
         mine = np.flatnonzero(view == v)
         if regions is None or not len(regions) or not len(mine):
             continue
-        near = nearness(np.vstack([expected[mine], regions]))[: len(mine), len(mine) :] <= reach
+        near = nearness_between(expected[mine], regions) <= reach
         only = near & (near.sum(axis=1) == 1)[:, None] & (near.sum(axis=0) == 1)[None, :]
         row, column = np.nonzero(only)
         out[mine[row]] = regions[column]

@@ -9,17 +9,17 @@ place on the line that looks most like its target, unless others are there or no
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ..columns import Floats
 from ..core.bin_map import update_bin_map
-from ..core.ellipse import nearness
+from ..core.ellipse import nearness, nearness_between
 from ..core.view_bands import anchor, line_of
 from .view_method import Looks
 from .views_colours import alike
 from .views_loop import affine_maps
+from .views_regions import mask_outside
 from .views_state import State, Trackers
 
 APART = 0.5
@@ -28,6 +28,8 @@ CLEAR = 0.75
 """Farther than this, a tracker hardly hides another one."""
 STEP_PX = 2.0
 """Between the places on a line that are tried."""
+TRIED = 5
+"""Places are tried in frames whose number is a multiple of this: most often none is good, and the next is no better."""
 
 
 def restarted(state: State, looks: Looks) -> State:
@@ -40,11 +42,10 @@ def restarted(state: State, looks: Looks) -> State:
     wrong = bad & ((ratio < APART) | (t.likeness < config.restart_likeness))
     clear = (ratio > CLEAR) & (t.likeness >= config.restart_likeness)
     for i in np.flatnonzero(wrong).tolist():
-        image = looks.images[int(t.view[i])]
         guides = [j for j in t.twin[i].tolist() if j >= 0 and clear[j] and _agreed(t, i, j)]
-        if image is None or not guides:
+        if not guides or looks.frame[t.view[i]] % TRIED:
             continue
-        place = _place(state, i, guides[0], image)
+        place = _place(state, i, guides[0], looks)
         if place is not None:
             return state._replace(trackers=_moved(t, i, place))
     return state
@@ -56,17 +57,20 @@ def _agreed(t: Trackers, i: int, j: int) -> bool:
     return bool(2 * (pairs & t.good[:, t.view[j]]).sum() >= pairs.sum())
 
 
-def _place(state: State, i: int, guide: int, image: Any) -> Floats | None:
+def _place(state: State, i: int, guide: int, looks: Looks) -> Floats | None:
     """(5,) where tracker i should start again on the line of its counterpart; None: nowhere."""
-    t, config, view = state.trackers, state.config, state.views[int(state.trackers.view[i])]
+    t, config, number = state.trackers, state.config, int(state.trackers.view[i])
+    view, image, bins = state.views[number], looks.images[number], state.bins[number]
+    if image is None:
+        return None
     tried = _tried(state, i, guide)
     others = np.flatnonzero((t.view == t.view[i]) & (np.arange(len(t.view)) != i))
     inside = ((tried[:, :2] >= 0) & (tried[:, :2] < [view.width, view.height])).all(axis=1)
     tried = tried[inside]
-    near = nearness(np.vstack([t.estimate[others], tried]))[: len(others), len(others) :]
-    tried = tried[(near >= APART).all(axis=0)]
-    bins = state.bins[int(t.view[i])]
-    update_bin_map(bins, image, np.array([[0, 0, view.width, view.height]]), config.pixel_step)
+    tried = tried[(nearness_between(t.estimate[others], tried) >= APART).all(axis=0)]
+    whole = np.array([[0, 0, view.width, view.height]])
+    update_bin_map(bins, image, whole, config.pixel_step)
+    mask_outside(bins, whole, looks, number)
     owner, one = np.zeros(len(tried), dtype=np.int64), slice(i, i + 1)
     found = alike(bins, tried, owner, t.colours[one], t.split[one], config.pixel_step)
     if not len(tried) or found.max() < config.restart_likeness:
@@ -91,12 +95,12 @@ def _tried(state: State, i: int, guide: int) -> Floats:
 
 
 def _moved(t: Trackers, i: int, place: Floats) -> Trackers:
-    """The trackers with one in a new place, at rest, its counterparts to be checked anew."""
+    """The trackers with one in a new place, at rest; its counterparts are bad until checks in a row say otherwise."""
     out = Trackers._make(field.copy() for field in t)
     out.particles[i], out.estimate[i] = place, place
     out.velocity[i], out.path[i], out.weak[i] = 0.0, 0.0, 0
     others = t.twin[i][t.twin[i] >= 0]
-    for field in (out.good, out.run, out.checked):
+    for field in (out.good, out.run):
         field[i] = 0
         field[others, t.view[i]] = 0
     return out

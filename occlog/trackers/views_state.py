@@ -14,7 +14,7 @@ from ..core.view_motion import boxes_of
 from .view_method import Birth, Geometry, Looks, View
 from .views_appearance import Memories, remembered
 from .views_colours import WIDTH, colours_in, level, upright
-from .views_regions import mask_outside
+from .views_regions import mask_outside, masked
 
 INTERVALS = 9
 """Frames whose distance in time tells how often a view delivers one."""
@@ -123,9 +123,10 @@ def _newborn(state: State, looks: Looks, births: Sequence[Birth]) -> Trackers:
         boxes = boxes_of(ellipse[mine][:, None])
         update_bin_map(state.bins[v], image, boxes, config.pixel_step)
         mask_outside(state.bins[v], boxes, looks, v)
-        colours[mine] = colours_in(state.bins[v], ellipse[mine], split[mine], config.pixel_step)
-    if looks.regions:  # what is outside them is no colour of the target
-        colours /= np.maximum(colours.sum(axis=1, keepdims=True), LEAST)
+        found = colours_in(state.bins[v], ellipse[mine], split[mine], config.pixel_step)
+        if masked(looks, v):  # of full likeness is what fills as much of the ellipse, not what fills it wholly
+            found /= np.maximum(found.sum(axis=1, keepdims=True), LEAST) ** 2
+        colours[mine] = found
     blank = _none(views, config)
     return Trackers(
         view,

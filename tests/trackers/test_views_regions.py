@@ -95,3 +95,24 @@ def test_tracker_follows_a_region_in_place_and_size_where_colours_tell_nothing()
     assert outlines.target_id.tolist() == [4]
     np.testing.assert_allclose(outlines.ellipse[0, :2], region[0, :2], atol=2.5)
     np.testing.assert_allclose(outlines.ellipse[0, 2:4], region[0, 2:4], rtol=0.12)
+
+
+@pytest.mark.parametrize("method", ["mipf", "idmot", "bmct", "cmct", "mcmc"])
+def test_a_target_that_fills_half_of_its_ellipse_is_alike_and_not_lost(method: str) -> None:
+    """The mask leaves half of the first ellipse; that is how the target looks, and it stands still."""
+    geometry = Geometry(np.full((1, 1, 3, 3), np.nan), (None,))
+    chosen, rng = VISUAL[method], np.random.default_rng(5)
+    image, mask = np.full((90, 120, 3), 90, dtype=np.uint8), np.zeros((90, 120), dtype=np.uint8)
+    mask[30:50, 30:40] = 1
+    config = chosen.config(particles=30, lost_after=10)
+    state = chosen.init((View("cam", *SIZE),), geometry, config, rng)
+    first = np.array([30.0, 40.0, 10.0, 10.0, 0.0])
+    for k in range(25):
+        now = Looks(40_000_000 * k, np.array([k]), (image,), (), (mask,))
+        if not k:
+            state = chosen.born(state, now, [Birth(0, 4, first)])
+            continue
+        state, outlines = chosen.step(state, now, rng)
+        assert outlines.target_id.tolist() == [4]
+        assert outlines.event.tolist() == [0]
+        assert outlines.likeness[0] > 0.9
