@@ -13,8 +13,9 @@ from typing import Any, TypeVar
 
 from ..errors import InputError, UsageError
 from ..frames import Image
+from ..io.atomic import Together
 from ..io.image_codec import encode_image
-from ..io.provenance import Provenance, hash_file
+from ..io.provenance import Provenance
 from ..io.recording_writer import RecordingWriter
 from ..io.video_writer import LosslessVideo
 from ..scene import Scene
@@ -106,7 +107,11 @@ def run_balls(
     frames = options.progress(
         render_balls(setup.config, seed, setup.workers, paths), "render", setup.config.frames, quiet=quiet
     )
-    with RecordingWriter(output, setup.scene, _made(setup, seed), overwrite=overwrite) as writer:
+    made = _made(setup, seed)
+    with (
+        Together() as together,
+        RecordingWriter(output, setup.scene, made, overwrite=overwrite, together=together) as writer,
+    ):
         if setup.store == "ffv1":
             _files(writer, setup, balls_videos(setup, output), paths, frames, counts, overwrite)
         else:
@@ -182,7 +187,9 @@ def _files(
     size = (setup.config.width, setup.config.height)
     with ExitStack() as stack:
         open_videos = {
-            name: stack.enter_context(LosslessVideo(path, size, setup.rate_hz, overwrite=overwrite))
+            name: stack.enter_context(
+                LosslessVideo(path, size, setup.rate_hz, overwrite=overwrite, together=writer.together)
+            )
             for name, path in videos.items()
         }
         for frame in frames:
@@ -190,6 +197,6 @@ def _files(
             for (name, video), image in zip(open_videos.items(), _delivered(setup, frame), strict=True):
                 video.write(image)
                 writer.video_frame(name, t_ns, frame.frame)
-    for name, path in videos.items():
-        writer.video(name, path.name, hash_file(path))
-        counts["video_bytes"] += path.stat().st_size
+    for name, video in open_videos.items():
+        writer.video(name, video.path.name, video.sha256)
+        counts["video_bytes"] += video.bytes

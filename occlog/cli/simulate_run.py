@@ -13,6 +13,7 @@ from typing import Any
 
 from ..core.grid import Grid
 from ..errors import UsageError
+from ..io.atomic import Together
 from ..io.provenance import Provenance, hash_inputs
 from ..io.recording_writer import RecordingWriter
 from ..records import Truth
@@ -98,7 +99,10 @@ def run_simulate(
         for chunk in _truth(setup, seed):
             check_inside(setup.scene, truth_grid(chunk), setup.world.start_ns)
     counts: Counter[str] = Counter()
-    with RecordingWriter(output, setup.scene, made, overwrite=overwrite) as writer:
+    with (
+        Together() as together,
+        RecordingWriter(output, setup.scene, made, overwrite=overwrite, together=together) as writer,
+    ):
         if setup.render is not None:
             looks = reference_appearances(setup.scene, _targets(setup), setup.render, seed)
             writer.attach(APPEARANCE, "application/json", json.dumps(looks).encode())

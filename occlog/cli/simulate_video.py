@@ -12,7 +12,6 @@ from pathlib import Path
 from ..columns import Floats
 from ..core.grid import Grid
 from ..io.image_codec import encode_image
-from ..io.provenance import hash_file
 from ..io.recording_writer import RecordingWriter
 from ..io.video_writer import LosslessVideo
 from ..records import Truth
@@ -84,10 +83,9 @@ def film(
             counts["video_bytes"] += len(data)
         return
     paths = video_paths(setup, output)
-    _film_files(writer, setup, paths, frames, counts, overwrite)
-    for name, path in paths.items():
-        writer.video(name, path.name, hash_file(path))
-        counts["video_bytes"] += path.stat().st_size
+    for name, video in _film_files(writer, setup, paths, frames, counts, overwrite).items():
+        writer.video(name, video.path.name, video.sha256)
+        counts["video_bytes"] += video.bytes
 
 
 def _count(writer: RecordingWriter, frame: Rendered, counts: Counter[str]) -> None:
@@ -102,18 +100,20 @@ def _film_files(
     frames: Iterable[Rendered],
     counts: Counter[str],
     overwrite: bool,
-) -> None:
+) -> dict[str, LosslessVideo]:
+    """The video of each camera, complete."""
+    videos: dict[str, LosslessVideo] = {}
     with ExitStack() as stack:
-        videos: dict[str, LosslessVideo] = {}
         for frame in frames:
             if frame.sensor not in videos:
                 rate = _rate(setup, setup.scene.camera(frame.sensor))
                 size = (frame.image.shape[1], frame.image.shape[0])
-                video = LosslessVideo(paths[frame.sensor], size, rate, overwrite=overwrite)
+                video = LosslessVideo(paths[frame.sensor], size, rate, overwrite=overwrite, together=writer.together)
                 videos[frame.sensor] = stack.enter_context(video)
             videos[frame.sensor].write(frame.image)
             writer.video_frame(frame.sensor, frame.t_ns, frame.index)
             _count(writer, frame, counts)
+    return videos
 
 
 def _rate(setup: Setup, camera: Camera) -> float:

@@ -2,7 +2,8 @@
 
 A file is written without a name where the file system can do that (O_TMPFILE), so that
 even a killed process leaves nothing behind, and beside its target under a hidden name
-elsewhere.  Only a complete file, flushed to the disk, takes the target's name.
+elsewhere.  Only a complete file, flushed to the disk, takes the target's name.  Files that
+belong together take theirs when all of them are complete.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from types import TracebackType
+from typing import IO, NamedTuple, Self
 
 from ..errors import OcclogError, OutputError, OutputExistsError
 
@@ -29,9 +31,60 @@ def check_writable(path: Path, overwrite: bool) -> None:
         raise OutputError(f"{path}: the folder {path.parent} does not exist; make it first")
 
 
+class _Complete(NamedTuple):
+    """A file that is complete and has no name yet."""
+
+    fd: int
+    name: Path | None  # hidden name; None: nameless
+    path: Path
+    overwrite: bool
+
+
+class Together:
+    """Context manager: outputs opened with it take their names when its block ends without an error.
+
+    They do so in the order in which they were completed, one right after the other; after an error
+    none of them does.
+    """
+
+    def __init__(self) -> None:
+        """No outputs yet."""
+        self._waiting: list[_Complete] = []
+
+    def add(self, fd: int, name: Path | None, path: Path, overwrite: bool) -> None:
+        """Keep a complete file, which may be closed elsewhere, until all are."""
+        self._waiting.append(_Complete(os.dup(fd), name, path, overwrite))
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Name all files, or drop them after an error."""
+        try:
+            if kind is None:
+                self._name_all()
+        finally:
+            for file in self._waiting:
+                os.close(file.fd)
+                if file.name is not None:
+                    with suppress(OSError):
+                        file.name.unlink(missing_ok=True)
+            self._waiting = []
+
+    def _name_all(self) -> None:
+        for file in self._waiting:
+            _check_absent(file.path, file.overwrite)
+        for file in self._waiting:
+            with translate_write_errors(file.path):
+                _name(file.fd, file.name, file.path)
+
+
 @contextmanager
-def open_output(path: Path, overwrite: bool = False) -> Iterator[IO[bytes]]:
-    """Binary file that takes the name `path` when the block ends without an error.
+def open_output(path: Path, overwrite: bool = False, together: Together | None = None) -> Iterator[IO[bytes]]:
+    """Binary file that takes the name `path` when the block ends without an error, or when that of `together` does.
 
     Raises:
         OutputExistsError: `path` exists and `overwrite` is false.
@@ -49,7 +102,10 @@ def open_output(path: Path, overwrite: bool = False) -> Iterator[IO[bytes]]:
             file.flush()
             os.fsync(file.fileno())
             _check_absent(path, overwrite)
-            _name(file.fileno(), name, path)
+            if together is None:
+                _name(file.fileno(), name, path)
+            else:
+                together.add(file.fileno(), name, path, overwrite)
             done = True
     finally:
         if name is not None and not done:

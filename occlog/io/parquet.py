@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from ..columns import Column, Table
 from ..errors import InputError
 from ..records import TABLES
-from .atomic import open_output
+from .atomic import Together, open_output
 from .inputs import check_input
 from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 
@@ -116,14 +116,18 @@ class TableWriter:
         *,
         overwrite: bool = False,
         length_unit: str = "m",
+        together: Together | None = None,
     ) -> None:
-        """Prepare to write `table` to `path`; OutputExistsError if it is there and may not be replaced."""
+        """Prepare to write `table` to `path`; OutputExistsError if it is there and may not be replaced.
+
+        With `together` the file appears at its end.
+        """
         self.rows = 0
         self._table = table
         self._schema = arrow_schema(table, provenance, length_unit)
         self._pending: list[Table] = []
         self._pending_rows = self._pending_bytes = 0
-        self._output = open_output(Path(path), overwrite)
+        self._output = open_output(Path(path), overwrite, together)
         self._writer: pq.ParquetWriter | None = None
 
     def __enter__(self) -> Self:

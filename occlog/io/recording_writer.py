@@ -14,7 +14,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from .. import __version__
 from ..columns import Table
 from ..scene import Scene
-from .atomic import open_output
+from .atomic import Together, open_output
 from .messages import message_schema, schema_of, table_to_messages
 from .provenance import Provenance
 from .scene_file import scene_to_yaml
@@ -44,9 +44,21 @@ class RecordingWriter:
     Messages may be added in any order; each camera's frames must come in the order of time.
     """
 
-    def __init__(self, path: Path, scene: Scene | None, provenance: Provenance, *, overwrite: bool = False) -> None:
-        """Prepare to write `path`; OutputExistsError if it is there and may not be replaced."""
-        self._output = open_output(Path(path), overwrite)
+    def __init__(
+        self,
+        path: Path,
+        scene: Scene | None,
+        provenance: Provenance,
+        *,
+        overwrite: bool = False,
+        together: Together | None = None,
+    ) -> None:
+        """Prepare to write `path`; OutputExistsError if it is there and may not be replaced.
+
+        With `together` the file, and those written with the attribute of this name, appear at its end.
+        """
+        self.together = together
+        self._output = open_output(Path(path), overwrite, together)
         self._scene, self._provenance = scene, provenance
         self._videos: dict[str, dict[str, str]] = {}
         self._channels: dict[str, int] = {}

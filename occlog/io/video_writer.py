@@ -12,7 +12,8 @@ import cv2
 
 from ..errors import OutputError
 from ..frames import Image
-from .atomic import check_writable, open_output
+from .atomic import Together, check_writable, open_output
+from .provenance import hash_file
 from .video_container import read_container
 
 SHOWN = {".avi": "MJPG", ".mp4": "mp4v"}
@@ -22,6 +23,8 @@ SHOWN = {".avi": "MJPG", ".mp4": "mp4v"}
 class VideoWriter:
     """Context manager; the file appears, complete, when the block ends without an error.
 
+    Its size in `bytes` and its `sha256` are known then.
+
     OpenCV does not say when it cannot write, so the frames in the file are counted at the end.
     """
 
@@ -29,10 +32,20 @@ class VideoWriter:
     suffix = ".avi"
     otherwise = ""
 
-    def __init__(self, path: Path, size: tuple[int, int], rate_hz: float, *, overwrite: bool = False) -> None:
-        """Prepare to write `path` with images of `size` (width, height)."""
+    def __init__(
+        self,
+        path: Path,
+        size: tuple[int, int],
+        rate_hz: float,
+        *,
+        overwrite: bool = False,
+        together: Together | None = None,
+    ) -> None:
+        """Prepare to write `path` with images of `size` (width, height); with `together` it appears at its end."""
         self.path, self.size, self.rate_hz, self.overwrite = path, size, rate_hz, overwrite
-        self.frames = 0
+        self.together = together
+        self.frames = self.bytes = 0
+        self.sha256 = ""
 
     def __enter__(self) -> Self:
         """Open a temporary file."""
@@ -72,8 +85,9 @@ class VideoWriter:
                 f"{self.path}: only {written} of {self.frames} frames could be written to {self._draft.parent}; "
                 "is the disk for temporary files full?"
             )
-        with self._draft.open("rb") as draft, open_output(self.path, self.overwrite) as file:
+        with self._draft.open("rb") as draft, open_output(self.path, self.overwrite, self.together) as file:
             shutil.copyfileobj(draft, file, 1 << 20)
+        self.bytes, self.sha256 = self._draft.stat().st_size, hash_file(self._draft)
 
 
 class LosslessVideo(VideoWriter):

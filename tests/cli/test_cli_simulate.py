@@ -11,8 +11,9 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.cli.simulate_run import make_setup
-from occlog.errors import ExitCode, UsageError
+from occlog.errors import ExitCode, OutputError, UsageError
 from occlog.io.recording import open_recording
+from occlog.io.recording_writer import RecordingWriter
 from occlog.io.scene_file import read_scene
 from occlog.records import Bearings, Doa, Truth, TruthBoxes
 from occlog.stages.simulate import ObserveConfig, WorldConfig, observe, simulate_truth, world_config
@@ -128,6 +129,18 @@ def test_video_files_beside_the_recording_hold_the_same_frames(
     assert simulate(room, ffv1, *args, "--store", "ffv1") == ExitCode.EXISTS  # its videos are still there
     assert simulate(room, ffv1, *args, "--store", "ffv1", "--overwrite") == ExitCode.DONE
     assert {p.name: digest(p) for p in tmp_path.glob("ffv1*")} == before
+
+
+def test_video_files_appear_with_the_recording_or_not_at_all(
+    room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: RecordingWriter) -> None:
+        raise OutputError("the disk is full")
+
+    monkeypatch.setattr(RecordingWriter, "_finish", full)
+    args = ["--steps", "2", "--render", "--store", "ffv1", "-q"]
+    assert simulate(room, tmp_path / "r.mcap", *args) == ExitCode.BAD_INPUT
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["room.yaml"]
 
 
 def test_rates_of_world_and_cameras(room: Path, tmp_path: Path) -> None:

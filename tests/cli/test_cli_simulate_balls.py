@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from occlog.cli.main import run
-from occlog.errors import ExitCode
+from occlog.errors import ExitCode, OutputError
 from occlog.io.recording import open_recording
+from occlog.io.recording_writer import RecordingWriter
 from occlog.records import Truth, TruthBoxes
 from occlog.vision.render_balls import render_balls
 from occlog.vision.render_balls_motion import VIEWS, BallsConfig
@@ -139,3 +140,16 @@ def test_nothing_is_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert simulate(out, *SMALL, "--store", "ffv1") == ExitCode.EXISTS
     assert "a.view2.avi" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["a.view2.avi"]
+
+
+def test_video_files_appear_with_the_recording_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_: RecordingWriter) -> None:
+        raise OutputError("the disk is full")
+
+    out = tmp_path / "a.mcap"
+    assert simulate(out, *SMALL, "--store", "ffv1") == ExitCode.DONE
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.view1.avi", "a.view2.avi"]
+    monkeypatch.setattr(RecordingWriter, "_finish", full)
+    out = tmp_path / "b.mcap"
+    assert simulate(out, *SMALL, "--store", "ffv1") == ExitCode.BAD_INPUT
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.view1.avi", "a.view2.avi"]

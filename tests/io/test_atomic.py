@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -71,6 +72,38 @@ def test_output_that_appears_meanwhile_is_not_lost(tmp_path: Path) -> None:
         file.write(b"ours")
         path.write_bytes(b"theirs")
     assert path.read_bytes() == b"theirs"
+
+
+@pytest.mark.usefixtures("way")
+@pytest.mark.parametrize("fails", ["none", "first", "second", "after"])
+def test_files_that_belong_together_appear_together(tmp_path: Path, fails: str) -> None:
+    """None has its name before the last is complete; whatever fails, the old ones stay."""
+    paths = [tmp_path / "a.bin", tmp_path / "b.bin"]
+    paths[0].write_bytes(b"old")
+    with ExitStack() as stack:
+        if fails != "none":
+            stack.enter_context(pytest.raises(ZeroDivisionError))
+        together = stack.enter_context(atomic.Together())
+        for path, name in zip(paths, ("first", "second"), strict=True):
+            with atomic.open_output(path, True, together) as file:
+                file.write(b"new")
+                _ = 1 / (fails != name)
+        assert paths[0].read_bytes() == b"old"
+        assert not paths[1].exists()
+        _ = 1 / (fails != "after")
+    assert paths[0].read_bytes() == (b"new" if fails == "none" else b"old")
+    assert sorted(os.listdir(tmp_path)) == (["a.bin", "b.bin"] if fails == "none" else ["a.bin"])
+
+
+@pytest.mark.usefixtures("way")
+def test_one_that_appears_meanwhile_holds_back_all(tmp_path: Path) -> None:
+    with pytest.raises(OutputExistsError, match=r"b\.bin"), atomic.Together() as together:
+        for name in ("a.bin", "b.bin"):
+            with atomic.open_output(tmp_path / name, False, together) as file:
+                file.write(b"ours")
+        (tmp_path / "b.bin").write_bytes(b"theirs")
+    assert (tmp_path / "b.bin").read_bytes() == b"theirs"
+    assert os.listdir(tmp_path) == ["b.bin"]
 
 
 def test_missing_folder_and_folder_as_output(tmp_path: Path) -> None:
