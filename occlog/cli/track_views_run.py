@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, UsageError
+from ..io.atomic import Together
 from ..io.parquet import TableWriter
 from ..io.provenance import Provenance, hash_inputs
 from ..records import Tracks
@@ -17,6 +18,7 @@ from ..stages.track_views import Setup, ViewsPart, track_views
 from ..stages.view_config import ViewsConfig
 from ..stages.view_frames import in_step
 from ..trackers.settings import configure
+from ..trackers.view_doubt import doubted
 from ..trackers.views import VISUAL
 from ..view_records import ViewTracks
 from . import options
@@ -74,8 +76,11 @@ def run_track_views(
     if wanted.world is not None:
         inputs.check_world()
     starts, next_id = inputs.starts()
-    helped = request.method in ALONE
-    setup = Setup(inputs.views, inputs.geometry, VISUAL[request.method], config, stage, starts, next_id, helped)
+    helped, periods = request.method in ALONE, tuple(s.period_ns for s in inputs.surveyed)
+    setup = Setup(
+        inputs.views, inputs.geometry, VISUAL[request.method], config, stage, starts, next_id, helped, periods,
+        doubted if helped else None,
+    )  # fmt: skip
     feed = inputs.feed()
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
     frames = options.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
@@ -90,12 +95,14 @@ def run_track_views(
     tally = ViewsTally(request.method, inputs)
     unit = inputs.length_unit
     with ExitStack() as stack:
-        rows = stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, overwrite=overwrite, length_unit=unit))
+        how: dict[str, Any] = {"overwrite": overwrite, "length_unit": unit}
+        if wanted.world is not None:
+            how["together"] = stack.enter_context(Together())
+        rows = stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, **how))
         writers = [rows]
         passed = _passed(parts, rows, tally)
         if wanted.world is not None:
-            ground = TableWriter(wanted.world, Tracks, made, overwrite=overwrite, length_unit=unit)
-            writers.append(stack.enter_context(ground))
+            writers.append(stack.enter_context(TableWriter(wanted.world, Tracks, made, **how)))
             for places in inputs.on_ground(passed, window):
                 writers[-1].write(places.tracks)
                 tally.places += places.counts

@@ -138,7 +138,7 @@ class ViewsTally:
         n = int(distances.sum())
         median = BIN_PX * (int(np.searchsorted(np.cumsum(distances), 0.5 * n)) + 0.5)
         names = self.inputs.names
-        unused = "; it was not used" if (a, b) in self.dropped else ""
+        unused = "; trackers did without it" if (a, b) in self.dropped else ""
         return (
             f"views {names[a]} and {names[b]}: the fundamental matrix does not fit: {self.failed[a, b] / n:.0%} of "
             f"{n} loop checks fail, median distance {median:.0f} px{unused}; give another (--fundamental), or leave "

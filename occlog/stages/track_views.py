@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ from ..core.seeds import Stage, generator
 from ..trackers.view_method import LEFT, LOST, MODES, START, Birth, Geometry, Looks, Outlines, View, Visual
 from ..view_records import COUNTERPARTS, EVENTS, ViewTracks
 from .view_births import Key, Nursery, attend, nursery
-from .view_checks import Checks, check_births, check_outlines, gather, no_checks, trusted
+from .view_checks import Checks, Tried, check_births, check_outlines, gather, no_checks, trusted
 from .view_config import ViewsConfig
 from .view_frames import Moment, there
 from .view_regions import Feed
@@ -22,6 +22,8 @@ MOMENTS = 64
 """Moments in a part."""
 START_VARIANCE = 1.0
 """Of a centre that was given or detected [px^2]."""
+RECENT = 1.5
+"""Frame periods for which a tracker's ellipse is where its target is, for one that starts in another view."""
 
 
 class Start(NamedTuple):
@@ -47,6 +49,8 @@ class Setup:
         next_id: number of the first target that detections begin.
         helped: the method uses other views.  The trackers of one that does not may be on different targets in
             two views, which is no fault of the geometry.
+        period_ns: of the frames of each view; 0 or none: not known.
+        doubted: the method's state with fewer matrices, from one with more; None: it has no use for matrices.
     """
 
     views: tuple[View, ...]
@@ -57,6 +61,13 @@ class Setup:
     starts: tuple[Start, ...] = ()
     next_id: int = 0
     helped: bool = True
+    period_ns: tuple[int, ...] = ()
+    doubted: Callable[[Any, Geometry], Any] | None = None
+
+    @property
+    def bottom(self) -> bool:
+        """Whether the lowest points of ellipses are compared with epipolar lines; else their centres."""
+        return getattr(self.config, "anchor", "centre") == "bottom"
 
 
 class ViewsPart(NamedTuple):
@@ -68,7 +79,7 @@ class ViewsPart(NamedTuple):
     lost: tuple[tuple[int, int, str], ...]  # (view, frame, why) of the others
     checks: Checks  # loop checks of targets that stand free
     start_checks: Checks  # the same of what trackers started with
-    dropped: tuple[tuple[int, int], ...]  # pairs of views whose fundamental matrix is not used
+    dropped: tuple[tuple[int, int], ...]  # pairs of views whose fundamental matrix is not used any more
 
 
 @dataclass(frozen=True)
@@ -78,6 +89,8 @@ class _Run:
     state: Any  # of the method; None until the first birth
     geometry: Geometry
     nursery: Nursery
+    last_ns: Ints  # (V,) time of each view's latest frame; -1: none yet
+    tried: Tried  # starts that told of matrices
     waiting: tuple[Start, ...]
     trackers: Mapping[Key, Floats]  # ellipses of the trackers there are, by view and target
 
@@ -98,8 +111,8 @@ def track_views(moments: Iterable[Moment], setup: Setup, seed: int, feed: Feed |
     """View tracks in the order of time, with what happened.
 
     A tracker's first row is its birth, with the ellipse that was given.  Where most of the
-    first targets contradict a fundamental matrix it is not used, so that the views it joins
-    are tracked without each other's help.
+    first targets that two views share contradict their fundamental matrix it is not used, so
+    that they are tracked without each other's help.
 
     Args:
         moments: frames of the views.
@@ -108,7 +121,8 @@ def track_views(moments: Iterable[Moment], setup: Setup, seed: int, feed: Feed |
         feed: regions of a detector, from which trackers begin too and by which they are ended.
     """
     rng = generator(seed, Stage.TRACK)
-    run = _Run(None, setup.geometry, nursery(len(setup.views), setup.next_id), setup.starts, {})
+    unseen = np.full(len(setup.views), -1, dtype=np.int64)
+    run = _Run(None, setup.geometry, nursery(len(setup.views), setup.next_id), unseen, {}, setup.starts, {})
     steps: list[_Step] = []
     for moment in moments:
         run, step = _advance(run, moment, setup, rng, feed)
@@ -128,19 +142,23 @@ def _advance(
     if feed is not None:
         found = tuple(feed.at([view.name for view in setup.views], moment.t_ns))
         moment = moment._replace(looks=moment.looks._replace(regions=found))
+    run = replace(run, last_ns=np.where(there(moment), moment.t_ns, run.last_ns))
     if run.trackers and there(moment).any():
         state, outlines = setup.method.step(run.state, moment.looks, rng)
         outlines = outlines._replace(event=np.where(outlines.event == START, 0, outlines.event))
         run = replace(run, state=state, trackers=_survivors(run.trackers, outlines))
-        checks = check_outlines(outlines, setup.geometry) if setup.helped else checks
+        checks = check_outlines(outlines, setup.geometry, setup.bottom) if setup.helped else checks
     run, births = _due(run, moment.looks)
     ended: tuple[Key, ...] = ()
     if feed is not None:
         trackers = {**run.trackers, **{(b.view, b.target_id): b.ellipse for b in births}}
-        kept, born, ended = attend(run.nursery, found, trackers, setup.views, run.geometry, setup.stage)
+        kept, born, ended = attend(run.nursery, found, trackers, setup.views, run.geometry, setup.stage, setup.bottom)
         births, run = (*births, *born), replace(run, nursery=kept)
-        ended = ended if setup.method.ended is not None else ()  # such a method's trackers end on their own
-    run, start_checks, dropped = _begin(run, moment.looks, births, ended, setup, rng)
+        # Without `ended` a method's trackers end on their own
+        ended = () if setup.method.ended is None else tuple(key for key in ended if key in run.trackers)
+    start_checks = check_births(births, setup.geometry, _recent(run, moment, setup), setup.bottom)
+    run, dropped = _doubt(run, start_checks, setup)
+    run = _begin(run, moment.looks, births, ended, setup, rng)
     return run, _Step(moment, outlines, births, ended, checks, start_checks, dropped)
 
 
@@ -167,6 +185,25 @@ def _due(run: _Run, looks: Looks) -> tuple[_Run, tuple[Birth, ...]]:
     return replace(run, waiting=tuple(s for s in run.waiting if s not in due)), births
 
 
+def _recent(run: _Run, moment: Moment, setup: Setup) -> dict[Key, Floats]:
+    """Ellipses of trackers that births of other views may be compared with; none where no view helps another."""
+    if not setup.helped:
+        return {}
+    period = np.array(setup.period_ns or (0,) * len(setup.views))
+    age = moment.t_ns.max() - run.last_ns
+    fresh = there(moment) | ((run.last_ns >= 0) & (age <= RECENT * period))
+    return {(view, target): ellipse for (view, target), ellipse in run.trackers.items() if fresh[view]}
+
+
+def _doubt(run: _Run, checks: Checks, setup: Setup) -> tuple[_Run, tuple[tuple[int, int], ...]]:
+    """The run without matrices that starts contradict, and the pairs of views that lost theirs."""
+    geometry, tried, dropped = trusted(run.geometry, checks, run.tried)
+    state = run.state
+    if dropped and state is not None and setup.doubted is not None:
+        state = setup.doubted(state, geometry)
+    return replace(run, state=state, geometry=geometry, tried=tried), dropped
+
+
 def _begin(
     run: _Run,
     looks: Looks,
@@ -174,22 +211,18 @@ def _begin(
     ended: tuple[Key, ...],
     setup: Setup,
     rng: np.random.Generator,
-) -> tuple[_Run, Checks, tuple[tuple[int, int], ...]]:
+) -> _Run:
     """The run with trackers that begin and without those that end."""
-    checks = check_births(births, setup.geometry)
-    dropped: tuple[tuple[int, int], ...] = ()
-    state, geometry = run.state, run.geometry
+    state = run.state
     if births and state is None:
-        geometry, dropped = trusted(setup.geometry, births)
-        state = setup.method.init(setup.views, geometry, setup.config, rng)
-    gone = tuple(key for key in ended if key in run.trackers)
-    if gone and setup.method.ended is not None:
-        state = setup.method.ended(state, gone)
+        state = setup.method.init(setup.views, run.geometry, setup.config, rng)
+    if ended and setup.method.ended is not None:
+        state = setup.method.ended(state, ended)
     if births:
         state = setup.method.born(state, looks, births)
-    trackers = {key: ellipse for key, ellipse in run.trackers.items() if key not in gone}
+    trackers = {key: ellipse for key, ellipse in run.trackers.items() if key not in ended}
     trackers |= {(b.view, b.target_id): b.ellipse for b in births}
-    return replace(run, state=state, geometry=geometry, trackers=trackers), checks, dropped
+    return replace(run, state=state, trackers=trackers)
 
 
 def _part(steps: Sequence[_Step], views: Sequence[View]) -> ViewsPart:

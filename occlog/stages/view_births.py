@@ -16,9 +16,9 @@ import numpy as np
 
 from ..columns import Floats
 from ..core.ellipse import nearness
-from ..core.epipolar import epipolar_distances
 from ..trackers.view_method import Birth, Geometry, View
 from .view_config import ViewsConfig
+from .view_loop import loop_distances
 
 Key = tuple[int, int]
 """View and target."""
@@ -67,6 +67,7 @@ def attend(
     views: Sequence[View],
     geometry: Geometry,
     config: ViewsConfig,
+    bottom: bool = False,
 ) -> tuple[Nursery, tuple[Birth, ...], tuple[Key, ...]]:
     """What the regions of one moment begin and end.
 
@@ -77,6 +78,7 @@ def attend(
         views: V views.
         geometry: between them.
         config: settings.
+        bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
     """
     now = state.moment
     keep = max(config.birth_frames, 1)
@@ -96,7 +98,7 @@ def attend(
     state = replace(state, trails=alive)
     if config.birth_frames == 0:
         return replace(state, candidates=nursery(len(views)).candidates), (), ended
-    state, births = _births(state, geometry, config)
+    state, births = _births(state, geometry, config, bottom)
     return state, births, ended
 
 
@@ -170,19 +172,21 @@ def _supported(
     return [mine[i] for i in taken]
 
 
-def _births(state: Nursery, geometry: Geometry, config: ViewsConfig) -> tuple[Nursery, tuple[Birth, ...]]:
+def _births(state: Nursery, geometry: Geometry, config: ViewsConfig, bottom: bool) -> tuple[Nursery, tuple[Birth, ...]]:
     births: list[Birth] = []
     for v in range(len(state.candidates)):
-        state, born = _births_in(state, v, geometry, config)
+        state, born = _births_in(state, v, geometry, config, bottom)
         births += born
     return state, tuple(births)
 
 
-def _births_in(state: Nursery, v: int, geometry: Geometry, config: ViewsConfig) -> tuple[Nursery, list[Birth]]:
+def _births_in(
+    state: Nursery, v: int, geometry: Geometry, config: ViewsConfig, bottom: bool
+) -> tuple[Nursery, list[Birth]]:
     """Births in one view."""
     candidates = _apart(state.candidates[v], config.birth_apart)
     free = _free_targets(state.trails, v)
-    misfit = np.array([[_misfit(c.trail, v, t, state.trails, geometry) for t in free] for c in candidates])
+    misfit = np.array([[_misfit(c.trail, v, t, state.trails, geometry, bottom) for t in free] for c in candidates])
     misfit = misfit.reshape(len(candidates), len(free))
     births, left, trails, next_id = [], [], dict(state.trails), state.next_id
     for c, candidate in enumerate(candidates):
@@ -220,7 +224,7 @@ def _free_targets(trails: Mapping[Key, Trail], v: int) -> list[int]:
     return sorted({target for _, target in trails} - mine)
 
 
-def _misfit(trail: Trail, v: int, target: int, trails: Mapping[Key, Trail], geometry: Geometry) -> float:
+def _misfit(trail: Trail, v: int, target: int, trails: Mapping[Key, Trail], geometry: Geometry, bottom: bool) -> float:
     """Largest over the other views of the mean distance from epipolar lines in radii; inf: none known, or above 1."""
     worst = -np.inf
     for (w, other), theirs in trails.items():
@@ -231,29 +235,8 @@ def _misfit(trail: Trail, v: int, target: int, trails: Mapping[Key, Trail], geom
         both = [(past[k], ellipse) for k, ellipse in trail if k in past]
         if both:
             a, b = (np.array(rows) for rows in zip(*both, strict=True))
-            worst = max(worst, float(loop_distances(geometry, w, v, a, b).mean()))
+            worst = max(worst, float(loop_distances(geometry, w, v, a, b, bottom).mean()))
     return worst if 0.0 <= worst <= 1.0 else np.inf
-
-
-def loop_distances(geometry: Geometry, a: int, b: int, of_a: Floats, of_b: Floats) -> Floats:
-    """(N,) the larger of the two distances of ellipses' centres from each other's epipolar lines, in radii.
-
-    Args:
-        geometry: of the views.
-        a: a view.
-        b: another one.
-        of_a: (N, 5) ellipses of targets in view a.
-        of_b: (N, 5) of the same targets in view b.
-    """
-    points = [e[:, :2] if (ideal := geometry.ideal[v]) is None else ideal(e[:, :2]) for v, e in ((a, of_a), (b, of_b))]
-    radii = np.column_stack([radius(of_a), radius(of_b)])
-    distances = epipolar_distances(geometry.fundamental[a, b], *points) / radii
-    return np.asarray(np.where(np.isfinite(distances), distances, np.inf).max(axis=1))
-
-
-def radius(ellipses: Floats) -> Floats:
-    """(N,) radii of circles as large as ellipses (N, 5)."""
-    return np.asarray(np.sqrt(ellipses[:, 2] * ellipses[:, 3]))
 
 
 def _decide(misfit: Floats, c: int, candidate: Candidate, config: ViewsConfig) -> int | None:

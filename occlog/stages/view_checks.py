@@ -6,7 +6,8 @@ of the geometry.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -14,8 +15,11 @@ import numpy as np
 from ..columns import Floats, Ints
 from ..core.ellipse import touching
 from ..trackers.view_method import Birth, Geometry, Outlines
-from .view_births import loop_distances, radius
+from .view_loop import loop_distances, radius
 
+Key = tuple[int, int]
+"""View and target."""
+NOBODY: Mapping[Key, Floats] = MappingProxyType({})
 FEWEST = 3
 """Targets below which their starts say nothing about a fundamental matrix."""
 
@@ -39,20 +43,38 @@ def gather(parts: Sequence[Checks]) -> Checks:
     return Checks(*(np.concatenate(columns) for columns in zip(*parts, strict=True))) if parts else no_checks()
 
 
-def check_outlines(outlines: Outlines, geometry: Geometry) -> Checks:
-    """Loop checks of the targets that touch no other in either view."""
-    return _checks(_free(outlines.view, outlines.target_id, outlines.ellipse), geometry)
+def check_outlines(outlines: Outlines, geometry: Geometry, bottom: bool = False) -> Checks:
+    """Loop checks of the targets that touch no other in either view.
+
+    Args:
+        outlines: of one moment.
+        geometry: of the views.
+        bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
+    """
+    return _checks(_free(outlines.view, outlines.target_id, outlines.ellipse), geometry, bottom)
 
 
-def check_births(births: Sequence[Birth], geometry: Geometry) -> Checks:
-    """The same of ellipses that trackers start with."""
+def check_births(
+    births: Sequence[Birth], geometry: Geometry, trackers: Mapping[Key, Floats] = NOBODY, bottom: bool = False
+) -> Checks:
+    """The same of ellipses that trackers start with, with one another and with trackers that there are.
+
+    Args:
+        births: of one moment.
+        geometry: of the views.
+        trackers: ellipses of others that are as new, by view and target.
+        bottom: as above.
+    """
     if not births:
         return no_checks()
-    view, target = np.array([b.view for b in births]), np.array([b.target_id for b in births])
-    return _checks(_free(view, target, np.array([b.ellipse for b in births])), geometry)
+    rows = {**trackers, **{(b.view, b.target_id): b.ellipse for b in births}}
+    view, target = (np.array(numbers) for numbers in zip(*rows, strict=True))
+    return _checks(
+        _free(view, target, np.array(list(rows.values()))), geometry, bottom, {(b.view, b.target_id) for b in births}
+    )
 
 
-def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[tuple[int, int], Floats]:
+def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[Key, Floats]:
     """Ellipses that touch no other of their view, by view and target."""
     rows = {}
     for v in np.unique(view).tolist():
@@ -62,30 +84,51 @@ def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[tuple[int, int], F
     return rows
 
 
-def _checks(rows: Mapping[tuple[int, int], Floats], geometry: Geometry) -> Checks:
+def _checks(
+    rows: Mapping[Key, Floats], geometry: Geometry, bottom: bool, born: Collection[Key] | None = None
+) -> Checks:
+    """Of pairs of rows of one target; of those of which one is in `born`."""
     parts = []
     known = np.isfinite(geometry.fundamental).all(axis=(2, 3))
-    for a, b in zip(*np.nonzero(np.triu(known, 1)), strict=True):
+    for a, b in zip(*(places.tolist() for places in np.nonzero(np.triu(known, 1))), strict=True):
         shared = [t for v, t in rows if v == a and (b, t) in rows]
+        if born is not None:
+            shared = [t for t in shared if (a, t) in born or (b, t) in born]
         if shared:
-            of_a, of_b = (np.array([rows[int(v), t] for t in shared]) for v in (a, b))
-            radii = loop_distances(geometry, int(a), int(b), of_a, of_b)
+            of_a, of_b = (np.array([rows[v, t] for t in shared]) for v in (a, b))
+            radii = loop_distances(geometry, a, b, of_a, of_b, bottom)
             n = len(shared)
             size = 0.5 * (radius(of_a) + radius(of_b))
             parts.append(Checks(np.full(n, float(a)), np.full(n, float(b)), radii, radii * size))
     return gather(parts)
 
 
-def trusted(geometry: Geometry, births: Sequence[Birth]) -> tuple[Geometry, tuple[tuple[int, int], ...]]:
-    """The geometry without matrices that most of the first targets contradict, and the pairs of views that lost theirs.
+Tried = Mapping[tuple[int, int], tuple[int, int]]
+"""For pairs of views how many starts there were that could be checked, and how many failed."""
 
-    Three targets that stand free in both views are the fewest that can say so.
+
+def trusted(geometry: Geometry, checks: Checks, tried: Tried) -> tuple[Geometry, Tried, tuple[tuple[int, int], ...]]:
+    """The geometry without matrices that most of the first targets contradict.
+
+    Three starts of targets that stand free in both views are the fewest that can say so.
+    What they say is final.
+
+    Args:
+        geometry: that is in use.
+        checks: of the births of one moment.
+        tried: those before.
+
+    Returns:
+        The geometry; `tried` with the checks; the pairs of views that lost their matrix now.
     """
-    checks = check_births(births, geometry)
-    matrices, dropped = geometry.fundamental.copy(), []
+    matrices, after, dropped = geometry.fundamental.copy(), dict(tried), []
     for a, b in sorted(set(zip(checks.first.astype(int).tolist(), checks.second.astype(int).tolist(), strict=True))):
+        n, failed = tried.get((a, b), (0, 0))
+        if n >= FEWEST:
+            continue
         mine = checks.radii[(checks.first == a) & (checks.second == b)]
-        if len(mine) >= FEWEST and 2 * int((mine > 1.0).sum()) > len(mine):
+        n, failed = after[a, b] = n + len(mine), failed + int((mine > 1.0).sum())
+        if n >= FEWEST and 2 * failed > n:
             matrices[a, b] = matrices[b, a] = np.nan
             dropped.append((a, b))
-    return geometry._replace(fundamental=matrices), tuple(dropped)
+    return geometry._replace(fundamental=matrices) if dropped else geometry, after, tuple(dropped)

@@ -253,11 +253,25 @@ def test_a_wrong_fundamental_matrix_is_noticed_said_and_not_used(balls, tmp_path
     assert track(balls, tmp_path, "--fundamental", str(bad), "--json") == ExitCode.DONE
     said = capsys.readouterr()
     assert "warning: views view1 and view2: the fundamental matrix does not fit: 100% of" in said.err
-    assert "it was not used; give another (--fundamental), or leave one view out (--without)" in said.err
+    assert "trackers did without it; give another (--fundamental), or leave one view out (--without)" in said.err
     table = result(tmp_path)
     assert not set(table.mode.tolist()) & {"bmct", "cmct"}
     assert np.mean(misses(table) < 1.0) > 0.9
     assert read_provenance(tmp_path / "t.parquet").parameters["geometry"] == "bad.json"
+
+
+@pytest.mark.parametrize("how", ["late", "apart"])
+def test_a_wrong_matrix_is_noticed_where_views_begin_one_after_the_other(tmp_path, capsys, how):
+    keep = {"late": lambda view, frame: view == "view1" or frame > 5, "apart": lambda view, frame: True}[how]
+    late_ns = {"late": {}, "apart": {"view2": STEP_NS // 2}}[how]
+    path = record_balls(tmp_path / "x.mcap", keep=keep, late_ns=late_ns)
+    good, bad = matrices(tmp_path / "good.json", 0.0), matrices(tmp_path / "bad.json", 30.0)
+    assert track(path, tmp_path, "--fundamental", str(good)) == ExitCode.DONE
+    assert "does not fit" not in capsys.readouterr().err
+    assert "bmct" in result(tmp_path).mode.tolist()
+    assert track(path, tmp_path, "--fundamental", str(bad)) == ExitCode.DONE
+    assert "does not fit: 100% of" in capsys.readouterr().err
+    assert set(result(tmp_path).mode.tolist()) <= {"", "mipf", "idmot"}
 
 
 def test_a_fundamental_matrix_that_is_none_is_refused(balls, tmp_path, capsys):

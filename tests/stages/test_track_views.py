@@ -100,6 +100,46 @@ def test_trackers_are_born_and_ended_by_regions():
     ]  # fmt: skip
 
 
+def test_a_tracker_ends_in_a_frame_of_its_view():
+    feed = Feed(iter([regions([(k, 40.0) for k in range(5)])]), True)
+    _, table = tracked(10, feed=feed, stage=ViewsConfig(support_frames=3), missing={(7, 0)})
+    assert rows(table, "frame", "event") == [(2, "start"), (3, ""), (4, ""), (5, ""), (6, ""), (8, "lost")]
+
+
+LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+NOTHING = np.full((3, 3), np.nan)
+ROWS = Geometry(np.stack([np.stack([NOTHING, LEVEL]), np.stack([LEVEL.T, NOTHING])]), (None, None))
+"""Rows of the images are epipolar lines."""
+
+
+def dropped(starts, missing=(), **more):
+    """Whether the matrix was dropped, and what the method was told."""
+    told = []
+
+    def doubted(state, geometry):
+        told.append(bool(np.isnan(geometry.fundamental).all()))
+        return state
+
+    setup = Setup(VIEWS, ROWS, STILL, StillConfig(), starts=tuple(starts), doubted=doubted, **more)
+    parts = list(track_views(moments(12, missing), setup, 1))
+    return [pair for part in parts for pair in part.dropped], told
+
+
+def test_starts_one_after_the_other_tell_of_a_matrix():
+    """Three targets on lines 11 px apart; radii are 4.5 px."""
+    places = [start(0, 0, t, 15 + 20 * t, 20.0) for t in range(3)]
+    wrong = [start(1, 2 + t, t, 15 + 20 * t, 31.0) for t in range(3)]
+    assert dropped(places + wrong) == ([(0, 1)], [True])
+    assert dropped(places + wrong[:2]) == ([], [])
+    right = [s._replace(ellipse=places[0].ellipse) for s in wrong]
+    assert dropped(places + right) == ([], [])
+    assert dropped(places + wrong, helped=False) == ([], [])
+    # A view without a frame for long tells nothing of the births of another
+    old = {(k, 0) for k in range(1, 12)}
+    assert dropped(places + wrong, old) == ([], [])
+    assert dropped(places + wrong, old, period_ns=(1000, 1000)) == ([(0, 1)], [True])
+
+
 def test_a_region_at_a_tracker_begins_no_other():
     feed = Feed(iter([regions([(k, 22.0) for k in range(9)])]), True)
     _, table = tracked(9, [start(0, 0, 1)], feed=feed, next_id=2)

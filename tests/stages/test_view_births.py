@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from occlog.records import Boxes
-from occlog.stages.view_births import attend, loop_distances, nursery
+from occlog.stages.view_births import attend, nursery
 from occlog.stages.view_config import ViewsConfig
+from occlog.stages.view_loop import anchors, loop_distances
 from occlog.stages.view_regions import Feed, Regions, regions_of_boxes
 from occlog.trackers.view_method import Geometry, View
 
@@ -167,3 +168,24 @@ def test_no_tracker_begins_where_none_is_wanted_but_they_end():
     births, ends = live(lambda k: [rows(disc(200, 60)), rows()], config, trackers={(0, 7): disc(50, 60)})
     assert not births
     assert ends == [(3, (0, 7))]
+
+
+@pytest.mark.parametrize("rho", [-1.5, -0.7, 0.0, 0.4, 1.2])
+def test_the_bottom_is_the_lowest_point_of_an_ellipse(rho):
+    turn = np.linspace(0, 2 * np.pi, 100_001)
+    along, across = 20 * np.cos(turn), 7 * np.sin(turn)
+    x, y = 50 + along * np.cos(rho) - across * np.sin(rho), 60 + along * np.sin(rho) + across * np.cos(rho)
+    ellipse = np.array([[50.0, 60.0, 20.0, 7.0, rho]])
+    np.testing.assert_allclose(anchors(ellipse, True)[0], [x[y.argmax()], y.max()], atol=0.01)
+    np.testing.assert_array_equal(anchors(ellipse, False), [[50.0, 60.0]])
+
+
+def test_people_are_joined_by_their_feet():
+    """Of ellipses with feet on one line and middles far apart."""
+    short, tall = np.array([50.0, 100.0, 5.0, 10.0, 0.0]), np.array([80.0, 70.0, 8.0, 40.0, 0.0])
+    assert loop_distances(ROWS, 0, 1, short[None], tall[None], True)[0] < 1e-9
+    for bottom, targets in ((False, 2), (True, 1)):
+        state, born = nursery(2), ()
+        for _ in range(3):
+            state, born, _ = attend(state, [rows(short), rows(tall)], {}, VIEWS, ROWS, ViewsConfig(), bottom)
+        assert len({b.target_id for b in born}) == targets

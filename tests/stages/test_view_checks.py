@@ -47,18 +47,46 @@ def test_nothing_to_check():
     assert len(check_births(births((0, 1, 50, 60), (1, 1, 200, 60)), blind).radii) == 0
 
 
+def wrong(*targets):
+    """Births on lines that are 1.5 radii apart."""
+    return births(*[(v, k, 50 * k + 20, 40 * k + 30 + 15 * v) for k in targets for v in (0, 1)])
+
+
 def test_a_matrix_that_most_starts_contradict_is_not_used():
     good = births(*[(v, k, 50 * k + 20, 40 * k + 30) for k in range(4) for v in (0, 1)])
-    kept, dropped = trusted(ROWS, good)
+    kept, tried, dropped = trusted(ROWS, check_births(good, ROWS), {})
     assert not dropped
+    assert tried == {(0, 1): (4, 0)}
     np.testing.assert_array_equal(kept.fundamental, ROWS.fundamental)
-    bad = births(*[(v, k, 50 * k + 20, 40 * k + 30 + 15 * v) for k in range(3) for v in (0, 1)])
-    kept, dropped = trusted(ROWS, bad)
+    kept, tried, dropped = trusted(ROWS, check_births(wrong(0, 1, 2), ROWS), {})
     assert dropped == ((0, 1),)
     assert np.isnan(kept.fundamental).all()
     assert np.isfinite(ROWS.fundamental[0, 1]).all()  # as it was
 
 
-def test_two_targets_do_not_say_that_a_matrix_is_wrong():
-    few = births(*[(v, k, 50 * k + 20, 40 * k + 30 + 15 * v) for k in range(2) for v in (0, 1)])
-    assert not trusted(ROWS, few)[1]
+def test_fewer_than_three_targets_do_not_say_that_a_matrix_is_wrong_but_are_remembered():
+    _, tried, dropped = trusted(ROWS, check_births(wrong(0, 1), ROWS), {})
+    assert (tried, dropped) == ({(0, 1): (2, 2)}, ())
+    assert trusted(ROWS, check_births(wrong(2), ROWS), tried)[1:] == ({(0, 1): (3, 3)}, ((0, 1),))
+    # Three that are right have decided
+    assert trusted(ROWS, check_births(wrong(2, 3, 4), ROWS), {(0, 1): (3, 1)})[1:] == ({(0, 1): (3, 1)}, ())
+
+
+def test_a_birth_is_checked_with_the_tracker_of_another_view():
+    there = {(0, 1): births((0, 1, 50, 60))[0].ellipse, (0, 2): births((0, 2, 90, 20))[0].ellipse}
+    late = births((1, 1, 200, 72))
+    assert len(check_births(late, ROWS).radii) == 0
+    np.testing.assert_allclose(check_births(late, ROWS, there).radii, [1.2])
+    # Trackers of both views are no birth
+    assert len(check_births(late, ROWS, {**there, (1, 2): there[0, 2]}).radii) == 1
+    touched = {**there, (0, 3): births((0, 3, 55, 60))[0].ellipse}
+    assert len(check_births(late, ROWS, touched).radii) == 0
+
+
+def test_feet_are_compared_where_they_stand_for_targets():
+    low = np.array([[50.0, 100.0, 5.0, 10.0, 0.0], [80.0, 70.0, 8.0, 40.0, 0.0]])
+    made = [Birth(v, 1, ellipse) for v, ellipse in enumerate(low)]
+    for check in (lambda bottom: check_births(made, ROWS, bottom=bottom),
+                  lambda bottom: check_outlines(outlines(made), ROWS, bottom)):  # fmt: skip
+        assert check(False).radii[0] > 1.0
+        np.testing.assert_allclose(check(True).radii, [0.0], atol=1e-12)
