@@ -60,13 +60,16 @@ class ViewTracks(Table):
     )
 
     def check(self) -> None:
-        """Times in order, axes above 0, known words."""
+        """Times in order, axes above 0, identities from 0, known words."""
         check_order(self)
         if (bad := ~((self.a_px > 0) & (self.b_px > 0))).any():
             row = first_row(bad)
             raise InputError(
                 f"ViewTracks: row {row}: half axes {self.a_px[row]:g} and {self.b_px[row]:g} px must be above 0"
             )
+        if (bad := self.target_id < 0).any():
+            row = first_row(bad)
+            raise InputError(f"ViewTracks: row {row}: target_id {self.target_id[row]} must be at least 0")
         for name, known in (("event", EVENTS), ("counterpart", COUNTERPARTS)):
             values = getattr(self, name)
             if (bad := ~np.isin(values, known)).any():

@@ -15,7 +15,6 @@ from ..columns import Bools, Table
 from ..errors import InputError, UsageError
 from ..frames import Frame, Image
 from ..io.atomic import write_bytes
-from ..io.epipolar_file import attached_epipolar, read_epipolar
 from ..io.image_codec import encode_image
 from ..io.parquet import iter_table, read_provenance
 from ..io.recording import IMAGE_SCHEMA, Recording, open_recording
@@ -24,12 +23,12 @@ from ..io.video_writer import SHOWN, ShownVideo
 from ..records import TruthBoxes
 from ..scene import Scene
 from ..stages.overlay import Rig, Told, frame_shot
-from ..stages.view_geometry import view_geometry
 from ..trackers.view_method import View
 from ..view_records import Failures, ViewTracks
 from ..vision.overlay import draw_shot, tile
 from . import options
 from .video_tracks import other_video
+from .view_matrices import known_geometry
 
 T = TypeVar("T", bound=Table)
 GOOD_HEIGHT = 480
@@ -103,7 +102,7 @@ def run_overlay(asked: Asked, *, quiet: bool = False) -> dict[str, Any]:
     recording = open_recording(asked.recording)
     names = _cameras(recording, asked.cameras)
     scene = options.load_scene(asked.scene, None, asked.scene) if asked.scene is not None else recording.scene
-    pictures = _Pictures(asked, recording, names, scene)
+    pictures = _Pictures(asked, recording, names, scene, quiet)
     rate = asked.fps or _rate(recording, names)
     shown = 0
     for line in other_video(asked.tracks, [asked.recording, asked.truth]):
@@ -174,12 +173,12 @@ class _Pictures:
     frame of any of them.
     """
 
-    def __init__(self, asked: Asked, recording: Recording, names: list[str], scene: Scene | None) -> None:
+    def __init__(self, asked: Asked, recording: Recording, names: list[str], scene: Scene | None, quiet: bool) -> None:
         self._recording, self.names, self.first = recording, names, names[0]
         self._tracks = _rows(asked.tracks, ViewTracks)
         self._truth = _rows(asked.truth, TruthBoxes)
         self._failures = _rows(asked.failures, Failures)
-        self._rig = _rig(asked, recording, names, scene)
+        self._rig = _rig(asked, recording, names, scene, quiet)
         height = max(view.height for view in self._rig.views)
         self._scale = asked.scale or float(max(1, round(GOOD_HEIGHT / height)))
 
@@ -212,15 +211,18 @@ class _Pictures:
         return tile(pictures, len(pictures) if len(pictures) <= 3 else math.ceil(math.sqrt(len(pictures))))
 
 
-def _rig(asked: Asked, recording: Recording, names: list[str], scene: Scene | None) -> Rig:
+def _rig(asked: Asked, recording: Recording, names: list[str], scene: Scene | None, quiet: bool) -> Rig:
     """The views, as large as their first images, and the geometry that the tracker had, as far as it is told."""
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
     sizes = [next(recording.frames([name])).decode().shape for name in names]
     views = [View(name, size[1], size[0]) for name, size in zip(names, sizes, strict=True)]
     if asked.tracks is None:
         return Rig(views, cameras, None)
-    pairs = read_epipolar(asked.fundamental) if asked.fundamental is not None else attached_epipolar(recording)
-    return Rig(views, cameras, view_geometry(views, scene, pairs), _numbered(asked))
+    known = known_geometry(views, recording, scene if asked.scene is not None else None, asked.fundamental)
+    for line in known.notes:
+        options.note(line, quiet)
+    bottom = read_provenance(asked.tracks).parameters.get("anchor") == "bottom"
+    return Rig(views, cameras, known.geometry, _numbered(asked), bottom)
 
 
 def _numbered(asked: Asked) -> bool:

@@ -28,8 +28,8 @@ OPTIONS = (
                  help="Boxes of a detector, or views of `occlog detect`, that trackers begin from. [default without "
                  "--initial: boxes in the recording, or else what moves in it]"),
     click.option("--fundamental", type=options.PATH, default=None,
-                 help="Fundamental matrices (JSON, see `occlog epipolar`). [default: those in the recording, and the "
-                 "poses in its scene]"),
+                 help="Fundamental matrices (JSON, see `occlog epipolar`). [default: poses of --scene, "
+                 "those in the recording, poses of its scene]"),
     click.option("--world", type=options.PATH, default=None,
                  help="Where the targets are on the ground, from all views that track them (Parquet)."),
 )  # fmt: skip

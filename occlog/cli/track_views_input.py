@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, UsageError
-from ..io.ellipse_file import FIRST, GivenEllipse, read_ellipses
-from ..io.epipolar_file import attached_epipolar, read_epipolar
+from ..io.ellipse_file import FIRST, MOST_ID, GivenEllipse, read_ellipses
 from ..io.parquet import iter_table, read_provenance, schema_name
 from ..io.recording import Recording, open_recording
 from ..records import Boxes, TruthBoxes, Views
@@ -19,17 +19,21 @@ from ..stages.scans import nearest
 from ..stages.track_views import Start
 from ..stages.view_background import Watch, watches
 from ..stages.view_frames import step_window, survey
-from ..stages.view_geometry import view_geometry
 from ..stages.view_moving import moving_regions, with_cameras
 from ..stages.view_regions import Feed, Regions, regions_of_boxes, regions_of_views
 from ..view_records import ViewTracks
 from . import options
+from .view_matrices import known_geometry
 
 if TYPE_CHECKING:
     from ..losses import Loss
     from ..scene import Camera, Scene
     from ..stages.view_config import ViewsConfig
     from .track_views_run import ViewsRequest
+
+
+LARGE_ID = 2**30
+"""Identities from here on leave less room for new ones than there may be below."""
 
 
 class ViewsInput:
@@ -49,15 +53,8 @@ class ViewsInput:
         )
         self.views = tuple(s.view for s in self.surveyed)
         self.window_ns = step_window(s.period_ns for s in self.surveyed)
-        pairs = attached_epipolar(self.recording)
-        if request.fundamental is not None:
-            pairs = read_epipolar(request.fundamental)
-        self.geometry = view_geometry(self.views, self.scene, pairs)
-        self.geometry_source = "none"
-        if request.fundamental is not None:
-            self.geometry_source = request.fundamental.name
-        elif pairs is not None or self.scene is not None:
-            self.geometry_source = "recording" if pairs is not None else "poses"
+        self.known = known_geometry(self.views, self.recording, given, request.fundamental)
+        self.geometry = self.known.geometry
 
     @property
     def length_unit(self) -> str:
@@ -103,7 +100,7 @@ class ViewsInput:
         starts = [Start(place[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
         starts.sort(key=lambda s: (s.frame, s.view, s.target_id))
         self.given = len(starts)
-        return tuple(starts), max(s.target_id for s in starts) + 1
+        return tuple(starts), first_free([s.target_id for s in starts])
 
     def _check_frames(self, given: tuple[GivenEllipse, ...]) -> None:
         """InputError for a frame that a camera does not have."""
@@ -158,6 +155,19 @@ class ViewsInput:
     def _of_boxes(self, chunks: Iterator[Boxes]) -> Feed:
         regions: Iterator[Regions] = regions_of_boxes(chunks, self.stage.birth_confidence)
         return Feed(regions, False)
+
+
+def first_free(taken: Sequence[int]) -> int:
+    """A number from which on many are free: after the largest one, or where that is too large after another.
+
+    Args:
+        taken: identities of targets, from 0 to 2^31 - 1.
+    """
+    ids = sorted({-1, *taken})
+    if ids[-1] < LARGE_ID:
+        return ids[-1] + 1
+    gaps = [after - before for before, after in pairwise([*ids, MOST_ID + 1])]
+    return ids[gaps.index(max(gaps))] + 1
 
 
 def open_video(request: ViewsRequest) -> Recording:

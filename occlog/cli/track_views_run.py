@@ -88,7 +88,7 @@ def run_track_views(
     parts = track_views(moments, setup, request.seed, feed)
     parameters = {
         "method": request.method, "births": request.births, "cameras": list(inputs.names), "window_ns": window,
-        "geometry": inputs.geometry_source, **asdict(stage), **asdict(config),
+        "geometry": inputs.known.sources, **asdict(stage), **asdict(config),
     }  # fmt: skip
     earlier = tuple(inputs.losses)
     made = Provenance("track", parameters, request.seed, hash_inputs(request.paths), earlier)
@@ -116,6 +116,8 @@ def run_track_views(
         losses = [*earlier, *tally.losses()]
         for writer in writers:
             writer.annotate(replace(made, losses=tuple(losses)))
+    for line in inputs.known.notes:
+        options.note(line, quiet)
     for line in tally.warnings():
         options.note(f"warning: {line}", quiet)
     world = {} if wanted.world is None else {"world": str(wanted.world)}
@@ -137,6 +139,9 @@ def view_settings(request: ViewsRequest) -> tuple[Any, ViewsConfig]:
     others = {name: value for name, value in request.settings.items() if name in around}
     try:
         method = VISUAL[request.method].config
-        return configure(method(), own, request.method), configure(ViewsConfig(), others, request.method)
+        config, stage = configure(method(), own, request.method), configure(ViewsConfig(), others, request.method)
     except InputError as error:  # here the values are options
         raise UsageError(str(error)) from error
+    if stage.birth_frames == 0 and request.initial is None:
+        raise UsageError("birth_frames is 0, so that no tracker begins from detections; give --initial, or 1 or more")
+    return config, stage

@@ -22,8 +22,8 @@ BIN_PX, BINS = 0.1, 20_001
 """Of the histogram of distances; the last bin holds all that are farther."""
 EARLY_PERIODS = 3
 """A view ends early when others go on for more of its frame periods than this."""
-ALONE = {"bmct": "idmot", "cmct": "mipf"}
-"""What methods do without another view's help."""
+ALONE = {"bmct": "does what idmot does", "cmct": "does what mipf does, with colours that adapt"}
+"""What methods do without another view's help; the others never have any."""
 
 
 class ViewsTally:
@@ -103,7 +103,7 @@ class ViewsTally:
     def _alone(self) -> list[str]:
         if self.method not in ALONE:
             return []
-        does = f"--method {self.method} does what {ALONE[self.method]} does"
+        does = f"--method {self.method} {ALONE[self.method]}"
         if len(self.inputs.views) == 1:
             return [f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"]
         if not np.isfinite(self.inputs.geometry.fundamental).any():

@@ -16,6 +16,7 @@ from ..trackers.view_method import Geometry, View
 from ..view_records import Failures, ViewTracks
 from ..vision.epipolar import ideal_pixels
 from ..vision.overlay import Outline, Place, Shot
+from .view_loop import anchors
 
 BENT = 65
 """Points of a line that lens distortion bends."""
@@ -36,6 +37,7 @@ class Rig(NamedTuple):
     cameras: Sequence[Camera | None]  # of the scene, for lens distortion
     geometry: Geometry | None  # None: no epipolar lines are drawn
     numbered: bool = True  # a tracker has the number of its target; else the two have nothing in common
+    bottom: bool = False  # lines are of the lowest points of ellipses, where people stand; else of their centres
 
 
 def frame_shot(view: int, frame: int, told: Sequence[Told], rig: Rig) -> Shot:
@@ -143,7 +145,9 @@ def _line(
     rows = np.flatnonzero(tracks.target_id == target) if tracks is not None else np.zeros(0, dtype=np.int64)
     if tracks is None or not len(rows):
         return None
-    point = np.array([[tracks.x_px[rows[0]], tracks.y_px[rows[0]]]])
+    k = rows[0]
+    ellipse = [tracks.x_px[k], tracks.y_px[k], tracks.a_px[k], tracks.b_px[k], tracks.rho[k]]
+    point = anchors(np.array([ellipse]), rig.bottom)
     ideal = geometry.ideal[helper]
     line = epipolar_lines(geometry.fundamental[helper, view], point if ideal is None else ideal(point))[0]
     if not np.isfinite(line).all():

@@ -12,10 +12,12 @@ from view_videos import SMALL, STEP_NS, record_balls, small_balls, small_scene
 
 from occlog.cli.main import run
 from occlog.cli.track_views import VIEW_METHODS
+from occlog.cli.track_views_input import first_free
 from occlog.cli.track_views_summary import ALONE
 from occlog.errors import ExitCode
 from occlog.io.parquet import read_provenance, read_table, write_table
 from occlog.io.provenance import Provenance
+from occlog.io.scene_file import scene_to_yaml
 from occlog.records import Bearings, Boxes, Tracks, TruthBoxes
 from occlog.stages.view_geometry import view_geometry
 from occlog.trackers.view_method import View
@@ -257,7 +259,60 @@ def test_a_wrong_fundamental_matrix_is_noticed_said_and_not_used(balls, tmp_path
     table = result(tmp_path)
     assert not set(table.mode.tolist()) & {"bmct", "cmct"}
     assert np.mean(misses(table) < 1.0) > 0.9
-    assert read_provenance(tmp_path / "t.parquet").parameters["geometry"] == "bad.json"
+    assert read_provenance(tmp_path / "t.parquet").parameters["geometry"] == {"view1-view2": "bad.json"}
+
+
+def test_matrices_of_other_views_are_told_or_refused(balls, tmp_path, capsys):
+    good = json.loads(matrices(tmp_path / "good.json", 0.0).read_text())["pairs"][0]
+    path = tmp_path / "f.json"
+    path.write_text(json.dumps({"pairs": [{**good, "a": "door"}, {**good, "a": "door", "b": "hall"}]}))
+    said = refused(capsys, track(balls, tmp_path, "--fundamental", str(path)))
+    assert "f.json: none of its pairs (door-view2, door-hall) is of two of the views used (view1, view2)" in said
+    assert not (tmp_path / "t.parquet").exists()
+    assert track(balls, tmp_path, "-q") == ExitCode.DONE
+    video = ["report", str(tmp_path / "t.parquet"), "--recording", str(balls), "--frame", "1", "--png"]
+    code = run([*video, str(tmp_path / "o.png"), "--fundamental", str(path)])
+    assert "none of its pairs (door-view2, door-hall)" in refused(capsys, code)
+    path.write_text(json.dumps({"pairs": [{**good, "a": "door"}, good]}))
+    assert track(balls, tmp_path, "--fundamental", str(path)) == ExitCode.DONE
+    assert "f.json: not used: door-view2; the views are view1, view2" in capsys.readouterr().err
+    assert read_provenance(tmp_path / "t.parquet").parameters["geometry"] == {"view1-view2": "f.json"}
+
+
+def test_a_scene_that_is_given_comes_before_matrices_in_the_recording(balls, tmp_path, capsys):
+    held, scene = tmp_path / "held.mcap", tmp_path / "scene.yaml"
+    bad = matrices(tmp_path / "bad.json", 30.0)
+    assert run(["epipolar", str(balls), "--fundamental", str(bad), "-o", str(held), "-q"]) == ExitCode.DONE
+    scene.write_text(scene_to_yaml(small_scene()))
+    told = {}
+    for args in ((), ("--scene", str(scene))):
+        capsys.readouterr()
+        assert track(held, tmp_path, *args, method="mipf") == ExitCode.DONE
+        told[len(args)] = read_provenance(tmp_path / "t.parquet").parameters["geometry"]["view1-view2"]
+        assert ("does not fit" in capsys.readouterr().err) == (not args)
+    assert told == {0: "recording", 2: "poses"}
+
+
+def test_new_targets_have_numbers_that_are_free():
+    assert [first_free(ids) for ids in ([], [4, 2], [2**31 - 1], [0, 2**31 - 1], [2**30 + 5, 2**31 - 9])] == [
+        0, 5, 0, 1, 0]  # fmt: skip
+
+
+def test_the_largest_identity_leaves_room_for_others(balls, tmp_path):
+    x, y = small_balls()[0].ellipses[0, 1, :2]
+    path, boxes = tmp_path / "e.csv", tmp_path / "boxes.parquet"
+    path.write_text(f"{HEADER}\nview1,{2**31 - 1},{x},{y},11,11,0\n")
+    write_table(boxes, read_boxes(balls), Provenance("test"))
+    assert track(balls, tmp_path, "-q", "--detections", str(boxes), initial=path) == ExitCode.DONE
+    ids = sorted(set(result(tmp_path).target_id.tolist()))
+    assert ids[0] == 0
+    assert ids[-1] == 2**31 - 1
+    assert len(ids) >= 3
+
+
+def test_nothing_could_begin_a_tracker(balls, tmp_path, capsys):
+    said = refused(capsys, track(balls, tmp_path, "--set", "birth_frames=0", initial=None), ExitCode.USAGE)
+    assert "birth_frames is 0, so that no tracker begins from detections; give --initial, or 1 or more" in said
 
 
 @pytest.mark.parametrize("how", ["late", "apart"])

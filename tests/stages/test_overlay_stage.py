@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from occlog.core.camera import rotation_from_angles
-from occlog.core.epipolar import line_distances
+from occlog.core.epipolar import epipolar_lines, line_distances
 from occlog.records import TruthBoxes
 from occlog.scene import Camera, Scene
 from occlog.stages.overlay import Rig, Told, frame_shot, line_in_image
@@ -61,6 +61,18 @@ def test_lines_of_helpers_go_through_the_same_point(distortion):
     assert [(o.dashed, o.strong) for o in shot.outlines] == [(False, True), (True, False), (False, True)]
     assert len(shot.links) == 1
     assert np.allclose(shot.links[0], scene.cameras[0].project(POINTS[:2]))
+
+
+def test_lines_are_of_the_points_that_stand_for_targets():
+    scene = Scene(cameras=cameras())
+    both = told(scene, ["", "", ""], ["b", "", ""])
+    views = rig(scene)
+    (line,) = [line for _, line in frame_shot(0, 7, both, views._replace(bottom=True)).lines]
+    other = both[1].tracks
+    low = np.array([[other.x_px[0], other.y_px[0] + 10.0]])
+    assert np.abs(line_distances(epipolar_lines(views.geometry.fundamental[1, 0], low), line)).max() < 1e-6
+    ((_, centre),) = frame_shot(0, 7, both, views).lines
+    assert np.abs(centre - line).max() > 1.0
 
 
 def test_no_lines_without_geometry_or_the_helpers_row():

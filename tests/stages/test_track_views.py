@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from view_videos import STILL, StillConfig
 
+from occlog.errors import InputError
 from occlog.stages.track_views import MOMENTS, Setup, Start, track_views
 from occlog.stages.view_config import ViewsConfig
 from occlog.stages.view_frames import Moment
@@ -156,3 +158,10 @@ def test_one_random_stream_and_equal_bytes_for_equal_seeds():
     first, second = (tracked(5, [start(0, 0, 1)])[1] for _ in range(2))
     for c in ViewTracks.columns():
         np.testing.assert_array_equal(getattr(first, c.name), getattr(second, c.name))
+
+
+def test_identities_below_0_are_refused():
+    _, table = tracked(2, [start(0, 0, 1)])
+    columns = {c.name: getattr(table, c.name) for c in ViewTracks.columns()}
+    with pytest.raises(InputError, match=r"ViewTracks: row 1: target_id -7 must be at least 0"):
+        ViewTracks.of(**columns | {"target_id": np.array([1, -7])})
