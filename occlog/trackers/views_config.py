@@ -151,7 +151,7 @@ class CmctConfig(MipfConfig):
     anchor: str = "centre"  # see `BmctConfig`
     adapt: float = 0.1  # how fast the target's colours follow those in the estimate
     adapt_above: float = 0.9  # only an estimate at least as alike counts
-    search_below: float = 0.7  # after one less alike, or with a bad counterpart, all are drawn on the line
+    search_below: float = 0.7  # after one less alike all are drawn on the line; see also `views_lines.on_lines`
     bad_after: int = 15
     good_after: int = 5
 

@@ -14,6 +14,7 @@ from ..core.view_lines import drawn_on_lines
 from .view_method import MODES
 from .views_colours import colours_in
 from .views_loop import affine_maps
+from .views_restart import APART, nearest
 from .views_state import LEAST, State, Trackers
 from .views_step import Moment, Weighed
 from .views_weigh import alone
@@ -24,7 +25,8 @@ CMCT = MODES.index("cmct")
 def on_lines(state: State, particles: Floats, gap: Floats, rng: Generator) -> Floats:
     """Particles (n, N, 5) of which a share, or all after a loss, lie on the lines of the last estimates.
 
-    A loss is an estimate that does not look like the target, or a counterpart that is bad.
+    A loss is an estimate that does not look like the target, or one on the place of another
+    tracker while a counterpart is bad: of two targets that look alike it has the wrong one.
     """
     t, c = state.trackers, state.config
     expected = t.estimate.copy()
@@ -32,7 +34,8 @@ def on_lines(state: State, particles: Floats, gap: Floats, rng: Generator) -> Fl
     maps = affine_maps(state, expected)
     many = particles.shape[1]
     bad = ((t.twin >= 0) & t.checked & ~t.good).any(axis=1)
-    count = np.where(bad | (t.likeness < c.search_below), many, round(c.on_line * many))
+    lost = (t.likeness < c.search_below) | (bad & (nearest(t) < APART))
+    count = np.where(lost, many, round(c.on_line * many))
     twin = np.where((t.twin >= 0) & (gap <= 1.0)[t.twin], t.twin, -1)
     normals = rng.standard_normal((*particles.shape[:2], 2))
     return drawn_on_lines(

@@ -38,7 +38,7 @@ def restarted(state: State, looks: Looks) -> State:
     bad = t.checked.any(axis=1) & ~t.good.any(axis=1)
     if not (config.restart and bad.any()):
         return state
-    ratio = np.where(t.view[:, None] == t.view[None, :], nearness(t.estimate), np.inf).min(axis=1)
+    ratio = nearest(t)
     wrong = bad & ((ratio < APART) | (t.likeness < config.restart_likeness))
     clear = (ratio > CLEAR) & (t.likeness >= config.restart_likeness)
     for i in np.flatnonzero(wrong).tolist():
@@ -49,6 +49,13 @@ def restarted(state: State, looks: Looks) -> State:
         if place is not None:
             return state._replace(trackers=_moved(t, i, place))
     return state
+
+
+def nearest(t: Trackers) -> Floats:
+    """(n,) distance to the nearest tracker of the same view, in sums of radii; inf for none."""
+    return np.asarray(
+        np.where(t.view[:, None] == t.view[None, :], nearness(t.estimate), np.inf).min(axis=1, initial=np.inf)
+    )
 
 
 def _agreed(t: Trackers, i: int, j: int) -> bool:
