@@ -61,6 +61,8 @@ def run_reproduce(
         options.note(f"wrote {output / 'reproduce.html'}", quiet)
     if everything and given["bearings"] is None and given["data"] is None and paper in RECORDED:
         options.note(f"left out: {', '.join(RECORDED[paper])}; they want --data, or --bearings and --scene", quiet)
+    if any(finding.size.quick for finding in findings):
+        options.note("--quick: too small to judge by; the verdicts say little", quiet)
     if given["as_json"]:
         options.echo_summary({"paper": paper, "items": [f.as_dict() for f in findings]}, True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import click
@@ -71,7 +72,7 @@ ALLOWED = {
 """Options of each kind of scene."""
 
 
-def check_kind(kind: str | None, scene: object, paths: object, given: Mapping[str, Any]) -> None:
+def check_kind(kind: str | None, scene: Path | None, paths: Path | None, given: Mapping[str, Any]) -> None:
     """UsageError for options that are not about the scene that was asked for.
 
     Args:
@@ -83,6 +84,8 @@ def check_kind(kind: str | None, scene: object, paths: object, given: Mapping[st
     if kind is None:
         if scene is None:
             raise UsageError("no scene: give SCENE (a file), or --scene balls or people")
+        if scene.name in KINDS and not scene.exists():
+            raise UsageError(f"{scene}: no such file; the video of {scene} is made with --scene {scene}")
         own = ALLOWED["balls"] | ALLOWED["people"]
         of_files = {*RENDERED, "speed", "texture", "light_drift", "light_period", "shadows"}
         for name in given:

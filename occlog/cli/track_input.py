@@ -48,6 +48,8 @@ class Inputs:
             raise UsageError("--doa-labels wants directions of arrival; give them with --doa")
         if not streams:
             remedy = "make them with `occlog detect` or `occlog listen`"
+            if recording is not None and recording.cameras:
+                remedy = "make bearings with `occlog detect`, or track in its images with --method bmct"
             raise InputError(f"{bearings}: holds no bearings and no directions of arrival; {remedy}")
         self.chunks = _not_empty(in_time(streams), bearings)
         self.occluders = None if occluders is None else self._priors(occluders)
