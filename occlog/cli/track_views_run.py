@@ -13,7 +13,7 @@ from ..errors import InputError, UsageError
 from ..io.atomic import Together
 from ..io.parquet import TableWriter
 from ..io.provenance import Provenance, hash_inputs
-from ..records import Tracks
+from ..records import Boxes, Tracks
 from ..stages.track_views import Setup, ViewsPart, track_views
 from ..stages.view_config import ViewsConfig
 from ..stages.view_frames import in_step
@@ -82,6 +82,9 @@ def run_track_views(
         doubted if helped else None,
     )  # fmt: skip
     feed = inputs.feed()
+    if request.initial is None and request.detections is None:
+        source = "the boxes in the recording" if inputs.recording.has(Boxes) else "what moves in the images"
+        options.note(f"no --initial and no --detections: trackers begin from {source}", quiet)
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
     frames = options.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
     moments = in_step(frames, inputs.views, window, os.cpu_count() or 1, stage.bits, inputs.background(quiet))

@@ -38,6 +38,7 @@ class ViewsTally:
         self.frames = np.zeros(n, dtype=np.int64)
         self.last_ns = np.full(n, -1, dtype=np.int64)
         self.events: Counter[str] = Counter()
+        self.begun: set[str] = set()
         self.modes: Counter[str] = Counter()
         self.lost: list[list[tuple[int, str]]] = [[] for _ in range(n)]
         self.failed = np.zeros((n, n), dtype=np.int64)
@@ -52,6 +53,7 @@ class ViewsTally:
         self.frames += part.frames
         self.last_ns = np.maximum(self.last_ns, part.last_ns)
         self.events.update(e for e in part.tracks.event.tolist() if e)
+        self.begun.update(part.tracks.sensor[part.tracks.event == "start"].tolist())
         self.modes.update(m for m in part.tracks.mode.tolist() if m)
         for view, frame, why in part.lost:
             self.lost[view].append((frame, why))
@@ -96,6 +98,12 @@ class ViewsTally:
         lines = [*self._alone(), *self._ends(), *(self._misfit(a, b) for a, b in self._misfits())]
         if (late := self.inputs.given - self.events["start"]) > 0:
             lines.append(f"{late} of {self.inputs.given} first ellipses began no tracker: the video ends before them")
+        bare = [name for name in self.inputs.names if name not in self.begun]
+        if self.begun and bare and self.inputs.request.births == "initial":
+            lines.append(
+                f"no first ellipse began a tracker in {', '.join(bare)}: nothing is tracked there, and no other view "
+                f"is helped from there; give some, or leave out what is not wanted (--without {','.join(bare)})"
+            )
         if not self.rows:
             lines.append("no target was found; give the first ellipses (--initial) or better --detections")
         return lines

@@ -293,6 +293,15 @@ def test_a_scene_that_is_given_comes_before_matrices_in_the_recording(balls, tmp
     assert told == {0: "recording", 2: "poses"}
 
 
+def test_a_view_without_first_ellipses_and_a_run_without_any_are_told(balls, tmp_path, capsys):
+    path = tmp_path / "e.csv"
+    path.write_text(f"{HEADER}\nview1,0,60,60,11,11,0\n")
+    assert track(balls, tmp_path, initial=path) == ExitCode.DONE
+    assert "no first ellipse began a tracker in view2: nothing is tracked there" in capsys.readouterr().err
+    assert track(balls, tmp_path, initial=None) == ExitCode.DONE
+    assert "no --initial and no --detections: trackers begin from the boxes in" in capsys.readouterr().err
+
+
 def test_new_targets_have_numbers_that_are_free():
     assert [first_free(ids) for ids in ([], [4, 2], [2**31 - 1], [0, 2**31 - 1], [2**30 + 5, 2**31 - 9])] == [
         0, 5, 0, 1, 0]  # fmt: skip
