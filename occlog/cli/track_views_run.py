@@ -27,6 +27,7 @@ from .track_views_summary import ALONE, ViewsTally
 
 if TYPE_CHECKING:
     from ..losses import Loss
+    from ..stages.view_regions import Feed
 
 
 @dataclass(frozen=True)
@@ -96,35 +97,46 @@ def run_track_views(
     earlier = tuple(inputs.losses)
     made = Provenance("track", parameters, request.seed, hash_inputs(request.paths), earlier)
     tally = ViewsTally(request.method, inputs)
-    unit = inputs.length_unit
     with ExitStack() as stack:
-        how: dict[str, Any] = {"overwrite": overwrite, "length_unit": unit}
-        if wanted.world is not None:
-            how["together"] = stack.enter_context(Together())
-        rows = stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, **how))
-        writers = [rows]
+        rows, places = _writers(stack, wanted, made, {"overwrite": overwrite, "length_unit": inputs.length_unit})
         passed = _passed(parts, rows, tally)
-        if wanted.world is not None:
-            writers.append(stack.enter_context(TableWriter(wanted.world, Tracks, made, **how)))
-            for places in inputs.on_ground(passed, window):
-                writers[-1].write(places.tracks)
-                tally.places += places.counts
+        if places is not None:
+            for part in inputs.on_ground(passed, window):
+                places.write(part.tracks)
+                tally.places += part.counts
         for _ in passed:
             pass
-        if feed is not None and feed.read and not feed.met:
-            raise InputError(
-                f"{request.detections or request.recording}: none of its {feed.read} regions is of the time of a frame "
-                f"of {', '.join(inputs.names)}; give detections that were made from this recording"
-            )
+        _check_met(feed, request, inputs)
         losses = [*earlier, *tally.losses()]
-        for writer in writers:
-            writer.annotate(replace(made, losses=tuple(losses)))
+        for writer in (rows, places):
+            if writer is not None:
+                writer.annotate(replace(made, losses=tuple(losses)))
     for line in inputs.known.notes:
         options.note(line, quiet)
     for line in tally.warnings():
         options.note(f"warning: {line}", quiet)
     world = {} if wanted.world is None else {"world": str(wanted.world)}
     return {"tracks": str(wanted.tracks), **world, "method": request.method, **tally.summary()}, losses
+
+
+def _writers(
+    stack: ExitStack, wanted: ViewsOutputs, made: Provenance, how: dict[str, Any]
+) -> tuple[TableWriter, TableWriter | None]:
+    """Of the tracks in the images and, if that is wanted, of those in the world, which then appear together."""
+    if wanted.world is None:
+        return stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, **how)), None
+    how = {**how, "together": stack.enter_context(Together())}
+    rows = stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, **how))
+    return rows, stack.enter_context(TableWriter(wanted.world, Tracks, made, **how))
+
+
+def _check_met(feed: Feed | None, request: ViewsRequest, inputs: ViewsInput) -> None:
+    """InputError for detections of other times than the frames."""
+    if feed is not None and feed.read and not feed.met:
+        raise InputError(
+            f"{request.detections or request.recording}: none of its {feed.read} regions is of the time of a frame "
+            f"of {', '.join(inputs.names)}; give detections that were made from this recording"
+        )
 
 
 def _passed(parts: Iterator[ViewsPart], rows: TableWriter, tally: ViewsTally) -> Iterator[ViewTracks]:
