@@ -137,7 +137,7 @@ def track_views(moments: Iterable[Moment], setup: Setup, seed: int, feed: Feed |
 def _advance(
     run: _Run, moment: Moment, setup: Setup, rng: np.random.Generator, feed: Feed | None
 ) -> tuple[_Run, _Step]:
-    outlines, checks = None, no_checks()
+    outlines, checks, gone = None, no_checks(), frozenset[Key]()
     found: tuple[Floats | None, ...] = ()
     if feed is not None:
         found = tuple(feed.at([view.name for view in setup.views], moment.t_ns))
@@ -146,13 +146,17 @@ def _advance(
     if run.trackers and there(moment).any():
         state, outlines = setup.method.step(run.state, moment.looks, rng)
         outlines = outlines._replace(event=np.where(outlines.event == START, 0, outlines.event))
-        run = replace(run, state=state, trackers=_survivors(run.trackers, outlines))
+        survivors = _survivors(run.trackers, outlines)
+        gone = frozenset(run.trackers) - frozenset(survivors)
+        run = replace(run, state=state, trackers=survivors)
         checks = check_outlines(outlines, setup.geometry, setup.bottom) if setup.helped else checks
-    run, births = _due(run, moment.looks)
+    run, births = _due(run, moment.looks, gone)
     ended: tuple[Key, ...] = ()
     if feed is not None:
         trackers = {**run.trackers, **{(b.view, b.target_id): b.ellipse for b in births}}
-        kept, born, ended = attend(run.nursery, found, trackers, setup.views, run.geometry, setup.stage, setup.bottom)
+        kept, born, ended = attend(
+            run.nursery, found, trackers, setup.views, run.geometry, setup.stage, setup.bottom, gone
+        )
         births, run = (*births, *born), replace(run, nursery=kept)
         # Without `ended` a method's trackers end on their own
         ended = () if setup.method.ended is None else tuple(key for key in ended if key in run.trackers)
@@ -176,9 +180,13 @@ def _survivors(trackers: Mapping[Key, Floats], outlines: Outlines) -> dict[Key, 
     return out
 
 
-def _due(run: _Run, looks: Looks) -> tuple[_Run, tuple[Birth, ...]]:
-    """Births that were asked for and whose frame is here, or was lost; none where a tracker of the target is there."""
-    due = [s for s in run.waiting if looks.images[s.view] is not None and looks.frame[s.view] >= s.frame]
+def _due(run: _Run, looks: Looks, gone: frozenset[Key]) -> tuple[_Run, tuple[Birth, ...]]:
+    """Births that were asked for and whose frame is here, or was lost; none where a tracker of the target is there.
+
+    Where one has ended in this frame they wait for the next, as a frame has one row of a target.
+    """
+    here = [s for s in run.waiting if looks.images[s.view] is not None and looks.frame[s.view] >= s.frame]
+    due = [s for s in here if (s.view, s.target_id) not in gone]
     if not due:
         return run, ()
     births = tuple(Birth(s.view, s.target_id, s.ellipse) for s in due if (s.view, s.target_id) not in run.trackers)

@@ -9,7 +9,7 @@ A tracker that no region has touched for long is at its end.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -68,6 +68,7 @@ def attend(
     geometry: Geometry,
     config: ViewsConfig,
     bottom: bool = False,
+    gone: Collection[Key] = (),
 ) -> tuple[Nursery, tuple[Birth, ...], tuple[Key, ...]]:
     """What the regions of one moment begin and end.
 
@@ -79,6 +80,7 @@ def attend(
         geometry: between them.
         config: settings.
         bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
+        gone: trackers that ended in this moment; their targets do not begin anew in that view before the next one.
     """
     now = state.moment
     keep = max(config.birth_frames, 1)
@@ -98,7 +100,7 @@ def attend(
     state = replace(state, trails=alive)
     if config.birth_frames == 0:
         return replace(state, candidates=nursery(len(views)).candidates), (), ended
-    state, births = _births(state, geometry, config, bottom)
+    state, births = _births(state, geometry, config, bottom, {*gone, *ended})
     return state, births, ended
 
 
@@ -172,16 +174,18 @@ def _supported(
     return [mine[i] for i in taken]
 
 
-def _births(state: Nursery, geometry: Geometry, config: ViewsConfig, bottom: bool) -> tuple[Nursery, tuple[Birth, ...]]:
+def _births(
+    state: Nursery, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[Key]
+) -> tuple[Nursery, tuple[Birth, ...]]:
     births: list[Birth] = []
     for v in range(len(state.candidates)):
-        state, born = _births_in(state, v, geometry, config, bottom)
+        state, born = _births_in(state, v, geometry, config, bottom, gone)
         births += born
     return state, tuple(births)
 
 
 def _births_in(
-    state: Nursery, v: int, geometry: Geometry, config: ViewsConfig, bottom: bool
+    state: Nursery, v: int, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[Key]
 ) -> tuple[Nursery, list[Birth]]:
     """Births in one view."""
     candidates = _apart(state.candidates[v], config.birth_apart)
@@ -191,7 +195,7 @@ def _births_in(
     births, left, trails, next_id = [], [], dict(state.trails), state.next_id
     for c, candidate in enumerate(candidates):
         target = _decide(misfit, c, candidate, config) if candidate.count >= config.birth_frames else None
-        if target is None:
+        if target is None or (target >= 0 and (v, free[target]) in gone):
             left.append(candidate)
             continue
         if target < 0:

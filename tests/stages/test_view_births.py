@@ -80,6 +80,15 @@ def test_a_view_that_sees_it_later_joins_its_target():
     assert births == [(2, 0, 0, 50.0), (7, 1, 0, 200.0)]
 
 
+def test_a_target_whose_tracker_ended_in_this_moment_begins_in_the_next():
+    state, there = nursery(2, 1), {(0, 0): disc(50, 60)}
+    for k in range(4):
+        gone = {(1, 0)} if k == 2 else ()
+        both = [rows(disc(50, 60)), rows(disc(90, 60))]
+        state, born, _ = attend(state, both, there, VIEWS, ROWS, ViewsConfig(), gone=gone)
+        assert [(b.view, b.target_id) for b in born] == ([(1, 0)] if k == 3 else [])
+
+
 def test_without_geometry_or_off_the_line_each_view_has_its_own_targets():
     together = lambda k: [rows(disc(50, 60)), rows(disc(200, 60))]  # noqa: E731
     assert {b[2] for b in live(together, geometry=BLIND)[0]} == {0, 1}
