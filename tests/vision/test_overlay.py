@@ -82,10 +82,15 @@ def test_numbers_do_not_hide_one_another(monkeypatch):
     assert all(0 <= left < right <= 160 and 0 <= top < bottom <= 120 for left, top, right, bottom in taken)
 
 
-def test_anything_far_outside_is_left_out_without_an_error():
+def test_what_is_far_outside_has_its_number_at_the_edge_and_nothing_else():
     far = np.array([1e9, -1e9, 1e4, 5.0, 0.3])
     line = np.array([[-1e12, 0.0], [1e12, 5.0]])
-    draw_shot(GREY, Shot("a", [Outline(far, 1, False, True, "on 2")], lines=[(1, line)]), 2.0)
+    picture = draw_shot(GREY, Shot("a", [Outline(far, 1, False, True, "on 2")]), 2.0)
+    rows, columns = np.nonzero((picture != draw_shot(GREY, Shot("a"), 2.0)).any(axis=2))
+    assert rows.max() < BAR + 24
+    assert columns.max() == picture.shape[1] - 1
+    crossed = draw_shot(GREY, Shot("a", lines=[(1, line)]), 2.0)
+    assert crossed.shape == picture.shape
 
 
 def test_grey_frames_and_small_scales():
