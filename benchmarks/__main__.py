@@ -14,8 +14,8 @@ import benchmarks
 
 def cases() -> dict[str, ModuleType]:
     """Benchmark modules by their NAME."""
-    names = [m.name for m in pkgutil.iter_modules(benchmarks.__path__) if not m.name.startswith("_")]
-    modules = (importlib.import_module(f"benchmarks.{name}") for name in names)
+    names = [m.name for m in pkgutil.walk_packages(benchmarks.__path__, "benchmarks.") if not m.ispkg]
+    modules = (importlib.import_module(name) for name in names if not name.rpartition(".")[2].startswith("_"))
     return {m.NAME: m for m in modules if hasattr(m, "NAME")}
 
 

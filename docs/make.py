@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from occlog.cli.main import COMMANDS, cli
-from occlog.columns import Table
-from occlog.records import TABLES
+from occlog.records.columns import Table
+from occlog.records.tables import TABLES
 
 FOLDER = Path(__file__).resolve().parent
 WIDTH = 100
@@ -21,9 +21,12 @@ def help_text(command: click.Command, name: str) -> str:
     if "_help_option" in vars(alike):  # click keeps it as it was when the command was first asked for help
         vars(alike)["_help_option"] = None
     context = click.Context(
-        alike, info_name=name, max_content_width=WIDTH, terminal_width=WIDTH,
+        alike,
+        info_name=name,
+        max_content_width=WIDTH,
+        terminal_width=WIDTH,
         help_option_names=["-h", "--help"],
-    )  # fmt: skip
+    )
     return alike.get_help(context).rstrip()
 
 
@@ -57,7 +60,7 @@ def table_section(table: type[Table]) -> str:
 def tables_page() -> str:
     """Every table with its columns."""
     head = (
-        "# Tables\n\nMade by `make docs` from `occlog/records.py`; `occlog schema NAME` prints them as JSON.\n\n"
+        "# Tables\n\nMade by `make docs` from `occlog/records/tables.py`; `occlog schema NAME` prints them as JSON.\n\n"
         "Time is int64 nanoseconds since the Unix epoch. World frame: x, y on the ground, z up, in the scene's\n"
         "length unit (m below stands for it). Angles are radians from +x towards +y in [-pi, pi). Pixels: x to the\n"
         "right, y down, the centre of the first pixel is (0, 0).\n"

@@ -1,6 +1,6 @@
 """Entry point of the `occlog` command and of `python -m occlog`."""
 
-from .cli.main import main
+from occlog.cli.main import main
 
 if __name__ == "__main__":
     main()

@@ -1,1 +1,1 @@
-"""One file a command: parse, read, call one stage, write, summarise."""
+"""The group of commands, the options that they share, and how values are parsed."""

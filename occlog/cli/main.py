@@ -5,35 +5,58 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
-from .. import __version__
-from ..errors import ExitCode, OcclogError
+from occlog import __version__
+from occlog.errors import ExitCode, OcclogError
+
+
+class Command(NamedTuple):
+    """Where a command is, and what it does in one line."""
+
+    module: str
+    summary: str
+
 
 COMMANDS = {
-    "simulate": "Make a recording with ground truth from a scene.",
-    "ingest": "Gather video, detections, DOA logs and calibration into one recording.",
-    "listen": "Find directions of arrival in the sound of microphone arrays.",
-    "epipolar": "Find how pairs of views see the same point, or check it.",
-    "detect": "Reduce the frames of a recording to bearings.",
-    "fuse": "Remove false detections and recover missed ones, from several cameras.",
-    "priors": "Find where moving occluders are.",
-    "fit-motion": "Identify a motion model from trajectories.",
-    "track": "Estimate target tracks from bearings.",
-    "ground": "Bring tracks in the images of calibrated cameras together in the world.",
-    "label": "Give candidates the identity of the track they agree with.",
-    "evaluate": "Compare tracks with the truth and with the Cramer-Rao bound.",
-    "report": "Show a run as one offline page and a picture.",
-    "run": "Do all stages of a configuration into a run folder.",
-    "sweep": "Monte Carlo runs over seeds and parameters, in parallel.",
-    "reproduce": "Run a paper's experiments and judge each of its statements.",
-    "diff": "Say whether two outputs are the same, and where they first differ.",
-    "info": "Print what a scene, a recording or a table holds.",
-    "schema": "Print the schema of a table, a message or a file format.",
+    "simulate": Command("occlog.simulate.command", "Make a recording with ground truth from a scene."),
+    "ingest": Command(
+        "occlog.ingest.command", "Gather video, detections, DOA logs and calibration into one recording."
+    ),
+    "listen": Command("occlog.measure.listen.command", "Find directions of arrival in the sound of microphone arrays."),
+    "epipolar": Command("occlog.measure.epipolar.command", "Find how pairs of views see the same point, or check it."),
+    "detect": Command("occlog.measure.detect.command", "Reduce the frames of a recording to bearings."),
+    "fuse": Command(
+        "occlog.measure.fuse.command", "Remove false detections and recover missed ones, from several cameras."
+    ),
+    "priors": Command("occlog.measure.priors.command", "Find where moving occluders are."),
+    "fit-motion": Command("occlog.track.map.fit_motion.command", "Identify a motion model from trajectories."),
+    "track": Command("occlog.track.command", "Estimate target tracks from bearings."),
+    "ground": Command(
+        "occlog.track.images.ground.command", "Bring tracks in the images of calibrated cameras together in the world."
+    ),
+    "label": Command("occlog.measure.label.command", "Give candidates the identity of the track they agree with."),
+    "evaluate": Command("occlog.evaluate.command", "Compare tracks with the truth and with the Cramer-Rao bound."),
+    "report": Command("occlog.report.command", "Show a run as one offline page and a picture."),
+    "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),
+    "sweep": Command("occlog.pipeline.sweep.command", "Monte Carlo runs over seeds and parameters, in parallel."),
+    "reproduce": Command("occlog.papers.command", "Run a paper's experiments and judge each of its statements."),
+    "diff": Command(
+        "occlog.examine.diff.command", "Say whether two outputs are the same, and where they first differ."
+    ),
+    "info": Command("occlog.examine.info", "Print what a scene, a recording or a table holds."),
+    "schema": Command("occlog.examine.schema", "Print the schema of a table, a message or a file format."),
 }
-"""Every command with its one-line summary, in the order of a pipeline; kept here so that --help loads none."""
+"""Every command, in the order of a pipeline; a table of text, so that --help loads none of the modules."""
+
+
+def load_command(name: str) -> click.Command:
+    """The command of that name in `COMMANDS`; its module is imported here."""
+    command: click.Command = importlib.import_module(COMMANDS[name].module).command
+    return command
+
 
 EPILOG = """\b
 Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is listed);
@@ -47,7 +70,7 @@ Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is list
 
 
 class LazyGroup(click.Group):
-    """Group whose commands are imported from `occlog.cli.NAME` when they are called."""
+    """Group whose commands are imported when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """All commands, in the order of a pipeline."""
@@ -57,9 +80,7 @@ class LazyGroup(click.Group):
         """The command's module is imported here; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"occlog.cli.{cmd_name.replace('-', '_')}")
-        command: click.Command = module.command
-        return command
+        return load_command(cmd_name)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -76,7 +97,7 @@ class LazyGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the commands without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl([(name, command.summary) for name, command in COMMANDS.items()])
 
 
 @click.group(cls=LazyGroup, epilog=EPILOG, context_settings={"help_option_names": ["-h", "--help"]})

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from ..errors import ExitCode, UsageError
+from occlog.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
-    from ..losses import Loss
-    from ..scene import Scene
+    from occlog.records.losses import Loss
+    from occlog.records.scene import Scene
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -109,7 +109,7 @@ def finish(summary: Mapping[str, Any], losses: Iterable[Loss], as_json: bool) ->
 
 def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None], overwrite: bool) -> None:
     """Refuse outputs that exist, that are also inputs, or that are named twice, before any work is done."""
-    from ..io.atomic import check_writable
+    from occlog.io.files.atomic import check_writable
 
     wanted = [Path(p) for p in outputs if p is not None]
     used = {Path(p).resolve() for p in inputs if p is not None}
@@ -136,9 +136,9 @@ def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scen
 def read_scene_of(path: Path) -> Scene | None:
     """The scene in a YAML file or in a recording; None for a recording without one."""
     if path.suffix.lower() == ".mcap":
-        from ..io.recording import open_recording
+        from occlog.io.recording.reader import open_recording
 
         return open_recording(path).scene
-    from ..io.scene_file import read_scene
+    from occlog.io.scenes.scene import read_scene
 
     return read_scene(path)

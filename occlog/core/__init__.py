@@ -1,1 +1,1 @@
-"""Arrays in, arrays out: the numeric kernels, free of files and of the rest of occlog."""
+"""Mathematics that several rooms use, arrays in and arrays out; one chapter a folder."""

@@ -1,1 +1,1 @@
-"""File formats to records and back; knows no algorithm."""
+"""File formats to records and back; knows no algorithm. `open.py` opens inputs."""

@@ -1,1 +1,1 @@
-"""Figures and pages: records in, one offline page and one picture out."""
+"""Verb: show a run as one offline page, a picture, or video with tracks drawn in."""

@@ -13,21 +13,22 @@ from markupsafe import Markup
 from matplotlib.figure import Figure as Canvas
 from matplotlib.figure import FigureBase
 
-from ..records import UNLABELLED
-from .accuracy import axes_of, draw_accuracy
-from .figures import groups, number
-from .filterplot import deviation, draw_filter, has_particles
-from .floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, outside, plan_limits
-from .model import ReportInput, ReportPage
-from .occluders import moments
+from occlog.records.tables import UNLABELLED
+from occlog.report.content.metrics_in_words import groups, number
+from occlog.report.content.model import ReportInput, ReportPage
+from occlog.report.drawing.style import COLOURS, DARK, house_style, label, new_figure, raw_svg
+from occlog.report.drawing.svg import page_svg
+from occlog.report.plots.accuracy import axes_of, draw_accuracy
+from occlog.report.plots.filterplot import deviation, draw_filter, has_particles
+from occlog.report.plots.floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, outside, plan_limits
+from occlog.report.plots.occluders import moments
+from occlog.report.plots.selectionplot import cameras_of, draw_selection, expected_and_found, selected_targets, spans
+from occlog.report.plots.sensortable import sensor_rows
+from occlog.report.plots.sightplot import draw_sight
+from occlog.report.plots.visibility import MOST_ROWS, draw_visibility, sensors, watched
+
 from .picture import build_picture
-from .selectionplot import cameras_of, draw_selection, expected_and_found, selected_targets, spans
-from .sensortable import sensor_rows
-from .sightplot import draw_sight
-from .style import COLOURS, DARK, house_style, label, new_figure, raw_svg
 from .summary import headline, plural, rms, row_counts, with_bound
-from .svg import page_svg
-from .visibility import MOST_ROWS, draw_visibility, sensors, watched
 
 WIDTH = 8.4
 MOST_TARGETS = 6
@@ -185,9 +186,13 @@ def _filter(data: ReportInput) -> list[Plot]:
 
 def _render(data: ReportInput, plots: list[Plot]) -> str:
     environment = Environment(
-        loader=PackageLoader("occlog.report"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
+        loader=PackageLoader("occlog.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
     return environment.get_template("report.html.j2").render(
         title=data.title,
         unit=data.unit,

@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 from matplotlib.figure import FigureBase, SubFigure
 
-from .accuracy import axes_of, draw_accuracy
-from .floorplan import draw_floorplan
-from .model import ReportInput
-from .sightplot import draw_sight
-from .style import COLOURS, house_style, label, new_figure, to_png
+from occlog.report.content.model import ReportInput
+from occlog.report.drawing.style import COLOURS, house_style, label, new_figure, to_png
+from occlog.report.plots.accuracy import axes_of, draw_accuracy
+from occlog.report.plots.floorplan import draw_floorplan
+from occlog.report.plots.sightplot import draw_sight
+from occlog.report.plots.visibility import draw_visibility, sensors, watched
+
 from .summary import headline
-from .visibility import draw_visibility, sensors, watched
 
 
 class Panel(NamedTuple):

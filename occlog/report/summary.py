@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from ..records import Bound, Errors
-from .figures import Figure, number
-from .model import NS, ReportInput
+from occlog.array_types import NS
+from occlog.records.tables import Bound, Errors
+from occlog.report.content.metrics_in_words import Figure, number
+from occlog.report.content.model import ReportInput
 
 
 def plural(count: int, what: str) -> str:

@@ -1,7 +1,7 @@
 """One step of the auxiliary particle filter, written plainly with vectorised NumPy and SciPy.
 
 It shares no code with occlog and follows [Ercan] Sec. 4 line by line, with the
-departures that `occlog.trackers.apf` states.  Tests compare the fast filter with it;
+departures that `occlog.track.apf.filter` states.  Tests compare the fast filter with it;
 the benchmark `track` takes it as the baseline.  Random numbers are handed in, so that
 both can be given the same.
 """
@@ -217,9 +217,12 @@ def step(particles, z, sigma_read, scene, config, dt, draws, priors=None):
     parents = systematic(first, draws.resample)
     ratio = particles.weights[parents] / first[parents] / len(parents)
     chosen = RefParticles(
-        particles.xy[parents], particles.destination[parents], particles.speed[parents],
-        particles.regime[parents], ratio,
-    )  # fmt: skip
+        particles.xy[parents],
+        particles.destination[parents],
+        particles.speed[parents],
+        particles.regime[parents],
+        ratio,
+    )
     moved = move(chosen, there[parents], dt, config, draws)
     log_weights = np.log(ratio) + log_likelihood(moved.xy, z, sigma_read, scene, config, priors)
     log_sum = logsumexp(log_weights)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from occlog.core.camera import rotation_from_angles
-from occlog.scene import Camera
+from occlog.core.sight.camera import rotation_from_angles
+from occlog.records.scene import Camera
 
 
 def looking(name, position, target, focal, roll=0.0, **more):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from occlog.core.camera import wrap_angle
-from occlog.io.scene_file import scene_from_yaml
-from occlog.records import Bearings
+from occlog.core.sight.camera import wrap_angle
+from occlog.io.scenes.scene import scene_from_yaml
+from occlog.records.tables import Bearings
 
 NS = 1_000_000_000
 ROOM = """
@@ -54,9 +54,16 @@ def table(found):
     t_ns, sensor, target, angle, sigma = zip(*found, strict=True)
     n = len(found)
     return Bearings.of(
-        t_ns=t_ns, sensor=sensor, target_id=target, seen=np.ones(n, dtype=bool), bearing=wrap_angle(np.array(angle)),
-        sigma=sigma, u_px=np.full(n, np.nan), sigma_px=np.full(n, np.nan), score=np.full(n, np.nan),
-    )  # fmt: skip
+        t_ns=t_ns,
+        sensor=sensor,
+        target_id=target,
+        seen=np.ones(n, dtype=bool),
+        bearing=wrap_angle(np.array(angle)),
+        sigma=sigma,
+        u_px=np.full(n, np.nan),
+        sigma_px=np.full(n, np.nan),
+        score=np.full(n, np.nan),
+    )
 
 
 def line(x, y, vx, vy):

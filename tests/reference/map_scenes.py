@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from tracker_scenes import SECOND, camera
 
-from occlog.scene import MicrophoneArray, Scene
-from occlog.trackers.method import Record, Smoothed
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.track.interface import Record, Smoothed
 
 FOCAL = 500.0
 CLEAN = {"focal": FOCAL, "sigma_position": 0.0, "sigma_yaw": 0.0, "sigma_read_px": 0.5, "fov": np.radians(60.0)}
@@ -67,6 +67,9 @@ def joined(parts: list[Smoothed]) -> Smoothed:
     """What was given out in blocks."""
     arrays = [np.concatenate([p[i] for p in parts]) for i in range(7)]
     return Smoothed(
-        *arrays, sum((p.fallback for p in parts), ()), sum((p.used for p in parts), ()),
-        sum(p.iterations for p in parts), all(p.converged for p in parts),
-    )  # fmt: skip
+        *arrays,
+        sum((p.fallback for p in parts), ()),
+        sum((p.used for p in parts), ()),
+        sum(p.iterations for p in parts),
+        all(p.converged for p in parts),
+    )

@@ -16,10 +16,20 @@ PACKAGES = ("trackeval==1.3.0", "motmetrics==1.4.0")
 
 
 NO_NETWORK = (
-    "failed to establish a new connection", "connection refused", "name resolution", "name or service not known",
-    "network is unreachable", "no route to host", "timed out", "timeout", "max retries exceeded", "proxyerror",
-    "from versions: none", "connection broken", "connection aborted",
-)  # fmt: skip
+    "failed to establish a new connection",
+    "connection refused",
+    "name resolution",
+    "name or service not known",
+    "network is unreachable",
+    "no route to host",
+    "timed out",
+    "timeout",
+    "max retries exceeded",
+    "proxyerror",
+    "from versions: none",
+    "connection broken",
+    "connection aborted",
+)
 """What pip says, in small letters, where no index of packages can be reached."""
 
 

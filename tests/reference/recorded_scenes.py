@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from tracker_scenes import SECOND, observe, room100, walk
 
-from occlog.records import UNLABELLED, Bearings, Tracks, Truth
+from occlog.records.tables import UNLABELLED, Bearings, Tracks, Truth
 
 SCENE = replace(room100(pillar=False, cameras=4), length_unit="m")  # at (0, 0), (50, 0), (100, 0), (100, 50)
 
@@ -17,9 +17,13 @@ def truth(xy, role="target", first=0):
     xy = np.asarray(xy, dtype=float)
     T, n = xy.shape[:2]
     return Truth.of(
-        t_ns=np.repeat(np.arange(T) * SECOND, n), target_id=np.tile(np.arange(first, first + n), T),
-        role=[role] * (T * n), x=xy[..., 0].ravel(), y=xy[..., 1].ravel(), z=np.full(T * n, np.nan),
-    )  # fmt: skip
+        t_ns=np.repeat(np.arange(T) * SECOND, n),
+        target_id=np.tile(np.arange(first, first + n), T),
+        role=[role] * (T * n),
+        x=xy[..., 0].ravel(),
+        y=xy[..., 1].ravel(),
+        z=np.full(T * n, np.nan),
+    )
 
 
 def rows(places, sensor="cam1", target=UNLABELLED):
@@ -29,10 +33,16 @@ def rows(places, sensor="cam1", target=UNLABELLED):
     bearing = np.arctan2(*(places - camera.ground).T[::-1])
     n = len(places)
     return Bearings.of(
-        t_ns=np.arange(n) * SECOND, sensor=[sensor] * n, target_id=np.full(n, target), seen=np.ones(n, dtype=bool),
-        bearing=bearing, sigma=np.full(n, 0.02), u_px=-70 * np.tan(bearing - camera.yaw), sigma_px=np.full(n, 2.0),
+        t_ns=np.arange(n) * SECOND,
+        sensor=[sensor] * n,
+        target_id=np.full(n, target),
+        seen=np.ones(n, dtype=bool),
+        bearing=bearing,
+        sigma=np.full(n, 0.02),
+        u_px=-70 * np.tan(bearing - camera.yaw),
+        sigma_px=np.full(n, 2.0),
         score=np.full(n, np.nan),
-    )  # fmt: skip
+    )
 
 
 def track_at(places, deviation=0.1):
@@ -41,9 +51,16 @@ def track_at(places, deviation=0.1):
     x, y = np.asarray(places, dtype=float).T
     flat, var = np.zeros(n), np.full(n, deviation**2)
     return Tracks.of(
-        t_ns=np.arange(n) * SECOND, target_id=np.zeros(n, int), x=x, y=y, vx=flat, vy=flat,
-        cov_xx=var, cov_xy=flat, cov_yy=var,
-    )  # fmt: skip
+        t_ns=np.arange(n) * SECOND,
+        target_id=np.zeros(n, int),
+        x=x,
+        y=y,
+        vx=flat,
+        vy=flat,
+        cov_xx=var,
+        cov_xy=flat,
+        cov_yy=var,
+    )
 
 
 def walked(steps=30, unit="m"):

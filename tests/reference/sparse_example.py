@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from occlog.core.gauss_markov import GaussMarkov, constant_velocity
-from occlog.core.trajectory import HalfPlanes, Problem, SightLines, make_steps
+from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity
+from occlog.track.map.kernels.problem import HalfPlanes, Problem, SightLines, make_steps
 
 SIDE, HALF_VIEW, RANGE, SPEED, STEP_S, SIGMA = 5.0, np.radians(20.0), 3.5, 0.5, 0.5, 0.01
 CAMERAS = [(-5, -5, 45), (0, -5, 90), (5, -5, 135), (5, 0, 180), (5, 5, 225), (0, 5, 270), (-5, 5, 315), (-5, 0, 0)]
@@ -42,9 +42,16 @@ def example(seed: int, T: int = 200, model: GaussMarkov = WALKER, near: float = 
     table = np.array(sorted(rows)).reshape(-1, 6)
     n, place, axis = len(table), table[:, 1:3].copy(), table[:, 3:5].copy()
     lines = SightLines(
-        table[:, 0].astype(np.int64), place, axis, np.ones(n), table[:, 5].copy(), np.full(n, SIGMA**2), np.zeros(n),
-        np.zeros(n, np.bool_), np.zeros(n),
-    )  # fmt: skip
+        table[:, 0].astype(np.int64),
+        place,
+        axis,
+        np.ones(n),
+        table[:, 5].copy(),
+        np.full(n, SIGMA**2),
+        np.zeros(n),
+        np.zeros(n, np.bool_),
+        np.zeros(n),
+    )
     planes = HalfPlanes(lines.step, axis, np.einsum("ni,ni->n", axis, place) + near)
     steps = make_steps(model, np.arange(T) * STEP_S, np.zeros(4), np.diag([25.0, 1.0, 25.0, 1.0]))
     X = np.zeros((T, 4))

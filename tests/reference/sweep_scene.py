@@ -14,8 +14,12 @@ cameras:
 def trial(run=0, **changes):
     """Ten steps among five occluders."""
     base = {
-        "scene": SCENE, "seed": 3, "run": run, "simulate": {"steps": 10, "occluders": 5}, "track": {"particles": 100},
-    }  # fmt: skip
+        "scene": SCENE,
+        "seed": 3,
+        "run": run,
+        "simulate": {"steps": 10, "occluders": 5},
+        "track": {"particles": 100},
+    }
     return {**base, **changes}
 
 

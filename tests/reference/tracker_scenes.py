@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from occlog.columns import Floats
-from occlog.core.camera import noise_variance, planar_offsets, rotation_from_angles
-from occlog.records import Bearings
-from occlog.scene import Camera, MicrophoneArray, Occluder, Scene
-from occlog.trackers.method import Scan
+from occlog.array_types import Floats
+from occlog.core.sight.camera import noise_variance, planar_offsets, rotation_from_angles
+from occlog.measure.scans.scan import Scan
+from occlog.records.scene import Camera, MicrophoneArray, Occluder, Scene
+from occlog.records.tables import Bearings
 
 SECOND = 1_000_000_000
 ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
@@ -28,9 +28,13 @@ def camera(name: str, xy, yaw_deg: float, **options) -> Camera:
     }
     focal = values.pop("focal")
     return Camera(
-        name, np.array([*xy, 0.0], dtype=float), rotation_from_angles(np.radians(yaw_deg), 0.0, 0.0),
-        np.array([focal, focal]), np.zeros(2), **values,
-    )  # fmt: skip
+        name,
+        np.array([*xy, 0.0], dtype=float),
+        rotation_from_angles(np.radians(yaw_deg), 0.0, 0.0),
+        np.array([focal, focal]),
+        np.zeros(2),
+        **values,
+    )
 
 
 def room100(pillar: bool = True, cameras: int = 8, unit: str = "unit", **options) -> Scene:
@@ -56,10 +60,16 @@ def scan(t_s: float, rows, labelled=True) -> Scan:
     u = np.array([np.nan if value is None else value for value in u], dtype=float)
     n = len(rows)
     return Scan(
-        round(t_s * SECOND), np.array(sensor, dtype=np.int64), np.full(n, labelled), seen,
-        np.where(seen, 0.0, np.nan), np.where(seen, 1.0, np.nan), u,
-        np.array(sigma, dtype=float), np.array(score, dtype=float),
-    )  # fmt: skip
+        round(t_s * SECOND),
+        np.array(sensor, dtype=np.int64),
+        np.full(n, labelled),
+        seen,
+        np.where(seen, 0.0, np.nan),
+        np.where(seen, 1.0, np.nan),
+        u,
+        np.array(sigma, dtype=float),
+        np.array(score, dtype=float),
+    )
 
 
 def true_u(scene: Scene, xy) -> list[float]:
@@ -97,12 +107,17 @@ def observe(scene: Scene, path: Floats, rng: np.random.Generator, target: int = 
         n = len(path)
         parts.append(
             Bearings.of(
-                t_ns=np.rint(np.arange(n) * step_s * SECOND).astype(np.int64), sensor=np.full(n, c.name),
-                target_id=np.full(n, target, dtype=np.int32), seen=seen, bearing=wrap(c.yaw + np.arctan(z / f)),
-                sigma=np.where(seen, spread / f, np.nan), u_px=-z, sigma_px=np.full(n, np.nan),
+                t_ns=np.rint(np.arange(n) * step_s * SECOND).astype(np.int64),
+                sensor=np.full(n, c.name),
+                target_id=np.full(n, target, dtype=np.int32),
+                seen=seen,
+                bearing=wrap(c.yaw + np.arctan(z / f)),
+                sigma=np.where(seen, spread / f, np.nan),
+                u_px=-z,
+                sigma_px=np.full(n, np.nan),
                 score=np.full(n, np.nan),
             )
-        )  # fmt: skip
+        )
     return Bearings.merge(parts)
 
 

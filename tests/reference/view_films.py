@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from occlog.core.epipolar import fundamental_from_poses
-from occlog.trackers.view_method import Birth, Geometry, Looks, Outlines, View
-from occlog.trackers.views import VISUAL
-from occlog.vision.render_balls import BallsFrame, render_balls
-from occlog.vision.render_balls_motion import BallsConfig, ball_cameras
+from occlog.core.sight.fundamental import fundamental_from_poses
+from occlog.measure.epipolar.views import Geometry, View
+from occlog.simulate.balls.motion import BallsConfig, ball_cameras
+from occlog.simulate.balls.video import BallsFrame, render_balls
+from occlog.track.images.catalogue import VISUAL
+from occlog.track.images.interface import Birth, Looks, Outlines
 
 PERIOD_NS = 40_000_000
 SMALL = BallsConfig(frames=40, width=120, height=90, balls=3, radius=9.0, speed=2.0, clutter=2)

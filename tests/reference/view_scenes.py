@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from occlog.view_records import ViewTracks
+from occlog.records.views import ViewTracks
 
 TICK = 40_000_000
 
@@ -34,12 +34,25 @@ def view_tracks(cameras, places, rng, sigma=2.0, delay_ns=0):
         blank, one = np.full(rows, ""), np.ones(rows)
         parts.append(
             ViewTracks.of(
-                t_ns=np.repeat(np.arange(steps) * TICK + k * delay_ns, n), sensor=np.full(rows, camera.name),
-                frame=np.repeat(np.arange(steps), n), target_id=np.tile(np.arange(n, dtype=np.int32), steps),
-                x_px=pixels[:, 0], y_px=pixels[:, 1], a_px=40 * one, b_px=12 * one, rho=-0.5 * np.pi * one,
-                cov_xx_px=max(sigma, 0.1) ** 2 * one, cov_xy_px=0 * one, cov_yy_px=max(sigma, 0.1) ** 2 * one,
-                likeness=one, ess=np.nan * one, mode=np.full(rows, "bmct"), counterpart=blank, neighbours=blank,
-                helpers=blank, event=blank,
+                t_ns=np.repeat(np.arange(steps) * TICK + k * delay_ns, n),
+                sensor=np.full(rows, camera.name),
+                frame=np.repeat(np.arange(steps), n),
+                target_id=np.tile(np.arange(n, dtype=np.int32), steps),
+                x_px=pixels[:, 0],
+                y_px=pixels[:, 1],
+                a_px=40 * one,
+                b_px=12 * one,
+                rho=-0.5 * np.pi * one,
+                cov_xx_px=max(sigma, 0.1) ** 2 * one,
+                cov_xy_px=0 * one,
+                cov_yy_px=max(sigma, 0.1) ** 2 * one,
+                likeness=one,
+                ess=np.nan * one,
+                mode=np.full(rows, "bmct"),
+                counterpart=blank,
+                neighbours=blank,
+                helpers=blank,
+                event=blank,
             )
-        )  # fmt: skip
+        )
     return ViewTracks.merge(parts)

@@ -11,15 +11,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from occlog.frames import Image
-from occlog.io.provenance import Provenance
-from occlog.io.recording import RecordingWriter
-from occlog.records import Boxes
-from occlog.scene import Scene
-from occlog.stages.simulate_balls import balls_boxes, balls_scene
-from occlog.trackers.view_method import LEFT, Looks, Outlines, Visual
-from occlog.vision.render_balls import BallsFrame, render_balls
-from occlog.vision.render_balls_motion import BallsConfig, ball_cameras
+from occlog.io.files.provenance import Provenance
+from occlog.io.recording.reader import RecordingWriter
+from occlog.records.frames import Image
+from occlog.records.scene import Scene
+from occlog.records.tables import Boxes
+from occlog.simulate.balls.motion import BallsConfig, ball_cameras
+from occlog.simulate.balls.stage import balls_boxes, balls_scene
+from occlog.simulate.balls.video import BallsFrame, render_balls
+from occlog.track.images.interface import LEFT, Looks, Outlines, Visual
 
 SMALL = BallsConfig(frames=16, width=160, height=120, balls=3, radius=11.0, speed=2.0)
 STEP_NS = 40_000_000
@@ -122,12 +122,18 @@ def _step(state: Still, looks: Looks, rng: Any) -> tuple[Still, Outlines]:
     gone = [k for k in here if ages[k] == state.config.leaves]
     n = len(here)
     outlines = Outlines(
-        np.array([k[0] for k in here], dtype=np.int64), np.array([k[1] for k in here], dtype=np.int64),
-        np.array([moved[k] for k in here]).reshape(-1, 5), np.tile([1.0, 0.0, 1.0], (n, 1)), np.full(n, 0.9),
-        np.full(n, 1.0), np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.zeros((n, n), dtype=bool),
+        np.array([k[0] for k in here], dtype=np.int64),
+        np.array([k[1] for k in here], dtype=np.int64),
+        np.array([moved[k] for k in here]).reshape(-1, 5),
+        np.tile([1.0, 0.0, 1.0], (n, 1)),
+        np.full(n, 0.9),
+        np.full(n, 1.0),
+        np.zeros(n, dtype=np.int64),
+        np.zeros(n, dtype=np.int64),
+        np.zeros((n, n), dtype=bool),
         np.zeros((n, len(looks.images)), dtype=bool),
         np.array([LEFT if k in gone else 0 for k in here], dtype=np.int64),
-    )  # fmt: skip
+    )
     return _ended(Still(state.config, moved, ages), gone), outlines
 
 

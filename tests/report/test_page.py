@@ -11,13 +11,13 @@ import pytest
 from made_up import merged, ring_scene, run
 
 from occlog.errors import InputError
-from occlog.losses import Loss
-from occlog.records import Bearings, Bound, Diagnostics, Errors, Tracks, Truth
-from occlog.report.floorplan import plan_limits
-from occlog.report.model import ReportInput, TimeAxis
+from occlog.records.losses import Loss
+from occlog.records.scene import Camera, Scene
+from occlog.records.tables import Bearings, Bound, Diagnostics, Errors, Tracks, Truth
+from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.page import build_page, build_report
+from occlog.report.plots.floorplan import plan_limits
 from occlog.report.summary import headline
-from occlog.scene import Camera, Scene
 
 EVIL = '<script>alert("x")</script>\' onload=$x_1$ style="color: red" ]]>\x07'
 
@@ -146,9 +146,16 @@ def test_every_label_is_escaped() -> None:
     text = np.where(data.bearings.sensor == "camera 1", EVIL, data.bearings.sensor)
     columns = {c.name: getattr(data.bearings, c.name) for c in Bearings.columns()} | {"sensor": text}
     page = build_page(
-        run(steps=40, cameras=2, bearings=Bearings.of(**columns), title=EVIL, metrics={EVIL: 1.0, "note": EVIL},
-            provenance={EVIL: EVIL}, losses=(Loss(EVIL, EVIL, EVIL, 3),))
-    )  # fmt: skip
+        run(
+            steps=40,
+            cameras=2,
+            bearings=Bearings.of(**columns),
+            title=EVIL,
+            metrics={EVIL: 1.0, "note": EVIL},
+            provenance={EVIL: EVIL},
+            losses=(Loss(EVIL, EVIL, EVIL, 3),),
+        )
+    )
     found = parsed(page)
     assert "script" not in [t for t, _ in found.tags]
     assert all(not name.startswith("on") for _, a in found.tags for name in a)
@@ -208,10 +215,14 @@ def test_scene_alone_and_tracks_alone() -> None:
 def test_empty_tables() -> None:
     page = build_page(
         ReportInput(
-            scene=ring_scene(2), tracks=Tracks.empty(), bearings=Bearings.empty(), truth=Truth.empty(),
-            errors=Errors.empty(), diagnostics=Diagnostics.empty(),
+            scene=ring_scene(2),
+            tracks=Tracks.empty(),
+            bearings=Bearings.empty(),
+            truth=Truth.empty(),
+            errors=Errors.empty(),
+            diagnostics=Diagnostics.empty(),
         )
-    )  # fmt: skip
+    )
     assert rows_of(page, "Tables read")["tracks"] == ["0", "empty"]
 
 
@@ -222,10 +233,22 @@ def test_a_single_step() -> None:
 def test_a_target_that_stands_still_with_a_singular_covariance() -> None:
     n = 10
     zero = np.zeros(n)
-    still = merged(Tracks, [{
-        "t_ns": np.arange(n), "target_id": np.zeros(n, int), "x": zero + 3, "y": zero, "vx": zero, "vy": zero,
-        "cov_xx": zero, "cov_xy": zero, "cov_yy": zero,
-    }])  # fmt: skip
+    still = merged(
+        Tracks,
+        [
+            {
+                "t_ns": np.arange(n),
+                "target_id": np.zeros(n, int),
+                "x": zero + 3,
+                "y": zero,
+                "vx": zero,
+                "vy": zero,
+                "cov_xx": zero,
+                "cov_xy": zero,
+                "cov_yy": zero,
+            }
+        ],
+    )
     assert "Floor plan" in build_page(ReportInput(tracks=still))
 
 
@@ -281,8 +304,10 @@ def test_heights_have_figures_and_a_row_of_their_own() -> None:
 def test_cameras_far_away_do_not_make_the_room_a_dot() -> None:
     camera = {"rotation": np.eye(3), "focal_px": np.full(2, 1e6), "principal_px": np.zeros(2), "fov": 1e-3}
     near = Camera("near", np.array([-5.0, 0.0, 1.0]), **camera)
-    scene = Scene(cameras=(near, Camera("remote", np.array([-1e6, 0.0, 1.0]), **camera)), room=np.array(
-        [[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]]))  # fmt: skip
+    scene = Scene(
+        cameras=(near, Camera("remote", np.array([-1e6, 0.0, 1.0]), **camera)),
+        room=np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]]),
+    )
     data = ReportInput(scene=scene)
     low, high = plan_limits(data)
     assert (high - low < 30).all()

@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...columns import Floats
-from ...errors import InputError, UsageError
-from ...scene import Camera
+from occlog.array_types import Floats
+from occlog.errors import InputError, UsageError
+from occlog.records.scene import Camera
+
 from . import opencv_storage, opencv_toml, projection, qualisys, tsai
 from .common import CalibrationOptions, read_text
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...columns import Floats
-from ...errors import InputError
-from ...scene import Camera, camera_fov
-from ..inputs import check_input
-from ..sensor_names import safe_name
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.files.inputs import check_input
+from occlog.io.files.sensor_names import safe_name
+from occlog.records.scene import Camera, camera_fov
 
 WHAT = "a camera calibration"
 MAX_BYTES = 16 * 2**20

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ...columns import Floats
-from ...errors import InputError
-from ...scene import Camera
-from ..xml_file import parse_xml
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.files.xml_file import parse_xml
+from occlog.records.scene import Camera
+
 from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
 from .opencv_toml import rotation_from_vector
 

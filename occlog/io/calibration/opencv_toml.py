@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from ...columns import Floats
-from ...errors import InputError
-from ...scene import Camera
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.records.scene import Camera
+
 from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
 
 

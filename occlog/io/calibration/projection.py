@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...columns import Floats
-from ...errors import InputError
-from ...scene import Camera
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.records.scene import Camera
+
 from .common import MAX_SKEW_PX, CalibrationOptions, Pose, build_camera, read_text, scale_of
 
 _SUFFIX = re.compile(r"[_-]?(P|proj|projection|matrix|calib|calibration)$", re.IGNORECASE)

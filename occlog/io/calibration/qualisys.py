@@ -12,9 +12,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ...errors import InputError
-from ...scene import Camera
-from ..xml_file import number, parse_xml, required
+from occlog.errors import InputError
+from occlog.io.files.xml_file import number, parse_xml, required
+from occlog.records.scene import Camera
+
 from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
 
 PIXEL = 1.0 / 64.0

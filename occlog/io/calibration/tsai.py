@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...columns import Floats
-from ...errors import InputError
-from ...scene import Camera
-from ..xml_file import number, parse_xml, required
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.files.xml_file import number, parse_xml, required
+from occlog.records.scene import Camera
+
 from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
 
 

@@ -1,0 +1,1 @@
+"""Benchmarks: kernels of the core."""

@@ -1,0 +1,1 @@
+"""Benchmarks: tracking in images."""

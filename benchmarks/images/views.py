@@ -1,0 +1,123 @@
+"""Frames of `bmct` against the same algorithm in plain NumPy: the synthetic video of [Qu], 6 targets in 2 views."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from occlog.core.sight.fundamental import fundamental_from_poses
+from occlog.measure.epipolar.views import Geometry, View
+from occlog.records.scene import Camera
+from occlog.simulate.balls.motion import BallsConfig, ball_cameras
+from occlog.simulate.balls.video import BallsFrame, render_balls
+from occlog.track.images.catalogue import VISUAL
+from occlog.track.images.interface import Birth, Looks
+from occlog.track.images.methods.timing import likelihood_seconds
+
+NAME = "views"
+SUMMARY = "bmct, 6 targets x 60 particles x 2 views of 320x240, map of bins included: time to that of plain NumPy"
+LIMIT = 0.5
+ROOT = Path(__file__).resolve().parents[2]
+FRAMES = 60
+SEED = 21
+
+
+def reference() -> ModuleType:
+    """The tests' plain form of a frame."""
+    sys.path.insert(0, str(ROOT / "tests" / "reference"))
+    return importlib.import_module("view_reference")
+
+
+def inner(camera: Camera) -> np.ndarray:
+    """(3, 3) matrix of focal lengths and principal point."""
+    (fx, fy), (cx, cy) = camera.focal_px.tolist(), camera.principal_px.tolist()
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+
+def geometry(config: BallsConfig) -> Geometry:
+    a, b = ((inner(c), c.rotation, c.position) for c in ball_cameras(config))
+    out = np.full((2, 2, 3, 3), np.nan)
+    out[0, 1], out[1, 0] = fundamental_from_poses(*a, *b), fundamental_from_poses(*b, *a)
+    return Geometry(out, (None, None))
+
+
+def looks(frame: BallsFrame) -> Looks:
+    return Looks(frame.frame * 40_000_000, np.full(2, frame.frame), frame.images)
+
+
+def states(frames: list[BallsFrame], config: BallsConfig, **settings: Any) -> list[tuple[Any, Looks, Any]]:
+    """The state before each frame, the frame, and the state of the generator."""
+    method, rng = VISUAL["bmct"], np.random.default_rng(SEED)
+    views = [View(c.name, *c.image_size) for c in ball_cameras(config)]
+    state = method.init(views, geometry(config), method.config(**settings), rng)
+    births = [Birth(v, k, e) for v, row in enumerate(frames[0].ellipses) for k, e in enumerate(row)]
+    state, out = method.born(state, looks(frames[0]), births), []
+    for frame in frames[1:]:
+        out.append((state, looks(frame), rng.bit_generator.state))
+        state, _ = method.step(state, looks(frame), rng)
+    return out
+
+
+def generator(bits: Any) -> np.random.Generator:
+    rng = np.random.default_rng()
+    rng.bit_generator.state = bits
+    return rng
+
+
+def ours(cases: list[tuple[Any, Looks, Any]]) -> float:
+    """CPU milliseconds a frame of all views."""
+    step, rngs = VISUAL["bmct"].step, [generator(bits) for _, _, bits in cases]
+    start = time.thread_time()
+    for (state, frame, _), rng in zip(cases, rngs, strict=True):
+        step(state, frame, rng)
+    return 1e3 * (time.thread_time() - start) / len(cases)
+
+
+def plain(cases: list[tuple[Any, Looks, Any]], ref: ModuleType) -> float:
+    """The same of the plain form, its random numbers and maps of bins included."""
+    rngs = [generator(bits) for _, _, bits in cases]
+    start = time.thread_time()
+    for (state, frame, _), rng in zip(cases, rngs, strict=True):
+        t = state.trackers
+        normals, order, u = rng.standard_normal(t.particles.shape), rng.permutation(2), rng.random(len(t.view))
+        bins = [ref.bins_of(image) for image in frame.images]
+        ref.frame(t, state.config, state.geometry.fundamental, bins, normals, order, u)
+    return 1e3 * (time.thread_time() - start) / len(cases)
+
+
+def shares(cases: list[tuple[Any, Looks, Any]]) -> dict[str, float]:
+    """CPU milliseconds a frame of each likelihood, as in [Qu] Table 1."""
+    rows = [likelihood_seconds(state, frame, generator(bits), 3) for state, frame, bits in cases]
+    names = ("local likelihood ms", "interaction likelihood ms", "collaboration likelihood ms")
+    return dict(zip(names, (1e3 * np.mean(rows, axis=0)).tolist(), strict=True))
+
+
+def run(repeats: int = 5) -> dict[str, Any]:
+    """Ratio of a frame's time to the plain form's, both measured in turn; median over repeats."""
+    config, ref = BallsConfig(frames=FRAMES), reference()
+    frames = list(render_balls(config, SEED))
+    cases, dense = states(frames, config), states(frames, config, pixel_step=1)
+    timed: Callable[[], tuple[float, float]] = lambda: (ours(cases), plain(cases[:20], ref))  # noqa: E731
+    pairs = [timed() for _ in range(repeats)]
+    mine, theirs = (median(p[k] for p in pairs) for k in range(2))
+    every = median(ours(dense) for _ in range(repeats))
+    return {
+        "ratio": median(a / b for a, b in pairs),
+        "limit": LIMIT,
+        "parts": {
+            "frame pair ms": mine,
+            "frame pairs per CPU second": 1e3 / mine,
+            "plain NumPy frame pair ms": theirs,
+            "every pixel (pixel_step=1): frame pairs per CPU second": 1e3 / every,
+            "every pixel, times plain NumPy": plain(dense[:20], ref) / every,
+            **shares(cases),
+        },
+    }

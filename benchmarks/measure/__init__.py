@@ -1,0 +1,1 @@
+"""Benchmarks: detection and priors."""

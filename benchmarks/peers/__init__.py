@@ -1,0 +1,1 @@
+"""Benchmarks: other projects on the same problems."""

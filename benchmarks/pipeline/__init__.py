@@ -1,0 +1,1 @@
+"""Benchmarks: whole runs: memory, sweeps."""

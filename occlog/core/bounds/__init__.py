@@ -1,0 +1,1 @@
+"""Cramér-Rao bounds of positions, in the plane and in space."""

@@ -1,0 +1,193 @@
+"""Posterior Cramer-Rao bound of a moving target: the mean squared error that no filter goes below.
+
+The bound has three parts, each exchangeable:
+
+* Fisher information of one measurement about the position, one function for each kind
+  of sensor (`camera_information`, `bearing_information`), all by `gaussian_information`;
+* a motion model as transition and noise matrices for each step (`known_drift_steps`,
+  `constant_velocity_steps`), for steps of any length;
+* the recursion over time (`posterior_bound`), for states of any dimension.
+
+The information is meant at the *true* position.  Averaged over many true paths the
+recursion gives the posterior bound of Tichavsky, Muravchik and Nehorai (1998); along one
+path it is that bound with the expectation replaced by its one sample.
+Which sensors saw the target is taken as given: what "not seen" itself tells about the
+position is not counted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.numerics.jit import kernel
+from occlog.core.sight.camera import noise_variance, planar_offsets
+
+
+def gaussian_information(mean_gradient: Floats, variance: Floats, variance_gradient: Floats) -> Floats:
+    """Fisher information of scalar measurements z ~ N(m(x), v(x)) about x.
+
+    I = grad m grad m^T / v + 1/2 grad v grad v^T / v^2.  The second term says that the
+    scatter of z tells about x too where the noise depends on the position.
+
+    Args:
+        mean_gradient: (N, n) gradient of the mean.
+        variance: (N,) variance, > 0.
+        variance_gradient: (N, n) gradient of the variance.
+
+    Returns:
+        (N, n, n) information matrices of rank 1 or 2.
+    """
+    m = mean_gradient / np.sqrt(variance)[:, None]
+    v = variance_gradient / (np.sqrt(2.0) * variance)[:, None]
+    return np.asarray(m[:, :, None] * m[:, None, :] + v[:, :, None] * v[:, None, :])
+
+
+def camera_information(
+    xy: Floats,
+    position: Floats,
+    yaw: float,
+    focal_px: float,
+    sigma_position: float,
+    sigma_yaw: float,
+    sigma_read_px: Floats,
+) -> Floats:
+    """Fisher information of a camera's measurement z = f h/d + v, [Ercan] Eq. 1 and 2.
+
+    Args:
+        xy: (N, 2) true positions.
+        position: (2,) camera centre on the ground.
+        yaw: azimuth of the optical axis [rad].
+        focal_px: focal length [px].
+        sigma_position: standard deviation of the camera's position, in the unit of xy.
+        sigma_yaw: standard deviation of the yaw [rad].
+        sigma_read_px: (N,) standard deviation of the reading [px].
+
+    Returns:
+        (N, 2, 2); zero where the position is not in front of the camera (d <= 0), since such
+        a reading cannot come from there.
+    """
+    h, d = planar_offsets(xy, position, yaw)
+    front = d > 0
+    h, d = np.where(front, h, 0.0), np.where(front, d, 1.0)
+    c, s = np.cos(yaw), np.sin(yaw)
+    grad_h, grad_d = np.array([-s, c]), np.array([c, s])
+    rho = h / d
+    # grad(h/d) = (grad h - (h/d) grad d) / d
+    grad_rho = (grad_h - rho[:, None] * grad_d) / d[:, None]
+    variance = noise_variance(h, d, focal_px, sigma_position, sigma_yaw, sigma_read_px)
+    by_rho = 4.0 * (1.0 + rho**2) * rho * sigma_yaw**2 + 2.0 * rho / d**2 * sigma_position**2
+    by_d = -2.0 * (1.0 + rho**2) / d**3 * sigma_position**2
+    grad_variance = focal_px**2 * (by_rho[:, None] * grad_rho + by_d[:, None] * grad_d)
+    information = gaussian_information(focal_px * grad_rho, variance, grad_variance)
+    return np.asarray(np.where(front[:, None, None], information, 0.0))
+
+
+def bearing_information(xy: Floats, position: Floats, sigma: Floats) -> Floats:
+    """Fisher information of an azimuth with a standard deviation that does not depend on the position.
+
+    Args:
+        xy: (N, 2) true positions.
+        position: (2,) sensor position on the ground.
+        sigma: (N,) standard deviation of the azimuth [rad].
+
+    Returns:
+        (N, 2, 2); zero at the sensor itself, where an azimuth means nothing.
+    """
+    delta = xy - position
+    r2 = np.sum(delta**2, axis=1)
+    away = r2 > 0
+    gradient = np.column_stack([-delta[:, 1], delta[:, 0]]) / np.where(away, r2, 1.0)[:, None]
+    information = gaussian_information(gradient, sigma**2, np.zeros_like(gradient))
+    return np.asarray(np.where(away[:, None, None], information, 0.0))
+
+
+def known_drift_steps(dt: Floats, sigma_v: float, dimension: int = 2) -> tuple[Floats, Floats]:
+    """Transitions F = I and noise Q = sigma_v^2 dt I of x' = x + drift + v with the drift known.
+
+    This is the random-waypoint walker of [Ercan] Eq. 5 told the displacement that it
+    intends in each step.  A filter has to infer destination and speed, so the bound is
+    below what any filter reaches.
+
+    Args:
+        dt: (T,) lengths of the steps [s], >= 0.
+        sigma_v: standard deviation of the noise after 1 s, per axis.
+        dimension: of the position.
+
+    Returns:
+        F and Q, both (T, dimension, dimension).
+    """
+    eye = np.eye(dimension)
+    return np.broadcast_to(eye, (len(dt), dimension, dimension)).copy(), sigma_v**2 * dt[:, None, None] * eye
+
+
+def constant_velocity_steps(dt: Floats, acceleration_density: float) -> tuple[Floats, Floats]:
+    """Transitions and noise of a constant velocity disturbed by white acceleration.
+
+    Per axis F = [1 dt; 0 1] and Q = q [dt^3/3 dt^2/2; dt^2/2 dt].
+
+    Args:
+        dt: (T,) lengths of the steps [s], >= 0.
+        acceleration_density: q, power spectral density of the acceleration [length^2/s^3].
+
+    Returns:
+        F and Q, both (T, 4, 4), for the state (x, y, vx, vy).
+    """
+    F = np.broadcast_to(np.eye(4), (len(dt), 4, 4)).copy()
+    Q = np.zeros((len(dt), 4, 4))
+    for axis in (0, 1):
+        position, velocity = axis, axis + 2
+        F[:, position, velocity] = dt
+        Q[:, position, position] = acceleration_density * dt**3 / 3.0
+        Q[:, position, velocity] = Q[:, velocity, position] = acceleration_density * dt**2 / 2.0
+        Q[:, velocity, velocity] = acceleration_density * dt
+    return F, Q
+
+
+def posterior_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
+    """Lower bounds of the error covariance at each step.
+
+    The recursion of Tichavsky et al. (1998), J' = D22 - D21 (J + D11)^-1 D12 + I' with
+    D11 = F^T Q^-1 F, D12 = D21^T = -F^T Q^-1, D22 = Q^-1.  By the matrix inversion lemma
+    J' = (F J^-1 F^T + Q)^-1 + I', which needs no Q^-1, so steps of zero length and
+    states that do not move are allowed.
+
+    Args:
+        information: (T, n, n) Fisher information of all measurements of a step.
+        F: (T, n, n) transition into each step; `F[0]` leads from the prior to the first step.
+        Q: (T, n, n) covariance of the motion noise of that transition.
+        P0: (n, n) covariance of the prior.
+
+    Returns:
+        (T, n, n) bounds J^-1.
+    """
+    contiguous = (np.ascontiguousarray(a, dtype=np.float64) for a in (information, F, Q, P0))
+    return np.asarray(_recursion(*contiguous))
+
+
+@kernel
+def _recursion(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
+    bounds = np.empty_like(information)
+    eye = np.eye(P0.shape[0])
+    P = P0
+    for k in range(information.shape[0]):
+        M = F[k] @ P @ F[k].T + Q[k]  # predicted covariance
+        # (M^-1 + I)^-1 = (1 + M I)^-1 M, which also holds where M is singular
+        P = np.linalg.solve(eye + M @ information[k], M)
+        P = 0.5 * (P + P.T)
+        bounds[k] = P
+    return bounds
+
+
+def polygon_covariance(polygon: Floats) -> Floats:
+    """(2, 2) covariance of a point spread evenly over a polygon (K, 2) without crossings, of either orientation."""
+    a = polygon - polygon.mean(axis=0)  # near the origin, so that no digits cancel
+    b = np.roll(a, -1, axis=0)
+    cross = a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1]
+    area = cross.sum() / 2.0
+    centroid = cross @ (a + b) / (6.0 * area)
+    # Second moments of the triangles (origin, a, b): cross/24 (aa + bb + (a+b)(a+b)^T)
+    outer = np.einsum("ki,kj->kij", a, a) + np.einsum("ki,kj->kij", b, b)
+    outer += np.einsum("ki,kj->kij", a + b, a + b)
+    second = np.einsum("k,kij->ij", cross, outer) / (24.0 * area)
+    return np.asarray(second - np.outer(centroid, centroid))

@@ -1,0 +1,231 @@
+"""Cramer-Rao bounds of a target in space seen by sensors of directions, [Lee] Sec. 2.3.
+
+Two bounds by one recursion, (2.30) with a finite prior (`crlb.posterior_bound`): the
+*direct* one, of the state (x, y, z, vx, vy, vz) with azimuth and polar angle, and the one
+of a *plane*, of the state (a, b, va, vb) with one projected angle, where (a, b) are the
+plane's axes `planes.AXES`: (x, y), (y, z) or (z, x).
+
+A known acceleration is an input: it moves the path and leaves the Jacobian that of the
+constant velocity, unlike the printed (2.32), (2.33) and (2.39).  The information is meant
+at the true positions.  The direct bound, cut to a plane's axes, is never above that plane's;
+two planes of a sensor with their covariance give the direct one again, and two planes taken
+as independent give no bound.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats
+from occlog.core.sight.projected_planes import (
+    AXES,
+    blind_planes,
+    direction_angles,
+    pair_covariance,
+    projected_angle_gradients,
+    projected_covariance,
+)
+
+from .in_plane import bearing_information, constant_velocity_steps, gaussian_information, posterior_bound
+
+
+def sight_angles(xyz: Floats, position: Floats, rotation: Floats) -> tuple[Floats, Floats]:
+    """Azimuths and polar angles [rad] in the sensor's frame of positions (N, 3) in the world."""
+    return direction_angles((xyz - position) @ rotation)
+
+
+def direction_information(
+    xyz: Floats, position: Floats, rotation: Floats, sigma_theta: float | Floats, sigma_phi: float | Floats
+) -> Floats:
+    """Fisher information of an azimuth and a polar angle about the position, [Lee] Eq. 2.40 and 2.41.
+
+    Args:
+        xyz: (N, 3) true positions.
+        position: (3,) of the sensor.
+        rotation: (3, 3) world-from-sensor.
+        sigma_theta: standard deviation of the azimuth [rad], > 0, one or (N,); inf: not measured.
+        sigma_phi: standard deviation of the polar angle [rad], > 0, one or (N,); inf: not measured.
+
+    Returns:
+        (N, 3, 3) of rank 2; zero on the sensor's own z axis, where an azimuth means nothing.
+    """
+    x, y, z = ((xyz - position) @ rotation).T
+    flat2 = x**2 + y**2
+    off_axis = flat2 > 0
+    flat2 = np.where(off_axis, flat2, 1.0)
+    flat, square = np.sqrt(flat2), flat2 + z**2
+    by_theta = np.column_stack([-y, x, np.zeros_like(x)]) / flat2[:, None]
+    by_phi = np.column_stack([x * z / flat, y * z / flat, -flat]) / square[:, None]
+    none = np.zeros_like(by_theta)
+    information = gaussian_information(by_theta @ rotation.T, np.full(len(x), np.square(sigma_theta)), none)
+    information = information + gaussian_information(by_phi @ rotation.T, np.full(len(x), np.square(sigma_phi)), none)
+    return np.where(off_axis[:, None, None], information, 0.0)
+
+
+def ground_information(information: Floats) -> Floats:
+    """What a measurement in space tells about (x, y) when nothing is known of z: the Schur complement over z.
+
+    Of a direction this is the information of its azimuth about the world's z axis, with the
+    first-order variance of that azimuth whatever the sensor's pose: a free height takes up
+    all that the elevation tells.
+
+    Args:
+        information: (N, 3, 3) positive semi-definite.
+
+    Returns:
+        (N, 2, 2); where nothing is told about z at all, the part of x and y as it is.
+    """
+    flat, both, up = information[:, :2, :2], information[:, :2, 2], information[:, 2, 2]
+    told = up > 0
+    taken = both[:, :, None] * both[:, None, :] / np.where(told, up, 1.0)[:, None, None]
+    return np.asarray(np.where(told[:, None, None], flat - taken, flat))
+
+
+def plane_information(xyz: Floats, position: Floats, plane: int, variance: Floats) -> Floats:
+    """Fisher information of a projected angle about the position in its plane, [Lee] Eq. 2.34 to 2.38.
+
+    Args:
+        xyz: (N, 3) true positions.
+        position: (3,) of the sensor.
+        plane: index in `planes.PLANES`.
+        variance: (N,) of the angle [rad^2], > 0; inf where the plane is blind.
+
+    Returns:
+        (N, 2, 2) of rank 1, on the plane's axes; zero where the variance is infinite.
+    """
+    axes = list(AXES[plane])
+    return bearing_information(xyz[:, axes], position[axes], np.sqrt(variance))
+
+
+def pair_information(
+    xyz: Floats, position: Floats, rotation: Floats, sigma_theta: float, sigma_phi: float, pair: tuple[int, int]
+) -> Floats:
+    """Fisher information about the position of two planes' angles of one sensor with their covariance.
+
+    It equals `direction_information` wherever the two angles are not the same measurement
+    (xy and yz are where y is the sensor's).  Arguments as there; `pair`: two different planes.
+
+    Returns:
+        (N, 3, 3).
+
+    Raises:
+        numpy.linalg.LinAlgError: the covariance of the two is singular at some position.
+    """
+    theta, phi = sight_angles(xyz, position, rotation)
+    G = projected_angle_gradients(xyz - position)[:, pair, :]
+    R = pair_covariance(projected_covariance(theta, phi, sigma_theta, sigma_phi, rotation), pair)
+    return np.asarray(np.swapaxes(G, 1, 2) @ np.linalg.solve(R, G))
+
+
+def plane_variance(
+    xyz: Floats, position: Floats, rotation: Floats, sigma_theta: float, sigma_phi: float, plane: int
+) -> Floats:
+    """(N,) first-order variances [rad^2] of a projected angle at true positions.
+
+    Infinite where the plane is blind and on the sensor's own z axis, as in `direction_information`.
+    """
+    theta, phi = sight_angles(xyz, position, rotation)
+    noise = (sigma_theta, sigma_phi, rotation)
+    variance = projected_covariance(theta, phi, *noise)[:, plane, plane]
+    on_axis = ~np.any((xyz - position) @ rotation[:, :2], axis=1)
+    return np.where(blind_planes(theta, phi, *noise)[:, plane] | on_axis, np.inf, variance)
+
+
+def motion_bound(information: Floats, dt: Floats, P0: Floats, acceleration_density: float = 0.0) -> Floats:
+    """The recursion (2.30) for a constant velocity, of whatever tells about the position.
+
+    Args:
+        information: (T, d, d) Fisher information about the position of all measurements of a
+            step, summed over the sensors; d is 3, or 2 in a plane.
+        dt: (T,) times [s] to each step from the one before, the first from the prior, >= 0.
+        P0: (2d, 2d) finite covariance of the prior, positions first, then velocities.
+        acceleration_density: of the white acceleration [length^2/s^3]; 0 as in [Lee].
+
+    Returns:
+        (T, 2d, 2d) bounds of the error covariance.
+    """
+    d = information.shape[1]
+    full = np.zeros((len(dt), 2 * d, 2 * d))
+    full[:, :d, :d] = information
+    F, Q = (_each_axis(m, d) for m in constant_velocity_steps(dt, acceleration_density))
+    return posterior_bound(full, F, Q, P0)
+
+
+def direct_bound(
+    xyz: Floats,
+    dt: Floats,
+    sensors: tuple[Floats, Floats],
+    sigmas: tuple[float, float],
+    P0: Floats,
+    used: Bools | None = None,
+    acceleration_density: float = 0.0,
+) -> Floats:
+    """(T, 6, 6) bounds of the state in space with both angles of each sensor, [Lee] Sec. 2.3.2.
+
+    Args:
+        xyz: (T, 3) true positions.
+        dt: (T,) as in `motion_bound`.
+        sensors: positions (S, 3) and rotations (S, 3, 3).
+        sigmas: standard deviations of theta and phi [rad].
+        P0: (6, 6) covariance of the prior.
+        used: (T, S) which sensors measured at each step; all if None.
+        acceleration_density: as in `motion_bound`.
+    """
+    each = [direction_information(xyz, p, R, *sigmas) for p, R in zip(*sensors, strict=True)]
+    return motion_bound(_total(each, used), dt, P0, acceleration_density)
+
+
+def plane_bound(
+    xyz: Floats,
+    dt: Floats,
+    sensors: tuple[Floats, Floats],
+    sigmas: tuple[float, float],
+    P0: Floats,
+    plane: int,
+    used: Bools | None = None,
+    acceleration_density: float = 0.0,
+) -> Floats:
+    """(T, 4, 4) bounds of a plane's state with the projected angle of each sensor, [Lee] Sec. 2.3.1.
+
+    Arguments as in `direct_bound`; P0 is (4, 4), on the plane's axes, and `used` says whose
+    angle of this plane was taken.  A blind plane tells nothing.
+    """
+    each = [
+        plane_information(xyz, p, plane, plane_variance(xyz, p, R, *sigmas, plane))
+        for p, R in zip(*sensors, strict=True)
+    ]
+    return motion_bound(_total(each, used), dt, P0, acceleration_density)
+
+
+def plane_axes(plane: int) -> list[int]:
+    """The four rows of a plane's state in the state in space."""
+    a, b = AXES[plane]
+    return [a, b, a + 3, b + 3]
+
+
+def accelerated_path(state: Floats, acceleration: Floats, dt: Floats) -> Floats:
+    """(T, 2d) states after steps of known acceleration, x' = x + v dt + a dt^2/2 ([Lee] Eq. 2.15 without A/V).
+
+    Args:
+        state: (2d,) at the start, positions first.
+        acceleration: (T, d) in each step.
+        dt: (T,) lengths of the steps [s].
+    """
+    d = acceleration.shape[1]
+    gained = np.cumsum(acceleration * dt[:, None], axis=0)
+    before = state[d:] + gained - acceleration * dt[:, None]
+    moved = np.cumsum(before * dt[:, None] + 0.5 * acceleration * dt[:, None] ** 2, axis=0)
+    return np.column_stack([state[:d] + moved, state[d:] + gained])
+
+
+def _total(each: list[Floats], used: Bools | None) -> Floats:
+    stacked = np.stack(each, axis=1)
+    if used is not None:
+        stacked = np.where(used[:, :, None, None], stacked, 0.0)
+    return np.asarray(stacked.sum(axis=1))
+
+
+def _each_axis(matrices: Floats, d: int) -> Floats:
+    """(T, 2d, 2d) of d axes alike from (T, 4, 4) for (x, y, vx, vy)."""
+    one = matrices[:, ::2, ::2]
+    return np.asarray(np.einsum("tij,kl->tikjl", one, np.eye(d)).reshape(len(one), 2 * d, 2 * d))

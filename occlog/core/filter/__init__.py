@@ -1,0 +1,1 @@
+"""Parts of particle filters: log-weights, resampling, likelihoods of a scan."""

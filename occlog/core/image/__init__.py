@@ -1,0 +1,1 @@
+"""Ellipses in images and histograms of their colours."""

@@ -1,0 +1,169 @@
+"""Figures of merit from errors, and the one-to-one pairings that they need.
+
+Figures over several tracks are made from sums and counts (`ErrorSums`), never from
+means of the tracks' figures, so that a short track does not weigh as much as a long one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from occlog.array_types import Floats
+
+CHI2_95_2D = -2.0 * math.log(0.05)
+"""95 % quantile of chi-square with 2 degrees of freedom (5.991)."""
+
+
+CHI2_95_3D = 7.814727903251179
+"""95 % quantile of chi-square with 3 degrees of freedom."""
+
+
+class ErrorSums(NamedTuple):
+    """Count and sums of squares of errors: all that RMSEs need."""
+
+    n: int
+    square_x: float
+    square_y: float
+
+    @property
+    def rmse(self) -> float:
+        """Root of the mean squared distance ([Ercan] Sec. 6); NaN without errors."""
+        return self._root(self.square_x + self.square_y)
+
+    @property
+    def rmse_x(self) -> float:
+        """Root of the mean squared error along x; NaN without errors."""
+        return self._root(self.square_x)
+
+    @property
+    def rmse_y(self) -> float:
+        """Root of the mean squared error along y; NaN without errors."""
+        return self._root(self.square_y)
+
+    def _root(self, total: float) -> float:
+        return math.sqrt(total / self.n) if self.n else math.nan
+
+
+def error_sums(errors: Floats) -> ErrorSums:
+    """Sums of (N, 2) errors."""
+    x, y = np.sum(errors**2, axis=0) if len(errors) else (0.0, 0.0)
+    return ErrorSums(len(errors), float(x), float(y))
+
+
+def add_sums(parts: Iterable[ErrorSums]) -> ErrorSums:
+    """Sums of all parts together."""
+    rows = list(parts)
+    return ErrorSums(sum(p.n for p in rows), math.fsum(p.square_x for p in rows), math.fsum(p.square_y for p in rows))
+
+
+def normalised_squared_errors(errors: Floats, covariances: Floats) -> Floats:
+    """e^T P^-1 e of each error (NEES), chi-square with 2 degrees of freedom for a consistent filter.
+
+    Args:
+        errors: (N, 2).
+        covariances: (N, 2, 2), positive semi-definite.
+
+    Returns:
+        (N,), NaN where P is singular to rounding.
+    """
+    pxx, pxy, pyy = covariances[:, 0, 0], covariances[:, 0, 1], covariances[:, 1, 1]
+    det = pxx * pyy - pxy**2
+    regular = det > 1e-12 * pxx * pyy
+    ex, ey = errors[:, 0], errors[:, 1]
+    form = pyy * ex**2 - 2.0 * pxy * ex * ey + pxx * ey**2
+    return np.asarray(np.where(regular, form / np.where(regular, det, 1.0), np.nan))
+
+
+def normalised_squared_errors_in_space(errors: Floats, covariances: Floats) -> Floats:
+    """e^T P^-1 e of each error in space, chi-square with 3 degrees of freedom for a consistent filter.
+
+    Args:
+        errors: (N, 3), NaN where not known.
+        covariances: (N, 3, 3), positive semi-definite, NaN where not known.
+
+    Returns:
+        (N,), NaN where anything is not known and where P is singular to rounding.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
+    known = np.isfinite(errors).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2)) & (scale > 0).all(axis=1)
+    rows = np.flatnonzero(known)
+    s = scale[rows]
+    correlation = covariances[rows] / (s[:, :, None] * s[:, None, :])
+    regular = np.linalg.det(correlation) > 1e-12
+    e = (errors[rows] / s)[regular][:, :, None]
+    out = np.full(len(errors), np.nan)
+    out[rows[regular]] = np.sum(e * np.linalg.solve(correlation[regular], e), axis=(1, 2))
+    return out
+
+
+def quantile(values: Floats, q: float) -> float:
+    """Quantile of finite values, linearly interpolated; NaN without values."""
+    return float(np.quantile(values, q)) if len(values) else math.nan
+
+
+def root_mean_square(values: Floats) -> float:
+    """Root of the mean square; NaN without values."""
+    return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
+
+
+def ratio(part: float, whole: float) -> float:
+    """Part divided by whole; NaN where the whole is 0 or one of them is NaN."""
+    return part / whole if whole else math.nan
+
+
+def pair_within(cost: Floats, limit: float) -> list[tuple[int, int]]:
+    """One-to-one pairs (row, column) with cost at most `limit`: as many as possible, then of least total cost.
+
+    Args:
+        cost: (n, m) non-negative; infinite or NaN where a pair cannot be.
+        limit: largest cost of a pair.
+    """
+    allowed = cost <= limit
+    if not allowed.any():
+        return []
+    # One more pair is worth more than any saving among the others.
+    scale = min(cost.shape) * max(float(cost[allowed].max()), 1e-300) * 2.0
+    rows, columns = linear_sum_assignment(np.where(allowed, cost, scale))
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if allowed[i, j]]
+
+
+def pair_tracks(squared_errors: Sequence[Sequence[Floats]]) -> list[tuple[int, int]]:
+    """Pairs (track, target) that give the smallest overall RMSE.
+
+    Leaving a time out must not pay: a time covered is worth c^2 - e^2, with c^2 twice the
+    largest squared error, and the sum over all pairs is made as large as possible.  Where
+    all tracks cover the same times this is the assignment of least overall RMSE.
+
+    Args:
+        squared_errors: `[i][j]` squared errors of track i against target j at the times they share.
+
+    Returns:
+        Pairs that share at least one time, by track.
+    """
+    worst = max((float(e.max()) for row in squared_errors for e in row if len(e)), default=0.0)
+    value = 2.0 * worst + 1e-300
+    gain = np.array([[len(e) * value - float(e.sum()) for e in row] for row in squared_errors])
+    if not gain.size:
+        return []
+    rows, columns = linear_sum_assignment(gain, maximize=True)
+    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+    return [(i, j) for i, j in pairs if len(squared_errors[i][j])]
+
+
+def intersection_areas(a: Floats, b: Floats) -> Floats:
+    """(n, m) areas that boxes a (n, 4) and b (m, 4) share; a box is left, top, width, height."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, :2] + a[:, None, 2:], b[None, :, :2] + b[None, :, 2:])
+    return np.asarray(np.prod(np.clip(high - low, 0.0, None), axis=2))
+
+
+def box_overlap(a: Floats, b: Floats) -> Floats:
+    """(n, m) intersection over union of boxes a (n, 4) and b (m, 4)."""
+    shared = intersection_areas(a, b)
+    union = np.prod(a[:, 2:], axis=1)[:, None] + np.prod(b[:, 2:], axis=1)[None, :] - shared
+    return np.asarray(shared / union)

@@ -1,0 +1,222 @@
+"""Labelled objects of two sides, truth and tracks, laid against each other frame by frame.
+
+All figures of merit for many targets (`mot_clear`, `mot_identity`, `mot_hota`, `mot_gospa`)
+start from the same table of pairs.  Several views, or several recordings, are put in as
+`view`: a label of one view is another object than the same label of another view, so that the
+figures are those of all views pooled.
+
+Two objects are compared by a distance and by a similarity in [0, 1]:
+
+    boxes     distance 1 - IoU; similarity IoU (intersection over union)
+    points    distance Euclidean; similarity max(0, 1 - distance / (2 limit)), which is 0.5 at
+              the limit, as an IoU of 0.5 is the usual limit of boxes, and 0 from twice the limit on
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+EPS = float(np.finfo(np.float64).eps)
+"""A similarity that is lower than a threshold by rounding only still reaches it."""
+
+
+class Objects(NamedTuple):
+    """What is where: a row for each object and frame, in any order.
+
+    Attributes:
+        frame: (n,) number of the frame.
+        label: (n,) identity; no two rows of a frame and view have the same.
+        place: (n, 4) box left, top, width, height with sizes above 0, or (n, d) point.
+        view: (n,) number of the view; None: there is one view.
+    """
+
+    frame: Ints
+    label: Ints
+    place: Floats
+    view: Ints | None = None
+
+
+class Frames(NamedTuple):
+    """Truth and tracks by frame; a frame of one view is a frame of its own here.
+
+    Rows are sorted by view, frame, label.  T frames that have a row on either side, N true rows
+    of G targets, M rows of K tracks.  Pairs are compared frame by frame when they are asked for,
+    so that memory does not grow with their number.
+
+    Attributes:
+        frame: (T,) number of each frame.
+        view: (T,) its view.
+        truth: (N,) number of each row's target, 0 to G - 1.
+        track: (M,) number of each row's track, 0 to K - 1.
+        truth_start: (T + 1,) first row of each frame in `truth`.
+        track_start: (T + 1,) first row of each frame in `track`.
+        truth_place: (N, d) places.
+        track_place: (M, d) places.
+        truth_key: (G, 2) view and label of each target.
+        track_key: (K, 2) view and label of each track.
+        truth_row: (N,) place of each true row in the input.
+        track_row: (M,) place of each track row in the input.
+        limit: distance of points at which their similarity is 0.5; NaN: the places are boxes.
+    """
+
+    frame: Ints
+    view: Ints
+    truth: Ints
+    track: Ints
+    truth_start: Ints
+    track_start: Ints
+    truth_place: Floats
+    track_place: Floats
+    truth_key: Ints
+    track_key: Ints
+    truth_row: Ints
+    track_row: Ints
+    limit: float
+
+    def meeting(self) -> list[int]:
+        """Frames that have rows on both sides."""
+        return [int(t) for t in np.flatnonzero(np.diff(self.truth_start) * np.diff(self.track_start))]
+
+    def rows(self, t: int) -> tuple[slice, slice]:
+        """True rows and track rows of frame t."""
+        return (
+            slice(int(self.truth_start[t]), int(self.truth_start[t + 1])),
+            slice(int(self.track_start[t]), int(self.track_start[t + 1])),
+        )
+
+    def compare(self, t: int) -> tuple[Floats, Floats]:
+        """(n, m) distance >= 0 and similarity in [0, 1] of all pairs of frame t."""
+        left, right = self.rows(t)
+        a, b = self.truth_place[left], self.track_place[right]
+        if np.isnan(self.limit):
+            similarity = _overlaps(a, b)
+            return 1.0 - similarity, similarity
+        distance = _distances(a, b)
+        return distance, np.maximum(0.0, 1.0 - distance / (2.0 * self.limit))
+
+
+def of_boxes(truth: Objects, tracks: Objects) -> Frames:
+    """Frames of boxes (n, 4): left, top, width, height.
+
+    Raises:
+        ValueError: a place is not finite or no box, a label comes twice in a frame of a view, or
+            only one side has views.
+    """
+    for side in (truth, tracks):
+        if side.place.shape[1:] != (4,) or not (side.place[:, 2:] > 0).all():
+            raise ValueError("boxes must be (n, 4): left, top, width, height with sizes above 0")
+    return _frames(truth, tracks, np.nan)
+
+
+def of_points(truth: Objects, tracks: Objects, limit: float) -> Frames:
+    """Frames of points (n, d), on the ground, in space or in the image.
+
+    Args:
+        truth: the targets.
+        tracks: the estimates.
+        limit: distance at which the similarity is 0.5, > 0, unit of the places.
+
+    Raises:
+        ValueError: a place is not finite or has other columns than those of the other side, a
+            label comes twice in a frame of a view, or only one side has views.
+    """
+    if not 0 < limit < np.inf:
+        raise ValueError(f"limit {limit:g} must be above 0")
+    return _frames(truth, tracks, limit)
+
+
+def reaches(similarity: Floats, threshold: float) -> Bools:
+    """Whether similarities reach a threshold, up to rounding; 0 never does."""
+    return np.asarray((similarity >= threshold - EPS) & (similarity > EPS))
+
+
+def _frames(truth: Objects, tracks: Objects, limit: float) -> Frames:
+    if truth.place.ndim != 2 or truth.place.shape[1:] != tracks.place.shape[1:]:
+        raise ValueError("places of both sides must have as many columns")
+    n = len(truth.frame)
+    if n and len(tracks.frame) and (truth.view is None) != (tracks.view is None):
+        raise ValueError("views must be given for both sides or for none")
+    both_views = np.concatenate([_views(truth), _views(tracks)])
+    both_frames = np.concatenate([truth.frame, tracks.frame]).astype(np.int64)
+    key, cell = _numbered(both_views, both_frames)
+    truth_key, target = _numbered(both_views[:n], truth.label)
+    track_key, track = _numbered(both_views[n:], tracks.label)
+    truth_row, truth_start = _sorted(truth, cell[:n], target, len(key))
+    track_row, track_start = _sorted(tracks, cell[n:], track, len(key))
+    return Frames(
+        key[:, 1],
+        key[:, 0],
+        target[truth_row],
+        track[track_row],
+        truth_start,
+        track_start,
+        _rows_of(truth, truth_row),
+        _rows_of(tracks, track_row),
+        truth_key,
+        track_key,
+        truth_row,
+        track_row,
+        limit,
+    )
+
+
+def _rows_of(side: Objects, rows: Ints) -> Floats:
+    return np.ascontiguousarray(side.place[rows], dtype=np.float64)
+
+
+def _views(side: Objects) -> Ints:
+    if not np.isfinite(side.place).all():
+        raise ValueError("places must be finite; leave out objects without one")
+    return np.zeros(len(side.frame), dtype=np.int64) if side.view is None else side.view.astype(np.int64)
+
+
+def _numbered(first: Ints, second: Ints) -> tuple[Ints, Ints]:
+    """Distinct pairs (n, 2) of two columns in rising order, and the number of each row's pair."""
+    a, at_a = np.unique(first, return_inverse=True)
+    b, at_b = np.unique(second, return_inverse=True)
+    codes, number = np.unique(at_a * max(len(b), 1) + at_b, return_inverse=True)
+    pairs = np.column_stack([a[codes // max(len(b), 1)], b[codes % max(len(b), 1)]])
+    return pairs.astype(np.int64), number.astype(np.int64)
+
+
+def _sorted(side: Objects, cell: Ints, number: Ints, cells: int) -> tuple[Ints, Ints]:
+    """Rows of one side in order of frame and label, and where each frame starts."""
+    order = np.lexsort((number, cell))
+    same = (np.diff(cell[order]) == 0) & (np.diff(number[order]) == 0)
+    if same.any():
+        row = order[int(np.flatnonzero(same)[0])]
+        raise ValueError(f"label {side.label[row]} comes twice in frame {side.frame[row]}")
+    return order.astype(np.int64), np.searchsorted(cell[order], np.arange(cells + 1)).astype(np.int64)
+
+
+@kernel
+def _overlaps(a: Floats, b: Floats) -> Floats:
+    """(n, m) intersection over union of boxes (n, 4) and (m, 4): `metrics.box_overlap`, quick for few boxes."""
+    out = np.zeros((len(a), len(b)))
+    for i in range(len(a)):
+        for j in range(len(b)):
+            width = min(a[i, 0] + a[i, 2], b[j, 0] + b[j, 2]) - max(a[i, 0], b[j, 0])
+            height = min(a[i, 1] + a[i, 3], b[j, 1] + b[j, 3]) - max(a[i, 1], b[j, 1])
+            if width > 0.0 and height > 0.0:
+                shared = width * height
+                # Rounding of the corners may make the shared area larger than a box.
+                out[i, j] = min(1.0, shared / (a[i, 2] * a[i, 3] + b[j, 2] * b[j, 3] - shared))
+    return out
+
+
+@kernel
+def _distances(a: Floats, b: Floats) -> Floats:
+    """(n, m) distances of points (n, d) and (m, d)."""
+    out = np.zeros((len(a), len(b)))
+    for i in range(len(a)):
+        for j in range(len(b)):
+            total = 0.0
+            for k in range(a.shape[1]):
+                total += (a[i, k] - b[j, k]) ** 2
+            out[i, j] = np.sqrt(total)
+    return out

@@ -1,0 +1,1 @@
+"""Motion models: constant velocity with noise, turns, motion in space."""

@@ -1,0 +1,1 @@
+"""Compilation, seeds, assignment, interpolation, special functions."""

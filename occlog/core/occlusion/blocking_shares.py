@@ -1,0 +1,263 @@
+"""Which cameras an occluder would hide a place from: exact shares of its prior, by slices.
+
+Occluder j hides the place x from camera i if its centre is in A_i(x), the rectangle from
+the camera to x, as wide as the occluder's diameter, without end caps ([Ercan] Fig. 3).  The
+plane falls into pieces by the set of rectangles that a point is in; wanted is the prior's
+share of every piece.  In the prior's own axes the plane is cut into slices along the major
+axis.  On a slice each rectangle is an interval, and the normal distribution of a piece is
+a difference of error functions.  Across the slices the integrand is smooth between the
+corners and crossings of the rectangles' sides, so Gauss-Legendre panels that begin and end
+there are accurate to about 1e-12, for any ratio of the axes.  A line is one slice.  For a
+uniform prior lengths are linear between corners and crossings, so one slice each is exact.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from .blocking_cuts import cuts, sides, steepest
+from .priors import Priors
+
+WIDE = 8.5
+"""Standard deviations that count; beyond is 2e-17."""
+ROOT_HALF = math.sqrt(0.5)
+ROOT_2PI = math.sqrt(2.0 * math.pi)
+RULES: Floats = np.zeros((2, 2, 16))
+"""Nodes and weights of Gauss-Legendre panels: 16 for those two deviations wide, 8 for those below one."""
+RULES[0], RULES[1, :, :8] = np.polynomial.legendre.leggauss(16), np.polynomial.legendre.leggauss(8)
+
+
+@kernel
+def normal_between(low: float, high: float) -> float:
+    """Probability of a standard normal between low and high; 0 if low >= high.
+
+    In a tail the complementary error function keeps the digits that 1 - 1 would lose.
+    """
+    if low >= high:
+        return 0.0
+    low, high = low * ROOT_HALF, high * ROOT_HALF
+    if low > 0.0:
+        return 0.5 * (math.erfc(low) - math.erfc(high))
+    if high < 0.0:
+        return 0.5 * (math.erfc(-high) - math.erfc(-low))
+    return 0.5 * (math.erf(high) - math.erf(low))
+
+
+@kernel
+def shares(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> Floats:
+    """(2^N,) probabilities that occluder j hides (x, y) from exactly a set of cameras.
+
+    Bit i of an index stands for camera i; index 0 is "from none".  They sum to 1.  From a
+    camera that stands at (x, y) nothing is hidden.
+
+    Args:
+        x: the place.
+        y: the same.
+        cameras: (N, 2) positions.
+        priors: of the occluders.
+        j: which of them.
+    """
+    out = np.zeros(1 << cameras.shape[0])
+    rows, bits = _strips(x, y, cameras, priors, j)
+    corners = priors.corners[priors.first[j] : priors.first[j + 1]]
+    sigma, minor = priors.sigma[j], priors.minor[j]
+    none, ends, flips = np.zeros(0), np.empty(2 * bits.shape[0]), np.empty(2 * bits.shape[0], dtype=np.int64)
+    if bits.shape[0] > 0:
+        if corners.shape[0] > 0:
+            _uniform_into(out, rows, bits, _own_axes(corners, priors, j))
+        elif sigma == 0.0:
+            _slice_into(out, 0.0, rows, bits, none, 0.0, 1.0, ends, flips)
+        elif minor == 0.0:
+            _slice_into(out, 0.0, rows, bits, none, sigma, 1.0, ends, flips)
+        else:
+            _normal_into(out, rows, bits, sigma, minor)
+    out[0] = max(0.0, 1.0 - np.sum(out[1:]))
+    return out
+
+
+@kernel
+def _strips(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> tuple[Floats, Ints]:
+    """Rectangles that the prior can reach, in its own axes (major axis s, minor axis t, origin at the mean).
+
+    Returns:
+        (n, 6): direction to the place, s and t; the camera's position, s and t; distance; half-width.
+        (n,): bit of the camera.
+    """
+    c, s, radius = priors.axis[j, 0], priors.axis[j, 1], priors.radius[j]
+    reach = WIDE * priors.sigma[j]
+    for k in range(priors.first[j], priors.first[j + 1]):
+        reach = max(
+            reach, math.hypot(priors.corners[k, 0] - priors.mean[j, 0], priors.corners[k, 1] - priors.mean[j, 1])
+        )
+    rows, bits = np.empty((cameras.shape[0], 6)), np.empty(cameras.shape[0], dtype=np.int64)
+    n = 0
+    for i in range(cameras.shape[0]):
+        dx, dy = x - cameras[i, 0], y - cameras[i, 1]
+        r = math.hypot(dx, dy)
+        if r == 0.0:
+            continue
+        dx, dy = dx / r, dy / r
+        px, py = cameras[i, 0] - priors.mean[j, 0], cameras[i, 1] - priors.mean[j, 1]
+        along, across = -(px * dx + py * dy), py * dx - px * dy
+        if abs(across) <= radius + reach and -reach <= along <= r + reach:
+            rows[n, 0], rows[n, 1] = c * dx + s * dy, c * dy - s * dx
+            rows[n, 2], rows[n, 3] = c * px + s * py, c * py - s * px
+            rows[n, 4], rows[n, 5] = r, radius
+            bits[n] = 1 << i
+            n += 1
+    return rows[:n], bits[:n]
+
+
+@kernel
+def _own_axes(corners: Floats, priors: Priors, j: int) -> Floats:
+    """Corners (K, 2) along and across the prior's major axis, from its mean."""
+    c, s = priors.axis[j, 0], priors.axis[j, 1]
+    out = np.empty(corners.shape)
+    for k in range(corners.shape[0]):
+        dx, dy = corners[k, 0] - priors.mean[j, 0], corners[k, 1] - priors.mean[j, 1]
+        out[k, 0], out[k, 1] = c * dx + s * dy, c * dy - s * dx
+    return out
+
+
+@kernel
+def _interval(row: Floats, t: float) -> tuple[float, float]:
+    """Where the slice at t is in a rectangle: s from low to high; nowhere if low > high."""
+    d_s, d_t, r, radius = row[0], row[1], row[4], row[5]
+    start = (t - row[3]) * d_t - row[2] * d_s  # distance along the sight line at s = 0; it grows by d_s
+    side = (t - row[3]) * d_s + row[2] * d_t  # distance across it at s = 0; it grows by -d_t
+    low, high = -math.inf, math.inf
+    for at, slope, least, most in ((start, d_s, 0.0, r), (side, -d_t, -radius, radius)):
+        if slope == 0.0:
+            if at < least or at > most:
+                return 1.0, -1.0
+            continue
+        first, last = (least - at) / slope, (most - at) / slope
+        low, high = max(low, min(first, last)), min(high, max(first, last))
+    return low, high
+
+
+@kernel
+def _slice_into(
+    out: Floats,
+    t: float,
+    rows: Floats,
+    bits: Ints,
+    inside: Floats,
+    sigma: float,
+    weight: float,
+    ends: Floats,
+    flips: Ints,
+) -> bool:
+    """Add `weight` times what lies on the slice at t to the pieces, in place; False if no rectangle is met.
+
+    Args:
+        out: (2^N,) pieces.
+        t: place of the slice.
+        rows: (n, 6) rectangles.
+        bits: (n,) of their cameras.
+        inside: (2 m,) places where the slice enters and leaves a uniform prior; none: it is normal.
+        sigma: standard deviation along the slice of a normal prior; 0: all of it is at 0.
+        weight: of the slice.
+        ends: (2 n + 2 m,) room to work in.
+        flips: the same.
+    """
+    n, m = bits.shape[0], inside.shape[0]
+    size, mask = 0, 0
+    for i in range(n):
+        low, high = _interval(rows[i], t)
+        if low > high:
+            continue
+        if low <= 0.0 <= high:
+            mask |= bits[i]
+        for end in (low, high):
+            _insert(ends, flips, size, end, bits[i])
+            size += 1
+    if size == 0:
+        return False
+    if m == 0 and sigma == 0.0:
+        out[mask] += weight if mask != 0 else 0.0
+        return True
+    polygon = 1 << 62
+    for k in range(m):
+        _insert(ends, flips, size, inside[k], polygon)
+        size += 1
+    mask = 0
+    for k in range(size - 1):
+        mask ^= flips[k]
+        piece = mask & ~polygon
+        if piece == 0 or ends[k] == ends[k + 1]:
+            continue
+        if m == 0:
+            out[piece] += weight * normal_between(ends[k] / sigma, ends[k + 1] / sigma)
+        elif mask & polygon:
+            out[piece] += weight * (ends[k + 1] - ends[k])
+    return True
+
+
+@kernel
+def _insert(ends: Floats, flips: Ints, size: int, end: float, flip: int) -> None:
+    """Put an end at its place among the first `size`, which are in order; in place."""
+    k = size
+    while k > 0 and ends[k - 1] > end:
+        ends[k], flips[k] = ends[k - 1], flips[k - 1]
+        k -= 1
+    ends[k], flips[k] = end, flip
+
+
+@kernel
+def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: float) -> None:
+    """Add the pieces of a normal prior, in place: Gauss-Legendre panels between the cuts."""
+    none, border = np.zeros(0), sides(rows, np.zeros((0, 2)))
+    ends, flips = np.empty(2 * bits.shape[0]), np.empty(2 * bits.shape[0], dtype=np.int64)
+    at = cuts(border, -WIDE * minor, WIDE * minor, sigma, minor)
+    for k in range(at.shape[0] - 1):
+        width = at[k + 1] - at[k]
+        if width <= 0.0 or not _slice_into(out, at[k] + 0.5 * width, rows, bits, none, sigma, 0.0, ends, flips):
+            continue
+        slope = steepest(border, at[k], at[k + 1]) * minor / sigma
+        small = width * math.sqrt(1.0 + slope * slope) < minor
+        nodes, weights = RULES[1 if small else 0]
+        panels = 1 if small else math.ceil(0.5 * width / minor)
+        half = 0.5 * width / panels
+        for p in range(panels):
+            for g in range(8 if small else 16):
+                t = at[k] + half * (2 * p + 1 + nodes[g])
+                weight = half * weights[g] * math.exp(-0.5 * (t / minor) ** 2) / (ROOT_2PI * minor)
+                _slice_into(out, t, rows, bits, none, sigma, weight, ends, flips)
+
+
+@kernel
+def _uniform_into(out: Floats, rows: Floats, bits: Ints, polygon: Floats) -> None:
+    """Add the pieces of a prior uniform over a polygon, in place: the middle of each slab is exact."""
+    low, high = np.min(polygon[:, 1]), np.max(polygon[:, 1])
+    area, K = 0.0, polygon.shape[0]
+    for k in range(K):
+        p, q = polygon[k], polygon[(k + 1) % K]
+        area += 0.5 * (p[0] * q[1] - p[1] * q[0])
+    room = 2 * bits.shape[0] + K
+    ends, flips = np.empty(room), np.empty(room, dtype=np.int64)
+    at = cuts(sides(rows, polygon), low, high, 0.0, 0.0)
+    for k in range(at.shape[0] - 1):
+        width = at[k + 1] - at[k]
+        if width > 0.0:
+            t = at[k] + 0.5 * width
+            _slice_into(out, t, rows, bits, _entered(polygon, t), 0.0, width / area, ends, flips)
+
+
+@kernel
+def _entered(polygon: Floats, t: float) -> Floats:
+    """Places s, in no order, where the slice at t meets the sides of a polygon (K, 2); an even number."""
+    K, size = polygon.shape[0], 0
+    out = np.empty(K)
+    for k in range(K):
+        s0, t0 = polygon[k]
+        s1, t1 = polygon[(k + 1) % K]
+        if (t0 <= t) != (t1 <= t):
+            out[size] = s0 + (s1 - s0) * (t - t0) / (t1 - t0)
+            size += 1
+    return out[:size]

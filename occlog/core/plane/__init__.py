@@ -1,0 +1,1 @@
+"""Polygons, the floor of a room and what stands on it."""

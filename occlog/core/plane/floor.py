@@ -1,0 +1,62 @@
+"""Where a target can stand: inside the room and outside all static occluders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from .polygons import inside_polygon, pack_polygons, point_inside
+
+ROUNDS = 200
+"""Rounds of random places tried before the floor is called full."""
+
+
+class Floor(NamedTuple):
+    """A room polygon minus the polygons in it."""
+
+    room: Floats  # (K, 2)
+    walls: Floats  # (S, 2) packed polygons (`pack_polygons`)
+    starts: Ints  # (P + 1,)
+
+
+def make_floor(room: Floats, walls: Sequence[Floats]) -> Floor:
+    """The floor inside `room` (K, 2) and outside the `walls`, each (K_p, 2)."""
+    return Floor(np.ascontiguousarray(room, dtype=np.float64), *pack_polygons(walls))
+
+
+@kernel
+def on_floor(xy: Floats, room: Floats, walls: Floats, starts: Ints) -> Bools:
+    """(N,) bool: which of the (N, 2) points are on the floor."""
+    free = inside_polygon(xy, room)
+    for w in range(starts.shape[0] - 1):
+        wall = walls[starts[w] : starts[w + 1]]
+        for i in range(xy.shape[0]):
+            if free[i] and point_inside(xy[i, 0], xy[i, 1], wall):
+                free[i] = False
+    return free
+
+
+def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
+    """(n, 2) places spread evenly over the floor.
+
+    ValueError when so little of the room is free that `ROUNDS` rounds do not find them.
+    """
+    low = floor.room.min(axis=0)
+    size = floor.room.max(axis=0) - low
+    found, count = [np.empty((0, 2))], 0
+    for _ in range(ROUNDS):
+        if count >= n:
+            break
+        # A quarter more than needed, so that one round is enough in a room with a few pillars.
+        places = low + size * rng.random((n - count + (n - count) // 4 + 4, 2))
+        places = places[on_floor(places, floor.room, floor.walls, floor.starts)]
+        found.append(places)
+        count += len(places)
+    if count < n:
+        raise ValueError(f"only {count} of {n} random places were free; static occluders fill the room")
+    return np.concatenate(found)[:n]

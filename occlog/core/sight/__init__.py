@@ -1,0 +1,1 @@
+"""Cameras, sight lines and where they meet, fundamental matrices."""

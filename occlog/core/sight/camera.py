@@ -1,0 +1,179 @@
+"""Perspective cameras: pixels to sight lines and back, and the planar model of [Ercan] Sec. 3.1.
+
+Camera frame: x to the right, y down, z forward.  A rotation `R` is world-from-camera:
+its columns are the camera's axes in world coordinates.  World: x, y on the ground, z up;
+yaw from +x towards +y, pitch up, roll clockwise as seen from behind the camera.
+
+Distortion coefficients are (k1, k2, p1, p2, k3) on normalised image coordinates:
+`brown` maps ideal to distorted (OpenCV's direction), `tsai` uses k1 only and maps
+distorted to ideal, x_ideal = x (1 + k1 r^2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Floats
+
+
+def wrap_angle(angle: Floats | float) -> Floats:
+    """Wrap angles [rad] to [-pi, pi)."""
+    wrapped = (np.asarray(angle, dtype=np.float64) + np.pi) % (2.0 * np.pi) - np.pi
+    # The sum may round up to 2 pi itself for angles just below -pi.
+    return np.where(wrapped >= np.pi, wrapped - 2.0 * np.pi, wrapped)
+
+
+def rotation_from_angles(yaw: float, pitch: float, roll: float) -> Floats:
+    """(3, 3) world-from-camera rotation of a camera with the given yaw, pitch and roll [rad]."""
+    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    forward = np.array([cp * cy, cp * sy, sp])
+    right = np.array([sy, -cy, 0.0])
+    down = np.cross(forward, right)
+    c, s = np.cos(roll), np.sin(roll)
+    return np.column_stack([c * right + s * down, -s * right + c * down, forward])
+
+
+def array_rotation(yaw: float, pitch: float, roll: float) -> Floats:
+    """(3, 3) world-from-array rotation; x is forward, y to the left, z up, and the angles [rad] are as a camera's."""
+    right, down, forward = rotation_from_angles(yaw, pitch, roll).T
+    return np.column_stack([forward, -right, -down])
+
+
+def angles_from_rotation(rotation: Floats) -> tuple[float, float, float]:
+    """Yaw, pitch and roll [rad] of a world-from-camera rotation; yaw is 0 for one that looks straight up or down."""
+    right, _, forward = rotation[:, 0], rotation[:, 1], rotation[:, 2]
+    flat = float(np.hypot(forward[0], forward[1]))
+    yaw = float(np.arctan2(forward[1], forward[0])) if flat > 1e-12 else 0.0
+    pitch = float(np.arctan2(forward[2], flat))
+    level = rotation_from_angles(yaw, pitch, 0.0)
+    roll = float(np.arctan2(right @ level[:, 1], right @ level[:, 0]))
+    return yaw, pitch, roll
+
+
+def distort(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    """Ideal normalised image coordinates (N, 2) to distorted ones."""
+    if not np.any(coefficients):
+        return xy
+    if model == "tsai":
+        return _invert(xy, coefficients, "tsai")
+    return _polynomial(xy, coefficients, "brown")
+
+
+def undistort(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    """Distorted normalised image coordinates (N, 2) to ideal ones."""
+    if not np.any(coefficients):
+        return xy
+    if model == "tsai":
+        return _polynomial(xy, coefficients, "tsai")
+    return _invert(xy, coefficients, "brown")
+
+
+def _polynomial(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    k1, k2, p1, p2, k3 = coefficients
+    x, y = xy[:, 0], xy[:, 1]
+    r2 = x * x + y * y
+    if model == "tsai":
+        return np.asarray(xy * (1.0 + k1 * r2)[:, None])
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    dx = 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    dy = p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    return np.column_stack([x * radial + dx, y * radial + dy])
+
+
+def _invert(xy: Floats, coefficients: Floats, model: str) -> Floats:
+    """Fixed-point inverse of `_polynomial`; converges for the distortions of real lenses inside the image."""
+    guess = xy.copy()
+    for _ in range(50):
+        step = xy - _polynomial(guess, coefficients, model)
+        guess = guess + step
+        if np.abs(step).max(initial=0.0) < 1e-13:
+            break
+    return guess
+
+
+def pixels_to_rays(
+    pixels: Floats, focal_px: Floats, principal_px: Floats, coefficients: Floats, model: str, rotation: Floats
+) -> Floats:
+    """Directions in the world of the sight lines through pixels.
+
+    Args:
+        pixels: (N, 2) image points as recorded (distorted) [px].
+        focal_px: (2,) focal lengths [px].
+        principal_px: (2,) principal point [px].
+        coefficients: (5,) distortion.
+        model: `brown` or `tsai`.
+        rotation: (3, 3) world-from-camera.
+
+    Returns:
+        (N, 3) direction vectors, not normalised, with unit forward component.
+    """
+    ideal = undistort((pixels - principal_px) / focal_px, coefficients, model)
+    return np.column_stack([ideal, np.ones(len(ideal))]) @ rotation.T
+
+
+def points_to_pixels(
+    points: Floats,
+    position: Floats,
+    focal_px: Floats,
+    principal_px: Floats,
+    coefficients: Floats,
+    model: str,
+    rotation: Floats,
+) -> Floats:
+    """Image points (N, 2) [px] of world points (N, 3); NaN for points behind the camera."""
+    local = (points - position) @ rotation
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ideal = np.where(local[:, 2:] > 0, local[:, :2] / local[:, 2:], np.nan)
+    out = np.full_like(ideal, np.nan)
+    front = np.isfinite(ideal[:, 0])
+    out[front] = distort(ideal[front], coefficients, model) * focal_px + principal_px
+    return out
+
+
+def rays_to_azimuth(rays: Floats) -> Floats:
+    """Azimuths [rad] in [-pi, pi) of direction vectors (N, 3)."""
+    return wrap_angle(np.arctan2(rays[:, 1], rays[:, 0]))
+
+
+def azimuth_to_u(azimuth: Floats, yaw: float, focal_px: float) -> Floats:
+    """Horizontal offset [px], to the right, in the levelled image; the z of [Ercan] Eq. 1 is its negative."""
+    return -focal_px * np.tan(wrap_angle(azimuth - yaw))
+
+
+def u_to_azimuth(u_px: Floats, yaw: float, focal_px: float) -> Floats:
+    """Azimuth [rad] of a horizontal offset in the levelled image (inverse of `azimuth_to_u`)."""
+    return wrap_angle(yaw - np.arctan(np.asarray(u_px) / focal_px))
+
+
+def planar_offsets(xy: Floats, position: Floats, yaw: float) -> tuple[Floats, Floats]:
+    """H and d of [Ercan] Fig. 2: offset to the left of, and distance along, the optical axis.
+
+    With theta = yaw + pi the paper's h = sin(theta)(x1-c1) - cos(theta)(x2-c2) and
+    d = -cos(theta)(x1-c1) - sin(theta)(x2-c2).
+
+    Args:
+        xy: (N, 2) positions.
+        position: (2,) camera centre on the ground.
+        yaw: azimuth of the optical axis [rad].
+
+    Returns:
+        h (N,) and d (N,) in the unit of xy; d <= 0 behind the camera.
+    """
+    dx, dy = xy[:, 0] - position[0], xy[:, 1] - position[1]
+    c, s = np.cos(yaw), np.sin(yaw)
+    return -s * dx + c * dy, c * dx + s * dy
+
+
+def noise_variance(
+    h: Floats,
+    d: Floats,
+    focal_px: float,
+    sigma_position: float,
+    sigma_yaw: float,
+    sigma_read_px: float | Floats,
+) -> Floats:
+    """Variance of z given the position, [Ercan] Eq. 2 [px^2]; d must be positive."""
+    ratio2 = 1.0 + (h / d) ** 2
+    f2 = focal_px**2
+    calibration = f2 * ratio2**2 * sigma_yaw**2 + f2 * ratio2 / d**2 * sigma_position**2
+    return np.asarray(calibration + np.asarray(sigma_read_px) ** 2)

@@ -1,0 +1,231 @@
+"""Directions in space projected on the planes xy, yz and zx: angles, variances, and which planes to use.
+
+A sensor measures the azimuth theta from its +x towards its +y and the polar angle phi
+from its +z, both with Gaussian noise, independent of each other.  The planes are those of
+the world, whatever the sensor's pose, so that angles of several sensors meet in one
+plane.  The angle of a plane with the axes (a, b) is atan2(b, a), with
+xy: atan2(y, x), yz: atan2(z, y), zx: atan2(x, z) ([Lee] Sec. 2.1.2).
+
+Arrays end in the plane's axis: index 0 is xy, 1 is yz, 2 is zx (`PLANES`).  Leading axes
+(`...`) are times, sensors or both and broadcast.  A rotation is world-from-sensor, (..., 3, 3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+
+from .camera import wrap_angle
+
+PLANES = ("xy", "yz", "zx")
+AXES = ((0, 1), (1, 2), (2, 0))  # of each plane: the angle runs from the first to the second
+XY, YZ, ZX = range(3)
+FIRST, SECOND, NORMAL = [0, 1, 2], [1, 2, 0], [2, 0, 1]
+# At k sigma from a plane's normal the first-order variance is too small by 1/k^2 where the sight
+# line is as uncertain along as across, and by 3/k^2 at worst.
+BLIND_SIGMAS = 5.0
+
+
+def polar_from_elevation(elevation: Floats) -> Floats:
+    """Polar angles [rad] from +z of elevations [rad] above the xy plane."""
+    return np.pi / 2.0 - elevation
+
+
+def elevation_from_polar(phi: Floats) -> Floats:
+    """Elevations [rad] above the xy plane of polar angles [rad] from +z."""
+    return np.pi / 2.0 - phi
+
+
+def direction(theta: Floats, phi: Floats) -> Floats:
+    """(..., 3) unit vectors of azimuths theta and polar angles phi [rad]."""
+    s = np.sin(phi)
+    return np.stack(np.broadcast_arrays(s * np.cos(theta), s * np.sin(theta), np.cos(phi)), axis=-1)
+
+
+def direction_angles(vector: Floats) -> tuple[Floats, Floats]:
+    """Azimuths [rad, -pi..pi) and polar angles [rad, 0..pi] of vectors (..., 3) of any length."""
+    theta = wrap_angle(np.arctan2(vector[..., 1], vector[..., 0]))
+    return theta, np.arctan2(np.hypot(vector[..., 0], vector[..., 1]), vector[..., 2])
+
+
+def projected_angles(vector: Floats) -> Floats:
+    """(..., 3) angles [rad, -pi..pi) on xy, yz and zx of vectors (..., 3) of any length in the world."""
+    return wrap_angle(np.arctan2(vector[..., SECOND], vector[..., FIRST]))
+
+
+def projected_angle_gradients(vector: Floats) -> Floats:
+    """Gradients of the projected angles by the vector itself, [Lee] Eq. 2.35 to 2.38.
+
+    grad atan2(b, a) = (a e_b - b e_a) / (a^2 + b^2).
+
+    Args:
+        vector: (..., 3) in the world, of any length.
+
+    Returns:
+        (..., 3, 3), [plane, axis]; zero for a plane to which the vector is normal.
+    """
+    a, b = vector[..., FIRST], vector[..., SECOND]
+    square = a**2 + b**2
+    square = np.where(square > 0, square, 1.0)
+    gradient = np.zeros((*vector.shape, 3))
+    gradient[..., range(3), FIRST] = -b / square
+    gradient[..., range(3), SECOND] = a / square
+    return gradient
+
+
+def measured_angle_gradients(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
+    """Gradients of the projected angles by the measured theta and phi.
+
+    For a sensor with the world's axes they are, with s = sin phi and c = cos phi,
+    xy (1, 0), yz (-s c cos theta, -sin theta) / (1 - s^2 cos^2 theta) and
+    zx (-s c sin theta, cos theta) / (1 - s^2 sin^2 theta).
+
+    Args:
+        theta: (...,) measured azimuth in the sensor's frame [rad].
+        phi: (...,) measured polar angle in the sensor's frame [rad].
+        rotation: (..., 3, 3) world-from-sensor.
+
+    Returns:
+        (..., 3, 2), [plane, (theta, phi)]; zero for a plane to which the sight line is normal.
+    """
+    gradients = _tangent_gradients(theta, phi, rotation)
+    gradients[..., 0] *= np.sin(phi)[..., None]
+    return gradients
+
+
+def projected_covariance(
+    theta: Floats,
+    phi: Floats,
+    sigma_theta: float | Floats,
+    sigma_phi: float | Floats,
+    rotation: Floats,
+    *,
+    pole_term: bool = False,
+) -> Floats:
+    """First-order covariance of the three projected angles of one sensor.
+
+    With the world's axes and both sigmas equal its diagonal is sigma^2 times 1,
+    (s^2 c^2 cos^2 theta + sin^2 theta) / (1 - s^2 cos^2 theta)^2 and
+    (s^2 c^2 sin^2 theta + cos^2 theta) / (1 - s^2 sin^2 theta)^2 (Figs. 2-2 and 2-3 of [Lee] as formulas).
+    They hold where the sight line is not near the plane's normal (`blind_planes`) and not
+    near the sensor's own z axis, where an azimuth moves the line by sigma_theta sin phi only.
+    There they fall to zero while the true variance does not, since phi is noisy too.
+
+    Args:
+        theta: (...,) measured azimuth in the sensor's frame [rad].
+        phi: (...,) measured polar angle in the sensor's frame [rad].
+        sigma_theta: standard deviations of theta [rad], one or (...,).
+        sigma_phi: standard deviations of phi [rad], one or (...,).
+        rotation: (..., 3, 3) world-from-sensor.
+        pole_term: take sin^2 phi + cos^2 phi sigma_phi^2 for sin^2 phi, which mends that:
+            what a filter should do with measured angles.  False is the plain first order.
+
+    Returns:
+        (..., 3, 3) [rad^2] of rank 2: two angles tell all that the sensor measured.
+    """
+    spread = np.sin(phi) ** 2 + (np.cos(phi) * sigma_phi) ** 2 * pole_term
+    sigmas = np.stack([sigma_theta * np.sqrt(spread), np.full(np.shape(phi), sigma_phi)], axis=-1)
+    scaled = _tangent_gradients(theta, phi, rotation) * sigmas[..., None, :]
+    return np.asarray(scaled @ np.swapaxes(scaled, -1, -2))
+
+
+def pair_covariance(covariance: Floats, pair: tuple[int, int]) -> Floats:
+    """(..., 2, 2) covariance of two planes' angles out of (..., 3, 3); singular where the two tell the same."""
+    return np.asarray(covariance[..., pair, :][..., :, pair])
+
+
+def blind_planes(
+    theta: Floats, phi: Floats, sigma_theta: float | Floats, sigma_phi: float | Floats, rotation: Floats
+) -> Bools:
+    """(..., 3) whether the sight line is within 5 sigma of the plane's normal, either way along it.
+
+    Sigma is the larger one of the sight line's two standard deviations, sin(phi) sigma_theta
+    and sigma_phi.  Arguments as in `projected_covariance`.
+    """
+    world = _in_world(theta, phi, rotation)
+    from_normal = np.arctan2(np.hypot(world[..., FIRST], world[..., SECOND]), np.abs(world[..., NORMAL]))
+    sigma = np.maximum(np.sin(phi) * sigma_theta, sigma_phi)
+    return np.asarray(from_normal < BLIND_SIGMAS * sigma[..., None])
+
+
+def _tangent_gradients(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
+    """(..., 3, 2) gradients of the projected angles by arcs [rad] of the sight line towards theta and phi."""
+    s, c = np.sin(phi), np.cos(phi)
+    to_theta = np.stack([-np.sin(theta), np.cos(theta), np.zeros_like(s)], axis=-1)
+    to_phi = np.stack([c * np.cos(theta), c * np.sin(theta), -s], axis=-1)
+    tangents = rotation @ np.stack([to_theta, to_phi], axis=-1)
+    return np.asarray(projected_angle_gradients(_in_world(theta, phi, rotation)) @ tangents)
+
+
+def _in_world(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
+    return np.asarray((rotation @ direction(theta, phi)[..., None])[..., 0])
+
+
+def select_by_variance(variance: Floats, blind: Bools) -> Ints:
+    """The two least variances on different planes, among all sensors ([Lee] Sec. 2.2.3).
+
+    The rule does not look at what the two have in common: where the sight line has no
+    component along their shared axis, two planes of one sensor tell the same (`projected_covariance`).
+
+    Args:
+        variance: (..., S, 3) of the projected angles of S sensors [rad^2]; NaN: no measurement.
+        blind: (..., S, 3) planes that must not be chosen.
+
+    Returns:
+        (..., 2, 2) rows (sensor, plane), the least variance first; (-1, -1) where no plane is
+        left.  Of equal ones the first sensor and the first plane are taken.
+    """
+    cost = np.where(blind | np.isnan(variance), np.inf, variance)
+    sensor = np.argmin(cost, axis=-2)  # the best one for each plane
+    least = np.min(cost, axis=-2)
+    plane = np.argsort(least, axis=-1, kind="stable")[..., :2]
+    chosen = np.stack([np.take_along_axis(sensor, plane, -1), plane], axis=-1)
+    usable = np.isfinite(np.take_along_axis(least, plane, -1))
+    return np.where(usable[..., None], chosen, -1)
+
+
+def select_as_printed(phi: Floats) -> Ints:
+    """The rule printed in [Lee] Sec. 2.2.1 and 2.2.3, kept for the reproduction: it is no better than chance.
+
+    A sensor prefers yz where 45 < phi < 135 deg and zx elsewhere.  With one sensor the
+    other plane is always xy.  With several, the first sensor's preferred plane goes with the one of
+    the first sensor that prefers another plane; where all prefer the same, with xy of the first sensor.
+
+    Args:
+        phi: (..., S) measured polar angles [rad].
+
+    Returns:
+        (..., 2, 2) rows (sensor, plane).
+    """
+    preferred = np.where((phi > np.pi / 4.0) & (phi < 0.75 * np.pi), YZ, ZX)
+    other = preferred != preferred[..., :1]
+    second = np.argmax(other, axis=-1)  # 0 where there is none
+    plane = np.where(np.any(other, axis=-1), np.take_along_axis(preferred, second[..., None], -1)[..., 0], XY)
+    first_row = np.stack([np.zeros_like(second), preferred[..., 0]], axis=-1)
+    return np.stack([first_row, np.stack([second, plane], axis=-1)], axis=-2)
+
+
+def printed_projection(theta: Floats, phi: Floats) -> Floats:
+    """Projected angles by [Lee] Eq. 2.1 and 2.2 as printed, kept for the reproduction only.
+
+    WRONG where x < 0 for yz, half of the sphere, since |sec theta| should be sec theta; and for zx
+    everywhere but where x >= 0 and z >= 0, so on three quarters: besides |sec|, the case
+    gamma = pi is printed for x < 0 and not for z < 0.  Use `projected_angles`.
+
+    Args:
+        theta: (...,) azimuth [rad].
+        phi: (...,) polar angle [rad].
+
+    Returns:
+        (..., 3) [rad, 0..2 pi]; zx is NaN where z < 0 and x >= 0, for which no case is
+        printed.  Where two cases are (z >= 0, x < 0), the first one holds.
+    """
+    x, y, z = np.moveaxis(direction(theta, phi), -1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        secant = np.abs(1.0 / np.cos(theta))
+        yz = np.arctan(secant / (np.tan(theta) * np.tan(phi)))
+        zx = np.arctan(np.tan(phi) / secant)
+    beta = np.where(y < 0, np.pi, np.where(z < 0, 2.0 * np.pi, 0.0))
+    gamma = np.where(x < 0, np.pi, np.where(z < 0, np.nan, 0.0))
+    return np.stack(np.broadcast_arrays(np.mod(theta, 2.0 * np.pi), yz + beta, zx + gamma), axis=-1)

@@ -1,0 +1,231 @@
+"""Where sight lines meet: the position that explains the azimuths of several sensors best.
+
+Scans are packed: the lines of scan s are the rows `starts[s]` to `starts[s + 1]`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+MET = 0
+TOO_FEW = 1
+NEAR_PARALLEL = 2
+APART = 3
+STATUS = ("met", "fewer than two lines", "lines nearly parallel", "lines meet behind a sensor or not at all")
+"""What the status numbers of a `Meeting` say."""
+
+LOSSES = {"gauss": 0, "huber": 1, "cauchy": 2}
+"""Losses of standardised residuals; the tuning constants below make each 95 % efficient on Gaussian noise."""
+
+HUBER_K = 1.345
+CAUCHY_C = 2.385
+
+
+class Meeting(NamedTuple):
+    """Where the lines of each scan meet; NaN where `status` is not MET."""
+
+    xy: Floats  # (S, 2)
+    covariance: Floats  # (S, 2, 2)
+    status: Ints  # (S,) see STATUS
+    residual: Floats  # (R,) azimuth of the line minus that of the meeting point [rad]
+
+
+def sight_lines_meet(
+    origins: Floats,
+    azimuths: Floats,
+    sigmas: Floats,
+    starts: Ints,
+    loss: str = "gauss",
+    min_crossing: float = math.radians(5.0),
+) -> Meeting:
+    """Most likely position of a target for each scan, its covariance, and the lines' residuals.
+
+    Minimises sum rho(wrap(azimuth - atan2(y - oy, x - ox)) / sigma) by Gauss-Newton with
+    reweighting, from the best crossing of two lines.  With `gauss` this is the maximum
+    likelihood estimate and the covariance the inverse of its Fisher information; the
+    robust losses give lines that miss the others less weight, also in the covariance.
+
+    Args:
+        origins: (R, 2) sensor positions.
+        azimuths: (R,) of the lines [rad].
+        sigmas: (R,) standard deviations [rad], > 0.
+        starts: (S + 1,) first row of each scan, then R.
+        loss: `gauss`, `huber` or `cauchy`.
+        min_crossing: scans whose lines cross at smaller angles are refused [rad].
+
+    Raises:
+        ValueError: unknown loss.
+    """
+    if loss not in LOSSES:
+        raise ValueError(f"loss {loss!r} must be one of {', '.join(LOSSES)}")
+    o, beta, sigma = (np.ascontiguousarray(a, dtype=np.float64) for a in (origins, azimuths, sigmas))
+    rows = np.asarray(starts, dtype=np.int64)
+    return Meeting(*_meet_all(o, beta, sigma, rows, LOSSES[loss], math.sin(min_crossing)))
+
+
+@kernel
+def _wrap(angle: float) -> float:
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+@kernel
+def _cost(r: float, loss: int) -> float:
+    """Loss rho of a standardised residual."""
+    if loss == 1:
+        a = abs(r)
+        return 0.5 * r * r if a <= HUBER_K else HUBER_K * (a - 0.5 * HUBER_K)
+    if loss == 2:
+        return 0.5 * CAUCHY_C**2 * math.log1p((r / CAUCHY_C) ** 2)
+    return 0.5 * r * r
+
+
+@kernel
+def _weight(r: float, loss: int) -> float:
+    """Weight rho'(r) / r of a standardised residual."""
+    if loss == 1:
+        return min(1.0, HUBER_K / max(abs(r), 1e-300))
+    if loss == 2:
+        return 1.0 / (1.0 + (r / CAUCHY_C) ** 2)
+    return 1.0
+
+
+@kernel
+def _total_cost(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> float:
+    total = 0.0
+    for i in range(beta.shape[0]):
+        total += _cost(_wrap(beta[i] - math.atan2(y - o[i, 1], x - o[i, 0])) / sigma[i], loss)
+    return total
+
+
+@kernel
+def _best_crossing(o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: float) -> tuple[int, float, float]:
+    """Status and the crossing of two lines, ahead of both sensors, that suits all lines best."""
+    status, best, x, y = NEAR_PARALLEL, np.inf, 0.0, 0.0
+    for i in range(beta.shape[0]):
+        for j in range(i):
+            sine = math.sin(beta[j] - beta[i])
+            if abs(sine) < min_sine:
+                continue
+            dx, dy = o[j, 0] - o[i, 0], o[j, 1] - o[i, 1]
+            along_i = (dx * math.sin(beta[j]) - dy * math.cos(beta[j])) / sine
+            along_j = (dx * math.sin(beta[i]) - dy * math.cos(beta[i])) / sine
+            if along_i <= 0.0 or along_j <= 0.0:
+                status = APART if status == NEAR_PARALLEL else status
+                continue
+            px, py = o[i, 0] + along_i * math.cos(beta[i]), o[i, 1] + along_i * math.sin(beta[i])
+            cost = _total_cost(px, py, o, beta, sigma, loss)
+            if cost < best:
+                status, best, x, y = MET, cost, px, py
+    return status, x, y
+
+
+@kernel
+def _normal_equations(
+    x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int
+) -> tuple[float, float, float, float, float]:
+    """Information A = sum w g g^T / sigma^2 (xx, xy, yy) and b = sum w g r / sigma, g the gradient of the azimuth."""
+    axx = axy = ayy = bx = by = 0.0
+    for i in range(beta.shape[0]):
+        dx, dy = x - o[i, 0], y - o[i, 1]
+        r2 = max(dx * dx + dy * dy, 1e-300)
+        gx, gy = -dy / r2 / sigma[i], dx / r2 / sigma[i]
+        r = _wrap(beta[i] - math.atan2(dy, dx)) / sigma[i]
+        w = _weight(r, loss)
+        axx += w * gx * gx
+        axy += w * gx * gy
+        ayy += w * gy * gy
+        bx += w * gx * r
+        by += w * gy * r
+    return axx, axy, ayy, bx, by
+
+
+@kernel
+def _refine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> tuple[float, float]:
+    """Gauss-Newton with step halving from (x, y)."""
+    cost = _total_cost(x, y, o, beta, sigma, loss)
+    for _ in range(60):
+        axx, axy, ayy, bx, by = _normal_equations(x, y, o, beta, sigma, loss)
+        det = axx * ayy - axy * axy
+        if not det > 1e-14 * axx * ayy:
+            break
+        sx, sy = (ayy * bx - axy * by) / det, (axx * by - axy * bx) / det
+        step, trial = 1.0, np.inf
+        while step > 1e-6:
+            trial = _total_cost(x + step * sx, y + step * sy, o, beta, sigma, loss)
+            if trial <= cost:
+                break
+            step *= 0.5
+        if not trial <= cost:
+            break
+        x, y = x + step * sx, y + step * sy
+        # Gain below rounding of the cost, or a step far below the accuracy of the lines
+        if cost - trial <= 1e-14 * cost and (sx * bx + sy * by) < 1e-14:
+            break
+        cost = trial
+    return x, y
+
+
+@kernel
+def _crossing_sine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: int) -> float:
+    """Widest crossing, as a sine, of two lines that point at (x, y) with at least half weight; 0 if there are none.
+
+    With the Gaussian loss every line has to point there, so one that looks away makes it 0.
+    """
+    widest = 0.0
+    for i in range(beta.shape[0]):
+        ri = _wrap(beta[i] - math.atan2(y - o[i, 1], x - o[i, 0]))
+        if abs(ri) >= 0.5 * math.pi and loss == 0:
+            return 0.0
+        if abs(ri) >= 0.5 * math.pi or _weight(ri / sigma[i], loss) < 0.5:
+            continue
+        for j in range(i):
+            rj = _wrap(beta[j] - math.atan2(y - o[j, 1], x - o[j, 0]))
+            if abs(rj) < 0.5 * math.pi and _weight(rj / sigma[j], loss) >= 0.5:
+                widest = max(widest, abs(math.sin(beta[i] - beta[j])))
+    return widest
+
+
+@kernel
+def _meet_one(
+    o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: float
+) -> tuple[int, float, float, float, float, float]:
+    """Status, x, y, covariance xx, xy, yy of one scan."""
+    nan = np.nan
+    if beta.shape[0] < 2:
+        return TOO_FEW, nan, nan, nan, nan, nan
+    status, x, y = _best_crossing(o, beta, sigma, loss, min_sine)
+    if status != MET:
+        return status, nan, nan, nan, nan, nan
+    x, y = _refine(x, y, o, beta, sigma, loss)
+    axx, axy, ayy, _, _ = _normal_equations(x, y, o, beta, sigma, loss)
+    det = axx * ayy - axy * axy
+    sine = _crossing_sine(x, y, o, beta, sigma, loss)
+    if sine == 0.0 or not det > 0.0:
+        return APART, nan, nan, nan, nan, nan
+    if sine < min_sine:
+        return NEAR_PARALLEL, nan, nan, nan, nan, nan
+    return MET, x, y, ayy / det, -axy / det, axx / det
+
+
+@kernel
+def _meet_all(
+    origins: Floats, azimuths: Floats, sigmas: Floats, starts: Ints, loss: int, min_sine: float
+) -> tuple[Floats, Floats, Ints, Floats]:
+    n = starts.shape[0] - 1
+    xy, covariance = np.empty((n, 2)), np.empty((n, 2, 2))
+    status, residual = np.empty(n, dtype=np.int64), np.empty(azimuths.shape[0])
+    for s in range(n):
+        a, b = starts[s], starts[s + 1]
+        met, x, y, cxx, cxy, cyy = _meet_one(origins[a:b], azimuths[a:b], sigmas[a:b], loss, min_sine)
+        status[s], xy[s, 0], xy[s, 1] = met, x, y
+        covariance[s, 0, 0], covariance[s, 1, 1] = cxx, cyy
+        covariance[s, 0, 1] = covariance[s, 1, 0] = cxy
+        for i in range(a, b):
+            residual[i] = _wrap(azimuths[i] - math.atan2(y - origins[i, 1], x - origins[i, 0]))
+    return xy, covariance, status, residual

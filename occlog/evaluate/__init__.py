@@ -1,0 +1,1 @@
+"""Verb: compare tracks with the truth and with the Cramér-Rao bound."""

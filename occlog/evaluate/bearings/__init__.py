@@ -1,0 +1,1 @@
+"""How good bearings, azimuths and detections are."""

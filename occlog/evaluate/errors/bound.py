@@ -1,0 +1,258 @@
+"""The posterior Cramer-Rao bound, on the ground or in space, for the sensors that really saw the targets.
+
+RMSE against the bound, on the ground and in space.
+
+What the bearings of one sensor tell about the target's position: the one place that knows kinds of sensors.
+
+Cameras count by Eq. 2 of [Ercan] with the bearing's own read noise, about (x, y) only;
+directions without pixels by their standard deviations, which are of angles about the
+sensor's own z axis, whatever its pose ([Lee] Eq. 2.40).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.bounds import in_plane as crlb
+from occlog.core.bounds import in_space as bounds3d
+from occlog.core.metrics.errors import ratio, root_mean_square
+from occlog.errors import InputError
+from occlog.evaluate.matching.config import EvaluateConfig, default_sigma_v
+from occlog.evaluate.matching.looks import Looks, SensorLooks
+from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
+from occlog.records.scene import Scene
+from occlog.records.tables import Bound, Errors, Truth
+
+from .on_ground import in_space
+
+Metrics = dict[str, float]
+
+
+def bound_metrics(errors: Errors, bound: Bound, unit: str) -> Metrics:
+    """Root of the mean bound and RMSE over it, over the times that both have, for all targets and for each."""
+    out = _ratio(errors, bound, unit, "")
+    for k in np.unique(bound.target_id).tolist():
+        mine = errors.take(errors.target_id == k)
+        out |= _ratio(mine, bound.take(bound.target_id == k), unit, f"_target_{k}")
+    return out
+
+
+def _ratio(errors: Errors, bound: Bound, unit: str, whose: str) -> Metrics:
+    if not len(errors):
+        return {f"bound_rmse{whose}_{unit}": root_mean_square(bound.bound)} | _least_in_space(bound, unit, whose)
+    rows, both = _counterparts(errors, bound)
+    errors, bound = errors.take(both), bound.take(rows[both])
+    least = root_mean_square(bound.bound)
+    out = {
+        f"bound_rmse{whose}_{unit}": least,
+        f"bound_ratio{whose}": ratio(root_mean_square(errors.error), least),
+        f"bound_estimates{whose}": len(errors),
+    }
+    high = np.isfinite(errors.error_space) & np.isfinite(bound.bound_space)
+    if not high.any():
+        return out | _least_in_space(bound, unit, whose)
+    out |= _least_in_space(bound.take(high), unit, whose)
+    least = out[f"bound_rmse_space{whose}_{unit}"]
+    out[f"bound_ratio_space{whose}"] = ratio(root_mean_square(errors.error_space[high]), least)
+    return out
+
+
+def _least_in_space(bound: Bound, unit: str, whose: str) -> Metrics:
+    """Bounds of the RMSE along z and in space; nothing if the bound is on the ground."""
+    high = np.isfinite(bound.bound_space)
+    if not high.any():
+        return {}
+    return {
+        f"bound_rmse_z{whose}_{unit}": root_mean_square(np.sqrt(bound.bound_zz[high])),
+        f"bound_rmse_space{whose}_{unit}": root_mean_square(bound.bound_space[high]),
+    }
+
+
+def _counterparts(errors: Errors, bound: Bound) -> tuple[Ints, Bools]:
+    """(N,) row of the bound at the time and of the target of each error, and where there is one."""
+    rows, found = np.zeros(len(errors), dtype=np.int64), np.zeros(len(errors), dtype=np.bool_)
+    for k in np.unique(bound.target_id):
+        mine, its = np.flatnonzero(errors.target_id == k), np.flatnonzero(bound.target_id == k)
+        at = np.minimum(np.searchsorted(bound.t_ns[its], errors.t_ns[mine]), len(its) - 1)
+        rows[mine], found[mine] = its[at], bound.t_ns[its][at] == errors.t_ns[mine]
+    return rows, found
+
+
+def ground_information(sensor: Sensor, seen: Looks) -> Floats:
+    """(N, 2, 2) Fisher information of the azimuths of one sensor about (x, y); elevations tell of heights only.
+
+    Of a tilted array the world's azimuth has errors of both of its angles.  Both are taken in
+    at the true height (or at the reported elevation if there is none), and the height is then
+    left free: what remains is the information of the azimuth with the variance that it really has.
+    """
+    information = _without_pixels(sensor, seen)
+    if sensor.camera is None:
+        return information
+    pixels = np.isfinite(seen.sigma_px)
+    return np.asarray(np.where(pixels[:, None, None], _of_pixels(sensor, seen, pixels), information))
+
+
+def space_information(sensor: Sensor, seen: Looks) -> Floats:
+    """(N, 3, 3) Fisher information of all that one sensor told about (x, y, z).
+
+    A row without elevation tells its azimuth only; so does a planar array, whose azimuth is the world's.
+    """
+    pixels = np.isfinite(seen.sigma_px) & (sensor.camera is not None)
+    tells = np.isfinite(seen.elevation)
+    sigma_theta = np.where(pixels, np.inf, seen.sigma)
+    sigma_phi = np.where(tells, seen.sigma_elevation, np.inf)
+    xyz = np.column_stack([seen.xy, seen.z])
+    total = bounds3d.direction_information(xyz, sensor.position, np.eye(3), sigma_theta, sigma_phi)
+    if not sensor.upright:
+        own = bounds3d.direction_information(xyz, sensor.position, sensor.rotation, sigma_theta, sigma_phi)
+        total = np.where(tells[:, None, None], own, total)
+    if pixels.any():
+        total[:, :2, :2] += np.where(pixels[:, None, None], _of_pixels(sensor, seen, pixels), 0.0)
+    return total
+
+
+def _of_pixels(sensor: Sensor, seen: Looks, pixels: Bools) -> Floats:
+    camera = sensor.camera
+    assert camera is not None
+    noise = np.where(pixels, seen.sigma_px, 1.0)
+    return crlb.camera_information(
+        seen.xy, sensor.ground, camera.yaw, float(camera.focal_px[0]), camera.sigma_position, camera.sigma_yaw, noise
+    )
+
+
+def _without_pixels(sensor: Sensor, seen: Looks) -> Floats:
+    by_azimuth = crlb.bearing_information(seen.xy, sensor.ground, seen.sigma)
+    tells = np.isfinite(seen.elevation)
+    if sensor.upright or not tells.any():
+        return by_azimuth
+    flat = np.hypot(*(seen.xy - sensor.ground).T)
+    z = np.where(np.isnan(seen.z), sensor.height + flat * np.tan(seen.elevation), seen.z)
+    xyz = np.column_stack([seen.xy, np.where(tells, z, sensor.height)])
+    sigma_phi = np.where(tells, seen.sigma_elevation, np.inf)
+    whole = bounds3d.direction_information(xyz, sensor.position, sensor.rotation, seen.sigma, sigma_phi)
+    return np.asarray(np.where(tells[:, None, None], bounds3d.ground_information(whole), by_azimuth))
+
+
+def compute_bound(
+    looks: Mapping[str, SensorLooks], truth: Truth, errors: Errors, scene: Scene, config: EvaluateConfig
+) -> Bound:
+    """Bound of every target at the times of its errors, or at those of its looks if it has no errors.
+
+    The recursion starts with the prior at the target's first look and takes in every
+    bearing that was of the target, at the target's true position.  A labelled bearing
+    counts unless the target was out of the field of view and the bearing away from it,
+    as such a bearing cannot be of the target.
+
+    Raises:
+        InputError: a bound in space is asked for, and the truth has no height of a target.
+    """
+    targets = paths_of(truth, "target")
+    sensors = sensors_of(scene, looks)
+    parts = [
+        _bound_of(k, path, looks, sensors, errors.take(errors.target_id == k), scene, config)
+        for k, path in targets.items()
+    ]
+    return Bound.merge(parts)
+
+
+def _bound_of(
+    target: int,
+    path: Path,
+    looks: Mapping[str, SensorLooks],
+    sensors: Mapping[str, Sensor],
+    errors: Errors,
+    scene: Scene,
+    config: EvaluateConfig,
+) -> Bound:
+    mine = {name: found.looks.take(found.looks.target == target) for name, found in looks.items()}
+    looked = np.unique(np.concatenate([np.zeros(0, np.int64), *(m.t_ns for m in mine.values())]))
+    if not len(looked):
+        return Bound.empty()
+    d = _dimension(target, path, errors, config)
+    wanted = errors.t_ns[errors.t_ns >= looked[0]] if len(errors) else looked
+    times = np.union1d(looked, wanted)
+    information, n_seen = _information(times, mine, sensors, d)
+    covariance = _recursion(times, information, scene, config)
+    rows = np.searchsorted(times, wanted)
+    rows = rows[path.at(wanted, config.limit_ns)[1]]
+    return _table(times[rows], target, covariance[rows], n_seen[rows])
+
+
+def _dimension(target: int, path: Path, errors: Errors, config: EvaluateConfig) -> int:
+    """2 or 3: `auto` is in space for a target of whose errors one at least is."""
+    if config.bound_in == "ground" or (config.bound_in == "auto" and not in_space(errors).any()):
+        return 2
+    if not path.high.any():
+        raise InputError(
+            f"truth: target {target} has no height (z), which a bound in space needs; give --bound-in ground"
+        )
+    return 3
+
+
+def _table(t_ns: Ints, target: int, covariance: Floats, n_seen: Ints) -> Bound:
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    space = {}
+    if covariance.shape[1] == 3:
+        zz = covariance[:, 2, 2]
+        space = {
+            "bound_xz": covariance[:, 0, 2],
+            "bound_yz": covariance[:, 1, 2],
+            "bound_zz": zz,
+            "bound_space": np.sqrt(xx + yy + zz),
+        }
+    return Bound.of(
+        t_ns=t_ns,
+        target_id=np.full(len(t_ns), target, dtype=np.int32),
+        bound_xx=xx,
+        bound_xy=xy,
+        bound_yy=yy,
+        bound=np.sqrt(xx + yy),
+        n_seen=n_seen.astype(np.int32),
+        **space,
+    )
+
+
+def _information(times: Ints, looks: Mapping[str, Looks], sensors: Mapping[str, Sensor], d: int) -> tuple[Floats, Ints]:
+    """(T, d, d) information of all bearings at each time, and how many there were."""
+    total, n_seen = np.zeros((len(times), d, d)), np.zeros(len(times), dtype=np.int64)
+    of_sensor = space_information if d == 3 else ground_information
+    for name, all_looks in looks.items():
+        seen = all_looks.take(counted(all_looks))
+        at = np.searchsorted(times, seen.t_ns)
+        np.add.at(total, at, of_sensor(sensors[name], seen))
+        np.add.at(n_seen, at, 1)
+    return total, n_seen
+
+
+def counted(looks: Looks) -> Bools:
+    """(N,) bool: reports that can be of the target."""
+    return looks.reported & (looks.in_view | looks.hit)
+
+
+def _recursion(times: Ints, information: Floats, scene: Scene, config: EvaluateConfig) -> Floats:
+    """(T, d, d) bounds of the position, with the motion of the configuration."""
+    d = information.shape[1]
+    dt = np.diff(times, prepend=times[0]) / NS
+    P0 = _prior(d, scene, config)
+    if config.motion == "waypoint":
+        sigma_v = default_sigma_v(scene.length_unit) if config.sigma_v is None else config.sigma_v
+        return crlb.posterior_bound(information, *crlb.known_drift_steps(dt, sigma_v, d), P0)
+    prior = np.zeros((2 * d, 2 * d))
+    prior[:d, :d], prior[d:, d:] = P0, config.sigma_speed**2 * np.eye(d)
+    return bounds3d.motion_bound(information, dt, prior, config.acceleration_density)[:, :d, :d]
+
+
+def _prior(d: int, scene: Scene, config: EvaluateConfig) -> Floats:
+    """(d, d) covariance of the position at the first look: as told, else of a point anywhere in the room."""
+    out = np.zeros((d, d))
+    if config.prior_cov is None:
+        out[:2, :2] = crlb.polygon_covariance(scene.region)
+    else:
+        xx, xy, yy = config.prior_cov
+        out[:2, :2] = [[xx, xy], [xy, yy]]
+    if d == 3:
+        out[2, 2] = scene.room_height**2 / 12.0 if config.prior_z is None else config.prior_z
+    return out

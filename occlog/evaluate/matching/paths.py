@@ -1,0 +1,147 @@
+"""Truth, tracks and sensors as `evaluate` looks at them: paths by identity, sensors by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.bounds.in_space import sight_angles
+from occlog.core.numerics.interpolate import hold_positions, interpolate_positions
+from occlog.core.sight.camera import planar_offsets, wrap_angle
+from occlog.core.sight.sight import behind_walls, in_view
+from occlog.errors import InputError
+from occlog.records.scene import Camera, Scene
+from occlog.records.tables import Tracks, Truth
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Positions of one object over time."""
+
+    t_ns: Ints  # (M,) not falling
+    xy: Floats  # (M, 2)
+    z: Floats | None = None  # (M,) NaN where the height is not known; None: nowhere
+
+    @property
+    def high(self) -> Bools:
+        """(M,) bool: where the height is known."""
+        return np.zeros(len(self.t_ns), dtype=np.bool_) if self.z is None else np.isfinite(self.z)
+
+    def at(self, t_ns: Ints, limit_ns: int) -> tuple[Floats, Bools]:
+        """Interpolated positions and where they may be used; see `interpolate_positions`."""
+        return interpolate_positions(t_ns, self.t_ns, self.xy, limit_ns)
+
+    def roughly_at(self, t_ns: Ints) -> Floats:
+        """Positions over gaps of any width, held at the ends."""
+        return hold_positions(t_ns, self.t_ns, self.xy)
+
+    def height_at(self, t_ns: Ints, limit_ns: int) -> Floats:
+        """(N,) heights interpolated as `at` does, between samples with a height; NaN where not known."""
+        known = self.high
+        if self.z is None or not known.any():
+            return np.full(len(t_ns), np.nan)
+        return interpolate_positions(t_ns, self.t_ns[known], self.z[known][:, None], limit_ns)[0][:, 0]
+
+    def rough_height_at(self, t_ns: Ints) -> Floats:
+        """(N,) heights over gaps of any width, held at the ends; NaN if no sample has one."""
+        known = self.high
+        if self.z is None or not known.any():
+            return np.full(len(t_ns), np.nan)
+        return hold_positions(t_ns, self.t_ns[known], self.z[known][:, None])[:, 0]
+
+
+def paths_of(table: Truth | Tracks, role: str | None = None) -> dict[int, Path]:
+    """Path of every identity, by rising identity; of one role only if that is given."""
+    keep = np.ones(len(table), dtype=np.bool_)
+    if role is not None and isinstance(table, Truth):
+        keep = table.role == role
+    t_ns, ids, xy = table.t_ns[keep], table.target_id[keep], np.column_stack([table.x, table.y])[keep]
+    z = table.z[keep]
+    order = np.argsort(ids, kind="stable")
+    names, first = np.unique(ids[order], return_index=True)
+    pieces = np.split(order, first)[1:]  # the first piece is what lies before the first name: nothing
+    return {int(name): Path(t_ns[rows], xy[rows], z[rows]) for name, rows in zip(names, pieces, strict=True)}
+
+
+class Expected(NamedTuple):
+    """What a sensor should report of positions (N, 2)."""
+
+    bearing: Floats  # (N,) azimuth [rad]
+    u_px: Floats  # (N,) offset to the right; NaN where not in front, or not a camera
+    variance_px: Floats  # (N,) of u_px by Eq. 2 without the read noise
+    in_view: Bools  # (N,) in front, in the field of view and in range
+    clear: Bools  # (N,) in view and not behind a wall or a static occluder
+    theta: Floats  # (N,) azimuth about the sensor's own z axis [rad]; NaN where the height is not known
+    phi: Floats  # (N,) angle from that axis [rad]; NaN where the height is not known
+
+    def reshape(self, shape: tuple[int, ...]) -> Expected:
+        """The same in another shape."""
+        return Expected._make(column.reshape(shape) for column in self)
+
+    def take(self, rows: Ints) -> Expected:
+        """The entries at these places of the first axis."""
+        return Expected._make(column[rows] for column in self)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """A camera or an array with what hides targets from it."""
+
+    name: str
+    ground: Floats  # (2,)
+    camera: Camera | None
+    reach: float
+    walls: tuple[Floats, ...]
+    height: float = 0.0
+    rotation: Floats = field(default_factory=lambda: np.eye(3))  # world-from-array; of a camera none: it is levelled
+    upright: bool = True
+
+    @property
+    def position(self) -> Floats:
+        """(3,) in the world."""
+        return np.append(self.ground, self.height)
+
+    def expect(self, xy: Floats, z: Floats) -> Expected:
+        """What the sensor should report of positions (N, 2), NaN ones included (not in view), at heights (N,).
+
+        A height that is not known (NaN) counts as the sensor's own in the distance.
+        """
+        bearing = wrap_angle(np.arctan2(xy[:, 1] - self.ground[1], xy[:, 0] - self.ground[0]))
+        theta, phi = sight_angles(np.column_stack([xy, z]), self.position, self.rotation)
+        if self.camera is None:
+            rise = np.where(np.isnan(z), 0.0, z - self.height)
+            with np.errstate(invalid="ignore"):
+                near = np.hypot(np.hypot(*(xy - self.ground).T), rise) <= self.reach
+            nan = np.full(len(xy), np.nan)
+            return Expected(bearing, nan, nan, near, near, theta, phi)  # sound goes past walls
+        camera, f = self.camera, float(self.camera.focal_px[0])
+        h, d = planar_offsets(xy, self.ground, camera.yaw)
+        view = in_view(h, d, camera.fov, self.reach)
+        front = d > 0
+        rho = np.where(front, h, np.nan) / np.where(front, d, 1.0)
+        spread = (1.0 + rho**2) * camera.sigma_yaw**2 + (camera.sigma_position / np.where(front, d, 1.0)) ** 2
+        clear = view.copy()
+        clear[view] = ~behind_walls(self.ground, xy[view], self.walls)
+        return Expected(bearing, -f * rho, f**2 * (1.0 + rho**2) * spread, view, clear, theta, phi)
+
+
+def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> dict[str, Sensor]:
+    """The sensors of these names, sorted by name; InputError names one that is not in the scene."""
+    cameras = {c.name: c for c in scene.cameras if c.placed}
+    arrays = {a.name: a for a in scene.arrays}
+    out = {}
+    for name in sorted(set(names)):
+        if name in cameras:
+            c = cameras[name]
+            out[name] = Sensor(name, c.ground, c, c.range, scene.blockers(c.ground), float(c.position[2]))
+        elif name in arrays:
+            a = arrays[name]
+            out[name] = Sensor(name, a.position[:2], None, a.range, (), float(a.position[2]), a.rotation, a.upright)
+        else:
+            known = ", ".join([*cameras, *arrays]) or "none"
+            raise InputError(f"{source}: sensor {name!r} is not in the scene, or has no pose; the scene has: {known}")
+    return out

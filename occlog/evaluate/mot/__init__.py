@@ -1,0 +1,1 @@
+"""Many targets: CLEAR-MOT, IDF1, HOTA, GOSPA, failure rates."""

@@ -1,0 +1,191 @@
+"""Work of `occlog evaluate` on tracks in images: view tracks, boxes with identities, MOTChallenge text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.evaluate.inputs import Paths, provenance_of
+from occlog.evaluate.matching.config import Evaluation
+from occlog.io.boxes.mot_challenge import SequenceInfo
+from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from occlog.io.boxes.trackeval_folder import MotSequence, write_layout
+from occlog.io.files.csv_rows import first_line, is_header
+from occlog.io.files.frame_times import FrameTimes
+from occlog.io.files.json_file import write_json
+from occlog.io.files.parquet import read_provenance, read_table, schema_name, write_table
+from occlog.io.frames.video_stream import rate_times
+from occlog.io.recording.reader import open_recording
+from occlog.records.scene import Scene
+from occlog.records.tables import Boxes, TruthBoxes
+from occlog.records.views import ViewTracks
+from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
+
+from .config import ManyConfig
+from .mot_files import frame_rate, image_size, view_boxes
+from .options import FIELDS
+from .stage import evaluate_sides
+from .truth_and_tracks import Sides, boxes_of, lay_boxes
+
+B = TypeVar("B", bound=Boxes)
+TEXT = (".txt", ".csv")
+RATE = Fraction(25)
+"""Frames a second of MOTChallenge text, which has no times."""
+MAX_FRAMES = 2_000_000
+"""Most frames of text; the truth has a row for each of them."""
+
+
+def in_images(path: Path | None) -> bool:
+    """Whether a file holds tracks in images; anything else is for the other figures to judge."""
+    if path is None or path.suffix.lower() == ".mcap":
+        return False
+    if path.suffix.lower() in TEXT:
+        return True
+    return schema_name(path) in (ViewTracks.NAME, Boxes.NAME, TruthBoxes.NAME)
+
+
+def many_config(values: Mapping[str, Any], overlap: float, own: str) -> ManyConfig:
+    """Configuration of the options that were given; `own` is what a track's own target is where that was not told."""
+    told = {name: values[name] for name in FIELDS if values[name] is not None}
+    return ManyConfig(**{"own": own, "overlap": overlap, **told})
+
+
+def run_evaluate_many(paths: Paths, values: Mapping[str, Any]) -> Evaluation:
+    """Read, compare, write; what came out.
+
+    Args:
+        paths: inputs and outputs; outputs are written whole or not at all.
+        values: the options.
+    """
+    if paths.tracks is None or paths.truth is None:
+        raise UsageError("tracks in images need --truth: a recording or a table with true boxes, or MOTChallenge text")
+    options.check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
+    text = _is_text(paths.tracks)
+    named = not text and schema_name(paths.tracks) == ViewTracks.NAME
+    born = born_from_detections(paths.tracks)
+    config = many_config(values, values["box_overlap"], "label" if named and not born else "start")
+    by_number = text or _is_text(paths.truth)
+    if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
+        raise UsageError(
+            f"--gospa-cutoff {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
+            "there is --gospa-px"
+        )
+    tracks, truth, scene = _read_both(paths.tracks, paths.truth, config)
+    with _named({"tracks": paths.tracks, "truth": paths.truth}):
+        made = _made(paths.tracks) if named else {}
+        sides = lay_boxes(tracks, truth, config, by_number=by_number, looked=_strings(made.get("cameras")))
+    result = evaluate_sides(sides, config)
+    told = own_notes(paths.tracks, config.own, values["own"])
+    result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
+    _write(paths, result, sides, config, scene)
+    return result
+
+
+def _made(path: Path) -> Mapping[str, Any]:
+    """Parameters with which tracks were made."""
+    return read_provenance(path).parameters
+
+
+def _strings(value: object) -> tuple[str, ...]:
+    return tuple(text for text in value if isinstance(text, str)) if isinstance(value, list) else ()
+
+
+@contextmanager
+def _named(files: Mapping[str, Path]) -> Iterator[None]:
+    """Put the file in the place of the word with which a message begins."""
+    try:
+        yield
+    except InputError as error:
+        word, mark, rest = str(error).partition(": ")
+        raise (InputError(f"{files[word]}{mark}{rest}") if word in files else error) from error
+
+
+def _is_text(path: Path) -> bool:
+    return path.suffix.lower() in TEXT
+
+
+def _read_both(tracks: Path, truth: Path, config: ManyConfig) -> tuple[Boxes, TruthBoxes, Scene | None]:
+    """Both sides; the camera of text is the one that the other side has."""
+    if not _is_text(truth):
+        boxes, scene = _read_truth(truth)
+        ours = _read_text(tracks, _sole_camera(truth, boxes, config), Boxes) if _is_text(tracks) else None
+        return _read_tracks(tracks) if ours is None else ours, boxes, scene
+    if _is_text(tracks):
+        name = config.cameras[0] if config.cameras else "view"
+        found = _read_text(tracks, name, Boxes)
+    else:
+        found = _read_tracks(tracks)
+        name = _sole_camera(tracks, found, config)
+    last = int(found.frame[found.sensor == name].max(initial=-1))
+    return found, _read_text(truth, name, TruthBoxes, last), None
+
+
+def _read_tracks(path: Path) -> Boxes:
+    name = schema_name(path)
+    if name == ViewTracks.NAME:
+        return boxes_of(read_table(path, ViewTracks))
+    return read_table(path, TruthBoxes if name == TruthBoxes.NAME else Boxes)
+
+
+def _read_truth(path: Path) -> tuple[TruthBoxes, Scene | None]:
+    if path.suffix.lower() != ".mcap":
+        return read_table(path, TruthBoxes), None
+    recording = open_recording(path)
+    if not recording.has(TruthBoxes):
+        raise InputError(f"{path}: holds no true boxes; tracks in images need a recording or a table that has them")
+    return recording.read(TruthBoxes), recording.scene
+
+
+def _sole_camera(path: Path, boxes: Boxes, config: ManyConfig) -> str:
+    names = list(config.cameras) or np.unique(boxes.sensor).tolist()
+    if len(names) != 1:
+        raise UsageError(f"{path}: has cameras {', '.join(names)}; say with --camera NAME which one the text is of")
+    return str(names[0])
+
+
+def _read_text(path: Path, camera: str, table: type[B], last: int | None = None) -> B:
+    """MOTChallenge text; of the truth rows that do not count (confidence 0) are left out.
+
+    The truth knows of all frames from the first one on, also of those up to `last` that come after its rows.
+    """
+    if is_header(first_line(path, "MOTChallenge text")):
+        raise InputError(f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes")
+    file, how = [BoxFile(path, camera)], BoxOptions(drop_zero=last is not None, use_confidence=last is not None)
+    survey = survey_boxes(file, (), how)
+    if survey.stop > MAX_FRAMES:
+        raise InputError(f"{path}: frame {survey.stop}; text may have {MAX_FRAMES} frames; correct the number")
+    if last is not None:
+        survey = replace(survey, first=0, stop=max(survey.stop, last + 1))
+    times: dict[str, FrameTimes] = {camera: rate_times(RATE, "assumed")}
+    rows = read_boxes(file, survey, times, (), how, table)
+    return table.concat(rows if last is not None else (part.take(part.box >= 0) for part in rows))
+
+
+def _write(paths: Paths, result: Evaluation, sides: Sides, config: ManyConfig, scene: Scene | None) -> None:
+    provenance = provenance_of(paths, asdict(config))
+    if paths.mot is not None and paths.tracks is not None:
+        write_layout(paths.mot, paths.tracks.stem, _sequences(sides, scene), overwrite=paths.overwrite)
+    if paths.failures is not None:
+        write_table(paths.failures, result.failures, provenance, overwrite=paths.overwrite)
+    if paths.output is not None:
+        values = {**result.metrics, "_provenance": provenance.as_dict()}
+        write_json(paths.output, values, overwrite=paths.overwrite)
+
+
+def _sequences(sides: Sides, scene: Scene | None) -> list[MotSequence]:
+    sizes = {camera.name: camera.image_size for camera in (scene.cameras if scene is not None else ())}
+    out = []
+    for view, name in enumerate(sides.views):
+        width, height = sizes.get(name) or image_size(sides, view)
+        frames = int(sides.number[view].max()) + 1
+        info = SequenceInfo(name, frames, frame_rate(sides, view), width, height)
+        out.append(MotSequence(info, *view_boxes(sides, view)))
+    return out

@@ -1,0 +1,206 @@
+"""Boxes of tracks and true boxes laid against each other: the same camera, the same frame, each identity once."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.metrics.frames import Objects
+from occlog.errors import InputError
+from occlog.records.tables import Boxes, TruthBoxes
+from occlog.records.views import ViewTracks
+
+from .config import ManyConfig
+
+B = TypeVar("B", bound=Boxes)
+
+
+class Sides(NamedTuple):
+    """Truth and tracks in the frames that the truth knows.
+
+    A camera is a view, numbered in the order of names; `frame` of the objects counts the true
+    frames of its view in the order of time.
+
+    Attributes:
+        views: names of the cameras.
+        truth: true objects; places are boxes.
+        tracks: estimated objects; places are boxes.
+        visible: (n,) visible share of each true object; NaN: not known.
+        t_ns: for each view the times of its frames.
+        number: for each view the numbers of its frames in the camera's stream.
+        counts: what was compared and what was left out.
+        left_out: cameras of the truth that have no track.
+    """
+
+    views: tuple[str, ...]
+    truth: Objects
+    tracks: Objects
+    visible: Floats
+    t_ns: tuple[Ints, ...]
+    number: tuple[Ints, ...]
+    counts: dict[str, float]
+    left_out: tuple[str, ...]
+
+    @property
+    def frames(self) -> list[int]:
+        """Number of frames of each view."""
+        return [len(times) for times in self.t_ns]
+
+
+def boxes_of(tracks: ViewTracks) -> Boxes:
+    """The bounding boxes of ellipses, not cut at the edge of the image, with the tracks' identities."""
+    cos, sin = np.cos(tracks.rho), np.sin(tracks.rho)
+    half_width = np.hypot(tracks.a_px * cos, tracks.b_px * sin)
+    half_height = np.hypot(tracks.a_px * sin, tracks.b_px * cos)
+    n = len(tracks)
+    return Boxes.of(
+        t_ns=tracks.t_ns,
+        sensor=tracks.sensor,
+        frame=tracks.frame,
+        box=np.arange(n, dtype=np.int32),
+        target_id=tracks.target_id,
+        left_px=tracks.x_px - half_width,
+        top_px=tracks.y_px - half_height,
+        width_px=2.0 * half_width,
+        height_px=2.0 * half_height,
+        confidence=np.full(n, np.nan),
+    )
+
+
+def places(boxes: Boxes) -> Floats:
+    """(n, 4) left, top, width, height."""
+    return np.column_stack([boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px])
+
+
+def lay_boxes(
+    tracks: Boxes, truth: TruthBoxes, config: ManyConfig, *, by_number: bool = False, looked: Collection[str] = ()
+) -> Sides:
+    """Tracks and truth of the frames that the truth has, with a box or known to have none.
+
+    Args:
+        tracks: boxes with identities; `boxes_of` makes them of ellipses.
+        truth: true boxes with identities.
+        config: cameras and frames that are to be compared.
+        by_number: frames are the same when camera and number are; otherwise when camera and time are.
+        looked: cameras that are compared even if no track is in them.
+
+    Raises:
+        InputError: nothing is to be compared, an object has no identity, or the same one twice in a frame.
+    """
+    truth, tracks = _wanted(truth, config, "truth"), _wanted(tracks, config, "tracks", looked)
+    views, left_out = _views(tracks, truth, looked)
+    truth = truth.take(np.isin(truth.sensor, views))
+    key = "frame" if by_number else "t_ns"
+    times, numbers, keys = _frames(truth, views, key)
+    there, found = truth.take(truth.box >= 0), tracks.take(tracks.box >= 0)
+    true_view, true_cell = _cells(there, views, keys, key)
+    _check_identities("truth", there, true_view, true_cell)
+    view, cell = _cells(found, views, keys, key)
+    known = cell >= 0
+    if len(found) and not known.any():
+        raise InputError(_apart(found, truth, by_number))
+    found, view, cell = found.take(known), view[known], cell[known]
+    _check_identities("tracks", found, view, cell)
+    counts = {
+        "frames": sum(len(t) for t in times),
+        "frames_without_tracks": sum(len(t) for t in times) - len(np.unique(view * 2**40 + cell)),
+        "estimates_other_frames": int(np.count_nonzero(~known)),
+        "views_without_tracks": len(left_out),
+    }
+    return Sides(
+        views,
+        Objects(true_cell, there.target_id.astype(np.int64), places(there), true_view),
+        Objects(cell, found.target_id.astype(np.int64), places(found), view),
+        there.visible,
+        times,
+        numbers,
+        {name: float(n) for name, n in counts.items()},
+        left_out,
+    )
+
+
+def _wanted(boxes: B, config: ManyConfig, what: str, looked: Collection[str] = ()) -> B:
+    """Rows of the cameras and frames asked for."""
+    names = sorted({*np.unique(boxes.sensor).tolist(), *looked})
+    if missing := [name for name in config.cameras if name not in names]:
+        raise InputError(f"{what}: no camera {', '.join(missing)}; there is {', '.join(names) or 'none'}")
+    keep = np.isin(boxes.sensor, config.cameras) if config.cameras else np.ones(len(boxes), dtype=np.bool_)
+    if config.frames is not None:
+        keep &= (boxes.frame >= config.frames[0]) & (boxes.frame < config.frames[1])
+    if what == "truth" and config.frames is not None and len(boxes) and not keep.any():
+        first, stop = config.frames
+        raise InputError(f"truth: no row in frames {first}:{stop}; they are {_span(boxes.frame)}")
+    return boxes.take(keep)
+
+
+def _views(tracks: Boxes, truth: TruthBoxes, looked: Collection[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Cameras of both, and those of the truth without a track."""
+    ours, theirs = sorted({*np.unique(tracks.sensor).tolist(), *looked}), np.unique(truth.sensor).tolist()
+    if not theirs:
+        raise InputError("truth: has no boxes; nothing to compare with")
+    if not ours:  # nothing was tracked at all, which is to be counted
+        return tuple(theirs), ()
+    both = tuple(name for name in theirs if name in ours)
+    if not both:
+        raise InputError(
+            f"tracks: their cameras ({', '.join(ours)}) are none of the truth ({', '.join(theirs)}); "
+            "the names must be the same"
+        )
+    return both, tuple(name for name in theirs if name not in ours)
+
+
+def _frames(truth: TruthBoxes, views: Sequence[str], key: str) -> tuple[tuple[Ints, ...], tuple[Ints, ...], list[Ints]]:
+    """Times, numbers and keys of the true frames of each view, by rising key."""
+    times, numbers, keys = [], [], []
+    for name in views:
+        rows = truth.take(truth.sensor == name)
+        known, first = np.unique(getattr(rows, key), return_index=True)
+        keys.append(known)
+        times.append(rows.t_ns[first])
+        numbers.append(rows.frame[first])
+    return tuple(times), tuple(numbers), keys
+
+
+def _cells(boxes: Boxes, views: Sequence[str], keys: Sequence[Ints], key: str) -> tuple[Ints, Ints]:
+    """View of each row and its place among the true frames; -1 where it is in none."""
+    view, cell = np.zeros(len(boxes), dtype=np.int64), np.full(len(boxes), -1, dtype=np.int64)
+    values = getattr(boxes, key)
+    for v, name in enumerate(views):
+        rows = np.flatnonzero(boxes.sensor == name)
+        place = np.minimum(np.searchsorted(keys[v], values[rows]), len(keys[v]) - 1)
+        view[rows], cell[rows] = v, np.where(keys[v][place] == values[rows], place, -1)
+    return view, cell
+
+
+def _apart(tracks: Boxes, truth: TruthBoxes, by_number: bool) -> str:
+    if by_number:
+        return (
+            f"tracks: their frames ({_span(tracks.frame)}) are none of the truth's ({_span(truth.frame)}); "
+            "frames must have the same numbers"
+        )
+    return (
+        f"tracks: the time of no frame of theirs (first: {tracks.sensor[0]} at {tracks.t_ns[0]} ns) is among the true "
+        f"boxes (first: {truth.sensor[0]} at {truth.t_ns[0]} ns); times must be the same"
+    )
+
+
+def _span(values: Ints) -> str:
+    return f"{values.min()} to {values.max()}"
+
+
+def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
+    """InputError where an object has no identity, or the same one as another in the frame."""
+    order = np.lexsort((boxes.target_id, cell, view))
+    keys = np.column_stack([view, cell, boxes.target_id])[order]
+    same = (keys[1:] == keys[:-1]).all(axis=1)
+    for bad, words in ((np.flatnonzero(keys[:, 2] < 0), "a box without an identity"), (np.flatnonzero(same) + 1, "")):
+        if len(bad):
+            row = order[bad[0]]
+            found = words or f"target {boxes.target_id[row]} twice"
+            raise InputError(
+                f"{what}: camera {boxes.sensor[row]}, frame {boxes.frame[row]}: {found}; "
+                "each object needs an identity of its own in every frame"
+            )

@@ -1,0 +1,168 @@
+"""Tracks, truth and bearings to figures: errors, detections, the posterior bound, and checks without truth.
+
+Conditions such as `rmse>0.5` under which an evaluation counts as failed.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import operator
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from occlog.errors import InputError, UsageError
+from occlog.evaluate.bearings.boxes import view_metrics
+from occlog.evaluate.bearings.detections import detection_metrics, looks_of
+from occlog.evaluate.bearings.held_out import held_out_metrics
+from occlog.evaluate.bearings.meeting import meeting_metrics
+from occlog.evaluate.errors.bound import bound_metrics, compute_bound
+from occlog.evaluate.errors.on_ground import compare, error_metrics, settled
+from occlog.evaluate.matching.config import EvaluateConfig, Evaluation
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Bound, Errors, Tracks, Truth, TruthBoxes, Views
+
+OPERATORS: dict[str, Callable[[float, float], bool]] = {
+    "<=": operator.le,
+    ">=": operator.ge,
+    "<": operator.lt,
+    ">": operator.gt,
+}
+CONDITION = re.compile(r"\s*([^<>=]+?)\s*(<=|>=|<|>)\s*([^<>=]+?)\s*")
+UNITS = ("m", "unit", "ft", "in", "px", "mrad")
+"""Units that end the names of metrics and may be left away."""
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """The evaluation fails if `metric operator limit` is true, or cannot be told."""
+
+    metric: str
+    operator: str
+    limit: float
+
+    def __str__(self) -> str:
+        return f"{self.metric}{self.operator}{self.limit:g}"
+
+
+def parse_threshold(text: str) -> Threshold:
+    """Threshold from text such as `rmse>0.5`; UsageError for any other text.
+
+    A comparison that no number satisfies or every number does (`> nan`, `> inf`) is refused too.
+    """
+    found = CONDITION.fullmatch(text)
+    try:
+        limit = float(found[3]) if found else math.nan
+    except ValueError:
+        limit = math.nan
+    if not found or not math.isfinite(limit):
+        raise UsageError(f"--fail-if {text!r}: must be a metric, one of > >= < <=, and a number, as in 'rmse>0.5'")
+    return Threshold(found[1], found[2], limit)
+
+
+def failures(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> list[str]:
+    """One line for each threshold that is broken, or whose metric is missing, ambiguous or not a number."""
+    return [line for t in thresholds if (line := _failure(metrics, t)) is not None]
+
+
+def _failure(metrics: Mapping[str, float], threshold: Threshold) -> str | None:
+    names = find_metric(metrics, threshold.metric)
+    if not names:
+        near = difflib.get_close_matches(threshold.metric, metrics, n=3, cutoff=0.5)
+        hint = f"; did you mean {' or '.join(near)}?" if near else ""
+        return f"--fail-if {threshold}: there is no metric {threshold.metric!r}{hint}"
+    if len(names) > 1:
+        return f"--fail-if {threshold}: {threshold.metric!r} can be {' or '.join(names)}; name one"
+    value = metrics[names[0]]
+    if not math.isfinite(value):
+        return f"--fail-if {threshold}: {names[0]} is not a number ({value}): there was nothing to compute it from"
+    if OPERATORS[threshold.operator](value, threshold.limit):
+        return f"--fail-if {threshold}: {names[0]} is {value:.6g}"
+    return None
+
+
+def find_metric(metrics: Mapping[str, float], name: str) -> list[str]:
+    """Full names that a name with or without its unit can stand for; a full name stands for itself."""
+    if name in metrics:
+        return [name]
+    return [full for full in (f"{name}_{unit}" for unit in UNITS) if full in metrics]
+
+
+__all__ = ["EvaluateConfig", "Evaluation", "Threshold", "evaluate", "failures", "parse_threshold"]
+
+
+def evaluate(
+    tracks: Tracks | None,
+    truth: Truth | None,
+    bearings: Bearings | None,
+    scene: Scene,
+    config: EvaluateConfig | None = None,
+    *,
+    views: Views | None = None,
+    truth_boxes: TruthBoxes | None = None,
+) -> Evaluation:
+    """Every figure that the given tables allow.
+
+    Tracks and truth give errors; bearings and truth give detections and the bound;
+    bearings alone give the distance of the tracks from where sight lines meet, and the
+    prediction of held-out sensors; views and true boxes give recall and precision.
+    Lengths are in the scene's unit, which ends the names of such metrics (`rmse_m`).
+
+    Raises:
+        InputError: the tables do not fit together (no common identity, time or sensor).
+    """
+    config = config or EvaluateConfig()
+    metrics: dict[str, float] = {}
+    errors, bound, pairs = Errors.empty(), Bound.empty(), dict[int, int]()
+    if tracks is not None and truth is not None:
+        matched = compare(tracks, truth, config)
+        errors, pairs = matched.errors, matched.pairs
+        metrics |= matched.counts | error_metrics(errors, scene.length_unit)
+    elif tracks is not None:
+        metrics |= {"tracks": len(np.unique(tracks.target_id)), "estimates_without_truth": len(tracks)}
+    if bearings is not None and truth is not None:
+        labels = _labels(bearings, truth, pairs)
+        looks = looks_of(bearings, truth, scene, labels, config)
+        unmatched = (bearings.target_id >= 0) & ~np.isin(bearings.target_id, list(labels))
+        metrics |= detection_metrics(looks) | {"bearings_unmatched": int(np.count_nonzero(unmatched))}
+        used = {name: found for name, found in looks.items() if name not in config.held_out}
+        bound = compute_bound(used, truth, errors, scene, config)
+        metrics |= bound_metrics(errors, bound, scene.length_unit)
+    if len(errors) and (config.skip_s > 0 or config.from_ns is not None):
+        metrics |= _settled(errors, bound, scene.length_unit, config)
+    metrics |= _without_truth(tracks, bearings, scene, config)
+    if views is not None and truth_boxes is not None:
+        metrics |= view_metrics(views, truth_boxes, config)
+    return Evaluation({name: float(value) for name, value in metrics.items()}, errors, bound)
+
+
+def _without_truth(
+    tracks: Tracks | None, bearings: Bearings | None, scene: Scene, config: EvaluateConfig
+) -> dict[str, float]:
+    if config.held_out and (tracks is None or bearings is None):
+        raise InputError("evaluate: a held-out sensor needs tracks made without it and bearings that include it")
+    if tracks is None or bearings is None:
+        return {}
+    out = meeting_metrics(tracks, bearings, scene, config)
+    return out | held_out_metrics(tracks, bearings, scene, config) if config.held_out else out
+
+
+def _labels(bearings: Bearings, truth: Truth, pairs: Mapping[int, int]) -> dict[int, int]:
+    """Identity in the bearings to identity in the truth: as the tracks were paired, else by equal numbers."""
+    out, taken = dict(pairs), set(pairs.values())
+    targets = set(np.unique(truth.target_id[truth.role == "target"]).tolist())
+    for label in np.unique(bearings.target_id).tolist():
+        if label >= 0 and label not in out and label in targets and label not in taken:
+            out[label] = label
+    return out
+
+
+def _settled(errors: Errors, bound: Bound, unit: str, config: EvaluateConfig) -> dict[str, float]:
+    """The figures of errors and bound once more after the transient, with names that begin with `settled_`."""
+    late = errors.take(settled(errors, config))
+    figures = error_metrics(late, unit) | {"estimates": len(late)}
+    figures |= bound_metrics(late, bound, unit) if len(bound) and len(late) else {}
+    return {f"settled_{name}": value for name, value in figures.items()}

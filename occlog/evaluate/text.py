@@ -1,0 +1,244 @@
+"""The figures of `evaluate` as a person reads them: a few lines, then a table by target and one by sensor.
+
+What a person reads of the figures of many targets; see `evaluate_text`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+
+GROUP = (
+    "many targets",
+    (
+        ("fr_p", "targets without a tracker, FR_p", ""),
+        ("fr_l", "trackers on another target, FR_l", ""),
+        ("mota", "MOTA", ""),
+        ("motp", "mean 1 - IoU of the pairs, MOTP", ""),
+        ("motp", "mean distance of the pairs, MOTP", "length"),
+        ("idf1", "IDF1", ""),
+        ("idf1_across_views", "IDF1 across views", ""),
+        ("hota", "HOTA", ""),
+        ("deta", "  detection, DetA", ""),
+        ("assa", "  association, AssA", ""),
+        ("loca", "  localisation, LocA", ""),
+        ("gospa", "mean GOSPA of 1 - IoU", ""),
+        ("gospa", "mean GOSPA", "length"),
+        ("recall", "recall", ""),
+        ("precision", "precision", ""),
+        ("fp", "false", ""),
+        ("fn", "missed", ""),
+        ("id_switches", "identity switches", ""),
+        ("fragmentations", "fragmentations", ""),
+        ("mostly_tracked", "targets mostly tracked", ""),
+        ("partly_tracked", "  partly", ""),
+        ("mostly_lost", "  mostly lost", ""),
+        ("objects", "true rows", ""),
+        ("frames", "frames", ""),
+        ("estimates_other_frames", "left out: rows in other frames", ""),
+    ),
+)
+BY_SENSOR_IN_IMAGES = (
+    ("fr_p", "FR_p", ""),
+    ("fr_l", "FR_l", ""),
+    ("mota", "MOTA", ""),
+    ("idf1", "IDF1", ""),
+    ("hota", "HOTA", ""),
+    ("objects", "true rows", ""),
+)
+
+
+Entry = tuple[str, str, str]
+
+# Heading, then (name without unit, label, unit); `length` stands for the scene's unit.
+GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
+    (
+        "errors",
+        (
+            ("rmse", "RMSE", "length"),
+            ("rmse_x", "along x", "length"),
+            ("rmse_y", "along y", "length"),
+            ("error_mean", "mean", "length"),
+            ("error_median", "median", "length"),
+            ("error_p95", "95 %", "length"),
+            ("error_max", "largest", "length"),
+            ("nees_mean", "mean NEES (consistent: 2)", ""),
+            ("nees_share_95", "inside the 95 % ellipse", ""),
+            ("estimates", "estimates", ""),
+            ("rmse_z", "along z", "length"),
+            ("rmse_space", "RMSE in space", "length"),
+            ("error_space_median", "median in space", "length"),
+            ("error_space_p95", "95 % in space", "length"),
+            ("nees_space_mean", "mean NEES in space (consistent: 3)", ""),
+            ("nees_space_share_95", "inside the 95 % ellipsoid", ""),
+            ("estimates_space", "estimates in space", ""),
+            ("estimates_without_truth", "left out: no truth given, or none near in time", ""),
+            ("estimates_unmatched", "left out: of no target", ""),
+            ("time_coverage", "truth covered", ""),
+        ),
+    ),
+    (
+        "settled",
+        (
+            ("settled_rmse", "RMSE", "length"),
+            ("settled_bound_rmse", "bound", "length"),
+            ("settled_bound_ratio", "RMSE / bound", ""),
+            ("settled_rmse_space", "RMSE in space", "length"),
+            ("settled_bound_rmse_space", "bound in space", "length"),
+            ("settled_bound_ratio_space", "RMSE / bound in space", ""),
+            ("settled_estimates", "estimates", ""),
+        ),
+    ),
+    (
+        "bound",
+        (
+            ("bound_rmse", "bound on the RMSE", "length"),
+            ("bound_ratio", "RMSE / bound", ""),
+            ("bound_rmse_z", "bound along z", "length"),
+            ("bound_rmse_space", "bound in space", "length"),
+            ("bound_ratio_space", "RMSE / bound in space", ""),
+        ),
+    ),
+    (
+        "bearings",
+        (
+            ("detection_rate", "detection rate", ""),
+            ("detected", "detected", ""),
+            ("missed", "missed", ""),
+            ("false_alarms", "false alarms", ""),
+            ("false_alarms_per_frame", "false alarms a frame", ""),
+            ("correct_rejections", "hidden and not reported", ""),
+            ("bearing_rms", "RMS error", "px"),
+            ("bearing_bias", "bias", "px"),
+            ("bearing_rms", "RMS error", "mrad"),
+            ("elevation_rms", "RMS error of elevations", "mrad"),
+        ),
+    ),
+    (
+        "sight lines",
+        (
+            ("sight_lines_distance_max", "track to meeting point, largest", "length"),
+            ("sight_lines_distance_median", "median", "length"),
+            ("sight_lines_distance_p95", "95 %", "length"),
+            ("sight_lines_share_within", "share within the limit", ""),
+            ("sight_lines_compared", "scans compared", ""),
+            ("sight_lines_refused", "scans refused (lines nearly parallel)", ""),
+            ("sight_lines_residual_rms", "lines miss the meeting point by", "mrad"),
+        ),
+    ),
+    (
+        "held out",
+        (
+            ("held_out_median", "median residual", "px"),
+            ("held_out_median_chance", "  by chance", "px"),
+            ("held_out_rms", "RMS residual", "px"),
+            ("held_out_p95", "95 %", "px"),
+            ("held_out_median", "median residual", "mrad"),
+            ("held_out_share_within", "frames predicted", ""),
+            ("held_out_share_within_chance", "  by chance", ""),
+            ("held_out_frames", "frames", ""),
+        ),
+    ),
+    (
+        "cooperation",
+        (
+            ("cooperation_requests", "requests", ""),
+            ("cooperation_answered", "answered", ""),
+            ("cooperation_shared", "places that came along", ""),
+            ("cooperation_frames", "frames asked for", ""),
+            ("cooperation_period", "mean time between requests", "s"),
+            ("cooperation_requests_periodic", "  by the period", ""),
+            ("cooperation_requests_count", "  by the count", ""),
+            ("cooperation_requests_bearing", "  by the bearing", ""),
+            ("cooperation_requests_ellipse", "  by the ellipse", ""),
+            ("cooperation_requests_spread", "  by the spread", ""),
+        ),
+    ),
+    (
+        "views",
+        (
+            ("views_recall", "recall", ""),
+            ("views_recall_clear", "  in the clear", ""),
+            ("views_recall_front", "  in front of others", ""),
+            ("views_recall_hidden", "  partly hidden", ""),
+            ("views_precision", "precision", ""),
+            ("views_error_rms", "horizontal RMS error", "px"),
+            ("views_error_rms_clear", "  in the clear", "px"),
+            ("views_error_rms_front", "  in front of others", "px"),
+            ("views_error_rms_hidden", "  partly hidden", "px"),
+        ),
+    ),
+    GROUP,
+)
+
+BY_TARGET = (
+    ("rmse", "RMSE", "length"),
+    ("bound_rmse", "bound", "length"),
+    ("bound_ratio", "ratio", ""),
+    ("rmse_space", "in space", "length"),
+    ("bound_rmse_space", "bound", "length"),
+    ("bound_ratio_space", "ratio", ""),
+    ("nees_mean", "NEES", ""),
+    ("estimates", "estimates", ""),
+)
+BY_SENSOR = (
+    ("detection_rate", "rate", ""),
+    ("detected", "detected", ""),
+    ("missed", "missed", ""),
+    ("false_alarms", "false", ""),
+    ("bearing_rms", "RMS", "px"),
+    ("held_out_median", "held out", "px"),
+    ("views_recall", "recall", ""),
+    ("views_precision", "precision", ""),
+    *BY_SENSOR_IN_IMAGES,
+)
+
+
+def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
+    """Lines of text: only groups and columns that the metrics have."""
+    lines: list[str] = []
+    for heading, entries in GROUPS:
+        shown = [(label, metrics[key], of) for key, label, of in _keys(entries, "", unit) if key in metrics]
+        if shown:
+            lines += ["", heading] if lines else [heading]
+            lines += [f"  {label:<38}{number(value):>12} {of}".rstrip() for label, value, of in shown]
+    for kind, columns in (("target", BY_TARGET), ("sensor", BY_SENSOR)):
+        names = _names(metrics, kind, columns, unit)
+        lines += _table(metrics, kind, names, columns, unit) if names else []
+    return lines
+
+
+def number(value: float) -> str:
+    """Four digits; whole numbers in full; a dash for what is not a number."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.0f}" if value == round(value) and abs(value) < 1e15 else f"{value:.4g}"
+
+
+def _keys(entries: Iterable[Entry], whose: str, unit: str) -> Iterator[tuple[str, str, str]]:
+    """Full name, label and unit of each entry."""
+    for name, label, of in entries:
+        of = unit if of == "length" else of
+        yield f"{name}{whose}_{of}" if of else f"{name}{whose}", label, of
+
+
+def _names(metrics: Mapping[str, float], kind: str, columns: Iterable[Entry], unit: str) -> list[str]:
+    """Targets or sensors that have a figure in one of the columns, in the order of the metrics."""
+    found: dict[str, None] = {}
+    for pattern, _, _ in _keys(columns, f"_{kind}_\0", unit):
+        start, end = pattern.split("\0")
+        for key in metrics:
+            if key.startswith(start) and key.endswith(end):
+                found[key[len(start) : len(key) - len(end)]] = None
+    return list(found)
+
+
+def _table(metrics: Mapping[str, float], kind: str, names: list[str], columns: Iterable[Entry], unit: str) -> list[str]:
+    used = [c for c in columns if any(k in metrics for n in names for k, _, _ in _keys([c], f"_{kind}_{n}", unit))]
+    width = max(10, *(len(n) + 2 for n in names))
+    titles = [f"{label} [{of}]" if of else label for _, label, of in _keys(used, "", unit)]
+    lines = ["", f"{kind:<{width}}" + "".join(f"{title:>15}" for title in titles)]
+    for name in names:
+        cells = [metrics.get(key, math.nan) for key, _, _ in _keys(used, f"_{kind}_{name}", unit)]
+        lines.append(f"{name:<{width}}" + "".join(f"{number(value):>15}" for value in cells))
+    return lines

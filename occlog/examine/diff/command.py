@@ -1,0 +1,164 @@
+"""The `occlog diff` command."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from occlog.cli import options
+from occlog.errors import ExitCode, UsageError
+
+if TYPE_CHECKING:
+    from .result import Comparison, Limit, Tolerances
+
+DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
+
+
+@click.command(name="diff", short_help="Say whether two outputs are the same, and where they first differ.")
+@click.argument("a", type=options.PATH)
+@click.argument("b", type=options.PATH)
+@click.option(
+    "--rtol",
+    type=click.FloatRange(min=0),
+    default=1e-9,
+    show_default=True,
+    help="Relative tolerance of fractional numbers.",
+)
+@click.option(
+    "--atol",
+    type=click.FloatRange(min=0),
+    default=0.0,
+    show_default=True,
+    help="Absolute tolerance of fractional numbers.",
+)
+@click.option(
+    "--tol",
+    multiple=True,
+    metavar="COLUMN=ATOL[:RTOL]",
+    help="Tolerance of a column (or TABLE.COLUMN, or a JSON key) instead; may be repeated.",
+)
+@click.option(
+    "--tol-unit",
+    multiple=True,
+    metavar="UNIT=ATOL[:RTOL]",
+    help="Tolerance of all columns in a unit (rad, m, px, m^2, ...) instead; may be repeated.",
+)
+@click.option(
+    "--time-tol",
+    default="0ns",
+    show_default=True,
+    metavar="DURATION",
+    help="Rows this close in time are the same row, e.g. 1ms.",
+)
+@click.option("--exclude", multiple=True, metavar="GLOB", help="Leave files of a folder out; may be repeated.")
+@click.option("--pixels", is_flag=True, help="Compare frames by their pixels, not by how they are compressed.")
+@click.option("--provenance", is_flag=True, help="How the outputs were made counts too.")
+@options.json_opt
+def command(
+    a: Path,
+    b: Path,
+    rtol: float,
+    atol: float,
+    tol: tuple[str, ...],
+    tol_unit: tuple[str, ...],
+    time_tol: str,
+    exclude: tuple[str, ...],
+    pixels: bool,
+    provenance: bool,
+    as_json: bool,
+) -> int:
+    """Say whether A and B are the same: tables, recordings, JSON files, or folders of them.
+
+    Rows are joined by their key, not by their place.  Two numbers are the same if
+    |a - b| <= ATOL + RTOL max(|a|, |b|); angles may be a whole turn apart, and NaN equals
+    NaN.  Integers and labels must be equal.  Exit code 0: the same; 5: different.
+
+    \b
+      occlog diff tests/golden run/ --exclude 'report.*'
+      occlog diff a/tracks.parquet b/tracks.parquet --tol-unit m=1e-6 --tol cov_xx=1e-4:1e-3
+      occlog diff old.mcap new.mcap --time-tol 1ms --json | jq .first
+    """
+    from .read import Settings, compare_paths
+
+    limits = make_tolerances(rtol, atol, tol, tol_unit, time_tol)
+    found = compare_paths(a, b, Settings(limits, provenance, pixels, exclude))
+    same = all(part.same for part in found)
+    if as_json:
+        options.echo_summary(as_dict(found), True)
+    else:
+        click.echo("\n".join(report_lines(found)))
+    return ExitCode.DONE if same else ExitCode.DIFFERENT
+
+
+def as_dict(found: list[Comparison]) -> dict[str, Any]:
+    """The comparison as JSON-ready values; `first` is the first difference of the earliest stage."""
+    different = [part for part in found if not part.same]
+    return {
+        "same": not different,
+        "first": {"name": different[0].name, **_first(different[0])} if different else None,
+        "parts": [part.as_dict() for part in found],
+    }
+
+
+def _first(part: Comparison) -> dict[str, Any]:
+    first = part.schema[0] if part.schema else part.first
+    return first.as_dict() if first is not None else {}
+
+
+def report_lines(found: list[Comparison]) -> list[str]:
+    """The comparison for a person: what differs first, then every part."""
+    from .text import comparison_lines
+
+    different = [part for part in found if not part.same]
+    lines = [line for part in found for line in comparison_lines(part)]
+    if not found:
+        return ["same: there is nothing to compare"]
+    if len(found) == 1:
+        return lines
+    head = f"{len(different)} of {len(found)} parts differ, first: {different[0].name}" if different else "the same"
+    return [*lines, head]
+
+
+def make_tolerances(
+    rtol: float, atol: float, tol: tuple[str, ...], tol_unit: tuple[str, ...], time_tol: str
+) -> Tolerances:
+    """Tolerances from the options' texts; UsageError names what cannot be read."""
+    from occlog.records.tables import TABLES
+
+    from .result import Limit, Tolerances
+
+    for name, value in (("--rtol", rtol), ("--atol", atol)):
+        if not math.isfinite(value):
+            raise UsageError(f"{name} {value}: want a finite number")
+    columns = dict(_limit("--tol", text) for text in tol)
+    units = dict(_limit("--tol-unit", text) for text in tol_unit)
+    known = {c.unit for table in TABLES.values() for c in table.columns()}
+    for unit in units:
+        if unit not in known:
+            raise UsageError(f"--tol-unit {unit}: no column has this unit; units: {', '.join(sorted(known))}")
+    return Tolerances(Limit(atol, rtol), columns, units, _duration(time_tol))
+
+
+def _limit(option: str, text: str) -> tuple[str, Limit]:
+    from .result import Limit
+
+    name, equals, value = text.rpartition("=")
+    try:
+        numbers = [float(part) for part in value.split(":")]
+    except ValueError:
+        numbers = []
+    good = name and equals and len(numbers) in (1, 2) and all(math.isfinite(n) and n >= 0 for n in numbers)
+    if not good:
+        raise UsageError(f"{option} {text!r}: want NAME=ATOL or NAME=ATOL:RTOL with numbers of at least 0")
+    return name, Limit(*numbers)
+
+
+def _duration(text: str) -> int:
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(ns|us|ms|s)", text.strip())
+    if match is None:
+        raise UsageError(f"--time-tol {text!r}: want a number with ns, us, ms or s, e.g. 1ms")
+    return round(float(match[1]) * DURATIONS[match[2]])

@@ -1,0 +1,277 @@
+"""Reads two outputs and compares them: tables, recordings, JSON, other files, folders."""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+import hashlib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from occlog.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from occlog.io.recording.reader import Recording
+
+    from .result import Comparison, Tolerances
+
+RUN_STATE = "run.json"
+"""What `occlog run` keeps to know what is up to date: hashes of everything, so it is provenance."""
+ROWS = 4096
+YAML = (".yaml", ".yml")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is compared and how strictly."""
+
+    tolerances: Tolerances
+    provenance: bool = False
+    pixels: bool = False
+    exclude: tuple[str, ...] = ()
+
+
+def compare_paths(a: Path, b: Path, settings: Settings) -> list[Comparison]:
+    """Everything that two files or folders have in common or apart, what earlier stages made first.
+
+    Raises:
+        UsageError: a file and a folder, or files of different kinds.
+        InputError: a file is missing or damaged.
+    """
+    for path in (a, b):
+        if not path.exists():
+            raise InputError(f"{path}: no such file or folder")
+    if a.is_dir() != b.is_dir():
+        folder, file = (a, b) if a.is_dir() else (b, a)
+        raise UsageError(f"{folder} is a folder and {file} is a file; give two of one kind")
+    if a.is_dir() and b.is_dir():
+        return _compare_folders(a, b, settings)
+    if a.suffix.lower() != b.suffix.lower():
+        raise UsageError(f"{a.name} and {b.name} are of different kinds; give two files with the same ending")
+    if a.suffix.lower() == ".parquet":
+        _check_tables(a, b, settings)
+    return compare_files(a, b, a.name, settings)
+
+
+def _check_tables(a: Path, b: Path, settings: Settings) -> None:
+    """Refuse tables of two kinds, and tolerances of columns that they do not have."""
+    from occlog.io.files.parquet import describe
+
+    said_a, said_b = describe(a), describe(b)
+    if said_a["schema"] != said_b["schema"]:
+        raise UsageError(f"{a} holds {said_a['schema']} and {b} holds {said_b['schema']}; give two tables of one kind")
+    names = [c["name"] for c in said_a["columns"]]
+    for wanted in settings.tolerances.columns:
+        if wanted.rpartition(".")[2] not in names:
+            near = difflib.get_close_matches(wanted, names, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"columns: {', '.join(names)}"
+            raise UsageError(f"--tol {wanted}: {said_a['schema']} has no such column; {hint}")
+
+
+def _compare_folders(a: Path, b: Path, settings: Settings) -> list[Comparison]:
+    from .files import stage_order
+    from .result import Comparison, Difference
+
+    files_a, files_b = _files(a, settings), _files(b, settings)
+    out: list[Comparison] = []
+    for name in stage_order(files_a | files_b):
+        if name in files_a and name in files_b:
+            out += compare_files(a / name, b / name, name, settings)
+            continue
+        kind = "missing" if name in files_a else "added"
+        out.append(Comparison(name, "files", first=Difference(kind, name)))
+    return out
+
+
+def _files(folder: Path, settings: Settings) -> set[str]:
+    """Relative names of the files of a folder, without hidden ones and those left out."""
+    found = (p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+    names = {str(p.as_posix()) for p in found if not any(part.startswith(".") for part in p.parts)}
+    skipped = settings.exclude if settings.provenance else (*settings.exclude, RUN_STATE)
+    return {
+        name
+        for name in names
+        if not any(fnmatch.fnmatch(name, glob) or fnmatch.fnmatch(Path(name).name, glob) for glob in skipped)
+    }
+
+
+def compare_files(a: Path, b: Path, name: str, settings: Settings) -> list[Comparison]:
+    """Compare two files of one kind; recordings have several parts."""
+    kind = a.suffix.lower()
+    if kind == ".parquet":
+        return _compare_parquet(a, b, name, settings)
+    if kind == ".mcap":
+        return _compare_recordings(a, b, name, settings)
+    if kind == ".json":
+        from occlog.io.files.json_file import read_json
+
+        from .json import diff_json
+
+        return [diff_json(name, read_json(a), read_json(b), settings.tolerances, settings.provenance)]
+    return [_compare_bytes(a, b, name, settings)]
+
+
+def _compare_parquet(a: Path, b: Path, name: str, settings: Settings) -> list[Comparison]:
+    from dataclasses import replace
+
+    from occlog.io.files.parquet import describe, iter_table
+    from occlog.records.tables import TABLES
+
+    from .files import diff_schemas
+    from .result import Comparison
+    from .stage import diff_tables
+
+    said_a, said_b = describe(a), describe(b)
+    schema = diff_schemas(name, said_a, said_b)
+    if said_a["schema"] not in TABLES:
+        raise InputError(f"{a}: unknown table {said_a['schema']!r}; occlog knows {', '.join(TABLES)}")
+    if any(found.column != "length_unit" and found.key.get("entry") != "unit" for found in schema):
+        # The rows of another table, or of other columns, cannot be put side by side.
+        found = Comparison(name, "rows", said_a["rows"], said_b["rows"], schema=schema)
+    else:
+        table = TABLES[said_a["schema"]]
+        rows = diff_tables(table, iter_table(a, table), iter_table(b, table), settings.tolerances)
+        found = replace(rows, name=name, schema=schema)
+    if not settings.provenance:
+        return [found]
+    return [found, _compare_provenance(name, said_a["provenance"], said_b["provenance"])]
+
+
+def _compare_provenance(name: str, a: Any, b: Any) -> Comparison:
+    from .json import diff_json
+
+    return diff_json(f"{name}: provenance", a, b, provenance=True)
+
+
+def _compare_recordings(a: Path, b: Path, name: str, settings: Settings) -> list[Comparison]:
+    from dataclasses import replace
+
+    from occlog.io.recording.reader import open_recording
+    from occlog.io.recording.rows import RECORDED
+
+    from .messages import Messages
+    from .stage import diff_tables
+
+    left, right = open_recording(a), open_recording(b)
+    out = [_compare_attachments(left, right, name, settings)]
+    out.append(
+        replace(diff_tables(Messages, _frames(left, settings), _frames(right, settings)), name=f"{name}: frames")
+    )
+    for table in RECORDED:
+        if left.has(table) or right.has(table):
+            rows = diff_tables(table, left.tables(table), right.tables(table), settings.tolerances)
+            out.append(replace(rows, name=f"{name}: {table.NAME}"))
+    if settings.provenance:
+        out.append(_compare_provenance(name, left.provenance.as_dict(), right.provenance.as_dict()))
+    return [found for found in out if found.count_a or found.count_b]
+
+
+def _compare_attachments(a: Recording, b: Recording, name: str, settings: Settings) -> Comparison:
+    """Attached files by their content (YAML by its values, text by line, others by hash), and linked videos."""
+    from .json import diff_json
+
+    return diff_json(f"{name}: files", _attached(a), _attached(b), settings.tolerances, provenance=True)
+
+
+def _attached(recording: Recording) -> dict[str, Any]:
+    out: dict[str, Any] = {}
+    for name in sorted(recording.attachments):
+        data = recording.attachment(name) or b""
+        out[name] = _values(name, data)
+    videos = {f"video of {sensor}": video.get("sha256", "") for sensor, video in sorted(recording.videos.items())}
+    return out | videos
+
+
+def _values(name: str, data: bytes) -> Any:
+    """What a file says: values of YAML, lines of text, the hash of anything else."""
+    from occlog.io.files.yaml_file import parse_yaml
+
+    try:
+        text = data.decode()
+        return parse_yaml(text, name, dict) if name.lower().endswith(YAML) else text.splitlines()
+    except InputError:
+        return text.splitlines()
+    except UnicodeDecodeError:
+        return hashlib.sha256(data).hexdigest()
+
+
+def _frames(recording: Recording, settings: Settings) -> Iterator[Any]:
+    """Everything in a recording that is not a row of a table, as hashes: frames, and messages of other programs."""
+    from occlog.io.recording.rows import RECORDED, schema_of
+
+    ours = {schema_of(table) for table in RECORDED}
+    topics = [t.name for t in recording.topics if t.schema not in ours]
+    if not topics:
+        return
+    pixels = settings.pixels and bool(recording.cameras)
+    yield from _gathered(_decoded(recording) if pixels else _raw(recording, topics))
+
+
+def _raw(recording: Recording, topics: list[str]) -> Iterator[tuple[int, str, int, str]]:
+    from occlog.io.recording.guard import open_mcap
+
+    with open_mcap(recording.path) as (reader, _):
+        for _schema, channel, message in reader.iter_messages(topics=topics):
+            digest = hashlib.sha256(message.data).hexdigest()
+            yield message.log_time, channel.topic, message.sequence, digest
+
+
+def _decoded(recording: Recording) -> Iterator[tuple[int, str, int, str]]:
+    for frame in recording.frames():
+        image = frame.decode()
+        digest = hashlib.sha256(f"{image.shape}".encode() + image.tobytes()).hexdigest()
+        yield frame.t_ns, frame.sensor, frame.index, digest
+
+
+def _gathered(messages: Iterator[tuple[int, str, int, str]]) -> Iterator[Any]:
+    """Messages as chunks of a table."""
+    from .messages import Messages
+
+    pending: list[tuple[int, str, int, str]] = []
+    for message in messages:
+        pending.append(message)
+        if len(pending) >= ROWS:
+            yield Messages.of(**dict(zip(Messages.__slots__, zip(*pending, strict=True), strict=True)))
+            pending = []
+    if pending:
+        yield Messages.of(**dict(zip(Messages.__slots__, zip(*pending, strict=True), strict=True)))
+
+
+def _compare_bytes(a: Path, b: Path, name: str, settings: Settings) -> Comparison:
+    from .files import diff_bytes
+
+    data_a, data_b = (_content(path, settings) for path in (a, b))
+    if data_a != data_b and name.lower().endswith(YAML):
+        from .json import diff_json
+
+        return diff_json(name, _values(name, data_a), _values(name, data_b), settings.tolerances, settings.provenance)
+    return diff_bytes(name, data_a, data_b)
+
+
+def _content(path: Path, settings: Settings) -> bytes:
+    """The bytes of a file; of a report without how it was made."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if settings.provenance:
+        return data
+    if path.suffix.lower() == ".html":
+        return re.sub(rb"<footer>.*?</footer>", b"", data, flags=re.DOTALL)
+    return _without_texts(data) if path.suffix.lower() == ".png" else data
+
+
+def _without_texts(png: bytes) -> bytes:
+    """A PNG file without its text entries."""
+    out, at = png[:8], 8
+    while at + 12 <= len(png):
+        end = at + 12 + int.from_bytes(png[at : at + 4], "big")
+        if png[at + 4 : at + 8] not in (b"tEXt", b"iTXt", b"zTXt"):
+            out += png[at:end]
+        at = end
+    return out

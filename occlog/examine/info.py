@@ -1,0 +1,219 @@
+"""The `occlog info` command."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from occlog.cli import options
+from occlog.errors import InputError
+
+if TYPE_CHECKING:
+    from occlog.io.recording.reader import Recording
+    from occlog.records.scene import Camera, MicrophoneArray, Scene
+
+
+@click.command(name="info", short_help="Print what a scene, a recording or a table holds.")
+@click.argument("path", type=options.PATH)
+@click.option("--rows", type=click.IntRange(min=0), default=5, show_default=True, help="Rows of a table to print.")
+@options.json_opt
+def command(path: Path, rows: int, as_json: bool) -> None:
+    """Print what PATH holds: a scene (YAML), a recording (MCAP) or a table (Parquet).
+
+    \b
+      occlog info run/recording.mcap
+      occlog info tracks.parquet --rows 20
+      occlog info scene.yaml --json | jq .cameras
+    """
+    described = describe(path, rows)
+    if as_json:
+        options.echo_summary({k: v for k, v in described.items() if k != "_lines"}, True)
+    else:
+        click.echo("\n".join(described["_lines"]))
+
+
+def describe(path: Path, rows: int) -> dict[str, Any]:
+    """What a file holds, as JSON-ready values and, under `_lines`, as text for a person."""
+    kind = path.suffix.lower()
+    if kind in (".yaml", ".yml"):
+        from occlog.io.scenes.scene import read_scene
+
+        return _describe_scene(read_scene(path))
+    if kind == ".mcap":
+        from occlog.io.recording.reader import open_recording
+
+        return _describe_recording(open_recording(path))
+    if kind == ".parquet":
+        return _describe_table(path, rows)
+    from occlog.io.files.inputs import check_input
+
+    check_input(path, "a scene (.yaml), a recording (.mcap) or a table (.parquet)")
+    raise InputError(f"{path}: occlog info knows .yaml, .mcap and .parquet, not {kind or 'files without an ending'!r}")
+
+
+def _describe_scene(scene: Scene) -> dict[str, Any]:
+    cameras = [_camera(c) for c in scene.cameras]
+    unit = scene.length_unit
+    lines = [f"scene, lengths in {unit}"]
+    if scene.room is not None:
+        low, high = scene.room.min(axis=0), scene.room.max(axis=0)
+        lines.append(
+            f"room      {len(scene.room)} corners, {high[0] - low[0]:g} x {high[1] - low[1]:g} {unit}, "
+            f"from ({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g})"
+        )
+    lines += [f"occluder  {o.name}: {len(o.polygon)} corners, height {o.height:g} {unit}" for o in scene.occluders]
+    lines += [f"camera    {line}" for line in _camera_lines(scene)]
+    lines += [
+        f"array     {a.name}: at ({a.position[0]:g}, {a.position[1]:g}, {a.position[2]:g}), "
+        f"{len(a.microphones)} microphones, sigma {math.degrees(a.sigma):.3g} deg{_array_more(a)}"
+        for a in scene.arrays
+    ]
+    lines += [f"clock     {c.name}: offset {c.offset_ns} ns, drift {c.drift_ppm:g} ppm" for c in scene.clocks]
+    return {
+        "kind": "scene",
+        "length_unit": unit,
+        "room": None if scene.room is None else scene.room.tolist(),
+        "occluders": [o.name for o in scene.occluders],
+        "cameras": cameras,
+        "arrays": [a.name for a in scene.arrays],
+        "clocks": [c.name for c in scene.clocks],
+        "_lines": lines,
+    }
+
+
+def _camera(c: Camera) -> dict[str, Any]:
+    from occlog.core.sight.camera import angles_from_rotation
+
+    yaw, pitch, roll = (math.degrees(a) for a in angles_from_rotation(c.rotation))
+    return {
+        "name": c.name,
+        "placed": c.placed,
+        "position": c.position.tolist(),
+        "yaw_deg": yaw,
+        "pitch_deg": pitch,
+        "roll_deg": roll,
+        "focal_px": c.focal_px.tolist(),
+        "image_size_px": c.image_size,
+        "fov_deg": math.degrees(c.fov),
+        "noise": {"position": c.sigma_position, "yaw": c.sigma_yaw, "read_px": c.sigma_read_px},
+    }
+
+
+def _array_more(array: MicrophoneArray) -> str:
+    """What is not as it is for most arrays."""
+    parts = []
+    if not array.upright:
+        parts.append(f"pitch {math.degrees(array.pitch):.3g} deg, roll {math.degrees(array.roll):.3g} deg")
+    if math.isfinite(array.range):
+        parts.append(f"range {array.range:g}")
+    if array.resolution > 0:
+        parts.append(f"resolution {math.degrees(array.resolution):.3g} deg")
+    if array.planar:
+        parts.append("no elevation")
+    return "".join(f", {part}" for part in parts)
+
+
+def _camera_lines(scene: Scene) -> Iterator[str]:
+    for c in scene.cameras:
+        d = _camera(c)
+        size = "x".join(str(n) for n in c.image_size) + " px, " if c.image_size else ""
+        if not c.placed:
+            yield f"{c.name}: {size}no pose: gives no bearings"
+            continue
+        x, y, z = c.position
+        tilt = (
+            f", pitch {d['pitch_deg']:.1f}, roll {d['roll_deg']:.1f}"
+            if abs(d["pitch_deg"]) + abs(d["roll_deg"]) > 0.05
+            else ""
+        )
+        yield (
+            f"{c.name}: {size}at ({x:.3g}, {y:.3g}, {z:.3g}), yaw {d['yaw_deg']:.1f}{tilt} deg, "
+            f"f {c.focal_px[0]:.5g} px, fov {d['fov_deg']:.1f} deg"
+        )
+
+
+def _describe_recording(recording: Recording) -> dict[str, Any]:
+    topics = [{"topic": t.name, "schema": t.schema, "messages": t.messages} for t in recording.topics]
+    span = recording.time_ns
+    lines = [f"recording, {sum(t.messages for t in recording.topics)} messages"]
+    if span is not None:
+        lines.append(f"time      {_utc(span[0])} to {_utc(span[1])}, {(span[1] - span[0]) / 1e9:.3f} s")
+    lines += [f"topic     {t.name}: {t.messages} x {t.schema or '(no schema)'}" for t in recording.topics]
+    lines += [f"attached  {name}" for name in recording.attachments]
+    lines += [f"epipolar  {line}" for line in _epipolar_lines(recording)]
+    lines += [f"lost      {loss}" for loss in recording.losses]
+    lines += _provenance_lines(recording.provenance.as_dict()) if recording.ours else []
+    if recording.scene is not None:
+        lines += ["", *_describe_scene(recording.scene)["_lines"]]
+    return {
+        "kind": "recording",
+        "topics": topics,
+        "cameras": recording.cameras,
+        "time_ns": span,
+        "attachments": list(recording.attachments),
+        "provenance": recording.provenance.as_dict() if recording.ours else None,
+        "_lines": lines,
+    }
+
+
+def _epipolar_lines(recording: Recording) -> Iterator[str]:
+    """The pairs of views whose fundamental matrix a recording holds."""
+    from occlog.io.models.fundamental_matrices import attached_epipolar
+
+    found = attached_epipolar(recording)
+    for pair in found.pairs if found is not None else ():
+        error = "" if math.isnan(pair.error_px) else f", lines to {pair.error_px:.2g} px"
+        yield f"{pair.a}, {pair.b}: from {pair.source}{error}"
+
+
+def _utc(t_ns: int) -> str:
+    """ISO time to the millisecond, from the integer."""
+    import datetime
+
+    seconds, rest = divmod(t_ns, 1_000_000_000)
+    try:
+        stamp = datetime.datetime.fromtimestamp(seconds, datetime.UTC)
+    except (OverflowError, ValueError, OSError):
+        return f"{t_ns} ns"
+    return f"{stamp:%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
+
+
+def _provenance_lines(p: dict[str, Any]) -> list[str]:
+    seed = "" if p.get("seed") is None else f", seed {p['seed']}"
+    lines = [f"made by   {p.get('program', '?')} {p.get('version', '?')} {p.get('command', '?')}{seed}"]
+    lines += [f"from      {i['name']} (sha256 {i['sha256'][:12]}...)" for i in p.get("inputs", ())]
+    return lines
+
+
+def _describe_table(path: Path, rows: int) -> dict[str, Any]:
+    from occlog.io.files.parquet import describe as describe_parquet
+
+    found = describe_parquet(path)
+    lines = [f"table {found['schema']}, {found['rows']} rows"]
+    if found["time_ns"]:
+        start, end = found["time_ns"]
+        lines.append(f"time      {_utc(start)} to {_utc(end)}, {(end - start) / 1e9:.3f} s")
+    lines += _provenance_lines(found["provenance"]) if found["provenance"] else []
+    lines += [
+        f"lost      {loss['source']}: {loss['place']}: {loss['what']}" for loss in found["provenance"].get("losses", ())
+    ]
+    lines += [f"column    {c['name']} [{c.get('unit', '?')}]: {c.get('doc', '')}" for c in found["columns"]]
+    lines += _first_rows(path, rows) if rows and found["rows"] else []
+    return {"kind": "table", **found, "_lines": lines}
+
+
+def _first_rows(path: Path, rows: int) -> list[str]:
+    import pandas as pd
+
+    from occlog.io.files.parquet import iter_table, schema_name
+    from occlog.records.columns import Table
+    from occlog.records.tables import TABLES
+
+    table: type[Table] = TABLES[schema_name(path)]
+    first = next(iter_table(path, table, rows))
+    scalars = {c.name: getattr(first, c.name) for c in table.columns() if not c.width}
+    return ["", *pd.DataFrame(scalars).to_string(index=False, float_format=lambda v: f"{v:.6g}").splitlines()]

@@ -1,0 +1,1 @@
+"""Verb: gather video, detections, directions and calibration into one recording."""

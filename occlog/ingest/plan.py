@@ -1,0 +1,165 @@
+"""What `occlog ingest` is to do: its options taken apart and checked against each other."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from occlog.errors import UsageError
+
+T = TypeVar("T")
+_NAME = re.compile(r"^[^\s,/=:]{1,64}$")
+
+
+class _Pattern(click.ParamType):  # type: ignore[type-arg,unused-ignore]
+    """Two whole numbers in a pattern."""
+
+    def __init__(self, name: str, pattern: str, example: str, check: Callable[[int, int], bool]) -> None:
+        self.name, self._pattern, self._example, self._check = name, re.compile(pattern), example, check
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        """The two numbers; a usage error for anything else."""
+        if isinstance(value, tuple):
+            return value
+        found = self._pattern.match(str(value).strip())
+        if found is None or not self._check(int(found[1] or 0), int(found[2])):
+            self.fail(f"{value!r}: want {self._example}", param, ctx)
+        return int(found[1] or 0), int(found[2])
+
+
+FRAMES = _Pattern("range", r"^(\d{0,9}):(\d{1,9})$", "A:B with A < B, for example 0:400", lambda a, b: a < b)
+SIZE = _Pattern("size", r"^(\d{1,5})[xX](\d{1,5})$", "WIDTHxHEIGHT, for example 1920x1080", lambda a, b: a > 0 < b)
+
+
+@dataclass(frozen=True)
+class IngestPlan:
+    """The options of `occlog ingest`.  Pairs are (camera or array, value); None: not named."""
+
+    output: Path
+    video: dict[str, Path]
+    images: dict[str, Path]
+    boxes: tuple[tuple[str | None, Path], ...]
+    doa: tuple[tuple[str | None, Path], ...]
+    truth: tuple[tuple[str | None, Path], ...]
+    timestamps: tuple[tuple[str | None, Path], ...]
+    calibration: tuple[Path, ...]
+    calibration_format: str
+    calibration_unit: str | None
+    image_size: tuple[int, int] | None
+    scene: Path | None
+    arrays: tuple[tuple[str | None, Path], ...]
+    allow_uncalibrated: bool
+    start_time: tuple[tuple[str | None, str], ...]
+    fps: tuple[tuple[str | None, str], ...]
+    frames: tuple[int, int] | None
+    first_number: int | None
+    store: str | None
+    jpeg_quality: int
+    confidence_scale: float
+    ignore_extra_columns: bool
+    truth_format: str
+    doa_format: str
+    doa_unit: str | None
+    doa_convention: str | None
+    doa_algorithm: str | None
+
+    @classmethod
+    def of(cls, output: Path, values: dict[str, Any]) -> IngestPlan:
+        """The plan of the command's options; UsageError where they contradict each other."""
+        mot = _named("--mot", values.pop("mot"))
+        taken = {
+            **values,
+            "video": _named("--video", values["video"]),
+            "images": _named("--images", values["images"]),
+            "boxes": (*pairs(values["boxes"], Path), *mot.items()),
+            **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays")},
+            **{key: pairs(values[key], str) for key in ("start_time", "fps")},
+        }
+        plan = cls(output=output, **taken)
+        plan.check()
+        return plan
+
+    def check(self) -> None:
+        """Raise UsageError for options that contradict each other."""
+        both = next((name for name in self.video if name in self.images), None)
+        if both is not None:
+            raise UsageError(f"camera {both}: has both --video and --images; give one")
+        if not (self.video or self.images or self.boxes or self.doa):
+            raise UsageError("nothing to ingest; give --video, --images, --boxes or --doa")
+        if self.store == "link" and self.images:
+            raise UsageError("--store link: only videos can be linked to; give png or jpeg for --images")
+
+    def files(self) -> list[tuple[Path, str]]:
+        """Every input that must be a file, and what it should be."""
+        tables = {
+            "boxes": "a table of boxes",
+            "doa": "a log of directions",
+            "truth": "ground truth",
+            "timestamps": "a table of time stamps",
+            "arrays": "a table of places",
+        }
+        found = [(path, "a video file") for path in self.video.values()]
+        for key, what in tables.items():
+            found += [(path, what) for _, path in getattr(self, key)]
+        return found + ([(self.scene, "a scene file")] if self.scene else [])
+
+    def paths(self) -> list[Path]:
+        """Every file and folder that is read, in a fixed order."""
+        return [*self.images.values(), *(path for path, _ in self.files()), *self.calibration]
+
+    def inputs(self) -> list[Path]:
+        """Every file that is read; a folder stands for the files in it."""
+        return [file for path in self.paths() for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
+
+    def parameters(self) -> dict[str, Any]:
+        """Options that change the result, without the folders of the files, for provenance."""
+        shown: dict[str, Any] = {}
+        for key, value in self.__dict__.items():
+            if key == "output" or value in (None, (), {}, False):
+                continue
+            shown[key] = _plain(value)
+        return shown
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Path):
+        return value.name
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, tuple) else value
+
+
+def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | None, T], ...]:
+    """`NAME=VALUE` or `VALUE`: what stands before = is a name unless the whole is a file."""
+    out: list[tuple[str | None, T]] = []
+    for text in values:
+        name, mark, value = text.partition("=")
+        if mark and value and _NAME.match(name) and not Path(text).exists():
+            out.append((name, kind(value)))
+        else:
+            out.append((None, kind(text)))
+    return tuple(out)
+
+
+def _named(option: str, values: Iterable[str]) -> dict[str, Path]:
+    """`NAME=VALUE` pairs with names that differ."""
+    out: dict[str, Path] = {}
+    for name, path in pairs(values, Path):
+        if name is None:
+            raise UsageError(f"{option} {path}: does not name its camera; give {option} CAMERA={path}")
+        if name in out:
+            raise UsageError(f"{option}: camera {name} is given twice; give every camera its own name")
+        out[name] = path
+    return out
+
+
+def for_sensor(pairs: Iterable[tuple[str | None, T]], name: str) -> T | None:
+    """The value for a sensor: its own, or the one without a name; the last one counts."""
+    own = [value for key, value in pairs if key == name]
+    common = [value for key, value in pairs if key is None]
+    return own[-1] if own else (common[-1] if common else None)

@@ -1,0 +1,218 @@
+"""The work of `occlog ingest`: sources are opened, their frames and rows written in the order of time."""
+
+from __future__ import annotations
+
+import hashlib
+import heapq
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from occlog.cli.options import note as tell
+from occlog.cli.options import progress
+from occlog.errors import InputError
+from occlog.io.boxes.reader import BoxFile, BoxOptions, BoxSurvey, read_boxes, survey_boxes
+from occlog.io.files.frame_times import FrameTimes
+from occlog.io.files.inputs import check_input
+from occlog.io.files.provenance import Provenance, hash_file, hash_inputs
+from occlog.io.frames.camera_source import CameraSource
+from occlog.io.frames.process import Delivered
+from occlog.io.recording.writer import RecordingWriter
+from occlog.io.sound.directions import read_doa
+from occlog.io.sound.rows import DoaOptions
+from occlog.io.truth.positions import TruthOptions
+from occlog.io.truth.reader import read_truth
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+from occlog.records.tables import Boxes, Truth
+
+from .plan import IngestPlan
+from .scene import base_scene, fit_sizes, match_cameras
+from .sources import Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
+
+
+@dataclass
+class Ingested(Failures):
+    """What has been written so far."""
+
+    frames: dict[str, int] = field(default_factory=dict)
+    rows: dict[str, int] = field(default_factory=dict)
+    times: dict[str, str] = field(default_factory=dict)
+
+
+def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[str, Any], list[Loss]]:
+    """Write the recording; the summary and what was lost."""
+
+    def note(message: str) -> None:
+        tell(message, quiet)
+
+    for path, what in plan.files():
+        check_input(path, what)
+    done = Ingested()
+    scene = base_scene(plan, note)
+    survey = _survey(plan, scene)
+    wanted = list(dict.fromkeys([*plan.video, *plan.images, *(survey.cameras if survey else ())]))
+    scene = match_cameras(scene, wanted, plan)
+    with ExitStack() as stack:
+        sources = open_sources(plan, scene, wanted, stack, done)
+        if done.failures and not sources:
+            raise done.failures[0]
+        scene = fit_sizes(scene, [(s.name, s.decoder) for s in sources], note)
+        times = _all_times(plan, scene, sources, survey)
+        provenance = Provenance("ingest", plan.parameters(), None, _hashes(plan))
+        writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=overwrite))
+        # Tables first: a fault in one is then told before hours of video have been read.
+        _write_tables(plan, scene, survey, times, writer, done)
+        _write_frames(plan, sources, writer, done, quiet)
+        done.times.update({name: t.source for name, t in times.items() if name not in done.times})
+        for name, source in sorted(done.times.items()):
+            count = f"{done.frames[name]} frames, " if name in done.frames else ""
+            note(f"camera {name}: {count}times from {source}")
+        parameters = {**plan.parameters(), "time_sources": dict(sorted(done.times.items()))}
+        writer.annotate(replace(provenance, parameters=parameters, losses=tuple(done.losses)))
+    return _summary(plan, done), done.losses
+
+
+def _summary(plan: IngestPlan, done: Ingested) -> dict[str, Any]:
+    return {
+        "recording": str(plan.output),
+        "frames": dict(sorted(done.frames.items())),
+        "rows": done.rows,
+        "times": dict(sorted(done.times.items())),
+    }
+
+
+def _hashes(plan: IngestPlan) -> tuple[tuple[str, str], ...]:
+    """Name and SHA-256 of every input; a folder has the hash of the names and hashes of its files."""
+    out: list[tuple[str, str]] = []
+    for path in plan.paths():
+        if path.is_dir():
+            inside = hash_inputs(sorted(p for p in path.iterdir() if p.is_file()))
+            out.append((path.name, hashlib.sha256(repr(inside).encode()).hexdigest()))
+        else:
+            out += hash_inputs([path])
+    return tuple(out)
+
+
+def _survey(plan: IngestPlan, scene: Scene) -> BoxSurvey | None:
+    """Cameras and frames of the tables of boxes."""
+    if not plan.boxes:
+        return None
+    return survey_boxes(_box_files(plan), _known(plan, scene), _box_options(plan))
+
+
+def _box_files(plan: IngestPlan) -> list[BoxFile]:
+    return [BoxFile(path, name) for name, path in plan.boxes]
+
+
+def _known(plan: IngestPlan, scene: Scene) -> list[str]:
+    """Names of cameras that labels in tables can mean."""
+    given = [*plan.video, *plan.images, *(name for name, _ in plan.boxes if name is not None)]
+    return list(dict.fromkeys([*given, *([] if given else [c.name for c in scene.cameras])]))
+
+
+def _box_options(plan: IngestPlan) -> BoxOptions:
+    return BoxOptions(plan.frames, plan.first_number or 0, plan.confidence_scale, plan.ignore_extra_columns)
+
+
+def _all_times(
+    plan: IngestPlan, scene: Scene, sources: list[CameraSource], survey: BoxSurvey | None
+) -> dict[str, FrameTimes]:
+    """Times of the frames of every camera: those of its images, of its sidecar, of its table, or of a given rate."""
+    found: dict[str, FrameTimes] = {}
+    cameras = [c.name for c in scene.cameras]
+    sidecars = read_sidecars(plan, cameras)
+    own: Mapping[str, FrameTimes] = survey.times if survey else {}
+    opened = {s.name: s.times for s in sources}
+    for name in cameras:
+        times = opened.get(name)
+        if times is None and survey is not None and name in survey.cameras:
+            times = times_of(plan, name, sidecars) or own.get(name)
+            times = times.by(clock_of(scene, name)) if times is not None else None
+        if times is not None:
+            found[name] = times
+    return found
+
+
+def _write_frames(
+    plan: IngestPlan, sources: list[CameraSource], writer: RecordingWriter, done: Ingested, quiet: bool
+) -> None:
+    """Frames of all cameras in the order of time; a camera that fails on the way is a loss, unless all do."""
+    streams = [_guarded(source, done) for source in sources]
+    total = sum(s.decoder.frames or 0 for s in sources) or None
+    merged = heapq.merge(*streams, key=lambda item: (item[0], item[1]))
+    for t_ns, name, frame in progress(merged, "ingest", total, quiet=quiet):
+        if plan.store == "link":
+            writer.video_frame(name, t_ns, frame.index)
+        else:
+            writer.image(name, t_ns, frame.index, frame.data, frame.kind)
+        done.frames[name] = done.frames.get(name, 0) + 1
+    if done.failures and not done.frames:
+        raise done.failures[0]
+    for source in sources:
+        done.times[source.name] = source.times.source
+        if plan.store == "link" and source.name in done.frames:
+            link = os.path.relpath(source.path.resolve(), plan.output.resolve().parent)
+            writer.video(source.name, Path(link).as_posix(), hash_file(source.path))
+
+
+def _guarded(source: CameraSource, done: Ingested) -> Iterator[tuple[int, str, Delivered]]:
+    try:
+        for t_ns, frame in source.frames():
+            yield t_ns, source.name, frame
+    except InputError as error:
+        done.failures.append(error)
+        done.losses.append(Loss(source.path.name, "whole camera", str(error)))
+    done.losses.extend(source.losses)
+
+
+def _write_tables(
+    plan: IngestPlan,
+    scene: Scene,
+    survey: BoxSurvey | None,
+    times: dict[str, FrameTimes],
+    writer: RecordingWriter,
+    done: Ingested,
+) -> None:
+    """Rows of boxes, directions and truth."""
+    tables: list[Iterator[Any]] = []
+    if survey is not None:
+        known = _known(plan, scene)
+        tables.append(read_boxes(_box_files(plan), survey, times, known, _box_options(plan), Boxes))
+    for sensor, path in plan.doa:
+        clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
+        tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks))
+    sync = sync_times(plan) if plan.truth else None
+    for camera, path in plan.truth:
+        how = TruthOptions(plan.truth_format, camera, _known(plan, scene), times, sync, _box_options(plan))
+        tables.append(_truth(path, how, plan))
+    for chunks in tables:
+        for table in chunks:
+            writer.table(table)
+            done.rows[table.NAME] = done.rows.get(table.NAME, 0) + len(table)
+
+
+def _truth(path: Path, how: TruthOptions, plan: IngestPlan) -> Iterator[Any]:
+    """Tables of the truth; without cameras a frame rate given for all counts its frames."""
+    if not how.times:
+        rate = times_of(plan, "", {})
+        how = replace(how, times={"": rate} if rate else {})
+    for table in read_truth(path, how):
+        if isinstance(table, Truth) and not len(table):
+            continue
+        yield table
+
+
+def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:
+    return DoaOptions(
+        plan.doa_format,
+        sensor,
+        plan.doa_unit,
+        plan.doa_convention,
+        plan.doa_algorithm,
+        start_of(plan, sensor or ""),
+        plan.ignore_extra_columns,
+    )

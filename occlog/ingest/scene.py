@@ -1,0 +1,161 @@
+"""The scene of an ingested recording: calibrated cameras, arrays, and what a scene file adds.
+
+Cameras whose frames have another size than they were calibrated with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from occlog.cli.options import load_scene
+from occlog.errors import InputError, UsageError
+from occlog.io.calibration import CalibrationOptions, describe, read_calibration
+from occlog.io.files.sensor_names import match_sensor, safe_name
+from occlog.io.frames.process import Decoder
+from occlog.io.sound.author_formats import read_arrays
+from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_fov, camera_rotation
+
+from .plan import IngestPlan
+
+CROP_PX = 16
+"""Video codecs cut or pad to multiples of 16 px; a difference up to this is not a change of scale."""
+SHAPE_SLACK = 0.01
+MIN_BAR_PX = 2.0
+BAR_SLACK_PX = 1.5
+
+Bars = tuple[int, int, int, int]
+
+
+def fit_sizes(scene: Scene, decoders: Iterable[tuple[str, Decoder]], note: Callable[[str], None]) -> Scene:
+    """The scene with cameras that fit their frames."""
+    found = dict(decoders)
+    cameras = tuple(
+        fit_size(c, found[c.name].size, found[c.name].bars, note) if c.name in found else c for c in scene.cameras
+    )
+    return replace(scene, cameras=cameras)
+
+
+def fit_size(camera: Camera, size: tuple[int, int], bars: Bars, note: Callable[[str], None]) -> Camera:
+    """The camera for frames of another size than it was calibrated with.
+
+    * Black bars that are as wide as a change of scale makes them: scaled and centred.
+    * Up to 16 px less or more: cut or padded at the right and lower edge, pixels keep their place.
+    * The same shape: scaled.
+
+    Args:
+        camera: as calibrated.
+        size: width and height of the frames [px].
+        bars: width of black bars at the left, top, right and lower edge of the frames [px].
+        note: is told what was assumed.
+
+    Raises:
+        InputError: the frames have another shape.
+    """
+    if camera.image_size is None or camera.image_size == size or not camera.placed:
+        return replace(camera, image_size=size)
+    old, new = np.array(camera.image_size, dtype=np.float64), np.array(size, dtype=np.float64)
+    change = f"camera {camera.name}: frames of {size[0]} x {size[1]} px, calibrated for {int(old[0])} x {int(old[1])}"
+    scale = float((new / old).min())
+    margin = (new - old * scale) / 2
+    if margin.max() >= MIN_BAR_PX and _has_bars(bars, margin):
+        note(f"{change}: taken for scaled by {scale:.4g} between the black bars that they have")
+        return _scaled(camera, size, np.array([scale, scale]), margin)
+    if np.abs(new - old).max() <= CROP_PX:
+        note(f"{change}: taken for cut at the right and lower edge")
+        return _scaled(camera, size, np.ones(2), np.zeros(2))
+    if abs((new / old)[0] / (new / old)[1] - 1) > SHAPE_SLACK:
+        raise InputError(f"{change}: another shape; give the calibration of this video, or frames of its size")
+    note(f"{change}: taken for scaled by {scale:.4g}")
+    return _scaled(camera, size, new / old, np.zeros(2))
+
+
+def _has_bars(bars: Bars, margin: np.ndarray) -> bool:
+    """Whether the black bars are as wide as the margins (x, y) on both sides."""
+    wanted = np.array([margin[0], margin[1], margin[0], margin[1]])
+    there = wanted >= MIN_BAR_PX
+    return bool((np.abs(np.array(bars) - wanted)[there] <= BAR_SLACK_PX).all())
+
+
+def _scaled(camera: Camera, size: tuple[int, int], scale: np.ndarray, margin: np.ndarray) -> Camera:
+    focal = camera.focal_px * scale
+    # The centre of the first pixel is (0, 0), so the image's corner is at -0.5.
+    principal = (camera.principal_px + 0.5) * scale - 0.5 + margin
+    fov = camera_fov(size, focal, principal, camera.distortion, camera.distortion_model, camera.rotation)
+    return replace(camera, focal_px=focal, principal_px=principal, image_size=size, fov=fov)
+
+
+Note = Callable[[str], None]
+
+
+def base_scene(plan: IngestPlan, note: Note) -> Scene:
+    """Scene of the scene file, the calibration and the tables of arrays, before cameras are matched."""
+    scene = load_scene(plan.scene, None, plan.output) if plan.scene is not None else Scene()
+    cameras = list(scene.cameras)
+    if plan.calibration:
+        options = CalibrationOptions(plan.calibration_unit, plan.image_size)
+        calibration = read_calibration(plan.calibration, plan.calibration_format, options)
+        note(describe(calibration))
+        if scene.length_unit != "m":
+            raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the calibration in m")
+        double = next((c.name for c in calibration.cameras if c.name in {k.name for k in cameras}), None)
+        if double is not None:
+            raise UsageError(f"camera {double}: is both in {plan.scene} and in the calibration; keep one")
+        cameras += calibration.cameras
+    arrays = [*scene.arrays, *(a for name, path in plan.arrays for a in _arrays(path, name, note))]
+    return replace(scene, cameras=tuple(cameras), arrays=tuple(arrays))
+
+
+def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, ...]:
+    arrays = read_arrays(path, name)
+    first = arrays[0]
+    what = f"{len(first.microphones)} microphones" if len(first.microphones) else "no microphones"
+    place = ", ".join(f"{v:.2f}" for v in first.position)
+    note(f"arrays: {len(arrays)} from {path.name}, m; first: {first.name} at ({place}), {what}")
+    return arrays
+
+
+def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan) -> Scene:
+    """The scene with the cameras that have data, under the names that the user gives them.
+
+    Cameras of a calibration without data are left out, those of a scene file are kept.
+    """
+    kept = {c.name: c for c in scene.cameras}
+    out: list[Camera] = []
+    for name in wanted:
+        found = _find(name, list(kept))
+        if found is None and not plan.allow_uncalibrated:
+            known = ", ".join(kept) or "none"
+            raise InputError(
+                f"camera {name}: has no calibration (calibrated: {known}); add it to --calibration or --scene, "
+                "or give --allow-uncalibrated (it then gives no bearings)"
+            )
+        out.append(replace(kept.pop(found), name=name) if found is not None else _unplaced(name, plan))
+    if plan.scene is not None:
+        named = {c.name for c in load_scene(plan.scene, None, plan.output).cameras}
+        out += [c for c in kept.values() if c.name in named]
+    return replace(scene, cameras=tuple(out))
+
+
+def _find(name: str, names: Sequence[str]) -> str | None:
+    try:
+        return match_sensor(name, names, "calibration")
+    except InputError:
+        return None
+
+
+def _unplaced(name: str, plan: IngestPlan) -> Camera:
+    """A camera of which nothing is known: the focal length is only a place holder."""
+    width = float(plan.image_size[0]) if plan.image_size else 1000.0
+    return Camera(
+        name=safe_name(name),
+        position=np.zeros(3),
+        rotation=camera_rotation(0.0, 0.0, 0.0),
+        focal_px=np.array([width, width]),
+        principal_px=np.zeros(2),
+        image_size=plan.image_size,
+        placed=False,
+    )

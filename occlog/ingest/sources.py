@@ -1,0 +1,134 @@
+"""Opens the videos and image folders of an ingest, and finds out when their frames were taken."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from occlog.array_types import Ints
+from occlog.errors import InputError, UsageError
+from occlog.io.files.frame_times import FrameTimes, as_rate
+from occlog.io.files.timestamps import parse_time, read_sidecar
+from occlog.io.frames.camera_source import CameraSource, image_source, video_source
+from occlog.io.frames.stream import ImageFolder, read_folders
+from occlog.io.frames.video_stream import rate_times, sidecar_times, video_times
+from occlog.io.truth.board import read_sync_times
+from occlog.records.losses import Loss
+from occlog.records.scene import Clock, Scene
+
+from .plan import IngestPlan, for_sensor
+
+Sidecars = dict[str, tuple[Ints, str]]
+"""Times of frames and the name of the sidecar file, by camera."""
+
+
+@dataclass
+class Failures:
+    """What went wrong so far: what was lost, and the errors of cameras that could not be used at all."""
+
+    losses: list[Loss] = field(default_factory=list)
+    failures: list[InputError] = field(default_factory=list)
+
+
+def start_of(plan: IngestPlan, name: str) -> int:
+    """Time of the origin of a sensor's times [ns]; 0 where it is not given."""
+    text = for_sensor(plan.start_time, name)
+    return 0 if text is None else parse_time(text)
+
+
+def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
+    """Sidecar times of each camera that has some."""
+    out: Sidecars = {}
+    for name, path in plan.timestamps:
+        names = [name] if name is not None else cameras
+        if name is not None and name not in cameras:
+            raise UsageError(f"--timestamps {name}={path}: there is no camera {name}; cameras: {', '.join(cameras)}")
+        for camera, times in read_sidecar(path, names).items() if names else ():
+            if camera in out:
+                raise UsageError(f"camera {camera}: has times in {out[camera][1]} and in {path.name}; give one")
+            out[camera] = (times, path.name)
+    return out
+
+
+def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | None:
+    """Times of a camera's frames from its sidecar or a given frame rate; None where neither is given."""
+    rate = for_sensor(plan.fps, name)
+    if name in sidecars:
+        if any(key == name for key, _ in plan.fps):
+            raise UsageError(f"camera {name}: has both --timestamps and --fps; give one")
+        return sidecar_times(*sidecars[name], start_of(plan, name))
+    return rate_times(as_rate(rate), "given", start_of(plan, name)) if rate is not None else None
+
+
+def clock_of(scene: Scene, name: str) -> Clock | None:
+    """The clock that a camera or an array of the scene runs by."""
+    named = {**{a.name: a.clock for a in scene.arrays}, **{c.name: c.clock for c in scene.cameras}}.get(name)
+    return next((clock for clock in scene.clocks if clock.name == named), None)
+
+
+def open_sources(
+    plan: IngestPlan, scene: Scene, cameras: list[str], stack: ExitStack, done: Failures
+) -> list[CameraSource]:
+    """The cameras with images, decoders running; one that cannot be opened is a loss.
+
+    Args:
+        plan: the options.
+        scene: the scene with the clocks of the cameras.
+        cameras: every camera of the recording.
+        stack: ends the decoders.
+        done: errors of the cameras that cannot be opened are added here.
+    """
+    sidecars = read_sidecars(plan, cameras)
+    started = [*_videos(plan, scene, sidecars), *_folders(plan, scene, sidecars)]
+    opened: list[CameraSource] = []
+    for source in started:
+        stack.callback(source.decoder.close)
+    for source in started:
+        try:
+            stack.enter_context(source.decoder)
+        except InputError as error:
+            done.failures.append(error)
+            done.losses.append(Loss(source.path.name, f"camera {source.name}", f"left out: {error}"))
+            continue
+        opened.append(source)
+    return opened
+
+
+def _videos(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSource]:
+    start, stop = plan.frames or (0, None)
+    store = "none" if plan.store == "link" else (plan.store or "jpeg")
+    out = []
+    for name, path in plan.video.items():
+        times = times_of(plan, name, sidecars) or video_times(path, start_ns=start_of(plan, name))
+        times = times.by(clock_of(scene, name))
+        out.append(video_source(name, path, times, start=start, stop=stop, store=store, quality=plan.jpeg_quality))
+    return out
+
+
+def _folders(plan: IngestPlan, scene: Scene, sidecars: Sidecars) -> list[CameraSource]:
+    start, stop = plan.frames or (0, None)
+    rates = {name: as_rate(rate) for name in plan.images if (rate := for_sensor(plan.fps, name)) is not None}
+    starts = {name: start_of(plan, name) for name in plan.images}
+    folders = read_folders(plan.images, sidecars, rates, starts, plan.first_number)
+    store = plan.store or "keep"
+
+    def timed(name: str, folder: ImageFolder) -> ImageFolder:
+        return replace(folder, times=folder.times.by(clock_of(scene, name)))
+
+    return [
+        image_source(name, timed(name, folder), start=start, stop=stop, store=store, quality=plan.jpeg_quality)
+        for name, folder in folders.items()
+    ]
+
+
+def sync_times(plan: IngestPlan) -> dict[int, int] | None:
+    """Time of every synchronisation index, if a sidecar file has them."""
+    from occlog.io.files.csv_rows import first_line
+
+    for name, path in plan.timestamps:
+        if name is None and "sync_index" in [cell.lower() for cell in first_line(path, "time stamps")]:
+            start = start_of(plan, "")
+            return {sync: int(np.int64(start) + t) for sync, t in read_sync_times(path).items()}
+    return None

@@ -1,0 +1,174 @@
+"""Rows of boxes to tables of boxes: sizes checked, frames without a box filled in, times added."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.errors import InputError, UsageError
+from occlog.io.files.csv_rows import Rows
+from occlog.io.files.frame_times import FrameTimes
+from occlog.records.tables import Boxes
+
+B = TypeVar("B", bound=Boxes)
+FRAMES_PER_CHUNK = 4096
+
+
+class BoxRows(NamedTuple):
+    """Boxes as a file lists them; `camera` counts the cameras in use."""
+
+    frame: Ints
+    camera: Ints
+    target_id: Ints
+    left: Floats
+    top: Floats
+    width: Floats
+    height: Floats
+    confidence: Floats
+
+    def pick(self, rows: Ints) -> BoxRows:
+        """The rows of an index array."""
+        columns: list[Any] = [column[rows] for column in self]
+        return BoxRows(*columns)
+
+
+def check_boxes(rows: Rows, boxes: BoxRows) -> BoxRows:
+    """The boxes; InputError with the line of one whose size, identity or confidence (0 to 1) cannot be."""
+    bad = ~((boxes.width > 0) & (boxes.height > 0))
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise rows.fail(
+            row, f"box of {boxes.width[row]:g} x {boxes.height[row]:g} px; both must be above 0; correct or remove it"
+        )
+    bad = (np.abs(boxes.target_id) >= 2**31) | (boxes.target_id < -1)
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise rows.fail(row, f"identity {boxes.target_id[row]}; it must be -1 (none) to {2**31 - 1}; renumber it")
+    bad = (boxes.confidence < 0) | (boxes.confidence > 1)
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise rows.fail(
+            row, f"confidence {boxes.confidence[row]:g}; it must be 0 to 1 (divide it with --confidence-scale)"
+        )
+    return boxes
+
+
+def join(parts: Sequence[BoxRows]) -> BoxRows:
+    """All rows, sorted by frame and camera; rows of one frame keep their order."""
+    whole = BoxRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
+    return whole.pick(np.lexsort((whole.camera, whole.frame)))
+
+
+def in_frames(chunks: Iterator[BoxRows], first: int, stop: int) -> Iterator[BoxRows]:
+    """Chunks that end with whole frames, of frames first <= frame < stop.
+
+    Raises:
+        ValueError: the frames are not in order.
+    """
+    held: list[BoxRows] = []
+    last = first - 1
+    for chunk in chunks:
+        kept = chunk.pick(np.flatnonzero((chunk.frame >= first) & (chunk.frame < stop)))
+        if not len(kept.frame):
+            continue
+        if kept.frame[0] < last or (np.diff(kept.frame) < 0).any():
+            raise ValueError("frames are not in order")
+        last = int(kept.frame[-1])
+        complete = int(np.searchsorted(kept.frame, last))
+        if complete:
+            yield join([*held, kept.pick(np.arange(complete))])
+            held = []
+        held.append(kept.pick(np.arange(complete, len(kept.frame))))
+    if held:
+        yield join(held)
+
+
+def fill_frames(
+    chunks: Iterator[BoxRows],
+    table: type[B],
+    cameras: Sequence[str],
+    first: int,
+    stop: int,
+    times: Mapping[str, FrameTimes],
+) -> Iterator[B]:
+    """Tables of boxes in which every frame first <= frame < stop of every camera has at least one row.
+
+    A frame without a box gets a row with `box` = -1: the camera looked and saw nobody.
+
+    Args:
+        chunks: rows in order of frames, whole frames each (`in_frames`).
+        table: `Boxes` or `TruthBoxes`.
+        cameras: names by number.
+        first: first frame.
+        stop: frame after the last one.
+        times: times of the frames of each camera.
+    """
+    done = first
+    for chunk in chunks:
+        end = int(chunk.frame[-1]) + 1
+        yield from _blocks(chunk, table, cameras, done, end, times)
+        done = end
+    none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
+    empty = BoxRows(none, none, none, nothing, nothing, nothing, nothing, nothing)
+    yield from _blocks(empty, table, cameras, done, stop, times)
+
+
+def _blocks(
+    rows: BoxRows, table: type[B], cameras: Sequence[str], first: int, stop: int, times: Mapping[str, FrameTimes]
+) -> Iterator[B]:
+    for start in range(first, stop, FRAMES_PER_CHUNK):
+        end = min(start + FRAMES_PER_CHUNK, stop)
+        low, high = np.searchsorted(rows.frame, [start, end])
+        yield _table(rows.pick(np.arange(low, high)), table, cameras, start, end, times)
+
+
+def _table(
+    rows: BoxRows, table: type[B], cameras: Sequence[str], first: int, stop: int, times: Mapping[str, FrameTimes]
+) -> B:
+    """One table of the frames first <= frame < stop."""
+    cell = (rows.frame - first) * len(cameras) + rows.camera
+    counts = np.bincount(cell, minlength=(stop - first) * len(cameras))
+    empty = np.flatnonzero(counts == 0)
+    frame = np.concatenate([rows.frame, first + empty // len(cameras)])
+    camera = np.concatenate([rows.camera, empty % len(cameras)])
+    # Rows are sorted by cell, so the place within a cell is the distance from its first row.
+    number = np.arange(len(cell)) - np.searchsorted(cell, cell)
+    blank = np.full(len(empty), np.nan)
+    t_ns = np.zeros(len(frame), dtype=np.int64)
+    for n, name in enumerate(cameras):
+        mine = camera == n
+        t_ns[mine] = times_of(name, times).at(frame[mine])
+    box = np.concatenate([number, np.full(len(empty), -1)])
+    sensor = np.array(cameras, dtype=np.str_)[camera]
+    order = np.lexsort((box, sensor, t_ns))
+    values = {
+        "t_ns": t_ns,
+        "sensor": sensor,
+        "frame": frame,
+        "box": box,
+        "target_id": np.concatenate([rows.target_id, np.full(len(empty), -1)]),
+        "left_px": np.concatenate([rows.left, blank]),
+        "top_px": np.concatenate([rows.top, blank]),
+        "width_px": np.concatenate([rows.width, blank]),
+        "height_px": np.concatenate([rows.height, blank]),
+        "confidence": np.concatenate([rows.confidence, blank]),
+    }
+    return table.of(**{name: column[order] for name, column in values.items()})
+
+
+def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
+    """Times of a camera's frames; UsageError where nothing gives them."""
+    if camera not in times:
+        raise UsageError(f"camera {camera}: nothing says when its frames were taken; give --fps or --timestamps")
+    return times[camera]
+
+
+def check_range(first: int, stop: int, where: str) -> None:
+    """Raise InputError for a range of frames that is empty or absurdly long."""
+    if stop <= first:
+        raise InputError(f"{where}: no row lies in frames {first} to {stop}; give other --frames")
+    if stop - first > 100_000_000:
+        raise InputError(f"{where}: frames {first} to {stop - 1}; a frame number must be wrong")

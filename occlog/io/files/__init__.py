@@ -1,0 +1,1 @@
+"""What all formats share: Parquet, CSV, JSON, YAML, XML, times, atomic outputs, provenance."""

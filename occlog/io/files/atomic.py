@@ -1,0 +1,184 @@
+"""Outputs that appear whole or not at all.
+
+A file is written without a name where the file system can do that (O_TMPFILE), so that
+even a killed process leaves nothing behind, and beside its target under a hidden name
+elsewhere.  Only a complete file, flushed to the disk, takes the target's name.  Files that
+belong together take theirs when all of them are complete.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import IO, NamedTuple, Self
+
+from occlog.errors import OcclogError, OutputError, OutputExistsError
+
+PARTIAL = ".partial"
+
+
+def check_writable(path: Path, overwrite: bool) -> None:
+    """Raise unless `path` may become an output: before any work is done for it."""
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; name a file")
+    if path.exists() and not overwrite:
+        raise OutputExistsError(f"{path}: exists; give --overwrite to replace it")
+    if not path.parent.is_dir():
+        raise OutputError(f"{path}: the folder {path.parent} does not exist; make it first")
+
+
+class _Complete(NamedTuple):
+    """A file that is complete and has no name yet."""
+
+    fd: int
+    name: Path | None  # hidden name; None: nameless
+    path: Path
+    overwrite: bool
+
+
+class Together:
+    """Context manager: outputs opened with it take their names when its block ends without an error.
+
+    They do so in the order in which they were completed, one right after the other; after an error
+    none of them does.
+    """
+
+    def __init__(self) -> None:
+        """No outputs yet."""
+        self._waiting: list[_Complete] = []
+
+    def add(self, fd: int, name: Path | None, path: Path, overwrite: bool) -> None:
+        """Keep a complete file, which may be closed elsewhere, until all are."""
+        self._waiting.append(_Complete(os.dup(fd), name, path, overwrite))
+
+    def __enter__(self) -> Self:
+        """Begin."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Name all files, or drop them after an error."""
+        try:
+            if kind is None:
+                self._name_all()
+        finally:
+            for file in self._waiting:
+                os.close(file.fd)
+                if file.name is not None:
+                    with suppress(OSError):
+                        file.name.unlink(missing_ok=True)
+            self._waiting = []
+
+    def _name_all(self) -> None:
+        for file in self._waiting:
+            _check_absent(file.path, file.overwrite)
+        for file in self._waiting:
+            with translate_write_errors(file.path):
+                _name(file.fd, file.name, file.path)
+
+
+@contextmanager
+def open_output(path: Path, overwrite: bool = False, together: Together | None = None) -> Iterator[IO[bytes]]:
+    """Binary file that takes the name `path` when the block ends without an error, or when that of `together` does.
+
+    Raises:
+        OutputExistsError: `path` exists and `overwrite` is false.
+        OutputError: the folder is missing or not writable, or the disk is full.
+    """
+    path = Path(path)
+    check_writable(path, overwrite)
+    _remove_stale(path)
+    with translate_write_errors(path):
+        fd, name = _create(path)
+    done = False
+    try:
+        with translate_write_errors(path), os.fdopen(fd, "w+b") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+            _check_absent(path, overwrite)
+            if together is None:
+                _name(file.fileno(), name, path)
+            else:
+                together.add(file.fileno(), name, path, overwrite)
+            done = True
+    finally:
+        if name is not None and not done:
+            with suppress(FileNotFoundError):
+                name.unlink()
+
+
+def write_bytes(path: Path, data: bytes, overwrite: bool = False) -> None:
+    """Write a whole small file atomically."""
+    with open_output(path, overwrite) as file:
+        file.write(data)
+
+
+@contextmanager
+def translate_write_errors(path: Path) -> Iterator[None]:
+    """Turn an OSError of writing `path` into one OutputError with a remedy."""
+    try:
+        yield
+    except OcclogError:
+        raise
+    except OSError as error:
+        raise OutputError(f"{path}: {_reason(error)}") from error
+
+
+def _reason(error: OSError) -> str:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return "the disk is full; free some space or write to another disk; nothing was written"
+    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+        return "not allowed to write here; choose another folder or change its permissions"
+    if error.errno == errno.EFBIG:
+        return "the file would be larger than this system allows; nothing was written"
+    return f"cannot be written: {error.strerror or error}; nothing was written"
+
+
+def _partial_name(path: Path, pid: int) -> Path:
+    return path.with_name(f".{path.name}.{pid}{PARTIAL}")
+
+
+def _create(path: Path) -> tuple[int, Path | None]:
+    """Open a new file in the folder of `path`: nameless if possible, else under a hidden name."""
+    flag = getattr(os, "O_TMPFILE", None)
+    if flag is not None:
+        with suppress(OSError):
+            return os.open(path.parent, flag | os.O_RDWR, 0o666), None
+    name = _partial_name(path, os.getpid())
+    return os.open(name, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o666), name
+
+
+def _check_absent(path: Path, overwrite: bool) -> None:
+    if not overwrite and path.exists():
+        raise OutputExistsError(f"{path}: another program has written it meanwhile; give --overwrite to replace it")
+
+
+def _name(fd: int, name: Path | None, path: Path) -> None:
+    """Give the complete file the target's name in one step."""
+    if name is None:
+        # A nameless file can only be linked to a new name, so it passes through a hidden one.
+        name = _partial_name(path, os.getpid())
+        with suppress(FileNotFoundError):
+            name.unlink()
+        # A folder descriptor makes Python call linkat with AT_SYMLINK_FOLLOW; plain link would not follow /proc.
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.link(f"/proc/self/fd/{fd}", name.name, dst_dir_fd=folder, follow_symlinks=True)
+        finally:
+            os.close(folder)
+    name.replace(path)
+
+
+def _remove_stale(path: Path) -> None:
+    """Remove what killed writers of the same target left behind."""
+    for old in path.parent.glob(f".{path.name}.*{PARTIAL}"):
+        pid = old.name[len(path.name) + 2 : -len(PARTIAL)]
+        if pid.isdigit() and not Path(f"/proc/{pid}").exists() and Path("/proc/self").exists():
+            with suppress(OSError):
+                old.unlink()

@@ -1,0 +1,226 @@
+"""Text tables with a header line, read in chunks; every fault is named by its line, value and remedy."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints, Strings
+from occlog.errors import InputError
+
+from .inputs import check_input
+
+ROWS_PER_CHUNK = 16_384
+MAX_CELL = 200
+_NUMBER = re.compile(r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$")
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Some rows of a text table: cells as text by column, and the line where each row stands."""
+
+    path: Path
+    lines: Ints
+    cells: Mapping[str, Strings]
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def pick(self, kept: Ints) -> Rows:
+        """The rows of an index array."""
+        return Rows(self.path, self.lines[kept], {name: cells[kept] for name, cells in self.cells.items()})
+
+    def fail(self, row: int, message: str) -> InputError:
+        """An InputError that names the file and the line of a row."""
+        return InputError(f"{self.path}: line {int(self.lines[row])}: {message}")
+
+    def floats(self, name: str, *, blank: bool = False) -> Floats:
+        """(n,) numbers; empty cells and `nan` give NaN where `blank` allows it, else InputError."""
+        cells = self.cells[name]
+        if blank:
+            cells = np.where(np.isin(np.char.lower(np.char.strip(cells)), ("", "nan", "none")), "nan", cells)
+        try:
+            values = cells.astype(np.float64)
+        except ValueError:
+            row = next(n for n, cell in enumerate(cells) if not _is_number(cell, blank))
+            raise self.fail(row, f"{name} is {str(cells[row])!r}; a number was expected; correct this line") from None
+        bad = np.isinf(values) if blank else ~np.isfinite(values)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            raise self.fail(row, f"{name} is {str(cells[row])!r}; a finite number was expected; correct this line")
+        return values
+
+    def ints(self, name: str) -> Ints:
+        """(n,) whole numbers; `3.0` is read as 3, InputError for 3.5."""
+        cells = self.cells[name]
+        try:
+            return cells.astype(np.int64)
+        except (ValueError, OverflowError):
+            values = self.floats(name)
+        bad = (values != np.round(values)) | (np.abs(values) >= 2.0**53)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            raise self.fail(row, f"{name} is {str(cells[row])!r}; a whole number was expected; correct this line")
+        return values.astype(np.int64)
+
+    def has(self, name: str) -> bool:
+        """Whether the file has this column."""
+        return name in self.cells
+
+
+def read_rows(
+    path: Path,
+    columns: Mapping[str, Sequence[str]],
+    what: str,
+    *,
+    ignored: Sequence[str] = (),
+    ignore_extra: bool = False,
+    rows: int = ROWS_PER_CHUNK,
+) -> Iterator[Rows]:
+    """Chunks of a text table whose first line names the columns.
+
+    Cells are separated by commas, semicolons or tabs; lines that are empty or begin
+    with `#` are skipped; upper and lower case of column names do not matter.
+
+    Args:
+        path: the file.
+        columns: what each column may be called.
+        what: what the file should be, for messages.
+        ignored: names of columns that may be there and are not used.
+        ignore_extra: skip unknown columns instead of refusing them.
+        rows: rows of a chunk.
+    """
+    with _open_text(path, what) as file:
+        lines = _split(path, file)
+        line, header = next(lines, (0, []))
+        if not header:
+            raise InputError(f"{path}: has no line with data; {what} was expected")
+        if all(_NUMBER.match(cell) for cell in header):
+            known = ",".join(names[0] for names in columns.values())
+            raise InputError(f"{path}: line {line}: a header line was expected, not data; name the columns: {known}")
+        names = _resolve(path, line, header, columns, ignored, ignore_extra)
+        yield from _chunks(path, lines, names, rows)
+
+
+def read_plain(path: Path, what: str, *, rows: int = ROWS_PER_CHUNK) -> Iterator[Rows]:
+    """Chunks of a text table without a header; columns are named `0`, `1`, ... by their place."""
+    with _open_text(path, what) as file:
+        lines = _split(path, file)
+        first = next(lines, None)
+        if first is None:
+            raise InputError(f"{path}: has no line with data; {what} was expected")
+        names = [str(n) for n in range(len(first[1]))]
+        yield from _chunks(path, _rejoin(first, lines), names, rows)
+
+
+def first_line(path: Path, what: str) -> list[str]:
+    """Cells of the first line that is neither empty nor a comment."""
+    with _open_text(path, what) as file:
+        return next(_split(path, file), (0, []))[1]
+
+
+def is_header(cells: Sequence[str]) -> bool:
+    """Whether a line names columns: it has a cell that is not a number."""
+    return any(not _NUMBER.match(cell) for cell in cells)
+
+
+def _is_number(cell: str, blank: bool) -> bool:
+    return bool(_NUMBER.match(cell)) or (blank and cell == "nan")
+
+
+def _open_text(path: Path, what: str) -> TextIO:
+    return check_input(path, what).open(encoding="utf-8-sig", newline="")
+
+
+def _rejoin(first: tuple[int, list[str]], rest: Iterator[tuple[int, list[str]]]) -> Iterator[tuple[int, list[str]]]:
+    yield first
+    yield from rest
+
+
+def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
+    """(line number, cells) of every line with data."""
+    reader = None
+    number = 0
+    try:
+        for number, line in enumerate(file, start=1):
+            text = line.strip()
+            if not text or text.startswith("#"):
+                continue
+            if len(line) > 1_000_000 or "\0" in line:
+                raise InputError(f"{path}: line {number}: not text; a text table was expected")
+            if reader is None:
+                reader = _delimiter(text)
+            yield number, _cells(text, reader)
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: after line {number}: not UTF-8 text ({error.reason}); a text table was expected"
+        ) from None
+    except csv.Error as error:
+        raise InputError(f"{path}: line {number}: cannot be split into cells ({error})") from None
+
+
+def _delimiter(text: str) -> str:
+    counts = [(text.count(mark), mark) for mark in (",", ";", "\t")]
+    best = max(counts, key=lambda pair: pair[0])
+    return best[1] if best[0] else " "
+
+
+def _cells(text: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return text.split()
+    if '"' not in text:
+        return [cell.strip() for cell in text.split(delimiter)]
+    return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter))]
+
+
+def _resolve(
+    path: Path,
+    line: int,
+    header: list[str],
+    columns: Mapping[str, Sequence[str]],
+    ignored: Sequence[str],
+    ignore_extra: bool,
+) -> list[str | None]:
+    """Our name of every column of the file, None for one that is not used."""
+    meaning = {alias: name for name, aliases in columns.items() for alias in aliases}
+    names: list[str | None] = []
+    for cell in header:
+        name = meaning.get(cell.lower())
+        if name is None and cell.lower() not in ignored and not ignore_extra:
+            near = difflib.get_close_matches(cell.lower(), list(meaning), n=1, cutoff=0.5)
+            known = ", ".join(aliases[0] for aliases in columns.values())
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            raise InputError(
+                f"{path}: line {line}: unknown column {cell!r}; {hint}known: {known}; "
+                "rename it, or give --ignore-extra-columns"
+            )
+        if name is not None and name in names:
+            raise InputError(f"{path}: line {line}: two columns say {name!r}; remove or rename one")
+        names.append(name)
+    return names
+
+
+def _chunks(
+    path: Path, lines: Iterator[tuple[int, list[str]]], names: Sequence[str | None], rows: int
+) -> Iterator[Rows]:
+    while chunk := list(islice(lines, rows)):
+        for line, cells in chunk:
+            if len(cells) != len(names):
+                raise InputError(
+                    f"{path}: line {line}: {len(cells)} cells, but the first line has {len(names)}; correct this line"
+                )
+            if max(map(len, cells)) > MAX_CELL:
+                raise InputError(f"{path}: line {line}: a cell of more than {MAX_CELL} characters; correct this line")
+        turned = zip(*(cells for _, cells in chunk), strict=True)
+        cells_of = {
+            n: np.array(column, dtype=np.str_) for n, column in zip(names, turned, strict=True) if n is not None
+        }
+        yield Rows(path, np.array([line for line, _ in chunk], dtype=np.int64), cells_of)

@@ -1,0 +1,25 @@
+"""Checks that every reader makes before it opens an input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from occlog.errors import InputError
+
+
+def check_input(path: Path, what: str) -> Path:
+    """The path, if a non-empty readable file is there; else InputError that says what was expected."""
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; {what} was expected")
+    try:
+        size = path.stat().st_size
+        with path.open("rb"):
+            pass
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; {what} was expected") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if size == 0:
+        raise InputError(f"{path}: is empty (0 bytes); {what} was expected; make it again")
+    return path

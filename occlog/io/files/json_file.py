@@ -1,0 +1,41 @@
+"""JSON outputs: sorted keys, numbers that are not finite as null, atomic."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from occlog.errors import InputError
+
+from .atomic import write_bytes
+from .inputs import check_input
+
+
+def write_json(path: Path, values: Mapping[str, Any], *, overwrite: bool = False) -> None:
+    """Write one object; NaN and infinity become null."""
+    write_bytes(path, (json.dumps(_plain(values), sort_keys=True, indent=2) + "\n").encode(), overwrite)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """The object in a JSON file; InputError names the line of what is wrong."""
+    check_input(path, "a JSON file")
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start}: not UTF-8 text") from error
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: line {error.lineno}: not valid JSON: {error.msg}") from error
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: want a JSON object, got {type(values).__name__}")
+    return values
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

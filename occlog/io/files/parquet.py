@@ -1,0 +1,315 @@
+"""Tables to Parquet and back, the schema derived from the declared columns.
+
+Files are zstd-compressed with page checksums, which are verified on reading: without
+them a damaged page is read as wrong numbers.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from occlog.errors import InputError
+from occlog.records.columns import Column, Table
+from occlog.records.tables import TABLES
+
+from .atomic import Together, open_output
+from .inputs import check_input
+from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
+
+SCHEMA_KEY = "occlog.schema"
+ROWS_PER_GROUP = 65_536
+BYTES_PER_GROUP = 4 * 1024 * 1024
+T = TypeVar("T", bound=Table)
+
+_ARROW = {
+    "i8": pa.int64(),
+    "i4": pa.int32(),
+    "f8": pa.float64(),
+    "f4": pa.float32(),
+    "?": pa.bool_(),
+    "U": pa.dictionary(pa.int32(), pa.string()),
+}
+
+
+LENGTHS = ("m", "m^2", "m/s", "m^2/s", "m^2/s^2")
+"""Units in which m stands for the scene's unit of length."""
+
+
+def arrow_field(c: Column, unit: str) -> pa.Field:
+    """Arrow field of a column with its unit, meaning and the meaning of NaN as metadata."""
+    kind = _ARROW[c.kind]
+    if c.width:
+        kind = pa.list_(kind, c.width)
+    metadata = {"unit": unit, "doc": c.doc}
+    if c.nan is not None:
+        metadata["nan"] = c.nan
+    return pa.field(c.name, kind, nullable=False, metadata=metadata)
+
+
+def arrow_schema(table: type[Table], provenance: Provenance, length_unit: str = "m") -> pa.Schema:
+    """Arrow schema of a table; `length_unit` replaces metres in the units."""
+    fields = [
+        arrow_field(c, c.unit.replace("m", length_unit) if c.unit in LENGTHS else c.unit) for c in table.columns()
+    ]
+    metadata = {
+        SCHEMA_KEY: f"{table.NAME}/{table.VERSION}",
+        "occlog.key": ",".join(table.KEY),
+        "occlog.length_unit": length_unit,
+        PROVENANCE_KEY: provenance.json(),
+    }
+    return pa.schema(fields).with_metadata(metadata)
+
+
+def to_arrow(table: Table, schema: pa.Schema) -> pa.Table:
+    """Arrow table of a record."""
+    arrays = []
+    for c, f in zip(table.columns(), schema, strict=True):
+        values = getattr(table, c.name)
+        if c.width:
+            flat = pa.array(np.ascontiguousarray(values).reshape(-1), type=f.type.value_type, from_pandas=False)
+            arrays.append(pa.FixedSizeListArray.from_arrays(flat, c.width))
+        elif c.kind == "U":
+            names, codes = np.unique(values, return_inverse=True)
+            arrays.append(pa.DictionaryArray.from_arrays(pa.array(codes, pa.int32()), pa.array(names, pa.string())))
+        else:
+            arrays.append(pa.array(values, type=f.type, from_pandas=False))
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def from_arrow(batch: pa.RecordBatch | pa.Table, table: type[T]) -> T:
+    """Record of an Arrow batch whose columns have been checked; optional ones may be left out."""
+    told = [c for c in table.columns() if c.name in batch.schema.names]
+    return table.of(**{c.name: _column_from_arrow(c, batch.column(c.name)) for c in told})
+
+
+def _column_from_arrow(c: Column, values: Any) -> np.ndarray[Any, Any]:
+    if isinstance(values, pa.ChunkedArray):
+        values = values.combine_chunks()
+    if values.null_count:
+        raise InputError(f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)")
+    if c.width:
+        return np.array(values.flatten().to_numpy(zero_copy_only=False), c.dtype).reshape(-1, c.width)
+    if c.kind == "U":
+        if pa.types.is_dictionary(values.type):
+            names = np.asarray(values.dictionary.to_pylist() or [""], dtype=np.str_)
+            return np.asarray(names[values.indices.to_numpy(zero_copy_only=False)])
+        return np.asarray(values.to_pylist(), dtype=np.str_) if len(values) else np.empty(0, "U1")
+    return np.array(values.to_numpy(zero_copy_only=False), dtype=c.dtype)
+
+
+class TableWriter:
+    """Writes a table chunk by chunk; the file appears when the block ends without an error."""
+
+    def __init__(
+        self,
+        path: Path,
+        table: type[Table],
+        provenance: Provenance,
+        *,
+        overwrite: bool = False,
+        length_unit: str = "m",
+        together: Together | None = None,
+    ) -> None:
+        """Prepare to write `table` to `path`; OutputExistsError if it is there and may not be replaced.
+
+        With `together` the file appears at its end.
+        """
+        self.rows = 0
+        self._table = table
+        self._schema = arrow_schema(table, provenance, length_unit)
+        self._pending: list[Table] = []
+        self._pending_rows = self._pending_bytes = 0
+        self._output = open_output(Path(path), overwrite, together)
+        self._writer: pq.ParquetWriter | None = None
+
+    def __enter__(self) -> Self:
+        """Open the output."""
+        file = self._output.__enter__()
+        self._writer = pq.ParquetWriter(
+            file,
+            self._schema,
+            version="2.6",
+            compression="zstd",
+            compression_level=3,
+            write_page_checksum=True,
+            write_page_index=True,
+            sorting_columns=[pq.SortingColumn(0)],
+        )
+        return self
+
+    def write(self, table: Table) -> None:
+        """Append rows; they are written in groups, so many small chunks cost no space."""
+        self.rows += len(table)
+        self._pending.append(table)
+        self._pending_rows += len(table)
+        self._pending_bytes += sum(getattr(table, c.name).nbytes for c in table.columns())
+        if self._pending_rows >= ROWS_PER_GROUP or self._pending_bytes >= BYTES_PER_GROUP:
+            self._flush()
+
+    def _flush(self) -> None:
+        if self._pending_rows and self._writer is not None:
+            whole = self._table.concat(self._pending)
+            self._writer.write_table(to_arrow(whole, self._schema), row_group_size=ROWS_PER_GROUP)
+        self._pending, self._pending_rows, self._pending_bytes = [], 0, 0
+
+    def annotate(self, provenance: Provenance) -> None:
+        """Replace the provenance by one that is known only after the last row (for example what was lost)."""
+        if self._writer is not None:
+            self._writer.add_key_value_metadata({PROVENANCE_KEY: provenance.json()})
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool | None:
+        """Complete the file, or drop it after an error."""
+        try:
+            if kind is None:
+                self._flush()
+            self._close(kind is not None)
+        except BaseException as failure:
+            self._close(True)
+            if not self._output.__exit__(type(failure), failure, failure.__traceback__):
+                raise
+        return self._output.__exit__(kind, error, trace)
+
+    def _close(self, abandon: bool) -> None:
+        """Close the library's writer; an abandoned one must not try again when it is collected."""
+        if self._writer is None:
+            return
+        try:
+            self._writer.close()
+        except (pa.ArrowException, OSError, ValueError):
+            self._writer.is_open = False
+            if not abandon:
+                raise
+
+
+def write_table(
+    path: Path, table: Table, provenance: Provenance, *, overwrite: bool = False, length_unit: str = "m"
+) -> None:
+    """Write a whole table, sorted by its key."""
+    with TableWriter(path, type(table), provenance, overwrite=overwrite, length_unit=length_unit) as writer:
+        writer.write(table.sorted())
+
+
+@contextmanager
+def _translate(path: Path) -> Iterator[None]:
+    """Turn every failure of the Parquet library into one InputError."""
+    try:
+        yield
+    except InputError as error:
+        raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error
+    except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
+        reason = " ".join(str(error).split())[:160]
+        raise InputError(f"{path}: damaged or not a Parquet file ({reason}); make it again") from error
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[pq.ParquetFile]:
+    check_input(path, "a Parquet file")
+    with _translate(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+        yield file
+
+
+def schema_name(path: Path) -> str:
+    """Name of the table in a Parquet file, e.g. `bearings`; InputError for files that occlog did not write."""
+    with _open(path) as file:
+        return _schema_name(path, file.schema_arrow)
+
+
+def _schema_name(path: Path, schema: pa.Schema) -> str:
+    raw = (schema.metadata or {}).get(SCHEMA_KEY.encode())
+    if raw is None:
+        raise InputError(f"{path}: has no {SCHEMA_KEY} entry, so it is not an occlog table")
+    return str(raw.decode()).split("/", maxsplit=1)[0]
+
+
+def _check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
+    found = (schema.metadata or {}).get(SCHEMA_KEY.encode(), b"").decode()
+    name, _, version = found.partition("/")
+    if name != table.NAME:
+        raise InputError(f"{path}: holds {found or 'no occlog table'}, want {table.NAME}/{table.VERSION}")
+    if not version.isdigit() or int(version) > table.VERSION:
+        raise InputError(f"{path}: holds {found}, which is newer than {name}/{table.VERSION}; update occlog")
+    for c in table.columns():
+        if schema.get_field_index(c.name) < 0:
+            if c.optional:  # a file of an older version
+                continue
+            raise InputError(f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}")
+        have, kind = schema.field(c.name).type, _ARROW[c.kind]
+        kind = pa.list_(kind, c.width) if c.width else kind
+        same = have == kind or (c.kind == "U" and (pa.types.is_string(have) or pa.types.is_large_string(have)))
+        if not same and not (pa.types.is_dictionary(have) and c.kind == "U"):
+            raise InputError(f"{path}: column {c.name} is {have}, want {kind}")
+
+
+def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterator[T]:
+    """Chunks of a table in file order, at most `rows` rows each."""
+    with _open(path) as file:
+        _check_schema(path, file.schema_arrow, table)
+        names = [c.name for c in table.columns() if c.name in file.schema_arrow.names]
+        previous = None
+        for batch in file.iter_batches(batch_size=rows, columns=names):
+            chunk = from_arrow(batch, table)
+            if len(chunk) and previous is not None and chunk.t_ns[0] < previous:  # type: ignore[attr-defined]
+                raise InputError(f"{path}: t_ns goes back between two chunks; sort the table by t_ns")
+            previous = int(chunk.t_ns[-1]) if len(chunk) else previous  # type: ignore[attr-defined]
+            yield chunk
+
+
+def read_table(path: Path, table: type[T]) -> T:
+    """The whole table."""
+    return table.concat(iter_table(path, table))
+
+
+def read_any(path: Path) -> Table:
+    """The whole table, whichever of occlog's tables it is."""
+    name = schema_name(path)
+    if name not in TABLES:
+        raise InputError(f"{path}: unknown table {name!r}; occlog knows {', '.join(TABLES)}")
+    return read_table(path, TABLES[name])
+
+
+def read_provenance(path: Path) -> Provenance:
+    """How the file was made."""
+    with _open(path) as file:
+        metadata = {**(file.schema_arrow.metadata or {}), **(file.metadata.metadata or {})}
+        return provenance_from_json(metadata.get(PROVENANCE_KEY.encode(), b"{}").decode())
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """What a Parquet file holds: schema, rows, columns with units, time span, provenance."""
+    with _open(path) as file:
+        schema, name = file.schema_arrow, _schema_name(path, file.schema_arrow)
+        columns = [
+            {
+                "name": f.name,
+                "type": str(f.type),
+                **{k.decode(): v.decode() for k, v in (f.metadata or {}).items()},
+            }
+            for f in schema
+        ]
+        metadata = {**(schema.metadata or {}), **(file.metadata.metadata or {})}
+        return {
+            "schema": name,
+            "version": int((schema.metadata or {})[SCHEMA_KEY.encode()].decode().partition("/")[2] or 0),
+            "rows": file.metadata.num_rows,
+            "length_unit": metadata.get(b"occlog.length_unit", b"m").decode(),
+            "columns": columns,
+            "time_ns": _time_span(file),
+            "provenance": json.loads(metadata.get(PROVENANCE_KEY.encode(), b"{}")),
+        }
+
+
+def _time_span(file: pq.ParquetFile) -> list[int] | None:
+    groups: Iterable[Any] = (file.metadata.row_group(i).column(0).statistics for i in range(file.num_row_groups))
+    spans = [(s.min, s.max) for s in groups if s is not None and s.has_min_max]
+    return [min(s[0] for s in spans), max(s[1] for s in spans)] if spans else None

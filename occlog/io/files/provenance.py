@@ -1,0 +1,76 @@
+"""How a file was made: program, version, parameters, seed, inputs. No clock time, no host name."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from occlog import __version__
+from occlog.errors import InputError
+from occlog.records.losses import Loss
+
+PROVENANCE_KEY = "occlog.provenance"
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What is written into every output.
+
+    Attributes:
+        command: the occlog command, e.g. "detect".
+        parameters: JSON-ready values of every option that changes the result.
+        seed: seed of the random numbers, None where there are none.
+        inputs: (file name, SHA-256) of every input, in a fixed order.
+        losses: input that was lost so far, also in earlier stages.
+    """
+
+    command: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    seed: int | None = None
+    inputs: tuple[tuple[str, str], ...] = ()
+    losses: tuple[Loss, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """The record as JSON-ready values."""
+        return {
+            "program": "occlog",
+            "version": __version__,
+            "command": self.command,
+            "parameters": dict(self.parameters),
+            "seed": self.seed,
+            "inputs": [{"name": name, "sha256": digest} for name, digest in self.inputs],
+            "losses": [loss.as_dict() for loss in self.losses],
+        }
+
+    def json(self) -> str:
+        """The record as one line of JSON with sorted keys."""
+        return json.dumps(self.as_dict(), sort_keys=True, default=str)
+
+
+def provenance_from_json(text: str) -> Provenance:
+    """Provenance as written by `Provenance.json`; empty where the text is not one."""
+    try:
+        raw = json.loads(text)
+        inputs = tuple((str(i["name"]), str(i["sha256"])) for i in raw.get("inputs", ()))
+        losses = tuple(Loss(**loss) for loss in raw.get("losses", ()))
+        return Provenance(str(raw["command"]), dict(raw["parameters"]), raw.get("seed"), inputs, losses)
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return Provenance("unknown")
+
+
+def hash_file(path: Path) -> str:
+    """SHA-256 of a file's bytes, in hexadecimal."""
+    try:
+        with Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def hash_inputs(paths: Iterable[Path]) -> tuple[tuple[str, str], ...]:
+    """(name, SHA-256) of each file; names without folders, so that outputs do not depend on where they lie."""
+    return tuple((Path(path).name, hash_file(path)) for path in paths)

@@ -1,0 +1,49 @@
+"""Names of cameras and arrays as files give them, matched with the names in use."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from occlog.errors import InputError
+
+_DIGITS = re.compile(r"(\d+)\D*$")
+
+
+def match_sensor(given: str, names: Sequence[str], where: str) -> str:
+    """The name in use that a file means by `given`.
+
+    It is the equal name, or else the only one whose last number is the same: `2`,
+    `cam_2` and `cam02` mean each other.  InputError where there is none, or several.
+    """
+    if given in names:
+        return given
+    number = _last_number(given)
+    same = [name for name in names if number is not None and _last_number(name) == number]
+    if len(same) == 1:
+        return same[0]
+    found = f"may be any of {', '.join(same)}" if same else f"is none of {', '.join(names) or 'the cameras (none)'}"
+    raise InputError(f"{where}: camera {given!r} {found}; give them equal names")
+
+
+def natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Sort key in which cam2 comes before cam10."""
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
+
+
+def natural_sorted(names: Iterable[str]) -> list[str]:
+    """Names in the order a person expects."""
+    return sorted(names, key=lambda name: (natural_key(name), name))
+
+
+def safe_name(text: str) -> str:
+    """A name that scene files allow: blanks and , / = : become `_`; InputError where nothing is left."""
+    name = re.sub(r"[\s,/=:]+", "_", text.strip())[:64]
+    if not name:
+        raise InputError(f"{text!r}: cannot be the name of a sensor; use letters and digits")
+    return name
+
+
+def _last_number(name: str) -> int | None:
+    found = _DIGITS.search(name)
+    return int(found.group(1)) if found else None

@@ -1,0 +1,169 @@
+"""Time stamps as people write them, and sidecar files that give the time of every frame."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+
+from occlog.array_types import Ints, Strings
+from occlog.errors import InputError
+
+from .csv_rows import Rows, first_line, is_header, read_plain, read_rows
+from .sensor_names import match_sensor
+
+WHAT = "a table of time stamps"
+UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
+MAX_NS = 2**62
+LATEST_S = 10**11
+"""A larger number of seconds (year 5138) is taken for another unit."""
+
+TIME_COLUMNS = {
+    "ns": ("t_ns", "time_ns", "timestamp_ns", "frame_time_ns"),
+    "us": ("t_us", "time_us", "timestamp_us", "frame_time_us"),
+    "ms": ("t_ms", "time_ms", "timestamp_ms", "frame_time_ms"),
+    "s": ("time", "t", "t_s", "time_s", "timestamp", "timestamp_s", "frame_time", "seconds", "unix_time"),
+}
+"""What a column of times may be called; the ending states the unit, seconds without one."""
+
+_FRAME = ("frame", "frame_index", "frame_number", "index")
+_CAMERA = ("camera", "cam_id", "cam", "sensor", "port")
+_COLUMNS = {**TIME_COLUMNS, "frame": _FRAME, "camera": _CAMERA}
+_ISO = re.compile(r"^(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?$")
+
+
+def parse_time(text: str, unit: str = "s") -> int:
+    """Time [ns since the Unix epoch] of a number in `unit` or of an ISO 8601 date and time (UTC unless it says).
+
+    Exact to the nanosecond.  Raises InputError for anything else, and for a number of
+    seconds beyond the year 5138, which must have been meant in another unit.
+    """
+    iso = _ISO.match(text.strip())
+    if iso:
+        return _iso_ns(iso, text)
+    try:
+        value = Decimal(text.strip())
+    except InvalidOperation:
+        value = Decimal("NaN")
+    if not value.is_finite():
+        raise InputError(f"time {text!r}: neither a number nor a date and time such as 2024-05-01T12:00:00.25Z")
+    if value.adjusted() > 30:  # before any arithmetic, which could overflow
+        raise InputError(f"time {text!r}: out of range")
+    if unit == "s" and abs(value) > LATEST_S:
+        raise InputError(f"time {text!r}: too large for seconds; name the column t_ms, t_us or t_ns")
+    ns = int((value * UNITS[unit]).to_integral_value())
+    if abs(ns) > MAX_NS:
+        raise InputError(f"time {text!r}: out of range for {unit}")
+    return ns
+
+
+def _iso_ns(iso: re.Match[str], text: str) -> int:
+    day, clock, fraction, zone = iso.groups()
+    try:
+        moment = datetime.fromisoformat(f"{day}T{clock}" + (zone or "+00:00").replace("Z", "+00:00"))
+    except ValueError as error:
+        raise InputError(f"time {text!r}: {error}") from None
+    seconds = (moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
+    return int(seconds) * 10**9 + int((fraction or "0").ljust(9, "0"))
+
+
+def parse_times(rows: Rows, name: str, unit: str) -> Ints:
+    """(n,) times [ns] of a column; InputError names the line."""
+    cells: Strings = rows.cells[name]
+    if unit == "ns":
+        return rows.ints(name)
+    out = np.empty(len(cells), dtype=np.int64)
+    for row, cell in enumerate(cells.tolist()):
+        try:
+            out[row] = parse_time(cell, unit)
+        except InputError as error:
+            raise rows.fail(row, str(error)) from None
+    return out
+
+
+def time_column(rows: Rows) -> str | None:
+    """Unit of the column of times that a table has, None if it has none; InputError for two."""
+    found = [unit for unit in TIME_COLUMNS if rows.has(unit)]
+    if len(found) > 1:
+        raise InputError(f"{rows.path}: two columns of times ({' and '.join(found)}); keep one")
+    return found[0] if found else None
+
+
+def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
+    """Times [ns] of frames 0, 1, ... of each camera that the file tells about.
+
+    The file has one time a line, or the columns frame and time, or a header line with a
+    column of times and perhaps `frame` and `camera`.  Without a column `camera` it holds
+    for every name in `cameras`.  InputError with the line where times repeat or go back,
+    or where a frame is left out.
+    """
+    header = is_header_line(path)
+    parts = list(read_rows(path, _COLUMNS, WHAT, ignored=("sync_index",)) if header else read_plain(path, WHAT))
+    rows = Rows(
+        path,
+        np.concatenate([p.lines for p in parts]),
+        {name: np.concatenate([p.cells[name] for p in parts]) for name in parts[0].cells},
+    )
+    return _by_camera(rows if header else _named(rows), cameras)
+
+
+def is_header_line(path: Path) -> bool:
+    """Whether the file begins with names of columns; a date and time is not a name."""
+    cells = first_line(path, WHAT)
+    return is_header(cells) and not any(_ISO.match(cell) for cell in cells)
+
+
+def _named(rows: Rows) -> Rows:
+    columns = {1: ("s",), 2: ("frame", "s")}.get(len(rows.cells))
+    if columns is None:
+        raise InputError(
+            f"{rows.path}: {len(rows.cells)} columns without a header; give one time a line, frame and time, "
+            "or a header line"
+        )
+    return Rows(rows.path, rows.lines, dict(zip(columns, rows.cells.values(), strict=True)))
+
+
+def _by_camera(rows: Rows, cameras: Sequence[str]) -> dict[str, Ints]:
+    unit = time_column(rows)
+    if unit is None:
+        raise InputError(f"{rows.path}: no column of times; name one of them time (seconds) or t_ns")
+    t_ns = parse_times(rows, unit, unit)
+    if not rows.has("camera"):
+        times = _in_order(rows, t_ns, np.arange(len(rows)))
+        return dict.fromkeys(cameras, times)
+    given = rows.cells["camera"]
+    out: dict[str, Ints] = {}
+    for label in dict.fromkeys(given.tolist()):
+        picked = np.flatnonzero(given == label)
+        try:
+            name = match_sensor(label, cameras, str(rows.path))
+        except InputError:
+            continue  # the file may tell about more cameras than are ingested
+        out[name] = _in_order(rows, t_ns[picked], picked)
+    if not out:
+        raise InputError(f"{rows.path}: tells about {str(given[0])!r}, but none of {', '.join(cameras)}")
+    return out
+
+
+def _in_order(rows: Rows, t_ns: Ints, picked: Ints) -> Ints:
+    """Times by frame number, strictly rising."""
+    if rows.has("frame"):
+        frames = rows.ints("frame")[picked]
+        wrong = np.flatnonzero(frames != np.arange(len(frames)))
+        if len(wrong):
+            raise rows.fail(
+                int(picked[wrong[0]]),
+                f"frame {frames[wrong[0]]} where frame {wrong[0]} was expected; list every frame once, from 0",
+            )
+    back = np.flatnonzero(np.diff(t_ns) <= 0)
+    if len(back):
+        row = int(back[0]) + 1
+        verb = "repeats" if t_ns[row] == t_ns[row - 1] else "goes back"
+        raise rows.fail(
+            int(picked[row]), f"time stamp {verb} ({t_ns[row]} ns after {t_ns[row - 1]} ns); correct the file"
+        )
+    return t_ns

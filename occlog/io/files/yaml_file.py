@@ -1,0 +1,154 @@
+"""YAML that is read strictly: repeated keys, unknown keys and wrong types are errors that name their line."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import yaml
+
+from occlog.errors import InputError
+
+from .inputs import check_input
+
+MAX_NODES = 200_000
+T = TypeVar("T")
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe loader that reads 1e-3 as a number, as people mean it."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)$"),
+    list("-+0123456789."),
+)
+
+
+def read_yaml(path: Path, kind: type[T], what: str) -> T:
+    """The file as an instance of a msgspec type; InputError with line and nearest valid key where it does not fit."""
+    path = check_input(path, what)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {what} was expected") from error
+    return parse_yaml(text, str(path), kind)
+
+
+def parse_yaml(text: str, source: str, kind: type[T]) -> T:
+    """As `read_yaml`, from text; `source` names it in messages."""
+    try:
+        node = yaml.compose(text, Loader=_Loader)
+        lines = dict(_lines(node, "$", source)) if node is not None else {}
+        raw = _Loader(text).construct_document(node) if node is not None else None
+    except yaml.YAMLError as error:
+        raise InputError(f"{source}: {_yaml_problem(error)}") from error
+    except RecursionError:
+        raise InputError(f"{source}: nested too deeply to be what it should") from None
+    _check_finite(raw, "$", lines, source)
+    if not isinstance(raw, dict):
+        raise InputError(f"{source}: want keys and values at the top level, got {type(raw).__name__}")
+    try:
+        return msgspec.convert(raw, kind, strict=True)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{source}: {_explain(str(error), raw, lines, kind)}") from error
+
+
+def _yaml_problem(error: yaml.YAMLError) -> str:
+    mark = getattr(error, "problem_mark", None)
+    problem = getattr(error, "problem", None) or "cannot be parsed"
+    return f"line {mark.line + 1}: not valid YAML: {problem}" if mark else f"not valid YAML: {problem}"
+
+
+def _lines(node: yaml.Node, place: str, source: str, count: list[int] | None = None) -> Iterator[tuple[str, int]]:
+    """(path, line) of every node; repeated keys and documents blown up by aliases are errors."""
+    count = [0] if count is None else count
+    count[0] += 1
+    if count[0] > MAX_NODES:
+        raise InputError(f"{source}: more than {MAX_NODES} entries with its aliases expanded; write it out plainly")
+    yield place, node.start_mark.line + 1
+    if isinstance(node, yaml.MappingNode):
+        seen: set[str] = set()
+        for key, value in node.value:
+            if key.value in seen:
+                raise InputError(f"{source}: line {key.start_mark.line + 1}: key {key.value!r} appears twice; keep one")
+            seen.add(key.value)
+            yield from _lines(value, f"{place}.{key.value}", source, count)
+    elif isinstance(node, yaml.SequenceNode):
+        for index, value in enumerate(node.value):
+            yield from _lines(value, f"{place}[{index}]", source, count)
+
+
+def _check_finite(raw: Any, place: str, lines: dict[str, int], source: str) -> None:
+    """NaN and infinity parse as numbers, but no key of ours means them."""
+    if isinstance(raw, float) and not math.isfinite(raw):
+        line = f"line {lines[place]}: " if place in lines else ""
+        raise InputError(f"{source}: {line}{place.removeprefix('$.')}: {raw} is not a finite number")
+    items = raw.items() if isinstance(raw, dict) else enumerate(raw) if isinstance(raw, list) else ()
+    for key, value in items:
+        _check_finite(value, f"{place}.{key}" if isinstance(raw, dict) else f"{place}[{key}]", lines, source)
+
+
+def _explain(message: str, raw: Any, lines: dict[str, int], kind: type[Any]) -> str:
+    """The library's message with line, readable place and the nearest valid key."""
+    match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?(\$.*)`)?", message, re.DOTALL)
+    text, place = (match.group(1), match.group(2) or "$") if match else (message, "$")
+    unknown = re.search(r"unknown field `([^`]*)`", text)
+    if unknown:
+        return _unknown_key(unknown.group(1), place, lines, kind)
+    line = f"line {lines[place]}: " if place in lines else ""
+    shown = place.removeprefix("$").removeprefix(".")
+    value = _value_at(raw, place)
+    got = f", got {value!r}" if isinstance(value, str | int | float | bool) else ""
+    return f"{line}{shown + ': ' if shown else ''}{text[:1].lower() + text[1:]}{got}"
+
+
+def _unknown_key(key: str, place: str, lines: dict[str, int], kind: type[Any]) -> str:
+    line = lines.get(f"{place}.{key}")
+    valid = _valid_keys(kind, place)
+    near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"valid keys: {', '.join(valid)}"
+    shown = place.removeprefix("$").removeprefix(".")
+    where = f" in {shown}" if shown else ""
+    return f"{f'line {line}: ' if line else ''}unknown key {key!r}{where}; {hint}"
+
+
+def _valid_keys(kind: Any, place: str) -> list[str]:
+    """Keys allowed at a path, found by walking the declared types."""
+    for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", place.removeprefix("$")):
+        info: Any = msgspec.inspect.type_info(kind) if not isinstance(kind, msgspec.inspect.Type) else kind
+        kind = _step(_strip(info), part)
+    info = _strip(msgspec.inspect.type_info(kind) if not isinstance(kind, msgspec.inspect.Type) else kind)
+    return sorted(f.encode_name for f in getattr(info, "fields", ()))
+
+
+def _strip(info: Any) -> Any:
+    """The struct or container inside a union with null."""
+    if isinstance(info, msgspec.inspect.UnionType):
+        inner = [t for t in info.types if not isinstance(t, msgspec.inspect.NoneType)]
+        structs = [t for t in inner if isinstance(t, msgspec.inspect.StructType)]
+        return (structs or inner)[0]
+    return info
+
+
+def _step(info: Any, part: str) -> Any:
+    if part and hasattr(info, "fields"):
+        for f in info.fields:
+            if f.encode_name == part:
+                return f.type
+    return getattr(info, "item_type", getattr(info, "value_type", info))
+
+
+def _value_at(raw: Any, place: str) -> Any:
+    for name, index in re.findall(r"\.([^.\[\]]+)|\[(\d+)\]", place.removeprefix("$")):
+        try:
+            raw = raw[name] if name else raw[int(index)]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return raw

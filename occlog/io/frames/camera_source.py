@@ -1,0 +1,104 @@
+"""The stream of one camera on its way into a recording: frames with their times, losses listed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import chain, islice
+from pathlib import Path
+
+import numpy as np
+
+from occlog.errors import InputError
+from occlog.io.files.frame_times import FrameTimes, as_rate
+from occlog.records.losses import Loss
+
+from .process import Decoder, Delivered, start_decoder
+from .stream import ImageFolder
+from .video_stream import rate_times
+
+TRIAL = 4
+"""Frames whose time stamps must rise before the stamps of a container that we cannot read are believed."""
+
+
+@dataclass
+class CameraSource:
+    """Frames of one camera; `losses` is complete when all frames have been read."""
+
+    name: str
+    path: Path
+    decoder: Decoder
+    times: FrameTimes
+    whole: bool = True  # no range of frames was asked for
+    losses: list[Loss] = field(default_factory=list)
+
+    def frames(self) -> Iterator[tuple[int, Delivered]]:
+        """(t_ns, frame) in the order of time; frames without a time of their own are listed as lost."""
+        stream = self._with_times()
+        last: int | None = None
+        late: list[int] = []
+        for t_ns, frame in stream:
+            if last is not None and t_ns <= last:
+                late.append(frame.index)
+                continue
+            last = t_ns
+            yield t_ns, frame
+        if late:
+            what = "time stamps repeat or go back; these frames were left out"
+            self.losses.append(Loss(self.path.name, f"from frame {late[0]} on", what, len(late)))
+        self.losses.extend(self.decoder.losses)
+
+    def _with_times(self) -> Iterator[tuple[int, Delivered]]:
+        delivered = self.decoder.delivered()
+        if self.times.table_ns is None and self.times.rate is None:
+            yield from self._streamed(delivered)
+            return
+        count, missing, last = self.times.count, 0, -1
+        for frame in delivered:
+            last = frame.index
+            if count is not None and frame.index >= count:
+                missing += 1
+                continue
+            yield int(self.times.at(np.array([frame.index]))[0]), frame
+        if missing:
+            what = f"frames without a time: {self.times.source} gives {count}"
+            self.losses.append(Loss(self.path.name, f"from frame {count} on", what, missing))
+        announced = self.decoder.frames if self.decoder.frames is not None else last + 1
+        if self.whole and count is not None and count > announced and self.times.source.startswith("sidecar"):
+            what = f"{self.times.source} gives {count} times, but the video has only {announced} frames"
+            self.losses.append(Loss(self.path.name, f"from frame {announced} on", what, count - announced))
+
+    def _streamed(self, delivered: Iterator[Delivered]) -> Iterator[tuple[int, Delivered]]:
+        """Times of a container that only the decoder can read: its stamps if they rise, else the frame rate."""
+        head = list(islice(delivered, TRIAL))
+        stamps = [frame.pos_ns for frame in head]
+        good = all(s is not None for s in stamps) and bool((np.diff([s or 0 for s in stamps]) > 0).all())
+        if not good:
+            if not self.decoder.rate_hz:
+                raise InputError(f"{self.path}: has neither time stamps nor a frame rate; give --fps")
+            rate = as_rate(self.decoder.rate_hz)
+            self.times = rate_times(rate, "stated by the file", self.times.start_ns).by(self.times.clock)
+        for frame in chain(head, delivered):
+            if good:
+                yield int(self.times.world(np.array([self.times.start_ns + (frame.pos_ns or 0)]))[0]), frame
+            else:
+                yield int(self.times.at(np.array([frame.index]))[0]), frame
+
+
+def video_source(
+    name: str, path: Path, times: FrameTimes, *, start: int, stop: int | None, store: str, quality: int
+) -> CameraSource:
+    """Start decoding a video; `store` is png, jpeg, raw or none (times only)."""
+    job = {"kind": "video", "path": str(path), "start": start, "stop": stop, "store": store, "quality": quality}
+    return CameraSource(name, path, start_decoder(job), times, whole=stop is None)
+
+
+def image_source(
+    name: str, folder: ImageFolder, *, start: int, stop: int | None, store: str, quality: int
+) -> CameraSource:
+    """Start reading an image folder; `store` may also be keep: PNG and JPEG files as they are."""
+    files = [(i, str(file)) for i, file in folder.files if i >= start and (stop is None or i < stop)]
+    if not files:
+        raise InputError(f"{folder.path}: holds no image of frames {start} to {stop}")
+    job = {"kind": "images", "path": str(folder.path), "files": files, "store": store, "quality": quality}
+    return CameraSource(name, folder.path, start_decoder(job), folder.times, whole=False)

@@ -1,0 +1,108 @@
+"""Compressed images: size and damage told from their bytes, encoding, decoding with a limit."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import cv2
+import numpy as np
+
+from occlog.errors import InputError
+from occlog.records.frames import Image
+
+MAX_PIXELS = 100_000_000
+"""Larger images are refused: 8192 x 8192 has 67 million pixels."""
+PNG_MARK = b"\x89PNG\r\n\x1a\n"
+BLACK = 24
+"""Mean of the brightest channel up to which a row or column is a black bar; codecs leave some noise in it."""
+
+
+def image_kind(data: bytes) -> str | None:
+    """`png` or `jpeg` by the first bytes, None for anything else."""
+    if data.startswith(PNG_MARK):
+        return "png"
+    return "jpeg" if data.startswith(b"\xff\xd8\xff") else None
+
+
+def image_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height [px] of PNG or JPEG bytes without decoding them; None where they do not say."""
+    if image_kind(data) == "png" and len(data) >= 24:
+        width, height = struct.unpack_from(">II", data, 16)
+        return int(width), int(height)
+    return _jpeg_size(data) if image_kind(data) == "jpeg" else None
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int] | None:
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        mark, length = data[at + 1], struct.unpack_from(">H", data, at + 2)[0]
+        # The frame header is one of SOF0..SOF15 without DHT (c4), JPG (c8) and DAC (cc).
+        if 0xC0 <= mark <= 0xCF and mark not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return int(width), int(height)
+        at += 1 if mark == 0xFF else 2 + length
+    return None
+
+
+def image_damage(data: bytes) -> str | None:
+    """What is wrong with PNG or JPEG bytes as far as their marks and check sums tell; None: nothing."""
+    kind = image_kind(data)
+    if kind == "png":
+        return _png_damage(data)
+    if kind == "jpeg" and b"\xff\xd9" not in data[-1024:]:
+        return "cut short: the end mark of a JPEG image is missing"
+    return None
+
+
+def _png_damage(data: bytes) -> str | None:
+    at = len(PNG_MARK)
+    while at + 12 <= len(data):
+        length, name = struct.unpack_from(">I4s", data, at)
+        end = at + 12 + length
+        if end > len(data):
+            break
+        if zlib.crc32(data[at + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
+            return f"wrong check sum of PNG part {name.decode('ascii', 'backslashreplace')} at byte {at}"
+        if name == b"IEND":
+            return None
+        at = end
+    return "cut short: the end mark of a PNG image is missing"
+
+
+def decode_image(data: bytes, where: str) -> Image:
+    """(h, w, 3) BGR or (h, w) grey; InputError for damaged, too large or unknown images."""
+    size = image_size(data)
+    if size is not None and size[0] * size[1] > MAX_PIXELS:
+        raise InputError(f"{where}: {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels")
+    damage = image_damage(data)
+    if damage:
+        raise InputError(f"{where}: {damage}")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR) if data else None
+    except cv2.error as error:
+        raise InputError(f"{where}: cannot be decoded ({' '.join(str(error.err).split())})") from None
+    if image is None:
+        raise InputError(f"{where}: not an image that can be decoded ({len(data)} bytes)")
+    return image  # type: ignore[no-any-return]
+
+
+def dark_bars(image: Image) -> tuple[int, int, int, int]:
+    """Width of the black bars at the left, top, right and lower edge [px], as converters add them."""
+    grey = image if image.ndim == 2 else image.max(axis=2)
+    columns, rows = grey.mean(axis=0) > BLACK, grey.mean(axis=1) > BLACK
+    if not columns.any() or not rows.any():
+        return 0, 0, 0, 0
+    return int(columns.argmax()), int(rows.argmax()), int(columns[::-1].argmax()), int(rows[::-1].argmax())
+
+
+def encode_image(image: Image, kind: str, quality: int) -> bytes:
+    """PNG (lossless) or JPEG bytes of an image; the same bytes for the same image on every machine."""
+    if kind == "png":
+        # A third faster than the default, and smaller on photographs.
+        ok, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED])
+    else:
+        ok, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not ok:
+        raise ValueError(f"an image of shape {image.shape} cannot be encoded as {kind}")
+    return data.tobytes()

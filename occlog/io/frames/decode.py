@@ -1,0 +1,231 @@
+"""Frames of a video file through OpenCV (FFmpeg): strictly forwards, each with its number in the file.
+
+A decoder that skips a damaged frame does not say so.  Each picture is therefore placed by
+its time stamp in the list of frames that the container announces.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from occlog.array_types import NS
+from occlog.errors import InputError
+from occlog.io.files.inputs import check_input
+from occlog.io.video.container import Container
+from occlog.io.video.containers import read_container
+from occlog.records.frames import Image
+from occlog.records.losses import Loss
+
+from .codec import MAX_PIXELS, dark_bars
+from .ledger import Ledger
+from .sizes import Changes, size_at
+
+PATIENCE = 64
+"""Failed reads in a row, beyond the frames still expected, after which the file is taken to be at its end."""
+TRIAL = 4
+"""Pictures that must fit the container's list of frames before it is trusted."""
+WHAT = "a video file"
+CAPTURE_OPTIONS = (
+    "protocol_whitelist;file|format_whitelist;mov,mp4,matroska,webm,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,h264,"
+    "hevc,mjpeg,jpeg_pipe,png_pipe,m4v,ivf,y4m,yuv4mpegpipe,dv,gif,apng,nut,rawvideo"
+)
+"""What FFmpeg may open: files, and no play lists that name others."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A decoded frame: its number, its time after the start of the file (NaN if not known), the image."""
+
+    index: int
+    pos_ns: float
+    image: Image
+
+
+@dataclass(frozen=True)
+class VideoFile:
+    """What is known of a video before its frames are decoded."""
+
+    path: Path
+    size: tuple[int, int]  # width, height
+    frames: int | None
+    rate_hz: float | None
+    container: Container | None
+    bars: tuple[int, int, int, int] = (0, 0, 0, 0)  # black, at the left, top, right and lower edge [px]
+
+
+def quiet() -> None:
+    """Keep FFmpeg and OpenCV from writing to standard error: what matters is told by us."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", CAPTURE_OPTIONS)
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
+
+def examine(path: Path) -> VideoFile:
+    """Size, frame count and rate of a video; InputError unless at least one frame can be decoded."""
+    check_input(path, WHAT)
+    container = read_container(path)
+    capture = _open(path, container)
+    try:
+        return _describe(path, capture, container)
+    finally:
+        capture.release()
+
+
+def _open(path: Path, container: Container | None) -> Any:
+    # One thread: what is decoded from a damaged file must not depend on the machine.
+    capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+    if capture.isOpened():
+        return capture
+    if container is None:
+        raise InputError(f"{path}: not a video file that can be read (MP4, MKV and AVI are, and what FFmpeg knows)")
+    faults = _faults(container) or "; its header is damaged"
+    raise InputError(f"{path}: the video cannot be opened{faults}; copy or repair it")
+
+
+def _describe(path: Path, capture: Any, container: Container | None) -> VideoFile:
+    size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+    if size[0] * size[1] > MAX_PIXELS:
+        raise InputError(f"{path}: frames of {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels")
+    fps = capture.get(cv2.CAP_PROP_FPS)
+    rate = float(container.rate) if container and container.rate else fps
+    count = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    frames = container.frames if container else (int(count) if 0 < count < 2**31 else None)
+    first = next(_raw_pictures(frames, capture, lambda: ""), None)
+    ok, image = first.fetch() if first is not None else (False, None)
+    if not ok or image is None:
+        raise InputError(f"{path}: not one frame can be decoded{_faults(container)}; copy or repair the file")
+    size = (image.shape[1], image.shape[0])
+    return VideoFile(path, size, frames, rate if 1e-6 < rate <= 1e6 else None, container, dark_bars(image))
+
+
+def _faults(container: Container | None) -> str:
+    return "".join(f"; {place}: {what}" for place, what in container.problems) if container else ""
+
+
+def decode(
+    video: VideoFile,
+    start: int,
+    stop: int | None,
+    lost: Callable[[Loss], None],
+    complaint: Callable[[], str] = lambda: "",
+    sizes: Changes | None = None,
+) -> Iterator[Picture]:
+    """Pictures of frames start <= number < stop in order; what is missing is told to `lost` at the end.
+
+    InputError where the range holds no frame that can be used.
+
+    Args:
+        video: the file, as `examine` found it.
+        start: first frame number wanted.
+        stop: first frame number not wanted any more; None: to the end.
+        lost: is called for everything that should be there and is not.
+        complaint: what the decoder has written about damage since the last call, "" if nothing.
+        sizes: where the size of the frames changes, as `size_changes` finds it.
+    """
+    capture = _open(video.path, video.container)
+    size = sizes[0][1] if sizes else video.size
+    ledger = Ledger(video.path, video.container, video.frames, size, start, stop)
+    try:
+        for raw in _trusted(video.container, _raw_pictures(video.frames, capture, complaint)):
+            if stop is not None and raw.index >= stop:
+                break
+            if not ledger.accept(raw.index):
+                continue
+            ok, image = raw.fetch()
+            ledger.note(raw.index, raw.complaint)
+            if ok and ledger.fits(raw.index, size_at(sizes or [], raw.pos_ns) or (image.shape[1], image.shape[0])):
+                yield Picture(raw.index, raw.pos_ns, image)
+    finally:
+        capture.release()
+    ledger.check_any()
+    ledger.report(lost)
+
+
+@dataclass(frozen=True, slots=True)
+class _Raw:
+    index: int  # -1: cannot be placed
+    pos_ns: float
+    complaint: str
+    fetch: Callable[[], tuple[bool, Image]]
+
+
+def _raw_pictures(frames: int | None, capture: Any, complaint: Callable[[], str]) -> Iterator[_Raw]:
+    """Every picture that the decoder delivers; failed reads are passed over."""
+    ordinal = misses = missed = 0
+    while misses <= PATIENCE + max((frames or 0) - ordinal - missed, 0):
+        good = capture.grab()
+        said = complaint()
+        if not good:
+            misses += 1
+            continue
+        missed, misses = missed + misses, 0
+        pos = capture.get(cv2.CAP_PROP_POS_MSEC)
+        image: list[tuple[bool, Image]] = []
+
+        def fetch(image: list[tuple[bool, Image]] = image) -> tuple[bool, Image]:
+            if not image:
+                image.append(_retrieve(capture))
+            return image[0]
+
+        yield _Raw(ordinal + missed, pos * 1e6 if math.isfinite(pos) else math.nan, said, fetch)
+        ordinal += 1
+
+
+def _retrieve(capture: Any) -> tuple[bool, Image]:
+    try:
+        ok, image = capture.retrieve()
+    except cv2.error:
+        return False, np.zeros((0, 0), np.uint8)
+    return bool(ok) and image is not None and image.size > 0, image
+
+
+def _trusted(container: Container | None, pictures: Iterator[_Raw]) -> Iterator[_Raw]:
+    """The pictures with their numbers from the container's list, if the first few fit it."""
+    head: list[_Raw] = []
+    for raw in pictures:
+        raw.fetch()  # the decoder keeps only the latest picture
+        head.append(raw)
+        if len(head) == TRIAL:
+            break
+    places = [_place(container, raw) for raw in head]
+    rising = all(b > a for a, b in pairwise(places) if a >= 0 and b >= 0)
+    listed = bool(head) and rising and _distinct(container) and sum(p >= 0 for p in places) * 2 >= len(head)
+    for raw in head:
+        yield replace(raw, index=_place(container, raw)) if listed else raw
+    for raw in pictures:
+        yield replace(raw, index=_place(container, raw)) if listed else raw
+
+
+def _distinct(container: Container | None) -> bool:
+    """Whether no two frames of the container have the same time."""
+    return container is not None and container.pts_ns is not None and bool((np.diff(container.pts_ns) > 0).all())
+
+
+def _place(container: Container | None, raw: _Raw) -> int:
+    """Number of a picture in the container's list of frames, -1 if it is not there."""
+    if container is None or container.pts_ns is None or not len(container.pts_ns) or not math.isfinite(raw.pos_ns):
+        return -1
+    if container.packets is not None:
+        # AVI has no stamps: the decoder's time is the number of the packet.
+        packet = round(raw.pos_ns / NS * float(container.rate or 0))
+        return int(container.packets[packet]) if 0 <= packet < len(container.packets) else -1
+    pts = container.pts_ns
+    pos = raw.pos_ns + container.first_ns
+    after = int(np.searchsorted(pts, pos))
+    near = min((k for k in (after - 1, after) if 0 <= k < len(pts)), key=lambda k: abs(int(pts[k]) - pos))
+    return near if abs(int(pts[near]) - pos) <= _tolerance(pts, near) else -1
+
+
+def _tolerance(pts: Any, k: int) -> float:
+    """Half the way to the nearer neighbour, at most 5 ms: decoders round time stamps."""
+    gaps = np.diff(pts[max(k - 1, 0) : k + 2])
+    return min(float(gaps.min()) / 2 if len(gaps) else 5e6, 5e6)

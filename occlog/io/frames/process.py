@@ -1,0 +1,158 @@
+"""Frames of a video file or an image folder, decoded in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+import numpy as np
+
+import occlog
+from occlog.errors import InputError
+from occlog.records.frames import Image
+from occlog.records.losses import Loss
+
+
+@dataclass(frozen=True, slots=True)
+class Delivered:
+    """One frame: number, time after the start of the file (None: not known), and the image or its bytes."""
+
+    index: int
+    pos_ns: int | None
+    kind: str  # png, jpeg, raw or none
+    data: bytes
+    shape: tuple[int, ...] = ()
+
+    @property
+    def image(self) -> Image:
+        """The decoded image of a `raw` frame."""
+        return np.frombuffer(self.data, np.uint8).reshape(self.shape)
+
+
+@dataclass
+class Decoder:
+    """A running decoder; a context manager that ends the process.
+
+    Attributes:
+        size: width and height of the frames [px].
+        frames: number of frames announced, None if unknown.
+        rate_hz: frame rate as stated, None if not.
+        bars: width of black bars at the left, top, right and lower edge [px].
+        losses: what was lost; complete when all frames have been read.
+    """
+
+    path: Path
+    process: subprocess.Popen[bytes]
+    size: tuple[int, int] = (0, 0)
+    frames: int | None = None
+    rate_hz: float | None = None
+    bars: tuple[int, int, int, int] = (0, 0, 0, 0)
+    losses: list[Loss] = field(default_factory=list)
+
+    def __enter__(self) -> Self:
+        """Wait until the process knows the size of the frames; InputError where it cannot open the file."""
+        try:
+            message = self._receive()
+            if message is None:
+                raise InputError(f"{self.path}: the decoder {self._death()} on opening it; copy or repair the file")
+        except BaseException:
+            self.close()
+            raise
+        header, _ = message
+        self.size, self.frames, self.rate_hz = tuple(header["size"]), header["frames"], header["rate"]
+        self.bars = tuple(header["bars"])
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the process."""
+        self.close()
+
+    def close(self) -> None:
+        """End the process if it still runs, and let go of its pipes."""
+        if self.process.poll() is None:
+            self.process.kill()
+        for pipe in (self.process.stdin, self.process.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        self.process.wait()
+
+    def delivered(self) -> Iterator[Delivered]:
+        """The frames in order; InputError where none can be used, a loss where the decoder dies on the way."""
+        last = None
+        while True:
+            message = self._receive()
+            if message is None:
+                if last is None:
+                    raise InputError(
+                        f"{self.path}: the decoder {self._death()} before the first frame; repair the file"
+                    )
+                self.losses.append(Loss(self.path.name, f"after frame {last}", f"the decoder {self._death()}"))
+                return
+            header, payload = message
+            if "end" in header:
+                self.losses.extend(Loss(**loss) for loss in header["end"])
+                return
+            last = int(header["i"])
+            pos = header["p"]
+            kind = header.get("k", "raw" if "s" in header else "none")
+            yield Delivered(last, None if pos is None else round(pos), kind, payload, tuple(header.get("s", ())))
+
+    def _receive(self) -> tuple[dict[str, Any], bytes] | None:
+        """The next message, None if the process died; InputError if it reports one."""
+        pipe: IO[bytes] = self.process.stdout  # type: ignore[assignment]
+        head = pipe.read(8)
+        if len(head) < 8:
+            return None
+        text, size = struct.unpack(">II", head)
+        header = json.loads(pipe.read(text))
+        payload = pipe.read(size)
+        if len(payload) < size:
+            return None
+        if "error" in header:
+            raise InputError(header["error"])
+        return header, payload
+
+    def _death(self) -> str:
+        code = self.process.wait()
+        if code >= 0:
+            return f"stopped with exit code {code}"
+        with suppress(ValueError):
+            return f"crashed ({signal.Signals(-code).name})"
+        return f"crashed (signal {-code})"
+
+
+def start_decoder(job: dict[str, Any]) -> Decoder:
+    """Start a decoding process; it is ready to be used in a `with` statement, which waits for it.
+
+    Args:
+        job: what `occlog.io.frames.process_main` is to do.
+    """
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OPENCV_FFMPEG_", "OPENCV_LOG"))}
+    # -P and an explicit path: the process must find this very package, whatever the working folder holds.
+    package = str(Path(occlog.__file__).resolve().parents[1])
+    environment["PYTHONPATH"] = os.pathsep.join(p for p in (package, os.environ.get("PYTHONPATH", "")) if p)
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "occlog.io.frames.process_main"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=environment,
+    )
+    pipe: IO[bytes] = process.stdin  # type: ignore[assignment]
+    with suppress(BrokenPipeError):
+        pipe.write(json.dumps(job).encode())
+        pipe.close()
+    return Decoder(Path(job["path"]), process)

@@ -1,0 +1,162 @@
+"""The decoding process: `python -m occlog.io.frames.process_main`, started by `occlog.io.frames.process`.
+
+Decoders are large and old C code that meets damaged files here: a crash must not take the
+whole run with it, and what FFmpeg, libjpeg and libpng write about damage is the only trace
+that some of it leaves.  So they run in a process of their own whose standard error is read.
+The job comes as JSON on standard input; messages go to standard output.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import struct
+import sys
+import tempfile
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from occlog.errors import InputError
+from occlog.records.losses import Loss
+
+if TYPE_CHECKING:
+    from occlog.records.frames import Image
+
+_ADDRESS = re.compile(r"\[([^\]@]+) @ 0x[0-9a-f]+\] ?")
+MAX_TEXT = 90
+MAX_MEMORY = 8 * 2**30
+"""Address space that a decoder may use; a file can ask for any amount."""
+
+
+class Log:
+    """The file that stands in for standard error."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115
+        for stream in (1, 2):
+            os.dup2(self._file.fileno(), stream)
+        self._read = 0
+
+    def news(self) -> str:
+        """The first line written since the last call, "" if nothing was; without addresses, which vary."""
+        size = os.fstat(self._file.fileno()).st_size
+        if size <= self._read:
+            return ""
+        text = os.pread(self._file.fileno(), 4096, self._read).decode("utf-8", "replace")
+        self._read = size
+        lines = [line.strip() for line in _ADDRESS.sub("", text).splitlines() if line.strip()]
+        return lines[0][:MAX_TEXT] if lines else ""
+
+
+def send(out: BinaryIO, header: dict[str, Any], payload: bytes | memoryview = b"") -> None:
+    """One message: lengths, JSON, data."""
+    text = json.dumps(header).encode()
+    out.write(struct.pack(">II", len(text), len(payload)))
+    out.write(text)
+    out.write(payload)
+    out.flush()
+
+
+def main() -> None:
+    """Do the job on standard input."""
+    out = os.fdopen(os.dup(1), "wb")
+    log = Log()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption means
+    job = json.load(sys.stdin)
+    losses: list[Loss] = []
+    try:
+        _run(job, out, log, losses)
+        send(out, {"end": [asdict(loss) for loss in losses]})
+    except InputError as error:
+        send(out, {"error": str(error)})
+    except MemoryError:
+        send(out, {"error": f"{job['path']}: its frames need more memory than there is"})
+    except BrokenPipeError:
+        pass
+    with suppress(OSError):
+        out.close()
+    os._exit(0)  # nothing is left to do, and decoders may hang in their clean-up
+
+
+def _run(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> None:
+    with suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, MAX_MEMORY))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    import cv2
+
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    if job["kind"] == "video":
+        _video(job, out, log, losses)
+    else:
+        _images(job, out, log, losses)
+
+
+def _video(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> None:
+    from .decode import CAPTURE_OPTIONS, decode, examine
+    from .sizes import size_changes
+
+    os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = CAPTURE_OPTIONS
+    video = examine(Path(job["path"]))
+    send(out, {"size": video.size, "frames": video.frames, "rate": video.rate_hz, "bars": video.bars})
+    sizes = size_changes(video.path)
+    log.news()  # what was written about the trial frame, or about packets, will be written again
+    for picture in decode(video, job["start"], job["stop"], losses.append, log.news, sizes):
+        _deliver(job, out, picture.index, picture.pos_ns, picture.image)
+
+
+def _images(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> None:
+    from .codec import dark_bars, image_kind
+    from .folder import load
+
+    files = [(int(index), Path(path)) for index, path in job["files"]]
+    first = _first_image(job, files)
+    size = (first.shape[1], first.shape[0])
+    send(out, {"size": size, "frames": len(files), "rate": None, "bars": dark_bars(first)})
+    log.news()
+    delivered = 0
+    for picture, data in load(files, size, losses.append, log.news):
+        kind = image_kind(data)
+        delivered += 1
+        if kind is not None and job["store"] in (kind, "keep"):
+            send(out, {"i": picture.index, "p": None, "k": kind}, data)
+        else:
+            _deliver(job, out, picture.index, picture.pos_ns, picture.image)
+    if not delivered:
+        raise InputError(f"{job['path']}: not one image can be used; first: {losses[0] if losses else 'none'}")
+
+
+def _first_image(job: dict[str, Any], files: list[tuple[int, Path]]) -> Image:
+    """The first image that can be decoded."""
+    from .codec import decode_image
+
+    reason = ""
+    for _, file in files:
+        try:
+            return decode_image(file.read_bytes(), file.name)
+        except (OSError, InputError) as error:
+            reason = reason or str(error)
+    raise InputError(f"{job['path']}: not one image can be decoded ({reason})")
+
+
+def _deliver(job: dict[str, Any], out: BinaryIO, index: int, pos_ns: float, image: Any) -> None:
+    from .codec import encode_image
+
+    header: dict[str, Any] = {"i": index, "p": pos_ns if pos_ns == pos_ns else None}
+    store = job["store"]
+    if store == "none":
+        send(out, header)
+    elif store == "raw":
+        send(out, {**header, "s": image.shape}, memoryview(image.tobytes()))
+    else:
+        kind = "jpeg" if store == "jpeg" else "png"
+        send(out, {**header, "k": kind}, encode_image(image, kind, job["quality"]))
+
+
+if __name__ == "__main__":
+    main()

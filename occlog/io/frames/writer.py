@@ -1,0 +1,108 @@
+"""Video files: lossless ones (FFV1 in AVI), half as large as PNG images, and small ones to look at."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+
+from occlog.errors import OutputError
+from occlog.io.files.atomic import Together, check_writable, open_output
+from occlog.io.files.provenance import hash_file
+from occlog.io.video.containers import read_container
+from occlog.records.frames import Image
+
+SHOWN = {".avi": "MJPG", ".mp4": "mp4v"}
+"""Kinds of files to look at, and how their frames are coded; most players know both."""
+
+
+class VideoWriter:
+    """Context manager; the file appears, complete, when the block ends without an error.
+
+    Its size in `bytes` and its `sha256` are known then.
+
+    OpenCV does not say when it cannot write, so the frames in the file are counted at the end.
+    """
+
+    code = ""
+    suffix = ".avi"
+    otherwise = ""
+
+    def __init__(
+        self,
+        path: Path,
+        size: tuple[int, int],
+        rate_hz: float,
+        *,
+        overwrite: bool = False,
+        together: Together | None = None,
+    ) -> None:
+        """Prepare to write `path` with images of `size` (width, height); with `together` it appears at its end."""
+        self.path, self.size, self.rate_hz, self.overwrite = path, size, rate_hz, overwrite
+        self.together = together
+        self.frames = self.bytes = 0
+        self.sha256 = ""
+
+    def __enter__(self) -> Self:
+        """Open a temporary file."""
+        check_writable(self.path, self.overwrite)
+        self._folder = tempfile.TemporaryDirectory(prefix="occlog-")
+        self._draft = Path(self._folder.name) / f"video{self.suffix}"
+        code = cv2.VideoWriter.fourcc(*self.code)
+        self._video = cv2.VideoWriter(str(self._draft), cv2.CAP_FFMPEG, code, self.rate_hz, self.size)
+        if not self._video.isOpened():
+            self._folder.cleanup()
+            raise OutputError(f"{self.path}: OpenCV here cannot write {self.code} video{self.otherwise}")
+        return self
+
+    def write(self, image: Image) -> None:
+        """Add a frame; ValueError for one of another size, which OpenCV would drop silently."""
+        if image.shape != (self.size[1], self.size[0], 3):
+            raise ValueError(f"a frame of shape {image.shape} does not fit a video of {self.size}")
+        self._video.write(image)
+        self.frames += 1
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Complete the file, or drop it after an error."""
+        try:
+            self._video.release()
+            if kind is None:
+                self._finish()
+        finally:
+            self._folder.cleanup()
+
+    def _finish(self) -> None:
+        container = read_container(self._draft)
+        written = 0 if container is None else (container.frames or 0) - int(container.broken.sum())
+        if written != self.frames:
+            raise OutputError(
+                f"{self.path}: only {written} of {self.frames} frames could be written to {self._draft.parent}; "
+                "is the disk for temporary files full?"
+            )
+        with self._draft.open("rb") as draft, open_output(self.path, self.overwrite, self.together) as file:
+            shutil.copyfileobj(draft, file, 1 << 20)
+        self.bytes, self.sha256 = self._draft.stat().st_size, hash_file(self._draft)
+
+
+class LosslessVideo(VideoWriter):
+    """FFV1; in AVI, because it carries neither times nor random numbers: equal images give equal bytes."""
+
+    code = "FFV1"
+    otherwise = "; keep PNG images instead"
+
+
+class ShownVideo(VideoWriter):
+    """Video to look at, not to measure in; the name's suffix, one of `SHOWN`, decides on the kind."""
+
+    def __init__(self, path: Path, size: tuple[int, int], rate_hz: float, *, overwrite: bool = False) -> None:
+        """Prepare to write `path` with images of `size` (width, height), both even."""
+        super().__init__(path, size, rate_hz, overwrite=overwrite)
+        self.suffix = path.suffix.lower()
+        self.code = SHOWN[self.suffix]
+        self.otherwise = f" of {size[0]} x {size[1]} px; make it smaller"

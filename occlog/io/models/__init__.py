@@ -1,0 +1,1 @@
+"""Files of motion models, fundamental matrices, ellipses, matches, and the schemas."""

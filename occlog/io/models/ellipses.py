@@ -1,0 +1,207 @@
+"""Ellipses that trackers in images start with: a CSV file, or the first box of each target in each view.
+
+A CSV file has the columns
+
+    sensor         name or number of the camera
+    target_id      identity of the target, the same in all views; from 0
+    x_px, y_px     centre in the image
+    a_px, b_px     half axes
+    rho_deg        angle of axis a, from +x (to the right) towards +y (down)
+    frame          number of the frame; left out: the camera's first one
+
+Of boxes the ellipse inside is taken, the first whose centre is in the image and of which half can be seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints, Strings
+from occlog.errors import InputError
+from occlog.io.files.csv_rows import Rows, read_rows
+from occlog.io.files.parquet import iter_table, schema_name
+from occlog.io.files.sensor_names import match_sensor
+from occlog.io.recording.reader import open_recording
+from occlog.records.tables import Boxes, TruthBoxes
+from occlog.records.views import ViewTracks
+
+WHAT = "a table of ellipses"
+COLUMNS: dict[str, Sequence[str]] = {
+    "sensor": ("sensor", "camera", "view", "cam"),
+    "target_id": ("target_id", "id", "target"),
+    "x_px": ("x_px", "x", "cx"),
+    "y_px": ("y_px", "y", "cy"),
+    "a_px": ("a_px", "a"),
+    "b_px": ("b_px", "b"),
+    "rho_deg": ("rho_deg",),
+    "frame": ("frame",),
+}
+MOST_ID = 2**31 - 1
+FIRST = -1
+"""`GivenEllipse.frame` where the file does not say."""
+SEEN = 0.5
+"""Share of a target that must be visible for a true box to be started from."""
+Sizes = Mapping[str, tuple[int, int]]
+"""Width and height [px] of the images of each camera."""
+
+
+class GivenEllipse(NamedTuple):
+    """Where a target is in a view at first."""
+
+    where: str  # file and place in it
+    sensor: str
+    target_id: int
+    frame: int
+    ellipse: Floats  # (5,) see `occlog.core.image.ellipse`
+
+
+def read_ellipses(path: Path, sizes: Sizes, cameras: Sequence[str]) -> tuple[GivenEllipse, ...]:
+    """The ellipses of a file, those of cameras without a size left out.
+
+    Args:
+        path: CSV, Parquet (view_tracks, truth_boxes, or boxes with identities), or a recording with boxes.
+        sizes: of the cameras that are used.
+        cameras: all that the recording has.
+
+    Raises:
+        InputError: one line, for an ellipse that cannot be, or a file without one.
+    """
+    suffix = path.suffix.lower()
+    if suffix in (".mcap", ".parquet"):
+        found = _of_recording(path, sizes) if suffix == ".mcap" else _of_parquet(path, sizes)
+    else:
+        found = [e for e in _of_csv(path, cameras) if e.sensor in sizes]
+        for each in found:
+            _check_inside(each, *sizes[each.sensor])
+    if not found:
+        raise InputError(f"{path}: no ellipse of a target in {', '.join(sizes)}; give one for each target and view")
+    return tuple(found)
+
+
+def _of_csv(path: Path, cameras: Sequence[str]) -> list[GivenEllipse]:
+    found: list[GivenEllipse] = []
+    lines: dict[tuple[str, int], int] = {}
+    try:
+        for rows in read_rows(path, COLUMNS, WHAT):
+            missing = [name for name in COLUMNS if name != "frame" and not rows.has(name)]
+            if missing:
+                raise InputError(f"{path}: has no column {', '.join(missing)}; add it")
+            for row, each in enumerate(_csv_rows(rows, cameras)):
+                key = each.sensor, each.target_id
+                if key in lines:
+                    raise rows.fail(
+                        row,
+                        f"target {each.target_id} is in camera {each.sensor} already (line {lines[key]}); "
+                        "keep one of them",
+                    )
+                lines[key] = int(rows.lines[row])
+                found.append(each)
+    except InputError as error:
+        raise InputError(str(error).replace(", or give --ignore-extra-columns", "")) from None
+    return found
+
+
+def _csv_rows(rows: Rows, cameras: Sequence[str]) -> Iterator[GivenEllipse]:
+    names = ("x_px", "y_px", "a_px", "b_px", "rho_deg")
+    ellipse = np.column_stack([rows.floats(name) for name in names])
+    ellipse[:, 4] = np.radians(ellipse[:, 4])
+    target = rows.ints("target_id")
+    frame = rows.ints("frame") if rows.has("frame") else np.full(len(rows), FIRST)
+    for row in range(len(rows)):
+        for name, value in (("a_px", ellipse[row, 2]), ("b_px", ellipse[row, 3])):
+            if value <= 0:
+                raise rows.fail(row, f"{name} is {value:g} px, must be above 0; it is half the ellipse's length")
+        if not 0 <= target[row] <= MOST_ID:
+            raise rows.fail(row, f"target_id is {target[row]}, must be from 0 to {MOST_ID}")
+        if rows.has("frame") and frame[row] < 0:
+            raise rows.fail(row, f"frame is {frame[row]}, must be at least 0; the first one is 0")
+        where = f"{rows.path}: line {int(rows.lines[row])}"
+        sensor = match_sensor(str(rows.cells["sensor"][row]), cameras, where)
+        yield GivenEllipse(where, sensor, int(target[row]), int(frame[row]), ellipse[row])
+
+
+def _check_inside(given: GivenEllipse, width: int, height: int) -> None:
+    """InputError for a centre outside the image, or an axis longer than it."""
+    for name, value, most in (("x_px", given.ellipse[0], width), ("y_px", given.ellipse[1], height)):
+        if not -0.5 <= value <= most - 0.5:
+            raise InputError(
+                f"{given.where}: {name} is {value:g}, outside the image of camera {given.sensor}, which reaches from "
+                f"-0.5 to {most - 0.5:g} px; correct it, or give a `frame` in which the target is inside"
+            )
+    longest = math.hypot(width, height)
+    for name, value in (("a_px", given.ellipse[2]), ("b_px", given.ellipse[3])):
+        if value > longest:
+            raise InputError(
+                f"{given.where}: {name} is {value:g}, must be at most {longest:.0f} px, the diagonal of the images of "
+                f"camera {given.sensor}; it is half the ellipse's length"
+            )
+
+
+def _of_recording(path: Path, sizes: Sizes) -> list[GivenEllipse]:
+    recording = open_recording(path)
+    if recording.has(TruthBoxes):
+        return _first_of(path, (_true_boxes(c) for c in recording.tables(TruthBoxes)), sizes)
+    if recording.has(Boxes):
+        return _first_of(path, (_boxes(c) for c in recording.tables(Boxes)), sizes)
+    raise InputError(f"{path}: holds no boxes of targets; give a CSV file of ellipses, or leave --initial out")
+
+
+def _of_parquet(path: Path, sizes: Sizes) -> list[GivenEllipse]:
+    name = schema_name(path)
+    if name == ViewTracks.NAME:
+        return _first_of(path, (_tracks(c) for c in iter_table(path, ViewTracks)), sizes)
+    if name == TruthBoxes.NAME:
+        return _first_of(path, (_true_boxes(c) for c in iter_table(path, TruthBoxes)), sizes)
+    if name == Boxes.NAME:
+        return _first_of(path, (_boxes(c) for c in iter_table(path, Boxes)), sizes)
+    raise InputError(f"{path}: holds {name}; want {ViewTracks.NAME}, {TruthBoxes.NAME} or {Boxes.NAME}")
+
+
+class _Rows(NamedTuple):
+    """Ellipses of some frames."""
+
+    sensor: Strings
+    target_id: Ints
+    frame: Ints
+    ellipse: Floats  # (N, 5)
+    good: Bools  # (N,) fit to start from
+
+
+def _tracks(c: ViewTracks) -> _Rows:
+    ellipse = np.column_stack([c.x_px, c.y_px, c.a_px, c.b_px, c.rho])
+    return _Rows(c.sensor, c.target_id.astype(np.int64), c.frame, ellipse, np.ones(len(c), dtype=np.bool_))
+
+
+def _true_boxes(c: TruthBoxes) -> _Rows:
+    rows = _boxes(c)
+    return rows._replace(good=rows.good & ~(c.visible < SEEN))
+
+
+def _boxes(c: Boxes) -> _Rows:
+    x, y = c.left_px + 0.5 * c.width_px, c.top_px + 0.5 * c.height_px
+    ellipse = np.column_stack([x, y, 0.5 * c.width_px, 0.5 * c.height_px, np.zeros(len(c))])
+    return _Rows(c.sensor, c.target_id.astype(np.int64), c.frame, ellipse, (c.box >= 0) & (c.target_id >= 0))
+
+
+def _first_of(path: Path, chunks: Iterable[_Rows], sizes: Sizes) -> list[GivenEllipse]:
+    """The first good ellipse of each target in each view whose centre is in the image."""
+    found: dict[tuple[str, int], GivenEllipse] = {}
+    anonymous = rows = 0
+    for c in chunks:
+        rows += len(c.sensor)
+        anonymous += int((c.target_id < 0).sum())
+        for row in np.flatnonzero(c.good).tolist():
+            key = str(c.sensor[row]), int(c.target_id[row])
+            if key in found or key[0] not in sizes:
+                continue
+            (x, y), (width, height) = c.ellipse[row, :2], sizes[key[0]]
+            if -0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5:
+                found[key] = GivenEllipse(f"{path}", *key, int(c.frame[row]), c.ellipse[row])
+    if rows and anonymous == rows:
+        raise InputError(f"{path}: its boxes have no identity; give it with --detections instead of --initial")
+    return list(found.values())

@@ -1,0 +1,156 @@
+"""Fundamental matrices as JSON, in a file or attached to a recording: what `occlog epipolar` writes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.files.json_file import read_json, write_json
+from occlog.io.files.provenance import Provenance
+from occlog.io.recording.reader import Recording, open_recording
+from occlog.records.view_pairs import ViewPair, ViewPairs
+
+EPIPOLAR_ATTACHMENT = "epipolar.json"
+LARGE_PX = 1_000.0
+Row = Annotated[list[float], Meta(min_length=3, max_length=3)]
+Name = Annotated[str, Meta(min_length=1, description="name of a camera")]
+Length = Annotated[float, Meta(ge=0)]
+
+
+class PairSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """The fundamental matrix of two views: b' F a = 0 for the images a and b (x, y, 1) of one point [px]."""
+
+    a: Name
+    b: Name
+    matrix: Annotated[list[Row], Meta(min_length=3, max_length=3, description="F by rows")]
+    source: Literal["calibration", "matches"] = "matches"
+    noise_px: Annotated[Length | None, Meta(description="standard deviation of a coordinate of the matches")] = None
+    error_px: Annotated[Length | None, Meta(description="expected error of the lines")] = None
+    undistorted: Annotated[
+        bool, Meta(description="for pixels of which the scene's lens distortion was taken, else for recorded ones")
+    ] = False
+    affine: Annotated[bool, Meta(description="parallel rays")] = False
+    matches: Annotated[int, Meta(ge=0, description="matches it was estimated from")] = 0
+    inliers: Annotated[int, Meta(ge=0, description="those that agree with it")] = 0
+    parallax_px: Annotated[Length | None, Meta(description="how far the matches are from those of a plane")] = None
+
+
+class EpipolarSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """Epipolar geometry of the views of a recording."""
+
+    occlog_epipolar: Annotated[Literal[1], Meta(description="version of this format")] = 1
+    pairs: Annotated[list[PairSpec], Meta(min_length=1, description="each pair once, in either order")]
+    provenance: Annotated[dict[str, Any], Meta(description="program, options and inputs")] = msgspec.field(
+        name="_provenance", default_factory=dict
+    )
+
+
+def epipolar_schema() -> dict[str, Any]:
+    """JSON Schema of epipolar files."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(EpipolarSpec)}
+
+
+def read_epipolar(path: Path) -> ViewPairs:
+    """The pairs in a JSON file or in a recording that holds some; InputError, one line, names what is wrong."""
+    if path.suffix.lower() == ".mcap":
+        found = attached_epipolar(open_recording(path))
+        if found is None:
+            raise InputError(f"{path}: holds no epipolar geometry; make it with `occlog epipolar`")
+        return found
+    return _pairs(read_json(path), str(path))
+
+
+def attached_epipolar(recording: Recording) -> ViewPairs | None:
+    """The pairs that a recording holds; None: it holds none."""
+    raw = recording.attachment(EPIPOLAR_ATTACHMENT)
+    if raw is None:
+        return None
+    where = f"{recording.path}: {EPIPOLAR_ATTACHMENT}"
+    try:
+        values = json.loads(raw)
+    except ValueError as error:
+        raise InputError(f"{where}: not valid JSON; attach it again with `occlog epipolar`") from error
+    return _pairs(values, where)
+
+
+def write_epipolar(path: Path, pairs: ViewPairs, provenance: Provenance, *, overwrite: bool = False) -> None:
+    """Write a JSON file, whole or not at all."""
+    write_json(path, _values(pairs, provenance), overwrite=overwrite)
+
+
+def epipolar_bytes(pairs: ViewPairs, provenance: Provenance) -> bytes:
+    """The same text as an attachment."""
+    return (json.dumps(_values(pairs, provenance), sort_keys=True, indent=2) + "\n").encode()
+
+
+def _values(pairs: ViewPairs, provenance: Provenance) -> dict[str, Any]:
+    return {
+        "occlog_epipolar": 1,
+        "pairs": [{**pair._asdict(), "matrix": pair.matrix.tolist(), **_lengths(pair)} for pair in pairs.pairs],
+        "_provenance": provenance.as_dict(),
+    }
+
+
+def _lengths(pair: ViewPair) -> dict[str, float | None]:
+    """The lengths of a pair; null where they are not known."""
+    lengths = {"noise_px": pair.noise_px, "error_px": pair.error_px, "parallax_px": pair.parallax_px}
+    return {name: float(value) if np.isfinite(value) else None for name, value in lengths.items()}
+
+
+def _pairs(values: Any, where: str) -> ViewPairs:
+    if not isinstance(values, Mapping) or "pairs" not in values:
+        raise InputError(f"{where}: is not epipolar geometry (no `pairs`); make it with `occlog epipolar`")
+    try:
+        spec = msgspec.convert(values, EpipolarSpec)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{where}: {error}") from error
+    seen: list[frozenset[str]] = []
+    pairs = []
+    for n, each in enumerate(spec.pairs):
+        names = frozenset((each.a, each.b))
+        if len(names) < 2:
+            raise InputError(f"{where}: pairs[{n}]: a and b are both {each.a!r}; name two cameras")
+        if names in seen:
+            raise InputError(f"{where}: pairs[{n}]: cameras {each.a} and {each.b} are there twice; remove one")
+        seen.append(names)
+        pairs.append(_pair(each, f"{where}: pairs[{n}] ({each.a}, {each.b})"))
+    return ViewPairs(tuple(pairs))
+
+
+def _pair(spec: PairSpec, where: str) -> ViewPair:
+    matrix = np.array(spec.matrix, dtype=np.float64)
+    _check_matrix(matrix, where)
+    lengths = {name: np.nan if (v := getattr(spec, name)) is None else v for name in ("noise_px", "error_px")}
+    parallax = np.nan if spec.parallax_px is None else spec.parallax_px
+    return ViewPair(
+        spec.a,
+        spec.b,
+        matrix / np.linalg.norm(matrix),
+        spec.source,
+        **lengths,
+        undistorted=spec.undistorted,
+        affine=spec.affine,
+        matches=spec.matches,
+        inliers=spec.inliers,
+        parallax_px=parallax,
+    )
+
+
+def _check_matrix(matrix: Floats, where: str) -> None:
+    """InputError unless a matrix is finite and of rank 2, up to rounding in a text file."""
+    if not np.isfinite(matrix).all():
+        raise InputError(f"{where}: the matrix has an entry that is not a finite number")
+    scale = np.diag([LARGE_PX, LARGE_PX, 1.0])  # so that coordinates are about 1
+    size = np.linalg.svd(scale @ matrix @ scale, compute_uv=False)
+    if not size[1] > 1e-9 * size[0]:
+        raise InputError(f"{where}: the matrix is all 0 or of rank 1; a fundamental matrix has rank 2")
+    if size[2] > 0.02 * size[1]:
+        raise InputError(f"{where}: the matrix is far from rank 2, which a fundamental matrix has")

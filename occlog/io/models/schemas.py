@@ -1,0 +1,67 @@
+"""The published schemas: tables, MCAP messages, scene files; all made from the declarations in the code."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import msgspec
+
+from occlog.errors import UsageError
+from occlog.io.recording.rows import RECORDED, message_schema, schema_of
+from occlog.io.recording.writer import VIDEO_FRAME, VIDEO_FRAME_SCHEMA
+from occlog.io.scenes.path_keys import paths_schema
+from occlog.io.scenes.scene_keys import SceneSpec
+from occlog.records.columns import Table
+from occlog.records.tables import TABLES
+
+from .fundamental_matrices import epipolar_schema
+from .motion_models import motion_schema
+
+_KINDS = {"i8": "int64", "i4": "int32", "f8": "float64", "f4": "float32", "?": "bool", "U": "string"}
+
+
+def table_definition(table: type[Table]) -> dict[str, Any]:
+    """Columns of a table as JSON-ready values."""
+    return {
+        "name": table.NAME,
+        "version": table.VERSION,
+        "description": " ".join((table.__doc__ or "").split()),
+        "key": list(table.KEY),
+        "columns": [
+            {
+                "name": c.name,
+                "type": f"{_KINDS[c.kind]}[{c.width}]" if c.width else _KINDS[c.kind],
+                "unit": c.unit,
+                "description": c.doc,
+                **({"nan": c.nan} if c.nan is not None else {}),
+            }
+            for c in table.columns()
+        ],
+    }
+
+
+def scene_schema() -> dict[str, Any]:
+    """JSON Schema of scene files, for editors and other programs."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(SceneSpec)}
+
+
+SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
+    **{name: partial(table_definition, table) for name, table in TABLES.items()},
+    **{schema_of(table): partial(message_schema, table) for table in RECORDED},
+    VIDEO_FRAME: lambda: VIDEO_FRAME_SCHEMA,
+    "scene": scene_schema,
+    "motion": motion_schema,
+    "paths": paths_schema,
+    "epipolar": epipolar_schema,
+}
+"""Every published schema by name; `schemas/NAME.json` holds its text."""
+
+
+def schema_text(name: str) -> str:
+    """A published schema as JSON text; UsageError for a name that is none."""
+    if name not in SCHEMAS:
+        raise UsageError(f"no schema {name!r}; there are {', '.join(SCHEMAS)}")
+    return json.dumps(SCHEMAS[name](), indent=2) + "\n"

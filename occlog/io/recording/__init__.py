@@ -1,0 +1,1 @@
+"""Recordings: MCAP files read, written, copied and guarded against damage."""

@@ -1,0 +1,94 @@
+"""A copy of a recording with other attachments; nothing is decoded, and memory does not grow with its length."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mcap.writer import CompressionType, IndexType, Writer
+
+from occlog import __version__
+from occlog.io.files.atomic import open_output
+from occlog.io.files.provenance import Provenance
+
+from .guard import open_mcap
+from .reader import Recording
+from .writer import FORMAT, METADATA, VIDEO_METADATA
+
+
+def copy_recording(
+    source: Recording,
+    path: Path,
+    attachments: Mapping[str, bytes],
+    provenance: Provenance,
+    *,
+    overwrite: bool = False,
+) -> int:
+    """Write `path`, whole or not at all; the number of messages in it.
+
+    Messages keep their order, times and numbers; links to videos are made to hold from the
+    new folder.
+
+    Args:
+        source: the recording.
+        path: the copy, another file.
+        attachments: JSON files that are attached, in place of those of the same name.
+        provenance: how the copy was made; a recording of another program stays one.
+        overwrite: replace a file that exists.
+    """
+    with open_output(path, overwrite) as file:
+        writer = Writer(
+            file,
+            chunk_size=1024 * 1024,
+            compression=CompressionType.ZSTD,
+            index_types=IndexType.ALL,
+            enable_crcs=True,
+            enable_data_crcs=True,
+        )
+        writer.start(profile="", library=f"occlog {__version__}")
+        # A file without an index can be gone through only once each time it is opened.
+        with open_mcap(source.path) as (reader, _):
+            for each in reader.iter_attachments():
+                if each.name not in attachments:
+                    writer.add_attachment(each.create_time, each.log_time, each.name, each.media_type, each.data)
+        for name, data in attachments.items():
+            writer.add_attachment(0, 0, name, "application/json", data)
+        with open_mcap(source.path) as (reader, _):
+            messages = _copy_messages(reader, writer)
+        with open_mcap(source.path) as (reader, _):
+            for record in reader.iter_metadata():
+                values = _metadata(record.name, dict(record.metadata), source, path, provenance)
+                writer.add_metadata(record.name, values)
+        writer.finish()
+    return messages
+
+
+def _copy_messages(reader: Any, writer: Writer) -> int:
+    """Copy all messages in the order of the file."""
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
+    count = 0
+    for schema, channel, message in reader.iter_messages(log_time_order=False):
+        if schema is not None and schema.id not in schemas:
+            schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+        if channel.id not in channels:
+            channels[channel.id] = writer.register_channel(
+                channel.topic, channel.message_encoding, schemas[channel.schema_id], dict(channel.metadata)
+            )
+        writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence)
+        count += 1
+    return count
+
+
+def _metadata(
+    name: str, values: dict[str, str], source: Recording, path: Path, provenance: Provenance
+) -> dict[str, str]:
+    """A metadata record as it has to be in the copy."""
+    if name == METADATA:
+        return {"format": FORMAT, "provenance": provenance.json()}
+    if name.startswith(VIDEO_METADATA) and "path" in values:
+        video = source.path.resolve().parent / values["path"]
+        return {**values, "path": Path(os.path.relpath(video, path.resolve().parent)).as_posix()}
+    return values

@@ -1,0 +1,153 @@
+"""The MCAP library behind a guard: every way in which it fails becomes one InputError.
+
+On damaged files the library raises `struct.error`, `KeyError`, misleading size errors and
+more, checks no CRC unless asked, and believes whatever size a chunk declares.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader, SeekingReader
+from mcap.stream_reader import CRCValidationError
+from mcap.summary import Summary
+
+from occlog.errors import InputError, OcclogError
+from occlog.io.files.inputs import check_input
+
+MAGIC = b"\x89MCAP0\r\n"
+FOOTER_BYTES = 9 + 20
+MAX_CHUNK_BYTES = 512 * 1024 * 1024
+"""A chunk may not unpack to more than this: ours are 1 MiB plus one image."""
+KNOWN_COMPRESSION = ("", "zstd", "lz4")
+
+_FAILURES = (
+    McapError,
+    CRCValidationError,
+    struct.error,
+    KeyError,
+    IndexError,
+    ValueError,
+    EOFError,
+    OSError,
+    RuntimeError,
+    MemoryError,
+    OverflowError,
+    zstandard.ZstdError,
+    AttributeError,
+    TypeError,
+)
+
+
+@contextmanager
+def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
+    """Turn every failure of the MCAP library into one InputError with the place in the file."""
+    try:
+        yield
+    except OcclogError:
+        raise
+    except _FAILURES as error:
+        reason = " ".join(str(error).split())[:140] or "data ends early"
+        place = f"near byte {file.tell()}: " if file is not None and not file.closed else ""
+        raise InputError(
+            f"{path}: {place}damaged MCAP file ({type(error).__name__}: {reason}); "
+            "copy it again, or salvage it with `mcap recover`"
+        ) from error
+
+
+@contextmanager
+def open_mcap(path: Path) -> Iterator[tuple[SeekingReader | NonSeekingReader, Summary | None]]:
+    """Reader with CRC checks on, and the checked summary; None where the file has no index."""
+    check_input(path, "an MCAP recording")
+    with path.open("rb") as file, translate_mcap(path, file):
+        _check_ends(path, file)
+        _check_summary_crc(path, file)
+        file.seek(0)
+        seeking = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)
+        summary = seeking.get_summary()
+        if summary is None or not summary.chunk_indexes:
+            file.seek(0)
+            yield NonSeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES), summary
+            return
+        _check_chunks(path, file, summary)
+        yield seeking, summary
+
+
+def _check_ends(path: Path, file: IO[bytes]) -> None:
+    if file.read(8) != MAGIC:
+        raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)")
+    size = file.seek(0, io.SEEK_END)
+    file.seek(max(size - 8, 0))
+    if size < 2 * 8 + FOOTER_BYTES or file.read(8) != MAGIC:
+        raise InputError(
+            f"{path}: truncated: the MCAP end mark is missing after {size} bytes; "
+            "copy it again, or salvage it with `mcap recover`"
+        )
+
+
+def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
+    size = file.seek(0, io.SEEK_END)
+    file.seek(size - 8 - FOOTER_BYTES)
+    footer = file.read(FOOTER_BYTES)
+    start, _, crc = struct.unpack("<QQI", footer[9:])
+    if start == 0 or crc == 0:
+        return
+    if start > size:
+        raise InputError(f"{path}: damaged MCAP file: the index is said to begin at byte {start} of {size}")
+    file.seek(start)
+    found = zlib.crc32(file.read(size - 8 - 4 - start))
+    if found != crc:
+        raise InputError(f"{path}: damaged MCAP file: the index from byte {start} on has a wrong check sum")
+
+
+def _check_chunks(path: Path, file: IO[bytes], summary: Summary) -> None:
+    """Refuse chunks that would unpack to more memory than any honest file needs, before they are unpacked."""
+    for index in summary.chunk_indexes:
+        if index.compression not in KNOWN_COMPRESSION:
+            raise InputError(
+                f"{path}: chunk at byte {index.chunk_start_offset}: unknown compression {index.compression!r}"
+            )
+        declared = max(index.uncompressed_size, _packed_size(file, index))
+        if declared > MAX_CHUNK_BYTES:
+            raise InputError(
+                f"{path}: chunk at byte {index.chunk_start_offset} unpacks to {declared} bytes; "
+                f"the limit is {MAX_CHUNK_BYTES}"
+            )
+
+
+def _packed_size(file: IO[bytes], index: Any) -> int:
+    """Size that the compressed frame itself declares; the chunk's own figure is not binding."""
+    if not index.compression:
+        return int(index.compressed_size)
+    # Chunk header: opcode, length, start, end, size, CRC, then the compression's name and the data's length.
+    file.seek(index.chunk_start_offset + 9 + 8 + 8 + 8 + 4 + 4 + len(index.compression) + 8)
+    head = file.read(32)
+    if index.compression == "zstd":
+        return max(int(zstandard.frame_content_size(head)), 0)
+    return int(lz4.frame.get_frame_info(head)["content_size"])
+
+
+def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> bytes:
+    """Data of an attachment whose check sum is right."""
+    file.seek(offset)
+    raw = file.read(length)
+    crc = struct.unpack("<I", raw[-4:])[0]
+    if len(raw) != length or (crc and zlib.crc32(raw[9:-4]) != crc):
+        raise InputError(f"{path}: attachment at byte {offset}: wrong check sum; copy the file again")
+    stream = ReadDataStream(io.BytesIO(raw[9:]))
+    stream.read8(), stream.read8()
+    stream.read_prefixed_string(), stream.read_prefixed_string()
+    return bytes(stream.read(stream.read8()))
+
+
+__all__ = ["open_mcap", "read_attachment", "translate_mcap"]

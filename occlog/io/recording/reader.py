@@ -1,0 +1,270 @@
+"""Reads a recording: scene, frames and rows of an MCAP file, in the order of time, streaming.
+
+Frames of a video file that a recording links to instead of holding its images.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+import msgspec
+import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from google.protobuf.message import DecodeError
+
+from occlog.errors import InputError
+from occlog.io.files.inputs import check_input
+from occlog.io.files.provenance import Provenance, hash_file, provenance_from_json
+from occlog.io.frames.decode import Picture, VideoFile, decode, examine, quiet
+from occlog.io.scenes.scene import scene_from_yaml
+from occlog.records.columns import Table
+from occlog.records.frames import Frame, Image
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+
+from .guard import open_mcap, read_attachment
+from .rows import RECORDED, RowCollector, schema_of
+from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA, RecordingWriter
+
+
+@dataclass
+class LinkedVideo:
+    """A video that is decoded forwards only; frames keep the numbers that `occlog ingest` gave them."""
+
+    path: Path
+    where: str
+    video: VideoFile
+    _pictures: Iterator[Picture] | None = field(default=None)
+
+    def read(self, index: int) -> Image:
+        """The frame of that number; frames before it are skipped, InputError where it cannot be decoded."""
+        if self._pictures is None:
+            # Losses were told when the video was ingested.
+            self._pictures = decode(self.video, index, None, lambda _: None)
+        for picture in self._pictures:
+            if picture.index == index:
+                return picture.image
+            if picture.index > index:
+                break
+        raise InputError(f"{self.where}: frame {index}: cannot be decoded from {self.path}; ingest it again")
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._pictures = None
+
+
+def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> LinkedVideo:
+    """The video of a camera; InputError unless it lies where the recording says and has not changed."""
+    where = f"{recording}: camera {sensor}"
+    if not link or "path" not in link or "sha256" not in link:
+        raise InputError(f"{where}: has frame times but no link to its video; ingest it again")
+    path = recording.parent / link["path"]
+    check_input(path, f"the video of camera {sensor} that {recording} links to")
+    if hash_file(path) != link["sha256"]:
+        raise InputError(f"{where}: {path} is not the video that was ingested (its content changed); ingest it again")
+    quiet()
+    return LinkedVideo(path, where, examine(path))
+
+
+T = TypeVar("T", bound=Table)
+IMAGE_SCHEMA = "foxglove.CompressedImage"
+ROWS_PER_CHUNK = 16_384
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One channel of the file."""
+
+    name: str
+    schema: str
+    encoding: str
+    messages: int
+
+
+@dataclass(frozen=True)
+class Recording:
+    """An opened recording; nothing but its index has been read yet."""
+
+    path: Path
+    scene: Scene | None
+    topics: tuple[Topic, ...]
+    provenance: Provenance
+    attachments: dict[str, tuple[int, int]]
+    videos: dict[str, dict[str, str]]
+    time_ns: tuple[int, int] | None
+    ours: bool
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """Input that was lost when the recording was made."""
+        return self.provenance.losses
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras that have frames, sorted."""
+        return tuple(sorted({sensor_of(t.name) for t in self.topics if _is_image(t)}))
+
+    def has(self, table: type[Table]) -> bool:
+        """Whether the recording holds rows of a table."""
+        return any(t.schema == schema_of(table) for t in self.topics)
+
+    def attachment(self, name: str) -> bytes | None:
+        """Content of an attached file, None if there is no such file."""
+        if name not in self.attachments:
+            return None
+        with self.path.open("rb") as file:
+            return read_attachment(self.path, file, *self.attachments[name])
+
+    def tables(self, table: type[T], rows: int = ROWS_PER_CHUNK) -> Iterator[T]:
+        """Chunks of about `rows` rows; rows of one time are never split."""
+        topics = [t.name for t in self.topics if t.schema == schema_of(table)]
+        collector = RowCollector(table, str(self.path))
+        last = None
+        for topic, t_ns, data, _ in self._messages(topics):
+            if collector.rows >= rows and t_ns != last:
+                yield collector.take()
+            collector.add(topic, data)
+            last = t_ns
+        if collector.rows:
+            yield collector.take()
+
+    def read(self, table: type[T]) -> T:
+        """All rows of a table."""
+        return table.concat(self.tables(table))
+
+    def frames(self, sensors: Iterable[str] | None = None) -> Iterator[Frame]:
+        """Frames of the cameras in the order of time; InputError where a camera's time stamps repeat or go back."""
+        wanted = set(self.cameras if sensors is None else sensors)
+        topics = {t.name: t for t in self.topics if _is_image(t) and sensor_of(t.name) in wanted}
+        linked: dict[str, LinkedVideo] = {}
+        last: dict[str, int] = {}
+        counts: dict[str, int] = {}
+        try:
+            for name, t_ns, data, sequence in self._messages(list(topics)):
+                sensor = sensor_of(name)
+                index = sequence if self.ours else counts.get(sensor, 0)
+                counts[sensor] = counts.get(sensor, 0) + 1
+                stamp, decode = self._decoder(topics[name], sensor, t_ns, data, index, linked)
+                if sensor in last and stamp <= last[sensor]:
+                    raise InputError(
+                        f"{self.path}: camera {sensor}: frame {index}: time {stamp} ns does not come after "
+                        f"{last[sensor]} ns; each frame needs its own, later time"
+                    )
+                last[sensor] = stamp
+                yield Frame(stamp, sensor, index, decode)
+        finally:
+            for video in linked.values():
+                video.close()
+
+    def _decoder(
+        self, topic: Topic, sensor: str, t_ns: int, data: bytes, index: int, linked: dict[str, LinkedVideo]
+    ) -> tuple[int, Callable[[], Image]]:
+        where = f"{self.path}: camera {sensor}: frame {index}"
+        if topic.schema == VIDEO_FRAME:
+            if sensor not in linked:
+                linked[sensor] = open_linked(self.path, sensor, self.videos.get(sensor))
+            return t_ns, partial(linked[sensor].read, index)
+        stamp, image = _parse_image(topic.encoding, data, where)
+        return stamp or t_ns, partial(_decode, image, where)
+
+    def _messages(self, topics: list[str]) -> Iterator[tuple[str, int, bytes, int]]:
+        """(topic, log time, data, sequence) in the order of time."""
+        if not topics:
+            return
+        with open_mcap(self.path) as (reader, _):
+            for _schema, channel, message in reader.iter_messages(topics=topics):
+                yield channel.topic, message.log_time, message.data, message.sequence
+
+
+def sensor_of(topic: str) -> str:
+    """Camera named by a topic: `/camera/NAME/...` gives NAME, any other topic its path with dots for slashes."""
+    parts = topic.strip("/").split("/")
+    if len(parts) == 3 and parts[0] == "camera":
+        return parts[1]
+    return ".".join(parts)
+
+
+def _is_image(topic: Topic) -> bool:
+    return topic.schema in (IMAGE_SCHEMA, VIDEO_FRAME)
+
+
+def _parse_image(encoding: str, data: bytes, where: str) -> tuple[int, bytes]:
+    """Sensor time [ns] (0 if not given) and compressed bytes of a foxglove.CompressedImage."""
+    try:
+        if encoding == "json":
+            message = msgspec.json.decode(data, type=_JsonImage)
+            return message.timestamp.sec * 1_000_000_000 + message.timestamp.nsec, message.data
+        image = CompressedImage.FromString(data)
+        return image.timestamp.ToNanoseconds(), image.data
+    except (DecodeError, msgspec.DecodeError) as error:
+        raise InputError(f"{where}: not a {IMAGE_SCHEMA} message ({' '.join(str(error).split())[:80]})") from error
+
+
+class _JsonTime(msgspec.Struct):
+    sec: int
+    nsec: int = 0
+
+
+class _JsonImage(msgspec.Struct):
+    timestamp: _JsonTime
+    data: bytes
+
+
+def _decode(data: bytes, where: str) -> Image:
+    try:
+        image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
+    except cv2.error as error:
+        raise InputError(f"{where}: the image cannot be decoded ({error.err})") from error
+    if image is None:
+        raise InputError(f"{where}: the image cannot be decoded ({len(data)} bytes)")
+    return image  # type: ignore[no-any-return]
+
+
+def open_recording(path: Path) -> Recording:
+    """The recording in an MCAP file; InputError where the file is damaged."""
+    path = Path(path)
+    with open_mcap(path) as (reader, summary):
+        channels = summary.channels if summary else {}
+        counts = summary.statistics.channel_message_counts if summary and summary.statistics else {}
+        schemas = summary.schemas if summary else {}
+        topics = tuple(
+            Topic(
+                c.topic,
+                schemas[c.schema_id].name if c.schema_id in schemas else "",
+                c.message_encoding,
+                int(counts.get(c.id, 0)),
+            )
+            for c in sorted(channels.values(), key=lambda c: c.topic)
+        )
+        attachments = {a.name: (a.offset, a.length) for a in (summary.attachment_indexes if summary else ())}
+        metadata = {m.name: dict(m.metadata) for m in reader.iter_metadata()} if summary else {}
+        s = summary.statistics if summary else None
+        span = (s.message_start_time, s.message_end_time) if s is not None and s.message_count else None
+    own = metadata.get(METADATA)
+    recording = Recording(
+        path=path,
+        scene=None,
+        topics=topics,
+        provenance=provenance_from_json(own.get("provenance", "")) if own else Provenance("unknown"),
+        attachments=attachments,
+        videos={n.removeprefix(VIDEO_METADATA): m for n, m in metadata.items() if n.startswith(VIDEO_METADATA)},
+        time_ns=span,
+        ours=own is not None,
+    )
+    return _with_scene(recording)
+
+
+def _with_scene(recording: Recording) -> Recording:
+    raw = recording.attachment(SCENE_ATTACHMENT)
+    if raw is None:
+        return recording
+    scene = scene_from_yaml(raw.decode("utf-8", "replace"), f"{recording.path}: {SCENE_ATTACHMENT}")
+    return Recording(**{**recording.__dict__, "scene": scene})
+
+
+__all__ = ["RECORDED", "Recording", "RecordingWriter", "open_recording"]

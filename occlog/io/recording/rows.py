@@ -1,0 +1,132 @@
+"""Rows of a table to MCAP messages and back: one message holds the rows of one time (and sensor)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+
+from occlog.errors import InputError
+from occlog.records.columns import Column, Table
+from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Truth, TruthBoxes
+
+T = TypeVar("T", bound=Table)
+
+RECORDED: tuple[type[Table], ...] = (Truth, TruthBoxes, Boxes, Bearings, Doa, Occluders)
+"""Tables that a recording can hold."""
+
+_JSON_TYPES = {"i8": "integer", "i4": "integer", "f8": "number", "f4": "number", "?": "boolean", "U": "string"}
+
+
+def schema_of(table: type[Table]) -> str:
+    """Name of the message schema, e.g. `occlog.Bearings`."""
+    return f"occlog.{table.__name__}"
+
+
+def topic_of(table: type[Table], sensor: str) -> str:
+    """Topic of a table's messages, one a sensor where the table has sensors."""
+    return f"/{table.NAME}/{sensor}" if _has_sensor(table) else f"/{table.NAME}"
+
+
+def _has_sensor(table: type[Table]) -> bool:
+    # Asked for every message, so not through `columns()`.
+    return "sensor" in getattr(table, "__dataclass_fields__", {})
+
+
+def _listed(table: type[Table]) -> list[Column]:
+    """Columns that are lists in a message; the time and the sensor stand once."""
+    return [c for c in table.columns() if c.name not in ("t_ns", "sensor")]
+
+
+def message_schema(table: type[Table]) -> dict[str, Any]:
+    """JSON Schema of the messages of a table."""
+    properties: dict[str, Any] = {"t_ns": {"type": "integer", "description": "ns since the Unix epoch, of all rows"}}
+    if _has_sensor(table):
+        properties["sensor"] = {"type": "string", "description": "sensor of all rows"}
+    for c in _listed(table):
+        kind: Any = _JSON_TYPES[c.kind]
+        item = {"type": [kind, "null"] if c.nan is not None else kind}
+        text = f"{c.doc} [{c.unit}]" + (f"; null: {c.nan}" if c.nan is not None else "")
+        properties[c.name] = {"type": "array", "items": item, "description": text}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": schema_of(table),
+        "description": f"Rows of the table `{table.NAME}` at one time; the lists have equal lengths.",
+        "type": "object",
+        "properties": properties,
+        "required": [name for name in properties if name not in {c.name for c in table.columns() if c.optional}],
+        "additionalProperties": False,
+    }
+
+
+def table_to_messages(table: Table) -> Iterator[tuple[str, int, bytes]]:
+    """(topic, t_ns, JSON) of the rows of a table sorted by time."""
+    if not len(table):
+        return
+    kind = type(table)
+    t_ns: Any = table.t_ns  # type: ignore[attr-defined]
+    sensor: Any = getattr(table, "sensor", None)
+    change = np.flatnonzero(np.diff(t_ns) != 0) + 1
+    if sensor is not None:
+        change = np.union1d(change, np.flatnonzero(sensor[1:] != sensor[:-1]) + 1)
+    lists = {c.name: getattr(table, c.name).tolist() for c in _listed(kind)}
+    bounds = [0, *change.tolist(), len(table)]
+    for start, stop in itertools.pairwise(bounds):
+        message: dict[str, Any] = {"t_ns": int(t_ns[start])}
+        if sensor is not None:
+            message["sensor"] = str(sensor[start])
+        message.update({name: values[start:stop] for name, values in lists.items()})
+        yield topic_of(kind, message.get("sensor", "")), message["t_ns"], msgspec.json.encode(message)
+
+
+class RowCollector:
+    """Gathers messages of one table and makes chunks of it."""
+
+    def __init__(self, table: type[Table], source: str) -> None:
+        """Start without rows; `source` names the file in messages."""
+        self.rows = 0
+        self._table, self._source = table, source
+        self._lists: dict[str, list[Any]] = {c.name: [] for c in table.columns()}
+        self._has_sensor = _has_sensor(table)
+
+    def add(self, topic: str, data: bytes) -> None:
+        """Append the rows of a message; InputError where it does not fit the table."""
+        try:
+            message = msgspec.json.decode(data)
+            told = [c for c in _listed(self._table) if not c.optional or c.name in message]
+            (n,) = {len(message[c.name]) for c in told}
+            for c in told:
+                self._lists[c.name].extend(message[c.name])
+            if len(told) < len(self._lists) - 1 - self._has_sensor:  # an older recording
+                for c in _listed(self._table):
+                    if c.name not in message:
+                        self._lists[c.name].extend(["" if c.kind == "U" else None] * n)
+            self._lists["t_ns"].extend([int(message["t_ns"])] * n)
+            if self._has_sensor:
+                self._lists["sensor"].extend([str(message["sensor"])] * n)
+        except (msgspec.DecodeError, KeyError, TypeError, ValueError) as error:
+            reason = " ".join(str(error).split())[:100]
+            raise InputError(
+                f"{self._source}: topic {topic}: not a message of {schema_of(self._table)} ({reason})"
+            ) from error
+        self.rows += n
+
+    def take(self) -> Any:
+        """The rows so far as a table sorted by its key; the collector is empty afterwards."""
+        values = {c.name: _array(c, self._lists[c.name], self._source) for c in self._table.columns()}
+        self._lists = {c.name: [] for c in self._table.columns()}
+        self.rows = 0
+        return self._table(**values).sorted()
+
+
+def _array(c: Column, values: list[Any], source: str) -> np.ndarray[Any, Any]:
+    if not values:
+        return np.empty((0, c.width) if c.width else 0, "U1" if c.kind == "U" else c.dtype)
+    try:
+        # null becomes NaN; only columns that declare a meaning for NaN will accept it.
+        return np.array(values, dtype=np.str_ if c.kind == "U" else c.dtype)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{source}: column {c.name}: values are not of type {c.kind} ({error})") from error

@@ -1,0 +1,157 @@
+"""Writes a recording: one MCAP file with images, rows, the scene and how it was made."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from mcap.writer import CompressionType, IndexType, Writer
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from occlog import __version__
+from occlog.io.files.atomic import Together, open_output
+from occlog.io.files.provenance import Provenance
+from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.columns import Table
+from occlog.records.scene import Scene
+
+from .rows import message_schema, schema_of, table_to_messages
+
+SCENE_ATTACHMENT = "scene.yaml"
+METADATA = "occlog"
+VIDEO_METADATA = "occlog.video/"
+FORMAT = "recording/1"
+VIDEO_FRAME = "occlog.VideoFrame"
+VIDEO_FRAME_SCHEMA = {
+    "$schema": "https://json-schema.org/draft/2020-12/schema",
+    "title": VIDEO_FRAME,
+    "description": "One frame of a video file that lies beside the recording.",
+    "type": "object",
+    "properties": {
+        "t_ns": {"type": "integer", "description": "ns since the Unix epoch"},
+        "index": {"type": "integer", "description": "number of the frame in the file, from 0"},
+    },
+    "required": ["t_ns", "index"],
+    "additionalProperties": False,
+}
+
+
+class RecordingWriter:
+    """Context manager; the file appears when the block ends without an error.
+
+    Messages may be added in any order; each camera's frames must come in the order of time.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        scene: Scene | None,
+        provenance: Provenance,
+        *,
+        overwrite: bool = False,
+        together: Together | None = None,
+    ) -> None:
+        """Prepare to write `path`; OutputExistsError if it is there and may not be replaced.
+
+        With `together` the file, and those written with the attribute of this name, appear at its end.
+        """
+        self.together = together
+        self._output = open_output(Path(path), overwrite, together)
+        self._scene, self._provenance = scene, provenance
+        self._videos: dict[str, dict[str, str]] = {}
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._sequence: dict[str, int] = {}
+        self.messages = 0
+
+    def __enter__(self) -> Self:
+        """Open the output and write the scene."""
+        self._writer = Writer(
+            self._output.__enter__(),
+            chunk_size=1024 * 1024,
+            compression=CompressionType.ZSTD,
+            index_types=IndexType.ALL,
+            enable_crcs=True,
+            enable_data_crcs=True,
+        )
+        self._writer.start(profile="", library=f"occlog {__version__}")
+        if self._scene is not None:
+            self.attach(SCENE_ATTACHMENT, "application/yaml", scene_to_yaml(self._scene).encode())
+        return self
+
+    def image(self, sensor: str, t_ns: int, index: int, data: bytes, kind: str) -> None:
+        """Add a compressed image ("png" or "jpeg") as `foxglove.CompressedImage`."""
+        message = CompressedImage(frame_id=sensor, data=data, format=kind)
+        message.timestamp.FromNanoseconds(t_ns)
+        channel = self._channel(f"/camera/{sensor}/image", CompressedImage.DESCRIPTOR.full_name, "protobuf")
+        self._add(channel, t_ns, message.SerializeToString(), index)
+
+    def video(self, sensor: str, path: str, sha256: str) -> None:
+        """Say that frames of `sensor` are in a video file; `path` is relative to the recording."""
+        self._videos[sensor] = {"path": path, "sha256": sha256}
+
+    def video_frame(self, sensor: str, t_ns: int, index: int) -> None:
+        """Add the time of one frame of a linked video."""
+        channel = self._channel(f"/camera/{sensor}/video", VIDEO_FRAME, "json")
+        self._add(channel, t_ns, json.dumps({"t_ns": t_ns, "index": index}).encode(), index)
+
+    def table(self, table: Table) -> None:
+        """Add rows (sorted by time) of one of the tables that a recording can hold."""
+        name = schema_of(type(table))
+        for topic, t_ns, data in table_to_messages(table):
+            if name not in self._schemas:
+                self._register(name, "jsonschema", json.dumps(message_schema(type(table))).encode())
+            sequence = self._sequence.get(topic, 0)
+            self._sequence[topic] = sequence + 1
+            self._add(self._channel(topic, name, "json"), t_ns, data, sequence)
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Add a file."""
+        self._writer.add_attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
+
+    def annotate(self, provenance: Provenance) -> None:
+        """Replace the provenance by one that is known only at the end (for example what was lost)."""
+        self._provenance = provenance
+
+    def _register(self, name: str, encoding: str, data: bytes) -> int:
+        self._schemas[name] = self._writer.register_schema(name, encoding, data)
+        return self._schemas[name]
+
+    def _channel(self, topic: str, schema: str, encoding: str) -> int:
+        if topic not in self._channels:
+            if schema not in self._schemas:
+                self._register(schema, *_schema_data(schema))
+            self._channels[topic] = self._writer.register_channel(topic, encoding, self._schemas[schema])
+        return self._channels[topic]
+
+    def _add(self, channel: int, t_ns: int, data: bytes, sequence: int) -> None:
+        self._writer.add_message(channel, log_time=t_ns, publish_time=t_ns, sequence=sequence, data=data)
+        self.messages += 1
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool | None:
+        """Complete the file, or drop it after an error."""
+        if kind is None:
+            try:
+                self._finish()
+            except BaseException as failure:
+                if not self._output.__exit__(type(failure), failure, failure.__traceback__):
+                    raise
+        return self._output.__exit__(kind, error, trace)
+
+    def _finish(self) -> None:
+        for sensor, video in self._videos.items():
+            self._writer.add_metadata(VIDEO_METADATA + sensor, video)
+        self._writer.add_metadata(METADATA, {"format": FORMAT, "provenance": self._provenance.json()})
+        self._writer.finish()
+
+
+def _schema_data(name: str) -> tuple[str, bytes]:
+    if name == VIDEO_FRAME:
+        return "jsonschema", json.dumps(VIDEO_FRAME_SCHEMA).encode()
+    descriptor: Any = build_file_descriptor_set(CompressedImage)
+    return "protobuf", descriptor.SerializeToString(deterministic=True)

@@ -1,0 +1,1 @@
+"""Scenes and scripted paths in YAML."""

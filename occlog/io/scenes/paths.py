@@ -1,0 +1,103 @@
+"""Path files (YAML): scripted targets for `occlog simulate --paths`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from occlog.errors import InputError
+from occlog.io.files.yaml_file import parse_yaml, read_yaml
+from occlog.records.scripts import Script, ScriptedTarget, Segment, Triple
+
+from .path_keys import PathsSpec, SegmentSpec, TargetSpec
+
+
+def read_paths(path: Path) -> Script:
+    """The targets of a file; InputError, one line, names what does not fit and where."""
+    return _build(read_yaml(path, PathsSpec, "a path file (YAML)"), str(path))
+
+
+def paths_from_yaml(text: str, source: str) -> Script:
+    """As `read_paths`, from text; `source` names it in messages."""
+    return _build(parse_yaml(text, source, PathsSpec), source)
+
+
+def _build(spec: PathsSpec, source: str) -> Script:
+    seen: set[int] = set()
+    for t in spec.targets:
+        if t.id in seen:
+            raise InputError(f"{source}: two targets have the id {t.id}; ids must differ, occluders' too")
+        seen.add(t.id)
+    targets = [_target(t, f"{source}: target {t.id}") for t in spec.targets]
+    return Script(tuple(sorted(targets, key=lambda t: t.id)), spec.length_unit, spec.seconds, spec.rate_hz)
+
+
+def _target(spec: TargetSpec, where: str) -> ScriptedTarget:
+    flat = len(spec.position) == 2
+    until_s = math.inf if spec.until_s is None else spec.until_s
+    if until_s < spec.from_s:
+        raise InputError(f"{where}: until_s is {until_s:g}, before from_s {spec.from_s:g}")
+    for low, high in spec.silent:
+        if not low < high:
+            raise InputError(f"{where}: silent: [{low:g}, {high:g}] must go from an earlier time to a later one")
+    return ScriptedTarget(
+        spec.id,
+        _triple(spec.position, math.nan),
+        _vector(spec.velocity or [0.0, 0.0], flat, f"{where}: velocity"),
+        spec.role,
+        spec.from_s,
+        until_s,
+        spec.noise_density,
+        _segments(spec, flat, where),
+        spec.silent,
+    )
+
+
+def _segments(spec: TargetSpec, flat: bool, where: str) -> tuple[Segment, ...]:
+    """Segments with their ends filled in; InputError where they overlap or say two things at once."""
+    done: list[Segment] = []
+    for i, s in enumerate(spec.segments):
+        place, before = f"{where}: segments[{i}]", done[-1].until_s if done else spec.from_s
+        start = before if s.from_s is None else s.from_s
+        if math.isinf(start):
+            raise InputError(f"{place}: give from_s, or until_s of the segment before")
+        if math.isinf(before):
+            before = done[-1].from_s
+        if start < before:
+            what = "the segment before ends" if i else "the target starts"
+            raise InputError(f"{place}: starts at {start:g} s, but {what} at {before:g} s")
+        end = s.until_s
+        if end is None:
+            following = spec.segments[i + 1].from_s if i + 1 < len(spec.segments) else None
+            end = math.inf if following is None else following
+        if not end > start:
+            raise InputError(f"{place}: ends at {end:g} s, must be after its start at {start:g} s")
+        done.append(_segment(s, start, end, flat, place))
+    return tuple(done)
+
+
+def _segment(spec: SegmentSpec, start: float, end: float, flat: bool, where: str) -> Segment:
+    if spec.lateral is not None and spec.acceleration is not None:
+        raise InputError(f"{where}: both lateral and acceleration are given; keep one, or make two segments")
+    if spec.plane is not None and spec.lateral is None:
+        raise InputError(f"{where}: plane is of a turn; give lateral too")
+    if flat and spec.plane in ("yz", "zx"):
+        raise InputError(f"{where}: a turn in the plane {spec.plane} needs a target with a height; give z in position")
+    return Segment(
+        start,
+        end,
+        spec.lateral or 0.0,
+        spec.plane or "xy",
+        _vector(spec.acceleration or [0.0, 0.0], flat, f"{where}: acceleration"),
+        None if spec.velocity is None else _vector(spec.velocity, flat, f"{where}: velocity"),
+    )
+
+
+def _vector(values: list[float], flat: bool, where: str) -> Triple:
+    if flat and len(values) == 3:
+        raise InputError(f"{where}: has 3 numbers, but position has 2; give z there too, or leave it out here")
+    return _triple(values, 0.0)
+
+
+def _triple(values: list[float], z: float) -> Triple:
+    return (float(values[0]), float(values[1]), float(values[2]) if len(values) > 2 else z)

@@ -1,0 +1,233 @@
+"""Scene files (YAML) to scenes and back."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import yaml
+from shapely.geometry import Polygon
+from shapely.validation import explain_validity
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.files.yaml_file import parse_yaml, read_yaml
+from occlog.records.scene import Camera, Clock, MicrophoneArray, Occluder, Scene, camera_fov, camera_rotation
+
+from .scene_keys import ArraySpec, CameraSpec, ClockSpec, DistortionSpec, NoiseSpec, OccluderSpec, SceneSpec
+
+
+def read_scene(path: Path) -> Scene:
+    """The scene in a YAML file; InputError names line, key, value and limit of what is wrong."""
+    spec = read_yaml(path, SceneSpec, "a scene file (YAML)")
+    return _build(spec, str(path))
+
+
+def scene_from_yaml(text: str, source: str) -> Scene:
+    """The scene in YAML text; `source` names it in messages."""
+    return _build(parse_yaml(text, source, SceneSpec), source)
+
+
+def scene_to_yaml(scene: Scene) -> str:
+    """YAML text that `scene_from_yaml` turns into an equal scene."""
+    raw = msgspec.to_builtins(_spec(scene))
+    return yaml.safe_dump(raw, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+
+
+def _build(spec: SceneSpec, source: str) -> Scene:
+    room = _polygon(spec.room, f"{source}: room") if spec.room is not None else None
+    scene = Scene(
+        cameras=tuple(_camera(c, f"{source}: camera {c.name}") for c in spec.cameras),
+        arrays=tuple(_array(a, f"{source}: microphone array {a.name}") for a in spec.microphone_arrays),
+        occluders=tuple(
+            Occluder(o.name, _polygon(o.polygon, f"{source}: static occluder {o.name}"), o.height)
+            for o in spec.static_occluders
+        ),
+        clocks=tuple(Clock(c.name, c.offset_ns, c.drift_ppm) for c in spec.clocks),
+        room=room,
+        room_height=spec.room_height,
+        length_unit=spec.length_unit,
+    )
+    _check_names(scene, source)
+    return scene
+
+
+def _check_names(scene: Scene, source: str) -> None:
+    names = [s.name for s in scene.cameras] + [s.name for s in scene.arrays]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{source}: two sensors are named {name!r}; names must differ")
+    clocks = {c.name for c in scene.clocks}
+    wanted = [(c.name, c.clock) for c in scene.cameras] + [(a.name, a.clock) for a in scene.arrays]
+    for sensor, clock in wanted:
+        if clock is not None and clock not in clocks:
+            known = ", ".join(sorted(clocks)) or "none"
+            raise InputError(f"{source}: {sensor}: clock {clock!r} is not defined; clocks: {known}")
+
+
+def _polygon(corners: list[tuple[float, float]], where: str) -> Floats:
+    """(K, 2) counter-clockwise corners of a simple polygon."""
+    polygon = Polygon(corners)
+    if not np.all(np.isfinite(np.asarray(corners))):
+        raise InputError(f"{where}: corners must be finite numbers")
+    if not polygon.is_valid or polygon.area <= 0:
+        raise InputError(
+            f"{where}: not a simple polygon with an area ({explain_validity(polygon)}); list the corners in turn"
+        )
+    points = np.asarray(corners, dtype=np.float64)
+    return points if polygon.exterior.is_ccw else points[::-1].copy()
+
+
+def _angle(radians: float | None, degrees: float | None, key: str, where: str) -> float | None:
+    if radians is not None and degrees is not None:
+        raise InputError(f"{where}: both {key} and {key}_deg are given; keep one")
+    return math.radians(degrees) if degrees is not None else radians
+
+
+def _camera(spec: CameraSpec, where: str) -> Camera:
+    focal = np.broadcast_to(np.asarray(spec.focal_px, dtype=np.float64), (2,)).copy()
+    size = (spec.image_size_px[0], spec.image_size_px[1]) if spec.image_size_px else None
+    rotation, placed = _rotation(spec, where)
+    middle = ((size[0] - 1) / 2, (size[1] - 1) / 2) if size else (0.0, 0.0)
+    principal = np.asarray(spec.principal_point_px or middle, dtype=np.float64)
+    distortion, model = _distortion(spec.distortion)
+    fov = _angle(spec.fov, spec.fov_deg, "fov", where)
+    if fov is None:
+        if size is None:
+            raise InputError(f"{where}: give fov_deg, or image_size_px from which it follows")
+        fov = camera_fov(size, focal, principal, distortion, model, rotation)
+    return Camera(
+        name=spec.name,
+        position=_place(spec.position or [0.0, 0.0]),
+        rotation=rotation,
+        focal_px=focal,
+        principal_px=principal,
+        image_size=size,
+        distortion=distortion,
+        distortion_model=model,
+        fov=fov,
+        range=spec.range or math.inf,
+        sigma_position=spec.noise.position,
+        sigma_yaw=_angle(spec.noise.yaw, spec.noise.yaw_deg, "noise.yaw", where) or 0.0,
+        sigma_read_px=spec.noise.read_px,
+        detection=spec.noise.detection,
+        false_alarm=spec.noise.false_alarm,
+        rate_hz=spec.rate_hz,
+        clock=spec.clock,
+        placed=placed,
+    )
+
+
+def _distortion(spec: DistortionSpec | None) -> tuple[Floats, str]:
+    coefficients = np.zeros(5)
+    if spec is None:
+        return coefficients, "brown"
+    coefficients[: len(spec.coefficients)] = spec.coefficients
+    return coefficients, spec.model
+
+
+def _rotation(spec: CameraSpec, where: str) -> tuple[Floats, bool]:
+    """World-from-camera rotation, and whether the camera has a pose at all."""
+    angles = [_angle(getattr(spec, k), getattr(spec, f"{k}_deg"), k, where) for k in ("yaw", "pitch", "roll")]
+    if spec.rotation is not None:
+        if any(a is not None for a in angles):
+            raise InputError(f"{where}: both a rotation matrix and angles are given; keep one")
+        matrix = np.asarray(spec.rotation, dtype=np.float64)
+        error = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+        if not error < 1e-3 or np.linalg.det(matrix) < 0:
+            raise InputError(f"{where}: rotation is not a rotation matrix (off by {error:.2g}, or mirrored)")
+        return matrix, spec.position is not None
+    if spec.position is None:
+        if any(a is not None for a in angles):
+            raise InputError(f"{where}: has angles but no position; add it, or leave out the angles too")
+        return camera_rotation(0.0, 0.0, 0.0), False
+    if angles[0] is None:
+        raise InputError(f"{where}: has a position but no yaw_deg; add it")
+    return camera_rotation(angles[0], angles[1] or 0.0, angles[2] or 0.0), True
+
+
+def _place(values: list[float]) -> Floats:
+    return np.array([*values, 0.0][:3], dtype=np.float64)
+
+
+def _array(spec: ArraySpec, where: str) -> MicrophoneArray:
+    return MicrophoneArray(
+        name=spec.name,
+        position=_place(spec.position),
+        yaw=_angle(spec.yaw, spec.yaw_deg, "yaw", where) or 0.0,
+        microphones=np.asarray(spec.microphones, dtype=np.float64).reshape(-1, 3),
+        sigma=_angle(spec.sigma, spec.sigma_deg, "sigma", where) or math.radians(3.0),
+        range=spec.range or math.inf,
+        rate_hz=spec.rate_hz,
+        clock=spec.clock,
+        pitch=_angle(spec.pitch, spec.pitch_deg, "pitch", where) or 0.0,
+        roll=_angle(spec.roll, spec.roll_deg, "roll", where) or 0.0,
+        sigma_elevation=_angle(spec.sigma_elevation, spec.sigma_elevation_deg, "sigma_elevation", where),
+        resolution=_angle(spec.resolution, spec.resolution_deg, "resolution", where) or 0.0,
+        planar=spec.planar,
+    )
+
+
+def _floats(values: Any) -> Any:
+    return np.asarray(values, dtype=np.float64).tolist()
+
+
+def _spec(scene: Scene) -> SceneSpec:
+    return SceneSpec(
+        occlog_scene=1,
+        length_unit=scene.length_unit,  # type: ignore[arg-type]
+        room=[tuple(p) for p in _floats(scene.room)] if scene.room is not None else None,
+        room_height=scene.room_height,
+        static_occluders=[
+            OccluderSpec(name=o.name, polygon=[tuple(p) for p in _floats(o.polygon)], height=o.height)
+            for o in scene.occluders
+        ],
+        cameras=[_camera_spec(c) for c in scene.cameras],
+        microphone_arrays=[_array_spec(a) for a in scene.arrays],
+        clocks=[ClockSpec(name=c.name, offset_ns=c.offset_ns, drift_ppm=c.drift_ppm) for c in scene.clocks],
+    )
+
+
+def _camera_spec(c: Camera) -> CameraSpec:
+    distortion = DistortionSpec(model=c.distortion_model, coefficients=_floats(c.distortion))  # type: ignore[arg-type]
+    return CameraSpec(
+        name=c.name,
+        position=_floats(c.position) if c.placed else None,
+        rotation=_floats(c.rotation) if c.placed else None,
+        focal_px=_floats(c.focal_px),
+        principal_point_px=tuple(_floats(c.principal_px)),
+        image_size_px=list(c.image_size) if c.image_size else None,
+        distortion=distortion if np.any(c.distortion) else None,
+        fov=c.fov,
+        range=None if math.isinf(c.range) else c.range,
+        noise=NoiseSpec(
+            position=c.sigma_position,
+            yaw=c.sigma_yaw,
+            read_px=c.sigma_read_px,
+            detection=c.detection,
+            false_alarm=c.false_alarm,
+        ),
+        rate_hz=c.rate_hz,
+        clock=c.clock,
+    )
+
+
+def _array_spec(a: MicrophoneArray) -> ArraySpec:
+    return ArraySpec(
+        name=a.name,
+        position=_floats(a.position),
+        yaw=a.yaw,
+        microphones=_floats(a.microphones),
+        sigma=a.sigma,
+        range=None if math.isinf(a.range) else a.range,
+        rate_hz=a.rate_hz,
+        clock=a.clock,
+        pitch=a.pitch or None,
+        roll=a.roll or None,
+        sigma_elevation=a.sigma_elevation,
+        resolution=a.resolution or None,
+        planar=a.planar,
+    )

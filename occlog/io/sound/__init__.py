@@ -1,0 +1,1 @@
+"""WAV files and logs of directions of arrival."""

@@ -1,0 +1,98 @@
+"""CSV logs of directions of arrival; names of columns end in their unit, `_deg` or `_rad`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from occlog.array_types import Floats, Strings
+from occlog.errors import InputError, UsageError
+from occlog.io.files.csv_rows import Rows, read_rows
+from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
+
+from .rows import DoaOptions, DoaRows
+
+ANGLES = {
+    "azimuth": ("azimuth", "bearing", "doa", "az"),
+    "elevation": ("elevation", "el"),
+    "sigma_azimuth": ("sigma_azimuth", "sigma", "sigma_az"),
+    "sigma_elevation": ("sigma_elevation", "sigma_el"),
+}
+COLUMNS: dict[str, Sequence[str]] = {
+    **TIME_COLUMNS,
+    "sensor": ("sensor", "array", "tower", "station", "node"),
+    "id": ("id", "source_id", "source"),
+    "confidence": ("confidence", "conf", "score", "activity"),
+    **{
+        name + unit: tuple(alias + unit for alias in aliases)
+        for name, aliases in ANGLES.items()
+        for unit in ("", "_deg", "_rad")
+    },
+}
+WHAT = "a log of directions of arrival"
+
+
+def read_table(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
+    """Rows of the log."""
+    for rows in read_rows(path, COLUMNS, WHAT, ignore_extra=options.ignore_extra):
+        unit = time_column(rows)
+        if unit is None:
+            raise InputError(f"{path}: has no column of times; name one of them time (seconds) or t_ns")
+        n = len(rows)
+        elevation = _angle(rows, "elevation", options)
+        _check_limits(rows, "elevation", np.abs(elevation) > np.pi / 2, "must lie within 90 degrees")
+        azimuth = _angle(rows, "azimuth", options)
+        if np.isnan(azimuth).any():
+            raise InputError(f"{path}: has no column azimuth_deg or azimuth_rad; add it")
+        confidence = rows.floats("confidence", blank=True) if rows.has("confidence") else np.full(n, np.nan)
+        _check_limits(rows, "confidence", (confidence < 0) | (confidence > 1), "must be 0 to 1")
+        yield DoaRows(
+            rows.lines,
+            parse_times(rows, unit, unit) + options.start_ns,
+            _sensors(rows, options),
+            rows.ints("id") if rows.has("id") else np.full(n, -1, dtype=np.int64),
+            azimuth,
+            elevation,
+            _sigma(rows, "sigma_azimuth", options),
+            _sigma(rows, "sigma_elevation", options),
+            confidence,
+        )
+
+
+def _sensors(rows: Rows, options: DoaOptions) -> Strings:
+    if options.sensor is not None:
+        return np.full(len(rows), options.sensor)
+    if not rows.has("sensor"):
+        raise InputError(f"{rows.path}: has no column sensor; add it, or name the array: --doa ARRAY={rows.path.name}")
+    return rows.cells["sensor"]
+
+
+def _angle(rows: Rows, name: str, options: DoaOptions) -> Floats:
+    """(n,) angles [rad] of a column whose name or `--doa-unit` states the unit; NaN where there is none."""
+    found = [unit for unit in ("", "_deg", "_rad") if rows.has(name + unit)]
+    if not found:
+        return np.full(len(rows), np.nan)
+    if len(found) > 1:
+        raise InputError(f"{rows.path}: two columns say {name}; keep one")
+    unit = found[0].removeprefix("_") or options.unit
+    if unit is None:
+        raise UsageError(f"{rows.path}: column {name} does not state its unit; name it {name}_deg, or give --doa-unit")
+    values = rows.floats(name + found[0], blank=name != "azimuth")
+    if unit == "rad":
+        _check_limits(rows, name + found[0], np.abs(values) > 4 * np.pi, "is too large for radians; are these degrees?")
+    return np.radians(values) if unit == "deg" else values
+
+
+def _sigma(rows: Rows, name: str, options: DoaOptions) -> Floats:
+    values = _angle(rows, name, options)
+    _check_limits(rows, name, values <= 0, "must be above 0")
+    return values
+
+
+def _check_limits(rows: Rows, name: str, bad: np.ndarray, what: str) -> None:
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        column = next(n for n in (name, f"{name}_deg", f"{name}_rad") if rows.has(n))
+        raise rows.fail(row, f"{column} is {rows.cells[column][row]}; it {what}; correct this line")

@@ -1,0 +1,163 @@
+"""Directions of arrival: logs of microphone arrays and other direction finders.
+
+Formats (`FORMATS`), found out from the content:
+
+    csv        a header line with a column of times, sensor (where the file holds several),
+               azimuth_deg or azimuth_rad, and perhaps elevation, sigma, confidence, id
+    frida      estimates of several algorithms, one unordered set a recording
+    telemetr   field log of direction finders: date time animal code, then tower and bearing
+
+Conventions of azimuth: `math` from +x towards +y; `compass` clockwise from north, which is
++y; `array` from the array's own x axis towards its y axis, to which its yaw is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints, Strings
+from occlog.errors import InputError, UsageError
+from occlog.io.files.csv_rows import first_line
+from occlog.io.files.frame_times import to_world_time
+from occlog.io.files.inputs import check_input
+from occlog.io.files.sensor_names import match_sensor
+from occlog.records.scene import Clock, MicrophoneArray
+from occlog.records.tables import Doa
+
+from .author_formats import looks_like_telemetr, read_frida, read_telemetr
+from .csv_log import COLUMNS, read_table
+from .rows import DoaOptions, DoaRows
+
+WHAT = "a log of directions of arrival"
+CONVENTIONS = ("math", "compass", "array")
+
+
+class DoaFormat(NamedTuple):
+    """One format of logs; `convention` is that of its azimuths unless the user says otherwise."""
+
+    detect: Callable[[list[str]], bool]
+    read: Callable[[Path, DoaOptions], Iterator[DoaRows]]
+    convention: str
+    doc: str
+
+
+FORMATS: dict[str, DoaFormat] = {
+    "frida": DoaFormat(
+        lambda head: "algorithm" in head and "estimate_deg" in head, read_frida, "array", "estimates of FRIDA/Pyramic"
+    ),
+    "telemetr": DoaFormat(looks_like_telemetr, read_telemetr, "compass", "field log of telemetr (azimuth.dat)"),
+    "csv": DoaFormat(
+        lambda head: any(name in head for key, names in COLUMNS.items() if key.startswith("azimuth") for name in names),
+        read_table,
+        "math",
+        "CSV with a header",
+    ),
+}
+"""Every format; the order is that of detection."""
+
+
+def read_doa(
+    path: Path,
+    arrays: Sequence[MicrophoneArray],
+    options: DoaOptions,
+    clocks: Mapping[str, Clock] | None = None,
+) -> Iterator[Doa]:
+    """Tables of directions, azimuths in the world's convention.
+
+    Args:
+        path: the log.
+        arrays: arrays of the scene; sensors of the log are matched with their names.
+        options: what the log does not say itself.
+        clocks: clocks of the arrays that do not run by world time.
+
+    Raises:
+        InputError: the log is malformed, names an array that is not there, or its times go back.
+    """
+    check_input(path, WHAT)
+    entry = FORMATS[_format(path, options)]
+    convention = options.convention or entry.convention
+    names = [a.name for a in arrays]
+    last: dict[str, int] = {}
+    first: dict[str, int] = {}
+    for rows in entry.read(path, options):
+        unique, inverse = np.unique(rows.sensor, return_inverse=True)
+        matched = [match_sensor(str(label), names, str(path)) for label in unique]
+        sensor = np.array(matched, dtype=np.str_)[inverse]
+        _check_times(path, rows, sensor, last)
+        rows = _by_clocks(rows, sensor, clocks or {}, first)
+        yaw = {a.name: a.yaw for a in arrays}
+        offset = np.array([yaw[name] for name in matched])[inverse]
+        yield _table(rows, sensor, to_world(rows.azimuth, convention, offset))
+
+
+def _format(path: Path, options: DoaOptions) -> str:
+    if options.format != "auto":
+        if options.format not in FORMATS:
+            raise UsageError(f"DOA format {options.format!r} is not known; known: auto, {', '.join(FORMATS)}")
+        return options.format
+    head = [cell.lower() for cell in first_line(path, WHAT)]
+    for name, entry in FORMATS.items():
+        if entry.detect(head):
+            return name
+    raise InputError(f"{path}: has no column of azimuths (azimuth_deg, azimuth_rad); name the columns in a header line")
+
+
+def to_world(azimuth: Floats, convention: str, array_yaw: Floats | float = 0.0) -> Floats:
+    """(n,) world azimuths [rad] in [-pi, pi), from +x towards +y.
+
+    Args:
+        azimuth: (n,) angles [rad] in the stated convention.
+        convention: `math`, `compass` or `array`.
+        array_yaw: yaw [rad] of the array of each row, used by `array`.
+    """
+    angle = np.pi / 2 - azimuth if convention == "compass" else azimuth
+    if convention == "array":
+        angle = angle + array_yaw
+    wrapped = (angle + np.pi) % (2 * np.pi) - np.pi
+    return np.where(wrapped >= np.pi, wrapped - 2 * np.pi, wrapped)
+
+
+def _check_times(path: Path, rows: DoaRows, sensor: Strings, last: dict[str, int]) -> None:
+    """Raise InputError where the times of one array go back; several directions at one time are a set."""
+    for name in np.unique(sensor):
+        mine = np.flatnonzero(sensor == name)
+        t_ns: Ints = rows.t_ns[mine]
+        before = np.concatenate([[last.get(str(name), t_ns[0])], t_ns[:-1]])
+        back = np.flatnonzero(t_ns < before)
+        if len(back):
+            k = int(back[0])
+            raise InputError(
+                f"{path}: line {int(rows.line[mine[k]])}: time of {name} goes back ({t_ns[k]} ns after "
+                f"{before[k]} ns); sort the log by time"
+            )
+        last[str(name)] = int(t_ns[-1])
+
+
+def _by_clocks(rows: DoaRows, sensor: Strings, clocks: Mapping[str, Clock], first: dict[str, int]) -> DoaRows:
+    """The rows with world times."""
+    t_ns = rows.t_ns.copy()
+    for name, clock in clocks.items():
+        mine = np.flatnonzero(sensor == name)
+        if len(mine):
+            start = first.setdefault(name, int(t_ns[mine[0]]))
+            t_ns[mine] = to_world_time(t_ns[mine], clock, start)
+    return rows._replace(t_ns=t_ns)
+
+
+def _table(rows: DoaRows, sensor: Strings, azimuth: Floats) -> Doa:
+    order = np.lexsort((rows.source_id, sensor, rows.t_ns))
+    values = {
+        "t_ns": rows.t_ns,
+        "sensor": sensor,
+        "source_id": rows.source_id,
+        "azimuth": azimuth,
+        "elevation": rows.elevation,
+        "sigma_azimuth": rows.sigma_azimuth,
+        "sigma_elevation": rows.sigma_elevation,
+        "confidence": rows.confidence,
+    }
+    return Doa.of(**{name: column[order] for name, column in values.items()})

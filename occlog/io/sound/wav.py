@@ -1,0 +1,144 @@
+"""WAV files read block by block, damaged ones as far as they go.
+
+Neither the standard library's reader (no floats) nor SciPy's (the whole file at once, no files
+cut off) will do for a recording of hours that a recorder did not finish, so the chunks are read
+here: RIFF and RF64, whole numbers of 8, 16, 24 and 32 bits, floats of 32 and 64 bits, plain and
+extensible headers.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.files.inputs import check_input
+from occlog.records.losses import Loss
+
+WHAT = "a WAV file"
+PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
+OPEN = (0, 0xFFFFFFFF)
+"""Lengths that a recorder writes first and corrects at the end."""
+MOST_CHANNELS, MOST_RATE = 4096, 10_000_000
+
+
+@dataclass
+class Sound:
+    """A WAV file, opened; `losses` is complete after all blocks have been read."""
+
+    path: Path
+    channels: int
+    rate: int  # frames per second
+    bits: int
+    floats: bool
+    start: int  # byte at which the samples begin
+    frames: int  # that are there, one sample a channel
+    promised: int | None  # frames by the header; None: it does not say
+    losses: list[Loss] = field(default_factory=list)
+
+    def blocks(self, size: int = 65536) -> Iterator[Floats]:
+        """(n, channels) samples, full scale 1, `size` frames at a time."""
+        if self.promised is None:
+            self.losses.append(Loss(self.path.name, "header", "does not state the length; read to the end of the file"))
+        elif self.frames < self.promised:
+            self.losses.append(
+                Loss(self.path.name, f"frame {self.frames}", "the file ends too early", self.promised - self.frames)
+            )
+        bad, first = 0, 0
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            for begin in range(0, self.frames, size):
+                n = min(size, self.frames - begin)
+                samples = self._samples(file.read(n * self.channels * self.bits // 8))
+                wrong = ~np.isfinite(samples)
+                if wrong.any():
+                    rows = np.flatnonzero(wrong.any(axis=1))
+                    first = first if bad else begin + int(rows[0])
+                    bad += len(rows)
+                    samples[wrong] = 0.0
+                yield samples
+        if bad:
+            self.losses.append(
+                Loss(self.path.name, f"frame {first} and later", "samples that are no numbers were taken for 0", bad)
+            )
+
+    def _samples(self, data: bytes) -> Floats:
+        width = self.bits // 8
+        usable = len(data) // (width * self.channels) * (width * self.channels)
+        data = data[:usable]
+        if self.floats:
+            flat = np.frombuffer(data, dtype=f"<f{width}").astype(np.float64)
+        elif width == 1:
+            flat = (np.frombuffer(data, dtype=np.uint8).astype(np.float64) - 128.0) / 128.0
+        elif width == 3:
+            octets = np.frombuffer(data, dtype=np.uint8).reshape(-1, 3).astype(np.int32)
+            whole = octets[:, 0] | octets[:, 1] << 8 | octets[:, 2] << 16
+            flat = (whole - ((whole & 0x800000) << 1)) / 8388608.0
+        else:
+            flat = np.frombuffer(data, dtype=f"<i{width}").astype(np.float64) / 2.0 ** (self.bits - 1)
+        return np.asarray(flat.reshape(-1, self.channels), dtype=np.float64)
+
+
+def open_sound(path: Path) -> Sound:
+    """A WAV file whose header has been read; InputError for another file, or one without sound."""
+    check_input(path, WHAT)
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        kind = file.read(12)
+        if len(kind) < 12 or kind[:4] not in (b"RIFF", b"RF64") or kind[8:] != b"WAVE":
+            raise InputError(f"{path}: is not {WHAT} (RIFF/WAVE); convert it, e.g. with `ffmpeg -i IN out.wav`")
+        form, start, length = _chunks(path, file, kind[:4] == b"RF64")
+    channels, rate, bits, floats = _format(path, form)
+    frame = channels * bits // 8
+    there = (size - start) // frame
+    known = length not in OPEN
+    frames = min(there, length // frame) if known else there
+    if frames == 0:
+        raise InputError(f"{path}: holds no sound (0 samples); make it again")
+    return Sound(path, channels, rate, bits, floats, start, frames, length // frame if known else None)
+
+
+def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:
+    """The format chunk, and where the samples begin and how many bytes they are by the header."""
+    form: bytes | None = None
+    long_length: int | None = None
+    while len(head := file.read(8)) == 8:
+        name, length = struct.unpack("<4sI", head)
+        if name == b"data":
+            if form is None:
+                raise InputError(f"{path}: has no format (`fmt `) before its samples; convert it again")
+            return form, file.tell(), long_length if large and long_length is not None else length
+        if name in (b"fmt ", b"ds64"):
+            body = file.read(min(length, 4096))
+            if name == b"fmt ":
+                form = body
+            elif len(body) >= 16:
+                long_length = struct.unpack("<Q", body[8:16])[0]
+            length -= len(body)
+        file.seek(length + length % 2 if name not in (b"fmt ", b"ds64") else length, os.SEEK_CUR)
+    raise InputError(f"{path}: has no samples (no `data`); the file is cut off or damaged")
+
+
+def _format(path: Path, form: bytes) -> tuple[int, int, int, bool]:
+    """Channels, rate, bits and whether they are floats; InputError for what cannot be read."""
+    if len(form) < 16:
+        raise InputError(f"{path}: its format (`fmt `) is cut off; convert it again")
+    tag, channels, rate, _, _, bits = struct.unpack("<HHIIHH", form[:16])
+    if tag == EXTENSIBLE and len(form) >= 26:
+        tag = struct.unpack("<H", form[24:26])[0]
+    good = {PCM: (8, 16, 24, 32), FLOAT: (32, 64)}.get(tag, ())
+    if bits not in good:
+        raise InputError(
+            f"{path}: samples of format {tag} with {bits} bits; whole numbers of 8, 16, 24 or 32 bits or floats of "
+            "32 or 64 were expected; convert it, e.g. with `ffmpeg -i IN -c:a pcm_s16le out.wav`"
+        )
+    if not 1 <= channels <= MOST_CHANNELS or not 1 <= rate <= MOST_RATE:
+        raise InputError(f"{path}: {channels} channels at {rate} Hz cannot be; the header is damaged")
+    return channels, rate, bits, tag == FLOAT

@@ -1,0 +1,95 @@
+"""Triangulated corners of a calibration board (caliscope's xyz_*.csv) as the truth of one point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.errors import InputError, UsageError
+from occlog.io.files.csv_rows import read_rows
+from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.records.tables import Truth
+
+COLUMNS = {
+    "sync": ("sync_index",),
+    "object": ("object_id",),
+    "corner": ("keypoint_id", "point_id"),
+    "x": ("x_coord", "x"),
+    "y": ("y_coord", "y"),
+    "z": ("z_coord", "z"),
+    "time": ("frame_time",),
+}
+WHAT = "board corners"
+MIN_CORNERS = 3
+
+
+def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
+    """The middle of the board over time, as target 0.
+
+    Corners come and go, and the mean of whichever are seen would jump.  So it is taken of
+    the corners that are there at every time, or, if these are fewer than three, of all
+    corners at the times when all are there.
+
+    Args:
+        path: the file.
+        sync_ns: time [ns] of every synchronisation index, from `read_sync_times`.
+    """
+    if sync_ns is None:
+        raise UsageError(f"{path}: counts synchronisation indices; give their times with --timestamps timestamps.csv")
+    sync, corner, xyz = _read(path)
+    names, column = np.unique(corner, return_inverse=True)
+    times, row = np.unique(sync, return_inverse=True)
+    grid = np.full((len(times), len(names), 3), np.nan)
+    grid[row, column] = xyz
+    there = np.isfinite(grid[:, :, 0])
+    always = there.all(axis=0)
+    if int(always.sum()) >= MIN_CORNERS:
+        middle, kept = grid[:, always].mean(axis=1), times
+    else:
+        whole = there.all(axis=1)
+        middle, kept = grid[whole].mean(axis=1), times[whole]
+    if not len(kept):
+        raise InputError(f"{path}: at no time are all corners of the board there, and fewer than 3 are there always")
+    missing = [int(s) for s in kept if int(s) not in sync_ns]
+    if missing:
+        raise InputError(f"{path}: sync_index {missing[0]} has no time in the time stamps")
+    t_ns = np.array([sync_ns[int(s)] for s in kept], dtype=np.int64)
+    n = len(kept)
+    return Truth.of(
+        t_ns=t_ns,
+        target_id=np.zeros(n, dtype=np.int32),
+        role=np.full(n, "target"),
+        x=middle[:, 0],
+        y=middle[:, 1],
+        z=middle[:, 2],
+    )
+
+
+def _read(path: Path) -> tuple[Ints, Ints, Floats]:
+    sync, corner, xyz = [], [], []
+    for rows in read_rows(path, COLUMNS, WHAT):
+        for name in ("sync", "corner", "x", "y", "z"):
+            if not rows.has(name):
+                raise InputError(f"{path}: has no column {COLUMNS[name][0]}; add it")
+        sync.append(rows.ints("sync"))
+        # Corners of several boards are told apart by the board's number.
+        board = rows.ints("object") if rows.has("object") else np.zeros(len(rows), dtype=np.int64)
+        corner.append(rows.ints("corner") + 1_000_000 * board)
+        xyz.append(np.column_stack([rows.floats(axis) for axis in "xyz"]))
+    return np.concatenate(sync), np.concatenate(corner), np.concatenate(xyz)
+
+
+def read_sync_times(path: Path) -> dict[int, int]:
+    """Time [ns] of each synchronisation index in a caliscope timestamps.csv: the mean over its cameras."""
+    found: dict[int, list[int]] = {}
+    columns = {"sync": ("sync_index",), **TIME_COLUMNS}
+    for rows in read_rows(path, columns, "time stamps with a column sync_index", ignore_extra=True):
+        unit = time_column(rows)
+        if unit is None or not rows.has("sync"):
+            raise InputError(f"{path}: has no columns sync_index and frame_time")
+        for sync, t in zip(rows.ints("sync").tolist(), parse_times(rows, unit, unit).tolist(), strict=True):
+            found.setdefault(sync, []).append(t)
+    return {sync: min(times) + round(sum(t - min(times) for t in times) / len(times)) for sync, times in found.items()}

@@ -1,0 +1,191 @@
+"""Frames of an AVI file: the header's counts against the chunks that are really there.
+
+AVI has no time stamps: a frame's time is its number.  So the numbers of the chunks that
+can still be read are worked out here, also behind a damaged stretch.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+
+from occlog.io.files.frame_times import frames_to_ns
+
+from .container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_short, let_go, unknown_frames, unpack
+
+EMPTY = -1
+MIN_RATE, MAX_RATE = 0.01, 1e6
+_LISTS = (b"RIFF", b"LIST")
+
+
+def recognised(data: mmap.mmap) -> bool:
+    """Whether the file begins like an AVI file."""
+    return len(data) >= 12 and data[:4] == b"RIFF" and data[8:12] == b"AVI "
+
+
+@dataclass
+class _Found:
+    """What a walk through the file has met so far."""
+
+    chunks: list[tuple[int, int]] = field(default_factory=list)  # (place, bytes) of the video stream's chunks
+    problems: list[tuple[str, str]] = field(default_factory=list)
+    header: Span | None = None
+    index: Span | None = None
+    movies: list[Span] = field(default_factory=list)
+
+
+def parse(data: mmap.mmap) -> Container:
+    """The video frames of the file and what is wrong with it."""
+    found = _Found()
+    try:
+        _walk_top(data, found)
+    except BrokenContainerError as bad:
+        found.problems.append((f"byte {bad.byte}", f"{bad.what}; no part of an AVI file begins there"))
+    try:
+        if found.header is None:
+            raise BrokenContainerError(12, "the header is missing")
+        stream, rate, announced = _video_stream(data, found.header)
+    except BrokenContainerError as bad:
+        return unknown_frames("avi", *found.problems, (f"byte {bad.byte}", f"the header is damaged: {bad.what}"))
+    return _container(data, found, stream, rate, announced)
+
+
+def _walk_top(data: mmap.mmap, found: _Found) -> None:
+    for riff in _chunks(data, 0, len(data), padded=True):
+        if riff.kind != b"RIFF":
+            raise BrokenContainerError(riff.start - 8, f"a part named {riff.kind!r}")
+        if riff.stop > len(data):
+            found.problems.append(cut_short(len(data), riff.stop, "RIFF list"))
+        for part in _chunks(data, riff.start + 4, min(riff.stop, len(data))):
+            name = data[part.start : part.start + 4] if part.kind == b"LIST" else part.kind
+            if name == b"hdrl":
+                found.header = part
+            elif name == b"movi":
+                found.movies.append(part)
+            elif name == b"idx1":
+                found.index = part
+
+
+def _chunks(data: mmap.mmap, start: int, stop: int, *, padded: bool = False) -> Iterator[Span]:
+    """Chunks between two bytes; `padded`: zeros behind the first one end them."""
+    first = start
+    while start + 8 <= stop:
+        kind = data[start : start + 4]
+        if padded and start > first and kind == bytes(4):
+            return
+        (size,) = unpack(data, "<I", start + 4)
+        if not _is_name(kind):
+            raise BrokenContainerError(start, f"a part named {kind!r}")
+        # A recorder that was stopped leaves a size of 0 in its open lists: they reach to the end.
+        end = stop if kind in _LISTS and size == 0 else start + 8 + size
+        yield Span(kind, start + 8, end)
+        start = end + (size & 1)
+
+
+def _is_name(kind: bytes) -> bool:
+    return len(kind) == 4 and all(32 <= c < 127 for c in kind)
+
+
+def _video_stream(data: mmap.mmap, header: Span) -> tuple[int, Fraction, int]:
+    """Number of the first video stream, its frame rate and its announced number of frames."""
+    number = 0
+    for part in _chunks(data, header.start + 4, min(header.stop, len(data))):
+        if part.kind != b"LIST" or data[part.start : part.start + 4] != b"strl":
+            continue
+        strh = next((c for c in _chunks(data, part.start + 4, part.stop) if c.kind == b"strh"), None)
+        if strh is not None and data[strh.start : strh.start + 4] == b"vids":
+            scale, rate, _, length = unpack(data, "<IIII", strh.start + 20)
+            if scale == 0 or not MIN_RATE <= rate / scale <= MAX_RATE:
+                raise BrokenContainerError(strh.start, f"a frame rate of {rate}/{scale}")
+            return number, Fraction(rate, scale), length
+        number += 1
+    raise BrokenContainerError(header.start, "it names no video stream")
+
+
+def _container(data: mmap.mmap, found: _Found, stream: int, rate: Fraction, announced: int) -> Container:
+    numbered = _numbered_chunks(data, found, f"{stream:02d}".encode())
+    number = np.fromiter(numbered, dtype=np.int64, count=len(numbered))
+    place, size = np.array(list(numbered.values()), dtype=np.int64).reshape(-1, 2).T
+    last = int(number.max(initial=-1)) + 1
+    if announced > max(MAX_FRAMES, last):
+        found.problems.append(("header", f"{announced} frames announced; that cannot be"))
+        announced = last
+    if announced == 0 and last:
+        found.problems.append(("header", "it was never completed (its recorder was stopped)"))
+    n = max(announced, last)
+    broken = np.ones(n, dtype=np.bool_)
+    broken[number] = place + size > len(data)
+    # An empty chunk stands for a frame that the recorder dropped: it takes its time, and has no picture.
+    shown = np.ones(n, dtype=np.bool_)
+    shown[number[size == 0]] = False
+    kept = np.flatnonzero(shown)
+    packets = np.where(shown[number], np.searchsorted(kept, number), EMPTY)
+    pts = frames_to_ns(kept, rate.limit_denominator(10**6))
+    return Container("avi", pts, broken[kept], False, rate, tuple(found.problems), packets)
+
+
+def _numbered_chunks(data: mmap.mmap, found: _Found, tag: bytes) -> dict[int, tuple[int, int]]:
+    """Place and size of the readable chunks of a stream by frame number, in the order of the file.
+
+    Chunks follow each other, so each is numbered by counting.  Behind a damaged header the
+    index tells the number of the next chunk that stands where the index says; where there
+    is none, nothing behind the damage can be given a number, and the walk ends.
+    """
+    out: dict[int, tuple[int, int]] = {}
+    index = _index(data, found, tag)
+    number = done = 0
+    for movie in found.movies:
+        at = movie.start + 4
+        stop = min(movie.stop, len(data))
+        while at + 8 <= stop:
+            done = let_go(data, at, done)
+            kind, size = data[at : at + 4], unpack(data, "<I", at + 4)[0]
+            if _is_name(kind) and (kind == b"LIST" or at + 8 + size <= movie.stop):
+                if kind[:2] == tag:
+                    out[number] = (at + 8, size)
+                    number += 1
+                at += 12 if kind == b"LIST" else 8 + size + (size & 1)
+                continue
+            # Index entries rise in place and number, so the first that fits is the nearest.
+            resume = next(
+                (
+                    (index[k][0], k)
+                    for k in range(number, len(index))
+                    if index[k][0] - 8 > at and _fits(data, *index[k], tag)
+                ),
+                None,
+            )
+            where = f"byte {at}"
+            if resume is None:
+                found.problems.append((where, "damaged; frames behind it cannot be given a number and are left out"))
+                return out
+            found.problems.append((where, f"damaged up to byte {resume[0] - 8}"))
+            number = resume[1]
+            at = resume[0] - 8
+    return out
+
+
+def _fits(data: mmap.mmap, place: int, size: int, tag: bytes) -> bool:
+    """Whether a chunk of the stream really stands where the index says."""
+    if place > len(data):
+        return False
+    return data[place - 8 : place - 6] == tag and unpack(data, "<I", place - 4)[0] == size
+
+
+def _index(data: mmap.mmap, found: _Found, tag: bytes) -> list[tuple[int, int]]:
+    """Place and size of each chunk of a stream as the index (idx1) gives them; empty without an index."""
+    if found.index is None or not found.movies:
+        return []
+    size = max(min(found.index.stop, len(data)) - found.index.start, 0) // 16 * 16
+    table = np.frombuffer(data, "<u4", size // 4, found.index.start).reshape(-1, 4)
+    tags = np.frombuffer(data, "S4", size // 4, found.index.start).reshape(-1, 4)[:, 0]
+    mine = [row for row, name in zip(table.tolist(), tags, strict=True) if bytes(name)[:2] == tag]
+    if not mine:
+        return []
+    # Offsets count from the word `movi`, or in some files from the beginning.
+    base = found.movies[0].start if mine[0][2] < found.movies[0].start else 0
+    return [(base + offset + 8, length) for _, _, offset, length in mine]

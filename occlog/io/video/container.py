@@ -1,0 +1,103 @@
+"""What a video file itself says about its frames, read without a decoder.
+
+OpenCV never tells that a video was cut or damaged, and its frame count is an estimate for
+some containers.  The parsers here (`video_mp4`, `video_avi`, `video_mkv`) read the tables
+and marks of the container, so that lost frames are counted and the rest keep their place.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from contextlib import suppress
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from occlog.array_types import Bools, Ints
+
+MAX_FRAMES = 10_000_000
+"""A container that announces more frames than it holds is believed up to this number."""
+
+RELEASE_BYTES = 4 * 2**20
+
+
+@dataclass(frozen=True, eq=False)
+class Container:
+    """The frames that a container announces.
+
+    Attributes:
+        kind: `mp4`, `avi` or `matroska`.
+        pts_ns: (n,) presentation times of all frames, from 0 and rising; None: they are not known.
+        broken: (n,) frames whose bytes are not in the file, or not all.
+        stamped: the times are stamps, not frame numbers divided by a frame rate.
+        rate: frames per second as stated, None if not.
+        problems: (place, what) of every fault found.
+        packets: AVI only: frame number of each readable packet in order, -1 for an empty one.
+        first_ns: time in `pts_ns` of the first frame that is still in the file.
+    """
+
+    kind: str
+    pts_ns: Ints | None
+    broken: Bools
+    stamped: bool
+    rate: Fraction | None
+    problems: tuple[tuple[str, str], ...] = ()
+    packets: Ints | None = None
+    first_ns: int = 0
+
+    @property
+    def frames(self) -> int | None:
+        """Number of frames announced, None if it is not known."""
+        return None if self.pts_ns is None else len(self.pts_ns)
+
+
+class BrokenContainerError(ValueError):
+    """The container's structure is broken at a byte from which on it cannot be followed."""
+
+    def __init__(self, byte: int, what: str) -> None:
+        super().__init__(f"byte {byte}: {what}")
+        self.byte, self.what = byte, what
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Bytes start..stop of the file; `stop` may lie beyond the end of a file that was cut."""
+
+    kind: bytes
+    start: int
+    stop: int
+
+
+def let_go(data: mmap.mmap, upto: int, done: int) -> int:
+    """Give back the memory of the part that has been read, now and then; the byte up to which that was done.
+
+    Pages of a mapped file count as the process's memory as long as they are mapped.
+    """
+    if upto - done < RELEASE_BYTES:
+        return done
+    with suppress(AttributeError, ValueError, OSError):
+        data.madvise(mmap.MADV_DONTNEED, 0, upto // mmap.PAGESIZE * mmap.PAGESIZE)
+    return upto
+
+
+def unknown_frames(kind: str, *problems: tuple[str, str]) -> Container:
+    """A container whose list of frames cannot be read."""
+    return Container(kind, None, np.zeros(0, dtype=np.bool_), False, None, problems)
+
+
+def unpack(data: mmap.mmap, layout: str, byte: int) -> tuple[int, ...]:
+    """`struct.unpack_from` that raises BrokenContainerError at the end of the data."""
+    try:
+        return struct.unpack_from(layout, data, byte)
+    except struct.error:
+        raise BrokenContainerError(byte, "the file ends here") from None
+
+
+def cut_short(size: int, wanted: int, part: str) -> tuple[str, str]:
+    """The fault of a file that is shorter than it says."""
+    return (
+        f"byte {size}",
+        f"the file ends {wanted - size} bytes before the end of its {part} (it was cut, or its recorder was stopped)",
+    )

@@ -1,0 +1,248 @@
+"""Frames of a Matroska or WebM file: the blocks of its clusters, checked against sizes and check sums."""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Ints
+from occlog.io.files.frame_times import MAX_RATE_DENOMINATOR
+
+from .container import MAX_FRAMES, BrokenContainerError, Container, cut_short, let_go, unknown_frames
+
+EBML, SEGMENT, INFO, TRACKS, CLUSTER, CRC32 = 0x1A45DFA3, 0x18538067, 0x1549A966, 0x1654AE6B, 0x1F43B675, 0xBF
+TICK, DURATION = 0x2AD7B1, 0x4489
+ENTRY, NUMBER, TYPE, FRAME_NS, CODEC = 0xAE, 0xD7, 0x83, 0x23E383, 0x86
+CLUSTER_TIME, SIMPLE_BLOCK, GROUP, BLOCK = 0xE7, 0xA3, 0xA0, 0xA1
+CLUSTER_MARK = CLUSTER.to_bytes(4, "big")
+_LEVEL1 = {INFO, TRACKS, CLUSTER, 0x114D9B74, 0x1C53BB6B, 0x1254C367, 0x1043A770, 0x1941A469, 0xEC, CRC32}
+
+
+class Element(NamedTuple):
+    """One EBML element: its first byte, where its content starts, where it stops (None: not stated)."""
+
+    id: int
+    head: int
+    start: int
+    stop: int | None
+
+
+@dataclass
+class _Found:
+    """What a walk through the file has met so far."""
+
+    tick_ns: int = 1_000_000
+    duration: float = 0.0  # ticks
+    track: int | None = None
+    frame_ns: int = 0
+    codec: bytes = b""
+    ticks: list[int] = field(default_factory=list)
+    problems: list[tuple[str, str]] = field(default_factory=list)
+
+
+def recognised(data: mmap.mmap) -> bool:
+    """Whether the file begins like a Matroska file."""
+    return data[:4] == EBML.to_bytes(4, "big")
+
+
+def parse(data: mmap.mmap) -> Container:
+    """The video frames of the file and what is wrong with it."""
+    found = _Found()
+    try:
+        header = _element(data, 0, len(data))
+        segment = _element(data, header.stop or len(data), len(data))
+        if segment.id != SEGMENT:
+            raise BrokenContainerError(segment.head, "the segment is missing")
+        if segment.stop is not None and segment.stop > len(data):
+            found.problems.append(cut_short(len(data), segment.stop, "segment"))
+        _segment(data, segment.start, min(segment.stop or len(data), len(data)), found)
+    except BrokenContainerError as bad:
+        found.problems.append((f"byte {bad.byte}", f"damaged: {bad.what}"))
+    if found.track is None:
+        return unknown_frames("matroska", *found.problems, ("header", "no video track is named"))
+    return _container(found)
+
+
+def _element(data: mmap.mmap, at: int, stop: int) -> Element:
+    """The element that begins at a byte; BrokenContainerError where none can."""
+    if at >= min(stop, len(data)):
+        raise BrokenContainerError(at, "the data ends here")
+    first = data[at]
+    width = 9 - first.bit_length()
+    if not first or width > 4 or at + width >= len(data):
+        raise BrokenContainerError(at, "no element begins here")
+    ident = int.from_bytes(data[at : at + width], "big")
+    place = at + width
+    length = 9 - data[place].bit_length()
+    if not data[place] or place + length > len(data):
+        raise BrokenContainerError(at, "an element without a size")
+    size = int.from_bytes(data[place : place + length], "big") & ((1 << (7 * length)) - 1)
+    start = place + length
+    return Element(ident, at, start, None if size == (1 << (7 * length)) - 1 else start + size)
+
+
+def _children(data: mmap.mmap, start: int, stop: int) -> Iterator[Element]:
+    at = start
+    while at < stop:
+        child = _element(data, at, stop)
+        if child.stop is None or child.stop > stop:
+            raise BrokenContainerError(at, "an element that is longer than what holds it")
+        yield child
+        at = child.stop
+
+
+def _segment(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
+    at, done = start, 0
+    while at < stop:
+        done = let_go(data, at, done)
+        try:
+            part = _element(data, at, stop)
+            if part.id not in _LEVEL1:
+                raise BrokenContainerError(at, f"an unknown element 0x{part.id:x}")
+            at = _part(data, part, stop, found)
+        except BrokenContainerError as bad:
+            again = data.find(CLUSTER_MARK, max(bad.byte, at) + 1, stop)
+            found.problems.append(
+                (
+                    f"byte {bad.byte}",
+                    f"damaged: {bad.what}" + ("" if again < 0 else f"; readable again at byte {again}"),
+                )
+            )
+            at = again if again >= 0 else stop
+
+
+def _part(data: mmap.mmap, part: Element, stop: int, found: _Found) -> int:
+    """Read one top-level element; the byte after it."""
+    end = part.stop
+    if end is not None and end > stop:
+        if part.id != CLUSTER:
+            return stop  # the missing end has been told of already
+        end = stop
+    if end is not None and part.id != CLUSTER:
+        _check_sum(data, part, end, found)
+    if part.id == CLUSTER:
+        after = _cluster(data, part.start, stop if end is None else end, found, open_end=end is None)
+        if end is not None and part.stop == end:
+            _check_sum(data, part, end, found)
+        return after
+    if end is None:
+        raise BrokenContainerError(part.head, "an element of unknown size")
+    if part.id == INFO:
+        _info(data, part.start, end, found)
+    elif part.id == TRACKS and found.track is None:
+        _tracks(data, part.start, end, found)
+    return end
+
+
+def _check_sum(data: mmap.mmap, part: Element, end: int, found: _Found) -> None:
+    """Compare a CRC-32 element with the content behind it (RFC 8794 sec. 11.3.1)."""
+    if data[part.start : part.start + 2] != b"\xbf\x84" or end - part.start < 6:
+        return
+    (stated,) = struct.unpack_from("<I", data, part.start + 2)
+    with memoryview(data) as view, view[part.start + 6 : end] as content:
+        if zlib.crc32(content) == stated:
+            return
+    name = "cluster" if part.id == CLUSTER else "header or index"
+    found.problems.append((f"bytes {part.head}-{end}", f"wrong check sum of this {name}: its content has changed"))
+
+
+def _uint(data: mmap.mmap, e: Element) -> int:
+    return int.from_bytes(data[e.start : min(e.stop or e.start, e.start + 8)], "big")
+
+
+def _info(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
+    for e in _children(data, start, stop):
+        if e.id == TICK:
+            found.tick_ns = max(_uint(data, e), 1)
+        elif e.id == DURATION and e.stop is not None and e.stop - e.start in (4, 8):
+            (found.duration,) = struct.unpack(">f" if e.stop - e.start == 4 else ">d", data[e.start : e.stop])
+
+
+def _tracks(data: mmap.mmap, start: int, stop: int, found: _Found) -> None:
+    for entry in (e for e in _children(data, start, stop) if e.id == ENTRY):
+        values = {e.id: e for e in _children(data, entry.start, entry.stop or stop)}
+        if NUMBER in values and TYPE in values and _uint(data, values[TYPE]) == 1:
+            found.track = _uint(data, values[NUMBER])
+            found.frame_ns = _uint(data, values[FRAME_NS]) if FRAME_NS in values else 0
+            found.codec = data[values[CODEC].start : values[CODEC].stop or 0] if CODEC in values else b""
+            return
+
+
+def _cluster(data: mmap.mmap, start: int, stop: int, found: _Found, *, open_end: bool) -> int:
+    """Note the frames of a cluster; the byte after it."""
+    at, base = start, 0
+    while at < stop:
+        e = _element(data, at, stop)
+        if open_end and e.id in _LEVEL1 - {CRC32, 0xEC}:
+            return at
+        if e.stop is None or e.stop > stop:
+            raise BrokenContainerError(
+                at, "the file ends in this block" if stop == len(data) else "a block is too long"
+            )
+        if e.id == CLUSTER_TIME:
+            base = _uint(data, e)
+        elif e.id == SIMPLE_BLOCK:
+            _block(data, e, base, found)
+        elif e.id == GROUP:
+            for inner in _children(data, e.start, e.stop):
+                if inner.id == BLOCK:
+                    _block(data, inner, base, found)
+        at = e.stop
+    return at
+
+
+def _block(data: mmap.mmap, e: Element, base: int, found: _Found) -> None:
+    """Note the time of a block of the video track, unless its picture is not meant to be shown."""
+    stop = e.stop or e.start
+    if e.start + 4 > stop or not data[e.start]:
+        raise BrokenContainerError(e.head, "a block without a header")
+    width = 9 - data[e.start].bit_length()
+    track = int.from_bytes(data[e.start : e.start + width], "big") & ((1 << (7 * width)) - 1)
+    if track != found.track or e.start + width + 3 >= stop:
+        return
+    shift, flags, first = struct.unpack_from(">hBB", data, e.start + width)
+    hidden = flags & 0x08 or (found.codec == b"V_VP8" and not first >> 4 & 1)
+    if not hidden:
+        found.ticks.append(base + shift)
+
+
+def _container(found: _Found) -> Container:
+    ticks = np.array(sorted(found.ticks), dtype=np.int64) * found.tick_ns
+    rate = Fraction(NS, found.frame_ns).limit_denominator(MAX_RATE_DENOMINATOR) if found.frame_ns else None
+    pts, broken, first = _fill_grid(ticks, found)
+    return Container("matroska", pts, broken, True, rate, tuple(found.problems), first_ns=first)
+
+
+def _fill_grid(times: Ints, found: _Found) -> tuple[Ints, Bools, int]:
+    """Times of all frames, those missing from a damaged file included where the frame rate is constant.
+
+    Returns:
+        times (n,) after the first frame, which of them are missing (n,), and the time of
+        the first frame that is there.
+    """
+    step, slack = found.frame_ns, 1.5 * found.tick_ns
+    none = np.zeros(len(times), dtype=np.bool_)
+    origin = int(times[0]) if len(times) else 0
+    # A frame that is not in a file without damage was never recorded: it is not missing.
+    if step <= 2 * slack or not len(times) or not found.problems:
+        return times - origin, none, 0
+    if origin > step:
+        origin = 0  # the first frames are among the lost ones
+    number = np.round((times - origin) / step).astype(np.int64)
+    off_grid = (np.abs(times - origin - number * step) > slack).any() or (np.diff(number) < 1).any()
+    length = found.duration * found.tick_ns / step
+    n = max(int(number[-1]) + 1, round(length) if 0 < length < MAX_FRAMES else 0)
+    if off_grid or number[0] < 0 or n > MAX_FRAMES:
+        return times - int(times[0]), none, 0
+    grid = np.arange(n, dtype=np.int64) * step
+    grid[number] = times - origin
+    missing = np.ones(n, dtype=np.bool_)
+    missing[number] = False
+    return grid, missing, int(grid[number[0]])

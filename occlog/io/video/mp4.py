@@ -1,0 +1,313 @@
+"""Frames of an MP4 or QuickTime file: sample tables (ISO/IEC 14496-12), also of fragmented files.
+
+Boxes of MP4 and QuickTime files (ISO/IEC 14496-12), read with every length checked.
+
+Samples of fragmented MP4 files: what recorders write that want to survive a power cut.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Ints
+
+from .container import MAX_FRAMES, BrokenContainerError, Container, Span, cut_short, unknown_frames, unpack
+
+
+class Samples(NamedTuple):
+    """Sample table of the video track, in the order of decoding; times in ticks of `scale` per second."""
+
+    scale: int
+    time: Ints
+    duration: Ints
+    offset: Ints
+    size: Ints
+
+
+def boxes(data: mmap.mmap, start: int, stop: int) -> Iterator[Span]:
+    """Boxes between two bytes: the spans of their content."""
+    while start + 8 <= stop:
+        size, kind = struct.unpack_from(">I4s", data, start)
+        head = 8
+        if size == 1:
+            (size,) = unpack(data, ">Q", start + 8)
+            head = 16
+        elif size == 0:
+            size = stop - start
+        if size < head or not all(32 <= c < 127 or c == 0xA9 for c in kind):
+            raise BrokenContainerError(start, f"a box of {size} bytes named {box_name(kind)}")
+        yield Span(kind, start + head, start + size)
+        start += size
+
+
+def box_name(kind: bytes) -> str:
+    """The name of a box as printable text."""
+    return kind.decode("ascii", "backslashreplace")
+
+
+def find_box(data: mmap.mmap, span: Span, *path: bytes) -> Span | None:
+    """The first box with this path of names inside a span, None if there is none."""
+    for kind in path:
+        found = next((b for b in boxes(data, span.start, min(span.stop, len(data))) if b.kind == kind), None)
+        if found is None:
+            return None
+        span = found
+    return span
+
+
+def need_box(data: mmap.mmap, span: Span, *path: bytes) -> Span:
+    """The first box with this path of names; BrokenContainerError if there is none."""
+    found = find_box(data, span, *path)
+    if found is None:
+        raise BrokenContainerError(span.start, f"box {'/'.join(box_name(p) for p in path)} is missing")
+    return found
+
+
+def ticks_per_second(data: mmap.mmap, box: Span) -> int:
+    """Ticks per second of an mdhd or mvhd box."""
+    scale = unpack(data, ">I", box.start + (20 if data[box.start] else 12))[0]
+    if scale < 1:
+        raise BrokenContainerError(box.start, "a time scale of 0")
+    return scale
+
+
+def read_table(data: mmap.mmap, box: Span | None, width: int, dtype: str, head: int = 4) -> Ints:
+    """(n, width) entries of a table box with a count, as int64; no rows where the box is missing."""
+    if box is None:
+        return np.zeros((0, width), dtype=np.int64)
+    (count,) = unpack(data, ">I", box.start + head)
+    first = box.start + head + 4
+    if first + count * width * np.dtype(dtype).itemsize > min(box.stop, len(data)):
+        raise BrokenContainerError(box.start, f"table {box_name(box.kind)} of {count} entries is longer than its box")
+    return np.frombuffer(data, dtype, count * width, first).astype(np.int64).reshape(count, width)
+
+
+def read_fragments(data: mmap.mmap, moov: Span, moofs: list[Span], track_id: int, scale: int) -> Samples:
+    """Samples of the movie fragments."""
+    defaults = _track_defaults(data, moov, track_id)
+    parts: list[tuple[int, int, int, int]] = []
+    clock = 0
+    for moof in (m for m in moofs if m.stop <= len(data)):
+        for traf in (b for b in boxes(data, moof.start, moof.stop) if b.kind == b"traf"):
+            tfhd = need_box(data, traf, b"tfhd")
+            if unpack(data, ">I", tfhd.start + 4)[0] != track_id:
+                continue
+            clock = _fragment(data, moof, traf, tfhd, defaults, clock, parts)
+    table = np.array(parts, dtype=np.int64).reshape(-1, 4)
+    return Samples(scale, *table.T)
+
+
+def _track_defaults(data: mmap.mmap, moov: Span, track_id: int) -> tuple[int, int]:
+    """Default duration and size of a fragment's samples."""
+    mvex = find_box(data, moov, b"mvex")
+    for trex in boxes(data, mvex.start, mvex.stop) if mvex is not None else ():
+        if trex.kind == b"trex" and unpack(data, ">I", trex.start + 4)[0] == track_id:
+            return unpack(data, ">II", trex.start + 12)  # type: ignore[return-value]
+    return 0, 0
+
+
+def _fragment(
+    data: mmap.mmap,
+    moof: Span,
+    traf: Span,
+    tfhd: Span,
+    defaults: tuple[int, int],
+    clock: int,
+    parts: list[tuple[int, int, int, int]],
+) -> int:
+    """Append (time, duration, offset, size) of the samples of one track fragment; time after it."""
+    flags = unpack(data, ">I", tfhd.start)[0] & 0xFFFFFF
+    at = tfhd.start + 8
+    base = moof.start - 8
+    if flags & 0x1:
+        (base,) = unpack(data, ">Q", at)
+        at += 8
+    at += 4 if flags & 0x2 else 0
+    duration, size = defaults
+    if flags & 0x8:
+        (duration,) = unpack(data, ">I", at)
+        at += 4
+    if flags & 0x10:
+        (size,) = unpack(data, ">I", at)
+    tfdt = find_box(data, traf, b"tfdt")
+    if tfdt is not None:
+        (clock,) = unpack(data, ">Q" if data[tfdt.start] else ">I", tfdt.start + 4)
+    for trun in (b for b in boxes(data, traf.start, traf.stop) if b.kind == b"trun"):
+        clock, base = _run(data, trun, (duration, size), clock, base, parts)
+    return clock
+
+
+def _run(
+    data: mmap.mmap,
+    trun: Span,
+    defaults: tuple[int, int],
+    clock: int,
+    base: int,
+    parts: list[tuple[int, int, int, int]],
+) -> tuple[int, int]:
+    flags, count = unpack(data, ">II", trun.start)
+    flags &= 0xFFFFFF
+    at = trun.start + 8
+    offset = base
+    if flags & 0x1:
+        offset = base + unpack(data, ">i", at)[0]
+        at += 4
+    at += 4 if flags & 0x4 else 0
+    fields = [bit for bit in (0x100, 0x200, 0x400, 0x800) if flags & bit]
+    if at + 4 * len(fields) * count > trun.stop or len(parts) + count > MAX_FRAMES:
+        raise BrokenContainerError(trun.start, f"a fragment of {count} samples is longer than its box")
+    for _ in range(count):
+        values = dict(zip(fields, unpack(data, f">{len(fields)}i", at), strict=True))
+        at += 4 * len(fields)
+        duration, size = values.get(0x100, defaults[0]), values.get(0x200, defaults[1])
+        parts.append((clock + values.get(0x800, 0), duration, offset, size))
+        clock += duration
+        offset += size
+    return clock, offset
+
+
+_TOP = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"styp", b"sidx", b"moof", b"pnot")
+
+
+def recognised(data: mmap.mmap) -> bool:
+    """Whether the file begins like an MP4 or QuickTime file."""
+    return len(data) >= 8 and data[4:8] in _TOP
+
+
+def parse(data: mmap.mmap) -> Container:
+    """The video frames of the file and what is wrong with it."""
+    problems: list[tuple[str, str]] = []
+    top: list[Span] = []
+    try:
+        for box in boxes(data, 0, len(data)):
+            top.append(box)
+            if box.stop > len(data):
+                problems.append(cut_short(len(data), box.stop, f"box {box_name(box.kind)}"))
+    except BrokenContainerError as bad:
+        problems.append((f"byte {bad.byte}", f"{bad.what}; no box of an MP4 file begins there"))
+    moov = next((b for b in top if b.kind == b"moov"), None)
+    if moov is None:
+        problems.append(
+            ("moov", "the index (box moov) is missing; the file was cut or its recorder was stopped before the end")
+        )
+        return unknown_frames("mp4", *problems)
+    try:
+        return _container(data, moov, [b for b in top if b.kind == b"moof"], problems)
+    except BrokenContainerError as bad:
+        return unknown_frames("mp4", *problems, (f"byte {bad.byte}", f"the index (box moov) is damaged: {bad.what}"))
+
+
+def _container(data: mmap.mmap, moov: Span, moofs: list[Span], problems: list[tuple[str, str]]) -> Container:
+    trak, track_id = _video_track(data, moov)
+    samples = _sample_table(data, trak)
+    if moofs:
+        samples = _join(samples, read_fragments(data, moov, moofs, track_id, samples.scale))
+    order = np.argsort(samples.time, kind="stable")
+    time = samples.time[order]
+    broken = (samples.offset + samples.size)[order] > len(data)
+    shown = _edited(data, moov, trak, samples, time)
+    if shown is None or not len(time):
+        return unknown_frames("mp4", *problems)
+    time, broken = time[shown], broken[shown]
+    pts = _ticks_to_ns(time - time[0], samples.scale) if len(time) else time
+    mean = float(np.median(samples.duration)) if len(samples.duration) else 0.0
+    rate = Fraction(samples.scale, int(mean)).limit_denominator(1001) if mean >= 1 else None
+    return Container("mp4", pts, broken, True, rate, tuple(problems))
+
+
+def _video_track(data: mmap.mmap, moov: Span) -> tuple[Span, int]:
+    for trak in (b for b in boxes(data, moov.start, min(moov.stop, len(data))) if b.kind == b"trak"):
+        hdlr = find_box(data, trak, b"mdia", b"hdlr")
+        if hdlr is not None and data[hdlr.start + 8 : hdlr.start + 12] == b"vide":
+            tkhd = need_box(data, trak, b"tkhd")
+            version = data[tkhd.start]
+            return trak, unpack(data, ">I", tkhd.start + (20 if version else 12))[0]
+    raise BrokenContainerError(moov.start, "it names no video track")
+
+
+def _sample_table(data: mmap.mmap, trak: Span) -> Samples:
+    scale = ticks_per_second(data, need_box(data, trak, b"mdia", b"mdhd"))
+    stbl = need_box(data, trak, b"mdia", b"minf", b"stbl")
+    size = _sizes(data, need_box(data, stbl, b"stsz"))
+    n = len(size)
+    duration = _runs(read_table(data, find_box(data, stbl, b"stts"), 2, ">i4"), n)
+    shift = _runs(read_table(data, find_box(data, stbl, b"ctts"), 2, ">i4"), n)
+    time = np.concatenate([[0], np.cumsum(duration)[:-1]]).astype(np.int64) + shift if n else shift
+    return Samples(scale, time, duration, _offsets(data, stbl, size), size)
+
+
+def _sizes(data: mmap.mmap, stsz: Span) -> Ints:
+    uniform, count = unpack(data, ">II", stsz.start + 4)
+    if uniform:
+        if count > MAX_FRAMES:
+            raise BrokenContainerError(stsz.start, f"{count} samples announced")
+        return np.full(count, uniform, dtype=np.int64)
+    return read_table(data, stsz, 1, ">u4", head=8)[:, 0]
+
+
+def _runs(table: Ints, n: int) -> Ints:
+    """Values of a run-length table for n samples; 0 beyond its end."""
+    out = np.zeros(n, dtype=np.int64)
+    at = 0
+    for count, value in table.tolist():
+        out[at : at + max(count, 0)] = value
+        at += max(count, 0)
+        if at >= n:
+            break
+    return out
+
+
+def _offsets(data: mmap.mmap, stbl: Span, size: Ints) -> Ints:
+    """(n,) place of every sample in the file."""
+    chunks = read_table(data, find_box(data, stbl, b"stco"), 1, ">u4")[:, 0]
+    if not len(chunks):
+        chunks = read_table(data, find_box(data, stbl, b"co64"), 1, ">u8")[:, 0]
+    stsc = read_table(data, find_box(data, stbl, b"stsc"), 3, ">u4")
+    first = np.append(stsc[:, 0] - 1, len(chunks))
+    per_chunk = np.zeros(len(chunks), dtype=np.int64)
+    for n, entry in enumerate(stsc):
+        per_chunk[max(first[n], 0) : max(first[n + 1], 0)] = entry[1]
+    if int(per_chunk.sum()) < len(size):
+        if len(size) and not len(chunks):
+            raise BrokenContainerError(stbl.start, "the places of the samples are missing")
+        per_chunk[-1:] += len(size) - int(per_chunk.sum())
+    if per_chunk.max(initial=0) > MAX_FRAMES:
+        raise BrokenContainerError(stbl.start, f"{int(per_chunk.max())} samples in one chunk")
+    chunk_of = np.repeat(np.arange(len(chunks)), np.minimum(per_chunk, len(size)))[: len(size)]
+    start = np.concatenate([[0], np.cumsum(size)[:-1]]) if len(size) else np.zeros(0, dtype=np.int64)
+    new = np.flatnonzero(np.diff(chunk_of, prepend=-1))
+    base = np.repeat(start[new], np.diff(np.append(new, len(size)))) if len(new) else start
+    return np.asarray(chunks[chunk_of] + start - base, dtype=np.int64)
+
+
+def _edited(data: mmap.mmap, moov: Span, trak: Span, samples: Samples, time: Ints) -> Bools | None:
+    """Which samples, in the order of time, the edit list shows; None for an edit list that cuts and joins."""
+    elst = find_box(data, trak, b"edts", b"elst")
+    if elst is None:
+        return np.ones(len(time), dtype=np.bool_)
+    entries = (
+        read_table(data, elst, 5, ">i4")[:, [1, 3]] if data[elst.start] else read_table(data, elst, 3, ">i4")[:, [0, 1]]
+    )
+    played = entries[entries[:, 1] >= 0]
+    if len(played) != 1:
+        return np.ones(len(time), dtype=np.bool_) if not len(played) else None
+    scale = ticks_per_second(data, need_box(data, moov, b"mvhd"))
+    start = int(played[0, 1])
+    length = int(played[0, 0]) * samples.scale / scale
+    stop = start + length if length > 0 else np.inf
+    return np.asarray((time >= start) & (time < stop), dtype=np.bool_)
+
+
+def _ticks_to_ns(ticks: Ints, scale: int) -> Ints:
+    whole, rest = np.divmod(ticks, scale)
+    return np.asarray(whole * 1_000_000_000 + (rest * 1_000_000_000 + scale // 2) // scale, dtype=np.int64)
+
+
+def _join(a: Samples, b: Samples) -> Samples:
+    return Samples(a.scale, *(np.concatenate([x, y]) for x, y in zip(a[1:], b[1:], strict=True)))

@@ -1,0 +1,1 @@
+"""People in a foreground region: mixture of person-shaped Gaussians by EM."""

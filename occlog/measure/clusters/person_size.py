@@ -1,0 +1,141 @@
+"""How large a person is in the image, by position: from the camera's pose, or from what was seen.
+
+A person is a box of given height, width and depth that stands on the ground, turned
+towards the camera.  Its projection is close to a parallelogram, and the pixels of one
+that is spanned by vectors a, b, c have the covariance (a a' + b b' + c c') / 12.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.records.scene import Camera
+
+WIDTH_SHARE = 0.34  # width over height of a walking person with arms, seen from any side
+DEPTH_SHARE = 0.2
+FILL = 0.6  # share of a person's bounding box that is foreground
+GRID = 24  # cells of a size map along the longer side of the image
+DISTANCES = 48  # tried along each sight line
+NEAR, FAR = 1.0, 60.0  # nearest and farthest person, in body heights
+ROW_TOLERANCE = 0.12  # of a body's height: how well the centre of a cluster is known
+LOG_SIZE_SPREAD = 0.1  # of people's heights, and of postures
+
+
+@dataclass(frozen=True, eq=False)
+class SizeMap:
+    """Expected size of a person centred at each position of an image.
+
+    Rows of the arrays are cells of a regular grid, row by row.
+    """
+
+    image_size: tuple[int, int]  # width, height [px]
+    shape: tuple[int, int]  # rows, columns of the grid
+    cov: Floats  # (cells, 3) xx, xy, yy of the pixels of a person [px^2]
+    mass: Floats  # (cells,) foreground pixels of a person in full view
+    spread: Floats  # (cells,) standard deviation of the logarithm of the size
+
+    @property
+    def width_px(self) -> float:
+        """Median over the image of a person's width [px]."""
+        return float(np.sqrt(12.0 * np.median(self.cov[:, 0])))
+
+
+def cell_centres(image_size: tuple[int, int]) -> tuple[tuple[int, int], Floats]:
+    """Shape (rows, columns) of the grid for an image, and the (cells, 2) pixels of its cells' centres."""
+    width, height = image_size
+    longer = max(width, height)
+    columns, rows = max(1, round(GRID * width / longer)), max(1, round(GRID * height / longer))
+    x = (np.arange(columns) + 0.5) * width / columns - 0.5
+    y = (np.arange(rows) + 0.5) * height / rows - 0.5
+    return (rows, columns), np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def sizes_from_heights(image_size: tuple[int, int], heights_px: Floats, spread: float) -> SizeMap:
+    """Size map of upright people.
+
+    Args:
+        image_size: width and height [px].
+        heights_px: (cells,) height of a person centred there, > 0, in the order of `cell_centres`.
+        spread: standard deviation of the logarithm of the height.
+    """
+    shape, centres = cell_centres(image_size)
+    widths = WIDTH_SHARE * heights_px
+    cov = np.column_stack([widths**2, np.zeros(len(centres)), heights_px**2]) / 12.0
+    return SizeMap(image_size, shape, cov, FILL * widths * heights_px, np.full(len(centres), spread))
+
+
+def constant_sizes(image_size: tuple[int, int], height_px: float) -> SizeMap:
+    """Size map of people of one height [px] everywhere."""
+    _, centres = cell_centres(image_size)
+    return sizes_from_heights(image_size, np.full(len(centres), height_px), LOG_SIZE_SPREAD)
+
+
+def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float, reach: float) -> SizeMap:
+    """Size map from a camera's pose.
+
+    Along the azimuth of each position people are placed at many distances; each counts
+    by how near its centre comes to the position, so that a camera that looks down gets
+    one size for each place, and one at half a person's height, or of unknown height
+    (z = 0), the middle of the possible sizes and their spread.
+
+    Args:
+        camera: placed camera.
+        image_size: width and height [px].
+        height: of a person, in the scene's unit.
+        reach: distance of the farthest person, in the scene's unit.
+    """
+    shape, centres = cell_centres(image_size)
+    near, far = NEAR * height, max(min(reach, camera.range, FAR * height), 2.0 * NEAR * height)
+    distances = np.geomspace(near, far, DISTANCES)
+    azimuths = camera.bearings(centres)
+    directions = np.column_stack([np.cos(azimuths), np.sin(azimuths)])
+    spots = (camera.ground + distances[:, None, None] * directions).reshape(-1, 2)
+    middles, spans = person_in_image(camera, spots, height)
+    lengths = np.sqrt(np.einsum("nij,nij->n", spans, spans))
+    offsets = middles.reshape(DISTANCES, -1, 2) - centres
+    miss = np.hypot(offsets[..., 0], offsets[..., 1]) / lengths.reshape(DISTANCES, -1) / ROW_TOLERANCE
+    if camera.position[2] <= 0:
+        miss = np.zeros_like(miss)
+    log_weights = np.where(np.isfinite(miss), -0.5 * miss**2, -np.inf)
+    log_weights -= np.max(log_weights, axis=0, initial=-1e300)
+    weights = np.exp(log_weights)
+    weights /= weights.sum(axis=0)
+    return _mean_sizes(image_size, shape, weights, spans)
+
+
+def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Floats, Floats]:
+    """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people at (N, 2) places; NaN behind the camera."""
+    z = float(camera.position[2])
+    foot = z - height / 2 if z <= 0 else 0.0  # height unknown: level with the middle of the body
+    n = len(spots)
+    middle = np.column_stack([spots, np.full(n, foot + height / 2)])
+    away = spots - camera.ground
+    away /= np.hypot(away[:, 0], away[:, 1])[:, None]
+    side = np.column_stack([-away[:, 1], away[:, 0], np.zeros(n)]) * (WIDTH_SHARE * height / 2)
+    deep = np.column_stack([away, np.zeros(n)]) * (DEPTH_SHARE * height / 2)
+    up = np.tile([0.0, 0.0, height / 2], (n, 1))
+    spans = [camera.project(middle + v) - camera.project(middle - v) for v in (up, side, deep)]
+    return camera.project(middle), np.stack(spans, axis=1)
+
+
+def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Floats, spans: Floats) -> SizeMap:
+    """Size map from people at (distances, cells) places: geometric mean size, mean shape."""
+    cov = np.einsum("nki,nkj->nij", spans, spans).reshape(*weights.shape, 2, 2) / 12.0
+    det = cov[..., 0, 0] * cov[..., 1, 1] - cov[..., 0, 1] ** 2
+    known = np.isfinite(det) & (det > 0)
+    weights = np.where(known, weights, 0.0)
+    weights /= np.maximum(weights.sum(axis=0), 1e-300)
+    log_size = np.where(known, 0.25 * np.log(np.where(known, det, 1.0)), 0.0)
+    mean = (weights * log_size).sum(axis=0)
+    spread = np.sqrt((weights * (log_size - mean) ** 2).sum(axis=0) + LOG_SIZE_SPREAD**2)
+    unit = np.where(known[..., None, None], cov / np.exp(2.0 * log_size)[..., None, None], 0.0)
+    shape_cov = (weights[..., None, None] * unit).sum(axis=0)
+    shape_cov /= np.sqrt(np.linalg.det(shape_cov))[:, None, None]
+    scaled = shape_cov * np.exp(2.0 * mean)[:, None, None]
+    # Box area from the covariance: sqrt(det) = area / 12.
+    mass = FILL * 12.0 * np.exp(2.0 * mean)
+    flat = np.column_stack([scaled[:, 0, 0], scaled[:, 0, 1], scaled[:, 1, 1]])
+    return SizeMap(image_size, shape, flat, mass, spread)

@@ -1,0 +1,177 @@
+"""People-sized clusters of foreground: EM, and how many clusters there are.
+
+From seeds EM is run; then clusters are merged, cut in two, or dropped as too small for a
+person, even a hidden one, and EM is run again, until nothing changes.  Nothing is drawn
+at random, and nothing is remembered from the frame before.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from .em import Mixture, Statistics, run_em, shared_entropy
+from .merge_split import groups_of, merge, split
+from .person_prior import Prior, best_size, person_at, place
+from .person_size import SizeMap
+from .seeding import seeds
+
+MAX_STEPS = 12  # of EM between two changes
+TOLERANCE = 1e-3  # rise of J per pixel at which EM stops
+MAX_SPLITS = 2  # rounds of cutting in a frame
+MAX_TRIALS = 2  # rounds of doing without an unclear cluster
+MAX_DOUBTS = 3  # clusters tried in each
+DOUBT = 0.3  # entropy per pixel from which a cluster is unclear; log 2 = 0.69 is complete doubt
+SPECKS = 0.05  # share of the specks at the start
+
+
+class Clusters(NamedTuple):
+    """Clusters of one frame, by falling mass."""
+
+    means: Floats  # (K, 2) [px]
+    covs: Floats  # (K, 3) covariance xx, xy, yy of the pixels [px^2]
+    mass: Floats  # (K,) pixels
+    fill: Floats  # (K,) mass relative to a person in full view at this place
+    person: Floats  # (K, 3) covariance of a person's pixels at this place [px^2]
+    labels: Ints  # (N,) cluster of each cell, -1 = none
+
+
+def cell_side(sizes: SizeMap) -> int:
+    """Side of the cells [px]: a tenth of a person's width, 2 to 16."""
+    return int(np.clip(round(sizes.width_px / 10.0), 2, 16))
+
+
+@kernel
+def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clusters:
+    """The people-sized clusters of a frame.
+
+    Args:
+        cells: (N, 6) cell table.
+        corners: (N, 2) its cells' corners.
+        side: of the cells [px].
+        prior: of the camera.
+
+    Returns:
+        Clusters by falling mass; none where nothing is large enough.
+    """
+    labels = np.full(cells.shape[0], -1, dtype=np.int64)
+    groups = _groups_at(seeds(cells, corners, side, prior), prior)
+    splits, trials = 0, 0
+    while groups.shape[0] > 0:
+        fit = _fit(cells, groups, labels, prior)
+        before = groups_of(fit.statistics)
+        entropy = shared_entropy(cells, fit.mixture, _area(prior))
+        groups = merge(before, fit.mixture.covs, entropy, prior)
+        if groups.shape[0] == before.shape[0] and splits < MAX_SPLITS:
+            groups = split(cells, labels, groups, prior)
+            splits += 1
+        if groups.shape[0] == before.shape[0] and trials < MAX_TRIALS:
+            groups = _without_the_unclear(cells, groups, entropy, fit.value, prior)
+            trials += 1
+        if groups.shape[0] == before.shape[0]:
+            groups = _large(groups, prior)
+            if groups.shape[0] == before.shape[0]:
+                return _sorted_clusters(groups, labels, prior)
+    labels[:] = -1
+    return _sorted_clusters(groups, labels, prior)
+
+
+class _Fit(NamedTuple):
+    """What EM ends with."""
+
+    mixture: Mixture
+    statistics: Statistics
+    value: float  # of J without the cost of the clusters
+
+
+@kernel
+def _area(prior: Prior) -> float:
+    return float(prior.width * prior.height)
+
+
+@kernel
+def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
+    """EM from groups of pixels; labels are written."""
+    means = groups[:, 1:3].copy()
+    covs, person = person_at(means, _sizes_of(groups, prior), prior)
+    nu = prior.strength * person
+    mass = np.empty(groups.shape[0] + 1)
+    mass[:-1] = groups[:, 0]
+    total = cells[:, 0].sum()
+    mass[-1] = max(total - groups[:, 0].sum(), SPECKS * total)
+    posterior = np.empty((groups.shape[0], 3))
+    for k in range(groups.shape[0]):
+        posterior[k] = (nu[k] * covs[k] + groups[k, 3:]) / (nu[k] + groups[k, 0])
+    start = Mixture(means, posterior, mass)
+    mixture, statistics, value = run_em(cells, start, covs, nu, _area(prior), labels, MAX_STEPS, TOLERANCE)
+    return _Fit(mixture, statistics, value - prior.penalty * person.sum())
+
+
+@kernel
+def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: float, prior: Prior) -> Floats:
+    """The groups without one whose pixels others explain as well, if J rises without it.
+
+    Between two people who touch a third cluster can settle that no merging of pairs
+    removes.  The groups whose pixels could most easily be of another are tried.
+    """
+    doubt = entropy.sum(axis=1) / np.maximum(groups[:, 0], 1.0)
+    for k in np.argsort(-doubt, kind="mergesort")[:MAX_DOUBTS]:
+        if doubt[k] < DOUBT:
+            break
+        keep = np.ones(groups.shape[0], dtype=np.bool_)
+        keep[k] = False
+        fit = _fit(cells, groups[keep], np.empty(cells.shape[0], dtype=np.int64), prior)
+        if fit.value > value:
+            return groups_of(fit.statistics)
+    return groups
+
+
+@kernel
+def _groups_at(centres: Floats, prior: Prior) -> Floats:
+    """(K, 6) groups as of people in full view at (K, 2) places."""
+    covs, person = person_at(centres, np.zeros(centres.shape[0]), prior)
+    groups = np.empty((centres.shape[0], 6))
+    groups[:, 0] = person
+    groups[:, 1:3] = centres
+    for k in range(centres.shape[0]):
+        groups[k, 3:] = covs[k] * person[k]
+    return groups
+
+
+@kernel
+def _sizes_of(groups: Floats, prior: Prior) -> Floats:
+    """(K,) logarithms of the best sizes."""
+    out = np.empty(groups.shape[0])
+    for k in range(groups.shape[0]):
+        n, x, y, xx, xy, yy = groups[k]
+        out[k] = best_size(n, xx, xy, yy, place(prior, x, y), prior)
+    return out
+
+
+@kernel
+def _large(groups: Floats, prior: Prior) -> Floats:
+    """The groups with enough pixels for a person."""
+    _, person = person_at(groups[:, 1:3].copy(), _sizes_of(groups, prior), prior)
+    return groups[np.flatnonzero(groups[:, 0] >= prior.least * person)]
+
+
+@kernel
+def _sorted_clusters(groups: Floats, labels: Ints, prior: Prior) -> Clusters:
+    """The groups by falling mass, and the cells' labels renumbered."""
+    order = np.argsort(-groups[:, 0], kind="mergesort")
+    rank = np.empty(order.shape[0], dtype=np.int64)
+    groups = groups[order]
+    covs = np.empty((order.shape[0], 3))
+    for new in range(order.shape[0]):
+        rank[order[new]] = new
+        covs[new] = groups[new, 3:] / max(groups[new, 0], 1.0)
+    for i in range(labels.shape[0]):
+        if labels[i] >= 0:
+            labels[i] = rank[labels[i]]
+    means, mass = groups[:, 1:3].copy(), groups[:, 0].copy()
+    expected, person = person_at(means, np.zeros(groups.shape[0]), prior)
+    return Clusters(means, covs, mass, mass / person, expected, labels)

@@ -1,0 +1,1 @@
+"""Verb: reduce the frames of a recording to bearings."""

@@ -1,0 +1,132 @@
+"""A person detector's boxes to views and candidate bearings: detection for those who have a detector already."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.errors import InputError
+from occlog.measure.detections import Detections
+from occlog.records.scene import Camera, Scene
+from occlog.records.tables import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Views
+
+from .bearing import Sights, shape_covariance, sights
+from .config import DetectConfig
+
+
+def detect_boxes(boxes: Iterable[Boxes], scene: Scene, config: DetectConfig | None = None) -> Iterator[Detections]:
+    """Views and bearings of boxes, chunk by chunk.
+
+    Each box with enough confidence is a view and a candidate bearing of whoever it may
+    be (`target_id` -1, `score` its confidence); boxes whose confidence is not given
+    count.  A frame in which no box counts gives one bearing row that is not seen.
+    Cameras without pose give views only.
+
+    Args:
+        boxes: in the order of time; rows of one frame must not be split between chunks.
+        scene: must hold the cameras.
+        config: of it `min_confidence` is used.
+    """
+    config = config or DetectConfig()
+    for chunk in boxes:
+        views, bearings = [], []
+        for name in np.unique(chunk.sensor).tolist():
+            mine = chunk.take(chunk.sensor == name)
+            v, b = _of_camera(scene.camera(name), mine, config)
+            views.append(v)
+            bearings.append(b)
+        frames = len(np.unique(np.rec.fromarrays([chunk.t_ns, chunk.sensor])))
+        yield Detections(Views.merge(views), Bearings.merge(bearings), (), frames, 0)
+
+
+def _of_camera(camera: Camera, boxes: Boxes, config: DetectConfig) -> tuple[Views, Bearings]:
+    with np.errstate(invalid="ignore"):
+        counts = (boxes.box >= 0) & ~(boxes.confidence < config.min_confidence)
+    good = boxes.take(counts)
+    centres = np.column_stack([good.left_px + 0.5 * good.width_px, good.top_px + 0.5 * good.height_px])
+    spreads = np.column_stack([good.width_px**2, np.zeros(len(good)), good.height_px**2]) / 12.0
+    covs = shape_covariance(spreads, np.ones(len(good)), _cut(camera, good))
+    seen = sights(camera, centres, covs, spreads, spreads)
+    return _views(good, centres, spreads, seen), _bearings(camera, boxes, good, seen)
+
+
+def _cut(camera: Camera, boxes: Boxes) -> Bools:
+    """True where a box reaches the left or right border; false where the size of the image is not known."""
+    if camera.image_size is None:
+        return np.zeros(len(boxes), dtype=np.bool_)
+    right = camera.image_size[0] - 1.5
+    cut: Bools = (boxes.left_px < 0.5) | (boxes.left_px + boxes.width_px > right)
+    return cut
+
+
+def _views(boxes: Boxes, centres: Floats, spreads: Floats, seen: Sights) -> Views:
+    n = len(boxes)
+    area = boxes.width_px * boxes.height_px
+    return Views.of(
+        t_ns=boxes.t_ns,
+        sensor=boxes.sensor,
+        frame=boxes.frame,
+        cluster=_ranks(boxes, area),
+        x_px=centres[:, 0],
+        y_px=centres[:, 1],
+        cov_xx_px=spreads[:, 0],
+        cov_xy_px=spreads[:, 1],
+        cov_yy_px=spreads[:, 2],
+        left_px=boxes.left_px,
+        top_px=boxes.top_px,
+        width_px=boxes.width_px,
+        height_px=boxes.height_px,
+        area_px=area,
+        bearing=seen.bearing,
+        sigma=seen.sigma,
+        u_px=seen.u_px,
+        sigma_px=seen.sigma_px,
+        confidence=boxes.confidence,
+        likeness=np.full(n, np.nan),
+        target_id=np.full(n, UNLABELLED, dtype=np.int32),
+        appearance=np.full((n, APPEARANCE_BINS), np.nan, dtype=np.float32),
+    ).sorted()
+
+
+def _ranks(boxes: Boxes, area: Floats) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
+    """Number of each box in its frame, by falling area."""
+    order = np.lexsort((boxes.box, -area, boxes.t_ns))
+    t_ns = boxes.t_ns[order]
+    starts = np.flatnonzero(np.concatenate([[True], t_ns[1:] != t_ns[:-1]])) if len(t_ns) else np.empty(0, int)
+    within = np.arange(len(t_ns)) - np.repeat(starts, np.diff(np.append(starts, len(t_ns))))
+    ranks = np.empty(len(t_ns), dtype=np.int32)
+    ranks[order] = within
+    return ranks
+
+
+def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: Sights) -> Bearings:
+    if not camera.placed:
+        return Bearings.empty()
+    if np.isnan(seen.bearing).any():
+        row = int(np.flatnonzero(np.isnan(seen.bearing))[0])
+        raise InputError(f"camera {camera.name}: frame {good.frame[row]}: the box's sight line cannot be computed")
+    empty = np.setdiff1d(boxes.t_ns, good.t_ns)
+    nothing = np.full(len(empty), np.nan)
+    return Bearings.merge(
+        [
+            _rows(camera, good.t_ns, True, seen, good.confidence),
+            _rows(camera, empty, False, Sights(nothing, nothing, nothing, nothing), nothing),
+        ]
+    )
+
+
+def _rows(camera: Camera, t_ns: Ints, found: bool, seen: Sights, score: Floats) -> Bearings:
+    n = len(t_ns)
+    return Bearings.of(
+        t_ns=t_ns,
+        sensor=np.full(n, camera.name),
+        target_id=np.full(n, UNLABELLED, dtype=np.int32),
+        seen=np.full(n, found),
+        bearing=seen.bearing,
+        sigma=seen.sigma,
+        u_px=seen.u_px,
+        sigma_px=seen.sigma_px,
+        score=score,
+    )

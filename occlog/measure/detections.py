@@ -1,0 +1,21 @@
+"""What detection and fusion give: regions, bearings and losses of one part of a recording."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from occlog.records.losses import Loss
+from occlog.records.tables import Bearings, Views
+
+PERSON_HEIGHT = {"m": 1.7, "ft": 5.6, "in": 67.0}
+"""Height of a person by the scene's length unit."""
+
+
+class Detections(NamedTuple):
+    """What came out of one stretch of the recording."""
+
+    views: Views
+    bearings: Bearings
+    losses: tuple[Loss, ...]
+    frames: int  # frames that gave a result
+    warmup: int  # frames that only taught the background

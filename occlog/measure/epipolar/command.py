@@ -1,0 +1,128 @@
+"""The `occlog epipolar` command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from occlog.cli import options
+
+MODELS = ("auto", "perspective", "affine")
+"""The same as `occlog.measure.epipolar.of_scene`."""
+POINTS = ("centres", "ends")
+"""The same as `occlog.measure.epipolar.matches_of_targets`."""
+
+
+@click.command(name="epipolar", short_help="Find how pairs of views see the same point, or check it.")
+@click.argument("recording", type=options.PATH, required=False)
+@options.output_opt("Fundamental matrices (JSON), or a copy of the recording that holds them (MCAP).", required=False)
+@options.scene_opt
+@click.option(
+    "--matches",
+    type=options.PATH,
+    default=None,
+    metavar="FILE",
+    help="Points that two views both show: CSV, sensor_a,sensor_b,xa_px,ya_px,xb_px,yb_px.",
+)
+@click.option(
+    "--from-tracks",
+    "tracks",
+    type=options.PATH,
+    default=None,
+    metavar="FILE",
+    help="Take the centres of targets in two views for matches: view tracks (Parquet), or a recording or "
+    "table with true boxes.",
+)
+@click.option(
+    "--points",
+    type=click.Choice(POINTS),
+    default="centres",
+    show_default=True,
+    help="What to take of each target; of people take ends, their tops and bottoms.",
+)
+@click.option(
+    "--fundamental",
+    type=options.PATH,
+    default=None,
+    metavar="FILE",
+    help="Use these matrices (JSON, or a recording that holds some).",
+)
+@click.option("--check", is_flag=True, help="Say how well the matches agree with the matrices or the poses.")
+@click.option(
+    "--model",
+    type=click.Choice(MODELS),
+    default="auto",
+    show_default=True,
+    help="Of matches; affine is for cameras far away with long lenses.",
+)
+@click.option(
+    "--threshold",
+    type=click.FloatRange(min=0, min_open=True),
+    default=3.0,
+    show_default=True,
+    metavar="PX",
+    help="Distance from its line beyond which a match does not agree.",
+)
+@click.option(
+    "--max-error",
+    type=click.FloatRange(min=0, min_open=True),
+    default=5.0,
+    show_default=True,
+    metavar="PX",
+    help="Matches that leave a larger expected error of the lines are refused.",
+)
+@click.option("--cameras", "only", default="", metavar="A,B,...", help="Only pairs of these cameras.")
+@options.overwrite_opt
+@options.quiet_opt
+@options.json_opt
+def command(
+    recording: Path | None,
+    output: Path | None,
+    scene: Path | None,
+    matches: Path | None,
+    tracks: Path | None,
+    points: str,
+    fundamental: Path | None,
+    check: bool,
+    model: str,
+    threshold: float,
+    max_error: float,
+    only: str,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    """Find the fundamental matrix of each pair of views: where a point of one view can be in the other.
+
+    It comes from --matches (or --from-tracks) where they are given, else from the poses of the scene.
+    Matches of one plane (people's feet), of a line, from one place, or too few are refused.
+    Where a scene tells lens distortion, it is taken off the points first.
+
+    With RECORDING and an output that ends in .mcap, a copy of the recording holds the matrices, and
+    `occlog track` finds them there.
+
+    \b
+      occlog epipolar --scene scene.yaml -o epipolar.json
+      occlog epipolar --matches matches.csv -o epipolar.json
+      occlog epipolar walk.mcap --matches matches.csv -o walk_epipolar.mcap
+      occlog epipolar --check --matches matches.csv --fundamental epipolar.json
+    """
+    from occlog.errors import ExitCode
+
+    from .run import Request, run_epipolar
+
+    inputs = [recording, scene, matches, tracks, fundamental]
+    options.check_outputs(inputs, [output], overwrite)
+    request = Request(recording, scene, matches, tracks, points, fundamental, check, model, threshold, max_error, only)
+    summary, losses, agree = run_epipolar(request, output, overwrite, quiet)
+    code = options.finish(summary if as_json else {**summary, "pairs": []}, losses, as_json)
+    for name, figures in () if as_json else summary["pairs"].items():
+        click.echo(f"{name}: {_line(figures)}")
+    return code if agree else ExitCode.THRESHOLD
+
+
+def _line(figures: dict[str, Any]) -> str:
+    """Figures of one pair for a person."""
+    return ", ".join(f"{k.replace('_', ' ')} {f'{v:.3g}' if isinstance(v, float) else v}" for k, v in figures.items())

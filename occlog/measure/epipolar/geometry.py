@@ -1,0 +1,80 @@
+"""How the views of a recording see the same point, from fundamental matrices or from the scene's camera poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.records.scene import Camera, Scene
+from occlog.records.view_pairs import ViewPair, ViewPairs
+
+from .of_scene import fundamental_of_cameras, ideal_pixels_anywhere
+from .views import Geometry, View
+
+
+def view_geometry(views: Sequence[View], scene: Scene | None = None, fundamental: ViewPairs | None = None) -> Geometry:
+    """Fundamental matrices of all pairs of views, and what takes lens distortion from their pixels.
+
+    Args:
+        views: V views, in the order of the result.
+        scene: cameras with poses and lenses; views without a camera in it have neither.
+        fundamental: pairs that are known; each comes before the poses of the scene.
+
+    Returns:
+        Matrices NaN for a view with itself, and for pairs that neither tells.
+
+    Raises:
+        InputError: a given pair is for pixels without distortion and the scene states no
+            distortion of its cameras, or the other way round.
+    """
+    cameras = [_camera(view.name, scene) for view in views]
+    matrices = np.full((len(views), len(views), 3, 3), np.nan)
+    for i, a in enumerate(views):
+        for j, b in enumerate(views[:i]):
+            pair = fundamental.find(b.name, a.name) if fundamental is not None else None
+            if pair is not None:
+                _check_pixels(pair, cameras[j], cameras[i])
+            matrix = _of_poses(cameras[j], cameras[i]) if pair is None else pair.matrix
+            matrices[j, i], matrices[i, j] = matrix, matrix.T
+    return Geometry(matrices, tuple(_ideal(camera) for camera in cameras))
+
+
+def bends(camera: Camera | None) -> bool:
+    """Whether a camera's lens distorts, as far as that is known."""
+    return camera is not None and bool(np.any(camera.distortion))
+
+
+def _camera(name: str, scene: Scene | None) -> Camera | None:
+    return next((c for c in scene.cameras if c.name == name), None) if scene is not None else None
+
+
+def _of_poses(a: Camera | None, b: Camera | None) -> Floats:
+    """(3, 3) of two cameras with poses; NaN for others, and for two at the same place."""
+    if a is not None and b is not None and a.placed and b.placed:
+        try:
+            return fundamental_of_cameras(a, b)
+        except ValueError:  # the same place
+            pass
+    return np.full((3, 3), np.nan)
+
+
+def _ideal(camera: Camera | None) -> Callable[[Floats], Floats] | None:
+    return partial(ideal_pixels_anywhere, camera) if camera is not None and bends(camera) else None
+
+
+def _check_pixels(pair: ViewPair, a: Camera | None, b: Camera | None) -> None:
+    if pair.undistorted == (bends(a) or bends(b)):
+        return
+    if pair.undistorted:
+        raise InputError(
+            f"the fundamental matrix of {pair.a} and {pair.b} is for pixels without lens distortion, and no scene "
+            "tells the distortion of these cameras; give the scene that it was made with"
+        )
+    raise InputError(
+        f"the fundamental matrix of {pair.a} and {pair.b} is for pixels as recorded, but the scene tells the lens "
+        "distortion of these cameras; make the matrix again with `occlog epipolar --scene`"
+    )

@@ -1,0 +1,76 @@
+"""Fundamental matrices of the views of a command: from a file, a scene or the recording, and which is from where."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.errors import InputError
+from occlog.io.models.fundamental_matrices import attached_epipolar, read_epipolar
+from occlog.io.recording.reader import Recording
+from occlog.records.scene import Scene
+from occlog.records.view_pairs import ViewPairs
+
+from .geometry import view_geometry
+from .views import Geometry, View
+
+
+class Known(NamedTuple):
+    """What is known of how views see the same point."""
+
+    geometry: Geometry
+    sources: dict[str, str]  # by pair (`view1-view2`): file name, `recording`, `poses` or `none`
+    notes: tuple[str, ...]  # lines for whoever gave the file
+
+
+def known_geometry(views: Sequence[View], recording: Recording, given: Scene | None, file: Path | None) -> Known:
+    """The geometry of some views.
+
+    For each pair of views the first of these counts that tells of it: the file; poses of the
+    scene that was given; what the recording holds, unless there is a file; poses of its scene.
+
+    Args:
+        views: that are used.
+        recording: of the views.
+        given: a scene instead of the recording's.
+        file: with fundamental matrices.
+
+    Raises:
+        InputError: no pair of the file is of two of the views.
+    """
+    pairs = read_epipolar(file) if file is not None else None
+    notes = _check_pairs(pairs, views, file) if pairs is not None and file is not None else ()
+    attached = attached_epipolar(recording) if pairs is None else None
+    if given is not None and attached is not None:
+        attached = _without_posed(attached, given)
+    used = pairs if pairs is not None else attached
+    geometry = view_geometry(views, given if given is not None else recording.scene, used)
+    name = file.name if file is not None else "recording"
+    sources = {}
+    for (a, one), (b, other) in combinations(enumerate(views), 2):
+        told = used is not None and used.find(one.name, other.name) is not None
+        poses = "poses" if np.isfinite(geometry.fundamental[a, b]).all() else "none"
+        sources[f"{one.name}-{other.name}"] = name if told else poses
+    return Known(geometry, sources, notes)
+
+
+def _without_posed(pairs: ViewPairs, scene: Scene) -> ViewPairs:
+    """The pairs that the poses of a scene do not tell."""
+    placed = [camera.name for camera in scene.cameras if camera.placed]
+    return ViewPairs(tuple(p for p in pairs.pairs if not (p.a in placed and p.b in placed)))
+
+
+def _check_pairs(pairs: ViewPairs, views: Sequence[View], file: Path) -> tuple[str, ...]:
+    """A line about pairs of other views; InputError where there are no others."""
+    names = [view.name for view in views]
+    others = [f"{p.a}-{p.b}" for p in pairs.pairs if p.a not in names or p.b not in names]
+    if len(others) == len(pairs.pairs):
+        raise InputError(
+            f"{file}: none of its pairs ({', '.join(others)}) is of two of the views used ({', '.join(names)}); "
+            "give matrices of these views, or leave --fundamental out"
+        )
+    return (f"{file}: not used: {', '.join(others)}; the views are {', '.join(names)}",) if others else ()

@@ -1,0 +1,204 @@
+"""What `occlog epipolar` does: read, estimate or check, write."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from occlog.cli import options
+from occlog.cli.parse import parse_names
+from occlog.errors import InputError, UsageError
+from occlog.io.files.parquet import describe, iter_table, read_provenance
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.models.fundamental_matrices import (
+    EPIPOLAR_ATTACHMENT,
+    attached_epipolar,
+    epipolar_bytes,
+    read_epipolar,
+    write_epipolar,
+)
+from occlog.io.models.matches import read_matches
+from occlog.io.recording.copy import copy_recording
+from occlog.io.recording.reader import Recording, open_recording
+from occlog.measure.scans.inputs import is_recording
+from occlog.records.tables import TruthBoxes
+from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
+from occlog.records.views import ViewTracks
+
+from .matches_of_targets import matches_of_tracks
+from .stage import PairCheck, calibrated_pairs, checked_pairs, estimated_pairs
+
+if TYPE_CHECKING:
+    from occlog.records.losses import Loss
+    from occlog.records.scene import Scene
+
+
+class Request(NamedTuple):
+    """What is asked."""
+
+    recording: Path | None
+    scene: Path | None
+    matches: Path | None
+    tracks: Path | None
+    points: str
+    fundamental: Path | None
+    check: bool
+    model: str
+    threshold_px: float
+    max_error_px: float
+    only: str
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read, each once."""
+        given = (self.recording, self.scene, self.matches, self.tracks, self.fundamental)
+        return list(dict.fromkeys(p for p in given if p is not None))
+
+
+def run_epipolar(
+    request: Request, output: Path | None, overwrite: bool, quiet: bool
+) -> tuple[dict[str, Any], tuple[Loss, ...], bool]:
+    """Do it; the summary, what had been lost before, and whether all matches that were checked agree."""
+    _check_usage(request, output)
+    recording = open_recording(request.recording) if request.recording is not None else None
+    scene = _scene(request, recording)
+    losses = recording.losses if recording is not None else ()
+    if request.check:
+        checks = _checks(request, recording, scene)
+        agree = all(check.fits for check in checks)
+        return {"pairs": {f"{c.a}-{c.b}": _check_summary(c) for c in checks}, "agree": agree}, losses, agree
+    pairs = _only(_find(request, scene), request)
+    if output is None:  # _check_usage has refused it
+        raise UsageError("name the output with -o")
+    parameters = {
+        k: v for k, v in request._asdict().items() if k in ("points", "model", "threshold_px", "max_error_px", "only")
+    }
+    provenance = Provenance("epipolar", parameters, None, hash_inputs(request.inputs), losses)
+    if is_recording(output) and recording is not None:
+        _check_names(pairs, recording)
+        attached = {EPIPOLAR_ATTACHMENT: epipolar_bytes(pairs, provenance)}
+        copy_recording(recording, output, attached, provenance, overwrite=overwrite)
+    else:
+        write_epipolar(output, pairs, provenance, overwrite=overwrite)
+    _warn(pairs, scene, quiet)
+    return {"epipolar": str(output), "pairs": {f"{p.a}-{p.b}": _summary(p) for p in pairs.pairs}}, losses, True
+
+
+def _check_usage(request: Request, output: Path | None) -> None:
+    for name, value in (("--threshold", request.threshold_px), ("--max-error", request.max_error_px)):
+        if not math.isfinite(value):
+            raise UsageError(f"{name} is {value}; give a finite number of pixels")
+    if request.matches is not None and request.tracks is not None:
+        raise UsageError("--matches and --from-tracks are two sources of matches; give one")
+    some = request.matches is not None or request.tracks is not None
+    if request.check and not some:
+        raise UsageError("--check wants matches; give --matches or --from-tracks")
+    if request.check and output is not None:
+        raise UsageError("--check writes nothing; leave -o out, or --check")
+    if not request.check and output is None:
+        raise UsageError("name the output with -o, or give --check")
+    if not request.check and some and request.fundamental is not None:
+        raise UsageError("matrices come from --fundamental or from matches; give one, or --check to compare them")
+    if output is not None and is_recording(output) and request.recording is None:
+        raise UsageError(f"{output}: a recording is copied; name the one that is to hold the matrices")
+
+
+def _scene(request: Request, recording: Recording | None) -> Scene | None:
+    if request.scene is not None:
+        return options.load_scene(request.scene, None, request.scene)
+    return recording.scene if recording is not None else None
+
+
+def _find(request: Request, scene: Scene | None) -> ViewPairs:
+    """The matrices that are to be written."""
+    if request.fundamental is not None:
+        return read_epipolar(request.fundamental)
+    if request.matches is not None or request.tracks is not None:
+        matches = _matches(request)
+        return estimated_pairs(matches, scene, request.model, request.threshold_px, request.max_error_px)
+    if scene is None:
+        raise UsageError("nothing tells how the views lie; give --scene, --matches, --from-tracks or --fundamental")
+    return calibrated_pairs(scene)
+
+
+def _checks(request: Request, recording: Recording | None, scene: Scene | None) -> tuple[PairCheck, ...]:
+    pairs = read_epipolar(request.fundamental) if request.fundamental is not None else None
+    if pairs is None and recording is not None:
+        pairs = attached_epipolar(recording)
+    if pairs is None:
+        if scene is None:
+            raise UsageError("--check wants something to check; give --fundamental, --scene or a recording with either")
+        pairs = calibrated_pairs(scene)
+    return checked_pairs(pairs, _matches(request), scene, request.threshold_px)
+
+
+def _matches(request: Request) -> tuple[Matches, ...]:
+    """Matches of the cameras asked for; InputError if there are none."""
+    found = _of_tracks(request.tracks, request.points) if request.tracks is not None else ()
+    if request.matches is not None:
+        found = read_matches(request.matches)
+    only = parse_names(request.only)
+    kept = tuple(m for m in found if not only or (m.a in only and m.b in only))
+    if not kept:
+        pairs = ", ".join(f"{m.a}-{m.b}" for m in found) or "none"
+        raise InputError(f"{request.matches or request.tracks}: no matches of two of the views; pairs there: {pairs}")
+    return kept
+
+
+def _of_tracks(path: Path, points: str) -> tuple[Matches, ...]:
+    """Matches from view tracks or true boxes."""
+    if is_recording(path):
+        recording = open_recording(path)
+        if not recording.has(TruthBoxes):
+            raise InputError(f"{path}: holds no true boxes; give view tracks or a recording with true boxes")
+        return matches_of_tracks(recording.tables(TruthBoxes), str(path), points)
+    if describe(path)["schema"] == TruthBoxes.NAME:
+        return matches_of_tracks(iter_table(path, TruthBoxes), str(path), points)
+    window = read_provenance(path).parameters.get("window_ns")
+    return matches_of_tracks(iter_table(path, ViewTracks), str(path), points, window if isinstance(window, int) else 0)
+
+
+def _only(pairs: ViewPairs, request: Request) -> ViewPairs:
+    only = parse_names(request.only)
+    kept = tuple(p for p in pairs.pairs if not only or (p.a in only and p.b in only))
+    if not kept:
+        there = ", ".join(f"{p.a}-{p.b}" for p in pairs.pairs)
+        raise UsageError(f"--cameras {request.only}: names no pair of views; pairs there: {there}")
+    return ViewPairs(kept)
+
+
+def _check_names(pairs: ViewPairs, recording: Recording) -> None:
+    """InputError where a pair names a camera that the recording knows nothing of."""
+    known = [*recording.cameras, *(c.name for c in (recording.scene.cameras if recording.scene else ()))]
+    for pair in pairs.pairs:
+        for name in (pair.a, pair.b):
+            if name not in known:
+                cameras = ", ".join(sorted(set(known))) or "none"
+                raise InputError(f"{recording.path}: has no camera {name!r} of the pair; cameras: {cameras}")
+
+
+def _warn(pairs: ViewPairs, scene: Scene | None, quiet: bool) -> None:
+    """A note for cameras that are in no pair."""
+    used = {name for p in pairs.pairs for name in (p.a, p.b)}
+    if rest := [c.name for c in (scene.cameras if scene is not None else ()) if c.name not in used]:
+        options.note(f"no fundamental matrix of {', '.join(rest)}", quiet)
+
+
+def _summary(pair: ViewPair) -> dict[str, Any]:
+    """Figures of one pair."""
+    out: dict[str, Any] = {"source": pair.source, "undistorted": pair.undistorted}
+    if pair.source == "calibration":
+        return out
+    return out | {
+        "matches": pair.matches,
+        "inliers": pair.inliers,
+        "noise_px": pair.noise_px,
+        "error_px": pair.error_px,
+        "parallax_px": pair.parallax_px,
+        "affine": pair.affine,
+    }
+
+
+def _check_summary(check: PairCheck) -> dict[str, Any]:
+    return {k: v for k, v in check._asdict().items() if k not in ("a", "b")}

@@ -1,0 +1,29 @@
+"""Views and how they see the same points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from occlog.array_types import Floats
+
+
+class View(NamedTuple):
+    """A camera whose images are tracked in."""
+
+    name: str
+    width: int  # of its images [px]
+    height: int
+
+
+class Geometry(NamedTuple):
+    """How V views see the same point.
+
+    Attributes:
+        fundamental: (V, V, 3, 3); [a, b] maps a point of view a to its line in view b (b' F a = 0, see
+            `occlog.core.sight.fundamental`), for pixels without distortion; NaN where it is not known.
+        ideal: for each view what takes recorded pixels (N, 2) to pixels without distortion; None: they are the same.
+    """
+
+    fundamental: Floats
+    ideal: tuple[Callable[[Floats], Floats] | None, ...]

@@ -1,0 +1,1 @@
+"""Verb: remove false detections and recover missed ones, from several cameras."""

@@ -1,0 +1,116 @@
+"""Candidates that may be of anybody, brought together on the ground and followed from moment to moment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.numerics.assignment import assign
+from occlog.core.sight.locate_sources import NO_SOURCE, Directions, localise
+from occlog.measure.fuse.kernels.sight_lines import Place, Sight, ahead, misfit, points
+
+from .cameras import Eyes
+from .config import FuseConfig
+from .decide import Decision, Memory, decide
+
+
+class Found(NamedTuple):
+    """What became of the candidates of one moment."""
+
+    objects: list[Memory]  # those that are followed further
+    decisions: list[tuple[Decision, Ints]]  # with the rows of the candidates that each is about
+    nobody: Ints  # rows of candidates of no declared object
+
+
+def fuse_candidates(
+    objects: Sequence[Memory], t_ns: int, sight: Sight, rows: Ints, looked: Ints, eyes: Eyes, config: FuseConfig
+) -> Found:
+    """Decisions about the objects known, then about what the other candidates may be of.
+
+    A candidate is of one object at most.
+
+    Args:
+        objects: with a motion each, at earlier moments.
+        t_ns: the moment.
+        sight: of all rows.
+        rows: those of the moment's candidates.
+        looked: cameras that delivered a frame, rising.
+        eyes: the cameras.
+        config: from `in_scene`.
+    """
+    free = rows
+    followed: list[Memory] = []
+    decisions: list[tuple[Decision, Ints]] = []
+    for memory, mine in zip(objects, _shared_out(objects, t_ns, sight, rows, config), strict=True):
+        decision = decide(memory, t_ns, sight.take(mine), looked, eyes, config)
+        decisions.append((decision, mine))
+        free = free[~np.isin(free, mine[decision.kept])]
+        if decision.memory.motion is not None:
+            followed.append(decision.memory)
+    for mine in _groups(sight, free, eyes, config):
+        decision = decide(Memory(), t_ns, sight.take(mine), looked, eyes, config)
+        decisions.append((decision, mine))
+        free = free[~np.isin(free, mine[decision.kept])]
+        if decision.memory.motion is not None:
+            followed.append(decision.memory)
+    return Found(followed, decisions, free)
+
+
+def _shared_out(objects: Sequence[Memory], t_ns: int, sight: Sight, rows: Ints, config: FuseConfig) -> list[Ints]:
+    """Rows of each object: of every camera at most one, within reach of the prediction."""
+    out: list[list[int]] = [[] for _ in objects]
+    if objects and len(rows):
+        mine = sight.take(rows)
+        cost = np.column_stack([_off(memory, t_ns, mine, config) for memory in objects])
+        for camera in np.unique(mine.sensor).tolist():
+            own = np.flatnonzero(mine.sensor == camera)
+            for row, column in zip(*assign(cost[own], config.reach**2), strict=True):
+                out[int(column)].append(int(rows[own[row]]))
+    return [np.array(sorted(r), dtype=np.int64) for r in out]
+
+
+def _off(memory: Memory, t_ns: int, sight: Sight, config: FuseConfig) -> Floats:
+    if memory.motion is None:  # objects that are followed have one
+        return np.full(len(sight.azimuth), np.inf)
+    place = ahead(memory.motion, t_ns, config.acceleration or 0.0).place
+    return misfit(sight, place, (config.sigma or 0.0) ** 2)
+
+
+def _groups(sight: Sight, rows: Ints, eyes: Eyes, config: FuseConfig) -> Iterator[Ints]:
+    """Candidates that may be of one object: those that meet, the most first; those with feet in one place; the rest."""
+    left = rows
+    for place in [*_meetings(sight.take(rows), eyes, config), *_standing(sight.take(rows))]:
+        mine = _nearest(sight, left, place, config.gate)
+        if len(mine):
+            left = left[~np.isin(left, mine)]
+            yield mine
+    yield from left[:, None]
+
+
+def _meetings(sight: Sight, eyes: Eyes, config: FuseConfig) -> list[Place]:
+    if len(np.unique(sight.sensor)) < 2:
+        return []
+    lines = Directions(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
+    crossing = math.radians(config.min_crossing_deg)
+    found = localise(lines, NO_SOURCE, np.empty((0, 2, 2)), eyes.region, config.gate, crossing)
+    order = np.argsort(-found.arrays, kind="stable").tolist()
+    return [Place(found.xy[i], found.covariance[i]) for i in order]
+
+
+def _standing(sight: Sight) -> list[Place]:
+    return [Place(xy, cov) for xy, cov in zip(*points(sight.take(np.isfinite(sight.distance))), strict=True)]
+
+
+def _nearest(sight: Sight, rows: Ints, place: Place, gate: float) -> Ints:
+    """Rows near a place, of every camera the nearest."""
+    off = misfit(sight.take(rows), place)
+    out = []
+    for camera in np.unique(sight.sensor[rows]).tolist():
+        own = np.flatnonzero((sight.sensor[rows] == camera) & (off <= gate**2))
+        if len(own):
+            out.append(int(rows[own[np.argmin(off[own])]]))
+    return np.array(sorted(out), dtype=np.int64)

@@ -1,0 +1,217 @@
+"""The global decision about one object at one moment, from the local detections of several cameras ([Lee] Ch. 4).
+
+A camera's detection is a sight line, with a distance where its foot on the floor is known.  The global position
+is where the lines meet that agree with each other, or else the mean of the feet, or else where a line passes
+the prediction; the decision is by Eq. 4.13 with qualities W and prior P_1 from the distances to the prediction.
+Unlike in the thesis these are measured in the spread sigma *and* the errors of detection and prediction, and the
+position is weighted by errors and not by W: cameras know a direction much better than a distance.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.sight.locate_sources import NO_SOURCE, Directions, localise
+from occlog.core.sight.triangulate import MET, sight_lines_meet
+from occlog.measure.fuse.kernels.decision_rule import decision_value
+from occlog.measure.fuse.kernels.sight_lines import (
+    Motion,
+    Place,
+    Sight,
+    ahead,
+    begin,
+    corrected_by_line,
+    corrected_by_place,
+    meet,
+    misfit,
+    points,
+)
+
+from .cameras import Eyes
+from .config import FuseConfig
+
+CONFIRMED = 2
+"""Moments in which cameras must meet in an object before its prediction counts: any two lines cross somewhere."""
+SAMPLES = 16
+"""Places along a lone sight line at which is asked who sees them."""
+
+
+class Memory(NamedTuple):
+    """What is known of an object from the moments before."""
+
+    motion: Motion | None = None
+    absent: int = 0  # moments in a row without a declaration
+    met: int = 0  # moments in which cameras met in it
+
+
+class Decision(NamedTuple):
+    """What was decided of one object at one moment."""
+
+    declared: bool
+    value: float  # of Eq. 4.13, natural log
+    place: Place | None  # global position of a declared object; None: a lone line says no place
+    kept: Bools  # (R,) local detections that stand
+    missed: Ints  # places in `eyes` of the cameras that look, see the place, and have no detection that stands
+    memory: Memory
+
+    @property
+    def at(self) -> Place:
+        """The global position of a decision that has one, as every decision with missed cameras has."""
+        if self.place is None:
+            raise ValueError("the decision says no place")
+        return self.place
+
+
+def decide(memory: Memory, t_ns: int, sight: Sight, looked: Ints, eyes: Eyes, config: FuseConfig) -> Decision:
+    """The decision about one object.
+
+    Args:
+        memory: of the object.
+        t_ns: the moment, after the memory's.
+        sight: local detections of it, at most one a camera; `sensor` is a place in `eyes`.
+        looked: places in `eyes` of the cameras that delivered a frame, rising.
+        eyes: the cameras.
+        config: from `in_scene`.
+    """
+    held = None if memory.motion is None else ahead(memory.motion, t_ns, config.acceleration or 0.0)
+    motion = held if memory.met >= CONFIRMED else None
+    if not len(sight.azimuth):
+        return _nothing(motion, memory, np.zeros(0, dtype=np.bool_), -math.inf, config)
+    sigma2 = (config.sigma or 0.0) ** 2
+    near = np.ones(len(sight.azimuth), dtype=np.bool_)
+    if motion is not None:
+        off = misfit(sight, motion.place, sigma2)
+        near = off <= config.reach**2
+    group = agreeing(sight, np.flatnonzero(near), motion, eyes, config)
+    if not len(group) and motion is None:
+        return _lone_lines(sight, looked, eyes, config)
+    place, after = _locate(motion, t_ns, sight.take(group), config)
+    sees = np.array([bool(eyes.sees(place.xy[None], i)[0]) for i in looked.tolist()])
+    used = near if motion is not None else np.isin(np.arange(len(near)), group)
+    hit = np.isin(looked, sight.sensor[used])
+    quality = np.full(len(looked), 0.5)
+    prior = 0.5
+    if motion is not None:
+        quality[np.searchsorted(looked, sight.sensor)] = np.exp(-0.5 * off)
+        prior = _prior(place, motion.place, sigma2)
+    value = float(
+        decision_value(hit[None], quality[None], prior, eyes.p_miss[looked], eyes.p_false[looked], (hit | sees)[None])[
+            0
+        ]
+    )
+    if not (value > 0.0 and len(group)):
+        return _nothing(motion, memory, np.zeros(len(near), dtype=np.bool_), value, config)
+    kept = used & (_across(sight, place) <= config.gate)
+    missed = looked[sees & ~np.isin(looked, sight.sensor[kept])]
+    met = memory.met + (len(group) > 1)
+    if motion is None and held is not None:
+        after, met = _followed(held, after, place, memory, config)
+    return Decision(True, value, place, kept, missed, Memory(after, 0, met))
+
+
+def agreeing(sight: Sight, rows: Ints, motion: Motion | None, eyes: Eyes, config: FuseConfig) -> Ints:
+    """Which of some detections make the global position; empty if no place follows from them.
+
+    Those whose lines meet in one place; without two that meet, the one nearest to the prediction; without a
+    prediction, one whose distance is known and those that agree with it.
+    """
+    if len(rows) > 1:
+        mine = sight.take(rows)
+        place = _meeting(mine, motion, eyes, config)
+        if place is not None:
+            return rows[_across(mine, place) <= config.gate]
+    if motion is not None and len(rows):
+        return rows[[int(np.argmin(misfit(sight.take(rows), motion.place)))]]
+    known = rows[np.isfinite(sight.distance[rows])]
+    best = known[:0]
+    for xy, cov in zip(*points(sight.take(known)), strict=True):
+        same = known[misfit(sight.take(known), Place(xy, cov)) <= config.gate**2]
+        best = same if len(same) > len(best) else best
+    return best
+
+
+def _meeting(sight: Sight, motion: Motion | None, eyes: Eyes, config: FuseConfig) -> Place | None:
+    """Where the most lines meet, of equals the nearest to the prediction; None if no two meet."""
+    crossing = math.radians(config.min_crossing_deg)
+    everything = sight_lines_meet(
+        sight.origin, sight.azimuth, sight.sigma, np.array([0, len(sight.azimuth)]), "gauss", crossing
+    )
+    if everything.status[0] == MET:
+        place = Place(everything.xy[0], everything.covariance[0])
+        if np.sum((everything.residual / sight.sigma) ** 2) <= config.gate**2 + len(sight.azimuth) - 2:
+            return place
+    known = NO_SOURCE if motion is None else motion.mean[None, :2]
+    spread = np.empty((0, 2, 2)) if motion is None else motion.cov[None, :2, :2]
+    lines = Directions(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
+    found = localise(lines, known, spread, eyes.region, config.gate, crossing)
+    if not len(found.xy):
+        return None
+    far = np.zeros(len(found.xy)) if motion is None else np.hypot(*(found.xy - motion.mean[:2]).T)
+    best = int(np.lexsort((far, -found.arrays))[0])
+    return Place(found.xy[best], found.covariance[best])
+
+
+def _locate(motion: Motion | None, t_ns: int, sight: Sight, config: FuseConfig) -> tuple[Place, Motion]:
+    """Global position from the detections that make it, and the motion after it."""
+    place = meet(sight, math.radians(config.min_crossing_deg))
+    if motion is None:
+        if place is None:  # `agreeing` gives lines that meet, or distances
+            raise AssertionError("detections without a place")
+        return place, begin(t_ns, place, config.speed or 0.0)
+    if place is None:
+        after = corrected_by_line(motion, sight)
+        return after.place, after
+    after = corrected_by_place(motion, place)
+    return (place if len(sight.azimuth) > 1 else after.place), after
+
+
+def _followed(held: Motion, new: Motion, place: Place, memory: Memory, config: FuseConfig) -> tuple[Motion, int]:
+    """Motion of an object met again that was not confirmed yet, or that of a new one, and how often it was met."""
+    away = place.xy - held.mean[:2]
+    spread = held.place.cov + place.cov + (config.sigma or 0.0) ** 2 * np.eye(2)
+    if away @ np.linalg.solve(spread, away) > config.reach**2:
+        return new, 1
+    return corrected_by_place(held, place), memory.met + 1
+
+
+def _across(sight: Sight, place: Place) -> Floats:
+    """(R,) standard deviations by which lines miss a place; what is known of distances is not asked."""
+    nothing = np.full(len(sight.azimuth), np.nan)
+    return np.sqrt(misfit(sight._replace(distance=nothing, sigma_distance=nothing), place))
+
+
+def _prior(place: Place, predicted: Place, sigma2: float) -> float:
+    """P_1 of [Lee] Eqs. 4.23-4.24, with the prediction's own covariance in the spread."""
+    away = place.xy - predicted.xy
+    spread = predicted.cov + sigma2 * np.eye(2)
+    return float(np.exp(-0.5 * away @ np.linalg.solve(spread, away)))
+
+
+def _nothing(motion: Motion | None, memory: Memory, kept: Bools, value: float, config: FuseConfig) -> Decision:
+    """No object is declared; a prediction that was not met for long is dropped, a new one at once."""
+    absent = memory.absent + 1
+    after = Memory() if motion is None or absent >= config.hold else Memory(motion, absent, memory.met)
+    return Decision(False, value, None, kept, np.zeros(0, dtype=np.int64), after)
+
+
+def _lone_lines(sight: Sight, looked: Ints, eyes: Eyes, config: FuseConfig) -> Decision:
+    """The decision where no place is known: each line by the cameras that see at least half of it.
+
+    Another camera's detection supports a line where the two come together.
+    """
+    kept = np.zeros(len(sight.azimuth), dtype=np.bool_)
+    values = np.empty(len(kept))
+    for row in range(len(kept)):
+        spots = eyes.along(sight.take(np.array([row])), SAMPLES)
+        off = np.array([misfit(sight, Place(xy, np.zeros((2, 2)))) for xy in spots])
+        hit = np.isin(looked, sight.sensor[(off <= config.gate**2).any(axis=0) | (np.arange(len(kept)) == row)])
+        sees = np.array([eyes.sees(spots, i).mean() >= 0.5 for i in looked.tolist()])
+        half = np.full((1, len(looked)), 0.5)
+        p_miss, p_false = eyes.p_miss[looked], eyes.p_false[looked]
+        values[row] = decision_value(hit[None], half, 0.5, p_miss, p_false, (hit | sees)[None])[0]
+        kept[row] = values[row] > 0.0
+    return Decision(bool(kept.any()), float(values.max()), None, kept, np.zeros(0, dtype=np.int64), Memory())

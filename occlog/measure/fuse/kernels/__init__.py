@@ -1,0 +1,1 @@
+"""Sight lines of several cameras, and the decision by likelihood ratio."""

@@ -1,0 +1,143 @@
+"""What became of the rows of bearings and views: changed in place, taken out, or added."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.measure.fuse.kernels.sight_lines import Place
+from occlog.records.tables import UNLABELLED, Bearings, Views
+
+from .cameras import Eyes, expected_sight
+from .moments import Part
+from .views import recovered_views, views_of
+
+KEPT, RECOVERED, REMOVED = "kept", "recovered", "removed"
+CAUSES = (KEPT, RECOVERED, REMOVED)
+
+
+class Ledger:
+    """The rows of a part with what the decisions do to them."""
+
+    def __init__(self, part: Part, eyes: Eyes, eye: Ints) -> None:
+        """Nothing is decided yet.
+
+        Args:
+            part: of whole moments.
+            eyes: the cameras.
+            eye: (N,) place in `eyes` of each bearing's sensor, -1 for others.
+        """
+        self.bearings, self.eyes, self.eye = part.bearings, eyes, eye
+        n = len(part.bearings)
+        self.cause = np.full(n, "", dtype="U9")
+        self.dropped = np.zeros(n, dtype=np.bool_)
+        self._sight: dict[int, tuple[float, float, float, float]] = {}  # rows that are recovered in place
+        self._new: list[tuple[int, int, int, Place]] = []  # time, camera, target, place
+        self._fresh: set[tuple[int, int]] = set()  # time and camera of recovered candidates
+        self._views, self._view_of = part.views, views_of(part.views, part.bearings)
+
+    def keep(self, rows: Ints) -> None:
+        """These detections stand."""
+        self.cause[rows] = KEPT
+
+    def remove(self, rows: Ints) -> None:
+        """These detections are of nothing."""
+        self.cause[rows] = REMOVED
+
+    def recover(self, t_ns: int, camera: int, target: int, place: Place, row: int | None) -> None:
+        """A camera that missed an object gets a detection at the global position, in a row that it has or a new one."""
+        self._new.append((t_ns, camera, target, place))
+        if target == UNLABELLED:
+            self._fresh.add((t_ns, camera))
+        if row is not None:
+            self._sight[row] = expected_sight(self.eyes.cameras[camera], place)
+
+    def tidy_candidates(self, first: int, last: int) -> None:
+        """One row "not seen" of a camera's candidates at most, and none beside candidates that stand.
+
+        To be called for the rows of a moment after all its decisions.
+        """
+        rows = np.arange(first, last)
+        mine = rows[(self.bearings.target_id[first:last] == UNLABELLED) & (self.eye[first:last] >= 0)]
+        for camera in np.unique(self.eye[mine]).tolist():
+            own = mine[self.eye[mine] == camera]
+            gone = own[~self.bearings.seen[own] | (self.cause[own] == REMOVED)]
+            if len(gone) < len(own) or (int(self.bearings.t_ns[own[0]]), camera) in self._fresh:
+                self.dropped[gone] = True
+            else:
+                removed = gone[self.cause[gone] == REMOVED]
+                stays = removed[0] if len(removed) else gone[0]
+                self.dropped[gone[gone != stays]] = True
+
+    def tables(self, frames: dict[str, int]) -> tuple[Views, Bearings]:
+        """Views and bearings after the decisions.
+
+        Args:
+            frames: number of each camera's last frame so far, brought up to date.
+        """
+        views = self._changed_views()
+        added = recovered_views(self._new, self.eyes, self._views, self.bearings, frames)
+        return Views.merge([views, added]), Bearings.merge([self._changed_bearings(), self._new_bearings()])
+
+    def counts(self) -> Ints:
+        """(C, 3) detections of each camera that were kept, recovered, removed."""
+        out = np.zeros((len(self.eyes.cameras), 3), dtype=np.int64)
+        for column, cause in ((0, KEPT), (2, REMOVED)):
+            np.add.at(out[:, column], self.eye[self.cause == cause], 1)
+        np.add.at(out[:, 1], np.array([n[1] for n in self._new], dtype=np.int64), 1)
+        return out
+
+    def _changed_bearings(self) -> Bearings:
+        b = self.bearings
+        cause = self.cause.copy()
+        seen = b.seen & (cause != REMOVED)
+        columns = {
+            name: np.where(seen, getattr(b, name), np.nan)
+            for name in ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma_elevation")
+        }
+        for row, sight in self._sight.items():
+            seen[row], cause[row] = True, RECOVERED
+            for name, value in zip(("bearing", "sigma", "u_px", "sigma_px"), sight, strict=True):
+                columns[name][row] = value
+            columns["score"][row] = np.nan
+        return replace(b, seen=seen, cause=cause.astype(np.str_), **columns).take(~self.dropped)
+
+    def _new_bearings(self) -> Bearings:
+        """Recovered rows for which there was none."""
+        told = {(int(self.bearings.t_ns[r]), int(self.eye[r]), int(self.bearings.target_id[r])) for r in self._sight}
+        rows = [n for n in self._new if n[:3] not in told]
+        if not rows:
+            return Bearings.empty()
+        sights = np.array([expected_sight(self.eyes.cameras[camera], place) for _, camera, _, place in rows])
+        n = len(rows)
+        return Bearings.of(
+            t_ns=np.array([r[0] for r in rows]),
+            sensor=np.array([self.eyes.cameras[r[1]].name for r in rows]),
+            target_id=np.array([r[2] for r in rows], dtype=np.int32),
+            seen=np.ones(n, dtype=np.bool_),
+            bearing=sights[:, 0],
+            sigma=sights[:, 1],
+            u_px=sights[:, 2],
+            sigma_px=sights[:, 3],
+            score=np.full(n, np.nan),
+            cause=np.full(n, RECOVERED),
+        )
+
+    def _changed_views(self) -> Views:
+        v = self._views
+        there = self._view_of >= 0
+        cause = np.full(len(v), "", dtype="U9")
+        cause[self._view_of[there]] = self.cause[there]
+        removed: Bools = cause == REMOVED
+        target = np.where(removed, UNLABELLED, v.target_id).astype(np.int32)
+        return replace(v, cause=cause.astype(np.str_), target_id=target)
+
+
+def distances(part: Part, feet: Floats) -> Floats:
+    """(N, 2) distance and its standard deviation of each bearing, from the feet (V, 2) of its view; NaN for none."""
+    view = views_of(part.views, part.bearings)
+    out = np.full((len(part.bearings), 2), np.nan)
+    out[view >= 0] = feet[view[view >= 0]]
+    return out

@@ -1,0 +1,155 @@
+"""Views in the fusion of detections: where feet are on the floor, and boxes of people whom a camera missed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.measure.clusters.person_size import FILL, person_in_image
+from occlog.measure.fuse.kernels.sight_lines import Place
+from occlog.records.scene import Camera
+from occlog.records.tables import APPEARANCE_BINS, Bearings, Views
+
+from .cameras import Eyes, expected_sight
+
+BORDER_PX = 1.5  # a box that comes this near to the border of the image is cut by it
+STATURE = (0.75, 1.33)
+"""A box this much shorter or taller than a person who stands at its lower edge does not show where the feet are."""
+FOOT = 0.05
+"""Standard deviation of the feet's row in the image, in heights of the box, besides the reading noise."""
+
+New = tuple[int, int, int, Place]
+"""Time, camera's place in `Eyes`, target, global position of a detection that was recovered."""
+
+
+def views_of(views: Views, bearings: Bearings) -> Ints:
+    """(N,) row of the view that each bearing is of, -1 for none: that of its sensor and time with the same bearing."""
+    rows = {
+        key: row
+        for row, key in enumerate(zip(views.t_ns.tolist(), views.sensor.tolist(), views.bearing.tolist(), strict=True))
+    }
+    keys = zip(bearings.t_ns.tolist(), bearings.sensor.tolist(), bearings.bearing.tolist(), strict=True)
+    found = [rows.get(key, -1) for key in keys]
+    return np.where(bearings.seen, np.array(found, dtype=np.int64), -1)
+
+
+def feet(views: Views, eyes: Eyes) -> Floats:
+    """(V, 2) distance along the ground of each view's feet, and its standard deviation; NaN where they do not show.
+
+    Feet are at the middle of the lower edge, on the floor z = 0.  They do not show in a camera of unknown
+    height, at the border of the image, or in a box that is too short or too tall for somebody who stands there.
+    """
+    out = np.full((len(views), 2), np.nan)
+    for which, camera in enumerate(eyes.cameras):
+        mine = np.flatnonzero(views.sensor == camera.name)
+        if len(mine) and camera.position[2] > 0 and eyes.person_height is not None:
+            out[mine] = _feet_of(camera, eyes.person_height, views.take(mine), float(eyes.far[which]))
+    return out
+
+
+def _feet_of(camera: Camera, height: float, views: Views, far: float) -> Floats:
+    bottom = views.top_px + views.height_px
+    foot = np.column_stack([views.left_px + 0.5 * views.width_px, bottom])
+    distance = _on_floor(camera, foot)
+    sigma_px = np.hypot(camera.sigma_read_px, FOOT * views.height_px)
+    step = np.column_stack([np.zeros(len(views)), sigma_px])
+    sigma = 0.5 * np.abs(_on_floor(camera, foot + step) - _on_floor(camera, foot - step))
+    spots = camera.ground + distance[:, None] * np.column_stack([np.cos(views.bearing), np.sin(views.bearing)])
+    with np.errstate(invalid="ignore"):
+        _, spans = person_in_image(camera, spots, height)
+        stature = views.height_px / np.abs(spans[..., 1]).sum(axis=1)
+        good = (distance > 0) & (distance < far) & (stature > STATURE[0]) & (stature < STATURE[1])
+    if camera.image_size is not None:
+        good &= (bottom < camera.image_size[1] - 0.5 - BORDER_PX) & (views.left_px > BORDER_PX - 0.5)
+        good &= views.left_px + views.width_px < camera.image_size[0] - 0.5 - BORDER_PX
+    good &= np.isfinite(sigma)
+    return np.where(good[:, None], np.column_stack([distance, sigma]), np.nan)
+
+
+def _on_floor(camera: Camera, pixels: Floats) -> Floats:
+    """(N,) horizontal distance at which sight lines through pixels reach the floor; NaN if they do not."""
+    rays = camera.rays(pixels)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(rays[:, 2] < 0, -camera.position[2] / rays[:, 2] * np.hypot(rays[:, 0], rays[:, 1]), np.nan)
+
+
+def recovered_views(new: Sequence[New], eyes: Eyes, views: Views, bearings: Bearings, frames: dict[str, int]) -> Views:
+    """Views of recovered detections: a person's box at the global position, without appearance.
+
+    Nothing for cameras without views of their own so far, or where a person's height is not known.
+
+    Args:
+        new: what was recovered.
+        eyes: the cameras.
+        views: of the part, before.
+        bearings: of the part, before; a time of a sensor is a frame.
+        frames: number of each camera's last frame so far, brought up to date; a frame without views has the
+            number after that of the frame before it.
+    """
+    counts: dict[tuple[int, str], int] = {}
+    numbers = _numbers(views, bearings, frames, counts)
+    height = eyes.person_height
+    if height is None:
+        return Views.empty()
+    rows = []
+    for t_ns, which, target, place in new:
+        camera = eyes.cameras[which]
+        key = (t_ns, camera.name)
+        if key not in numbers:
+            continue
+        cluster = counts.get(key, 0)
+        counts[key] = cluster + 1
+        rows.append(_view(t_ns, camera, numbers[key], cluster, target, place, height))
+    return Views.merge(rows)
+
+
+def _numbers(
+    views: Views, bearings: Bearings, frames: dict[str, int], counts: dict[tuple[int, str], int]
+) -> dict[tuple[int, str], int]:
+    """Number of each frame; clusters in each are counted into `counts`."""
+    told: dict[tuple[int, str], int] = {}
+    for t_ns, name, number in zip(views.t_ns.tolist(), views.sensor.tolist(), views.frame.tolist(), strict=True):
+        told[t_ns, name] = number
+        counts[t_ns, name] = counts.get((t_ns, name), 0) + 1
+    out: dict[tuple[int, str], int] = {}
+    for key in sorted({*told, *zip(bearings.t_ns.tolist(), bearings.sensor.tolist(), strict=True)}):
+        name = key[1]
+        if key in told or name in frames:
+            frames[name] = out[key] = told.get(key, frames.get(name, -1) + 1)
+    return out
+
+
+def _view(t_ns: int, camera: Camera, frame: int, cluster: int, target: int, place: Place, height: float) -> Views:
+    """A person's box at a place."""
+    middle, spans = person_in_image(camera, place.xy[None], height)
+    x, y = middle[0].tolist()
+    cov = np.einsum("ki,kj->ij", spans[0], spans[0]) / 12.0
+    width, tall = np.abs(spans[0]).sum(axis=0).tolist()
+    bearing, sigma, u_px, sigma_px = expected_sight(camera, place)
+    return Views.of(
+        t_ns=[t_ns],
+        sensor=[camera.name],
+        frame=[frame],
+        cluster=np.array([cluster], dtype=np.int32),
+        x_px=[x],
+        y_px=[y],
+        cov_xx_px=[cov[0, 0]],
+        cov_xy_px=[cov[0, 1]],
+        cov_yy_px=[cov[1, 1]],
+        left_px=[x - 0.5 * width],
+        top_px=[y - 0.5 * tall],
+        width_px=[width],
+        height_px=[tall],
+        area_px=[FILL * width * tall],
+        bearing=[bearing],
+        sigma=[sigma],
+        u_px=[u_px],
+        sigma_px=[sigma_px],
+        confidence=[np.nan],
+        likeness=[np.nan],
+        target_id=np.array([target], dtype=np.int32),
+        appearance=np.full((1, APPEARANCE_BINS), np.nan, dtype=np.float32),
+        cause=["recovered"],
+    )

@@ -1,0 +1,1 @@
+"""Verb: give candidates the identity of the track they agree with."""

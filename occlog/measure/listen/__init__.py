@@ -1,0 +1,1 @@
+"""Verb: find directions of arrival in the sound of microphone arrays."""

@@ -1,0 +1,251 @@
+"""Directions in a frame of spectra, by pyroomacoustics: the map of an algorithm, and its peaks."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.errors import InputError, UsageError
+from occlog.records.scene import MicrophoneArray
+
+from .config import ALGORITHMS, MOST_POINTS, ListenConfig
+from .spectra import coherence, direction, extents, sharpness
+
+FACTOR = 1.6
+"""How much larger errors are than their bound in simulated rooms, see docs/sound.md."""
+FLOOR = math.radians(0.5)
+"""Least standard deviation: no array is built and placed better."""
+INDEPENDENT, MOST_INDEPENDENT = 1.0 / 3.0, 1.5
+"""Share of spectra that are independent (windows overlap, bins are alike), and how many a frame has at
+most: reflections stay the same all through a frame."""
+SHRINK = 0.1
+"""A flat array tells the angle to its plane by how much slower the wave crosses it; rooms change that by so much."""
+POINTS_A_LOBE = 4.0
+MOST_SOURCES = 10
+"""Directions a frame where their number is found."""
+METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+
+
+class Heard(NamedTuple):
+    """A direction, in the array's frame."""
+
+    azimuth: float
+    elevation: float  # NaN: the array tells none
+    sigma_azimuth: float
+    sigma_elevation: float  # NaN: the array tells none
+    confidence: float
+
+
+class Band(NamedTuple):
+    """Bins of the spectra that are used."""
+
+    rate: int
+    length: int  # of a spectrum, samples
+    bins: Ints
+    omega: Floats  # [rad/s]
+
+
+class Grid(NamedTuple):
+    """Directions that are tried: colatitudes by azimuths."""
+
+    azimuth: Floats  # (A,) rising, all around
+    elevation: Floats  # (E,)
+    allowed: Bools  # (E, A) a flat array gives one of the two directions that it cannot tell apart
+
+
+class Locator(NamedTuple):
+    """Everything that does not change from frame to frame."""
+
+    engine: Any  # of pyroomacoustics
+    microphones: Floats  # (M, 3)
+    normal: Floats | None  # (3,) of a flat array
+    band: Band
+    grid: Grid
+    speed: float
+    config: ListenConfig
+
+
+def library() -> Any:
+    """pyroomacoustics.doa; UsageError if it is not installed."""
+    try:
+        return importlib.import_module("pyroomacoustics.doa")
+    except ImportError as error:
+        raise UsageError(
+            "occlog listen wants the package pyroomacoustics, which is not installed; pip install 'occlog[sound]'"
+        ) from error
+
+
+def make_band(rate: int, config: ListenConfig) -> Band:
+    """Bins of the band; UsageError if the recording has fewer than three of them."""
+    length = 1 << max(math.ceil(math.log2(config.window_s * rate)), 3)
+    frequency = np.arange(length // 2 + 1) * rate / length
+    bins = np.flatnonzero((frequency >= config.low_hz) & (frequency <= config.high_hz) & (frequency > 0))
+    bins = bins[bins < length // 2]
+    if len(bins) < 3:
+        raise UsageError(
+            f"--band {config.low_hz:g} {config.high_hz:g}: has {len(bins)} frequencies of a recording at {rate} Hz; "
+            "take a wider band or a longer --window"
+        )
+    return Band(rate, length, bins, 2.0 * np.pi * frequency[bins])
+
+
+def locator(array: MicrophoneArray, rate: int, unit: str, config: ListenConfig) -> Locator:
+    """Makes ready to find directions; InputError for an array that cannot tell any."""
+    doa, band = library(), make_band(rate, config)
+    rank, _ = extents(array.microphones) if len(array.microphones) else (0, np.zeros(3))
+    if rank < 2:
+        raise InputError(
+            f"scene: array {array.name} has {len(array.microphones)} microphones"
+            + (", all in one line" if len(array.microphones) > 1 else "")
+            + "; an azimuth takes three that are not in a line: add `microphones`"
+        )
+    if config.sources >= len(array.microphones) and config.algorithm != "srp":
+        raise UsageError(
+            f"--sources {config.sources}: {config.algorithm} finds fewer than there are microphones "
+            f"({len(array.microphones)} in {array.name})"
+        )
+    speed = _speed(config, unit)
+    grid = make_grid(array, band, speed, config)
+    ways = (
+        {"dim": 2, "azimuth": grid.azimuth}
+        if array.planar
+        else {
+            "dim": 3,
+            "azimuth": grid.azimuth,
+            "colatitude": np.pi / 2 - grid.elevation,
+        }
+    )
+    make = getattr(doa, ALGORITHMS[config.algorithm])
+    centred = array.microphones - array.microphones.mean(axis=0)
+    engine = make(centred.T, rate, band.length, c=speed, num_src=max(config.sources, 1), **ways)
+    normal = extents(array.microphones)[1] if rank == 2 else None
+    return Locator(engine, centred, normal, band, grid, speed, config)
+
+
+def _speed(config: ListenConfig, unit: str) -> float:
+    if config.speed_of_sound is not None:
+        return config.speed_of_sound
+    if unit not in METRES:
+        raise UsageError(f"the scene's lengths are in {unit}; give --speed-of-sound in lengths of the scene a second")
+    return 343.0 / METRES[unit]
+
+
+def make_grid(array: MicrophoneArray, band: Band, speed: float, config: ListenConfig) -> Grid:
+    """Directions to try: a few a lobe of the array at the top of the band, between 1 and 5 degrees apart."""
+    span = float(np.ptp(array.microphones, axis=0).max())
+    lobe = np.degrees(2.0 * np.pi * speed / (float(band.omega[-1]) * span))
+    step = config.grid_deg if config.grid_deg is not None else float(np.clip(lobe / POINTS_A_LOBE, 1.0, 5.0))
+    A = max(round(360.0 / step), 12)
+    azimuth = np.asarray(-np.pi + 2.0 * np.pi / A * np.arange(A), dtype=np.float64)
+    if array.planar:
+        return Grid(azimuth, np.zeros(1), np.ones((1, A), dtype=np.bool_))
+    E = max(round(90.0 / step), 6)
+    elevation = np.pi / 2 - (np.arange(2 * E) + 0.5) * np.pi / (2 * E)  # no pole, and the horizon in the middle
+    rank, normal = extents(array.microphones)
+    allowed = np.ones((2 * E, A), dtype=np.bool_)
+    if rank == 2:
+        normal = normal * np.sign(normal[np.argmax(np.abs(normal))])
+        if abs(normal[2]) > 0.9999:
+            elevation, allowed = elevation[: E + 1], allowed[: E + 1]
+        a, e = np.meshgrid(azimuth, elevation)
+        allowed = direction(a, e) @ normal > -1e-9
+    if allowed.size > MOST_POINTS:
+        raise UsageError(f"--grid {step:g}: {allowed.size} directions are too many; take a wider grid")
+    return Grid(azimuth, elevation, allowed)
+
+
+def locate(at: Locator, X: np.ndarray) -> list[Heard]:
+    """Directions in (M, F, S) spectra, the surest first."""
+    config, grid = at.config, at.grid
+    at.engine.locate_sources(X, num_src=max(config.sources, 1), freq_bins=at.band.bins)
+    chart = np.asarray(at.engine.grid.values, dtype=np.float64).reshape(grid.allowed.shape)
+    heard = []
+    for row, column in peaks(chart, grid, config):
+        azimuth, elevation = refined(chart, grid, row, column)
+        u = direction(np.array(azimuth), np.array(elevation))
+        agreement = coherence(X, at.band.bins, at.band.omega, at.microphones, u, at.speed)
+        if agreement >= config.confidence:
+            heard.append(_told(at, azimuth, elevation, agreement, X.shape[2]))
+    return sorted(heard, key=lambda h: -h.confidence)
+
+
+def _told(at: Locator, azimuth: float, elevation: float, agreement: float, snapshots: int) -> Heard:
+    count = float(np.clip(snapshots * INDEPENDENT, 1.0, MOST_INDEPENDENT))
+    flat = len(at.grid.elevation) == 1
+    # Without a third dimension the elevation is taken for known.
+    microphones = at.microphones * np.array([1.0, 1.0, 0.0]) if flat else at.microphones
+    bound = sharpness(at.band.omega, count, microphones, azimuth, elevation, at.speed, agreement)
+    spread = FACTOR**2 * np.diag(bound) + FLOOR**2
+    if at.normal is not None and not flat:
+        spread = spread + _off_plane(azimuth, elevation, at.normal)
+    # No direction is known worse than not at all.
+    sigma = np.minimum(np.sqrt(spread), np.pi / np.sqrt(3.0))
+    return Heard(
+        azimuth,
+        math.nan if flat else elevation,
+        float(sigma[0]),
+        math.nan if flat else float(sigma[1]),
+        min(max(agreement, 0.0), 1.0),
+    )
+
+
+def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
+    """(2,) variances of azimuth and elevation that are due to the angle to a flat array's plane."""
+    u = direction(np.array(azimuth), np.array(elevation))
+    out = float(abs(u @ normal))
+    towards = normal - (normal @ u) * u
+    size = float(np.linalg.norm(towards))
+    if size < 1e-9:
+        return np.zeros(2)
+    angle = SHRINK / max(out, SHRINK)
+    across = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
+    up = np.cross(u, across)
+    level = max(math.cos(elevation), 1e-3)
+    return np.array([(angle * (towards @ across) / size / level) ** 2, (angle * (towards @ up) / size) ** 2])
+
+
+def peaks(chart: Floats, grid: Grid, config: ListenConfig) -> list[tuple[int, int]]:
+    """Rows and columns of the highest local maxima that are allowed and far enough apart, highest first."""
+    E = len(chart)
+    padded = np.pad(np.pad(chart, ((1, 1), (0, 0)), constant_values=-np.inf), ((0, 0), (1, 1)), mode="wrap")
+    around = [
+        padded[1 + i : 1 + i + E, 1 + j : padded.shape[1] - 1 + j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j
+    ]
+    top = (chart >= np.max(around, axis=0)) & grid.allowed
+    middle, high = float(np.median(chart)), float(chart[grid.allowed].max())
+    top &= chart >= middle + config.peak * (high - middle)
+    rows, columns = np.nonzero(top)
+    order = np.argsort(-chart[rows, columns], kind="stable")
+    most = config.sources or MOST_SOURCES
+    kept: list[tuple[int, int]] = []
+    units: list[Floats] = []
+    for k in order.tolist():
+        u = direction(grid.azimuth[columns[k]], grid.elevation[rows[k]])
+        near = math.cos(math.radians(config.apart_deg))
+        if all(float(u @ v) <= near for v in units):
+            kept.append((int(rows[k]), int(columns[k])))
+            units.append(u)
+        if len(kept) == most:
+            break
+    return kept
+
+
+def refined(chart: Floats, grid: Grid, row: int, column: int) -> tuple[float, float]:
+    """Azimuth and elevation of the top of the parabolas through a maximum and its neighbours."""
+    A = len(grid.azimuth)
+    line = chart[row, [(column - 1) % A, column, (column + 1) % A]]
+    azimuth = grid.azimuth[column] + _top(line) * (2.0 * np.pi / A)
+    elevation = float(grid.elevation[row])
+    if 0 < row < len(chart) - 1:
+        elevation += _top(chart[row - 1 : row + 2, column]) * float(grid.elevation[1] - grid.elevation[0])
+    return float((azimuth + np.pi) % (2.0 * np.pi) - np.pi), elevation
+
+
+def _top(y: Floats) -> float:
+    """Where a parabola through y at -1, 0, 1 is highest, within half a step."""
+    bend = float(y[0] - 2.0 * y[1] + y[2])
+    return float(np.clip(0.5 * (y[0] - y[2]) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0

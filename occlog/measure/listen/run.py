@@ -1,0 +1,167 @@
+"""What `occlog listen` does: read sound, find directions, write them in the order of time."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.ingest.plan import for_sensor, pairs
+from occlog.io.files.frame_times import to_world_time
+from occlog.io.files.parquet import TableWriter
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.files.sensor_names import match_sensor
+from occlog.io.files.timestamps import parse_time
+from occlog.io.sound.author_formats import read_arrays
+from occlog.io.sound.wav import Sound, open_sound
+from occlog.records.losses import Loss
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.records.tables import Doa
+
+from .config import ListenConfig
+from .locate import library
+from .stage import Listened, frames_of, listen
+
+Pairs = tuple[tuple[str | None, Any], ...]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to listen to and how."""
+
+    sounds: Pairs  # (array or None, path)
+    scene: Path | None
+    arrays: Pairs  # (name or None, path)
+    channels: tuple[int, ...]  # from 0; empty: all
+    start_time: Pairs  # (array or None, text)
+    config: ListenConfig
+
+    @classmethod
+    def of(
+        cls,
+        sounds: tuple[str, ...],
+        scene: Path | None,
+        arrays: tuple[str, ...],
+        channels: tuple[int, ...],
+        start_time: tuple[str, ...],
+        settings: dict[str, Any],
+    ) -> Request:
+        """The request of the command's options."""
+        config = ListenConfig(**settings)
+        return cls(pairs(sounds, Path), scene, pairs(arrays, Path), channels, pairs(start_time, str), config)
+
+    def inputs(self) -> list[Path]:
+        """Every file that is read."""
+        scene = [] if self.scene is None else [self.scene]
+        return [*(path for _, path in self.sounds), *scene, *(path for _, path in self.arrays)]
+
+
+def parse_channels(text: str) -> tuple[int, ...]:
+    """Channels from 0 of a list from 1."""
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if not all(part.isdecimal() and 1 <= int(part) <= 4096 for part in parts):
+        raise UsageError(f"--channels {text}: want numbers from 1, with commas")
+    found = tuple(int(part) - 1 for part in parts)
+    if len(set(found)) != len(found):
+        raise UsageError(f"--channels {text}: names a channel twice")
+    return found
+
+
+def run_listen(request: Request, output: Path, overwrite: bool, quiet: bool) -> tuple[dict[str, Any], list[Loss]]:
+    """Listen and write; the summary, and what was lost."""
+    library()  # before anything is read
+    scene = _scene(request)
+    chosen = _arrays(request, scene)
+    sounds = {name: open_sound(path) for name, path in chosen.items()}
+    tallies = {name: Listened() for name in chosen}
+    streams = [_directions(scene, name, sounds[name], request, tallies[name], quiet) for name in chosen]
+    parameters = {
+        **asdict(request.config),
+        "sounds": {n: p.name for n, p in chosen.items()},
+        "channels": [c + 1 for c in request.channels],
+        "start_time": [list(p) for p in request.start_time],
+    }
+    provenance = Provenance("listen", parameters, None, hash_inputs(request.inputs()))
+    rows = dict.fromkeys(chosen, 0)
+    with TableWriter(output, Doa, provenance, overwrite=overwrite, length_unit=scene.length_unit) as writer:
+        for table in heapq.merge(*streams, key=lambda t: (int(t.t_ns[0]), str(t.sensor[0]))):
+            writer.write(table)
+            rows[str(table.sensor[0])] += len(table)
+        losses = [loss for sound in sounds.values() for loss in sound.losses]
+        writer.annotate(replace(provenance, losses=tuple(losses)))
+    seconds = {name: sound.frames / sound.rate for name, sound in sounds.items()}
+    return {
+        "doa": str(output),
+        "rows": rows,
+        "seconds": {name: round(s, 3) for name, s in seconds.items()},
+        "frames": {name: t.frames for name, t in tallies.items()},
+        "silent_frames": {name: t.silent for name, t in tallies.items()},
+        "unsure_frames": {name: t.unsure for name, t in tallies.items()},
+    }, losses
+
+
+def _scene(request: Request) -> Scene:
+    scene = options.load_scene(request.scene, None, request.scene) if request.scene is not None else Scene()
+    more = [a for name, path in request.arrays for a in read_arrays(path, name)]
+    if more and scene.length_unit != "m":
+        raise UsageError(f"--arrays: tables are in m, but {request.scene} in {scene.length_unit}; use one of them")
+    arrays = (*scene.arrays, *more)
+    names = [a.name for a in arrays]
+    double = next((n for n in names if names.count(n) > 1), None)
+    if double is not None:
+        raise UsageError(f"array {double}: is given twice; keep one")
+    if not arrays:
+        raise UsageError("no array whose microphones are known; give --scene with microphone_arrays, or --arrays")
+    return replace(scene, arrays=arrays)
+
+
+def _arrays(request: Request, scene: Scene) -> dict[str, Path]:
+    """The file of each array that has one."""
+    names = [a.name for a in scene.arrays]
+    out: dict[str, Path] = {}
+    for label, path in request.sounds:
+        if label is None and len(names) > 1:
+            raise UsageError(f"{path}: does not name its array; give ARRAY={path.name} (arrays: {', '.join(names)})")
+        name = names[0] if label is None else match_sensor(label, names, str(path))
+        if name in out:
+            raise UsageError(f"array {name}: has two files; give each array one")
+        out[name] = path
+    return out
+
+
+def _directions(scene: Scene, name: str, sound: Sound, request: Request, tally: Listened, quiet: bool) -> Iterator[Doa]:
+    """Directions of one array, by world time."""
+    array = next(a for a in scene.arrays if a.name == name)
+    _check_channels(sound, array, request.channels)
+    text = for_sensor(request.start_time, name)
+    start = 0 if text is None else parse_time(text)
+    clock = next((c for c in scene.clocks if c.name == array.clock), None)
+    total = frames_of(sound.frames, sound.rate, request.config)
+    blocks = _blocks(sound, request.channels)
+    found = listen(blocks, sound.rate, array, scene.length_unit, request.config, start, tally)
+    for table in options.progress(found, f"listen {name}", total, quiet=quiet):
+        yield table if clock is None else replace(table, t_ns=to_world_time(table.t_ns, clock, start))
+
+
+def _check_channels(sound: Sound, array: MicrophoneArray, channels: tuple[int, ...]) -> None:
+    over = [c + 1 for c in channels if c >= sound.channels]
+    if over:
+        raise UsageError(f"{sound.path}: has {sound.channels} channels, no channel {over[0]} (--channels)")
+    have = len(channels) or sound.channels
+    if have != len(array.microphones):
+        raise InputError(
+            f"{sound.path}: {have} channels, but array {array.name} has {len(array.microphones)} microphones; "
+            "choose the channels of the microphones with --channels, or correct `microphones`"
+        )
+
+
+def _blocks(sound: Sound, channels: tuple[int, ...]) -> Iterator[Floats]:
+    for block in sound.blocks():
+        yield np.ascontiguousarray(block[:, list(channels)]) if channels else block

@@ -1,0 +1,1 @@
+"""Verb: find where moving occluders are, from views, positions or sound."""

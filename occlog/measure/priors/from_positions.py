@@ -1,0 +1,230 @@
+"""Priors of moving occluders from measurements of their places: a Kalman filter each.
+
+Measurements are real ones (of another tracker, of tags that people wear), or virtual ones:
+true places with noise added, as [Ercan] Sec. 6 does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Bools, Floats, Ints, Ints32
+from occlog.core.motion.kalman import Walkers, first_seen, join, predict, take, update
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.errors import InputError
+from occlog.measure.scans.occluder_priors import known_positions, none_at
+from occlog.records.tables import Occluders, Tracks, Truth
+
+METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+
+
+@dataclass(frozen=True)
+class KalmanConfig:
+    """How measurements become priors; lengths in the scene's unit.
+
+    The defaults are those of [Ercan]'s reference scene: an RMS error of 6.67.
+    """
+
+    sigma: float = 8.0  # standard deviation of a measurement, per axis; 0: places are known
+    q: float = 1.2  # disturbance of the velocity, per axis, in a second; see `occlog.core.motion.kalman`
+    silence_s: float = 2.0  # an occluder that is not measured for so long is left out
+
+    def __post_init__(self) -> None:
+        for name, good, limit in (
+            ("sigma", self.sigma >= 0, "at least 0"),
+            ("q", self.q > 0, "above 0"),
+            ("silence_s", self.silence_s > 0, "above 0"),
+        ):
+            if not good or not np.isfinite(getattr(self, name)):
+                raise InputError(f"priors: {name} is {getattr(self, name)}, must be {limit}")
+
+
+def kalman_config(length_unit: str) -> KalmanConfig:
+    """Defaults for a scene's length unit: [Ercan]'s for `unit`, those of people in a room for metres, feet, inches."""
+    if length_unit not in METRES:
+        return KalmanConfig()
+    metre = 1.0 / METRES[length_unit]
+    return KalmanConfig(sigma=0.3 * metre, q=0.6 * metre)
+
+
+class _Moment:
+    """What is measured at one time; rows by identity."""
+
+    def __init__(self, t_ns: int, identity: Ints32, xy: Floats, noise: Floats) -> None:
+        self.t_ns, self.identity, self.xy, self.noise = t_ns, identity, xy, noise
+
+
+def virtual_priors(truth: Iterable[Truth], sigma: float, q: float, seed: int, *, run: int = 0) -> Iterator[Occluders]:
+    """Priors from virtual measurements of the moving occluders' true places, chunk by chunk.
+
+    The noise of an occluder depends on seed, run and its number only, not on where chunks are
+    cut or on how many others there are.
+
+    Args:
+        truth: in the order of time; rows of the role `occluder` are used.
+        sigma: standard deviation of the measurements, per axis; 0: the true places, known exactly.
+        q: of the filter, see `occlog.core.motion.kalman`.
+        seed: of the noise.
+        run: number of the run of a Monte Carlo experiment.
+    """
+    config = KalmanConfig(sigma=sigma, q=q)
+    if sigma == 0.0:
+        yield from known_positions(truth)
+        return
+    generators: dict[int, Generator] = {}
+    shared = sigma**2 * np.eye(2)
+
+    def noisy(chunk: Truth) -> tuple[Floats, Floats]:
+        xy = np.column_stack([chunk.x, chunk.y])
+        for k in np.unique(chunk.target_id).tolist():
+            rows = np.flatnonzero(chunk.target_id == k)
+            rng = generators.setdefault(k, generator(seed, Stage.PRIORS, k, run=run))
+            xy[rows] += sigma * rng.standard_normal((len(rows), 2))
+        return xy, np.broadcast_to(shared, (len(chunk), 2, 2))
+
+    yield from _filtered(truth, noisy, config)
+
+
+def kalman_priors(
+    positions: Iterable[Truth] | Iterable[Tracks], config: KalmanConfig, *, without: Iterable[int] = ()
+) -> Iterator[Occluders]:
+    """Priors from real measurements of places, chunk by chunk.
+
+    Args:
+        positions: in the order of time.  Of a table of truth (or positions) the rows of the role
+            `occluder`, measured with `config.sigma`; of tracks all rows, with their covariances,
+            to which `config.sigma` is added as independent.
+        config: settings; sigma must be above 0 for a table of truth.
+        without: identities that are left out, for example the tracked target's.
+
+    At every time all occluders that were measured within `silence_s` have a row.
+    """
+    left_out, shared = sorted(set(without)), config.sigma**2 * np.eye(2)
+
+    def measured(chunk: Truth | Tracks) -> tuple[Floats, Floats]:
+        noise = np.broadcast_to(shared, (len(chunk), 2, 2)).copy()
+        if isinstance(chunk, Tracks):
+            own = np.stack([chunk.cov_xx, chunk.cov_xy, chunk.cov_xy, chunk.cov_yy], axis=1)
+            noise += own.reshape(-1, 2, 2)
+        return np.column_stack([chunk.x, chunk.y]), noise
+
+    kept = (chunk.take(~np.isin(chunk.target_id, left_out)) if left_out else chunk for chunk in positions)
+    yield from _filtered(kept, measured, config)
+
+
+def _filtered(
+    chunks: Iterable[Truth] | Iterable[Tracks] | Iterable[Truth | Tracks],
+    measure: Callable[..., tuple[Floats, Floats]],
+    config: KalmanConfig,
+) -> Iterator[Occluders]:
+    """One table of priors a chunk, but for its last time, which goes with the next."""
+    state = _State()
+    held: list[_Moment] = []
+    for chunk in chunks:
+        moments = list(_moments(chunk, measure))
+        if held and moments and held[-1].t_ns == moments[0].t_ns:
+            moments[0] = _joined(held.pop(), moments[0])
+        # The last time may go on in the next chunk.
+        yield _table([*held, *moments[:-1]], state, config)
+        held = moments[-1:] if moments else held[:0]
+    if held:
+        yield _table(held, state, config)
+
+
+def _joined(a: _Moment, b: _Moment) -> _Moment:
+    identity = np.concatenate([a.identity, b.identity])
+    order = np.argsort(identity, kind="stable")
+    xy, noise = np.concatenate([a.xy, b.xy]), np.concatenate([a.noise, b.noise])
+    return _Moment(a.t_ns, identity[order], xy[order], noise[order])
+
+
+def _moments(chunk: Truth | Tracks, measure: Callable[..., tuple[Floats, Floats]]) -> Iterator[_Moment]:
+    """The measurements by time; a time without a moving occluder has none."""
+    if not len(chunk):
+        return
+    times = np.unique(chunk.t_ns)
+    rows = chunk.take(chunk.role == "occluder") if isinstance(chunk, Truth) else chunk
+    rows = rows.sorted()
+    xy, noise = measure(rows)
+    first, last = np.searchsorted(rows.t_ns, times, "left"), np.searchsorted(rows.t_ns, times, "right")
+    for t_ns, a, b in zip(times.tolist(), first.tolist(), last.tolist(), strict=True):
+        yield _Moment(t_ns, rows.target_id[a:b], xy[a:b], noise[a:b])
+
+
+class _State:
+    """The filters: M objects at the time of the last step, rising identities."""
+
+    def __init__(self) -> None:
+        self.identity = np.empty(0, dtype=np.int32)
+        self.t_ns: int | None = None
+        self.measured_ns = np.empty(0, dtype=np.int64)
+        self.walkers = first_seen(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0)
+
+
+def _step(state: _State, m: _Moment, config: KalmanConfig) -> None:
+    """Advance the filters to a moment and take its measurements in."""
+    if (same := np.diff(m.identity) == 0).any():
+        raise InputError(
+            f"priors: occluder {m.identity[1:][same][0]} has two positions at {m.t_ns} ns; leave one of them"
+        )
+    if state.t_ns is not None:
+        if m.t_ns < state.t_ns:
+            raise InputError(f"priors: time {m.t_ns} ns comes after {state.t_ns} ns; sort the rows by t_ns")
+        # One that comes back after a long silence starts afresh.
+        keep = m.t_ns - state.measured_ns <= config.silence_s * 1e9
+        _keep(state, keep)
+        state.walkers = predict(state.walkers, (m.t_ns - state.t_ns) * 1e-9, config.q)
+    state.t_ns = m.t_ns
+    known = np.isin(m.identity, state.identity)
+    rows = np.searchsorted(state.identity, m.identity[known])
+    _measure(state.walkers, rows, m.xy[known], m.noise[known])
+    state.measured_ns[rows] = m.t_ns
+    if not known.all():
+        _add(state, m, ~known, config.q)
+
+
+def _measure(walkers: Walkers, rows: Ints, xy: Floats, noise: Floats) -> None:
+    """Take measurements of some objects in, in place."""
+    if not len(rows):
+        return
+    updated = update(take(walkers, rows), xy, noise)
+    for column, new in zip(walkers, updated, strict=True):
+        column[rows] = new
+
+
+def _keep(state: _State, keep: Bools) -> None:
+    if not keep.all():
+        state.identity, state.measured_ns = state.identity[keep], state.measured_ns[keep]
+        state.walkers = take(state.walkers, keep)
+
+
+def _add(state: _State, m: _Moment, new: Bools, speed: float) -> None:
+    """Objects that are measured for the first time; the velocity is as uncertain as after a second of walking."""
+    walkers = join(state.walkers, first_seen(m.xy[new], m.noise[new], speed))
+    identity = np.concatenate([state.identity, m.identity[new]])
+    measured = np.concatenate([state.measured_ns, np.full(int(new.sum()), m.t_ns)])
+    order = np.argsort(identity)
+    state.identity, state.measured_ns, state.walkers = identity[order], measured[order], take(walkers, order)
+
+
+def _table(moments: list[_Moment], state: _State, config: KalmanConfig) -> Occluders:
+    parts: list[tuple[int, Ints32, Floats, Floats]] = []
+    empty = []
+    for m in moments:
+        _step(state, m, config)
+        if len(state.identity):
+            parts.append((m.t_ns, state.identity, state.walkers.xy.copy(), state.walkers.cov.copy()))
+        else:
+            empty.append(m.t_ns)
+    none = none_at(np.array(empty, dtype=np.int64))
+    if not parts:
+        return none
+    xy, cov = np.concatenate([p[2] for p in parts]), np.concatenate([p[3] for p in parts])
+    t_ns = np.repeat(np.array([p[0] for p in parts], dtype=np.int64), [len(p[1]) for p in parts])
+    identity = np.concatenate([p[1] for p in parts])
+    rows = Occluders(t_ns, identity, xy[:, 0], xy[:, 1], cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 1])
+    return Occluders.merge([rows, none])

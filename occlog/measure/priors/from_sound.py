@@ -1,0 +1,173 @@
+"""Directions of arrival to priors of moving occluders: people who speak are located and followed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.motion.kalman import Walkers, first_seen, join, predict, take, update
+from occlog.core.numerics.assignment import assign
+from occlog.core.sight.locate_sources import Directions, distance2, localise
+from occlog.errors import InputError, UsageError
+from occlog.measure.scans.occluder_priors import none_at
+from occlog.records.scene import Scene
+from occlog.records.tables import Doa, Occluders
+
+METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+MOMENTS_PER_CHUNK = 256
+
+
+@dataclass(frozen=True)
+class AcousticConfig:
+    """How directions become priors; lengths in the scene's unit, times in seconds."""
+
+    gate: float = 3.0  # standard deviations within which a direction or a place is of a source
+    q: float = 1.2  # disturbance of the velocity, see `occlog.core.motion.kalman`
+    persist_s: float = 0.3  # a source must have been heard for so long
+    silence_s: float = 2.0  # who is not heard for so long is left out
+    window_s: float = 0.0  # directions this close together are of one moment
+    min_crossing: float = 0.1  # directions that cross at a smaller angle give no place [rad]
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not np.isfinite(value) or value < 0:
+                raise InputError(f"acoustic: {f.name} is {value}, must be a finite number of at least 0")
+
+
+def acoustic_config(length_unit: str) -> AcousticConfig:
+    """Defaults for a scene's length unit."""
+    return AcousticConfig() if length_unit not in METRES else AcousticConfig(q=0.6 / METRES[length_unit])
+
+
+class _Sources(NamedTuple):
+    """N sources that are followed."""
+
+    identity: Ints
+    first_ns: Ints
+    last_ns: Ints  # when each was heard last
+    walkers: Walkers
+
+
+def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig) -> Iterator[Occluders]:
+    """Gaussians of the sources that two arrays or more hear, chunk by chunk.
+
+    Args:
+        chunks: directions in the order of time; identities that they carry are not used.
+        scene: must have the arrays, two or more.
+        config: settings.
+
+    Raises:
+        InputError: an array that the scene does not have, or times that go back.
+        UsageError: a scene with fewer than two arrays.
+    """
+    if len(scene.arrays) < 2:
+        raise UsageError(f"the scene has {len(scene.arrays)} microphone arrays; to locate sources takes at least 2")
+    nothing = np.empty(0, dtype=np.int64)
+    followed = _Sources(nothing, nothing, nothing, first_seen(np.empty((0, 2)), np.empty((0, 2, 2)), 1.0))
+    before, fresh = 0, 0
+    held: list[Occluders] = []
+    for t_ns, rows in _moments(chunks, round(config.window_s * 1e9)):
+        followed = _aged(followed, t_ns, (t_ns - before) * 1e-9, config)
+        d = _directions(rows, scene)
+        found = localise(
+            d, followed.walkers.xy, followed.walkers.cov, scene.region, config.gate, max(config.min_crossing, 1e-6)
+        )
+        followed, fresh = _heard(followed, t_ns, found.xy, found.covariance, fresh, config)
+        before = t_ns
+        held.append(_table(followed, t_ns, config))
+        if len(held) >= MOMENTS_PER_CHUNK:
+            yield Occluders.concat(held)
+            held = []
+    if held:
+        yield Occluders.concat(held)
+
+
+def _moments(chunks: Iterable[Doa], window_ns: int) -> Iterator[tuple[int, Doa]]:
+    """Directions of one moment; its time is that of the last of them."""
+    rest: Doa | None = None
+    for chunk in chunks:
+        if not len(chunk):
+            continue
+        if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
+            raise InputError(f"doa: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort the rows by t_ns")
+        table = chunk if rest is None else Doa.concat([rest, chunk])
+        while len(table) and table.t_ns[-1] - table.t_ns[0] > window_ns:
+            cut = int(np.searchsorted(table.t_ns, table.t_ns[0] + window_ns, side="right"))
+            yield int(table.t_ns[cut - 1]), table.take(slice(0, cut))
+            table = table.take(slice(cut, None))
+        # The last moment may go on in the next chunk.
+        rest = table
+    if rest is not None:
+        yield int(rest.t_ns[-1]), rest
+
+
+def _directions(rows: Doa, scene: Scene) -> Directions:
+    places = {a.name: i for i, a in enumerate(scene.arrays)}
+    for name in np.unique(rows.sensor).tolist():
+        if name not in places:
+            raise InputError(f"doa: the scene has no array {name!r}; it has: {', '.join(places)}")
+    array = np.array([places[name] for name in rows.sensor.tolist()], dtype=np.int64)
+    positions = np.array([a.position[:2] for a in scene.arrays])
+    sigmas = np.array([a.sigma for a in scene.arrays], dtype=np.float64)
+    own = np.where(np.isnan(rows.sigma_azimuth), sigmas[array], rows.sigma_azimuth)
+    return Directions(array, positions[array], rows.azimuth, own)
+
+
+def _aged(s: _Sources, t_ns: int, dt: float, config: AcousticConfig) -> _Sources:
+    """The sources a time later, without those that fell silent."""
+    if not len(s.identity):
+        return s
+    keep = t_ns - s.last_ns <= config.silence_s * 1e9
+    walkers = predict(take(s.walkers, keep), dt, config.q)
+    return _Sources(s.identity[keep], s.first_ns[keep], s.last_ns[keep], walkers)
+
+
+def _heard(s: _Sources, t_ns: int, xy: Floats, cov: Floats, fresh: int, config: AcousticConfig) -> tuple[_Sources, int]:
+    """The sources after places were found: each is of a known source near by, or of a new one."""
+    rows, columns = assign(distance2(s.walkers.xy, s.walkers.cov, xy, cov), config.gate**2)
+    last, walkers = s.last_ns.copy(), Walkers(*(c.copy() for c in s.walkers))
+    if len(rows):
+        last[rows] = t_ns
+        for column, new in zip(walkers, update(take(walkers, rows), xy[columns], cov[columns]), strict=True):
+            column[rows] = new
+    s = _single(_Sources(s.identity, s.first_ns, last, walkers), t_ns, config)
+    new = np.setdiff1d(np.arange(len(xy)), columns)
+    if not len(new):
+        return s, fresh
+    now = np.full(len(new), t_ns, dtype=np.int64)
+    identity = np.concatenate([s.identity, fresh + np.arange(len(new), dtype=np.int64)])
+    walkers = join(s.walkers, first_seen(xy[new], cov[new], config.q))
+    return _Sources(identity, np.append(s.first_ns, now), np.append(s.last_ns, now), walkers), fresh + len(new)
+
+
+def _single(s: _Sources, t_ns: int, config: AcousticConfig) -> _Sources:
+    """The sources without those that were not heard now while another one, heard now, is where they are thought."""
+    now = s.last_ns == t_ns
+    if now.all() or not now.any():
+        return s
+    heard, others = take(s.walkers, now), take(s.walkers, ~now)
+    keep = now.copy()
+    keep[~now] = (distance2(others.xy, others.cov, heard.xy, heard.cov) > config.gate**2).all(axis=1)
+    return _Sources(s.identity[keep], s.first_ns[keep], s.last_ns[keep], take(s.walkers, keep))
+
+
+def _table(s: _Sources, t_ns: int, config: AcousticConfig) -> Occluders:
+    """Rows of the sources that were heard long enough."""
+    sure = np.flatnonzero(s.last_ns - s.first_ns >= config.persist_s * 1e9)
+    if not len(sure):
+        return none_at(np.array([t_ns], dtype=np.int64))
+    xy, cov = s.walkers.xy[sure], s.walkers.cov[sure]
+    return Occluders(
+        np.full(len(sure), t_ns, dtype=np.int64),
+        s.identity[sure].astype(np.int32),
+        xy[:, 0],
+        xy[:, 1],
+        cov[:, 0, 0],
+        cov[:, 0, 1],
+        cov[:, 1, 1],
+    )

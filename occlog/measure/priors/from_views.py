@@ -1,0 +1,238 @@
+"""Views to priors of moving occluders: the visual hull of all cameras, moment by moment."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from occlog.array_types import Floats, Ints32
+from occlog.core.occlusion.priors import polygon_priors
+from occlog.errors import InputError
+from occlog.measure.scans.occluder_priors import none_at
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Hulls, Occluders, Views
+
+from .hull import Look, Polygon, hull
+from .hull_cones import Eye, cones, make_eye, runs
+from .hull_identities import Memory, Rules, Seen, follow
+
+METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+MOMENTS_PER_CHUNK = 256
+
+
+@dataclass(frozen=True)
+class HullConfig:
+    """How views become polygons; lengths in the scene's unit, times in seconds."""
+
+    misses: int = 1  # cameras that may overlook an object
+    least: int = 2  # cameras that must see it
+    dilate: float = 0.01  # added to both sides of every run [rad], besides twice the camera's sigma_yaw
+    smallest: float = 1.0  # area of the smallest polygon
+    persist_s: float = 0.2  # a polygon must have been there for so long
+    memory_s: float = 2.0  # for so long counts that a polygon was the only one to explain a run
+    lost_s: float = 0.5  # an identity is kept for so long without a polygon
+    hold_s: float = 0.3  # and if it was certain its last polygon is taken for so long
+    speed: float = 3.0  # of the fastest object, per second
+    reach: float = 3.33  # the middle of a polygon may jump by so much
+    window_s: float = 0.0  # frames this close together are of one moment
+    exclude_targets: bool = True  # clusters that are known to be of a target are not occluders
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not np.isfinite(value) or value < 0:
+                raise InputError(f"hull: {f.name} is {value}, must be a finite number of at least 0")
+        if self.least < 1 or self.speed + self.reach <= 0:
+            raise InputError("hull: least must be at least 1, and reach and speed not both 0")
+
+    @property
+    def rules(self) -> Rules:
+        """Those for identities."""
+        persist, memory, lost, hold = (
+            round(1e9 * s) for s in (self.persist_s, self.memory_s, self.lost_s, self.hold_s)
+        )
+        return Rules(persist, memory, lost, hold, self.speed, self.reach)
+
+
+def hull_config(length_unit: str) -> HullConfig:
+    """Defaults for a scene's length unit: objects of [Ercan]'s reference scene, or people in a room."""
+    if length_unit not in METRES:
+        return HullConfig()
+    metre = 1.0 / METRES[length_unit]
+    return HullConfig(smallest=0.02 * metre**2, speed=2.5 * metre, reach=0.5 * metre)
+
+
+class HullPriors(NamedTuple):
+    """Some more moments."""
+
+    hulls: Hulls  # the polygons
+    occluders: Occluders  # Gaussians with their means and covariances
+    moments: int
+    candidates: int  # polygons before phantoms were left out
+
+
+class _Frame(NamedTuple):
+    """One camera's rows of one time; none: it saw nobody."""
+
+    t_ns: int
+    sensor: str
+    views: Views
+
+
+def hull_priors(
+    views: Iterable[Views], scene: Scene, config: HullConfig, frames: Iterable[Bearings] | None = None
+) -> Iterator[HullPriors]:
+    """Polygons and Gaussians in which the moving occluders are, chunk by chunk.
+
+    Clusters of a target (`target_id` 0 or above) are not occluders; in their directions the
+    camera cannot tell what is behind.  Cameras without pose are not used.
+
+    Args:
+        views: in the order of time.
+        scene: must have the cameras.
+        config: settings.
+        frames: bearings made along with the views: their rows say which cameras delivered a
+            frame, also one without a cluster.  Without them such a frame counts as missing.
+
+    Raises:
+        InputError: a camera that the scene does not have, or times that go back.
+    """
+    eyes: dict[str, Eye] = {}
+    memory = Memory()
+    held: list[tuple[int, list[Seen]]] = []
+    candidates = 0
+    for t_ns, moment in _moments(views, frames, scene, round(config.window_s * 1e9)):
+        looks = [_look(f, eyes, scene, config) for f in moment]
+        found = hull(looks, scene.region, config.least, config.misses, config.smallest) if looks else []
+        memory, seen = follow(memory, t_ns, found, config.rules)
+        candidates += len(found)
+        held.append((t_ns, seen))
+        if len(held) >= MOMENTS_PER_CHUNK:
+            yield _tables(held, candidates)
+            held, candidates = [], 0
+    if held:
+        yield _tables(held, candidates)
+
+
+def _moments(
+    views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene, window_ns: int
+) -> Iterator[tuple[int, list[_Frame]]]:
+    """Frames of one moment, by camera; its time is that of the last of them."""
+    unplaced = [c.name for c in scene.cameras if not c.placed]
+    group: dict[str, _Frame] = {}
+    first = last = 0
+    for frame in _frames(views, frames, scene):
+        if frame.sensor in unplaced:
+            continue
+        before = group.get(frame.sensor)
+        if group and (frame.t_ns - first > window_ns or (before is not None and before.t_ns != frame.t_ns)):
+            yield last, [group[name] for name in sorted(group)]
+            group, before = {}, None
+        if not group:
+            first = frame.t_ns
+        last = frame.t_ns
+        if before is None or not len(before.views):
+            group[frame.sensor] = frame
+    if group:
+        yield last, [group[name] for name in sorted(group)]
+
+
+def _frames(views: Iterable[Views], frames: Iterable[Bearings] | None, scene: Scene) -> Iterator[_Frame]:
+    """Frames in the order of time; one that both tables have comes twice, its clusters first."""
+    streams = [_split(views, scene)]
+    if frames is not None:
+        streams.append(_split(frames, scene))
+    yield from heapq.merge(*streams, key=lambda frame: frame.t_ns)
+
+
+def _split(chunks: Iterable[Views] | Iterable[Bearings], scene: Scene) -> Iterator[_Frame]:
+    """Every camera's rows of every time, by time and camera; of bearings only that there was a frame."""
+    names = [c.name for c in scene.cameras]
+    arrays = [a.name for a in scene.arrays]
+    rest: Views | Bearings | None = None
+    for chunk in chunks:
+        if not len(chunk):
+            continue
+        for name in np.unique(chunk.sensor).tolist():
+            if name not in names and name not in arrays:
+                raise InputError(f"{chunk.NAME}: no camera {name!r} in the scene; it has: {', '.join(names) or 'none'}")
+        if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
+            raise InputError(f"{chunk.NAME}: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort by t_ns")
+        table = chunk if rest is None else type(chunk).concat([rest, chunk])  # type: ignore[list-item]
+        cut = int(np.searchsorted(table.t_ns, table.t_ns[-1]))
+        yield from _split_complete(table.take(slice(0, cut)), names)
+        # The last time may go on in the next chunk.
+        rest = table.take(slice(cut, None))
+    if rest is not None:
+        yield from _split_complete(rest, names)
+
+
+def _split_complete(table: Views | Bearings, names: list[str]) -> Iterator[_Frame]:
+    if not len(table):
+        return
+    table = table.take(np.lexsort([table.sensor, table.t_ns]))
+    fresh = (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])
+    for a, b in pairwise([0, *(np.flatnonzero(fresh) + 1).tolist(), len(table)]):
+        if str(table.sensor[a]) in names:
+            rows = table.take(slice(a, b)) if isinstance(table, Views) else Views.empty()
+            yield _Frame(int(table.t_ns[a]), str(table.sensor[a]), rows)
+
+
+def _look(frame: _Frame, eyes: dict[str, Eye], scene: Scene, config: HullConfig) -> Look:
+    """What a camera saw, without its targets."""
+    if frame.sensor not in eyes:
+        eyes[frame.sensor] = make_eye(scene.camera(frame.sensor), scene)
+    eye, v = eyes[frame.sensor], frame.views
+    boxes = np.column_stack([v.left_px, v.top_px, v.width_px, v.height_px])
+    of_runs = runs(boxes, eye.camera, config.dilate + 2.0 * eye.camera.sigma_yaw)
+    own = (v.target_id >= 0) & config.exclude_targets
+    others = cones(eye, of_runs[~own])
+    visible = eye.visible
+    if own.any():
+        # Where the target is in front nothing is known, unless another run is there as well.
+        hidden = shapely.difference(shapely.union_all(cones(eye, of_runs[own])), shapely.union_all(others))
+        visible = shapely.difference(visible, hidden)
+    return Look(visible, others)
+
+
+def _tables(moments: list[tuple[int, list[Seen]]], candidates: int) -> HullPriors:
+    empty = np.array([t for t, found in moments if not found], dtype=np.int64)
+    none = none_at(empty)
+    rows = [(t, k, _corners(p)) for t, found in moments for k, p in found]
+    sizes = [len(c) for _, _, c in rows]
+    t_ns = np.array([t for t, _, _ in rows], dtype=np.int64)
+    identity: Ints32 = np.array([k for _, k, _ in rows], dtype=np.int32)
+    corners = np.concatenate([np.empty((0, 2)), *(c for _, _, c in rows)])
+    number = np.concatenate([np.empty(0, dtype=np.int32), *(np.arange(n, dtype=np.int32) for n in sizes)])
+    hulls = Hulls(np.repeat(t_ns, sizes), np.repeat(identity, sizes), number, corners[:, 0], corners[:, 1])
+    no_hulls = Hulls(empty, none.occluder_id, np.zeros(len(empty), dtype=np.int32), none.x, none.y)
+    gaussians = Occluders.merge([_gaussians(t_ns, identity, [c for _, _, c in rows]), none])
+    return HullPriors(Hulls.merge([hulls, no_hulls]), gaussians, len(moments), candidates)
+
+
+def _corners(polygon: Polygon) -> Floats:
+    """(K, 2) corners, counter-clockwise."""
+    ring = shapely.geometry.polygon.orient(polygon.shape).exterior
+    return np.asarray(ring.coords)[:-1]
+
+
+def _gaussians(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]], identity: Ints32, corners: list[Floats]) -> Occluders:
+    """The Gaussians with the means and covariances of uniform distributions over polygons."""
+    p = polygon_priors(corners, 1.0)
+    c, s = p.axis[:, 0], p.axis[:, 1]
+    major, minor = p.sigma**2, p.minor**2
+    return Occluders(
+        t_ns,
+        identity,
+        p.mean[:, 0],
+        p.mean[:, 1],
+        major * c**2 + minor * s**2,
+        (major - minor) * c * s,
+        major * s**2 + minor * c**2,
+    )

@@ -1,0 +1,245 @@
+"""What `occlog priors` does: read, find occluders, write."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.parquet import TableWriter, describe, iter_table, read_provenance, schema_name
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.recording.reader import open_recording
+from occlog.measure.scans.scans import nearest
+from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Tracks, Truth, Views
+
+from .from_positions import KalmanConfig, kalman_config, kalman_priors, virtual_priors
+from .from_sound import acoustic_config, acoustic_priors
+from .from_views import HullConfig, hull_config, hull_priors
+
+if TYPE_CHECKING:
+    from occlog.records.columns import Table
+    from occlog.records.losses import Loss
+    from occlog.records.scene import Scene
+
+Result = tuple[dict[str, Any], tuple["Loss", ...]]
+
+
+class Cameras(NamedTuple):
+    """Names of cameras to use; none: all but those left out."""
+
+    only: tuple[str, ...]
+    without: tuple[str, ...]
+
+    @classmethod
+    def of(cls, only: str, without: str) -> Cameras:
+        """From option values."""
+        split = [tuple(part.strip() for part in text.split(",") if part.strip()) for text in (only, without)]
+        return cls(*split)
+
+    def chosen(self, scene: Scene) -> list[str]:
+        """Names of cameras with a pose; UsageError for one that the scene does not have, or if under two are left."""
+        names = tuple(c.name for c in scene.cameras)
+        for name in (*self.only, *self.without):
+            if name not in names:
+                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, names)}")
+        placed = [c.name for c in scene.cameras if c.placed]
+        used = [n for n in placed if n not in self.without and (not self.only or n in self.only)]
+        if len(used) < 2:
+            raise UsageError(f"{len(used)} cameras with a pose are left; a visual hull needs at least 2")
+        return used
+
+
+class Source:
+    """A table in a file of either kind, as a stream, with the scene and what had been lost before."""
+
+    def __init__(self, path: Path, scene: Path | None) -> None:
+        """Open; nothing but headers is read yet."""
+        self.path = path
+        self.recording = open_recording(path) if path.suffix.lower() == ".mcap" else None
+        if self.recording is None:
+            self.losses = tuple(read_provenance(path).losses)
+        else:
+            self.losses = tuple(self.recording.losses)
+        recorded = self.recording.scene if self.recording is not None else None
+        self.scene = None if scene is None and recorded is None else options.load_scene(scene, recorded, path)
+        self._check_unit()
+
+    def _check_unit(self) -> None:
+        if self.recording is not None or self.scene is None or not read_provenance(self.path).inputs:
+            return
+        if self.unit != self.scene.length_unit:
+            raise UsageError(
+                f"{self.path}: was made in a scene in {self.unit}, but the scene given is in "
+                f"{self.scene.length_unit}; give the --scene that it was made in"
+            )
+
+    @property
+    def unit(self) -> str:
+        """Of lengths."""
+        if self.recording is None:
+            return str(describe(self.path)["length_unit"])
+        return self.recording.scene.length_unit if self.recording.scene is not None else "m"
+
+    def need_scene(self) -> Scene:
+        """The scene; UsageError if none was given."""
+        return self.scene if self.scene is not None else options.load_scene(None, None, self.path)
+
+    def chunks(self, table: type[Any]) -> Iterator[Any]:
+        """All rows of a table; InputError if the file does not hold them or has none."""
+        if self.recording is None:
+            stream = iter_table(self.path, table)
+        elif self.recording.has(table):
+            stream = self.recording.tables(table)
+        else:
+            raise InputError(f"{self.path}: holds no {table.NAME}; give a recording or a table that has them")
+        return _not_empty(stream, self.path)
+
+
+def _not_empty(chunks: Iterable[Table], path: Path) -> Iterator[Table]:
+    rows = 0
+    for chunk in chunks:
+        rows += len(chunk)
+        yield chunk
+    if rows == 0:
+        raise InputError(f"{path}: has no rows; nothing can be found from it")
+
+
+def run_kalman(
+    path: Path,
+    scene: Path | None,
+    values: Mapping[str, Any],
+    measured: bool,
+    without: tuple[int, ...],
+    seed: int,
+    output: Path,
+    overwrite: bool,
+    quiet: bool,
+) -> Result:
+    """Positions to priors; the summary and what had been lost before."""
+    source = Source(path, scene)
+    unit = source.scene.length_unit if source.scene is not None else source.unit
+    tracks = source.recording is None and schema_name(path) == Tracks.NAME
+    if tracks and not measured:
+        raise UsageError(f"{path}: tracks are measurements, not the truth; add --measured")
+    defaults = kalman_config(unit)
+    config: KalmanConfig = replace(replace(defaults, sigma=0.0) if tracks else defaults, **values)
+    if measured and config.sigma == 0 and not tracks:
+        raise UsageError("--measured positions need a --sigma above 0; leave out --measured if they are exact")
+    chunks = options.progress(source.chunks(Tracks if tracks else Truth), "priors", quiet=quiet)
+    if measured:
+        priors = kalman_priors(chunks, config, without=without)
+    else:
+        left = (c.take(~np.isin(c.target_id, without)) for c in chunks)
+        priors = virtual_priors(left, config.sigma, config.q, seed)
+    parameters = {"source": "kalman", "measured": measured, "without": without, **asdict(config)}
+    provenance = _provenance(parameters, [path, scene], source.losses, seed)
+    tally = Tally()
+    with TableWriter(output, Occluders, provenance, overwrite=overwrite, length_unit=unit) as writer:
+        for table in priors:
+            writer.write(table)
+            tally.add(table)
+        if not tally.identities:
+            raise InputError(f"{path}: no row is of a moving occluder; priors need rows of the role occluder")
+    return {"occluders": str(output), "source": "kalman", "sigma": config.sigma, **tally.summary()}, source.losses
+
+
+def run_hull(
+    path: Path,
+    bearings: Path | None,
+    scene: Path | None,
+    cameras: Cameras,
+    values: Mapping[str, Any],
+    output: Path,
+    hulls: Path | None,
+    overwrite: bool,
+    quiet: bool,
+) -> Result:
+    """Views to priors; the summary and what had been lost before."""
+    source = Source(path, scene)
+    place = source.need_scene()
+    used = cameras.chosen(place)
+    config: HullConfig = replace(hull_config(place.length_unit), **values)
+    views = _of_cameras(options.progress(source.chunks(Views), "hull", quiet=quiet), used)
+    frames = None if bearings is None else _of_cameras(Source(bearings, scene).chunks(Bearings), used)
+    parameters = {"source": "hull", "cameras": used, **asdict(config)}
+    provenance = _provenance(parameters, [path, scene, bearings], source.losses, None)
+    tally, candidates, moments = Tally(), 0, 0
+    with ExitStack() as stack:
+        outputs = [(output, Occluders)] + ([(hulls, Hulls)] if hulls is not None else [])
+        writers = [
+            stack.enter_context(TableWriter(p, t, provenance, overwrite=overwrite, length_unit=place.length_unit))
+            for p, t in outputs
+        ]
+        for part in hull_priors(views, place, config, frames):
+            for writer, table in zip(writers, (part.occluders, part.hulls), strict=False):
+                writer.write(table)
+            tally.add(part.occluders)
+            candidates, moments = candidates + part.candidates, moments + part.moments
+        if not moments:
+            raise InputError(f"{path}: no row is of the chosen cameras; choose others")
+    summary = {"occluders": str(output), "source": "hull", "cameras": len(used), **tally.summary()}
+    return {**summary, "candidates_a_moment": candidates / moments}, source.losses
+
+
+def run_acoustic(
+    path: Path, scene: Path | None, values: Mapping[str, Any], output: Path, overwrite: bool, quiet: bool
+) -> Result:
+    """Directions of arrival to priors; the summary and what had been lost before."""
+    source = Source(path, scene)
+    place = source.need_scene()
+    config = replace(acoustic_config(place.length_unit), **values)
+    chunks = options.progress(source.chunks(Doa), "acoustic", quiet=quiet)
+    provenance = _provenance({"source": "acoustic", **asdict(config)}, [path, scene], source.losses, None)
+    tally = Tally()
+    with TableWriter(output, Occluders, provenance, overwrite=overwrite, length_unit=place.length_unit) as writer:
+        for table in acoustic_priors(chunks, place, config):
+            writer.write(table)
+            tally.add(table)
+    return {"occluders": str(output), "source": "acoustic", **tally.summary()}, source.losses
+
+
+def _of_cameras(chunks: Iterable[Any], names: list[str]) -> Iterator[Any]:
+    for chunk in chunks:
+        yield chunk.take(np.isin(chunk.sensor, names))
+
+
+def _provenance(
+    parameters: dict[str, Any], paths: list[Path | None], losses: tuple[Loss, ...], seed: int | None
+) -> Provenance:
+    return Provenance("priors", parameters, seed, hash_inputs([p for p in paths if p is not None]), losses)
+
+
+class Tally:
+    """Figures of the summary, gathered while streaming."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.rows = 0
+        self.occluders = 0
+        self.times = 0
+        self.identities: set[int] = set()
+        self.spread = 0.0
+
+    def add(self, table: Occluders) -> None:
+        """Count some more rows."""
+        there = table.occluder_id >= 0
+        self.rows += len(table)
+        self.times += len(np.unique(table.t_ns))
+        self.occluders += int(there.sum())
+        self.identities.update(table.occluder_id[there].tolist())
+        self.spread += float(np.sum(table.cov_xx[there] + table.cov_yy[there]))
+
+    def summary(self) -> dict[str, Any]:
+        """The figures; `rms_spread` is the RMS error that the priors expect of their means."""
+        return {
+            "times": self.times,
+            "identities": len(self.identities),
+            "occluders_a_time": self.occluders / self.times if self.times else None,
+            "rms_spread": (self.spread / self.occluders) ** 0.5 if self.occluders else None,
+        }

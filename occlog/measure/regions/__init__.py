@@ -1,0 +1,1 @@
+"""Foreground of an image: background model, connected regions, their appearance."""

@@ -1,0 +1,124 @@
+"""Priors of moving occluders as a filter asks for them: the latest ones at the time of a scan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from occlog.core.occlusion.priors import Priors, gaussian_priors, no_priors, polygon_priors
+from occlog.errors import InputError
+from occlog.records.tables import Hulls, Occluders, Truth
+
+
+class OccluderFeed:
+    """Streams priors along with scans; times asked for must not go back."""
+
+    def __init__(self, chunks: Iterable[Occluders] | Iterable[Hulls], diameter: float, max_age_ns: int) -> None:
+        """Nothing is read yet.
+
+        Args:
+            chunks: priors in the order of time; where they are cut does not matter.
+            diameter: D of every occluder, > 0, in the scene's unit.
+            max_age_ns: priors older than this are not used.
+        """
+        self._ahead = _by_time(chunks)
+        self._next = next(self._ahead, None)
+        self._latest: tuple[int, Priors] | None = None
+        self._diameter, self._max_age_ns = diameter, max_age_ns
+        self.asked = 0
+        """How often priors were asked for."""
+        self.early = 0
+        """How often nothing was known yet: the time was before the first row."""
+        self.stale = 0
+        """How often the latest priors were too old to be used."""
+
+    def at(self, t_ns: int) -> Priors | None:
+        """The latest priors that are not after a time; None if there are none, or if they are too old.
+
+        InputError where the priors' times go back, or a polygon has no area.
+        """
+        passed = None
+        while self._next is not None and self._next[0] <= t_ns:
+            passed, self._next = self._next, next(self._ahead, None)
+        if passed is not None:
+            self._latest = passed[0], _priors(passed[1], self._diameter)
+        self.asked += 1
+        if self._latest is None:
+            self.early += 1
+            return None
+        if t_ns - self._latest[0] > self._max_age_ns:
+            self.stale += 1
+            return None
+        return self._latest[1]
+
+
+def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[int, Occluders | Hulls]]:
+    """All rows of each time, in the order of time."""
+    rest: Occluders | Hulls | None = None
+    for chunk in chunks:
+        if not len(chunk):
+            continue
+        if rest is not None and chunk.t_ns[0] < rest.t_ns[-1]:
+            raise InputError(
+                f"{chunk.NAME}: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort the rows by t_ns"
+            )
+        table = chunk if rest is None else type(chunk).concat([rest, chunk])  # type: ignore[list-item]
+        starts = [0, *(np.flatnonzero(np.diff(table.t_ns)) + 1).tolist()]
+        for first, last in pairwise(starts):
+            yield int(table.t_ns[first]), table.take(slice(first, last))
+        # The last time may go on in the next chunk.
+        rest = table.take(slice(starts[-1], None))
+    if rest is not None:
+        yield int(rest.t_ns[0]), rest
+
+
+def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
+    nobody = table.occluder_id < 0
+    there = table.take(~nobody) if nobody.any() else table
+    if not len(there):
+        return no_priors()
+    if isinstance(there, Occluders):
+        mean = np.column_stack([there.x, there.y])
+        xy = there.cov_xy
+        covariance = np.stack([there.cov_xx, xy, xy, there.cov_yy], axis=1).reshape(-1, 2, 2)
+        return gaussian_priors(mean, covariance, diameter)
+    starts = np.flatnonzero(there.corner == 0)
+    try:
+        return polygon_priors(np.split(np.column_stack([there.x, there.y]), starts[1:]), diameter)
+    except ValueError as error:
+        raise InputError(f"hulls: time {there.t_ns[0]} ns: {error}; leave it out") from error
+
+
+def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
+    """Occluders where they truly are, known exactly: the case RMSE_occ = 0 of [Ercan].
+
+    A time of the truth without a moving occluder gives a row that says so.
+    """
+    for chunk in _whole_times(truth):
+        there = chunk.take(chunk.role == "occluder")
+        n = len(there)
+        zero = np.zeros(n)
+        rows = Occluders(there.t_ns, there.target_id, there.x, there.y, zero, zero, zero)
+        yield Occluders.merge([rows, none_at(np.setdiff1d(chunk.t_ns, there.t_ns))])
+
+
+def _whole_times(chunks: Iterable[Truth]) -> Iterator[Truth]:
+    """The same rows in chunks that do not end within a time."""
+    rest = Truth.empty()
+    for chunk in chunks:
+        table = Truth.concat([rest, chunk])
+        cut = int(np.searchsorted(table.t_ns, table.t_ns[-1])) if len(table) else 0
+        if cut:
+            yield table.take(slice(0, cut))
+        rest = table.take(slice(cut, None))
+    if len(rest):
+        yield rest
+
+
+def none_at(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Occluders:
+    """Rows that say that there is no moving occluder at these times."""
+    n = len(t_ns)
+    nothing = np.full(n, np.nan)
+    return Occluders(t_ns, np.full(n, -1, dtype=np.int32), nothing, nothing, nothing, nothing, nothing)

@@ -1,0 +1,225 @@
+"""Bearings to scans: what all sensors say about one target at one time."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+from difflib import get_close_matches
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints, Ints32
+from occlog.errors import InputError, UsageError
+from occlog.records.scene import Scene
+from occlog.records.tables import UNLABELLED, Bearings
+
+from .scan import Scan, sensor_names
+
+
+class Group(NamedTuple):
+    """R rows of `Bearings` that form one scan, of all targets; ordered by sensor, then target."""
+
+    t_ns: int
+    sensor: Ints  # (R,) place in `sensor_names`
+    target: Ints32
+    seen: Bools
+    bearing: Floats
+    sigma: Floats
+    u_px: Floats
+    sigma_px: Floats
+    score: Floats
+    elevation: Floats
+    sigma_elevation: Floats
+
+
+class Rows(NamedTuple):
+    """Which rows of the bearings to use."""
+
+    sensors: Collection[str]
+    targets: Collection[int] | None = None  # labelled rows of others are left out; None: all
+    unlabelled: bool = True
+
+
+def groups(chunks: Iterable[Bearings], scene: Scene, use: Rows, window_ns: int = 0) -> Iterator[Group]:
+    """Scans in the order of time; where chunks are cut does not matter.
+
+    Args:
+        chunks: bearings in the order of time.
+        scene: must have the sensors.
+        use: which rows to use.
+        window_ns: rows at most this far apart form one scan, unless a sensor speaks at two
+            times; the scan's time is that of its last row.
+
+    Raises:
+        InputError: a sensor that the scene does not have or that has no pose, times that go back
+            from one chunk to the next, or two rows of a sensor for one target and time.
+    """
+    names = sensor_names(scene)
+    unplaced = {c.name for c in scene.cameras if not c.placed} & set(use.sensors)
+    rest, last_ns, count = Bearings.empty(), None, 0
+    for chunk in chunks:
+        if not len(chunk):
+            continue
+        _check_sensors(chunk, names, unplaced, count)
+        if last_ns is not None and chunk.t_ns[0] < last_ns:
+            raise InputError(
+                f"bearings: row {count}: sensor {str(chunk.sensor[0])!r}: time {chunk.t_ns[0]} ns comes after "
+                f"{last_ns} ns; sort by t_ns"
+            )
+        last_ns, count = int(chunk.t_ns[-1]), count + len(chunk)
+        table = Bearings.concat([rest, _chosen(chunk, use)])
+        starts = _starts(table, window_ns)
+        yield from _split(table, starts, names)
+        # The last group may go on in the next chunk.
+        rest = table.take(slice(starts[-1], None)) if len(table) else table
+    if len(rest):
+        yield from _split(rest, [0, len(rest)], names)
+
+
+def checked(chunks: Iterable[Bearings], scene: Scene, sensors: Collection[str]) -> Iterator[Bearings]:
+    """The chunks; InputError names the row of a sensor that the scene does not have, or of `sensors` without a pose."""
+    names = sensor_names(scene)
+    unplaced = {c.name for c in scene.cameras if not c.placed} & set(sensors)
+    count = 0
+    for chunk in chunks:
+        _check_sensors(chunk, names, unplaced, count)
+        count += len(chunk)
+        yield chunk
+
+
+def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], offset: int) -> None:
+    found, first = np.unique(chunk.sensor, return_index=True)
+    for name, row in zip(found.tolist(), (first + offset).tolist(), strict=True):
+        if name not in names:
+            raise InputError(f"bearings: row {row}: no sensor {name!r} in the scene; {nearest(name, names)}")
+        if name in unplaced:
+            raise InputError(
+                f"bearings: row {row}: camera {name!r} has no pose in the scene; add its position and yaw, "
+                f"or leave it out (--without {name})"
+            )
+
+
+def nearest(name: str, names: tuple[str, ...]) -> str:
+    """A hint for a sensor that does not exist: the nearest name, or all of them."""
+    near = get_close_matches(name, names, n=1)
+    return f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(names) or 'none'}"
+
+
+def _chosen(chunk: Bearings, use: Rows) -> Bearings:
+    keep = np.isin(chunk.sensor, list(use.sensors))
+    if use.targets is not None:
+        keep &= np.isin(chunk.target_id, [*use.targets, UNLABELLED])
+    if not use.unlabelled:
+        keep &= chunk.target_id != UNLABELLED
+    return chunk if keep.all() else chunk.take(keep)
+
+
+def _starts(table: Bearings, window_ns: int) -> list[int]:
+    """First rows of the groups; the last group may go on in the next chunk."""
+    if window_ns == 0 or not len(table):
+        return [0, *(np.flatnonzero(np.diff(table.t_ns)) + 1).tolist()]
+    starts = [0]
+    spoke: dict[str, int] = {}
+    for row, (t_ns, sensor) in enumerate(zip(table.t_ns.tolist(), table.sensor.tolist(), strict=True)):
+        if t_ns - table.t_ns[starts[-1]] > window_ns or spoke.get(sensor, t_ns) != t_ns:
+            starts.append(row)
+            spoke = {}
+        spoke[sensor] = t_ns
+    return starts
+
+
+def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterator[Group]:
+    """The groups between consecutive starts; rows after the last start are left."""
+    n = starts[-1]
+    if n == 0:
+        return
+    place = {name: i for i, name in enumerate(names)}
+    found, inverse = np.unique(table.sensor[:n], return_inverse=True)
+    sensor = np.array([place[name] for name in found.tolist()], dtype=np.int64)[inverse]
+    group = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    order = np.lexsort((table.target_id[:n], sensor, group))
+    _check_single(table, sensor, group, order)
+    ordered = Group(
+        0,
+        sensor[order],
+        table.target_id[order],
+        table.seen[order],
+        table.bearing[order],
+        table.sigma[order],
+        table.u_px[order],
+        table.sigma_px[order],
+        table.score[order],
+        table.elevation[order],
+        table.sigma_elevation[order],
+    )
+    for first, last in pairwise(starts):
+        yield _part(ordered, int(table.t_ns[last - 1]), slice(first, last))
+
+
+def _part(g: Group, t_ns: int, s: slice) -> Group:
+    return Group(
+        t_ns,
+        g.sensor[s],
+        g.target[s],
+        g.seen[s],
+        g.bearing[s],
+        g.sigma[s],
+        g.u_px[s],
+        g.sigma_px[s],
+        g.score[s],
+        g.elevation[s],
+        g.sigma_elevation[s],
+    )
+
+
+def _check_single(table: Bearings, sensor: Ints, group: Ints, order: Ints) -> None:
+    """InputError where a sensor has two rows for a target in one group."""
+    target = table.target_id[order]
+    same = (np.diff(group) == 0) & (np.diff(sensor[order]) == 0) & (np.diff(target) == 0)
+    same &= target[1:] != UNLABELLED
+    if same.any():
+        row = int(order[1:][same][0])
+        raise InputError(
+            f"bearings: sensor {str(table.sensor[row])!r} has two rows for target {table.target_id[row]} at "
+            f"{table.t_ns[row]} ns; a sensor has one row a target and time (candidates that may be of any object "
+            "have target_id -1)"
+        )
+
+
+def scan_of(group: Group, target: int) -> Scan | None:
+    """What a scan says about one target: its own rows, and candidates of sensors that have none; None for nothing."""
+    own = group.target == target
+    take = own
+    free = group.target == UNLABELLED
+    if free.any():
+        take = own | (free & ~np.isin(group.sensor, group.sensor[own]))
+    if not take.any():
+        return None
+    rows = slice(None) if take.all() else take
+    return Scan(
+        group.t_ns,
+        group.sensor[rows],
+        own[rows],
+        group.seen[rows],
+        group.bearing[rows],
+        group.sigma[rows],
+        group.u_px[rows],
+        group.sigma_px[rows],
+        group.score[rows],
+        elevation=group.elevation[rows],
+        sigma_elevation=group.sigma_elevation[rows],
+    )
+
+
+def choose_sensors(scene: Scene, only: Iterable[str] = (), without: Iterable[str] = ()) -> frozenset[str]:
+    """Names of the sensors to use; UsageError names one that the scene does not have."""
+    names = sensor_names(scene)
+    only, without = list(only), list(without)
+    for name in (*only, *without):
+        if name not in names:
+            raise UsageError(f"no sensor {name!r} in the scene; {nearest(name, names)}")
+    used = frozenset(only or names) - frozenset(without)
+    if not used:
+        raise UsageError("no sensor is left to track with; leave out fewer of them")
+    return used

@@ -1,0 +1,84 @@
+"""The `occlog reproduce` command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from occlog.cli import options
+from occlog.errors import ExitCode
+
+
+@click.command(name="reproduce", short_help="Run a paper's experiments and judge each of its statements.")
+@click.argument("paper", required=False)
+@click.argument("items", nargs=-1)
+@click.option("--all", "everything", is_flag=True, help="All experiments of the paper.")
+@click.option("--list", "listing", is_flag=True, help="Name the papers and their experiments, and stop.")
+@click.option("--quick", is_flag=True, help="A small version: a few runs of a few steps; the verdicts say little.")
+@click.option(
+    "-o",
+    "--output",
+    type=options.PATH,
+    default=None,
+    metavar="DIR",
+    help="Folder for tables (CSV), plots (PNG), verdicts (JSON) and one page (HTML).",
+)
+@click.option(
+    "--data",
+    type=options.PATH,
+    default=None,
+    metavar="DIR",
+    help="Folder of cmc_detections as shipped, for the experiments on recorded detections.",
+)
+@click.option(
+    "--bearings", type=options.PATH, default=None, help="Bearings of another recording for them, with --scene."
+)
+@options.scene_opt
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Processes on this machine; the result is the same.",
+)
+@click.option("--scheduler", default=None, metavar="ADDRESS", help="Use the workers of this Dask scheduler instead.")
+@click.option("--runs", type=click.IntRange(min=2), default=None, help="Runs a point. [default: those of the paper]")
+@click.option("--steps", type=click.IntRange(min=10), default=None, help="Steps a run. [default: those of the paper]")
+@click.option(
+    "--size",
+    "sizes",
+    multiple=True,
+    metavar="ITEM=RUNSxSTEPS",
+    help="Runs and steps of one experiment, as fig12=4x1000; may be repeated.",
+)
+@options.seed_opt
+@options.overwrite_opt
+@options.quiet_opt
+@options.json_opt
+def command(
+    paper: str | None, items: tuple[str, ...], everything: bool, listing: bool, output: Path | None, **given: Any
+) -> int:
+    """Run the experiments ITEMS of PAPER anew, and say which of its statements come out.
+
+    Each statement gets a verdict by a stated rule: reproduced, in part, or not reproduced,
+    with what the paper says, what was measured, its standard error and the number of runs.
+    With -o, trials that have finished are kept in DIR/trials.jsonl, and a run that was
+    stopped goes on from there.
+
+    \b
+      occlog reproduce --list
+      occlog reproduce ercan fig6 --quick -o out/
+      occlog reproduce ercan --all --workers 8 -o reproduced/
+      occlog reproduce ercan fig14-recorded --data cmc_detections/ -o recorded/
+    """
+    from .run import list_papers, run_reproduce
+
+    if listing:
+        list_papers(given["as_json"])
+        return ExitCode.DONE
+    if paper is None:
+        raise click.UsageError("name a paper, or give --list")
+    run_reproduce(paper, items, everything, output, given)
+    return ExitCode.DONE

@@ -1,0 +1,1 @@
+"""The experiments of Ercan, El Gamal and Guibas (2013)."""

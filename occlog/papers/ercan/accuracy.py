@@ -1,0 +1,121 @@
+"""[Ercan] Fig. 17: Eq. 7 against Monte Carlo, for every form of it that occlog has."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.occlusion.priors import Priors, gaussian_priors
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+
+from .blocking import FORMS, blocking
+
+SIGMA, ALPHA, DIAMETER = 2.0, 4.0, 3.33
+TOLERANCES = (1.0, 2.0, 3.0, 4.0, 6.0, 10.0)
+MOST = 0.5
+"""What `most` means."""
+
+
+def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
+    """Share of random places whose probability is within some sigma of Monte Carlo, for each form.
+
+    Every run has `steps` places and as many priors; each is compared with 16 draws of the
+    occluder a place, at least 1,000 and at most 10,000 (the paper does not say how many).
+    """
+    draws = min(10_000, max(1_000, 16 * size.steps))
+    shares: dict[tuple[str, float], list[float]] = {(name, k): [] for name in FORMS for k in TOLERANCES}
+    worst = dict.fromkeys(FORMS, 0.0)
+    for run in range(size.runs):
+        rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(run, 17)))
+        places, priors = _random(size.steps, rng)
+        counted = _monte_carlo(places, priors, draws, rng)
+        exact = _diagonal(places, priors, FORMS.index("quadrature"))
+        # The tolerance of a count: at least that of one draw, where the probability is next to 0 or 1
+        sigma = np.sqrt(np.maximum(exact * (1.0 - exact), 1.0 / draws) / draws)
+        for form, name in enumerate(FORMS):
+            q = exact if name == "quadrature" else _diagonal(places, priors, form)
+            worst[name] = max(worst[name], float(np.max(np.abs(q - exact))))
+            for k in TOLERANCES:
+                shares[name, k].append(float(np.mean(np.abs(q - counted) <= k * sigma)))
+    return [
+        Row(name, k, tuple(values), {"draws": float(draws), "largest_error": worst[name]})
+        for (name, k), values in shares.items()
+    ]
+
+
+def _random(n: int, rng: np.random.Generator) -> tuple[Floats, Priors]:
+    """Places (n, 2), 5 to 30 units from the camera at the origin, each with a prior that is near its sight line."""
+    angle, distance = rng.uniform(-math.pi, math.pi, n), rng.uniform(5.0, 30.0, n)
+    places = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    along, across = rng.uniform(-0.1, 1.2, n), rng.uniform(-6.0, 6.0, n)
+    normal = np.column_stack([-np.sin(angle), np.cos(angle)])
+    mean = along[:, None] * places + across[:, None] * normal
+    turn = rng.uniform(0.0, math.pi, n)
+    e = np.column_stack([np.cos(turn), np.sin(turn)])
+    f = np.column_stack([-np.sin(turn), np.cos(turn)])
+    covariance = SIGMA**2 * (e[:, :, None] * e[:, None] + f[:, :, None] * f[:, None] / ALPHA)
+    return places, gaussian_priors(mean, covariance, DIAMETER)
+
+
+def _one(priors: Priors, j: int) -> Priors:
+    return gaussian_priors(priors.mean[j : j + 1], _covariances(priors)[j : j + 1], DIAMETER)
+
+
+def _covariances(priors: Priors) -> Floats:
+    e = priors.axis
+    f = np.column_stack([-e[:, 1], e[:, 0]])
+    s, m = priors.sigma[:, None, None], priors.minor[:, None, None]
+    return np.asarray(s**2 * e[:, :, None] * e[:, None] + m**2 * f[:, :, None] * f[:, None])
+
+
+def _diagonal(places: Floats, priors: Priors, form: int) -> Floats:
+    """(n,) probability that prior i hides place i."""
+    camera = np.zeros(2)
+    return np.array([blocking(places[i : i + 1], camera, _one(priors, i), form)[0, 0] for i in range(len(places))])
+
+
+def _monte_carlo(places: Floats, priors: Priors, draws: int, rng: np.random.Generator) -> Floats:
+    """(n,) share of drawn occluders whose centre is in the rectangle from the camera to the place."""
+    out = np.empty(len(places))
+    e = priors.axis
+    for i, place in enumerate(places):
+        z = rng.standard_normal((draws, 2)) * (priors.sigma[i], priors.minor[i])
+        xy = priors.mean[i] + z[:, :1] * e[i] + z[:, 1:] * (-e[i, 1], e[i, 0])
+        length = math.hypot(*place)
+        unit = place / length
+        along, across = xy @ unit, xy @ np.array([-unit[1], unit[0]])
+        out[i] = np.mean((along >= 0.0) & (along <= length) & (np.abs(across) <= 0.5 * DIAMETER))
+    return out
+
+
+def judge17(table: Table) -> list[Verdict]:
+    """Statements about Fig. 17: most of the places are within the tolerance."""
+    out = []
+    rule = f"more than {MOST:.0%} of the places; in part from half of that"
+    for name in FORMS:
+        row = v.find(table, name, 3.0)
+        if row is None:
+            continue
+        good = v.REPRODUCED if row.mean > MOST else v.IN_PART if row.mean > 0.5 * MOST else v.NOT
+        which = {"printed": "as printed", "improved": "in its improved form"}.get(name, "by quadrature")
+        off = row.extra["largest_error"]
+        said = f"Most places are within 3 sigma of Monte Carlo: Eq. 7 {which} (largest error {off:.3g})."
+        out.append(Verdict(f"fig17-{name}", said, None, row.mean, row.error, row.runs, good, rule))
+    return out
+
+
+FIG17 = Experiment(
+    "fig17",
+    "Eq. 7 against Monte Carlo",
+    "tolerance [sigma of Monte Carlo]",
+    "share of places within it",
+    2,
+    16_000,
+    (2, 400),
+    fig17,
+    judge17,
+    note="Steps are places: sigma 2, alpha 4, D 3.33.",
+)

@@ -1,0 +1,124 @@
+"""q_ij: probability that moving occluder j hides a place from camera i ([Ercan] Eq. 7, App. C).
+
+Occluder j's centre has the prior N(mu, Sigma), eigenvalues sigma^2 and sigma^2 / alpha; it
+hides the place x from a camera if it is in the rectangle A(x) from the camera to x, D wide.
+With x' = (along, across) the sight line,
+
+    q = int_{-D/2}^{D/2} int_0^|x| N(x'; mu', Sigma') dx'_1 dx'_2                     (Eq. 17)
+
+where the inner integral is a difference of error functions about a mean that is linear in
+x'_2.  The forms:
+
+    PRINTED     Eq. 7: the inner integral at x'_2 = 0 for all x'_2.
+    IMPROVED    the inner integral at the mean of x'_2 given -D/2 <= x'_2 <= D/2.
+    QUADRATURE  Eq. 17 by Gauss-Legendre slices, to about 1e-12.
+
+All agree (and are exact) for isotropic priors and when the sight line is along or across
+the major axis.  Known positions, priors on a line and uniform priors over polygons are
+exact in every form.  The rectangle is closed; at the camera itself nothing is hidden.
+These are the plain forms; the tracker's kernels are tested against them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import erf, erfc
+
+from occlog.array_types import Bools, Floats
+from occlog.core.numerics.jit import kernel
+from occlog.core.occlusion.blocking_shares import shares
+from occlog.core.occlusion.priors import Priors
+
+PRINTED, IMPROVED, QUADRATURE = 0, 1, 2
+FORMS = ("printed", "improved", "quadrature")
+"""Names of the forms, in their order."""
+ROOT_2 = math.sqrt(2.0)
+
+
+def blocking(xy: Floats, camera_xy: Floats, priors: Priors, form: int) -> Floats:
+    """(L, M) probabilities q that occluder j hides a place from a camera.
+
+    ValueError for an unknown form.
+
+    Args:
+        xy: (L, 2) places.
+        camera_xy: (2,) the camera.
+        priors: M priors.
+        form: PRINTED, IMPROVED or QUADRATURE; the first two only matter for normal priors with an area.
+    """
+    if form not in (PRINTED, IMPROVED, QUADRATURE):
+        raise ValueError(f"form must be 0 to {len(FORMS) - 1}, not {form}")
+    xy = np.ascontiguousarray(xy, dtype=np.float64)
+    camera = np.ascontiguousarray(camera_xy, dtype=np.float64).reshape(1, 2)
+    normal = (np.diff(priors.first) == 0) & (priors.minor > 0.0)
+    out = np.zeros((len(xy), len(priors.sigma)))
+    if form == QUADRATURE:
+        _exact_into(out, xy, camera, priors, np.ones(len(normal), dtype=np.bool_))
+    else:
+        _exact_into(out, xy, camera, priors, ~normal)
+        out[:, normal] = _eq_7(xy - camera, priors.mean[normal] - camera, priors, normal, form)
+    return out
+
+
+def blocking_all(xy: Floats, cameras: Floats, priors: Priors, form: int) -> Floats:
+    """(L, N, M) probabilities q_ij for all N cameras (N, 2); see `blocking`."""
+    out = np.zeros((len(xy), len(cameras), len(priors.sigma)))
+    for i, camera in enumerate(cameras):
+        out[:, i] = blocking(xy, camera, priors, form)
+    return out
+
+
+@kernel
+def _exact_into(out: Floats, xy: Floats, camera: Floats, priors: Priors, which: Bools) -> None:
+    """Fill the columns `which` of `out` (L, M) with exact probabilities."""
+    for j in range(which.shape[0]):
+        if which[j]:
+            for p in range(xy.shape[0]):
+                out[p, j] = min(1.0, shares(xy[p, 0], xy[p, 1], camera, priors, j)[1])
+
+
+def _eq_7(x: Floats, mean: Floats, priors: Priors, which: Bools, form: int) -> Floats:
+    """(L, m) q of Eq. 7, or its improved form; letters of [Ercan] Sec. 4.2 and App. C.
+
+    Args:
+        x: (L, 2) places, from the camera.
+        mean: (m, 2) means, from the camera.
+        priors: of which the axes and standard deviations are taken.
+        which: (M,) the m priors.
+        form: PRINTED or IMPROVED.
+    """
+    sigma, minor, R = priors.sigma[which], priors.minor[which], priors.radius[which]
+    e, alpha = priors.axis[which], (sigma / minor) ** 2
+    r = np.hypot(x[:, 0], x[:, 1])[:, None]
+    direction = x / np.where(r > 0.0, r, 1.0)
+    # theta: from the major axis to the sight line; mu: mean in the prior's axes.
+    cos, sin = direction @ e.T, direction[:, 1:] * e[:, 0] - direction[:, :1] * e[:, 1]
+    mu_1, mu_2 = np.sum(mean * e, axis=1), mean[:, 1] * e[:, 0] - mean[:, 0] * e[:, 1]
+    mu_o1 = cos * mu_1 + alpha * sin * mu_2
+    g1_g1, g1_g2 = np.where(r > 0.0, cos**2 + alpha * sin**2, 1.0), (alpha - 1.0) * sin * cos
+    phi = cos * mu_2 - sin * mu_1
+    s = sigma * np.sqrt(g1_g1 / alpha)  # standard deviation of x'_2, whose mean is phi
+    low, high = (-R - phi) / s, (R - phi) / s
+    across = _normal_between(low, high)
+    if form == IMPROVED:
+        density = np.exp(-0.5 * low**2) - np.exp(-0.5 * high**2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            middle = phi + s * density / (math.sqrt(2.0 * math.pi) * across)
+        # Far out in the tail the quotient loses its digits; the mean is in the rectangle anyway.
+        x_2 = np.clip(np.where(across > 0.0, middle, 0.0), -R, R)
+        mu_o1 = mu_o1 - g1_g2 * x_2
+    g = sigma * np.sqrt(g1_g1)
+    q = across * _normal_between(-mu_o1 / g, (r * g1_g1 - mu_o1) / g)
+    return np.asarray(np.where(r > 0.0, q, 0.0), dtype=np.float64)
+
+
+def _normal_between(low: Floats, high: Floats) -> Floats:
+    """Probability of a standard normal between low <= high, elementwise; keeps its digits in the tails."""
+    low, high = np.broadcast_arrays(low / ROOT_2, high / ROOT_2)
+    flip = high < 0.0
+    low, high = np.where(flip, -high, low), np.where(flip, -low, high)
+    tail = low > 0.0
+    difference = np.where(tail, erfc(low) - erfc(high), erf(high) - erf(low))
+    return np.asarray(0.5 * difference, dtype=np.float64)

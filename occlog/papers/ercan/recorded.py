@@ -1,0 +1,218 @@
+"""[Ercan] Sec. 7 on recorded detections: virtual occluders are thrown over what cameras reported.
+
+Virtual people walk through the room, and a camera whose sight line to the target one of
+them crosses is made to report that it did not see it.  Where the target was, and which
+detections are its own, says `recorded_target`.
+
+One trial on recorded detections, described by plain values so that it can be stored and done by any process.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools
+from occlog.core.sight.sight import behind_objects
+from occlog.errors import InputError
+from occlog.measure.priors.from_positions import virtual_priors
+from occlog.measure.scans.occluder_priors import known_positions
+from occlog.papers.verdicts.model import Size, Spec
+from occlog.pipeline.sweep.trial import rmse_of_priors
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Occluders, Tracks, Truth
+from occlog.simulate.stage import WorldConfig, simulate_truth, world_config
+from occlog.track.apf.config import ApfConfig, apf_defaults
+from occlog.track.apf.selection_policies import SelectConfig, read_selection
+from occlog.track.drivers.stage import track
+
+from .recorded_files import Source, read_source
+from .recorded_target import SKIP, Recorded, recorded_target, unseen
+from .scenes import LAB_SIZE
+
+OCCLUDERS = 20
+"""Of the paper's lab.  A room that is known gets as many a square metre; otherwise this many."""
+MOST = 100
+"""Not more than these in a large room."""
+INCH = 0.0254
+DIAMETER = 12 * INCH
+SIGMA, Q = 12.8 * INCH, 24 * INCH
+"""Virtual measurements of the occluders, as in the stand-in for the lab."""
+DETECTION, FALSE = 0.9, 0.05
+"""Probabilities that the filter is told: recorded detectors miss and are wrong.
+
+Without priors it is told no probability of detection, as in the paper: "not seen" then says
+nothing.  With one it would take every hidden camera for a rare miss.
+"""
+START_SIGMA = 0.5
+"""The filters are told the first place so well; with two cameras among people they would search for long."""
+CLEAR = "clear"
+"""Nobody hides anything, and nothing is known of people: what the cameras' geometry and noise cost alone."""
+
+
+class Crowd(NamedTuple):
+    """The virtual people of a run, and what they do to the recording."""
+
+    people: Truth
+    gone: Bools  # rows of the bearings that are dropped
+    left: Bearings
+    priors: dict[str, Occluders | None]  # by what is known: none, known, kalman
+
+
+def crowd_size(scene: Scene) -> int:
+    """How many virtual people there are."""
+    if scene.room is None:
+        return OCCLUDERS
+    x, y = scene.room.T
+    area = 0.5 * abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))))
+    return min(MOST, max(1, round(OCCLUDERS * area / (LAB_SIZE[0] * LAB_SIZE[1] * INCH**2))))
+
+
+def occluders_of(recorded: Recorded, seed: int) -> Truth:
+    """Virtual people, as dense and as thick as in the paper's lab, from the recording's first time to its last."""
+    t_ns, scene = recorded.places.t_ns, recorded.scene
+    span = int(t_ns[-1] - t_ns[0])
+    # Of the mean step, so that regular frames have people at just their times
+    steps = max(1, round(span / float(np.median(np.diff(t_ns)))))
+    config: WorldConfig = replace(
+        world_config("m"),
+        steps=steps + 1,
+        step_s=span / steps * 1e-9,
+        targets=0,
+        occluders=crowd_size(scene),
+        diameter=DIAMETER,
+        start_ns=int(t_ns[0]),
+    )
+    return Truth.concat(list(simulate_truth(scene, config, seed)))
+
+
+def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Bools:
+    """(n,) rows of the bearings whose sight line to the target somebody crosses: he is in A(x) of [Ercan] Fig. 3."""
+    bearings, places = recorded.bearings, recorded.places
+    times = np.unique(people.t_ns)
+    crowd = np.column_stack([people.x, people.y]).reshape(len(times), -1, 2)
+    now = np.clip(np.searchsorted(times, bearings.t_ns, side="right") - 1, 0, None)
+    target = np.column_stack([places.x, places.y])[np.searchsorted(places.t_ns, bearings.t_ns)]
+    out = np.zeros(len(bearings), dtype=np.bool_)
+    for camera in recorded.scene.cameras:
+        rows = np.flatnonzero((bearings.sensor == camera.name) & bearings.seen)
+        out[rows] = behind_objects(camera.ground, target[rows], crowd[now[rows]], diameter)
+    return out
+
+
+def crowd_of(recorded: Recorded, seed: int) -> Crowd:
+    """The virtual people of a seed; those of a seed are the same for all settings."""
+    people = occluders_of(recorded, seed)
+    gone = hidden(recorded, people)
+    priors = {
+        "none": None,
+        "known": Occluders.concat(list(known_positions([people]))),
+        "kalman": Occluders.concat(list(virtual_priors([people], SIGMA, Q, seed))),
+    }
+    return Crowd(people, gone, unseen(recorded.bearings, gone), priors)
+
+
+def trial(
+    recorded: Recorded,
+    crowd: Crowd,
+    kind: str,
+    cameras: Sequence[str],
+    size: Size,
+    seed: int,
+    select: SelectConfig | None = None,
+) -> dict[str, float]:
+    """Error of one track among virtual people, and what share of detections they took away.
+
+    Args:
+        recorded: the target.
+        crowd: the people.
+        kind: what is known of them: none, known or kalman; or `CLEAR`.
+        cameras: names of those to use.
+        size: particles, and how many times of the recording are used.
+        seed: of the filter.
+        select: how to select among the cameras.
+
+    Returns:
+        `rmse` and `rmse_occ` (of the priors' means; NaN without priors) [m], `hidden` (share).
+    """
+    last = recorded.places.t_ns[min(size.steps, len(recorded.places)) - 1]
+    table = recorded.bearings if kind == CLEAR else crowd.left
+    used = (table.t_ns <= last) & np.isin(table.sensor, list(cameras))
+    priors = crowd.priors.get(kind)
+    parts = track(
+        [table.take(used)],
+        recorded.scene,
+        settings_of(recorded, size, kind),
+        seed,
+        sensors=frozenset(cameras),
+        occluders=None if priors is None else [priors],
+        selection=select,
+    )
+    rmse = _error(recorded, Tracks.concat([p.tracks for p in parts]))
+    lost = crowd.gone[used & recorded.bearings.seen]
+    share = float(np.mean(lost)) if kind != CLEAR and len(lost) else 0.0
+    return {"rmse": rmse, "rmse_occ": rmse_of_priors(priors, crowd.people), "hidden": share}
+
+
+def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
+    """What the filter of a trial is told."""
+    return replace(
+        apf_defaults("m"),
+        particles=size.particles,
+        detection=None if kind == "none" else DETECTION,
+        false=FALSE,
+        occluder_diameter=DIAMETER,
+        start=(*recorded.start.tolist(), START_SIGMA),
+    )
+
+
+def _error(recorded: Recorded, tracks: Tracks) -> float:
+    """Root mean square distance from the stand-in for the truth, after the first estimates."""
+    places, tracks = recorded.places, tracks.take(slice(SKIP, None))
+    if not len(tracks):
+        raise InputError(f"no more than {SKIP} estimates, which are left out; give more steps or more cameras")
+    row = np.searchsorted(places.t_ns, tracks.t_ns)
+    return float(np.sqrt(np.mean((tracks.x - places.x[row]) ** 2 + (tracks.y - places.y[row]) ** 2)))
+
+
+def recorded_spec(source: Source, size: Size, run: int, kind: str, cameras: list[str], **more: Any) -> Spec:
+    """Description of a trial; see `recorded_trial`."""
+    return {
+        "recording": {**source._asdict(), "content": list(source.content)},
+        "seed": size.seed + run,
+        "steps": size.steps,
+        "particles": size.particles,
+        "kind": kind,
+        "cameras": cameras,
+        **more,
+    }
+
+
+def recorded_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Figures of `recorded.trial`.
+
+    Args:
+        spec: `recording` (fields of `Source`), `seed` (of the virtual people and of the
+            filter), `steps`, `particles`, `kind`, `cameras`, and optional `select` (fields
+            of `SelectConfig`).
+    """
+    source = Source(**{**spec["recording"], "content": tuple(spec["recording"]["content"])})
+    seed = int(spec["seed"])
+    select = None if spec.get("select") is None else read_selection(spec["select"])
+    size = Size(1, int(spec["steps"]), particles=int(spec["particles"]))
+    return trial(target_of(source), _crowd(source, seed), spec["kind"], spec["cameras"], size, seed, select)
+
+
+@functools.lru_cache(maxsize=1)
+def target_of(source: Source) -> Recorded:
+    """The target of a recording."""
+    return recorded_target(*read_source(source))
+
+
+@functools.lru_cache(maxsize=2)
+def _crowd(source: Source, seed: int) -> Crowd:
+    return crowd_of(target_of(source), seed)

@@ -1,0 +1,146 @@
+"""The target of a recording without ground truth: its own detections, and a stand-in for where it truly was.
+
+A filter over the detections of all cameras says who the target is: of each camera's
+detections the one nearest to its track is the target's.  Where it was is then found
+without any filter: where the sight lines of its detections meet, smoothed over the
+meetings before and after.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.sight.triangulate import MET
+from occlog.errors import InputError
+from occlog.evaluate.bearings.meeting import meeting_points
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.measure.label.stage import LabelConfig, label
+from occlog.records.scene import Scene
+from occlog.records.tables import UNLABELLED, Bearings, Tracks, Truth
+from occlog.track.apf.config import apf_defaults
+from occlog.track.drivers.stage import track
+
+TARGET = 0
+GATE = 3.0
+"""Standard deviations within which the detection nearest to the track is the target's."""
+SKIP = 10
+"""Estimates left out at the start, while a filter finds the target."""
+LINES = 3
+"""Sight lines that must meet (two, where a recording has no more cameras)."""
+MEETINGS = 7
+"""Meetings, the nearest in time, to which a parabola is fitted; it says where the target was."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recorded target: what each camera said of it, and where all of them together say that it was."""
+
+    scene: Scene
+    bearings: Bearings  # of the target alone, labelled
+    places: Truth  # the stand-in for the truth, at every time of the bearings
+
+    @property
+    def start(self) -> Floats:
+        """(2,) first place."""
+        return np.array([self.places.x[0], self.places.y[0]])
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Cameras that saw the target at least once, in the order of the scene."""
+        seen = set(self.bearings.sensor[self.bearings.seen].tolist())
+        return tuple(c.name for c in self.scene.cameras if c.name in seen)
+
+
+def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
+    """The target of a recording in metres; InputError if there is none, or no two cameras that see it.
+
+    Args:
+        scene: cameras with poses.
+        bearings: labelled or not; of labelled ones those of the first target count.
+    """
+    if scene.length_unit != "m":
+        raise InputError(f"the recording is in {scene.length_unit}, the experiment wants metres")
+    config = replace(apf_defaults("m"), particles=4000)
+    tracks = Tracks.concat([p.tracks for p in track([bearings], scene, config, 0)])
+    if len(tracks) <= SKIP + 1:
+        raise InputError(f"{len(tracks)} times with detections, want more than {SKIP + 1}")
+    target = tracks.target_id[0]
+    tracks = tracks.take(tracks.target_id == target)
+    own = np.isin(bearings.target_id, (UNLABELLED, target)) & np.isin(bearings.t_ns, tracks.t_ns)
+    mine = assign(scene, bearings.take(own), tracks)
+    found = set(mine.sensor[mine.seen].tolist())
+    if len(found) < 2:
+        raise InputError(f"{len(found)} cameras saw the target, want at least 2")
+    places = stand_in(scene, mine, min(LINES, len(found)))
+    return Recorded(scene, mine.take(np.isin(mine.t_ns, places.t_ns)), places)
+
+
+def assign(scene: Scene, bearings: Bearings, tracks: Tracks) -> Bearings:
+    """One row of every camera and frame: its detection nearest to a track, or "not seen" where none is near.
+
+    Labels that detections have do not count; microphone arrays are left out, for they hear and do not see.
+    """
+    own = bearings.take(np.isin(bearings.sensor, [c.name for c in scene.cameras]))
+    free = replace(own, target_id=np.full(len(own), UNLABELLED, dtype=np.int32))
+    path = replace(tracks, target_id=np.full(len(tracks), TARGET, dtype=np.int32))
+    return Bearings.concat([part.bearings for part in label([free], [path], scene, LabelConfig(gate=GATE))])
+
+
+def unseen(bearings: Bearings, rows: Bools) -> Bearings:
+    """The bearings, with "not seen" in some rows."""
+    nothing = {
+        n: np.where(rows, np.nan, getattr(bearings, n)) for n in ("bearing", "sigma", "u_px", "sigma_px", "score")
+    }
+    return replace(bearings, seen=bearings.seen & ~rows, **nothing)
+
+
+def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
+    """Where the target was at each time of its bearings from the first meeting of sight lines to the last.
+
+    Args:
+        scene: cameras with poses.
+        mine: the target's own bearings.
+        lines: sight lines that must meet, at least 2.
+
+    Raises:
+        InputError: too few meetings to smooth.
+    """
+    met = meeting_points(mine, scene, EvaluateConfig(lines_min_sensors=lines))[TARGET]
+    good = met.status == MET
+    if good.sum() < MEETINGS:
+        raise InputError(f"{lines} sight lines met at {good.sum()} times, want at least {MEETINGS}")
+    at, xy = met.t_ns[good], met.xy[good]
+    weight = 1.0 / np.sqrt(met.covariance[good, 0, 0] + met.covariance[good, 1, 1])
+    times = np.unique(mine.t_ns)
+    times = times[(times >= at[0]) & (times <= at[-1])]
+    places = smoothed(at, xy, weight, times)
+    n = len(times)
+    return Truth.of(
+        t_ns=times,
+        target_id=np.full(n, TARGET),
+        role=["target"] * n,
+        x=places[:, 0],
+        y=places[:, 1],
+        z=np.full(n, np.nan),
+    )
+
+
+def smoothed(at: Ints, xy: Floats, weight: Floats, times: Ints) -> Floats:
+    """(n, 2) places at `times` on parabolas through the nearest points, weighted least squares.
+
+    Args:
+        at: (S,) times of the points, rising, at least `MEETINGS` of them.
+        xy: (S, 2) points.
+        weight: (S,) one over their standard deviations.
+        times: (n,) from the first of `at` to the last.
+    """
+    out = np.empty((len(times), 2))
+    for i, t in enumerate(times.tolist()):
+        near = np.argsort(np.abs(at - t), kind="stable")[:MEETINGS]
+        since = (at[near] - t) * 1e-9
+        rows = np.column_stack([np.ones(MEETINGS), since, since**2]) * weight[near, None]
+        out[i] = np.linalg.lstsq(rows, xy[near] * weight[near, None], rcond=None)[0][0]
+    return out

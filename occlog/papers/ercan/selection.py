@@ -1,0 +1,167 @@
+"""[Ercan] Figs. 12 and 15: what selecting cameras is worth, by each policy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts.trials import WORST, Point, kalman, run_points, trial, worst_case
+
+from .scenes import L_ORDER, LAB_ORDER, l_room, lab, names
+
+GREEDY, BRUTE, FIXED, RANDOM, CLOSEST, ALL = "greedy", "brute force", "fixed", "random", "closest", "all cameras"
+WEAK = ", weak perspective"
+HEURISTICS = (FIXED, RANDOM, CLOSEST)
+L_WORLD = {"occluders": 40}
+L_SIGMA = 16.0
+"""Deviation of the virtual measurements that gives an RMSE_occ of 11.5 in the L-shaped room."""
+LAB_WORLD: dict[str, Any] = {"occluders": 20, "step_s": 1.0 / 7.5, "diameter": 12.0}
+LAB_TRACK = {"occluder_diameter": 12.0}
+LAB_SIGMA, LAB_Q = 12.8, 24.0
+"""The same for 12.1 inches in the lab, 20 occluders at 7.5 steps a second."""
+LAB_SKIP = 5
+EVERY, LAB_EVERY = 5.0, 5.0 / 7.5
+"""Five steps; settings of the selection count the tracker's reference steps of a second."""
+
+
+def _select(policy: str, count: int, order: Sequence[int], every: float, model: str = "perspective") -> dict[str, Any]:
+    return {"policy": policy, "count": count, "every": every, "model": model, "order": names(order)}
+
+
+def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, dict[str, Any]]:
+    """Series and settings of the selection of k cameras; `both` camera models, or the weak one only."""
+    out, every = {}, EVERY if both else LAB_EVERY
+    for name, policy in ((GREEDY, "greedy"), (BRUTE, "brute-force")):
+        if both:
+            out[name] = _select(policy, k, order, every)
+        out[name + (WEAK if both else "")] = _select(policy, k, order, every, "weak")
+    return out | {p: _select(p, k, order, every, "weak") for p in HEURISTICS if p != FIXED or k <= len(order)}
+
+
+def fig12(size: Size, execute: Execute) -> Table:
+    """RMSE against the number of selected cameras in the L-shaped room."""
+    counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6)
+    scene, priors = l_room(), kalman(L_SIGMA)
+    points = [
+        Point(name, k, trial(scene, size, L_WORLD, priors, select=select))
+        for k in counts
+        for name, select in _policies(k, L_ORDER, both=True).items()
+    ]
+    points.append(Point(ALL, math.nan, trial(scene, size, L_WORLD, priors)))
+    return [*run_points(points, size, execute), worst_case(scene, L_WORLD, size)]
+
+
+def judge12(table: Table) -> list[Verdict]:
+    """Statements about Fig. 12."""
+    six, everything = v.find(table, GREEDY, 6), v.find(table, ALL)
+    out = [
+        v.close("fig12-brute-force", "Greedy selection is close to brute force.", v.matched(table, GREEDY, BRUTE)),
+        *_heuristics("fig12", table, (2, 3, 4, 5)),
+        _worst_of(table),
+        v.close(
+            "fig12-weak-greedy",
+            "The weak-perspective model does as well (greedy).",
+            v.matched(table, GREEDY, GREEDY + WEAK),
+        ),
+        v.close(
+            "fig12-weak-brute",
+            "The weak-perspective model does as well (brute force).",
+            v.matched(table, BRUTE, BRUTE + WEAK),
+        ),
+    ]
+    if six is not None and everything is not None:
+        said = "Six cameras selected greedily do as well as all twelve."
+        out.append(v.close("fig12-six", said, [(everything, six)]))
+    return [*out, *priors_error("fig12", table, 11.5), *worst("fig12", table, 47.9)]
+
+
+def _worst_of(table: Table) -> Verdict:
+    others = [n for n in (GREEDY, BRUTE, RANDOM, CLOSEST) if v.series(table, n)]
+    points = [pair for name in others for pair in v.matched(table, name, FIXED)]
+    return v.pairs("fig12-fixed-worst", "A fixed choice is the worst of all.", points)
+
+
+def _heuristics(item: str, table: Table, only: Sequence[float] | None = None) -> list[Verdict]:
+    return [
+        v.pairs(
+            f"{item}-{name}",
+            f"Greedy selection is better than the policy `{name}`.",
+            v.matched(table, GREEDY, name, only),
+        )
+        for name in HEURISTICS
+    ]
+
+
+def lab_trial(size: Size, priors: Mapping[str, Any], **more: Any) -> dict[str, Any]:
+    """A trial in the stand-in for the lab; the RMSE leaves the first steps out."""
+    return trial(lab(), size, LAB_WORLD, priors, track=LAB_TRACK, skip=LAB_SKIP, **more)
+
+
+def fig15(size: Size, execute: Execute) -> Table:
+    """RMSE against the number of selected cameras in the lab; weak-perspective model."""
+    counts = (2, 4) if size.quick else (2, 3, 4, 5, 6)
+    priors = kalman(LAB_SIGMA, LAB_Q)
+    points = [
+        Point(name, k, lab_trial(size, priors, select=select))
+        for k in counts
+        for name, select in _policies(k, LAB_ORDER, both=False).items()
+    ]
+    points.append(Point(ALL, math.nan, lab_trial(size, priors)))
+    return [*run_points(points, size, execute), worst_case(lab(), LAB_WORLD, size)]
+
+
+def judge15(table: Table) -> list[Verdict]:
+    """Statements about Fig. 15."""
+    said = "Greedy selection is close to brute force."
+    out = [v.close("fig15-brute-force", said, v.matched(table, GREEDY, BRUTE)), *_heuristics("fig15", table)]
+    points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
+    out.append(v.close("fig15-variation", "The differences are no larger than the variation over the runs.", points))
+    return [*out, *priors_error("fig15", table, 12.1)]
+
+
+def priors_error(item: str, table: Table, paper: float) -> list[Verdict]:
+    """Verdict on the error of the priors, over all rows that have some."""
+    rows: list[Row] = [r for r in table if r.extra.get("rmse_occ", 0.0) > 0.0]
+    if not rows:
+        return []
+    mean = math.fsum(r.extra["rmse_occ"] for r in rows) / len(rows)
+    said = "Error of the occluders' priors (set by the noise of the virtual measurements)."
+    return [v.number(f"{item}-rmse-occ", said, paper, mean, math.nan, rows[0].runs)]
+
+
+def worst(item: str, table: Table, paper: float) -> list[Verdict]:
+    """Verdict on the error without tracking."""
+    row = v.find(table, WORST)
+    if row is None:
+        return []
+    said = "Error without tracking, of the middle of the room."
+    return [v.number(f"{item}-rmse-max", said, paper, row.mean, row.error, row.runs)]
+
+
+FIG12 = Experiment(
+    "fig12",
+    "Policies of selection, L-shaped room",
+    "selected cameras",
+    "RMSE",
+    10,
+    4000,
+    (2, 60),
+    fig12,
+    judge12,
+    note="M = 40, selection every 5 steps.",
+)
+FIG15 = Experiment(
+    "fig15",
+    "Policies of selection, stand-in for the lab",
+    "selected cameras",
+    "RMSE [in]",
+    50,
+    200,
+    (2, 60),
+    fig15,
+    judge15,
+    note="Simulated: 16 cameras of 47 degrees, M = 20.",
+)

@@ -1,0 +1,186 @@
+"""[Ercan] Fig. 10: CPU time of the likelihood against the number of cameras, measured in this process."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.filter.likelihood import Scan as Looks
+from occlog.core.filter.likelihood import log_likelihood
+from occlog.core.filter.likelihood_occluded import log_likelihood_among
+from occlog.core.occlusion.priors import Priors
+from occlog.io.scenes.scene import scene_from_yaml
+from occlog.measure.priors.from_positions import virtual_priors
+from occlog.measure.scans.occluder_priors import OccluderFeed, known_positions
+from occlog.measure.scans.scans import Rows, choose_sensors, groups, scan_of
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts.trials import KNOWN, NONE
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Occluders, Truth
+from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
+from occlog.track.apf.config import ApfConfig
+from occlog.track.apf.filter import FINE
+from occlog.track.apf.sensing import pack_detection, pack_looks, pack_noise, pack_sensors, read_noise
+
+from .scenes import SQUARE_ORDER, names, square_room
+
+RECURSION, INDEPENDENT = "priors, recursion", "priors, independent"
+SCATTER = 4.0
+"""Standard deviation of the particles about the target: about the tracker's error at 4 cameras."""
+LINEAR, NEARLY = 1.3, 1.6
+"""Largest exponents of N that count as close to linear, and as in part."""
+
+
+class Step(NamedTuple):
+    """What a likelihood is computed of."""
+
+    xy: Floats  # (L, 2) places of the particles
+    looks: Looks
+    priors: dict[str, Priors]  # by series
+
+
+class Setting(NamedTuple):
+    """One way to compute it."""
+
+    series: str
+    config: ApfConfig
+
+
+SETTINGS = (
+    Setting(NONE, ApfConfig()),
+    Setting(KNOWN, ApfConfig()),
+    Setting(INDEPENDENT, ApfConfig(likelihood="independent")),
+    Setting(RECURSION, ApfConfig(likelihood="recursion", q="printed")),
+)
+
+
+def fig10(size: Size, execute: Execute) -> Table:  # noqa: ARG001
+    """CPU time of the likelihoods of a step, relative to two cameras without priors.
+
+    All ways take turns at the same steps; a run is one pass over a world of its own.
+    """
+    scene = scene_from_yaml(square_room(pillar=True), "scene")
+    counts = (2, 4, 8) if size.quick else tuple(range(1, 9))
+    taken: dict[tuple[str, int], list[float]] = {}
+    for run in range(size.runs):
+        truth, bearings = _world(scene, size, run)
+        for n in counts:
+            _measure(taken, scene, n, list(_steps(scene, truth, bearings, n, size)))
+    unit = taken[NONE, 2]
+    return [
+        Row(
+            s.series,
+            n,
+            tuple(t / u for t, u in zip(taken[s.series, n], unit, strict=True)),
+            {"milliseconds": 1e3 * math.fsum(taken[s.series, n]) / size.runs / size.steps},
+        )
+        for s in SETTINGS
+        for n in counts
+    ]
+
+
+def _world(scene: Scene, size: Size, run: int) -> tuple[Truth, Bearings]:
+    seed = size.seed + run
+    truth = Truth.concat(list(simulate_truth(scene, WorldConfig(steps=size.steps, occluders=40), seed)))
+    return truth, Bearings.concat(list(observe(scene, [truth], ObserveConfig(diameter=3.33), seed)))
+
+
+def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -> Iterator[Step]:
+    """Steps as the filter has them: what n cameras report, and particles about the target."""
+    known = OccluderFeed([Occluders.concat(list(known_positions([truth])))], 3.33, 10**10)
+    guessed = OccluderFeed([Occluders.concat(list(virtual_priors([truth], 8.0, 1.2, size.seed)))], 3.33, 10**10)
+    target = truth.take(truth.target_id == 0)
+    rng = np.random.default_rng(size.seed)
+    read = read_noise(scene)
+    use = Rows(choose_sensors(scene, names(SQUARE_ORDER[:n])))
+    for place, group in enumerate(groups([bearings], scene, use)):
+        scan, exact, prior = scan_of(group, 0), known.at(group.t_ns), guessed.at(group.t_ns)
+        if scan is None or exact is None or prior is None:
+            continue
+        middle = np.array([target.x[place], target.y[place]])
+        xy = middle + SCATTER * rng.standard_normal((size.particles, 2))
+        yield Step(xy, pack_looks(scan, read, True), {KNOWN: exact, INDEPENDENT: prior, RECURSION: prior})
+
+
+def _measure(taken: dict[tuple[str, int], list[float]], scene: Scene, n: int, steps: list[Step]) -> None:
+    """Append the CPU seconds of all steps for every setting."""
+    for setting in SETTINGS:
+        compute = _way(scene, setting)
+        compute(steps[0])  # compiled, if it was not
+        start = time.process_time()
+        for step in steps:
+            compute(step)
+        taken.setdefault((setting.series, n), []).append(time.process_time() - start)
+
+
+def _way(scene: Scene, setting: Setting) -> Callable[[Step], Floats]:
+    informed = setting.series != NONE
+    sensors, noise = pack_sensors(scene), pack_noise(scene)
+    detection = pack_detection(scene, setting.config, informed=informed)
+
+    def compute(step: Step) -> Floats:
+        free = np.ones(len(step.xy), dtype=np.bool_)
+        if not informed:
+            return np.asarray(log_likelihood(step.xy, step.looks, sensors, noise, detection, free))
+        priors = step.priors[setting.series]
+        occlusion = setting.config.occlusion._replace(far=FINE)
+        return log_likelihood_among(step.xy, step.looks, sensors, noise, detection, free, priors, occlusion)
+
+    return compute
+
+
+def exponent(rows: list[Row]) -> float:
+    """Slope of log time against log N, by least squares; NaN for fewer than two rows."""
+    if len(rows) < 2:
+        return math.nan
+    x, y = np.log([r.x for r in rows]), np.log([r.mean for r in rows])
+    x = x - x.mean()
+    return float(np.sum(x * y) / np.sum(x * x))
+
+
+def judge10(table: Table) -> list[Verdict]:
+    """Statements about Fig. 10, from two cameras on."""
+    own = {s.series: [r for r in v.series(table, s.series) if r.x >= 2] for s in SETTINGS}
+    none, out = own[NONE], []
+    for key, name in (("recursion", RECURSION), ("independent", INDEPENDENT)):
+        rows = own[name]
+        if len(rows) < 2 or len(none) < 2:
+            continue
+        power, growth = exponent(rows), _growth(rows)
+        good = v.REPRODUCED if power <= LINEAR else v.IN_PART if power <= NEARLY else v.NOT
+        rule = f"exponent of N at most {LINEAR}; in part up to {NEARLY}"
+        runs = rows[0].runs
+        said = f"Time grows about linearly with the cameras ({name}): exponent of N."
+        out.append(Verdict(f"fig10-linear-{key}", said, 1.0, power, None, runs, good, rule))
+        most = 2.0 ** (rows[-1].x - rows[0].x)
+        good = v.REPRODUCED if growth < 0.5 * most else v.IN_PART if growth < most else v.NOT
+        said = f"Time grows much less than 2^N ({name}): from the fewest cameras to the most, by this factor."
+        rule = "below half of 2^N; in part below 2^N"
+        out.append(Verdict(f"fig10-exponential-{key}", said, most, growth, None, runs, good, rule))
+        said = f"Time grows about as without priors ({name}): quotient of the two growths."
+        out.append(v.number(f"fig10-as-none-{key}", said, 1.0, growth / _growth(none), math.nan, runs))
+    return out
+
+
+def _growth(rows: list[Row]) -> float:
+    return rows[-1].mean / rows[0].mean
+
+
+FIG10 = Experiment(
+    "fig10",
+    "CPU time of the likelihood",
+    "cameras",
+    "time, relative",
+    5,
+    4000,
+    (2, 100),
+    fig10,
+    judge10,
+    note="M = 40, one static occluder; 1 is two cameras without priors.",
+)

@@ -1,0 +1,255 @@
+"""[Ercan] Figs. 6 to 9: what priors of the moving occluders are worth, in the square room."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts.trials import KNOWN, NONE, PRIOR, WORST, Point, kalman, run_points, trial, worst_case
+
+from .scenes import SQUARE_ORDER, names, square_room
+
+M40 = {"occluders": 40}
+TARGET = 3.0
+"""RMSE of Fig. 8."""
+NEEDED = "RMSE_occ for an RMSE of 3"
+
+
+def _cameras(n: int) -> list[str]:
+    return names(SQUARE_ORDER[:n])
+
+
+def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) -> Table:
+    """RMSE against the number of cameras, for known positions, priors and neither."""
+    scene = square_room(pillar=True)
+    counts = counts or ((1, 2, 4, 6, 8) if size.quick else tuple(range(1, 9)))
+    kinds = {NONE: {"kind": "none"}, PRIOR: kalman(8.0), KNOWN: kalman(0.0)}
+    points = [
+        Point(name, n, trial(scene, size, M40, priors, cameras=_cameras(n)))
+        for n in counts
+        for name, priors in kinds.items()
+    ]
+    return [*run_points(points, size, execute), worst_case(scene, M40, size)]
+
+
+def judge6(table: Table) -> list[Verdict]:
+    """Statements about Fig. 6."""
+    middle = (3, 4, 5, 6)
+    out = [
+        v.pairs(
+            "fig6-order-known",
+            "With 3 to 6 cameras known positions give a lower error than priors.",
+            v.matched(table, KNOWN, PRIOR, middle),
+        ),
+        v.pairs(
+            "fig6-order-none",
+            "With 3 to 6 cameras priors give a lower error than none.",
+            v.matched(table, PRIOR, NONE, middle),
+        ),
+    ]
+    for key, name in (("known", KNOWN), ("priors", PRIOR), ("none", NONE)):
+        falls = v.neighbours(v.series(table, name))
+        out.append(v.pairs(f"fig6-cameras-{key}", f"Every further camera lowers the error ({name}).", falls))
+    out += _worst(table, "fig6", 24.4)
+    prior = v.series(table, PRIOR)
+    if prior:
+        occ = [r.extra["rmse_occ"] for r in prior]
+        out.append(
+            v.number(
+                "fig6-rmse-occ",
+                "Virtual measurements with a deviation of 8 give priors of this error.",
+                6.67,
+                math.fsum(occ) / len(occ),
+                math.nan,
+                prior[0].runs,
+            )
+        )
+    return [*out, _spread("fig6", [r for _, r in v.matched(table, KNOWN, NONE)], v.series(table, KNOWN))]
+
+
+def fig7(size: Size, execute: Execute) -> Table:
+    """RMSE against the error of the priors, four cameras, no static occluder."""
+    scene = square_room(pillar=False)
+    sigmas = (0.0, 4.0, 16.0) if size.quick else (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
+    points = [Point(PRIOR, s, trial(scene, size, M40, kalman(s), cameras=_cameras(4))) for s in sigmas]
+    points.append(Point(NONE, math.nan, trial(scene, size, M40, {"kind": "none"}, cameras=_cameras(4))))
+    rows = run_points(points, size, execute)
+    worst = worst_case(scene, M40, size)
+    moved = [Row(r.series, r.extra["rmse_occ"], r.values, r.extra) for r in rows[:-1]]
+    return [*moved, Row(NONE, worst.mean, rows[-1].values, rows[-1].extra), Row(NONE, math.nan, rows[-1].values), worst]
+
+
+def crossing(rows: list[Row]) -> Row | None:
+    """Where the RMSE equals the error of the priors, between two rows; interpolated run by run."""
+    for a, b in pairwise(rows):
+        if a.mean >= a.x and b.mean < b.x:
+            share = (a.mean - a.x) / ((a.mean - a.x) + (b.x - b.mean))
+            values = tuple(p + share * (q - p) for p, q in zip(a.values, b.values, strict=True))
+            return Row("crossing", a.x + share * (b.x - a.x), values)
+    return None
+
+
+def judge7(table: Table) -> list[Verdict]:
+    """Statements about Fig. 7."""
+    rows, none = v.series(table, PRIOR), v.find(table, NONE)
+    known = rows[0] if rows else None
+    cross = crossing(rows)
+    out = [
+        v.factor(
+            "fig7-none-to-known",
+            "No priors give a larger error than known positions, by this factor.",
+            2.34,
+            known,
+            none,
+        ),
+        v.factor(
+            "fig7-none-to-crossing", "The factor from priors as good as the tracker itself to none.", 1.94, cross, none
+        ),
+        v.pairs("fig7-rises", "Better priors give a lower error.", v.neighbours(rows[::-1])),
+    ]
+    if cross is not None:
+        said = "The error of tracker and priors are equal at this one."
+        out.append(v.number("fig7-crossing", said, 3.72, cross.mean, cross.error, cross.runs))
+        if none is not None:
+            out.append(_sd_factor("fig7-deviation", cross, none))
+    if known is not None and none is not None:
+        out.append(_spread("fig7", [none], [known]))
+    return [*out, *_worst(table, "fig7", 21.4)]
+
+
+def fig8(size: Size, execute: Execute) -> Table:
+    """Error of the priors that gives an RMSE of 3, for each number of cameras, by interpolation."""
+    scene = square_room(pillar=False)
+    sigmas = (0.0, 8.0) if size.quick else (0.0, 1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 32.0)
+    counts = (2, 4, 6, 8) if size.quick else (2, 3, 4, 5, 6, 7, 8)
+    kinds = [kalman(s) for s in sigmas] + [{"kind": "none"}]
+    points = [
+        Point(f"{n} cameras", i, trial(scene, size, M40, priors, cameras=_cameras(n)))
+        for n in counts
+        for i, priors in enumerate(kinds)
+    ]
+    rows, worst = run_points(points, size, execute), worst_case(scene, M40, size)
+    out: Table = []
+    for k, n in enumerate(counts):
+        own = rows[k * len(kinds) : (k + 1) * len(kinds)]
+        grid = [r.extra["rmse_occ"] for r in own[:-1]] + [worst.mean]
+        values = [needed(grid, [r.values[run] for r in own]) for run in range(size.runs)]
+        kept = tuple(x for x in values if not math.isnan(x))
+        out.append(Row(NEEDED, n, kept, {"reached": float(len(kept)), "rmse_none": own[-1].mean}))
+    return [*out, worst]
+
+
+def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> float:
+    """Greatest error of the priors with which the RMSE is still `target`, by linear interpolation.
+
+    NaN if it is larger even with known positions; the last of the grid (no priors) if it is
+    smaller even then.
+    """
+    if rmse[-1] <= target:
+        return grid[-1]
+    for i in range(len(grid) - 2, -1, -1):
+        if rmse[i] <= target:
+            return grid[i] + (grid[i + 1] - grid[i]) * (target - rmse[i]) / (rmse[i + 1] - rmse[i])
+    return math.nan
+
+
+def judge8(table: Table) -> list[Verdict]:
+    """Statements about Fig. 8."""
+    rows = [r for r in v.series(table, NEEDED) if r.runs]
+    said = "The more cameras, the less accurate the priors may be for an RMSE of 3."
+    last, worst = (rows[-1] if rows else None), v.find(table, WORST)
+    # Once no priors are needed at all there is nothing left to gain.
+    points = [(a, b) for a, b in pairwise(rows) if worst is None or min(a.values) < worst.mean]
+    out = [v.pairs("fig8-trade-off", said, points)]
+    if last is not None and worst is not None:
+        none = last.extra["rmse_none"]
+        good = v.REPRODUCED if none <= TARGET else v.IN_PART if none <= 1.35 * TARGET else v.NOT
+        rule = "RMSE without priors and with all cameras: at most 3; in part up to 35 % above"
+        said = "With enough cameras no priors are needed."
+        out.append(Verdict("fig8-no-priors", said, TARGET, none, None, last.runs, good, rule))
+    return out
+
+
+def fig9(size: Size, execute: Execute) -> Table:
+    """RMSE against the number of occluders, four cameras, no static occluder."""
+    scene = square_room(pillar=False)
+    counts = (1, 40, 80) if size.quick else (1, 5, 10, 20, 30, 40, 60, 80, 100, 120)
+    points = [
+        Point(name, m, trial(scene, size, {"occluders": m}, {"kind": kind}, cameras=_cameras(4)))
+        for m in counts
+        for name, kind in ((NONE, "none"), (KNOWN, "known"))
+    ]
+    return run_points(points, size, execute)
+
+
+def judge9(table: Table) -> list[Verdict]:
+    """Statements about Fig. 9."""
+    both = v.matched(table, KNOWN, NONE)
+    if len(both) < 3:
+        return []
+    gaps = [v.difference(low, high) for low, high in both]
+    most = max(range(len(gaps)), key=lambda i: gaps[i][0])
+    first, last = _gap(both[0]), _gap(both[-1])
+    peak = _gap(both[most])
+    few_known, few_none = both[0]
+    return [
+        v.close("fig9-few", "With very few occluders priors do not help.", [(few_known, few_none)]),
+        v.pairs("fig9-more", "With more occluders known positions are worth more.", [(first, peak)]),
+        v.pairs("fig9-many", "With very many occluders they are worth less again.", [(last, peak)]),
+        _spread("fig9", [b for _, b in both], [a for a, _ in both]),
+    ]
+
+
+def _gap(pair: v.Pair) -> Row:
+    low, high = pair
+    return Row("gap", low.x, tuple(b - a for a, b in zip(low.values, high.values, strict=True)))
+
+
+def _worst(table: Table, item: str, paper: float) -> list[Verdict]:
+    row = v.find(table, WORST)
+    if row is None:
+        return []
+    said = "Error without tracking, of the middle of the room."
+    return [v.number(f"{item}-rmse-max", said, paper, row.mean, row.error, row.runs)]
+
+
+def _spread(item: str, wide: list[Row], narrow: list[Row]) -> Verdict:
+    """The deviations over the runs are larger where less is known of the occluders: their quotient against 1.
+
+    A deviation of n runs has a relative error of about 1 / sqrt(2 (n - 1)).
+    """
+    above = math.sqrt(math.fsum(r.sd**2 for r in wide) / len(wide))
+    below = math.sqrt(math.fsum(r.sd**2 for r in narrow) / len(narrow))
+    runs = min(r.runs for r in [*wide, *narrow])
+    ratio = above / below if below > 0 else math.nan
+    error = ratio * math.sqrt(sum(0.5 / max(1, sum(r.runs - 1 for r in rows)) for rows in (wide, narrow)))
+    good = v.REPRODUCED if ratio - 1.0 > error else v.IN_PART if ratio > 1.0 else v.NOT
+    said = "The error differs more from run to run without priors than with known positions, by this factor."
+    rule = "above 1 by more than its standard error; in part if only above 1"
+    return Verdict(f"{item}-variation", said, None, ratio, error, runs, good, rule)
+
+
+def _sd_factor(key: str, narrow: Row, wide: Row) -> Verdict:
+    ratio = wide.sd / narrow.sd if narrow.sd > 0 else math.nan
+    error = ratio / math.sqrt(max(1, narrow.runs - 1))
+    said = "From none to priors as good as the tracker, the deviation over the runs falls by this factor."
+    good = v.REPRODUCED if abs(ratio - 3.4) <= 0.34 else v.IN_PART if ratio > 1.0 + error else v.NOT
+    rule = "within 10 %; in part if above 1 by more than its standard error (sigma / sqrt(2 (n - 1)), both)"
+    return Verdict(key, said, 3.4, ratio, error, wide.runs, good, rule)
+
+
+NOTE = "Priors by a Kalman filter on virtual measurements; M = 40 moving occluders, 1000 particles."
+EXPERIMENTS = (
+    Experiment("fig6", "Error and number of cameras", "cameras", "RMSE", 5, 4000, (2, 150), fig6, judge6, note=NOTE),
+    Experiment(
+        "fig7", "Error and accuracy of the priors", "RMSE_occ", "RMSE", 5, 4000, (2, 150), fig7, judge7, note=NOTE
+    ),
+    Experiment(
+        "fig8", "Priors needed for an RMSE of 3", "cameras", "RMSE_occ", 5, 4000, (2, 150), fig8, judge8, note=NOTE
+    ),
+    Experiment(
+        "fig9", "Error and number of moving occluders", "moving occluders", "RMSE", 5, 4000, (2, 100), fig9, judge9
+    ),
+)

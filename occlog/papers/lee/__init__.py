@@ -1,0 +1,1 @@
+"""The experiments of Lee (2009)."""

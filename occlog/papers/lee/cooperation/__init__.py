@@ -1,0 +1,1 @@
+"""Chapter 3: cameras that are asked when it matters."""

@@ -1,0 +1,218 @@
+"""Error against cost of asking cameras, in the field of [Lee] Fig. 3-7: Figs. 3-6 and 3-14, Table 3.1."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+
+from .trial import cooperation_spec, cooperation_trial
+
+THESIS, JOINT = "as in the thesis", "joint association"
+FORMS = {THESIS: "thesis", JOINT: "joint"}
+PERIODS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+QUICK_PERIODS = (2.0, 20.0)
+GRID = (2.0, 4.0, 6.0, 10.0, 16.0, 25.0, 50.0, 100.0)
+QUICK_GRID = (2.0, 6.0, 20.0, 100.0)
+SPREADS = (0.5, 1.0, 2.0)
+NONE, PRINTED, EDGE, SPREAD, PERIODIC = "none", "printed triggers", "count change", "spread", "periodic"
+FIGURES = ("frames", "requests", "fixes", "period")
+RESAMPLES = 1000
+TABLE = {1: (7.54, 1.38), 2: (3.70, 0.24), 3: (5.54, 0.32)}
+"""RMS errors of Table 3.1 [m] without cameras and with the printed triggers."""
+AVERAGE = 5.59
+
+
+def trials(size: Size, execute: Execute, points: Sequence[tuple[str, str, float, dict[str, Any]]]) -> Table:
+    """A row for every point (series, form, x, settings), with the RMSE of each run and the means of its figures.
+
+    An x of NaN stands for the mean number of frames.
+    """
+    specs = [cooperation_spec(size, r, "field", form, **s) for _, form, _, s in points for r in range(size.runs)]
+    results = execute(specs)
+    rows = []
+    for n, (series, _, x, settings) in enumerate(points):
+        own = results[n * size.runs : (n + 1) * size.runs]
+        extra = {name: _mean([r[name] for r in own]) for name in (*FIGURES, "rmse_1", "rmse_2", "rmse_3")}
+        extra["limit"] = float(settings.get("spread", math.nan))
+        extra |= {f"frames_{k}": r["frames"] for k, r in enumerate(own)}
+        rows.append(Row(series, extra["frames"] if math.isnan(x) else x, tuple(r["rmse"] for r in own), extra))
+    return rows
+
+
+def _mean(values: Sequence[float]) -> float:
+    good = [x for x in values if not math.isnan(x)]
+    return math.fsum(good) / len(good) if good else math.nan
+
+
+def by_period(size: Size, execute: Execute) -> Table:
+    """RMSE against the visual period."""
+    periods = QUICK_PERIODS if size.quick else PERIODS
+    return trials(
+        size,
+        execute,
+        [(name, form, p, {"cooperate": "periodic", "period_s": p}) for name, form in FORMS.items() for p in periods],
+    )
+
+
+def judge_period(table: Table) -> list[Verdict]:
+    """Statements of Fig. 3-6."""
+    out = []
+    for name, key in FORMS.items():
+        rows = v.series(table, name)
+        said = f"The closer the visual period is to the acoustic one, the smaller the error ({name})."
+        out.append(v.pairs(f"fig3.6-{key}", said, list(pairwise(rows))))
+    return out
+
+
+def by_policy(size: Size, execute: Execute) -> Table:
+    """RMSE against the frames that were asked for, for every policy."""
+    grid = QUICK_GRID if size.quick else GRID
+    points: list[tuple[str, str, float, dict[str, Any]]] = []
+    for name, form in FORMS.items():
+        points.append((f"{NONE}, {name}", form, math.nan, {}))
+        points += [(f"{PERIODIC}, {name}", form, math.nan, {"cooperate": "periodic", "period_s": p}) for p in grid]
+        points.append((f"{PRINTED}, {name}", form, math.nan, {"cooperate": "printed"}))
+        points.append((f"{EDGE}, {name}", form, math.nan, {"cooperate": "count"}))
+        points += [(f"{SPREAD}, {name}", form, math.nan, {"cooperate": "spread", "spread": s}) for s in SPREADS]
+    return trials(size, execute, points)
+
+
+def judge_policy(table: Table) -> list[Verdict]:
+    """Statements of Fig. 3-14 and what is said of spread."""
+    out = []
+    none = v.find(table, f"{NONE}, {THESIS}")
+    if none is not None:
+        said = "Without cameras the average error is 5.59 m."
+        out.append(v.number("fig3.14-none", said, AVERAGE, none.mean, none.error, none.runs))
+    for name, key in FORMS.items():
+        period = v.series(table, f"{PERIODIC}, {name}")
+        for policy, code in ((PRINTED, "printed"), (EDGE, "count"), (SPREAD, "spread")):
+            for row in v.series(table, f"{policy}, {name}"):
+                limit = row.extra.get("limit", math.nan)
+                tail = "" if math.isnan(limit) else f"-{limit:g}"
+                which = f"{policy} ({name}, {row.extra['frames']:.0f} frames, {row.mean:.2f} m)"
+                out.append(_cheaper(f"fig3.14-{key}-{code}{tail}", which, row, period))
+    return out
+
+
+def _cheaper(key: str, which: str, row: Row, period: list[Row]) -> Verdict:
+    """Whether a policy asks for no more frames than the period of equal error: bootstrap over the runs."""
+    said = f"Asks for fewer frames than the period of equal error: {which}; frames saved."
+    rule = "95 % range of the frames saved (bootstrap over runs): above 0: reproduced; holds 0: in part"
+    saved = saved_frames(row, period)
+    if saved is None:
+        return Verdict(key, said, None, None, None, row.runs, v.NOT, rule + "; the error is beyond all periods'")
+    mean, low, high, error = saved
+    good = v.REPRODUCED if low > 0 else v.NOT if high < 0 else v.IN_PART
+    return Verdict(key, said, None, mean, error, row.runs, good, rule + f"; it is {low:.1f} to {high:.1f}")
+
+
+def saved_frames(row: Row, period: list[Row]) -> tuple[float, float, float, float] | None:
+    """Frames of the period of equal error less those of a policy: mean, 95 % range and standard error.
+
+    Runs are drawn anew together, for the policy and all periods.  None: no period has such an error.
+    """
+    n = row.runs
+    errors = np.array([r.values for r in period])
+    frames = np.array([_frames(r) for r in period])
+    draws = np.random.default_rng(2009).integers(n, size=(RESAMPLES, n))
+    value = _saved(np.array(row.values), _frames(row), errors, frames, np.arange(n))
+    found = [_saved(np.array(row.values), _frames(row), errors, frames, d) for d in draws]
+    good = [x for x in found if not math.isnan(x)]
+    if math.isnan(value) or len(good) < 0.9 * RESAMPLES:
+        return None
+    low, high = np.quantile(good, [0.025, 0.975])
+    return value, float(low), float(high), deviation(good)
+
+
+def _frames(row: Row) -> Floats:
+    return np.array([row.extra[f"frames_{k}"] for k in range(row.runs)])
+
+
+def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats, runs: Any) -> float:
+    """Frames saved for some runs; between two periods both logarithms are taken for linear in each other."""
+    wanted = math.log(errors[runs].mean())
+    known, cost = np.log(of_periods[:, runs].mean(axis=1)), np.log(np.maximum(frames_of[:, runs].mean(axis=1), 0.5))
+    order = np.argsort(known)
+    if not known[order[0]] <= wanted <= known[order[-1]]:
+        return math.nan
+    return math.exp(float(np.interp(wanted, known[order], cost[order]))) - float(frames[runs].mean())
+
+
+def by_object(size: Size, execute: Execute) -> Table:
+    """RMSE of each object, without cameras and with the printed triggers."""
+    ways: list[tuple[str, dict[str, Any]]] = [(NONE, {}), (PRINTED, {"cooperate": "printed"})]
+    specs = [cooperation_spec(size, r, "field", "thesis", **s) for _, s in ways for r in range(size.runs)]
+    results = execute(specs)
+    rows = []
+    for n, (name, _) in enumerate(ways):
+        own = results[n * size.runs : (n + 1) * size.runs]
+        extra = {f: _mean([r[f] for r in own]) for f in FIGURES}
+        rows += [Row(name, float(k), tuple(r[f"rmse_{k}"] for r in own if f"rmse_{k}" in r), extra) for k in TABLE]
+    return rows
+
+
+def judge_object(table: Table) -> list[Verdict]:
+    """Table 3.1."""
+    out = []
+    for n, (name, text) in enumerate(((NONE, "without cameras"), (PRINTED, "with the printed triggers"))):
+        for k, values in TABLE.items():
+            row = v.find(table, name, float(k))
+            if row is not None and row.values and not math.isnan(row.mean):
+                said = f"RMS error of object {k} {text} [m]."
+                out.append(v.number(f"table3.1-{k}-{n}", said, values[n], row.mean, row.error, row.runs))
+    return out
+
+
+NOTE = (
+    "Filter of the thesis with the weights put right; what is not printed (motion noise, cameras, which way the "
+    "turns go) is stated in the documentation. A frame is one picture of one camera."
+)
+FIG3_6 = Experiment(
+    "fig3.6",
+    "Error against the period of asking cameras",
+    "period [s]",
+    "RMSE [m]",
+    100,
+    201,
+    (4, 80),
+    by_period,
+    judge_period,
+    NOTE,
+    cooperation_trial,
+)
+FIG3_14 = Experiment(
+    "fig3.14",
+    "Error against frames asked for",
+    "frames asked for in 200 s",
+    "RMSE [m]",
+    30,
+    201,
+    (4, 80),
+    by_policy,
+    judge_policy,
+    NOTE,
+    cooperation_trial,
+)
+TABLE3_1 = Experiment(
+    "table3.1",
+    "Errors of the objects",
+    "object",
+    "RMSE [m]",
+    100,
+    201,
+    (4, 80),
+    by_object,
+    judge_object,
+    NOTE,
+    cooperation_trial,
+)
+EXPERIMENTS = (FIG3_6, FIG3_14, TABLE3_1)

@@ -1,0 +1,146 @@
+"""When two sensors in a room ask cameras, and what they know in the end: [Lee] Figs. 3-18 to 3-21."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+
+from .trial import BIN, cooperation_spec, cooperation_trial
+
+WITH, WITHOUT = "with cameras", "without"
+NAMES = ("A1", "A2")
+RATE = 100.0
+"""Steps a second."""
+CERTAIN = 0.9
+"""Share of requests from which a trigger counts as there all the time."""
+FINAL = "final"
+
+
+def shares(first: int, last: int) -> Callable[[Size, Execute], Table]:
+    """Experiment: share of the steps in which cameras are asked, between two steps, for both sensors."""
+
+    def compute(size: Size, execute: Execute) -> Table:
+        table = []
+        for a, name in enumerate(NAMES):
+            for way in (WITH, WITHOUT):
+                results = execute(_specs(size, a, way))
+                for n in range(first // BIN, min(last, size.steps) // BIN):
+                    values = tuple(r[f"share_{n}"] for r in results)
+                    table.append(Row(f"{name}, {way}", (n + 0.5) * BIN / RATE, values))
+        return table
+
+    return compute
+
+
+def _specs(size: Size, array: int, way: str) -> list[dict[str, object]]:
+    return [
+        cooperation_spec(size, r, "room", "thesis", array, way == WITH, cooperate="printed") for r in range(size.runs)
+    ]
+
+
+def finals(size: Size, execute: Execute) -> Table:
+    """Errors at the last step, of each target that a sensor hears then."""
+    table = []
+    for a, name in enumerate(NAMES):
+        for way in (WITH, WITHOUT):
+            results = execute(_specs(size, a, way))
+            for k in (1, 2, 3):
+                values = tuple(r[f"final_{k}"] for r in results if f"final_{k}" in r)
+                if values and not any(math.isnan(x) for x in values):
+                    table.append(Row(f"{name}, {way}", float(k), values))
+    return table
+
+
+def _average(table: Table, series: str, since: float, until: float) -> Row | None:
+    """One row of the mean over a stretch of time, run by run."""
+    rows = [r for r in v.series(table, series) if since <= r.x < until]
+    if not rows:
+        return None
+    values = tuple(math.fsum(x) / len(x) for x in zip(*(r.values for r in rows), strict=True))
+    return Row(series, 0.5 * (since + until), values)
+
+
+def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list[Verdict]]:
+    """Statement: cameras are asked less often if their answers are used."""
+
+    def judge(table: Table) -> list[Verdict]:
+        out = []
+        for name in NAMES:
+            used, left = (_average(table, f"{name}, {way}", since, until) for way in (WITH, WITHOUT))
+            if used is not None and left is not None:
+                said = f"{name} asks less often if it gets answers ({since:g} to {until:g} s)."
+                out.append(v.pairs(f"{key}-{name}", said, [(used, left)]))
+        return out
+
+    return judge
+
+
+def judge_silence(table: Table) -> list[Verdict]:
+    """Statements of Fig. 3-19: besides the above, silence makes A1 ask."""
+    out = judge_shares("fig3.19", 7.0, 11.0)(table)
+    row = _average(table, f"A1, {WITH}", 5.0, 7.0)
+    if row is not None:
+        said = "While object 1 is silent A1 asks: number of objects and of measurements differ (share of the steps)."
+        out.insert(0, _certain("fig3.19-silence", said, row))
+    return out
+
+
+def _certain(key: str, said: str, row: Row) -> Verdict:
+    good = v.REPRODUCED if row.mean >= CERTAIN else v.IN_PART if row.mean >= 0.5 else v.NOT
+    rule = f"share of at least {CERTAIN:g}; in part from 0.5"
+    return Verdict(key, said, None, row.mean, deviation(row.values) / math.sqrt(row.runs), row.runs, good, rule)
+
+
+def judge_final(table: Table) -> list[Verdict]:
+    """Statement of Fig. 3-21: with cameras the last positions are nearer to the truth."""
+    out = []
+    for name in NAMES:
+        points = v.matched(table, f"{name}, {WITH}", f"{name}, {WITHOUT}")
+        if points:
+            said = f"Final positions of {name} are nearer to the truth with cameras."
+            out.append(v.pairs(f"fig3.21-{name}", said, points))
+    return out
+
+
+NOTE = (
+    "Printed triggers, one filter a sensor; ranges, speeds and cameras that are not printed are in the documentation."
+)
+
+
+def _figure(item: str, title: str, first: int, last: int, judge: Callable[[Table], list[Verdict]]) -> Experiment:
+    return Experiment(
+        item,
+        title,
+        "time [s]",
+        "share of steps with a request",
+        30,
+        last + 1,
+        (2, min(last, first + 200) + 1),
+        shares(first, last),
+        judge,
+        NOTE,
+        cooperation_trial,
+    )
+
+
+EXPERIMENTS = (
+    _figure("fig3.18", "Requests from 0 to 5 s", 0, 500, judge_shares("fig3.18", 0.0, 5.0)),
+    _figure("fig3.19", "Requests from 5 to 11 s", 500, 1100, judge_silence),
+    _figure("fig3.20", "Requests from 11 to 19 s", 1100, 1900, judge_shares("fig3.20", 11.0, 19.0)),
+    Experiment(
+        "fig3.21",
+        "Errors of the final positions",
+        "object",
+        "error [m]",
+        30,
+        1901,
+        (2, 101),
+        finals,
+        judge_final,
+        NOTE,
+        cooperation_trial,
+    ),
+)

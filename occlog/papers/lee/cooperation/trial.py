@@ -1,0 +1,181 @@
+"""One run in an environment of [Lee] Ch. 3: the filter, cameras asked by a policy, errors and cost.
+
+As in the thesis it is known which targets a sensor hears: a target's track begins with its true
+state when it is first heard, and ends when it has left the range.  (The thesis says that initial
+states are known; for targets that come in later it does not say what the filter without cameras
+starts from.)  What changes between trials is the policy, the association, and the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.measure.scans.scans import Rows, groups
+from occlog.papers.verdicts.model import Size, Spec
+from occlog.settings import configure
+from occlog.track.imm.ask_cameras import Desk, Request
+from occlog.track.imm.config import ImmConfig
+from occlog.track.imm.filter import Report, State, init, step
+from occlog.track.imm.listening import Listener
+from occlog.track.imm.tracks import known
+from occlog.track.imm.when_to_ask import CAUSES, Memory, asks, located, others
+
+from .world import World, world
+
+BIN = 50
+"""Steps that a share of requests is taken over."""
+START_SIGMA, START_SIGMA_V = 0.1, 0.01
+FIELD_ALPHA, ROOM_ALPHA = 0.01, 0.2
+THESIS = {
+    "association": "any",
+    "birth": 0.0,
+    "fix": "replace",
+    "particles": 500,
+    "retry_s": 0.0,
+    "forget_s": 1e6,
+    "sound_s": 10.0,
+    "silent_s": 5.0,
+}
+"""The filter as the thesis has it, with the weights put right."""
+FORMS: dict[str, dict[str, Any]] = {
+    "thesis": THESIS,
+    "joint": {**THESIS, "association": "joint", "fix": "update", "hold_s": 50.0},
+}
+SCENES: dict[str, dict[str, Any]] = {
+    "field": {"alpha": FIELD_ALPHA, "sigma_v": 0.01, "speed": 0.2, "frame_age_s": 0.5},
+    "room": {"alpha": ROOM_ALPHA, "sigma_v": 0.1, "speed": 0.3, "frame_age_s": 0.2},
+}
+"""Motion: the manoeuvres' acceleration, and as much noise of the velocity in a second (half as much in the room)."""
+
+
+class Told(NamedTuple):
+    """What one array's filter, or that of all arrays, said at each step."""
+
+    xy: Floats  # (T, K, 2) NaN: no track
+    asked: Floats  # (T,) 1: cameras were asked
+    requests: list[Request]
+
+
+def cooperation_spec(
+    size: Size, run: int, scene: str, form: str, array: int = 0, answer: bool = True, **settings: Any
+) -> Spec:
+    """Description of a trial.
+
+    Args:
+        size: steps, and the seed of all runs.
+        run: its number.
+        scene: `field` or `room`.
+        form: of the filter, a key of `FORMS`.
+        array: which of the scene's arrays is listened to.
+        answer: false: cameras are asked, but their answers are not used.
+        settings: fields of `ImmConfig`.
+    """
+    return {
+        "scene": scene,
+        "form": form,
+        "array": array,
+        "settings": settings,
+        "steps": size.steps,
+        "seed": size.seed,
+        "run": run,
+        "answer": answer,
+    }
+
+
+def cooperation_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Figures of a run.
+
+    Args:
+        spec: see `cooperation_spec`; `settings` are those of `ImmConfig`.
+
+    Returns:
+        `rmse_K` of each target while it is heard, their mean `rmse`, `requests`, `frames`,
+        `fixes` (positions found), `period` (mean steps between fixes of a target), `asked_CAUSE`
+        (requests of each cause), `final_K` (error at the last step, of those heard then) and
+        `share_N` (share of the steps of the N-th `BIN` in which cameras were asked).
+    """
+    made = world(spec["scene"], spec["seed"], spec["run"])
+    told = follow(made, spec)
+    heard = made.heard[spec["array"], : len(told.xy)] > 0
+    error2 = ((told.xy - made.truth.xyz[: len(told.xy), :, :2]) ** 2).sum(axis=2)
+    out = {}
+    for k, number in enumerate(made.truth.ids.tolist()):
+        rows = heard[:, k] & np.isfinite(error2[:, k])
+        out[f"rmse_{number}"] = float(np.sqrt(error2[rows, k].mean())) if rows.any() else float("nan")
+        out[f"final_{number}"] = float(np.sqrt(error2[-1, k])) if heard[-1, k] else float("nan")
+    fixes = sum(r.answer.place is not None for r in told.requests)
+    tens = {f"share_{n}": float(told.asked[n * BIN : (n + 1) * BIN].mean()) for n in range(len(told.asked) // BIN)}
+    errors = [v for k, v in out.items() if k.startswith("rmse") and v == v]
+    return {
+        "rmse": float(np.mean(errors)) if errors else float("nan"),
+        **out,
+        **tens,
+        "requests": float(sum("shared" not in r.answer.ask.causes for r in told.requests)),
+        "frames": float(sum(r.frames for r in told.requests)),
+        "fixes": float(fixes),
+        "period": float(heard.sum()) / fixes if fixes else float("nan"),
+        **{f"asked_{c}": float(sum(c in r.answer.ask.causes for r in told.requests)) for c in CAUSES},
+    }
+
+
+def follow(made: World, spec: Mapping[str, Any]) -> Told:
+    """The filter of one array (`array`), with cameras, through the whole run."""
+    values = {**SCENES[spec["scene"]], **FORMS[spec["form"]], **spec["settings"]}
+    config: ImmConfig = configure(ImmConfig(), values, "imm")
+    scene, array = made.scene, spec["array"]
+    use = Rows(frozenset({scene.arrays[array].name, *(c.name for c in scene.cameras)}))
+    rng, helping = (
+        generator(spec["seed"], Stage.TRACK, array, run=spec["run"]),
+        generator(spec["seed"], Stage.COOPERATE, array, run=spec["run"]),
+    )
+    T, K = min(spec["steps"], len(made.truth.t_ns)), made.truth.xyz.shape[1]
+    out = Told(np.full((T, K, 2), np.nan), np.zeros(T), [])
+    state, memory = init(scene, config, rng), Memory()
+    listener, desk = Listener(scene, 1e6), Desk(scene, config)
+    place = {int(t): n for n, t in enumerate(made.truth.t_ns[:T].tolist())}
+    for group in groups([made.bearings], scene, use):
+        if group.t_ns > made.truth.t_ns[T - 1]:
+            break
+        desk.put(group)
+        for t_ns, looks in listener.scans(group):
+            n = place[min(place, key=lambda t: abs(t - t_ns))] if t_ns not in place else place[t_ns]
+            state, report = step(state, t_ns, looks, rng)
+            asked, memory = asks(state, report, memory, helping)
+            # Nobody is new but those whose tracks begin below.
+            asked = [a for a in asked if a.number >= 0]
+            answers = desk.ask(asked, others(state, report, asked), t_ns)
+            out.requests.extend(answers)
+            out.asked[n] = float(bool(asked))
+            if spec["answer"]:
+                state, report, memory = located(state, report, [a.answer for a in answers], memory, helping)
+            state = _roster(state, made, config, array, n, rng)
+            _note(out, report, made, n)
+    return out
+
+
+def _roster(state: State, made: World, config: ImmConfig, array: int, n: int, rng: np.random.Generator) -> State:
+    """The state with tracks of those who are heard now for the first time, and without those who have gone."""
+    heard, ids = made.heard[array] > 0, made.truth.ids.tolist()
+    there = {t.number for t in state.tracks}
+    tracks = [t for t in state.tracks if heard[n:, ids.index(t.number)].any()]
+    for k, number in enumerate(ids):
+        if number not in there and heard[n, k] and not heard[:n, k].any():
+            at, before = made.truth.xyz[n, k, :2], made.truth.xyz[max(n - 1, 0), k, :2]
+            after = made.truth.xyz[n + 1, k, :2]
+            seconds = float(made.truth.t_ns[n + 1] - made.truth.t_ns[max(n - 1, 0)]) * 1e-9
+            v = (after - before) / seconds
+            start = (at[0], at[1], START_SIGMA, v[0], v[1], START_SIGMA_V)
+            track = known(config, number, start, int(made.truth.t_ns[n]), rng)
+            tracks.append(track._replace(label=number))
+    return state._replace(tracks=tuple(sorted(tracks, key=lambda t: t.number)))
+
+
+def _note(out: Told, report: Report, made: World, n: int) -> None:
+    ids = made.truth.ids.tolist()
+    for belief in report.beliefs:
+        out.xy[n, ids.index(belief.number)] = belief.estimate.mean[::2]

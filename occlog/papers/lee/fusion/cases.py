@@ -1,0 +1,239 @@
+"""[Lee] Fig. 4-3 and the three case studies: the decision of Eq. 4.13 on detections that are given."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.measure.fuse.kernels.decision_rule import (
+    decision_value,
+    decision_value_of_case_studies,
+    decision_value_without_quality,
+    fused_position,
+    prior_present,
+    quality,
+)
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Spec, Table, Verdict
+
+SENSORS = 6
+CHANCE = 0.2
+"""P_M and P_F of every sensor."""
+VARIANCES = (0.01, 0.03, 0.085, 0.195, 0.325, 0.48, 0.55, 0.635, 0.8, 1.135, 1.565, 1.74, 2.5, 3.5, 4.485, 6.0)
+PRINTED = {5: (1.135, 4.485), 4: (0.480, 1.565), 3: (0.195, 0.635), 2: (0.085, 0.325), 1: (0.030, 0.235)}
+"""Detecting sensors to the largest variances at which P(G_1) is above 0.99 and above 0.50, as printed."""
+CROSSINGS = ((2, 0.55), (3, 1.74))
+"""Above this variance one detecting sensor declares more often than so many, as printed."""
+
+
+def declaration_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Share of trials in which an object is declared, by rule; `spec` has detecting, variance, trials, seed and run."""
+    n, trials = int(spec["detecting"]), int(spec["trials"])
+    rng = np.random.default_rng(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]), n)))
+    positions = np.full((trials, SENSORS, 2), np.nan)
+    positions[:, :n] = math.sqrt(float(spec["variance"])) * rng.standard_normal((trials, n, 2))
+    origin = np.zeros((trials, 2))
+    weight = quality(positions, origin, 1.0)
+    detected = np.isfinite(weight)
+    prior = prior_present(fused_position(positions, origin, 1.0), origin, 1.0)
+    return {
+        "printed": float(np.mean(decision_value(detected, weight, prior, CHANCE, CHANCE) > 0.0)),
+        "half": float(np.mean(decision_value(detected, weight, 0.5, CHANCE, CHANCE) > 0.0)),
+        "cases": float(np.mean(decision_value_of_case_studies(detected, weight, prior, CHANCE, CHANCE) > 0.0)),
+    }
+
+
+RULES = {"printed": "(4.13)", "half": "(4.13), P_1 = 1/2", "cases": "the sum of the case studies"}
+
+
+def curves(size: Size, execute: Execute) -> Table:
+    """Share declared against the variance, for each number of detecting sensors and each rule; steps are trials."""
+    variances = VARIANCES[::3] if size.quick else VARIANCES
+    points = [(n, x) for n in PRINTED for x in variances]
+    specs: list[Spec] = [
+        {"kind": "lee-declaration", "detecting": n, "variance": x, "trials": size.steps, "seed": size.seed, "run": run}
+        for n, x in points
+        for run in range(size.runs)
+    ]
+    results, rows = execute(specs), []
+    for i, (n, x) in enumerate(points):
+        own = results[i * size.runs : (i + 1) * size.runs]
+        for key, name in RULES.items():
+            # Fifteen curves in one figure cannot be told apart.
+            rows.append(Row(f"N = {n}, {name}", x, tuple(r[key] for r in own), plotted=key == "printed"))
+    return rows
+
+
+def judge_curves(table: Table) -> list[Verdict]:
+    """The printed thresholds, under each rule, and the crossings."""
+    out = []
+    for n, limits in PRINTED.items():
+        for level, limit in zip((0.99, 0.50), limits, strict=True):
+            for key, name in RULES.items():
+                rows = v.series(table, f"N = {n}, {name}")
+                said = f"{n} of 6 detect: P(G_1) above {level:g} up to a variance of this; by {name}."
+                out.append(_threshold(f"fig4.3-n{n}-{level:g}-{key}", said, limit, rows, level))
+    for n, limit in CROSSINGS:
+        for key, name in RULES.items():
+            one, more = (v.series(table, f"N = {k}, {name}") for k in (1, n))
+            said = f"Above a variance of {limit:g} one detecting sensor declares more often than {n}; by {name}."
+            pairs = [(b, a) for a, b in zip(one, more, strict=True) if a.x > limit]
+            out.append(v.pairs(f"fig4.3-crossing-{n}-{key}", said, pairs))
+    return out
+
+
+def _threshold(key: str, said: str, limit: float, rows: list[Row], level: float) -> Verdict:
+    """Where the share declared falls below a level, between the points by straight lines."""
+    measured = math.nan
+    for before, after in itertools.pairwise(rows):
+        if before.mean > level >= after.mean:
+            measured = before.x + (after.x - before.x) * (before.mean - level) / (before.mean - after.mean)
+            break
+    good = math.isfinite(measured) and abs(measured - limit) <= v.NEAR * limit
+    part = math.isfinite(measured) and abs(measured - limit) <= v.FAR * limit
+    verdict = v.REPRODUCED if good else v.IN_PART if part else v.NOT
+    rule = f"number: within {v.NEAR:.0%}; in part within {v.FAR:.0%}; not: also where no point is above the level"
+    return Verdict(key, said, limit, measured, None, rows[0].runs if rows else 0, verdict, rule)
+
+
+class Case(NamedTuple):
+    """A case study of Sec. 4.4.2 with its printed results."""
+
+    detections: Floats  # (3, 2), NaN where missed
+    predicted: tuple[float, float]
+    qualities: dict[int, float]  # sensor, from 0, to W
+    fused: tuple[float, float]
+    prior: float
+    value: float
+    declared: bool
+    value_plain: float | None = None  # by Eq. 4.3
+
+
+NOTHING = (math.nan, math.nan)
+CASES = {
+    "case1": Case(
+        np.array([NOTHING, (5.2, 5.2), (4.9, 5.0)]),
+        (5.0, 5.0),
+        {1: 0.9608, 2: 0.9950},
+        (5.05, 5.10),
+        0.9938,
+        2.78,
+        True,
+    ),
+    "case2": Case(
+        np.array([(13.0, 7.0), (15.2, 7.4), (15.8, 6.9)]),
+        (13.1, 7.0),
+        {0: 0.9950, 1: 0.1018, 2: 0.026},
+        (13.55, 7.18),
+        0.8892,
+        0.13,
+        True,
+    ),
+    "case3": Case(
+        np.array([(7.3, 5.1), (7.1, 6.3), NOTHING]),
+        (4.9, 3.4),
+        {0: 0.0132, 1: 0.0013},
+        (7.28, 5.21),
+        0.0114,
+        -6.101,
+        False,
+        0.4,
+    ),
+}
+ITEMS = ("quality", "x", "y", "prior", "value (4.13)", "value, sum of log10 W", "value (4.3)")
+
+
+def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
+    """Quantities of a case study; x counts the sensors of `quality`, and is 0 elsewhere."""
+    c = CASES[name]
+    positions, predicted = c.detections[None], np.array([c.predicted])
+    weight = quality(positions, predicted, 1.0)
+    xy = fused_position(positions, predicted, 1.0)
+    prior = prior_present(xy, predicted, 1.0)
+    detected = np.isfinite(weight)
+    # The decision is looked at with the printed W and P_1, as rounding and slips in them are other statements.
+    printed = np.array([[c.qualities.get(j, math.nan) for j in range(len(c.detections))]])
+    given = (detected, printed, c.prior, CHANCE, CHANCE)
+    rows = [Row("quality", j + 1.0, (float(weight[0, j]),)) for j in c.qualities]
+    rows += [
+        Row("x", 0.0, (float(xy[0, 0]),)),
+        Row("y", 0.0, (float(xy[0, 1]),)),
+        Row("prior", 0.0, (float(prior[0]),)),
+    ]
+    rows.append(Row(ITEMS[4], 0.0, (float(decision_value(*given, base=10.0)[0]),)))
+    rows.append(Row(ITEMS[5], 0.0, (float(decision_value_of_case_studies(*given)[0]),)))
+    plain = decision_value_without_quality(detected, 0.5, CHANCE, CHANCE, base=10.0)
+    rows.append(Row(ITEMS[6], 0.0, (float(plain[0]),)))
+    return rows
+
+
+def judge_case(name: str, table: Table) -> list[Verdict]:
+    """Each printed number of a case study."""
+    c = CASES[name]
+    out = [
+        _printed(
+            f"{name}-w{j + 1}", f"Quality W of the detection of sensor {j + 1}.", w, v.find(table, "quality", j + 1.0)
+        )
+        for j, w in c.qualities.items()
+    ]
+    for axis, number in zip("xy", c.fused, strict=True):
+        out.append(_printed(f"{name}-{axis}", f"Fused position (4.22), {axis}.", number, v.find(table, axis)))
+    out.append(_printed(f"{name}-prior", "Prior P_1 (4.23) of the fused position.", c.prior, v.find(table, "prior")))
+    for row, how in ((ITEMS[4], "by (4.13), log10"), (ITEMS[5], "log10, with log W for log W/(1 - W)")):
+        key = f"{name}-value-{'printed' if row == ITEMS[4] else 'cases'}"
+        out.append(
+            _printed(key, f"Value of the decision, {how}, from the printed W and P_1.", c.value, v.find(table, row))
+        )
+    found = v.find(table, ITEMS[4])
+    said = f"The object is declared {'present' if c.declared else 'absent'} by (4.13)."
+    good = found is not None and (found.mean > 0.0) == c.declared
+    measured = None if found is None else found.mean
+    out.append(Verdict(f"{name}-declared", said, None, measured, None, 1, v.REPRODUCED if good else v.NOT, "sign"))
+    if c.value_plain is not None:
+        said = "Value of the decision by (4.3) without prior, by which the false object would be declared."
+        out.append(_printed(f"{name}-value-plain", said, c.value_plain, v.find(table, ITEMS[6])))
+    return out
+
+
+def _printed(key: str, said: str, number: float, row: Row | None) -> Verdict:
+    """A printed number: reproduced to its digits, two units of the last for what is computed from rounded numbers."""
+    if row is None:
+        return Verdict(key, said, number, None, None, 0, v.NOT, "printed digits; it could not be computed")
+    off = abs(row.mean - number)
+    digits = len(f"{number}".split(".")[1])
+    near, fair = 2.0 * 10.0**-digits, v.NEAR * abs(number)
+    verdict = v.REPRODUCED if off <= near else v.IN_PART if off <= fair else v.NOT
+    rule = f"printed digits: off by at most two units of the last; in part within {v.NEAR:.0%}"
+    return Verdict(key, said, number, row.mean, None, 1, verdict, rule)
+
+
+def _case(name: str, title: str) -> Experiment:
+    compute: Callable[[Size, Execute], Table] = partial(case, name)
+    judge: Callable[[Table], list[Verdict]] = partial(judge_case, name)
+    return Experiment(name, title, "sensor", "value", 1, 1, (1, 1), compute, judge)
+
+
+EXPERIMENTS = (
+    Experiment(
+        "fig4.3",
+        "Declarations against the spread of the detections",
+        "variance",
+        "share declared",
+        10,
+        10_000,
+        (2, 2000),
+        curves,
+        judge_curves,
+        trial=declaration_trial,
+        note="Six sensors with P_M = P_F = 0.2; the thesis does not say which formula its curves are from.",
+    ),
+    _case("case1", "Case study 1: one sensor misses the object"),
+    _case("case2", "Case study 2: two sensors with a shadow"),
+    _case("case3", "Case study 3: two sensors with a false object"),
+)

@@ -1,0 +1,199 @@
+"""One simulated recording before and after the fusion of detections, as figures; described by plain values.
+
+[Lee] Ch. 4 on simulated cameras: detection and false rates before and after the fusion, and what a tracker gains.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from occlog.core.metrics.errors import ratio
+from occlog.evaluate.bearings.detections import Counts, add_counts, count, looks_of
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.io.scenes.scene import scene_from_yaml
+from occlog.measure.detections import Detections
+from occlog.measure.fuse.config import FuseConfig
+from occlog.measure.fuse.stage import fuse
+from occlog.measure.scans.scans import choose_sensors
+from occlog.measure.scans.sources import only_measured
+from occlog.papers.ercan.scenes import SQUARE_ORDER, names, square_room
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Spec, Table, Verdict
+from occlog.pipeline.sweep.trial import errors_of
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Tracks, Truth, Views
+from occlog.settings import configure
+from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth, world_config
+from occlog.track.catalogue import tracker
+from occlog.track.drivers.stage import track
+
+DIAMETER = 3.33
+"""Of everybody in the room, in units."""
+START = 10
+"""Estimates left out at the start of a track."""
+
+
+def fusion_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Figures of a trial.
+
+    Args:
+        spec: `scene` (YAML text), `seed`, `run`, `steps`, `occluders`, `cameras` (names), `miss`, `false` (of every
+            camera; the fusion is told both), `fuse` (fields of `FuseConfig`) and `track` (also track what came out).
+
+    Returns:
+        For `before` and `after` the fusion: `detection_` rate of visible targets, `false_` reports a frame, `hidden_`
+        reports of targets behind others, as a share of them; `nees_recovered`, the mean squared error of recovered
+        bearings in their variances; and of the tracks `rmse_raw`, `rmse_ignore`, `rmse_use`.
+    """
+    scene = scene_from_yaml(spec["scene"], "scene")
+    seed = int(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)).generate_state(1, np.uint32)[0])
+    world = {"steps": int(spec["steps"]), "occluders": int(spec["occluders"]), "diameter": DIAMETER}
+    config: WorldConfig = configure(world_config(scene.length_unit), world, "simulate")
+    truth = Truth.concat(list(simulate_truth(scene, config, seed)))
+    looks = ObserveConfig(diameter=DIAMETER, miss=float(spec["miss"]), false_alarm=float(spec["false"]))
+    raw = Bearings.concat(list(observe(scene, [truth], looks, seed)))
+    raw = raw.take(np.isin(raw.sensor, list(spec["cameras"])))
+    options: dict[str, Any] = {"p_miss": float(spec["miss"]), "p_false": float(spec["false"])}
+    options |= dict(spec.get("fuse", {}))
+    parts = fuse([Detections(Views.empty(), raw, (), 0, 0)], scene, FuseConfig(**options))
+    fused = Bearings.concat([p.bearings for p in parts])
+    figures = _rates(_counts(raw, truth, scene), "before") | _rates(_counts(fused, truth, scene), "after")
+    recovered = _counts(fused.take(fused.cause == "recovered"), truth, scene)
+    figures["nees_recovered"] = ratio(recovered.square_normalised, recovered.detected)
+    if spec.get("track"):
+        inputs = {"raw": [raw], "ignore": only_measured([fused]), "use": [fused]}
+        figures |= {f"rmse_{name}": _rmse(rows, truth, scene, seed) for name, rows in inputs.items()}
+    return figures
+
+
+def _counts(bearings: Bearings, truth: Truth, scene: Scene) -> Counts:
+    config = EvaluateConfig(occluder_diameter=DIAMETER)
+    return add_counts(count(c) for c in looks_of(bearings, truth, scene, {0: 0}, config).values())
+
+
+def _rates(c: Counts, when: str) -> dict[str, float]:
+    hidden = c.looks - c.visible
+    return {
+        f"detection_{when}": ratio(c.detected, c.visible),
+        f"false_{when}": ratio(c.false_alarms, c.frames),
+        f"hidden_{when}": ratio(c.detected_hidden, hidden),
+    }
+
+
+def _rmse(rows: Iterable[Bearings], truth: Truth, scene: Scene, seed: int) -> float:
+    """Of the auxiliary particle filter with its defaults."""
+    config = tracker("apf").defaults(scene.length_unit)
+    parts = track(rows, scene, config, seed, method="apf", sensors=choose_sensors(scene, ()))
+    tracks = Tracks.concat([p.tracks for p in parts])
+    return errors_of(tracks, truth, scene, START)["rmse"]
+
+
+MISS = 0.2
+FALSE = (0.05, 0.1, 0.2)
+CAMERAS = (3, 4, 8)
+DETECTED, REPORTED = "detected", "false"
+RATES = {"detection": DETECTED, "false": REPORTED}
+RAW, IGNORE, USE = "not fused", "fused", "fused, all used"
+TRACKED = {"rmse_raw": RAW, "rmse_ignore": IGNORE, "rmse_use": USE}
+NOTE = f"Reference room of 100 x 100; series: number of cameras, each of which misses {MISS:.0%} of what it could see."
+
+
+def rates(size: Size, execute: Execute) -> Table:
+    """Rates of all cameras against the probability of a false report, before and after."""
+    rows = []
+    for n, x, own in _done(size, execute, track=False):
+        extra = {key: math.fsum(r[key] for r in own) / size.runs for key in ("hidden_before", "hidden_after")}
+        extra["nees_recovered"] = math.fsum(r["nees_recovered"] for r in own) / size.runs
+        for key, what in RATES.items():
+            for when in ("before", "after"):
+                rows.append(Row(f"{n}, {what}, {when}", x, tuple(r[f"{key}_{when}"] for r in own), extra))
+    return rows
+
+
+def errors(size: Size, execute: Execute) -> Table:
+    """RMSE of the auxiliary particle filter against the probability of a false report."""
+    return [
+        Row(f"{n}, {what}", x, tuple(r[key] for r in own))
+        for n, x, own in _done(size, execute, track=True)
+        for key, what in TRACKED.items()
+    ]
+
+
+def _done(size: Size, execute: Execute, *, track: bool) -> list[tuple[int, float, list[dict[str, float]]]]:
+    """Cameras, probability of a false report, and the figures of all runs."""
+    cameras = CAMERAS[1:2] if size.quick else CAMERAS
+    points = [(n, x) for n in cameras for x in (FALSE[::2] if size.quick else FALSE)]
+    results = execute([_spec(size, run, n, x, track) for n, x in points for run in range(size.runs)])
+    return [(n, x, results[i * size.runs : (i + 1) * size.runs]) for i, (n, x) in enumerate(points)]
+
+
+def _spec(size: Size, run: int, cameras: int, false: float, track: bool) -> Spec:
+    return {
+        "kind": "lee-fusion",
+        "scene": square_room(pillar=True),
+        "seed": size.seed,
+        "run": run,
+        "steps": size.steps,
+        "occluders": 0,
+        "cameras": names(SQUARE_ORDER[:cameras]),
+        "miss": MISS,
+        "false": false,
+        "track": track,
+    }
+
+
+def judge_rates(table: Table) -> list[Verdict]:
+    """Statements of the thesis about the fusion."""
+    missed = "Missed detections are recovered: detection rate higher by this"
+    false = "False detections do not spread: fewer false reports a frame, by this"
+    return [
+        *_judged(table, "detection", missed, f"{DETECTED}, before", f"{DETECTED}, after"),
+        *_judged(table, "false", false, f"{REPORTED}, after", f"{REPORTED}, before"),
+    ]
+
+
+def judge_errors(table: Table) -> list[Verdict]:
+    """Statements of this project about tracking with fused bearings."""
+    gains = "A filter gains by the fusion, recovered rows as not seen (of this project): RMSE lower by this"
+    twice = "Recovered rows as measured count the same twice (of this project): RMSE higher by this"
+    return [*_judged(table, "fused", gains, IGNORE, RAW), *_judged(table, "twice", twice, IGNORE, USE)]
+
+
+def _judged(table: Table, key: str, said: str, low: str, high: str) -> list[Verdict]:
+    """That one series is below another, for each number of cameras."""
+    found = [(n, v.matched(table, f"{n}, {low}", f"{n}, {high}")) for n in CAMERAS]
+    return [v.pairs(f"{key}-{n}", f"{said}; {n} cameras.", points) for n, points in found if points]
+
+
+EXPERIMENTS = (
+    Experiment(
+        "detection",
+        "Detections before and after the fusion",
+        "probability of a false report",
+        "rate",
+        12,
+        400,
+        (2, 60),
+        rates,
+        judge_rates,
+        trial=fusion_trial,
+        note=f"{NOTE} Detected: share of the looks at a visible target; false: a frame.",
+    ),
+    Experiment(
+        "fused-track",
+        "A particle filter on fused bearings",
+        "probability of a false report",
+        "RMSE",
+        6,
+        300,
+        (2, 60),
+        errors,
+        judge_errors,
+        trial=fusion_trial,
+        note=f"{NOTE} Recovered rows are taken as not seen, or (all used) as measured.",
+    ),
+)

@@ -1,0 +1,1 @@
+"""Chapter 2: tracking in space, directly and by projected planes."""

@@ -1,0 +1,273 @@
+"""[Lee] Sec. 2.4: errors of both methods in scenarios 1 to 4 against the bounds, and how many particles it takes."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.bounds.in_space import sight_angles
+from occlog.core.sight.projected_planes import YZ, select_as_printed
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+
+from .worlds import AXIS_NAMES, bounds, space_spec, space_trial, world
+
+DIRECT, PPS, THESIS = "direct3d", "pps", "pps as printed"
+WAYS: dict[str, tuple[str, dict[str, Any]]] = {
+    DIRECT: ("direct3d", {}),
+    PPS: ("pps", {}),
+    THESIS: (
+        "pps",
+        {"selection": "printed", "running": "selected", "per_plane": "best", "combining": "planes-weighted"},
+    ),
+}
+DIRECT_COPIES, PPS_COPIES = "direct3d, copies", "pps, copies"
+COUNTED_WAYS: dict[str, tuple[str, dict[str, Any]]] = {
+    **WAYS,
+    DIRECT_COPIES: ("direct3d", {"kernel": 0.0}),
+    PPS_COPIES: ("pps", {"kernel": 0.0}),
+}
+"""Copies: resampled particles are mere copies, as in the thesis."""
+DIRECT_BOUND, PLANES_BOUND = "bound", "bound of the planes"
+PARTICLES, FEW = 10_000, 300
+"""In the full form and in the quick one."""
+COUNTS = (100, 300, 1000, 3000, 10_000)
+NEAR = 1.35
+"""Largest ratio of an error to its bound that counts as reaching it."""
+EVERY = 5
+"""Instants between points of the plots."""
+PRINTED_PHI = {1: (45.36, 76.74), 2: (25.24, 36.26), 3: (28.07, 48.24)}
+PRINTED_THETA = {1: (45.00, 49.04), 2: (45.00, 50.28)}
+
+
+def root_mean(squares: Sequence[float] | Floats) -> tuple[float, ...]:
+    """One value a run whose mean is the root of the mean square, and whose standard error is that root's."""
+    x = np.asarray(squares, dtype=np.float64)
+    root = math.sqrt(float(x.mean()))
+    return tuple((root + (x - root**2) / (2.0 * root)).tolist()) if root > 0 else tuple(np.zeros(len(x)).tolist())
+
+
+def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
+    """RMSE in space and of each axis at every fifth instant, and the bounds; at x NaN the RMSE over all instants.
+
+    The plot shows those in space; the axes are in the table.
+    """
+    n = FEW if size.quick else PARTICLES
+    specs = [space_spec(size, r, scenario, WAYS[w][0], n, **WAYS[w][1]) for w in WAYS for r in range(size.runs)]
+    results = execute(specs)
+    rows, T = [], size.steps
+    for i, way in enumerate(WAYS):
+        own = results[i * size.runs : (i + 1) * size.runs]
+        extra = {"xy_yz": math.fsum(r["xy_yz"] for r in own) / len(own)}
+        square = np.array([[[r[f"{a}_{k}"] for k in range(T)] for r in own] for a in AXIS_NAMES])
+        rows += _rows(way, square, extra)
+    for name, bound in zip((DIRECT_BOUND, PLANES_BOUND), bounds(scenario, T), strict=True):
+        rows += _rows(name, np.repeat(bound.T[:, None] ** 2, 2, axis=1), {})
+    return rows
+
+
+def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
+    """Of one way, from squared errors (3, runs, T)."""
+    T = square.shape[2]
+    rows = [Row(name, _time(k), root_mean(square[:, :, k].sum(axis=0)), extra) for k in _instants(T)]
+    for a, own in zip(AXIS_NAMES, square, strict=True):
+        rows += [Row(f"{name} {a}", _time(k), root_mean(own[:, k]), extra, False) for k in _instants(T)]
+        rows.append(Row(f"{name} {a} overall", math.nan, root_mean(own.mean(axis=1)), extra, False))
+    return rows
+
+
+def judge_scenario(scenario: int, table: Table) -> list[Verdict]:
+    """Statements of Secs. 2.4 and 2.5 about one scenario."""
+    overall = {
+        name: [v.find(table, f"{name} {a} overall") for a in AXIS_NAMES] for name in (*WAYS, DIRECT_BOUND, PLANES_BOUND)
+    }
+    found = {name: [r for r in rows if r is not None] for name, rows in overall.items()}
+    key = f"scenario{scenario}"
+    better = "The method PPS outperforms the direct method: difference of the RMSE [m], axis by axis"
+    return [
+        *_angles(scenario),
+        v.pairs(f"{key}-pps-better", f"{better}.", list(zip(found[PPS], found[DIRECT], strict=True))),
+        v.pairs(
+            f"{key}-printed-better",
+            f"{better} (selection, sensors and combining as printed).",
+            list(zip(found[THESIS], found[DIRECT], strict=True)),
+        ),
+        _reaches(f"{key}-direct-bound", "The direct method reaches its bound", found[DIRECT], found[DIRECT_BOUND]),
+        _reaches(f"{key}-pps-bound", "PPS reaches the bound of its planes", found[PPS], found[PLANES_BOUND]),
+        _below(f"{key}-bounds", found[PLANES_BOUND], found[DIRECT_BOUND]),
+    ]
+
+
+def _reaches(key: str, said: str, rows: Sequence[Row], bound: Sequence[Row]) -> Verdict:
+    """Worst ratio of an axis."""
+    ratios = [(r.mean / b.mean, r.error / b.mean, r.runs) for r, b in zip(rows, bound, strict=True)]
+    worst, error, runs = max(ratios)
+    good = v.REPRODUCED if worst - error <= NEAR else v.IN_PART if min(ratios)[0] <= NEAR else v.NOT
+    statement = f"{said}: RMSE over all instants to it, on the axis where that is most ({PARTICLES} particles)."
+    rule = f"at most {NEAR:g} up to a standard error on every axis; in part: on one"
+    return Verdict(key, statement, None, worst, error, runs, good, rule)
+
+
+def _below(key: str, planes: Sequence[Row], direct: Sequence[Row]) -> Verdict:
+    """The bound of a plane is above the direct one."""
+    ratio = min(p.mean / d.mean for p, d in zip(planes, direct, strict=True))
+    said = "PPS has the lower bound (the thesis' figures): bound of the planes to the direct one, where that is least."
+    good = v.REPRODUCED if ratio < 1.0 - 1e-9 else v.NOT
+    return Verdict(key, said, None, ratio, None, 1, good, "below 1 on some axis")
+
+
+def _angles(scenario: int) -> list[Verdict]:
+    """The printed ranges of the angles, to the printed digits, in the full form of 50 instants."""
+    xyz = world(scenario, 50).states[:, :3]
+    theta, phi = (np.rad2deg(a) for a in sight_angles(xyz, np.zeros(3), np.eye(3)))
+    out = []
+    for name, angle, printed in (("phi", phi, PRINTED_PHI), ("theta", theta, PRINTED_THETA)):
+        if scenario in printed:
+            off = float(np.max(np.abs(np.array([angle.min(), angle.max()]) - printed[scenario])))
+            low, high = printed[scenario]
+            said = f"{name} is between {low:g} and {high:g} degrees: largest difference of an end."
+            good = v.REPRODUCED if off < 0.00501 else v.NOT
+            out.append(Verdict(f"scenario{scenario}-{name}", said, 0.0, off, None, 1, good, "to the printed digits"))
+    if scenario == 3:
+        count = int(np.sum(select_as_printed(np.deg2rad(phi)[:, None])[:, 0, 1] == YZ))
+        said = (
+            "By the printed rule, xy and yz are selected in the first instants, xy and zx later: number of the first."
+        )
+        good = v.REPRODUCED if count == 13 else v.NOT
+        out.append(Verdict("scenario3-switch", said, 13.0, float(count), None, 1, good, "the same number"))
+    return out
+
+
+def particles_table(size: Size, execute: Execute) -> Table:
+    """RMSE in space over that of the direct bound, of all four scenarios, against the number of particles."""
+    counts = COUNTS[:2] if size.quick else COUNTS
+    points = [(way, n) for way in COUNTED_WAYS for n in counts]
+    numbers = (1, 2, 3, 4)
+    specs = [
+        space_spec(size, r, s, COUNTED_WAYS[way][0], n, **COUNTED_WAYS[way][1])
+        for way, n in points
+        for s in numbers
+        for r in range(size.runs)
+    ]
+    results, rows = iter(execute(specs)), []
+    floor = [float(np.mean(np.sum(bounds(s, size.steps)[0] ** 2, axis=1))) for s in numbers]
+    for way, n in points:
+        shares = np.zeros(size.runs)
+        for s in range(len(numbers)):
+            for r in range(size.runs):
+                own = next(results)
+                square = math.fsum(own[f"{a}_{k}"] for a in AXIS_NAMES for k in range(size.steps))
+                shares[r] += square / size.steps / floor[s] / len(numbers)
+        rows.append(Row(way, float(n), root_mean(shares)))
+    return rows
+
+
+def judge_particles(table: Table) -> list[Verdict]:
+    """Where PPS helps: the thesis says everywhere, this project where the filter in space has few particles."""
+    few, many = (100.0, 300.0), (3000.0, 10_000.0)
+    said = "PPS has the lower error, relative to the direct bound"
+    out = [
+        v.pairs("particles-few", f"{said}, with 100 and 300 particles a filter.", v.matched(table, PPS, DIRECT, few)),
+        v.pairs("particles-many", f"{said}, with 3000 and 10000.", v.matched(table, PPS, DIRECT, many)),
+        v.pairs(
+            "particles-copies-few",
+            f"{said}, with 100 and 300 (mere copies).",
+            v.matched(table, PPS_COPIES, DIRECT_COPIES, few),
+        ),
+        v.pairs(
+            "particles-printed-few", f"{said}, with 100 and 300 (as printed).", v.matched(table, THESIS, DIRECT, few)
+        ),
+        v.pairs(
+            "particles-printed-many",
+            f"{said}, with 3000 and 10000 (as printed).",
+            v.matched(table, THESIS, DIRECT, many),
+        ),
+    ]
+    last = v.find(table, DIRECT, many[1])
+    if last is not None:
+        good = v.REPRODUCED if last.mean - last.error <= NEAR else v.NOT
+        said = "The direct method is near its bound at 10000 particles: RMSE in space to it, all scenarios."
+        out.append(Verdict("particles-bound", said, None, last.mean, last.error, last.runs, good, f"at most {NEAR:g}"))
+    return out
+
+
+def sensors_table(size: Size, execute: Execute) -> Table:
+    """RMSE over all instants with one array (scenario 3) and with two (scenario 4)."""
+    n = FEW if size.quick else PARTICLES
+    rows = []
+    points = [(way, s) for way in WAYS for s in (3, 4)]
+    specs = [space_spec(size, r, s, WAYS[w][0], n, **WAYS[w][1]) for w, s in points for r in range(size.runs)]
+    results = execute(specs)
+    for i, (way, s) in enumerate(points):
+        own = results[i * size.runs : (i + 1) * size.runs]
+        square = [math.fsum(r[f"{a}_{k}"] for a in AXIS_NAMES for k in range(size.steps)) / size.steps for r in own]
+        rows.append(Row(way, float(s - 2), root_mean(square)))
+    return rows
+
+
+def judge_sensors(table: Table) -> list[Verdict]:
+    """Sec. 2.4.5: several sensors are better than one."""
+    out = []
+    for way in WAYS:
+        one, two = v.find(table, way, 1.0), v.find(table, way, 2.0)
+        if one is not None and two is not None:
+            said = f"Two arrays give a lower error than one (Figs. 2-12, 2-13; {way}): difference of the RMSE [m]."
+            out.append(v.pairs(f"sensors-{way.replace(' ', '-')}", said, [(two, one)]))
+    return out
+
+
+def _instants(T: int) -> range:
+    return range(0, T, EVERY)
+
+
+def _time(k: int) -> float:
+    return round(0.1 * k, 6)
+
+
+def _scenario(number: int) -> Experiment:
+    return Experiment(
+        f"scenario{number}",
+        f"Errors and bounds in scenario {number}",
+        "time [s]",
+        "RMSE in space [m]",
+        100,
+        50,
+        (3, 20),
+        functools.partial(scenario_table, number),
+        functools.partial(judge_scenario, number),
+        note=f"{PARTICLES} particles, for PPS in each plane. Errors along x, y and z are in the table.",
+        trial=space_trial,
+    )
+
+
+SCENARIOS = tuple(_scenario(number) for number in (1, 2, 3, 4))
+COUNTED = Experiment(
+    "particles",
+    "Particles against error, scenarios 1 to 4",
+    "particles of a filter",
+    "RMSE to the direct bound",
+    100,
+    50,
+    (3, 20),
+    particles_table,
+    judge_particles,
+    note="PPS has so many in each plane. Copies: resampled particles are not moved (`kernel=0`).",
+    trial=space_trial,
+)
+SENSORS = Experiment(
+    "sensors",
+    "One array and two",
+    "arrays",
+    "RMSE in space [m]",
+    100,
+    50,
+    (3, 20),
+    sensors_table,
+    judge_sensors,
+    trial=space_trial,
+)

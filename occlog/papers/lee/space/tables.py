@@ -1,0 +1,98 @@
+"""[Lee] Tables 2.1 and 2.2: ways to combine two planes, with right models and with a wrong one for a time."""
+
+from __future__ import annotations
+
+import functools
+import math
+
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+
+from .scenarios import root_mean
+from .worlds import AXIS_NAMES, TABLE, space_spec, space_trial
+
+EQUAL, WEIGHTED, INVERSE, DIRECT = "equal", "planes-weighted", "inverse variance", "direct3d"
+WAYS = {
+    EQUAL: ("pps", {"combining": "equal"}),
+    WEIGHTED: ("pps", {"combining": "planes-weighted"}),
+    INVERSE: ("pps", {"combining": "inverse"}),
+    DIRECT: ("direct3d", {}),
+}
+PRINTED = {
+    "2.1": {EQUAL: (1.8267, 0.5673, 1.6134), WEIGHTED: (1.7258, 0.5378, 1.6235)},
+    "2.2": {EQUAL: (1.7958, 17.3250, 1.5783), WEIGHTED: (1.6459, 0.6243, 1.6431)},
+}
+PARTICLES = 1000
+MEAN = 4.0
+"""Place of the average of the three components on the x axis."""
+
+
+def table_of(name: str, size: Size, execute: Execute) -> Table:
+    """RMSE of each component, in all runs, and their average; the planes are those of the printed rule."""
+    rule = {"selection": "printed"}
+    specs = []
+    for method, settings in WAYS.values():
+        own = {**rule, **settings, "wrong": name == "2.2"} if method == "pps" else settings
+        specs += [space_spec(size, r, TABLE, method, PARTICLES, **own) for r in range(size.runs)]
+    results, rows = execute(specs), []
+    for i, way in enumerate(WAYS):
+        own_results = results[i * size.runs : (i + 1) * size.runs]
+        extra = {"xy_yz": math.fsum(r["xy_yz"] for r in own_results) / size.runs}
+        parts = []
+        for j, a in enumerate(AXIS_NAMES):
+            square = [math.fsum(r[f"{a}_{k}"] for k in range(size.steps)) / size.steps for r in own_results]
+            parts.append(root_mean(square))
+            rows.append(Row(way, j + 1.0, parts[-1], extra))
+        rows.append(Row(way, MEAN, tuple(sum(p) / 3.0 for p in zip(*parts, strict=True)), extra))
+    return rows
+
+
+def judge_table(name: str, table: Table) -> list[Verdict]:
+    """The statement, and the figures."""
+    key = f"table{name}"
+    out = []
+    y = [(v.find(table, WEIGHTED, 2.0), v.find(table, EQUAL, 2.0))]
+    pairs = [(a, b) for a, b in y if a is not None and b is not None]
+    if name == "2.1":
+        said = "With right models both combinings are alike: difference of the RMSE of y [m]."
+        out.append(v.close(f"{key}-alike", said, pairs))
+    else:
+        said = "With a wrong model in one plane for 50 s the weights by planes keep the track: RMSE of y lower by [m]."
+        out.append(v.pairs(f"{key}-weighted", said, pairs))
+        said = (
+            "Inverse variances do not notice a wrong model (of this project): RMSE of y lower with weights by planes."
+        )
+        other = v.find(table, INVERSE, 2.0)
+        if other is not None and pairs:
+            out.append(v.pairs(f"{key}-inverse", said, [(pairs[0][0], other)]))
+    for way, printed in PRINTED[name].items():
+        for j, value in enumerate(printed):
+            row = v.find(table, way, j + 1.0)
+            if row is not None:
+                said = (
+                    f"RMSE of {AXIS_NAMES[j]} [m], {way} (the thesis does not say what spread the filters start with)."
+                )
+                out.append(v.number(f"{key}-{way}-{AXIS_NAMES[j]}", said, value, row.mean, row.error, row.runs))
+    return out
+
+
+def _experiment(name: str, title: str) -> Experiment:
+    return Experiment(
+        f"table{name}",
+        title,
+        "component: 1 x, 2 y, 3 z, 4 their average",
+        "RMSE [m]",
+        100,
+        166,
+        (2, 80),
+        functools.partial(table_of, name),
+        functools.partial(judge_table, name),
+        note="The plane yz takes its target for straight from 50 to 100 s." if name == "2.2" else "",
+        trial=space_trial,
+    )
+
+
+TABLES = (
+    _experiment("2.1", "Combining of planes with right models"),
+    _experiment("2.2", "Combining of planes, one with a wrong model for 50 s"),
+)

@@ -1,0 +1,157 @@
+"""[Lee] Figs. 2-2 and 2-3: variances of projected angles, and where the printed formulas and rule are wrong."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.sight.camera import wrap_angle
+from occlog.core.sight.projected_planes import (
+    PLANES,
+    YZ,
+    ZX,
+    blind_planes,
+    direction,
+    printed_projection,
+    projected_angles,
+    projected_covariance,
+    select_as_printed,
+    select_by_variance,
+)
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+
+SIGMA = math.radians(1.0)
+"""The figures' variances are 1, in degrees squared."""
+PHIS, THETAS = (15, 30, 60, 75, 90), tuple(range(0, 181, 15))
+SHOWN = (30, 60)
+"""Polar angles in the plot."""
+DRAWS, DIRECTIONS = 4000, 20_000
+"""Random angles in each run of a point, and random directions in each run of a share."""
+SAME = 0.05
+FIRST, MONTE_CARLO = "first order", "Monte Carlo"
+WRONG_YZ, WRONG_ZX, WRONG_RULE, WRONG_BAND = "yz", "zx", "rule", "band"
+SHARES = (WRONG_YZ, WRONG_ZX, WRONG_RULE, WRONG_BAND)
+EYE = np.eye(3)
+
+
+def variances(size: Size, execute: Execute) -> Table:  # noqa: ARG001
+    """Variance of the projected angle over that of the measured ones, against theta for some phi; shares at x NaN."""
+    rows = []
+    rng = np.random.default_rng(np.random.SeedSequence(size.seed, spawn_key=(2009, 22)))
+    draws = DRAWS // 10 if size.quick else DRAWS
+    for p in (YZ, ZX):
+        for phi in PHIS:
+            for theta in THETAS:
+                angles = np.radians(float(theta)), np.radians(float(phi))
+                if _blind(*angles, p):
+                    continue
+                at = np.array(angles[0]), np.array(angles[1])
+                first = float(projected_covariance(*at, SIGMA, SIGMA, EYE)[p, p]) / SIGMA**2
+                values = tuple(_sampled(*angles, p, draws, rng) for _ in range(size.runs))
+                name = f"{PLANES[p]}, phi {phi}"
+                rows.append(Row(f"{name}, {FIRST}", float(theta), (first, first), plotted=phi in SHOWN))
+                rows.append(Row(f"{name}, {MONTE_CARLO}", float(theta), values, plotted=phi in SHOWN))
+    shares = [_wrong_shares(rng) for _ in range(size.runs)]
+    return rows + [Row(f"share wrong: {n}", math.nan, tuple(s[n] for s in shares), plotted=False) for n in SHARES]
+
+
+def _blind(theta: float, phi: float, plane: int) -> bool:
+    return bool(blind_planes(np.asarray(theta), np.asarray(phi), SIGMA, SIGMA, EYE)[plane])
+
+
+def _sampled(theta: float, phi: float, plane: int, draws: int, rng: np.random.Generator) -> float:
+    """Variance of the projected angle of noisy measurements over that of the measurements."""
+    noisy = direction(theta + SIGMA * rng.standard_normal(draws), phi + SIGMA * rng.standard_normal(draws))
+    true = projected_angles(direction(np.asarray(theta), np.asarray(phi)))[plane]
+    return float(np.mean(wrap_angle(projected_angles(noisy)[:, plane] - true) ** 2)) / SIGMA**2
+
+
+def _wrong_shares(rng: np.random.Generator) -> dict[str, float]:
+    """Shares of random directions for which what is printed is wrong.
+
+    yz, zx: projected angles.  rule: the plane beside xy is not the better one of yz and zx.
+    band: of those with phi from 45 to 135 degrees, the variance of yz is not below that of the measurement.
+    """
+    theta = rng.uniform(-math.pi, math.pi, DIRECTIONS)
+    phi = np.arccos(rng.uniform(-1.0, 1.0, DIRECTIONS))
+    off = np.abs(wrap_angle(printed_projection(theta, phi) - projected_angles(direction(theta, phi))))
+    wrong = ~(off < 1e-9)  # NaN is wrong
+    variance, chosen = _variances(theta, phi), select_as_printed(phi[:, None])[:, 0, 1]
+    better = np.where(variance[:, YZ] < variance[:, ZX], YZ, ZX)
+    band = np.abs(phi - 0.5 * math.pi) < 0.25 * math.pi
+    return {
+        WRONG_YZ: float(wrong[:, YZ].mean()),
+        WRONG_ZX: float(wrong[:, ZX].mean()),
+        WRONG_RULE: float(np.mean(chosen != better)),
+        WRONG_BAND: float(np.mean(variance[band, YZ] >= 1.0)),
+    }
+
+
+def _variances(theta: Floats, phi: Floats) -> Floats:
+    """(N, 3) over the variance of the measurements."""
+    return np.diagonal(projected_covariance(theta, phi, 1.0, 1.0, EYE), axis1=1, axis2=2)
+
+
+def xy_is_worst(seed: int) -> float:
+    """Share of random directions for which xy is not among the two planes of least variance."""
+    rng = np.random.default_rng(seed)
+    theta = rng.uniform(-math.pi, math.pi, DIRECTIONS)
+    variance = _variances(theta, np.arccos(rng.uniform(-1.0, 1.0, DIRECTIONS)))
+    pairs = select_by_variance(variance[:, None, :], np.zeros_like(variance[:, None, :], dtype=np.bool_))
+    return float(np.mean(~np.any(pairs[:, :, 1] == 0, axis=1)))
+
+
+def judge(table: Table) -> list[Verdict]:
+    """First order against Monte Carlo, and the statements of Secs. 2.1.2 and 2.2.1."""
+    ratios: list[Any] = []
+    for row in table:
+        if row.series.endswith(FIRST):
+            drawn = v.find(table, row.series.replace(FIRST, MONTE_CARLO), row.x)
+            if drawn is not None and drawn.runs > 1:
+                ratios.append((abs(drawn.mean / row.mean - 1.0), drawn.error / row.mean, drawn.runs))
+    worst, error, runs = max(ratios)
+    share = sum(r - 2.0 * e <= SAME for r, e, _ in ratios) / len(ratios)
+    good = v.REPRODUCED if share == 1.0 else v.IN_PART if share >= 0.5 else v.NOT
+    said = f"First-order variances agree with Monte Carlo where they hold: largest deviation of {len(ratios)} points."
+    rule = f"within {SAME:.0%} or two standard errors more, everywhere; in part: at half of the points"
+    out = [Verdict("variances-first-order", said, None, worst, error, runs, good, rule)]
+    statements = {
+        WRONG_YZ: ("Eq. 2.1 and 2.2 project on yz: share of directions where they are wrong.", 0.001),
+        WRONG_ZX: ("Eq. 2.1 and 2.2 project on zx: share of directions where they are wrong.", 0.001),
+        WRONG_RULE: ("yz is better than zx if and only if phi is between 45 and 135 degrees: share where not.", 0.05),
+        WRONG_BAND: (
+            "For phi between 45 and 135 degrees yz has a variance below that measured: share where not.",
+            0.05,
+        ),
+    }
+    for name, (text, limit) in statements.items():
+        share_row = v.find(table, f"share wrong: {name}")
+        if share_row is not None:
+            wrong = share_row.mean
+            good = v.REPRODUCED if wrong <= limit else v.IN_PART if wrong <= 0.35 else v.NOT
+            rule = f"at most {limit:g}; in part: at most 0.35 (chance is 0.5)"
+            out.append(Verdict(f"variances-{name}", text, 0.0, wrong, share_row.error, share_row.runs, good, rule))
+    never = xy_is_worst(0)
+    good = v.REPRODUCED if never <= 0.01 else v.IN_PART if never <= 0.35 else v.NOT
+    said = "xy always is the second best plane: share of directions where it is the worst one."
+    out.append(Verdict("variances-xy", said, 0.0, never, None, 1, good, "at most 0.01; in part: at most 0.35"))
+    return out
+
+
+VARIANCES = Experiment(
+    "variances",
+    "Variances of projected angles",
+    "theta [deg]",
+    "variance to that of the measurement",
+    20,
+    10,
+    (3, 10),
+    variances,
+    judge,
+    note="Angles with a standard deviation of 1 degree; not where a plane is blind. More polar "
+    "angles, and the shares of directions for which what is printed is wrong, are in the table.",
+)

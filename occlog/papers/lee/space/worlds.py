@@ -1,0 +1,220 @@
+"""The worlds of [Lee] Ch. 2: one or two arrays, a target with known motion, and a trial of a filter on them.
+
+The thesis gives the filters the initial state; what spread they start with is not said.  Here the
+prior is finite, as its bound needs it, and its mean is drawn around the truth in every run.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Floats
+from occlog.core.bounds.in_space import (
+    accelerated_path,
+    direct_bound,
+    plane_axes,
+    plane_bound,
+    plane_variance,
+    sight_angles,
+)
+from occlog.core.motion.in_space import Motion
+from occlog.core.motion.turns import turn_matrix
+from occlog.core.sight.projected_planes import AXES, XY, YZ
+from occlog.measure.scans.scan import Scan
+from occlog.papers.verdicts.model import Size, Spec
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.track.in_space import direct3d, projected_planes
+from occlog.track.in_space.config import Direct3dConfig, PpsConfig
+
+SIGMA = math.radians(math.sqrt(3.0))
+"""Of both angles; the thesis says that their variances are 3, which are degrees squared."""
+STARTS = {
+    1: (3.0, 3.0, 1.0, 1.0, 1.0, 1.0),
+    2: (1.0, 1.0, 3.0, 1.0, 1.0, 1.0),
+    3: (2.0, 1.0, 2.0, 0.3, 0.3, 0.3),
+    4: (2.0, 1.0, 2.0, 0.3, 0.3, 0.3),
+}
+ACCELERATION = (0.0, 0.1, 0.5)
+SECOND_ARRAY = (10.0, 10.0, 10.0)
+STEP_S = 0.1
+PRIOR = (0.3, 0.1)
+"""Standard deviations of the prior in scenarios 1 to 4: of a position [m] and of a velocity [m/s]."""
+
+TABLE, TABLE_START, TABLE_STEP_S = 0, (10.0, 130.0, 18.0, 1.0, -0.75, 0.75), 1.0
+TABLE_TURN = -0.01
+"""Lateral acceleration [m/s^2], from z towards y; only this sense gives the printed ranges of the angles."""
+TABLE_PRIOR = (1.0, 0.05)
+WRONG_FROM, WRONG_FOR = 50, 50
+"""Steps during which the filter of the yz plane has a wrong model; the thesis says how long, not when."""
+AXIS_NAMES = ("x", "y", "z")
+NOISE, FILTER = 0, 1
+"""What random numbers are for: last part of their key."""
+
+
+class World(NamedTuple):
+    """A path, and who listens."""
+
+    states: Floats  # (T, 6)
+    dt: Floats  # (T,) the first is 0
+    places: Floats  # (S, 3) of upright arrays
+    prior: tuple[float, float]
+
+    @property
+    def P0(self) -> Floats:  # noqa: N802 - the paper's letter
+        """(6, 6) covariance of the prior."""
+        return np.diag([self.prior[0] ** 2] * 3 + [self.prior[1] ** 2] * 3)
+
+    @property
+    def sensors(self) -> tuple[Floats, Floats]:
+        """Places and rotations."""
+        return self.places, np.tile(np.eye(3), (len(self.places), 1, 1))
+
+
+def world(scenario: int, steps: int) -> World:
+    """Scenario 1 to 4 of Sec. 2.4, or `TABLE`: that of Tables 2.1 and 2.2."""
+    if scenario == TABLE:
+        return _table_world(steps)
+    dt = np.full(steps, STEP_S)
+    dt[0] = 0.0
+    states = accelerated_path(np.array(STARTS[scenario]), np.tile(ACCELERATION, (steps, 1)), dt)
+    places = [(0.0, 0.0, 0.0), SECOND_ARRAY] if scenario == 4 else [(0.0, 0.0, 0.0)]
+    return World(states, dt, np.array(places), PRIOR)
+
+
+def _table_world(steps: int) -> World:
+    states = np.empty((steps, 6))
+    states[0] = TABLE_START
+    turn = turn_matrix(TABLE_TURN / math.hypot(*TABLE_START[4:]), TABLE_STEP_S)  # of y, vy, z, vz
+    for k in range(1, steps):
+        before = states[k - 1]
+        states[k, [0, 3]] = before[0] + TABLE_STEP_S * before[3], before[3]
+        states[k, [1, 4, 2, 5]] = turn @ before[[1, 4, 2, 5]]
+    dt = np.full(steps, TABLE_STEP_S)
+    dt[0] = 0.0
+    return World(states, dt, np.zeros((1, 3)), TABLE_PRIOR)
+
+
+def scans(w: World, rng: Generator) -> list[Scan]:
+    """What the arrays report: both angles with noise, labelled."""
+    T, S = len(w.states), len(w.places)
+    angles = [sight_angles(w.states[:, :3], p, np.eye(3)) for p in w.places]
+    theta = np.stack([a for a, _ in angles], axis=1) + SIGMA * rng.standard_normal((T, S))
+    phi = np.stack([p for _, p in angles], axis=1) + SIGMA * rng.standard_normal((T, S))
+    times, none, yes = np.rint(1e9 * np.cumsum(w.dt)).astype(np.int64), np.full(S, np.nan), np.ones(S, dtype=np.bool_)
+    sigma = np.full(S, SIGMA)
+    return [
+        Scan(
+            int(times[k]),
+            np.arange(S),
+            yes,
+            yes,
+            theta[k],
+            sigma,
+            none,
+            none,
+            none,
+            elevation=0.5 * math.pi - phi[k],
+            sigma_elevation=sigma,
+        )
+        for k in range(T)
+    ]
+
+
+def scene_of(w: World) -> Scene:
+    """The arrays, in no room."""
+    arrays = tuple(MicrophoneArray(f"array{i}", p, sigma=SIGMA) for i, p in enumerate(w.places))
+    return Scene(arrays=arrays, length_unit="m")
+
+
+def space_spec(size: Size, run: int, scenario: int, method: str, particles: int, **settings: Any) -> Spec:
+    """Description of a trial; `wrong` among the settings: the yz plane's model is wrong for a time."""
+    return {
+        "paper": "lee2",
+        "seed": size.seed,
+        "run": run,
+        "steps": size.steps,
+        "scenario": scenario,
+        "method": method,
+        "particles": particles,
+        "settings": settings,
+    }
+
+
+def space_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Squared errors [m^2] of one run: `x_k`, `y_k`, `z_k` at instant k; share of estimates with xy and yz, `xy_yz`.
+
+    Equal seed, run and scenario: equal noise and prior for every method.
+    """
+    w = world(spec["scenario"], spec["steps"])
+    key = (spec["run"], 2009, spec["scenario"])
+    noise = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(*key, NOISE)))
+    rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(*key, FILTER)))
+    spread = np.sqrt(np.diag(w.P0))
+    start = tuple((w.states[0] + spread * noise.standard_normal(6)).tolist()) + tuple(spread.tolist())
+    places, pairs = _track(w, scans(w, noise), start, spec, rng)
+    square = (places - w.states[:, :3]) ** 2
+    out = {f"{a}_{k}": float(square[k, i]) for i, a in enumerate(AXIS_NAMES) for k in range(len(square))}
+    return {**out, "xy_yz": float(np.mean([sorted(p) == [XY, YZ] for p in pairs])) if pairs else math.nan}
+
+
+def _track(
+    w: World, given: list[Scan], start: tuple[float, ...], spec: Mapping[str, Any], rng: Generator
+) -> tuple[Floats, list[list[int]]]:
+    """(T, 3) estimates, and the planes of each."""
+    settings = dict(spec["settings"])
+    wrong = settings.pop("wrong", False)
+    common = {"particles": spec["particles"], "start": start, "start_factor": 1, "q": 0.0, "lost_after": 0}
+    table = spec["scenario"] == TABLE
+    if not table:
+        common["acceleration"] = ACCELERATION
+    method: Any = direct3d if spec["method"] == "direct3d" else projected_planes
+    if table and method is direct3d:
+        common |= {"turn": TABLE_TURN, "turn_plane": "yz"}
+    config = (Direct3dConfig if method is direct3d else PpsConfig)(**common, **settings)
+    state = method.init(scene_of(w), config, rng)
+    places, pairs = np.empty((len(given), 3)), []
+    for k, scan in enumerate(given):
+        if table and method is projected_planes:
+            state = state._replace(motions=_table_motions(w, k, wrong and WRONG_FROM <= k < WRONG_FROM + WRONG_FOR))
+        state, estimate = method.step(state, scan, rng)
+        places[k] = *estimate.xy, estimate.height.z
+        if method is projected_planes:
+            pairs.append([p for _, p in state.pair])
+    return places, pairs
+
+
+def _table_motions(w: World, k: int, wrong: bool) -> tuple[Motion, ...]:
+    """Each plane's model on its way to instant k: a turn in yz, the known acceleration of its one axis elsewhere."""
+    change = (w.states[k] - w.states[max(k - 1, 0)])[3:] / TABLE_STEP_S
+    still = np.zeros(2)
+    parts = [Motion(change[list(axes)], still) for axes in AXES]
+    parts[YZ] = Motion(still, still, 0.0 if wrong else TABLE_TURN)
+    return tuple(parts)
+
+
+@functools.lru_cache(maxsize=16)
+def bounds(scenario: int, steps: int) -> tuple[Floats, Floats]:
+    """(T, 3) standard deviations [m] of x, y and z: the direct bound, and the planes'.
+
+    The planes' is of the two with the least variances of their angles at the true place, all arrays; for the axis that
+    both have, the lower one.
+    """
+    w = world(scenario, steps)
+    xyz, sigmas = w.states[:, :3], (SIGMA, SIGMA)
+    direct = direct_bound(xyz, w.dt, w.sensors, sigmas, w.P0)[:, range(3), range(3)]
+    own, variance = np.full((3, steps, 3), np.inf), np.empty((steps, 3))
+    for p, axes in enumerate(AXES):
+        rows = plane_axes(p)
+        each = plane_bound(xyz, w.dt, w.sensors, sigmas, w.P0[np.ix_(rows, rows)], p)
+        own[p][:, list(axes)] = each[:, range(2), range(2)]
+        told = [plane_variance(xyz, at, np.eye(3), *sigmas, p) for at in w.places]
+        variance[:, p] = np.min(told, axis=0)
+    chosen = np.argsort(variance, axis=1, kind="stable")[:, :2]
+    flat = np.min(own[chosen.T, np.arange(steps)], axis=0)
+    return np.sqrt(direct), np.sqrt(flat)

@@ -1,0 +1,120 @@
+"""Floor plans with a true path and its estimates, side by side.
+
+What a floor plan with several paths is made of; see `planplot`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from occlog.array_types import Bools, Floats
+from occlog.records.scene import Scene
+from occlog.report.drawing.style import COLOURS, house_style, label, new_figure, target_colour, to_png
+from occlog.report.plots.planscene import draw_scene
+
+
+class Path(NamedTuple):
+    """An estimated path."""
+
+    name: str  # as the legend has it
+    xy: Floats  # (T, 2)
+
+
+class Panel(NamedTuple):
+    """One drawing of the room."""
+
+    title: str
+    truth: Floats  # (T, 2)
+    seen: Bools  # (T,) a camera saw the target; there estimates have dots
+    estimates: tuple[Path, ...]
+
+
+class Plan(NamedTuple):
+    """A picture: the same room again and again, with a path and its estimates."""
+
+    title: str
+    caption: str
+    scene: Scene
+    panels: tuple[Panel, ...]
+    columns: int = 3
+
+
+WIDTH, HEIGHT = 3.4, 3.5
+"""Inches of a panel."""
+MOST = 1.3
+"""Paths are drawn up to so many times the room's extent from its middle."""
+TRUE_PATH: dict[str, Any] = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 4.0}
+
+
+def draw_plan(plan: Plan) -> Figure:
+    """All panels, with one legend for them below; all have the same limits."""
+    columns = min(plan.columns, len(plan.panels))
+    rows = math.ceil(len(plan.panels) / columns)
+    figure = new_figure(WIDTH * columns, HEIGHT * rows + 0.4)
+    limits = plan_limits(plan)
+    handles: dict[str, Any] = {}
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for axes, panel in zip(grid.flat, plan.panels, strict=False):
+        for handle in [*draw_scene(axes, plan.scene, limits), *_paths(axes, panel)]:
+            handles.setdefault(str(handle.get_label()), handle)
+        _frame(axes, limits, plan.scene.length_unit)
+        axes.set_title(label(panel.title, 44))
+    for axes in grid.flat[len(plan.panels) :]:
+        axes.set_visible(False)
+    figure.legend(handles=list(handles.values()), loc="outside lower center", ncols=min(len(handles), 2 * columns))
+    return figure
+
+
+def plan_limits(plan: Plan) -> Floats:
+    """(2, 2) lower and upper corner: the room, and the paths as far as they are not too far out."""
+    low, high = plan.scene.region.min(axis=0), plan.scene.region.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    paths = [xy for p in plan.panels for xy in (p.truth, *(e.xy for e in p.estimates))]
+    everything = np.clip(np.vstack([low, high, *paths]), middle - MOST * half, middle + MOST * half)
+    margin = 0.04 * float((high - low).max())
+    return np.array([everything.min(axis=0) - margin, everything.max(axis=0) + margin])
+
+
+def _frame(axes: Axes, limits: Floats, unit: str) -> None:
+    axes.grid(False)
+    axes.set_xlim(limits[0, 0], limits[1, 0])
+    axes.set_ylim(limits[0, 1], limits[1, 1])
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel(f"x [{label(unit)}]")
+    axes.set_ylabel(f"y [{label(unit)}]")
+
+
+def _paths(axes: Axes, panel: Panel) -> list[Line2D]:
+    """The true path with its start, and the estimates with dots where the target was seen."""
+    handles = axes.plot(panel.truth[:, 0], panel.truth[:, 1], label="true path", **TRUE_PATH)
+    handles += axes.plot(
+        panel.truth[:1, 0],
+        panel.truth[:1, 1],
+        "o",
+        color=COLOURS["ink"],
+        markerfacecolor=COLOURS["halo"],
+        markersize=5,
+        zorder=6,
+        label="its start",
+    )
+    for i, estimate in enumerate(panel.estimates):
+        # What lies below is wider, so that paths that agree are both seen
+        colour, width = target_colour(i), 1.2 + 2.0 * (len(panel.estimates) - 1 - i)
+        handles += axes.plot(
+            estimate.xy[:, 0], estimate.xy[:, 1], color=colour, linewidth=width, zorder=3.5, label=estimate.name
+        )
+        seen = estimate.xy[panel.seen]
+        axes.plot(seen[:, 0], seen[:, 1], ".", color=colour, markersize=4, zorder=3.6)
+    return handles
+
+
+def plan_png(plan: Plan) -> bytes:
+    """The picture as PNG."""
+    with house_style():
+        return to_png(draw_plan(plan), 110.0, {"Title": plan.title})

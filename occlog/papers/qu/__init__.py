@@ -1,0 +1,1 @@
+"""The experiments of Qu, Schonfeld and Mohamed (2007)."""

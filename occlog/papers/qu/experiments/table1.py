@@ -1,0 +1,63 @@
+"""[Qu] Table 1: what the three likelihoods of BMCT cost."""
+
+from __future__ import annotations
+
+import math
+
+from occlog.papers.qu.common import ordered, seed_of
+from occlog.papers.qu.trial import run_views_trial, views_spec
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+
+LOCAL, INTERACTION, COLLABORATION, STEP = "local", "interaction", "collaboration", "whole step"
+PRINTED_MS = {LOCAL: 57.0, INTERACTION: 5.7, COLLABORATION: 3.0}
+COLUMNS = {LOCAL: "local_ms", INTERACTION: "interaction_ms", COLLABORATION: "collaboration_ms", STEP: "step_ms"}
+SMALL, SOME = 0.2, 0.5
+"""Shares of the local likelihood that count as negligible, and as in part."""
+
+
+def table1(size: Size, execute: Execute) -> Table:
+    """Mean CPU time of a frame of both views [ms], of each likelihood and of all that a step does."""
+    methods = {"bmct": {"method": "bmct", "timed": True}}
+    results = execute([views_spec(seed_of(size, run), methods, {"frames": size.steps}) for run in range(size.runs)])
+    rows = []
+    for x, (name, column) in enumerate(COLUMNS.items(), start=1):
+        values = tuple(r[f"bmct.{column}"] for r in results)
+        whole = math.fsum(r["bmct.step_ms"] for r in results)
+        extra = {"share_of_step": math.fsum(values) / whole, "printed": PRINTED_MS.get(name, math.nan)}
+        rows.append(Row(name, float(x), values, extra))
+    return rows
+
+
+def judge1(table: Table) -> list[Verdict]:
+    """What is negligible."""
+    local, interaction, collaboration = (v.find(table, name) for name in (LOCAL, INTERACTION, COLLABORATION))
+    if local is None or interaction is None or collaboration is None:
+        return []
+    out = []
+    for name, row in ((COLLABORATION, collaboration), (INTERACTION, interaction)):
+        measured, error = v.quotient(row, local)
+        word = v.REPRODUCED if measured <= SMALL else v.IN_PART if measured <= SOME else v.NOT
+        what = "is negligible" if name == COLLABORATION else "costs much less than the local one"
+        said = f"The {name} likelihood {what}: its time over that of the local likelihood."
+        rule = f"at most {SMALL:g}; in part {SOME:g}"
+        printed = PRINTED_MS[name] / PRINTED_MS[LOCAL]
+        out.append(Verdict(f"table1-{name}", said, printed, measured, error, row.runs, word, rule))
+    said = "Collaboration costs less than interaction, by [ms] a frame."
+    return [*out, ordered("table1-order", said, collaboration, interaction)]
+
+
+TABLE1 = Experiment(
+    "table1",
+    "Time of the likelihoods of BMCT",
+    "1 local, 2 interaction, 3 collaboration, 4 whole step",
+    "CPU time of a frame [ms]",
+    5,
+    400,
+    (2, 30),
+    table1,
+    judge1,
+    trial=run_views_trial,
+    note="Six balls, two views, 60 particles. The printed times sum to 65.7 ms, 15 frames a second; the printed "
+    "speed is 9 to 10.",
+)

@@ -1,0 +1,275 @@
+"""[Qu] Table 2: particles and time that the joint-state filters and BMCT need, against the number of targets.
+
+Verdicts on the growth with the number of targets, [Qu] Table 2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.papers.qu.common import seed_of
+from occlog.papers.qu.trial import run_views_trial, views_spec
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Spec, Table, Verdict, deviation
+from occlog.papers.verdicts.verdicts import find
+
+BMCT, MCMC, SIR = "BMCT", "MCMC", "joint SIR"
+TOTAL, TIME = "total particles", "CPU ms a frame"
+LINEAR, NEARLY = 1.3, 1.6
+"""Largest exponents of the number of targets that count as linear, and as in part; as in `speed`."""
+PRINTED = {"MCMC": {4: 500.0, 5: 1100.0, 6: 2800.0}, "BMCT": {4: 400.0, 5: 500.0, 6: 600.0}}
+"""Total particles of Table 2."""
+FPS = {"MCMC": {4: 8.75, 5: 2.55, 6: 0.4}, "BMCT": {4: 14.4, 5: 11.5, 6: 9.75}}
+"""Its speeds, the middles of the ranges."""
+
+
+def exponents(rows: Sequence[Row]) -> tuple[float, float]:
+    """Exponent of the number of targets, by least squares in every run: mean and standard error."""
+    if len(rows) < 2:
+        return math.nan, math.nan
+    x = np.log([row.x for row in rows])
+    x = x - x.mean()
+    slopes = [float(x @ np.log([row.values[k] for row in rows]) / (x @ x)) for k in range(rows[0].runs)]
+    return math.fsum(slopes) / len(slopes), deviation(slopes) / math.sqrt(len(slopes))
+
+
+def _printed_exponent(values: Mapping[int, float]) -> float:
+    return exponents([Row("", n, (value,)) for n, value in values.items()])[0]
+
+
+def judge2(table: Table) -> list[Verdict]:
+    """Statements about Table 2."""
+    out = []
+    for what, name, printed in (("particles", TOTAL, PRINTED), ("time", TIME, FPS)):
+        sign = 1.0 if printed is PRINTED else -1.0
+        rows = v.series(table, f"BMCT, {name}")
+        paper = sign * _printed_exponent(printed["BMCT"])
+        said = f"BMCT's need of {what} grows linearly with the targets: exponent of their number."
+        out.append(_linear(f"table2-bmct-{what}", said, paper, rows))
+        for f in (MCMC, SIR):
+            paper = sign * _printed_exponent(printed["MCMC"]) if f is MCMC else math.nan
+            said = f"The need of the joint filter ({f}) of {what} grows faster than linearly: exponent."
+            out.append(
+                _faster(f"table2-{f.split()[-1].lower()}-{what}", said, paper, v.series(table, f"{f}, {name}"), rows)
+            )
+    out.append(_exponential(v.series(table, f"{SIR}, {TOTAL}")))
+    for n, paper in PRINTED["MCMC"].items():
+        row = v.find(table, f"MCMC, {TOTAL}", n)
+        if row is not None and row.runs:
+            said = f"Total particles of MCMC-PF for {n} targets."
+            out.append(v.number(f"table2-mcmc-{n}", said, paper, row.mean, row.error, row.runs))
+    quicker = v.matched(table, f"BMCT, {TIME}", f"MCMC, {TIME}", (4, 5, 6))
+    said = "BMCT is faster than MCMC-PF: CPU time of a frame lower, by [ms]."
+    return [*out, v.pairs("table2-faster", said, quicker)]
+
+
+def _linear(key: str, said: str, paper: float, rows: Sequence[Row]) -> Verdict:
+    power, error = exponents(rows)
+    word = v.REPRODUCED if power <= LINEAR else v.IN_PART if power <= NEARLY else v.NOT
+    rule = f"exponent at most {LINEAR}; in part up to {NEARLY}"
+    return Verdict(key, said, paper, power, error, _runs(rows), word, rule)
+
+
+def _faster(key: str, said: str, paper: float, rows: Sequence[Row], bmct: Sequence[Row]) -> Verdict:
+    power, error = exponents(rows)
+    own, own_error = exponents(bmct)
+    doubt = 2.0 * (0.0 if math.isnan(error) else error)
+    more = power - own > 2.0 * math.hypot(*(0.0 if math.isnan(e) else e for e in (error, own_error)))
+    word = v.REPRODUCED if power - doubt > LINEAR else v.IN_PART if more else v.NOT
+    rule = f"exponent above {LINEAR} by two standard errors; in part above that of BMCT by as much"
+    return Verdict(key, said, paper if math.isfinite(paper) else None, power, error, _runs(rows), word, rule)
+
+
+def _exponential(rows: Sequence[Row]) -> Verdict:
+    """Whether the numbers grow by the same factor with every target, rather than as a power."""
+    said = "Joint-state methods grow exponentially with the targets (joint SIR): particles, factor for one target more."
+    rule = (
+        "a factor fits the growth better than a power, and is above 1 by two standard errors; in part without the first"
+    )
+    if len(rows) < 3:
+        return Verdict("table2-sir-exponential", said, None, None, None, _runs(rows), v.NOT, rule + "; too few points")
+    x, factors, left = np.array([row.x for row in rows]), [], np.zeros(2)
+    for k in range(rows[0].runs):
+        y = np.log([row.values[k] for row in rows])
+        for i, places in enumerate((x, np.log(x))):
+            fit = np.polyfit(places, y, 1)
+            left[i] += float(np.sum((y - np.polyval(fit, places)) ** 2))
+            if i == 0:
+                factors.append(math.exp(float(fit[0])))
+    mean, error = math.fsum(factors) / len(factors), deviation(factors) / math.sqrt(len(factors))
+    sure = mean - 2.0 * (0.0 if math.isnan(error) else error) > 1.0
+    word = v.NOT if not sure else v.REPRODUCED if left[0] < left[1] else v.IN_PART
+    return Verdict("table2-sir-exponential", said, None, mean, error, _runs(rows), word, rule)
+
+
+def _runs(rows: Sequence[Row]) -> int:
+    return min((row.runs for row in rows), default=0)
+
+
+VIEWS = 2
+ENOUGH = 30.0
+"""Effective samples that a target has to have: those of BMCT with the paper's 50 particles a tracker."""
+ROBUST = 0.10
+"""Largest mean rate of false positions."""
+
+
+class Filter(NamedTuple):
+    """One way to track, and how many particles it is tried with."""
+
+    name: str
+    method: str
+    settings: Mapping[str, Any]
+    each: bool  # whether every target has particles of its own
+    grid: tuple[float, ...]  # particles of a tracker, or of a view and target; `sir`: see `tried`
+
+
+class Tried(NamedTuple):
+    """What came of one number of particles."""
+
+    ess: Row  # effective samples of a target
+    ms: Row  # CPU time of a frame
+
+
+BMCT_FILTER = Filter(BMCT, "bmct", {}, True, (24, 48, 96))
+MCMC_FILTER = Filter(MCMC, "mcmc", {}, False, (45, 90, 180))
+SIR_FILTER = Filter(SIR, "mcmc", {"sampler": "sir"}, False, (1, 2, 4))
+FILTERS = (BMCT_FILTER, MCMC_FILTER, SIR_FILTER)
+
+
+def tried(f: Filter, targets: int) -> tuple[int, ...]:
+    """Values of the setting `particles` that a filter is tried with; what is needed lies between or near them."""
+    if f is SIR_FILTER:
+        return tuple(round(20.0 * 1.45**targets * k) for k in f.grid)
+    return tuple(round(k if f.each else k * targets) for k in f.grid)
+
+
+def total(f: Filter, targets: int, particles: float) -> float:
+    """Particles of all trackers in all views."""
+    return VIEWS * particles * (targets if f.each else 1)
+
+
+def table2(size: Size, execute: Execute) -> Table:
+    """What each filter needs at each number of targets; the trials behind it are in the table only."""
+    counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6, 8)
+    specs = [_spec(size, run, n) for n in counts for run in range(size.runs)]
+    results, table, raw = execute(specs), [], []
+    for f in FILTERS:
+        needs, times = [], []
+        for i, n in enumerate(counts):
+            trials = [_trial(f, n, k, results[i * size.runs : (i + 1) * size.runs]) for k in tried(f, n)]
+            raw += [row for trial in trials for row in trial]
+            need, spent = needed(trials)
+            needs.append(Row(f"{f.name}, {TOTAL}", n, need, _extra(f, n, trials, need), plotted=False))
+            times.append(Row(f"{f.name}, {TIME}", n, spent, _fps(f, n, spent), plotted=False))
+        table += [*_relative(f"{f.name}, particles", needs), *_relative(f"{f.name}, time", times), *needs, *times]
+    return [*table, *_printed(counts), *raw]
+
+
+def _printed(counts: Sequence[int]) -> list[Row]:
+    """The particles of the paper's joint filter over those at 4 targets."""
+    unit, name = PRINTED[MCMC][4], "MCMC-PF as printed, particles"
+    return [Row(name, n, (value / unit,)) for n, value in PRINTED[MCMC].items() if n in counts]
+
+
+def _spec(size: Size, run: int, targets: int) -> Spec:
+    """One video with all filters at all numbers of particles."""
+    methods = {
+        f"{f.name}-{k}": {"method": f.method, "set": {**f.settings, "particles": k}}
+        for f in FILTERS
+        for k in tried(f, targets)
+    }
+    return views_spec(seed_of(size, run), methods, {"frames": size.steps, "balls": targets, "views": VIEWS})
+
+
+def _trial(f: Filter, targets: int, particles: int, results: Sequence[Mapping[str, float]]) -> Tried:
+    """Effective samples and time in every run; x is the total number of particles."""
+    found = {q: tuple(r[f"{f.name}-{particles}.{q}"] for r in results) for q in ("ess", "fr_p", "fr_l", "frame_ms")}
+    rates = {q: math.fsum(found[q]) / len(results) for q in ("fr_p", "fr_l")}
+    name, x = f"{f.name}, {targets} targets", total(f, targets, particles)
+    return Tried(
+        Row(f"{name}: effective samples", x, found["ess"], rates, plotted=False),
+        Row(f"{name}: {TIME}", x, found["frame_ms"], plotted=False),
+    )
+
+
+def needed(trials: Sequence[Tried]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Total particles of which `ENOUGH` are effective, in every run, and the time that they take.
+
+    Between the numbers tried, and beyond, both are powers of the number.  No fewer than the number
+    from which on targets are followed (`ROBUST`); nothing where that is never so.
+
+    Args:
+        trials: by rising number of particles.
+    """
+    robust = _robust(trials)
+    if math.isinf(robust):
+        return (), ()
+    need, spent = [], []
+    x = np.log([t.ess.x for t in trials])
+    for run in range(trials[0].ess.runs):
+        ess = np.log([t.ess.values[run] for t in trials])
+        log_need = max(_line(ess, x, math.log(ENOUGH)), math.log(robust) if robust else -math.inf)
+        need.append(math.exp(log_need))
+        spent.append(math.exp(_line(x, np.log([t.ms.values[run] for t in trials]), log_need)))
+    return tuple(need), tuple(spent)
+
+
+def _robust(trials: Sequence[Tried]) -> float:
+    """The least number tried from which on the rate of false positions is low; 0: it always is, inf: it is not."""
+    low = [t.ess.extra["fr_p"] <= ROBUST for t in trials]
+    if all(low):
+        return 0.0
+    first = len(low) - low[::-1].index(False)
+    return trials[first].ess.x if first < len(low) else math.inf
+
+
+def _line(x: Any, y: Any, at: float) -> float:
+    """Height, at a place, of the straight line through the two points about it, or nearest to it; x rises."""
+    k = int(np.clip(np.searchsorted(x, at), 1, len(x) - 1))
+    step = max(x[k] - x[k - 1], 1e-9)
+    return float(y[k - 1] + (y[k] - y[k - 1]) * (at - x[k - 1]) / step)
+
+
+def _extra(f: Filter, targets: int, trials: Sequence[Tried], need: Sequence[float]) -> dict[str, float]:
+    """Rates at the number tried that is nearest to what is needed, and what the paper has."""
+    if not need:
+        return {}
+    middle = math.fsum(need) / len(need)
+    near = min((t.ess for t in trials), key=lambda row: abs(math.log(row.x / middle)))
+    printed = PRINTED.get(f.name, {}).get(targets, math.nan)
+    return {"printed": printed, "fr_p": near.extra["fr_p"], "fr_l": near.extra["fr_l"]}
+
+
+def _fps(f: Filter, targets: int, spent: Sequence[float]) -> dict[str, float]:
+    """Frames (of all views) a second, and those of the paper."""
+    if not spent:
+        return {}
+    return {"fps": 1e3 * len(spent) / math.fsum(spent), "printed": FPS.get(f.name, {}).get(targets, math.nan)}
+
+
+def _relative(name: str, rows: Sequence[Row]) -> list[Row]:
+    """Rows over their mean at 4 targets."""
+    unit = find(list(rows), rows[0].series, 4)
+    if unit is None or not unit.runs:
+        return []
+    return [Row(name, row.x, tuple(value / unit.mean for value in row.values)) for row in rows if row.runs]
+
+
+TABLE2 = Experiment(
+    "table2",
+    "Particles and time that are needed",
+    "targets",
+    "needed, 1: at 4 targets",
+    6,
+    100,
+    (2, 15),
+    table2,
+    judge2,
+    note=f"As many particles as give each target {ENOUGH:g} effective ones and at most {ROBUST:.0%} false positions.",
+    trial=run_views_trial,
+)
+"""What is needed by the joint filters of a view, and by BMCT."""

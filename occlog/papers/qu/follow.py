@@ -1,0 +1,172 @@
+"""Trackers that run on the synthetic video of [Qu], drawn while they run.
+
+Nothing is stored: every frame is drawn once and given to all trackers in turn, so that any
+number of methods on one video costs one rendering, and memory does not grow.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.metrics.frames import Objects
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.errors import InputError
+from occlog.measure.epipolar.views import Geometry
+from occlog.simulate.balls.motion import BallsConfig
+from occlog.simulate.balls.video import BallsFrame, render_balls
+from occlog.track.images.interface import START, Birth, Outlines, Visual
+from occlog.track.images.methods.state import State
+from occlog.track.images.methods.timing import likelihood_seconds
+
+from .world import looks_of, truth_of, views_of
+
+
+class Runner(NamedTuple):
+    """A method on a video."""
+
+    visual: Visual
+    config: Any
+    geometry: Geometry
+    births: tuple[Birth, ...]
+    seed: int
+    use: int  # it gets the first so many views
+    exchange: tuple[int, int, int, int] | None = None  # view, two targets and the frame before which they are exchanged
+    timed: bool = False  # also how long the parts of its likelihood take; for `bmct`
+
+
+class Followed(NamedTuple):
+    """What came of a method: a row for each tracker and frame, the first frame with the ellipses that were given.
+
+    Attributes:
+        frame: (n,) number of the frame.
+        view: (n,) number of the view.
+        target: (n,) identity of the tracker.
+        ellipse: (n, 5).
+        mode: (n,) place in `MODES`; -1 in the first frame.
+        counterpart: (n,) see `Outlines`.
+        event: (n,) see `Outlines`.
+        ess: (n,) see `Outlines`; NaN in the first frame.
+        seconds: CPU time of each step of the method.
+        parts: (n, 3) CPU time of the local, the interaction and the collaboration likelihood in some of the
+            steps [s]; (0, 3) where they were not asked for.
+    """
+
+    frame: Ints
+    view: Ints
+    target: Ints
+    ellipse: Floats
+    mode: Ints
+    counterpart: Ints
+    event: Ints
+    ess: Floats
+    seconds: Floats
+    parts: Floats
+
+
+EVERY, REPEATS = 5, 3
+"""Frames in which the parts of the likelihood are timed, and how often in each."""
+PLACED = ("particles", "estimate", "velocity", "path", "axes", "likeness", "weak")
+"""What of a tracker goes with its place."""
+
+
+class Rows(NamedTuple):
+    """Columns of `Followed` in one frame, and what pictures want besides."""
+
+    frame: Ints
+    view: Ints
+    target: Ints
+    ellipse: Floats
+    mode: Ints
+    counterpart: Ints
+    event: Ints
+    ess: Floats
+    outlines: Outlines | None
+
+
+class Step(NamedTuple):
+    """A frame, and the rows of each method."""
+
+    frame: BallsFrame
+    rows: Mapping[str, Rows]
+
+
+def follow(
+    config: BallsConfig, seed: int, runners: Mapping[str, Runner], seen: Callable[[Step], None] | None = None
+) -> tuple[dict[str, Followed], Objects, Floats]:
+    """All methods on one video.
+
+    Args:
+        config: the video.
+        seed: of the video.
+        runners: methods by label.
+        seen: is told of each frame, and of what each method made of it.
+
+    Returns:
+        What came of each method; the truth as boxes, with `view`; and the radius of each true row [px].
+    """
+    done: dict[str, list[Rows]] = {label: [] for label in runners}
+    seconds: dict[str, list[float]] = {label: [] for label in runners}
+    parts: dict[str, list[tuple[float, float, float]]] = {label: [] for label in runners}
+    states, rngs = {}, {label: generator(r.seed, Stage.TRACK) for label, r in runners.items()}
+    frames: list[BallsFrame] = []
+    views = views_of(config)
+    for frame in render_balls(config, seed):
+        for label, r in runners.items():
+            looks = looks_of(frame, r.use)
+            if not frames:
+                fresh = r.visual.init(views[: r.use], r.geometry, r.config, rngs[label])
+                states[label] = r.visual.born(fresh, looks, r.births)
+                done[label].append(_first(r.births))
+                continue
+            if r.exchange is not None and r.exchange[3] == frame.frame:
+                states[label] = exchanged(states[label], *r.exchange[:3])
+            if r.timed and frame.frame % EVERY == 1:
+                rng = np.random.default_rng(frame.frame)
+                parts[label].append(likelihood_seconds(states[label], looks, rng, REPEATS))
+            start = time.thread_time()
+            states[label], outlines = r.visual.step(states[label], looks, rngs[label])
+            seconds[label].append(time.thread_time() - start)
+            done[label].append(_rows(frame.frame, outlines))
+        if seen is not None:
+            seen(Step(frame, {label: rows[-1] for label, rows in done.items()}))
+        frames.append(frame._replace(images=()))
+    truth, radius = truth_of(frames)
+    return {label: _joined(done[label], seconds[label], parts[label]) for label in runners}, truth, radius
+
+
+def exchanged(state: Any, view: int, one: int, other: int) -> Any:
+    """The state with two trackers of a view in each other's place; InputError where it has no such trackers."""
+    if not isinstance(state, State):
+        raise InputError("trial: trackers of this method cannot be exchanged")
+    t = state.trackers
+    rows = [np.flatnonzero((t.view == view) & (t.target == k)) for k in (one, other)]
+    if any(len(r) != 1 for r in rows):
+        raise InputError(f"trial: view {view} has no trackers of {one} and {other} to exchange")
+    order = np.arange(len(t.view))
+    order[np.concatenate(rows)] = order[np.concatenate(rows[::-1])]
+    return state._replace(trackers=t._replace(**{name: getattr(t, name)[order] for name in PLACED}))
+
+
+def _first(births: Sequence[Birth]) -> Rows:
+    n = len(births)
+    view = np.array([b.view for b in births], dtype=np.int64)
+    target = np.array([b.target_id for b in births], dtype=np.int64)
+    zero = np.zeros(n, dtype=np.int64)
+    ellipse, none = np.stack([b.ellipse for b in births]), np.full(n, np.nan)
+    return Rows(zero, view, target, ellipse, zero - 1, zero, zero + START, none, None)
+
+
+def _rows(frame: int, o: Outlines) -> Rows:
+    at = np.full(len(o.view), frame, dtype=np.int64)
+    return Rows(at, o.view, o.target_id, o.ellipse, o.mode, o.counterpart, o.event, o.ess, o._replace())
+
+
+def _joined(rows: Sequence[Rows], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]) -> Followed:
+    columns: list[Any] = [np.concatenate(column) for column in zip(*(r[:-1] for r in rows), strict=True)]
+    columns += [np.array(seconds), np.array(parts).reshape(-1, 3)]
+    return Followed(*columns)

@@ -1,0 +1,177 @@
+"""One trial of trackers in the images: draw a video, track with one or several methods, score against the truth.
+
+A trial is described by plain values; several methods share the drawing, which costs as much
+as a method or two.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.metrics.clear_mot import clear_mot
+from occlog.core.metrics.failure_rates import failures
+from occlog.core.metrics.frames import Objects, of_boxes
+from occlog.core.metrics.hota import hota
+from occlog.core.metrics.idf1 import identity
+from occlog.errors import InputError
+from occlog.papers.verdicts.model import Spec
+from occlog.settings import configure
+from occlog.simulate.balls.motion import BallsConfig
+from occlog.track.images.catalogue import VISUAL
+from occlog.track.images.interface import LEFT, LOST, MODES, Visual
+
+from .follow import Followed, Runner, follow
+from .loop_alarms import alarms, timeline
+from .world import balls_config, births_of, boxes_of, first_frame, geometry_of, of_views
+
+KEYS = (
+    "kind",
+    "seed",
+    "balls",
+    "method",
+    "methods",
+    "set",
+    "fundamental",
+    "wrong",
+    "use",
+    "tau",
+    "track_seed",
+    "parts",
+)
+OWN = ("method", "set", "fundamental", "wrong", "use", "timed", "track_seed")
+"""Keys of each of `methods`."""
+KIND = "qu-views"
+WARM = {"frames": 8, "balls": 3, "radius": 12.0, "width": 96, "height": 96, "start_apart": False, "clutter": 0}
+"""A video that has everything compiled before anything is timed."""
+
+
+def views_spec(seed: int, methods: Mapping[str, Mapping[str, Any]], balls: Mapping[str, Any], **more: Any) -> Spec:
+    """Description of a trial of several methods, see `run_views_trial`."""
+    return {
+        "kind": KIND,
+        "seed": seed,
+        "balls": dict(balls),
+        "methods": {k: dict(m) for k, m in methods.items()},
+        **more,
+    }
+
+
+def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Figures of a trial.
+
+    Args:
+        spec: `seed` of the video, and of the trackers where they have no `track_seed`; `balls` (fields of
+            `BallsConfig`; `views` may be a number); `tau` (factor of a target's radius within which a tracker
+            is on it, default 1).  One method: `method` (a name of `VISUAL`), `set` (its settings),
+            `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
+            the tracker of `target` starts on `other`; with a frame behind, the two are exchanged in that),
+            `use` (the first so many views only), `timed` (also `local_ms`, `interaction_ms`, `collaboration_ms`
+            and `step_ms`: means of CPU time a frame).  Several: `methods`, these keys by label.  `parts`: also
+            `off_0`, ... of `views_alarms.timeline`.
+
+    Returns:
+        For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`,
+        `mota` (boxes about the ellipses, IoU 0.5), `track_seconds` and `frame_ms` (CPU of the steps, median of
+        a frame; without drawing), `particles` (the setting; NaN for none), `ess` (median), `left` and `lost`
+        (trackers that ended so), `mode_mipf`, ... (shares of the rows), and those of `views_alarms.alarms`.
+
+    Raises:
+        InputError, UsageError: values that do not fit.
+    """
+    _check(spec, KEYS)
+    config, single = balls_config(spec.get("balls", {})), "methods" not in spec
+    told = {"": {k: spec[k] for k in OWN if k in spec}} if single else spec["methods"]
+    runners = {label: runner_of(config, spec, own) for label, own in told.items()}
+    for own in told.values():
+        warm(str(own["method"]))
+    done, truth, radius = follow(config, int(spec["seed"]), runners)
+    out: dict[str, float] = {}
+    for label, followed in done.items():
+        true, reach = of_views(truth, float(spec.get("tau", 1.0)) * radius, runners[label].use)
+        figures = scores(true, followed, reach)
+        figures |= {"particles": float(getattr(runners[label].config, "particles", math.nan))}
+        figures |= alarms(true, followed, reach, told[label].get("wrong"))
+        if len(followed.parts):
+            names = ("local_ms", "interaction_ms", "collaboration_ms", "step_ms")
+            times = [*followed.parts.mean(axis=0).tolist(), float(followed.seconds.mean())]
+            figures |= {name: 1e3 * seconds for name, seconds in zip(names, times, strict=True)}
+        if spec.get("parts"):
+            figures |= timeline(true, followed, reach, int(spec["parts"]))
+        out |= {f"{label}.{name}" if not single else name: value for name, value in figures.items()}
+    return out
+
+
+def visual_of(name: str) -> Visual:
+    """A method by name; InputError for none."""
+    if name not in VISUAL:
+        raise InputError(f"trial: no method {name!r} that tracks in images; there are: {', '.join(VISUAL)}")
+    return VISUAL[name]
+
+
+def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, Any]) -> Runner:
+    """One method of a trial, see `run_views_trial`; InputError, UsageError for what does not fit."""
+    _check(own, OWN)
+    visual = visual_of(str(own.get("method")))
+    settings = configure(visual.config(), dict(own.get("set", {})), str(own["method"]))
+    told = own.get("fundamental", "true")
+    kind, amount = (told, 0.0) if isinstance(told, str) else told
+    use = int(own.get("use", len(config.views)))
+    if not 1 <= use <= len(config.views):
+        raise InputError(f"trial: use is {use}, must be 1 to {len(config.views)}, the number of views")
+    wrong = tuple(own.get("wrong", ()))
+    births = births_of(first_frame(config, int(spec["seed"])), use, wrong if len(wrong) == 3 else None)
+    seed = own.get("track_seed", spec.get("track_seed", spec["seed"]))
+    geometry = geometry_of(config, use, kind, float(amount))
+    exchange = (int(wrong[0]), int(wrong[1]), int(wrong[2]), int(wrong[3])) if len(wrong) == 4 else None
+    return Runner(visual, settings, geometry, births, int(seed), use, exchange, bool(own.get("timed")))
+
+
+def _check(spec: Mapping[str, Any], keys: tuple[str, ...]) -> None:
+    for key in spec:
+        if key not in keys:
+            raise InputError(f"trial: unknown key {key!r}; it has: {', '.join(keys)}")
+    if "seed" in keys and "seed" not in spec:
+        raise InputError("trial: seed is missing")
+
+
+@functools.lru_cache(maxsize=32)
+def warm(method: str) -> None:
+    """Run a method on a few small frames, so that nothing is compiled while a trial is timed."""
+    config = balls_config(WARM)
+    visual = visual_of(method)
+    births = births_of(first_frame(config, 0), 2)
+    follow(config, 0, {method: Runner(visual, visual.config(), geometry_of(config, 2), births, 0, 2)})
+
+
+def scores(truth: Objects, followed: Followed, tau: Floats) -> dict[str, float]:
+    """Figures of merit and of cost.
+
+    Args:
+        truth: boxes by view and frame.
+        followed: what a method gave.
+        tau: (n,) for each true row, how far from the target a tracker may be [px].
+    """
+    f = followed
+    place = truth.place[:, :2] + 0.5 * truth.place[:, 2:]
+    failed = failures(truth._replace(place=place), Objects(f.frame, f.target, f.ellipse[:, :2], f.view), tau)
+    boxes = of_boxes(truth, Objects(f.frame, f.target, boxes_of(f.ellipse), f.view))
+    modes = {f"mode_{name}": float(np.mean(f.mode[f.mode >= 0] == k)) for k, name in enumerate(MODES)}
+    return {
+        "fr_p": failed.fr_p,
+        "fr_l": failed.fr_l,
+        "idf1": identity(boxes).idf1,
+        "hota": hota(boxes).means()["hota"],
+        "mota": clear_mot(boxes).mota,
+        "left": float(np.sum(f.event == LEFT)),
+        "lost": float(np.sum(f.event == LOST)),
+        "track_seconds": float(np.sum(f.seconds)),
+        "frame_ms": 1e3 * float(np.median(f.seconds)),
+        "ess": float(np.nanmedian(f.ess)) if np.isfinite(f.ess).any() else math.nan,
+        **modes,
+    }

@@ -1,0 +1,116 @@
+"""Variants of the synthetic video of [Qu]: more or fewer balls, smaller or larger ones, more views."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
+
+from .common import METHODS, RATES, everywhere, rate_row, seed_of, spec_of
+from .trial import run_views_trial, views_spec
+
+MOST_VIEWS = 4
+
+
+class Variant(NamedTuple):
+    """What varies, and its values."""
+
+    item: str
+    label: str
+    title: str
+    values: tuple[float, ...]
+    quick: tuple[float, ...]
+    note: str
+
+
+BALLS = Variant("balls", "balls", "More and fewer balls", (3, 4, 6, 8, 10), (3, 6), "Radius 22 px, two views.")
+RADIUS = Variant(
+    "radius",
+    "radius of the balls [px]",
+    "Smaller and larger balls",
+    (12, 15, 18, 22, 25, 28),
+    (15, 25),
+    "Six balls, two views.",
+)
+VIEWS = Variant(
+    "views",
+    "views that are used",
+    "More views",
+    (1, 2, 3, 4),
+    (1, 3),
+    "Six balls of radius 22 px in a video of four views, of which the methods get the first ones; rates are those of "
+    "the views that they get.",
+)
+
+
+def compute(variant: Variant, size: Size, execute: Execute) -> Table:
+    """Both rates [%] of every method at every value; runs of one seed at different values are different videos."""
+    points = variant.quick if size.quick else variant.values
+    found = _of_views(points, size, execute) if variant is VIEWS else _of_balls(variant, points, size, execute)
+    return [
+        rate_row(f"{m.upper()}, {name}", x, found[x], m, rate, plotted=rate == "fr_p")
+        for rate, name in RATES.items()
+        for m in METHODS
+        for x in points
+    ]
+
+
+Found = dict[float, Sequence[Mapping[str, float]]]
+
+
+def _of_balls(variant: Variant, points: Sequence[float], size: Size, execute: Execute) -> Found:
+    changed: Sequence[dict[str, Any]] = [
+        {"radius": float(x)} if variant is RADIUS else {"balls": int(x)} for x in points
+    ]
+    results = execute([spec_of(size, run, **balls) for balls in changed for run in range(size.runs)])
+    return {x: results[i * size.runs : (i + 1) * size.runs] for i, x in enumerate(points)}
+
+
+def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:
+    """All methods and numbers of views on one rendering of each video."""
+    methods = {f"{m}, {x:g}": {"method": m, "use": int(x)} for m in METHODS for x in points}
+    balls = {"frames": size.steps, "views": MOST_VIEWS}
+    results = execute([views_spec(seed_of(size, run), methods, balls) for run in range(size.runs)])
+    return {x: [_renamed(r, f", {x:g}") for r in results] for x in points}
+
+
+def _renamed(result: Mapping[str, float], ending: str) -> dict[str, float]:
+    """The figures of labels that end so, without the ending."""
+    return {k.replace(f"{ending}.", "."): value for k, value in result.items() if f"{ending}." in k}
+
+
+def judge(variant: Variant, table: Table) -> list[Verdict]:
+    """Whether cooperation pays everywhere; and what more views do."""
+    out = []
+    for rate, name in RATES.items():
+        own = v.series(table, f"BMCT, {name}")
+        pairs = v.matched(table, f"BMCT, {name}", f"IDMOT, {name}")
+        pairs = [(low, high) for low, high in pairs if variant is not VIEWS or low.x > 1]
+        said = f"Cooperation pays at any number of {variant.label}: mean rate of {name} below that of IDMOT, by [%]."
+        out.append(everywhere(f"{variant.item}-{rate}", said.replace("number of radius", "radius"), pairs))
+        if variant is VIEWS:
+            said = f"With more cameras failures are avoided: rate of {name} of BMCT lower with one view more, by [%]."
+            out.append(everywhere(f"views-{rate}-more", said, v.neighbours(own)))
+    return [verdict for verdict in out if verdict is not None]
+
+
+def _experiment(variant: Variant) -> Experiment:
+    return Experiment(
+        variant.item,
+        f"{variant.title} (of this project)",
+        variant.label,
+        "rate of false positions [%]",
+        6,
+        400,
+        (2, 40),
+        functools.partial(compute, variant),
+        functools.partial(judge, variant),
+        trial=run_views_trial,
+        note=f"{variant.note} Rates of false labels are in the table.",
+    )
+
+
+VARIANTS = tuple(_experiment(variant) for variant in (BALLS, RADIUS, VIEWS))

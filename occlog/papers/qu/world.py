@@ -1,0 +1,137 @@
+"""The synthetic video of [Qu] Sec. 4.1 in memory: its views, how they see each other, and its truth."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.image.ellipse import support_radius
+from occlog.core.metrics.frames import Objects
+from occlog.core.sight.fundamental import scaled
+from occlog.errors import InputError
+from occlog.measure.epipolar.of_scene import fundamental_of_cameras
+from occlog.measure.epipolar.views import Geometry, View
+from occlog.settings import configure
+from occlog.simulate.balls.motion import VIEWS, BallsConfig, ball_cameras
+from occlog.simulate.balls.video import BallsFrame, render_balls
+from occlog.track.images.interface import Birth, Looks
+
+FRAME_NS = 40_000_000
+"""Between frames: 25 a second."""
+
+
+WRONG = ("true", "none", "shift", "turn", "swap")
+"""What a method may be told of how the views see each other; see `geometry_of`."""
+
+
+def balls_config(values: Mapping[str, Any]) -> BallsConfig:
+    """What is rendered: fields of `BallsConfig`; `views` may be a number of them. InputError for what cannot be."""
+    own = dict(values)
+    views = own.pop("views", 2)
+    if isinstance(views, int):
+        if not 1 <= views <= len(VIEWS):
+            raise InputError(f"balls: {views} views, must be 1 to {len(VIEWS)}")
+        views = VIEWS[:views]
+    own["views"] = tuple((float(yaw), float(pitch)) for yaw, pitch in views)
+    return configure(BallsConfig(), own, "balls")
+
+
+def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float = 0.0) -> Geometry:
+    """How the first views see each other, as a method is told.
+
+    Args:
+        config: the views.
+        use: number of them.
+        kind: `true`; `none`: nothing is known; wrong ones: `shift`: every line is `amount` px lower,
+            `turn`: the images are taken for turned by `amount` degrees against each other,
+            `swap`: the matrix of the opposite direction.
+        amount: how wrong.
+
+    Raises:
+        InputError: a kind that is none of `WRONG`.
+    """
+    if kind not in WRONG:
+        raise InputError(f"trial: fundamental is {kind!r}, must be one of {', '.join(WRONG)}")
+    cameras = ball_cameras(config)
+    matrices = np.full((use, use, 3, 3), np.nan)
+    for a in range(use):
+        for b in range(a + 1, use):
+            if kind != "none":
+                right = fundamental_of_cameras(cameras[a], cameras[b])
+                matrices[a, b] = _made_wrong(right, kind, amount, (config.width, config.height))
+                matrices[b, a] = matrices[a, b].T
+    return Geometry(matrices, (None,) * use)
+
+
+def _made_wrong(right: Floats, kind: str, amount: float, size: tuple[int, int]) -> Floats:
+    if kind == "swap":
+        return right.T.copy()
+    move = np.eye(3)
+    if kind == "shift":
+        move[1, 2] = amount
+    elif kind == "turn":
+        c, s = math.cos(math.radians(amount)), math.sin(math.radians(amount))
+        x, y = 0.5 * (size[0] - 1), 0.5 * (size[1] - 1)
+        move[:2] = [[c, -s, x - c * x + s * y], [s, c, y - s * x - c * y]]
+    # Points of b are taken for points moved by `move`: b' F a = 0 becomes (move^-1 b)' F a = 0.
+    return scaled(np.linalg.inv(move).T @ right)
+
+
+@functools.lru_cache(maxsize=8)
+def first_frame(config: BallsConfig, seed: int) -> BallsFrame:
+    """The first frame of a video."""
+    return next(iter(render_balls(config, seed)))
+
+
+def births_of(frame: BallsFrame, use: int, wrong: Sequence[int] | None = None) -> tuple[Birth, ...]:
+    """Trackers for all targets in the first views, on their true outlines.
+
+    Args:
+        frame: the first one.
+        use: number of views.
+        wrong: (view, target, other): there the tracker of `target` is put on `other`.
+    """
+    out = []
+    for view, ellipses in enumerate(frame.ellipses[:use]):
+        for target in range(len(ellipses)):
+            put = wrong[2] if wrong is not None and (view, target) == (wrong[0], wrong[1]) else target
+            out.append(Birth(view, target, ellipses[put].copy()))
+    return tuple(out)
+
+
+def views_of(config: BallsConfig) -> tuple[View, ...]:
+    """The cameras."""
+    return tuple(View(c.name, config.width, config.height) for c in ball_cameras(config))
+
+
+def looks_of(frame: BallsFrame, use: int) -> Looks:
+    """The first views of a frame as methods take it."""
+    return Looks(frame.frame * FRAME_NS, np.full(use, frame.frame, dtype=np.int64), frame.images[:use])
+
+
+def truth_of(frames: Sequence[BallsFrame]) -> tuple[Objects, Floats]:
+    """True boxes of all targets in all frames and views, hidden ones too, and the radius of each [px]."""
+    ellipses = np.stack([f.ellipses for f in frames])
+    T, V, n = ellipses.shape[:3]
+    t, view, target = (a.ravel() for a in np.meshgrid(np.arange(T), np.arange(V), np.arange(n), indexing="ij"))
+    numbers = np.array([f.frame for f in frames], dtype=np.int64)
+    boxes = boxes_of(ellipses.reshape(-1, 5))
+    return Objects(numbers[t], target, boxes, view), 0.5 * np.sqrt(boxes[:, 2] * boxes[:, 3])
+
+
+def of_views(truth: Objects, radius: Floats, use: int) -> tuple[Objects, Floats]:
+    """The rows of the first views of what `truth_of` gives."""
+    assert truth.view is not None
+    kept = truth.view < use
+    return Objects(truth.frame[kept], truth.label[kept], truth.place[kept], truth.view[kept]), radius[kept]
+
+
+def boxes_of(ellipses: Floats) -> Floats:
+    """(n, 4) left, top, width, height of the boxes about ellipses (n, 5)."""
+    half = np.column_stack([support_radius(ellipses, 0.0), support_radius(ellipses, 0.5 * math.pi)])
+    return np.column_stack([ellipses[:, :2] - half, 2.0 * half])

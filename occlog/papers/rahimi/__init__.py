@@ -1,0 +1,1 @@
+"""The experiments of Rahimi, Dunagan and Darrell (2004)."""

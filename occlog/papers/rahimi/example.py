@@ -1,0 +1,168 @@
+"""The example of [Rahimi] Sec. 6: a room with eight cameras that do not overlap, and a target that the walls reflect.
+
+The paper's figures are lost and its text gives few numbers; this is the project's reference for it.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from occlog.array_types import Floats, Ints
+from occlog.core.sight.camera import u_to_azimuth
+from occlog.io.scenes.scene import scene_from_yaml
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Truth
+from occlog.simulate.stage import ObserveConfig, observe
+from occlog.track.map.fit_motion.em import fit_em
+from occlog.track.map.fit_motion.parameters import Shape
+from occlog.track.map.fit_motion.steps import Path
+
+HALF = 5.0
+"""Half the side of the square room [m]."""
+CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+PLACES = [
+    (-5, -5, 45),
+    (0, -5, 90),
+    (5, -5, 135),
+    (5, 0, 180),
+    (5, 5, 225),
+    (0, 5, 270),
+    (-5, 5, 315),
+    (-5, 0, 0),
+]
+"""x, y [m] and yaw [deg] of the cameras."""
+FOV_DEG, RANGE = 40.0, 3.5
+FOCAL_PX, READ_PX = 100.0, 1.0
+"""In the paper's unit, f = 1, readings have a standard deviation of 0.01."""
+STEP_S, SPEED = 0.5, 0.5
+SMOOTHING = 5.0
+"""Standard deviation of the Gaussian that smooths a path [steps]."""
+PATH, NOISE, FALSE, TRAINING = 0, 1, 2, 3
+"""What random numbers are for: last part of their key."""
+TRAINING_PATHS, TRAINING_STEPS, TRAINING_NOISE = 40, 200, 1e-3
+
+
+class Example(NamedTuple):
+    """One random problem."""
+
+    truth: Truth
+    bearings: Bearings
+
+
+@functools.cache
+def sparse_scene(*, known_range: bool) -> Scene:
+    """The room with its cameras.
+
+    Args:
+        known_range: as the world is; otherwise as the paper's method is told, which knows no range.
+    """
+    reach = f", range: {RANGE:g}" if known_range else ""
+    lines = ["occlog_scene: 1", "length_unit: m", f"room: {[[a * HALF, b * HALF] for a, b in CORNERS]}", "cameras:"]
+    for n, (x, y, yaw) in enumerate(PLACES, start=1):
+        lines.append(
+            f"- {{name: cam{n}, position: [{x}, {y}], yaw_deg: {yaw}, focal_px: {FOCAL_PX:g}, "
+            f"fov_deg: {FOV_DEG:g}{reach}, noise: {{position: 0, yaw: 0, read_px: {READ_PX:g}}}}}"
+        )
+    return scene_from_yaml("\n".join(lines) + "\n", "the example of [Rahimi]")
+
+
+def reflected_path(steps: int, rng: np.random.Generator, smoothing: float = SMOOTHING) -> Floats:
+    """(steps, 2) places of a target that goes straight at a constant speed, is reflected by the walls, and smoothed.
+
+    Args:
+        steps: number of places, `STEP_S` apart.
+        rng: draws the first place and the direction.
+        smoothing: standard deviation of the Gaussian [steps].
+    """
+    rest = math.ceil(4.0 * smoothing)
+    first, angle = rng.uniform(-HALF, HALF, 2), rng.uniform(-math.pi, math.pi)
+    way = SPEED * STEP_S * np.arange(steps + 2 * rest)[:, None] * np.array([math.cos(angle), math.sin(angle)])
+    # A path in the unfolded plane, folded back at every wall
+    folded = np.abs((first + way + HALF) % (4.0 * HALF) - 2.0 * HALF)
+    path = gaussian_filter1d(HALF - folded, smoothing, axis=0)
+    return np.asarray(path[rest : rest + steps])
+
+
+def example(seed: int, run: int, steps: int, false: float = 0.0, smoothing: float = SMOOTHING) -> Example:
+    """A random problem: what the target did, and what the cameras say of it.
+
+    Args:
+        seed: of all problems.
+        run: number of the problem.
+        steps: times.
+        false: share of the measurements replaced by one anywhere in the camera's field of view.
+        smoothing: as in `reflected_path`.
+    """
+    xy = reflected_path(steps, _rng(seed, run, PATH), smoothing)
+    truth = truth_of(xy)
+    noise_seed = int(_rng(seed, run, NOISE).integers(2**31))
+    scene = sparse_scene(known_range=True)
+    bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(diameter=0.0), noise_seed))
+    return Example(truth, with_false(bearings, scene, false, _rng(seed, run, FALSE)))
+
+
+def truth_of(xy: Floats) -> Truth:
+    """(T, 2) places as a table, `STEP_S` apart."""
+    n = len(xy)
+    return Truth.of(
+        t_ns=times(n),
+        target_id=np.zeros(n, dtype=np.int32),
+        role=np.full(n, "target"),
+        x=xy[:, 0],
+        y=xy[:, 1],
+        z=np.full(n, np.nan),
+    )
+
+
+def with_false(bearings: Bearings, scene: Scene, share: float, rng: np.random.Generator) -> Bearings:
+    """The bearings with a share of the measurements replaced by one drawn uniformly from the field of view.
+
+    Each measurement has its own draws, used or not, so that a larger share only adds to the false ones.
+    """
+    chance, place = rng.random((2, len(bearings)))
+    false = bearings.seen & (chance < share)
+    if not false.any():
+        return bearings
+    half = FOCAL_PX * math.tan(math.radians(0.5 * FOV_DEG))
+    u = np.where(false, half * (2.0 * place - 1.0), bearings.u_px)
+    bearing, sigma = bearings.bearing.copy(), bearings.sigma.copy()
+    for camera in scene.cameras:
+        rows = false & (bearings.sensor == camera.name)
+        bearing[rows] = u_to_azimuth(u[rows], camera.yaw, FOCAL_PX)
+        sigma[rows] = READ_PX / (FOCAL_PX * (1.0 + (u[rows] / FOCAL_PX) ** 2))
+    columns = {c.name: getattr(bearings, c.name) for c in Bearings.columns()}
+    return Bearings(**(columns | {"u_px": u, "bearing": bearing, "sigma": sigma}))
+
+
+@functools.lru_cache(maxsize=8)
+def identified(seed: int, fit_step_s: float = STEP_S, smoothing: float = SMOOTHING) -> tuple[float, float]:
+    """Acceleration and jitter of constant-velocity motion (see `MapConfig`), fitted to paths that are no problem's.
+
+    The paths' places are known to a millimetre.  They turn over several steps, and a fit at the paper's
+    step takes what happens in these for independent; one at a longer step sees the whole turn as one.
+
+    Args:
+        seed: of the problems.
+        fit_step_s: step at which the paths are looked at [s], a multiple of `STEP_S`.
+        smoothing: as in `reflected_path`.
+    """
+    rng, every = _rng(seed, 0, TRAINING), round(fit_step_s / STEP_S)
+    t_ns = times(TRAINING_STEPS)[::every]
+    paths = [Path(t_ns, reflected_path(TRAINING_STEPS, rng, smoothing)[::every]) for _ in range(TRAINING_PATHS)]
+    shape, step_s = Shape("cv", "white", alike=True, noise=False), every * STEP_S
+    fit = fit_em(paths, step_s, shape, longest_gap_s=step_s, noise=TRAINING_NOISE)
+    return fit.parameters["acceleration"], fit.parameters["jitter"]
+
+
+def times(steps: int) -> Ints:
+    """(steps,) ns."""
+    return np.asarray(np.rint(np.arange(steps) * STEP_S * 1e9), dtype=np.int64)
+
+
+def _rng(seed: int, run: int, purpose: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run, 2004, purpose)))

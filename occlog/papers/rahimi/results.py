@@ -1,0 +1,215 @@
+"""[Rahimi] Figs. 4 and 5: how close trajectories come to the truth, and what the constraints are worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from occlog.papers.page.planplot import Path, Plan
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+
+from .example import HALF, sparse_scene
+from .search import error, panel, ranked
+from .trial import BINS, Solved, sightings, solve_problem, sparse_spec, sparse_trial
+
+ALL, SEEN, BETWEEN, BEYOND = "whole trajectory", "seen", "between sightings", "before the first or after the last"
+WITH, WITHOUT, ROOM = "in front of the cameras", "without constraints", "in the room and in range, too"
+KINDS = {
+    WITHOUT: {"front": False},
+    WITH: {"front": True},
+    ROOM: {"front": True, "walls": True, "known_range": True},
+}
+CLOSE = 0.1
+"""Share of the room's side that counts as close."""
+CRITICAL = 0.1
+"""Share of the error from which what it is lower by counts as critical."""
+
+
+def fig4(size: Size, execute: Execute) -> Table:
+    """RMSE of tenths of the trajectories, of the whole, of what was seen and of what was not.
+
+    The last two have only the problems that have both.
+    """
+    results = execute([sparse_spec(size, run) for run in range(size.runs)])
+    whole = tuple(r["rmse"] for r in results)
+    median, half = median_of(whole)
+    both = [r for r in results if not math.isnan(r["between"]) and not math.isnan(r["beyond"])]
+    return [
+        *(Row(ALL, (k + 0.5) / BINS, tuple(r[f"part_{k}"] for r in results)) for k in range(BINS)),
+        Row(ALL, math.nan, whole, {"median": median, "median_error": half}),
+        Row(SEEN, math.nan, tuple(r["seen"] for r in results)),
+        Row(BETWEEN, math.nan, tuple(r["between"] for r in both)),
+        Row(BEYOND, math.nan, tuple(r["beyond"] for r in both)),
+    ]
+
+
+def median_of(values: Sequence[float]) -> tuple[float, float]:
+    """Median, and half the width of its 68 % interval by order statistics."""
+    n, ordered = len(values), sorted(values)
+    off = 0.5 * math.sqrt(n)
+    low, high = max(0, math.floor(0.5 * n - off)), min(n - 1, math.ceil(0.5 * n + off) - 1)
+    return float(np.median(ordered)), 0.5 * (ordered[high] - ordered[low])
+
+
+def judge4(table: Table) -> list[Verdict]:
+    """Statements about Fig. 4."""
+    whole = _mean_row(table, ALL)
+    parts = np.array([r.values for r in v.series(table, ALL)])
+    ends = Row("ends", math.nan, _rms(parts[[0, -1]]))
+    middle = Row("middle", math.nan, _rms(parts[1:-1]))
+    between, beyond = v.find(table, BETWEEN), v.find(table, BEYOND)
+    median, side = whole.extra["median"], 2.0 * HALF
+    good = v.REPRODUCED if median <= CLOSE * side else v.IN_PART if median <= 2.0 * CLOSE * side else v.NOT
+    rule = f"at most {CLOSE:.0%} of the room's side; in part up to twice that"
+    said = (
+        f"The estimated trajectory is close to the true one: median RMSE [m] of the problems (mean {whole.mean:.3g})."
+    )
+    out = [
+        Verdict("fig4-close", said, None, median, whole.extra["median_error"], whole.runs, good, rule),
+        v.pairs("fig4-ends", "The first and last tenth are worse than the rest, by this much [m].", [(middle, ends)]),
+    ]
+    if between is not None and beyond is not None and between.runs:
+        said = "What lies before the first or after the last sighting is worse than what lies between two [m]."
+        out.append(v.pairs("fig4-beyond", said, [(between, beyond)]))
+    return out
+
+
+def _rms(parts: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, ...]:
+    return tuple(np.sqrt(np.mean(parts**2, axis=0)).tolist())
+
+
+def problems_plan(size: Size) -> Plan:
+    """Problems from the best to the worst."""
+    solved = ranked(size)
+    ranks = sorted({round(q * (len(solved) - 1)) for q in (0.05, 0.25, 0.5, 0.75, 0.9, 1.0)})
+    panels = tuple(panel(f"{k + 1} of {len(solved)}: RMSE {error(solved[k]):.2f} m", solved[k]) for k in ranks)
+    caption = "problems by rising error; dots are times at which a camera saw the target."
+    return Plan("More problems", caption, sparse_scene(known_range=True), panels)
+
+
+def fig5(size: Size, execute: Execute) -> Table:
+    """RMSE of every problem with the constraints and without them, by rising error without; and their means."""
+    results = execute([sparse_spec(size, run, **kind) for kind in KINDS.values() for run in range(size.runs)])
+    order = sorted(range(size.runs), key=lambda run: results[run]["rmse"])
+    rows = []
+    for i, name in enumerate(KINDS):
+        own = results[i * size.runs : (i + 1) * size.runs]
+        for rank, run in enumerate(order, start=1):
+            extra = {key: own[run][key] for key in ("behind", "measurements", "converged", "iterations")}
+            rows.append(Row(name, rank, (own[run]["rmse"],), {"problem": float(run + 1), **extra}))
+        rows.append(Row(name, math.nan, tuple(r["rmse"] for r in own)))
+    return rows
+
+
+def _mean_row(table: Table, name: str) -> Row:
+    return next(r for r in table if r.series == name and math.isnan(r.x))
+
+
+def judge5(table: Table) -> list[Verdict]:
+    """Statements about Fig. 5."""
+    low, high, room = (_mean_row(table, name) for name in (WITH, WITHOUT, ROOM))
+    behind = {name: [r.extra["behind"] for r in v.series(table, name)] for name in (WITH, WITHOUT)}
+    n, (kept, lost) = low.runs, (sum(b > 0 for b in behind[name]) for name in (WITH, WITHOUT))
+    gap, sure = v.difference(low, high)
+    points, of = sum(behind[WITHOUT]), sum(r.extra["measurements"] for r in v.series(table, WITHOUT))
+    return [
+        Verdict(
+            "fig5-behind",
+            "Without the constraints the dynamics pull trajectories behind cameras that saw the "
+            f"target: problems ({points:.0f} of {of:.0f} measurements).",
+            None,
+            float(lost),
+            None,
+            n,
+            v.REPRODUCED if lost >= 0.05 * n else v.IN_PART if lost else v.NOT,
+            "at least 5 % of the problems; in part if any",
+        ),
+        Verdict(
+            "fig5-front",
+            "With them no trajectory is behind a camera that saw the target: problems in which one is.",
+            0.0,
+            float(kept),
+            None,
+            n,
+            v.REPRODUCED if kept == 0 else v.NOT,
+            "none",
+        ),
+        Verdict(
+            "fig5-no-worse",
+            "The error is no worse with the constraints: lower by so much [m].",
+            None,
+            gap,
+            sure,
+            n,
+            v.REPRODUCED if gap >= -sure else v.IN_PART if gap >= -2.0 * sure else v.NOT,
+            "not below 0 by more than a standard error, run by run; in part: two",
+        ),
+        Verdict(
+            "fig5-critical",
+            "The constraints are critical in recovering the trajectories: share by which the mean "
+            "RMSE is lower with them.",
+            None,
+            gap / high.mean,
+            sure / high.mean,
+            n,
+            v.REPRODUCED if gap - sure > CRITICAL * high.mean else v.IN_PART if gap > sure else v.NOT,
+            f"above {CRITICAL:.0%} by more than a standard error, run by run; in part if above one",
+        ),
+        v.pairs(
+            "fig5-room",
+            "Known walls help (Secs. 7 and 8): the error is lower if room and ranges are constraints, "
+            "too, by this much [m].",
+            [(room, low)],
+        ),
+    ]
+
+
+def constraints_plan(size: Size) -> Plan:
+    """The problems that have most points behind cameras without the constraints."""
+    free = [solve_problem(sparse_spec(size, run, front=False)) for run in range(size.runs)]
+    worst = sorted(range(size.runs), key=lambda run: -_behind(free[run]))[:3]
+    panels = []
+    for run in [r for r in worst if _behind(free[r])] or worst[:1]:
+        held = solve_problem(sparse_spec(size, run))
+        title = f"problem {run + 1}: {_behind(free[run])} points behind"
+        panels.append(panel(title, held, Path(WITH, held.xy), Path(WITHOUT, free[run].xy)))
+    caption = "the problems that have most points behind a camera that saw the target, if nothing keeps them before it."
+    return Plan("With the constraints and without them", caption, sparse_scene(known_range=True), tuple(panels))
+
+
+def _behind(solved: Solved) -> int:
+    at = sightings(solved.problem.bearings, solved.tracks.t_ns)
+    return int(np.count_nonzero(np.sum((solved.xy[at.state] - at.place) * at.axis, axis=1) <= 0.0))
+
+
+FIG4 = Experiment(
+    "fig4",
+    "Error along the trajectory",
+    "part of the trajectory",
+    "RMSE [m]",
+    50,
+    200,
+    (3, 80),
+    fig4,
+    judge4,
+    note="Steps of 0.5 s; the room is 10 m wide.",
+    trial=sparse_trial,
+    plans={"problems": problems_plan},
+)
+FIG5 = Experiment(
+    "fig5",
+    "With the field-of-view constraints and without",
+    "problem, by rising error",
+    "RMSE [m]",
+    50,
+    200,
+    (3, 80),
+    fig5,
+    judge5,
+    note="Lines across are means.",
+    trial=sparse_trial,
+    plans={"constraints": constraints_plan},
+)

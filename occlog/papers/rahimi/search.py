@@ -1,0 +1,153 @@
+"""[Rahimi] Fig. 3: how the search refines a trajectory, and in how many iterations."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from occlog.papers.page.planplot import Panel, Path, Plan
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+
+from .example import sparse_scene
+from .trial import Solved, sightings, solve_problem, sparse_spec, sparse_trial
+
+RAY, DISTANCE, PLACE, MOVING = "off the rays", "distance error", "error", "problems that go on"
+SHOWN = (0, 1, 3, 9, 11, 17)
+"""Iterations that the paper shows."""
+PAPER_ITERATIONS = 17.0
+LEFT = 0.1
+"""Share of the way to the last value within which a figure has settled."""
+
+
+def fig3(size: Size, execute: Execute) -> Table:
+    """What is left after every iteration, relative to the start: of the residuals, of the errors; and who goes on."""
+    results = execute([sparse_spec(size, run) for run in range(size.runs)])
+    last = int(max(r["iterations"] for r in results))
+    rows = []
+    for name, key in ((RAY, "ray"), (DISTANCE, "distance"), (PLACE, "place")):
+        for k in range(last + 1):
+            values = [r.get(f"{key}_{k}", r[f"{key}_{int(r['iterations'])}"]) for r in results]
+            shares = tuple(x / r[f"{key}_0"] for x, r in zip(values, results, strict=True))
+            rows.append(Row(name, k, shares, {"absolute": math.fsum(values) / len(values)}))
+    rows += [Row(MOVING, k, tuple(map(float, _moving(results, k)))) for k in range(last + 1)]
+    rows[0].extra["start_off"] = max(r["start_off"] for r in results)
+    return rows
+
+
+def _moving(results: Sequence[Mapping[str, float]], k: int) -> list[bool]:
+    """Whether each problem goes on after iteration k; for ever, if it did not converge."""
+    return [k < r["iterations"] or not r["converged"] for r in results]
+
+
+def settled(values: Sequence[float]) -> int:
+    """First iteration from which on values stay within LEFT of their whole change from the last one."""
+    change = abs(values[0] - values[-1])
+    late = [k for k, x in enumerate(values) if abs(x - values[-1]) > LEFT * change]
+    return late[-1] + 1 if late else 0
+
+
+def judge3(table: Table) -> list[Verdict]:
+    """Statements about Fig. 3 and of Secs. 5 and 6 about the search."""
+    ray, distance, place = (np.array([r.values for r in v.series(table, n)]) for n in (RAY, DISTANCE, PLACE))
+    runs = ray.shape[1]
+    lined, placed = ([settled(column.tolist()) for column in x.T] for x in (ray, distance))
+    rays = Row(RAY, math.nan, tuple(map(float, lined)))
+    distances = Row(DISTANCE, math.nan, tuple(map(float, placed)))
+    then = Row(DISTANCE, math.nan, tuple(float(distance[k, i]) for i, k in enumerate(lined)))
+    end, start, best = (Row("", math.nan, tuple(x.tolist())) for x in (distance[-1], place[0], place[-1]))
+    return [
+        _start(table[0].extra["start_off"], runs),
+        v.pairs(
+            "fig3-rays",
+            "The points are on the rays, by this many iterations, before their distances are right.",
+            [(rays, distances)],
+        ),
+        v.pairs(
+            "fig3-prior",
+            "Then the prior pulls them to the right distances: that error falls, by this share of its first value.",
+            [(end, then)],
+        ),
+        v.pairs(
+            "fig3-closer",
+            "The refined trajectory is closer to the truth than the start, by this share of the start's error.",
+            [(best, start)],
+        ),
+        *_iterations(v.series(table, MOVING)),
+    ]
+
+
+def _start(off: float, runs: int) -> Verdict:
+    said = "The search starts with seen points 1 m along the axes and unseen ones at the origin: largest deviation [m]."
+    good = v.REPRODUCED if off < 1e-6 else v.NOT
+    return Verdict("fig3-start", said, 0.0, off, None, runs, good, "below 1e-6 m in every problem")
+
+
+def _iterations(moving: Sequence[Row]) -> list[Verdict]:
+    """That every problem converges, and after how many iterations."""
+    open_ = moving[-1].mean
+    runs = moving[-1].runs
+    counts = [math.fsum(values) for values in zip(*(r.values for r in moving), strict=True)]
+    error = deviation(counts) / math.sqrt(runs)
+    said = (
+        f"Iterations until it has converged (median {float(np.median(counts)):g}, most {max(counts):g}; "
+        "the paper shows one problem)."
+    )
+    rule = "all; in part: at least 95 %"
+    good = v.REPRODUCED if open_ == 0 else v.IN_PART if open_ <= 0.05 else v.NOT
+    return [
+        Verdict("fig3-converges", "Every problem converges: share of them.", None, 1.0 - open_, None, runs, good, rule),
+        v.number("fig3-iterations", said, PAPER_ITERATIONS, math.fsum(counts) / runs, error, runs),
+    ]
+
+
+@functools.lru_cache(maxsize=4)
+def ranked(size: Size) -> tuple[Solved, ...]:
+    """All problems solved, by their errors."""
+    solved = [solve_problem(sparse_spec(size, run)) for run in range(size.runs)]
+    return tuple(sorted(solved, key=error))
+
+
+def error(solved: Solved) -> float:
+    """RMSE [m]."""
+    return float(np.sqrt(np.mean(np.sum((solved.xy - solved.true_xy) ** 2, axis=1))))
+
+
+def panel(title: str, solved: Solved, *estimates: Path) -> Panel:
+    """A drawing of a problem; without estimates that of the solution."""
+    at = sightings(solved.problem.bearings, solved.tracks.t_ns)
+    seen = np.isin(np.arange(len(solved.tracks)), at.state)
+    return Panel(title, solved.true_xy, seen, estimates or (Path("estimate", solved.xy),))
+
+
+def iterations_plan(size: Size) -> Plan:
+    """The problem of median error after some iterations."""
+    solved = ranked(size)[size.runs // 2]
+    last = len(solved.iterates) - 1
+    shown = [k for k in SHOWN if k < last] + [last]
+    panels = [panel(f"iteration {k}", solved, Path("estimate", solved.iterates[k])) for k in shown]
+    panels[-1] = panels[-1]._replace(title=f"iteration {last}, the last one")
+    caption = (
+        f"the problem of median error ({error(solved):.2f} m RMSE) after some iterations; dots are times at which a "
+        "camera saw the target."
+    )
+    return Plan("Refinement of a trajectory", caption, sparse_scene(known_range=True), tuple(panels[:6]))
+
+
+FIG3 = Experiment(
+    "fig3",
+    "Refinement of a trajectory",
+    "iteration",
+    "share of the start's value",
+    50,
+    200,
+    (3, 80),
+    fig3,
+    judge3,
+    note="Residuals of the bearings, errors of the distances from the cameras, errors of all places.",
+    trial=sparse_trial,
+    plans={"iterations": iterations_plan},
+)

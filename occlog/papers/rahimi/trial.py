@@ -1,0 +1,236 @@
+"""One problem of the example of [Rahimi] solved: described by plain values, so that any process can do it."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.metrics.errors import normalised_squared_errors
+from occlog.measure.scans.scan import sensor_names
+from occlog.measure.scans.scans import Rows
+from occlog.papers.verdicts.model import Size, Spec
+from occlog.records.tables import Bearings, Diagnostics, Tracks
+from occlog.settings import configure
+from occlog.track.catalogue import TRACKERS
+from occlog.track.drivers.batch import track_batch
+from occlog.track.interface import Batch
+from occlog.track.map import method as batch_map
+from occlog.track.map.config import MapConfig, map_defaults
+from occlog.track.map.kernels.newton_search import Iterate
+
+from .example import FOCAL_PX, READ_PX, SPEED, STEP_S, Example, example, identified, sparse_scene
+
+PAPER: Mapping[str, Any] = {
+    "speed": SPEED,
+    "walls": False,
+    "initial": "axes",
+    "depth": 1.0,
+    "estimate": "mode",
+    "covariance": "hessian",
+}
+"""Settings of `map` that make it the paper's method: its start, and in front of the cameras as the only constraint."""
+ENDS = 0.1
+"""Share of the times that is an end, on each side."""
+KNOWN = 0.5
+"""A distance counts as known if its standard deviation is at most this share of it."""
+BINS = 10
+"""Parts of a trajectory of equal length."""
+
+
+class Solved(NamedTuple):
+    """A problem and its estimate."""
+
+    problem: Example
+    tracks: Tracks
+    diagnostics: Diagnostics
+    iterates: tuple[Floats, ...]  # (T, 2) places at the start and after every iteration
+    iterations: int
+    converged: bool
+
+    @property
+    def xy(self) -> Floats:
+        """(T, 2) estimated places."""
+        return np.column_stack([self.tracks.x, self.tracks.y])
+
+    @property
+    def true_xy(self) -> Floats:
+        """(T, 2) true places."""
+        return np.column_stack([self.problem.truth.x, self.problem.truth.y])
+
+
+class Sightings(NamedTuple):
+    """The n measurements of a problem."""
+
+    state: Ints  # (n,) time, from 0
+    place: Floats  # (n, 2) of the camera
+    axis: Floats  # (n, 2) its optical axis
+    reading: Floats  # (n,) f h/d, in units of f
+
+
+def sparse_spec(
+    size: Size, run: int, *, false: float = 0.0, fit_step_s: float = STEP_S, known_range: bool = False, **track: Any
+) -> Spec:
+    """Description of a trial; see `sparse_trial`.
+
+    Args:
+        size: its seed and steps.
+        run: number of the problem.
+        false: share of false bearings.
+        fit_step_s: step at which the motion was identified [s].
+        known_range: the ranges of the cameras are told to the method.
+        track: settings of `map` besides those of the paper.
+    """
+    acceleration, jitter = identified(size.seed, fit_step_s)
+    settings = {**PAPER, "acceleration": acceleration, "jitter": jitter, **track}
+    return {
+        "sparse": "rahimi",
+        "seed": size.seed,
+        "run": run,
+        "steps": size.steps,
+        "false": false,
+        "known_range": known_range,
+        "track": settings,
+    }
+
+
+def solve_problem(spec: Mapping[str, Any]) -> Solved:
+    """The estimate of a problem by the code of `occlog track --method map`, with its iterates."""
+    problem = example(int(spec["seed"]), int(spec["run"]), int(spec["steps"]), float(spec["false"]))
+    scene = sparse_scene(known_range=bool(spec["known_range"]))
+    config: MapConfig = configure(map_defaults("m"), spec["track"], "map")
+    config = replace(config, window=max(config.window, int(spec["steps"])))
+    iterates: list[Floats] = []
+
+    def watch(at: Iterate) -> None:
+        iterates.append(at.X[:, ::2].copy())
+
+    method = TRACKERS["map"]
+    assert isinstance(method, Batch)
+    method = method._replace(advance=functools.partial(batch_map.advance, watch=watch))
+    found = list(track_batch([problem.bearings], scene, config, method, Rows(sensor_names(scene)), 0))
+    tracks, diagnostics = (Tracks.concat(p.tracks for p in found), Diagnostics.concat(p.diagnostics for p in found))
+    solve = found[0].solves[0]
+    return Solved(problem, tracks, diagnostics, tuple(iterates), solve.iterations, solve.converged)
+
+
+def sightings(bearings: Bearings, t_ns: Ints) -> Sightings:
+    """The rows that saw the target."""
+    seen = bearings.take(bearings.seen)
+    cameras = [sparse_scene(known_range=False).camera(name) for name in seen.sensor.tolist()]
+    return Sightings(
+        np.searchsorted(t_ns, seen.t_ns),
+        np.array([c.ground for c in cameras]).reshape(-1, 2),
+        np.array([[math.cos(c.yaw), math.sin(c.yaw)] for c in cameras]).reshape(-1, 2),
+        -seen.u_px / FOCAL_PX,
+    )
+
+
+def sparse_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Figures of one problem: see `errors`, `consistency`, `refinement`; iterations, and whether they converged.
+
+    `behind` counts measurements whose camera has the estimate behind it (or beside it).
+
+    Args:
+        spec: `seed`, `run`, `steps`, `false` (share of false bearings), `known_range` and `track` (settings of `map`).
+    """
+    solved = solve_problem(spec)
+    at = sightings(solved.problem.bearings, solved.tracks.t_ns)
+    depth = _depth(at, solved.xy)
+    return {
+        **errors(solved, at),
+        **consistency(solved, at),
+        **refinement(solved, at),
+        "iterations": float(solved.iterations),
+        "converged": float(solved.converged),
+        "behind": float(np.count_nonzero(depth <= 0.0)),
+        "measurements": float(len(depth)),
+    }
+
+
+def errors(solved: Solved, at: Sightings) -> dict[str, float]:
+    """RMSE [m] of the trajectory and of its parts; NaN for a part that there is none of.
+
+    seen, between and beyond (before the first or after the last sighting); ends and middle; BINS parts by time.
+    """
+    square = np.sum((solved.xy - solved.true_xy) ** 2, axis=1)
+    T = len(square)
+    seen = np.isin(np.arange(T), at.state)
+    inside = np.logical_or.accumulate(seen) & np.logical_or.accumulate(seen[::-1])[::-1]
+    n = max(1, round(ENDS * T))
+    ends = (np.arange(T) < n) | (np.arange(T) >= T - n)
+    parts: dict[str, Bools] = {
+        "rmse": np.ones(T, dtype=np.bool_),
+        "seen": seen,
+        "between": inside & ~seen,
+        "beyond": ~inside,
+        "ends": ends,
+        "middle": ~ends,
+    }
+    parts |= {f"part_{k}": np.arange(T) * BINS // T == k for k in range(BINS)}
+    return {name: _root_mean(square[rows]) for name, rows in parts.items()}
+
+
+def consistency(solved: Solved, at: Sightings) -> dict[str, float]:
+    """Mean normalised squared error, 2 if the covariance is right, and the share of the times that it is the mean of.
+
+    `nees`: times that are not flagged.  `nees_known`: of those the ones at which no camera that sees the target has
+    a standard deviation along the sight line above `KNOWN` of the distance.
+    """
+    t = solved.tracks
+    P = np.stack([t.cov_xx, t.cov_xy, t.cov_xy, t.cov_yy], axis=1).reshape(-1, 2, 2)
+    nees = normalised_squared_errors(solved.xy - solved.true_xy, P)
+    good = (solved.diagnostics.fallback == "") & np.isfinite(nees)
+    ray = solved.xy[at.state] - at.place
+    d2 = np.sum(ray**2, axis=1)
+    along2 = np.einsum("ni,nij,nj->n", ray, P[at.state], ray) / np.maximum(d2, 1e-300)
+    known = good.copy()
+    known[at.state[along2 > KNOWN**2 * d2]] = False
+    return {
+        "nees": _mean(nees[good]),
+        "unflagged": float(good.mean()),
+        "nees_known": _mean(nees[known]),
+        "known": float(known.mean()),
+    }
+
+
+def refinement(solved: Solved, at: Sightings) -> dict[str, float]:
+    """How the iterates get there: figures `ray_k`, `distance_k` and `place_k` after iteration k.
+
+    ray: root mean square of the residuals, in standard deviations.  distance: that of the errors of distances from
+    the cameras [m], of seen states.  place: RMSE of all [m].  Besides `start_off`: largest distance of a state
+    of the start from where the paper has it [m].
+    """
+    true = np.sum((solved.true_xy[at.state] - at.place) * at.axis, axis=1)
+    out = {}
+    for k, xy in enumerate(solved.iterates):
+        h, d = _across(at, xy), _depth(at, xy)
+        out[f"ray_{k}"] = _root_mean(((h / d - at.reading) * FOCAL_PX / READ_PX) ** 2)
+        out[f"distance_{k}"] = _root_mean((d - true) ** 2)
+        out[f"place_{k}"] = _root_mean(np.sum((xy - solved.true_xy) ** 2, axis=1))
+    stated = np.zeros_like(solved.xy)
+    stated[at.state] = at.place + at.axis
+    out["start_off"] = float(np.abs(solved.iterates[0] - stated).max())
+    return out
+
+
+def _depth(at: Sightings, xy: Floats) -> Floats:
+    return np.asarray(np.sum((xy[at.state] - at.place) * at.axis, axis=1))
+
+
+def _across(at: Sightings, xy: Floats) -> Floats:
+    away = xy[at.state] - at.place
+    return np.asarray(at.axis[:, 0] * away[:, 1] - at.axis[:, 1] * away[:, 0])
+
+
+def _mean(values: Floats) -> float:
+    return float(values.mean()) if len(values) else math.nan
+
+
+def _root_mean(squares: Floats) -> float:
+    return math.sqrt(_mean(squares)) if len(squares) else math.nan

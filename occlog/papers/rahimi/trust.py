@@ -1,0 +1,174 @@
+"""What the paper does not ask of its example: false bearings, and whether the covariance is right."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+
+from .trial import sparse_spec, sparse_trial
+
+SQUARE, HUBER, CAUCHY = "square", "huber", "cauchy"
+LINEAR, SQUARE_LINEAR = "cauchy, linear start", "square, linear start"
+SQUARE_ROOM, CAUCHY_ROOM = "square, room and ranges", "cauchy, room and ranges"
+ROOM = {"walls": True, "known_range": True}
+WAYS: dict[str, dict[str, Any]] = {
+    SQUARE: {},
+    HUBER: {"loss": "huber"},
+    CAUCHY: {"loss": "cauchy"},
+    LINEAR: {"loss": "cauchy", "initial": "linear"},
+    SQUARE_LINEAR: {"initial": "linear"},
+    SQUARE_ROOM: ROOM,
+    CAUCHY_ROOM: {"loss": "cauchy", **ROOM},
+}
+CLEAN = {HUBER: SQUARE, CAUCHY: SQUARE, LINEAR: SQUARE, SQUARE: SQUARE, CAUCHY_ROOM: SQUARE_ROOM}
+"""What is compared with whose error with clean data."""
+SHARES = (0.0, 10.0, 20.0)
+"""Per cent of the measurements."""
+LOSES = 0.15
+"""Share of the error that false bearings may add."""
+SAME = 1e-4
+"""Largest difference of errors that are equal but for the tolerance of the search [m]."""
+
+HESSIAN, KNOWN, MOMENT = "mode, hessian", "mode, hessian; distances known", "mode, moment"
+INVARIANT, INVARIANT_ROOM, RIGHT = "invariant", "invariant; room and ranges", "consistent"
+ESTIMATES: dict[str, tuple[str, dict[str, Any]]] = {
+    HESSIAN: ("nees", {}),
+    KNOWN: ("nees_known", {}),
+    MOMENT: ("nees", {"covariance": "moment"}),
+    INVARIANT: ("nees", {"estimate": "invariant"}),
+    INVARIANT_ROOM: ("nees", {"estimate": "invariant", **ROOM}),
+}
+"""Figure of the trial, and settings."""
+FIT_STEPS = (0.5, 1.0, 2.0, 4.0, 8.0)
+"""Steps at which the motion is identified [s]."""
+LONGEST = FIT_STEPS[-1]
+LARGE = 1.0
+"""A 95 % range of a larger half width agrees with anything."""
+
+
+def false(size: Size, execute: Execute) -> Table:
+    """RMSE against the share of false bearings, for each loss, start and set of constraints."""
+    points = [(name, share) for name in WAYS for share in (SHARES[:2] if size.quick else SHARES)]
+    specs = [
+        sparse_spec(size, run, false=share / 100.0, **WAYS[name]) for name, share in points for run in range(size.runs)
+    ]
+    results = execute(specs)
+    rows = []
+    for i, (name, share) in enumerate(points):
+        own = results[i * size.runs : (i + 1) * size.runs]
+        extra = {"converged": math.fsum(r["converged"] for r in own) / size.runs}
+        extra["iterations"] = math.fsum(r["iterations"] for r in own) / size.runs
+        rows.append(Row(name, share, tuple(r["rmse"] for r in own), extra))
+    return rows
+
+
+def judge_false(table: Table) -> list[Verdict]:
+    """Statements about false bearings, of this project: what 10 % of them add to the error of squares without any."""
+    clean = v.find(table, SQUARE, 0.0)
+    out = []
+    for name, base in CLEAN.items():
+        row, own = v.find(table, name, 10.0), v.find(table, base, 0.0)
+        if row is not None and own is not None:
+            out.append(_adds(f"false-{name.replace(', ', '-').replace(' ', '-')}", name, own, row))
+    start = v.matched(table, CAUCHY, LINEAR, (10.0,))
+    said = "Robust costs must start from the axes: with a linear fit the error is higher by this much [m]."
+    out.append(v.pairs("false-start", said, start))
+    other = v.find(table, SQUARE_LINEAR, 0.0)
+    if other is not None and clean is not None:
+        off = max(abs(a - b) for a, b in zip(clean.values, other.values, strict=True))
+        said = "For squares and clean data the start does not matter: largest difference of the RMSE [m]."
+        good = v.REPRODUCED if off < SAME else v.NOT
+        rule = f"below {SAME:g} m in every problem"
+        out.append(Verdict("false-start-squares", said, None, off, None, clean.runs, good, rule))
+    return out
+
+
+def _adds(key: str, name: str, clean: Row, row: Row) -> Verdict:
+    """What false bearings add, as a share of the clean error; the error bar is that of a quotient of paired means."""
+    ratio = row.mean / clean.mean
+    left = [b - ratio * a for a, b in zip(clean.values, row.values, strict=True)]
+    error = deviation(left) / math.sqrt(len(left)) / clean.mean
+    added = ratio - 1.0
+    good = v.REPRODUCED if added + error < LOSES else v.IN_PART if added - error < LOSES else v.NOT
+    said = f"10 % of false bearings add less than {LOSES:.0%} to the mean RMSE with clean data ({name}): share added."
+    rule = f"below {LOSES:.0%} by more than a standard error; in part within one of it"
+    return Verdict(key, said, None, added, error, row.runs, good, rule)
+
+
+def covariance(size: Size, execute: Execute) -> Table:
+    """Mean normalised squared error against the step at which the motion was identified.
+
+    Errors with the inverse Hessian at the mode are too large for a plot; they are a line across, at the longest step.
+    """
+    steps = (FIT_STEPS[0], LONGEST) if size.quick else FIT_STEPS
+    points = [(name, s) for name in ESTIMATES for s in steps]
+    specs = [sparse_spec(size, run, fit_step_s=s, **ESTIMATES[n][1]) for n, s in points for run in range(size.runs)]
+    results = execute(specs)
+    rows = []
+    for i, (name, step) in enumerate(points):
+        own = results[i * size.runs : (i + 1) * size.runs]
+        extra = {key: math.fsum(r[key] for r in own) / size.runs for key in ("known", "unflagged", "rmse")}
+        extra["acceleration"] = sparse_spec(size, 0, fit_step_s=step)["track"]["acceleration"]
+        values = _finite(r[ESTIMATES[name][0]] for r in own)
+        if name != HESSIAN:
+            rows.append(Row(name, step, values, extra))
+        elif step == LONGEST:
+            rows.append(Row(name, math.nan, values, extra))
+    return [*rows, Row(RIGHT, math.nan, (2.0, 2.0))]
+
+
+def _finite(values: Iterable[float]) -> tuple[float, ...]:
+    return tuple(x for x in values if math.isfinite(x))
+
+
+def judge_covariance(table: Table) -> list[Verdict]:
+    """Statements about the covariance, of this project: the mean normalised squared error is 2."""
+    out = []
+    for name in ESTIMATES:
+        for row in table:
+            step = LONGEST if math.isnan(row.x) else row.x
+            if row.series == name and step in (FIT_STEPS[0], LONGEST):
+                key = f"covariance-{name.replace(';', '').replace(',', '').replace(' ', '-')}-{step:g}s"
+                out.append(_consistent(key, f"{name}; motion identified at {step:g} s", row))
+    return out
+
+
+def _consistent(key: str, what: str, row: Row) -> Verdict:
+    """Errors within a problem depend on each other, so that the error bar is that of the problems' means."""
+    right = abs(row.mean - 2.0) <= 1.96 * row.error <= LARGE
+    good = v.REPRODUCED if right else v.IN_PART if 1.0 <= row.mean <= 4.0 else v.NOT
+    said = f"The normalised squared error is 2 in the mean, as the covariance says ({what})."
+    rule = f"within 1.96 standard errors of the problems' means, if that is at most {LARGE:g}; in part: a factor of 2"
+    return Verdict(key, said, None, row.mean, row.error, row.runs, good, rule)
+
+
+FALSE = Experiment(
+    "false",
+    "False bearings",
+    "false bearings [%]",
+    "RMSE [m]",
+    50,
+    200,
+    (3, 80),
+    false,
+    judge_false,
+    note="False bearings are drawn uniformly from the camera's field of view.",
+    trial=sparse_trial,
+)
+COVARIANCE = Experiment(
+    "covariance",
+    "Consistency of the covariance",
+    "step at which the motion is identified [s]",
+    "mean normalised squared error",
+    50,
+    200,
+    (3, 80),
+    covariance,
+    judge_covariance,
+    note="Times that are not flagged; distances known: their standard deviation is at most half of them.",
+    trial=sparse_trial,
+)

@@ -1,0 +1,1 @@
+"""Experiments, trials and the rules by which statements are judged."""

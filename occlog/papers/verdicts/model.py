@@ -1,0 +1,109 @@
+"""What an experiment is made of: rows of a table, verdicts, and how large it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, NamedTuple
+
+from occlog.papers.page.planplot import Plan
+from occlog.papers.page.shotplot import Shots
+from occlog.pipeline.sweep.trial import run_trial
+
+Spec = dict[str, Any]
+Execute = Callable[[list[Spec]], list[dict[str, float]]]
+"""Runs trials and gives their figures in the order of the trials; see `occlog.pipeline.sweep.engine.run_all`."""
+
+EXTRAS = ("rmse_occ", "hidden", "sir", "restart", "lost", "mean_ess", "messages", "bytes", "track_seconds")
+"""Figures of trials that the table has besides the RMSE: means over the runs."""
+
+
+class Size(NamedTuple):
+    """How large an experiment is."""
+
+    runs: int
+    steps: int
+    quick: bool = False
+    particles: int = 1000
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Row:
+    """One point of a figure: the value of every run."""
+
+    series: str
+    x: float  # NaN: a line across the figure
+    values: tuple[float, ...]
+    extra: dict[str, float] = field(default_factory=dict)
+    plotted: bool = True  # false: in the table only
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return len(self.values)
+
+    @property
+    def mean(self) -> float:
+        """Mean over the runs; NaN for none."""
+        return math.fsum(self.values) / len(self.values) if self.values else math.nan
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation over the runs; NaN for fewer than two."""
+        return deviation(self.values)
+
+    @property
+    def error(self) -> float:
+        """Standard error of the mean; NaN for fewer than two runs."""
+        return self.sd / math.sqrt(len(self.values)) if self.values else math.nan
+
+
+Table = list[Row]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A statement of the paper, and what was found of it."""
+
+    id: str
+    statement: str
+    paper: float | None
+    measured: float | None
+    error_bar: float | None  # standard error of `measured`
+    runs: int
+    verdict: str  # `reproduced`, `in part` or `not reproduced`
+    rule: str  # how the verdict was reached
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON; what is not a finite number is null."""
+        out = asdict(self)
+        return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in out.items()}
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A figure of a paper."""
+
+    item: str
+    title: str
+    x_label: str
+    y_label: str
+    runs: int  # of the paper
+    steps: int
+    quick: tuple[int, int]  # runs and steps of the small form
+    compute: Callable[[Size, Execute], Table]
+    judge: Callable[[Table], list[Verdict]]
+    note: str = ""
+    trial: Callable[[Mapping[str, Any]], dict[str, float]] = run_trial  # what `compute` has executed
+    plans: Mapping[str, Callable[[Size], Plan | Shots]] = field(default_factory=dict)  # further pictures by name
+
+
+def deviation(values: Sequence[float]) -> float:
+    """Standard deviation of a sample; NaN for fewer than two values."""
+    n = len(values)
+    if n < 2:
+        return math.nan
+    mean = math.fsum(values) / n
+    return math.sqrt(math.fsum((v - mean) ** 2 for v in values) / (n - 1))

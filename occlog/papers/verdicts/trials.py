@@ -1,0 +1,86 @@
+"""Trials of the tracker to rows of a table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from occlog.io.scenes.scene import scene_from_yaml
+from occlog.settings import configure
+from occlog.simulate.stage import WorldConfig, simulate_truth, world_config
+
+from .model import EXTRAS, Execute, Row, Size, Spec, Table
+
+WORST = "no tracking (middle of the room)"
+NONE, KNOWN, PRIOR = "no priors", "positions known", "priors"
+
+
+class Point(NamedTuple):
+    """One point of a figure: a trial without its run."""
+
+    series: str
+    x: float
+    spec: Spec
+
+
+def trial(
+    scene: str,
+    size: Size,
+    simulate: Mapping[str, Any],
+    priors: Mapping[str, Any],
+    *,
+    cameras: Sequence[str] | None = None,
+    **more: Any,
+) -> Spec:
+    """Description of a trial: [Ercan]'s number of particles, and what is given."""
+    spec: Spec = {
+        "scene": scene,
+        "seed": size.seed,
+        "simulate": {"steps": size.steps, **simulate},
+        "priors": dict(priors),
+        "track": {"method": "apf", "particles": size.particles, **more.pop("track", {})},
+        **more,
+    }
+    if cameras is not None:
+        spec["cameras"] = list(cameras)
+    return spec
+
+
+def run_points(points: Sequence[Point], size: Size, execute: Execute) -> Table:
+    """A row for every point, with the RMSE of each run; trials of equal run share the world."""
+    specs = [{**p.spec, "run": run} for run in range(size.runs) for p in points]
+    results = execute(specs)
+    return [_row(p, results[i :: len(points)]) for i, p in enumerate(points)]
+
+
+def _row(point: Point, results: Sequence[Mapping[str, float]]) -> Row:
+    extra = {}
+    for name in EXTRAS:
+        values = [r[name] for r in results if name in r and not math.isnan(r[name])]
+        extra[name] = math.fsum(values) / len(values) if values else math.nan
+    return Row(point.series, point.x, tuple(r["rmse"] for r in results), extra)
+
+
+def worst_case(scene_text: str, simulate: Mapping[str, Any], size: Size) -> Row:
+    """RMSE of the middle of the room's bounding box as the estimate: RMSE_max of [Ercan] Sec. 6.1.
+
+    Over worlds of their own, drawn as those of the trials.
+    """
+    scene = scene_from_yaml(scene_text, "scene")
+    few = {**simulate, "steps": size.steps, "occluders": 0}
+    config: WorldConfig = configure(world_config(scene.length_unit), few, "simulate")
+    middle = 0.5 * (scene.region.min(axis=0) + scene.region.max(axis=0))
+    values = []
+    for run in range(size.runs):
+        total, count = 0.0, 0
+        for chunk in simulate_truth(scene, config, size.seed + run):
+            total += float(((chunk.x - middle[0]) ** 2 + (chunk.y - middle[1]) ** 2).sum())
+            count += len(chunk)
+        values.append(math.sqrt(total / count))
+    return Row(WORST, math.nan, tuple(values))
+
+
+def kalman(sigma: float, q: float = 1.2) -> dict[str, Any]:
+    """Priors of a Kalman filter on virtual measurements; `sigma` 0 means known positions."""
+    return {"kind": "kalman", "sigma": sigma, "q": q} if sigma > 0 else {"kind": "known"}

@@ -1,0 +1,144 @@
+"""Rules by which statements are judged; every verdict says which one it used.
+
+number   a stated number: `reproduced` within 10 % of it, or within two standard errors if the standard error
+         is at most 10 % of it; `in part` within 35 %, or, where the number is a factor by which something
+         grows, if at least half of its excess over 1 is there.
+pairs    a statement that one mean is below another, at several points: a point counts as held if
+         the difference is above one standard error of it.  All points: `reproduced`; at least half: `in part`.
+close    two means are as good as equal, at several points: a point counts as held if they differ by
+         no more than one standard deviation over the runs.  Counted in the same way.
+
+Differences are taken run by run, since trials of equal run share world and noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+from .model import Row, Table, Verdict, deviation
+
+REPRODUCED, IN_PART, NOT = "reproduced", "in part", "not reproduced"
+NEAR, FAR = 0.10, 0.35
+Pair = tuple[Row, Row]
+
+
+def find(table: Table, series: str, x: float | None = None) -> Row | None:
+    """The row of a series at x (None: the first one), or None."""
+    for row in table:
+        if row.series == series and (x is None or row.x == x):
+            return row
+    return None
+
+
+def series(table: Table, name: str) -> list[Row]:
+    """Rows of a series that have an x, by rising x."""
+    return sorted((r for r in table if r.series == name and not math.isnan(r.x)), key=lambda r: r.x)
+
+
+def matched(table: Table, low: str, high: str, only: Iterable[float] | None = None) -> list[Pair]:
+    """Rows of two series at the same x; `only` keeps some x."""
+    kept = None if only is None else set(only)
+    pairs = []
+    for row in series(table, low):
+        other = find(table, high, row.x)
+        if other is not None and (kept is None or row.x in kept):
+            pairs.append((row, other))
+    return pairs
+
+
+def neighbours(rows: Sequence[Row]) -> list[Pair]:
+    """Each row with the one before it, so that `pairs` says that the series falls."""
+    return [(after, before) for before, after in pairwise(rows)]
+
+
+def difference(low: Row, high: Row) -> tuple[float, float]:
+    """Mean of high - low and its standard error, run by run where the runs match."""
+    if low.runs == high.runs:
+        values = [b - a for a, b in zip(low.values, high.values, strict=True)]
+        return math.fsum(values) / len(values), deviation(values) / math.sqrt(len(values))
+    return high.mean - low.mean, math.hypot(low.error, high.error)
+
+
+def share(held: Sequence[bool]) -> str:
+    """All: reproduced; at least half: in part; fewer, or nothing to judge: not reproduced."""
+    if held and all(held):
+        return REPRODUCED
+    return IN_PART if held and 2 * sum(held) >= len(held) else NOT
+
+
+def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None = None) -> Verdict:
+    """Verdict of rule `pairs`: low below high at every point; measured is the mean difference."""
+    found = [difference(low, high) for low, high in points]
+    held = [gap > error for gap, error in found]
+    rule = f"pairs: {sum(held)} of {len(held)} differences above one standard error"
+    return _verdict(key, statement, paper, found, points, share(held), rule)
+
+
+def close(key: str, statement: str, points: Sequence[Pair]) -> Verdict:
+    """Verdict of rule `close`; measured is the mean difference."""
+    found = [difference(low, high) for low, high in points]
+    held = [abs(gap) <= max(low.sd, high.sd) for (gap, _), (low, high) in zip(found, points, strict=True)]
+    rule = f"close: {sum(held)} of {len(held)} differences within one standard deviation"
+    return _verdict(key, statement, None, found, points, share(held), rule)
+
+
+def number(key: str, statement: str, paper: float, measured: float, error: float, runs: int) -> Verdict:
+    """Verdict of rule `number` on a quantity as such."""
+    fair = abs(measured - paper) <= FAR * abs(paper)
+    good = _near(measured, error, paper)
+    rule = f"number: within {NEAR:.0%} or 2 (small) standard errors; in part within {FAR:.0%}"
+    return Verdict(key, statement, paper, measured, error, runs, REPRODUCED if good else IN_PART if fair else NOT, rule)
+
+
+def factor(key: str, statement: str, paper: float, low: Row | None, high: Row | None) -> Verdict:
+    """Verdict of rule `number` on the quotient of two means; without error if they are not from the same runs."""
+    rule = f"number: within {NEAR:.0%} or 2 (small) standard errors; in part if at least half of the excess over 1"
+    if low is None or high is None:
+        return Verdict(key, statement, paper, None, None, 0, NOT, rule + "; it could not be measured")
+    measured, error = quotient(high, low)
+    good = _near(measured, error, paper)
+    fair = measured - 1.0 >= 0.5 * (paper - 1.0)
+    return Verdict(
+        key,
+        statement,
+        paper,
+        measured,
+        error,
+        min(low.runs, high.runs),
+        REPRODUCED if good else IN_PART if fair else NOT,
+        rule,
+    )
+
+
+def _near(measured: float, error: float, paper: float) -> bool:
+    """Whether a measured number agrees with a stated one; a large error bar is no agreement."""
+    near = NEAR * abs(paper)
+    return abs(measured - paper) <= (max(near, 2.0 * error) if error <= near else near)
+
+
+def quotient(above: Row, below: Row) -> tuple[float, float]:
+    """Quotient of two means and its standard error by the delta method; NaN over a mean of 0."""
+    if not below.mean:
+        return math.nan, math.nan
+    if not above.mean:
+        return 0.0, above.error / abs(below.mean)
+    ratio = above.mean / below.mean
+    return ratio, abs(ratio) * math.hypot(above.error / above.mean, below.error / below.mean)
+
+
+def _verdict(
+    key: str,
+    statement: str,
+    paper: float | None,
+    found: Sequence[tuple[float, float]],
+    points: Sequence[Pair],
+    verdict: str,
+    rule: str,
+) -> Verdict:
+    n = len(found)
+    mean = math.fsum(gap for gap, _ in found) / n if n else None
+    error = math.sqrt(math.fsum(e * e for _, e in found)) / n if n else None
+    runs = min((min(a.runs, b.runs) for a, b in points), default=0)
+    return Verdict(key, statement, paper, mean, error, runs, verdict, rule)

@@ -1,0 +1,1 @@
+"""Verb: do all stages of a configuration into a run folder."""

@@ -1,0 +1,223 @@
+"""From a run configuration to the commands of its stages.
+
+The keys of a stage are the long options of its command, with underscores for dashes, so
+that whatever a command can do a configuration can say, and both are checked alike.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from occlog.cli.main import load_command
+from occlog.errors import InputError
+
+SOURCES = ("recording", "simulate", "ingest")
+STAGES = ("detect", "priors", "track", "evaluate", "report")
+PRIORS = ("hull", "kalman", "acoustic")
+COMMON = ("seed", "scene", "quiet")
+KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One command with its arguments."""
+
+    name: str
+    command: click.Command
+    args: tuple[str, ...]
+    output_paths: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Config:
+    """A run configuration: where it came from and its keys."""
+
+    path: Path
+    values: dict[str, Any]
+
+    def stage(self, name: str) -> dict[str, Any]:
+        """Keys of a stage; empty if it is not mentioned."""
+        return dict(self.values.get(name) or {})
+
+
+def read_config(path: Path) -> Config:
+    """The configuration in a YAML file; InputError names unknown keys and the nearest valid one."""
+    from occlog.io.files.yaml_file import read_yaml
+
+    values = read_yaml(path, dict, "a run configuration (YAML)")
+    for key in values:
+        if key not in KEYS:
+            raise InputError(f"{path}: unknown key {key!r}; {_nearest(str(key), KEYS)}")
+    if values.get("occlog_run") != 1:
+        raise InputError(f"{path}: want `occlog_run: 1` (the version of this format), got {values.get('occlog_run')!r}")
+    given = [s for s in SOURCES if s in values]
+    if len(given) != 1:
+        raise InputError(f"{path}: give exactly one of {', '.join(SOURCES)}; got {', '.join(given) or 'none'}")
+    for name in ("simulate", "ingest", *STAGES):
+        if not isinstance(values.get(name) or {}, dict):
+            raise InputError(f"{path}: {name}: want keys and values, got {values[name]!r}")
+    return Config(path, values)
+
+
+def plan(config: Config, folder: Path) -> Iterator[Stage]:
+    """The stages in order, with outputs in the run folder.
+
+    What follows the recording depends on what it holds, so it must be there when the
+    iteration goes on; where it is not, what the configuration says is believed.
+    """
+    recording = folder / "recording.mcap"
+    if "simulate" in config.values or "ingest" in config.values:
+        name = "simulate" if "simulate" in config.values else "ingest"
+        yield _stage(config, name, {"output": recording}, ())
+    else:
+        recording = config.path.resolve().parent / str(config.values["recording"])
+    out = {n: folder / f"{n}.parquet" for n in ("bearings", "views", "tracks", "diagnostics", "errors", "bound")}
+    scene = {"scene": config.values.get("scene", str(recording))}
+    yield _stage(config, "detect", {"output": out["bearings"], "views": out["views"]}, (str(recording),))
+    tracked = {"output": out["tracks"], "diagnostics": out["diagnostics"]}
+    inputs = dict(scene)
+    if "priors" in config.values:
+        stage, found = _priors(config, folder, recording, out, scene)
+        yield stage
+        inputs["occluders"] = found
+    yield _stage(config, "track", tracked, (str(out["bearings"]),), inputs)
+    metrics = folder / "metrics.json"
+    results = {"output": metrics, "errors": out["errors"], "bound": out["bound"]}
+    truth = _truth(config, recording, out["views"])
+    compared = {**scene, "bearings": str(out["bearings"]), **truth}
+    yield _stage(config, "evaluate", results, (str(out["tracks"]),), compared)
+    shown = {k: v for k, v in {**truth, **inputs}.items() if k in ("truth", "occluders", "scene")}
+    yield _report(config, folder, out, metrics, shown)
+
+
+def _priors(
+    config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, Any]
+) -> tuple[Stage, str]:
+    """The stage that finds moving occluders, and the file that `track` reads: polygons if there are any."""
+    values = config.stage("priors")
+    kind = values.get("source", "hull")
+    if kind not in PRIORS:
+        raise InputError(f"{config.path}: priors.source: {kind!r}; {_nearest(str(kind), PRIORS)}")
+    outputs = {"output": folder / "occluders.parquet"}
+    if kind == "hull":
+        outputs["hulls"] = folder / "hulls.parquet"
+        inputs, source = {**scene, "bearings": str(out["bearings"])}, str(out["views"])
+    else:
+        inputs, source = scene, str(recording)
+    group = load_command("priors")
+    if not isinstance(group, click.Group):
+        raise TypeError("priors is a group of commands, one for each source")
+    own = Config(config.path, {**config.values, "priors": {k: v for k, v in values.items() if k != "source"}})
+    stage = _stage(own, "priors", outputs, (source,), inputs, group.commands[kind])
+    return stage, str(outputs.get("hulls", outputs["output"]))
+
+
+def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
+    """`--truth`, and `--views` where there are true boxes; a file that the configuration names goes first."""
+    given = config.stage("evaluate").get("truth")
+    if given is not None:
+        return {"truth": str(given)}
+    simulated = config.stage("simulate") if "simulate" in config.values else None
+    if recording.is_file():
+        places, boxes = _held(recording)
+    else:
+        places = simulated is not None or "truth" in config.stage("ingest")
+        boxes = bool(simulated and simulated.get("render"))
+    found = {"truth": str(recording)} if places or boxes else {}
+    return {**found, "views": str(views)} if boxes else found
+
+
+def _held(recording: Path) -> tuple[bool, bool]:
+    """Whether a recording holds true positions, and true boxes."""
+    from occlog.io.recording.reader import open_recording
+    from occlog.records.tables import Truth, TruthBoxes
+
+    opened = open_recording(recording)
+    return opened.has(Truth), opened.has(TruthBoxes)
+
+
+def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, Any]) -> Stage:
+    page = {"output": folder / "report.html", "png": folder / "report.png"}
+    names = ("bearings", "diagnostics", "errors", "bound")
+    results = {n: str(out[n]) for n in names}
+    return _stage(config, "report", page, (str(out["tracks"]),), {**inputs, **results, "metrics": str(metrics)})
+
+
+def _stage(
+    config: Config,
+    name: str,
+    outputs: dict[str, Path],
+    arguments: tuple[str, ...],
+    inputs: dict[str, Any] | None = None,
+    command: click.Command | None = None,
+) -> Stage:
+    if command is None:
+        command = load_command(name)
+    values = {**_common(config, command), **(inputs or {}), **config.stage(name)}
+    for key in outputs:
+        if key in config.stage(name):
+            raise InputError(f"{config.path}: {name}.{key}: outputs of a run lie in its folder; remove this key")
+    args = [*arguments, *_to_args(config, name, command, {**values, **outputs}), "--quiet"]
+    return Stage(name, command, tuple(args), tuple(str(p) for p in outputs.values()))
+
+
+def _common(config: Config, command: click.Command) -> dict[str, Any]:
+    names = {p.name for p in command.params}
+    return {k: config.values[k] for k in ("seed",) if k in config.values and k in names}
+
+
+def _to_args(config: Config, name: str, command: click.Command, values: dict[str, Any]) -> list[str]:
+    """Command-line arguments of the keys of a stage."""
+    # An argument goes before an option of its name.
+    options = {_key(p): p for p in sorted(command.params, key=lambda p: isinstance(p, click.Argument))}
+    ahead: list[str] = []
+    args: list[str] = []
+    for key, value in values.items():
+        param = options.get(key)
+        if param is None:
+            raise InputError(f"{config.path}: unknown key {key!r} in {name}; {_nearest(key, sorted(options))}")
+        if isinstance(param, click.Argument):
+            ahead += [str(v) for v in _listed(value)]
+        else:
+            args += _option_args(config, name, key, param, value)
+    return ahead + args
+
+
+def _key(param: click.Parameter) -> str:
+    """The key of an option: its long name with underscores; an argument's own name."""
+    long = [o for o in param.opts if o.startswith("--")]
+    return long[0].removeprefix("--").replace("-", "_") if long else str(param.name)
+
+
+def _listed(value: Any) -> list[Any]:
+    if isinstance(value, dict):
+        return [f"{k}={v}" for k, v in value.items()]
+    return value if isinstance(value, list) else [value]
+
+
+def _option_args(config: Config, name: str, key: str, param: click.Parameter, value: Any) -> list[str]:
+    flag = param.opts[-1] if not param.opts[0].startswith("--") else param.opts[0]
+    if getattr(param, "is_flag", False):
+        if not isinstance(value, bool):
+            raise InputError(f"{config.path}: {name}.{key}: want true or false, got {value!r}")
+        negative = param.secondary_opts
+        return [flag] if value else negative[:1]
+    if value is None:
+        return []
+    values = _listed(value)
+    if param.nargs not in (1, -1):
+        return [flag, *(str(v) for v in values)]
+    if len(values) > 1 and not getattr(param, "multiple", False):
+        return [flag, ",".join(str(v) for v in values)]
+    return [part for v in values for part in (flag, str(v))]
+
+
+def _nearest(key: str, valid: tuple[str, ...] | list[str]) -> str:
+    near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    return f"did you mean {near[0]!r}?" if near else f"valid keys: {', '.join(valid)}"

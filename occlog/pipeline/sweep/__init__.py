@@ -1,0 +1,1 @@
+"""Verb: Monte Carlo runs over seeds and parameters, in parallel."""

@@ -1,0 +1,55 @@
+"""The `occlog sweep` command."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from occlog.cli import options
+
+
+@click.command(name="sweep", short_help="Monte Carlo runs over seeds and parameters, in parallel.")
+@click.argument("sweep", type=options.PATH)
+@click.option("-o", "--output", type=options.PATH, required=True, help="Folder of the results; made if missing.")
+@click.option("--workers", type=click.IntRange(min=1), default=None, help="Processes. [default: one a processor]")
+@click.option("--scheduler", default=None, metavar="ADDRESS", help="Use a Dask cluster, e.g. tcp://10.0.0.1:8786.")
+@click.option(
+    "--figures",
+    default="rmse,rmse_occ,restart,bytes",
+    show_default=True,
+    metavar="A,B,...",
+    help="What the printed table shows; the files have everything.",
+)
+@options.overwrite_opt
+@options.quiet_opt
+@options.json_opt
+def command(
+    sweep: Path,
+    output: Path,
+    workers: int | None,
+    scheduler: str | None,
+    figures: str,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    """Run all trials of SWEEP (YAML): each simulates a scene, tracks, and compares with the truth.
+
+    Trials of equal seed and run see the same world and the same noise.  Finished trials are
+    kept in the folder; after an interruption the same command goes on where it stopped.
+    Results do not depend on the number of workers.  The folder gets trials.csv (a row a
+    trial), summary.csv (mean, standard deviation, standard error and 95 % confidence interval
+    of every figure and setting) and sweep.json (how it was made).
+
+    \b
+      occlog sweep examples/sweep.yaml -o sweep/
+      occlog sweep examples/sweep.yaml -o sweep/ --scheduler tcp://127.0.0.1:8786 --json
+    """
+    from .run import run_sweep
+
+    if workers is not None and scheduler is not None:
+        raise click.UsageError("--workers and --scheduler exclude each other; the cluster has its own workers")
+    wanted = tuple(name.strip() for name in figures.split(",") if name.strip())
+    return run_sweep(sweep, output, workers or os.cpu_count() or 1, scheduler, wanted, overwrite, quiet, as_json)

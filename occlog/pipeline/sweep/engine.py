@@ -1,0 +1,182 @@
+"""Many trials: on this machine, in several processes, or on a Dask cluster; stored as they finish.
+
+What a trial gives depends on its description alone, so any number of workers gives the
+same results, in the order of the descriptions.  A store keeps finished trials: a sweep
+that was killed goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from occlog.errors import InputError, OcclogError, UsageError
+
+from .store import Store, key_of
+from .trial import run_trial
+
+Spec = Mapping[str, Any]
+Result = dict[str, float]
+Trial = Callable[[Spec], Result]
+"""A function of a module, which other processes can import."""
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""Each worker has one thread, so that as many workers as processors do not disturb each other."""
+
+
+class Outcome(NamedTuple):
+    """Result of a trial, or why there is none."""
+
+    result: Result | None
+    error: str | None
+
+
+class TrialError(OcclogError):
+    """Some trials failed; the others are stored."""
+
+
+def run_all(
+    specs: Sequence[Spec],
+    workers: int = 1,
+    scheduler: str | None = None,
+    store: Path | None = None,
+    progress: Callable[[int], None] | None = None,
+    run: Trial | None = None,
+) -> list[Result]:
+    """Figures of all trials, in the order of the descriptions.
+
+    Args:
+        specs: descriptions, see `run_trial` (or what `run` takes); equal ones are run once.
+        workers: processes on this machine.
+        scheduler: address of a Dask scheduler; its workers are used instead.
+        store: file of finished trials (JSON lines); those in it are not run again.
+        progress: told the number of trials that have finished since the last call.
+        run: does one trial; None: `run_trial`.  Descriptions for different functions must differ.
+
+    Raises:
+        TrialError: names the first trial that failed; all others were run before.
+        UsageError: a scheduler without the package `distributed`, or that does not answer.
+    """
+    kept = Store(store)
+    keys = [key_of(spec) for spec in specs]
+    todo: dict[str, Spec] = {}
+    for key, spec in zip(keys, specs, strict=True):
+        if key not in kept.results:
+            todo.setdefault(key, spec)
+    if progress is not None:
+        progress(sum(key in kept.results for key in keys))
+    failed: dict[str, str] = {}
+    with kept:
+        for key, outcome in _outcomes(todo, workers, scheduler, run or run_trial):
+            if outcome.result is None:
+                failed[key] = outcome.error or "unknown"
+            else:
+                kept.add(key, outcome.result)
+            if progress is not None:
+                progress(keys.count(key))
+    if failed:
+        number = next(i for i, key in enumerate(keys) if key in failed)
+        raise TrialError(
+            f"{len(failed)} of {len(specs)} trials failed; the first is trial {number} "
+            f"({describe(specs[number])}): {failed[keys[number]]}"
+        )
+    return [dict(kept.results[key]) for key in keys]
+
+
+def attempt(spec: Spec, run: Trial) -> Outcome:
+    """Run a trial; what is wrong with its description is told, not raised."""
+    try:
+        return Outcome(run(spec), None)
+    except OcclogError as error:
+        return Outcome(None, str(error))
+
+
+def describe(spec: Spec) -> str:
+    """A trial in one line, without its scene."""
+    return ", ".join(f"{name}={value}" for name, value in spec.items() if name != "scene")
+
+
+def _outcomes(
+    todo: Mapping[str, Spec], workers: int, scheduler: str | None, run: Trial
+) -> Iterator[tuple[str, Outcome]]:
+    if scheduler is not None:
+        yield from _on_cluster(todo, scheduler, run)
+    elif workers > 1 and len(todo) > 1:
+        yield from _in_processes(todo, min(workers, len(todo)), run)
+    else:
+        for key, spec in todo.items():
+            yield key, attempt(spec, run)
+
+
+def _in_processes(todo: Mapping[str, Spec], workers: int, run: Trial) -> Iterator[tuple[str, Outcome]]:
+    """Trials in processes that are started afresh, so that no state of this one is inherited."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_leave_with_parent)
+    try:
+        running = {pool.submit(attempt, spec, run): key for key, spec in todo.items()}
+        for future in as_completed(running):
+            yield running[future], future.result()
+    except BaseException:
+        # Interrupted: what is running is not waited for.
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _leave_with_parent() -> None:
+    """End this worker when the process that started it is gone, however that ended."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+def _on_cluster(todo: Mapping[str, Spec], scheduler: str, run: Trial) -> Iterator[tuple[str, Outcome]]:
+    try:
+        import distributed
+    except ImportError as error:
+        raise UsageError(
+            "a scheduler wants the package `distributed`; install occlog[cluster], or give --workers"
+        ) from error
+    library: Any = distributed  # it has no types
+    try:
+        client = library.Client(scheduler, timeout="10s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise UsageError(f"scheduler {scheduler}: does not answer ({error}); start it, or give --workers") from error
+    with client:
+        _check_versions(client)
+        running = {client.submit(attempt, dict(spec), run, key=f"occlog-{key}"): key for key, spec in todo.items()}
+        for future in library.as_completed(running, loop=client.loop):
+            yield running[future], future.result()
+
+
+def _check_versions(client: Any) -> None:
+    """InputError if a worker has another version of occlog, whose figures would not be comparable."""
+    from occlog import __version__
+
+    for address, version in client.run(_version).items():
+        if version != __version__:
+            raise InputError(f"worker {address} has occlog {version}, this is {__version__}; install the same")
+
+
+def _version() -> str:
+    from occlog import __version__
+
+    return __version__

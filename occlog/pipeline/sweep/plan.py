@@ -1,0 +1,118 @@
+"""Sweep files: what stays the same, what varies, and the trials that follow from it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import msgspec
+from msgspec import Meta
+
+from occlog.errors import InputError
+from occlog.io.files.inputs import check_input
+from occlog.io.files.yaml_file import read_yaml
+
+PARTS = ("simulate", "observe", "priors", "track", "select")
+WHOLE = ("cameras", "skip")
+MOST_TRIALS = 1_000_000
+
+
+class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+    """A sweep file."""
+
+    occlog_sweep: Annotated[Literal[1], Meta(description="version of this format")]
+    scene: Annotated[str, Meta(description="scene file, beside the sweep file")]
+    seed: Annotated[int, Meta(ge=0)] = 0
+    runs: Annotated[int, Meta(ge=1, description="runs of every setting, each with a world of its own")] = 5
+    simulate: Annotated[dict[str, Any], Meta(description="as the options of `occlog simulate`")] = {}
+    observe: Annotated[dict[str, Any], Meta(description="noise, miss, false_alarm, diameter")] = {}
+    priors: Annotated[dict[str, Any], Meta(description="kind: none, known or kalman; sigma; q")] = {}
+    track: Annotated[dict[str, Any], Meta(description="method and its settings")] = {}
+    select: Annotated[dict[str, Any], Meta(description="policy, count, every, model, order")] | None = None
+    cameras: Annotated[list[str] | int | None, Meta(description="names, or how many of `order`; all")] = None
+    order: Annotated[list[str], Meta(description="order in which cameras are used")] = []
+    skip: Annotated[int, Meta(ge=0, description="estimates left out at the start")] = 0
+    vary: Annotated[dict[str, list[Any]], Meta(description="values to be combined with each other")] = {}
+    cases: Annotated[list[dict[str, Any]], Meta(description="named settings, each combined with `vary`")] = []
+
+
+class Setting(NamedTuple):
+    """One combination of what varies, and its trials."""
+
+    label: dict[str, Any]  # what distinguishes it
+    trials: tuple[dict[str, Any], ...]  # one a run
+
+
+def read_sweep(path: Path) -> SweepSpec:
+    """The sweep file; InputError names the line and the nearest key of what does not fit."""
+    return read_yaml(path, SweepSpec, "a sweep file")
+
+
+def settings_of(spec: SweepSpec, folder: Path) -> list[Setting]:
+    """All settings with their trials, in the order of the file: cases first, then the last name of `vary` fastest.
+
+    Args:
+        spec: the sweep file.
+        folder: where the scene's path starts.
+
+    Raises:
+        InputError: a name that cannot vary, an empty list, too many trials, or cameras that are not there.
+    """
+    scene = check_input(folder / spec.scene, "a scene").read_text(encoding="utf-8")
+    for name, values in spec.vary.items():
+        if not values:
+            raise InputError(f"vary: {name}: has no values; give at least one")
+    axes = [[(name, value) for value in values] for name, values in spec.vary.items()]
+    cases: list[dict[str, Any]] = spec.cases or [{}]
+    count = len(cases) * spec.runs
+    for axis in axes:
+        count *= len(axis)
+    if count > MOST_TRIALS:
+        raise InputError(f"{count} trials, limit {MOST_TRIALS}; vary less or lower runs")
+    found = []
+    for case in cases:
+        for combination in itertools.product(*axes):
+            label = {**case, **dict(combination)}
+            found.append(Setting(label, _trials(spec, scene, label)))
+    return found
+
+
+def _trials(spec: SweepSpec, scene: str, label: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
+    trial: dict[str, Any] = {"scene": scene, "seed": spec.seed, "skip": spec.skip, "cameras": spec.cameras}
+    for part in PARTS:
+        value = getattr(spec, part)
+        if value is not None:
+            trial[part] = dict(value)
+    for name, value in label.items():
+        if name != "name":
+            _put(trial, name, value)
+    trial["cameras"] = _cameras(trial["cameras"], spec.order)
+    return tuple({**trial, "run": run} for run in range(spec.runs))
+
+
+def _put(trial: dict[str, Any], name: str, value: Any) -> None:
+    part, dot, key = name.partition(".")
+    if not dot and name in WHOLE:
+        trial[name] = value
+    elif not dot and name == "select" and value is None:
+        trial.pop("select", None)
+    elif dot and part in PARTS:
+        trial[part] = {**trial.get(part, {}), key: value}
+    else:
+        raise InputError(
+            f"vary: {name}: want {' or '.join(WHOLE)}, or a part and its key, e.g. track.particles "
+            f"(parts: {', '.join(PARTS)})"
+        )
+
+
+def _cameras(value: Any, order: Sequence[str]) -> list[str] | None:
+    """Names of the cameras used; a number takes the first of the order."""
+    if value is None or isinstance(value, list):
+        return value
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= len(order):
+        raise InputError(
+            f"cameras: {value!r}: want a list of names, or how many of the {len(order)} names in `order` to use"
+        )
+    return list(order[:value])

@@ -1,0 +1,187 @@
+"""One trial: simulate a scene, measure, track and compare with the truth, all in memory.
+
+A trial is described by plain values , so that it can be stored, hashed and sent
+to another process.  Trials of equal seed and run see the same world and the same
+measurement noise, whatever else differs.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.scenes.scene import scene_from_yaml
+from occlog.measure.priors.from_positions import virtual_priors
+from occlog.measure.scans.occluder_priors import known_positions
+from occlog.measure.scans.scans import choose_sensors
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks, Truth
+from occlog.settings import configure
+from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth, world_config
+from occlog.track.apf.selection_policies import read_selection
+from occlog.track.catalogue import tracker
+from occlog.track.drivers.messages import Messages
+from occlog.track.drivers.stage import track
+
+PRIORS = ("none", "known", "kalman")
+KEYS = ("scene", "seed", "run", "simulate", "observe", "priors", "track", "cameras", "select", "skip")
+WORLDS = 2
+"""Simulated worlds kept, as neighbouring trials share them."""
+
+
+class World(NamedTuple):
+    """What does not depend on the tracker."""
+
+    truth: Truth
+    bearings: Bearings
+
+
+def run_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Figures of a trial.
+
+    Args:
+        spec: `scene` (YAML text), `seed`, `run`; optional `simulate` (fields of `WorldConfig`),
+            `observe` (of `ObserveConfig`), `priors` (`kind` none, known or kalman, with
+            `sigma` of the virtual measurements and `q` of the motion), `track` (`method` and
+            its settings), `cameras` (names of those to use), `select` (fields of
+            `SelectConfig`), `skip` (estimates left out at the start).
+
+    Returns:
+        `rmse`, `mean_error`, `max_error` (length unit), `rmse_occ` (of the priors' means; NaN
+        without priors), `mean_ess`, `sir` and `restart` (scans with that fallback), `lost`
+        (share of estimates more than a fifth of the room away), `messages`, `bytes`,
+        `predicted_mse` (mean; NaN without selection), and `track_seconds` (CPU; differs from
+        run to run).
+
+    Raises:
+        InputError, UsageError: values that do not fit.
+    """
+    _check(spec)
+    scene = _scene(spec["scene"])
+    seed = _seed(int(spec["seed"]), int(spec.get("run", 0)))
+    simulate, measured = _frozen(spec.get("simulate", {})), _frozen(spec.get("observe", {}))
+    world = _world(spec["scene"], simulate, measured, seed)
+    occluders = _priors(spec.get("priors", {"kind": "none"}), world.truth, seed)
+    settings = dict(spec.get("track", {}))
+    method = settings.pop("method", "apf")
+    config = configure(tracker(method).defaults(scene.length_unit), settings, method)
+    select = None if spec.get("select") is None else read_selection(spec["select"])
+    chosen = choose_sensors(scene, spec.get("cameras") or ())
+    start = time.process_time()
+    parts = list(
+        track(
+            [world.bearings],
+            scene,
+            config,
+            seed,
+            method=method,
+            sensors=chosen,
+            occluders=None if occluders is None else [occluders],
+            selection=select,
+        )
+    )
+    seconds = time.process_time() - start
+    tracks, diagnostics = Tracks.concat([p.tracks for p in parts]), Diagnostics.concat([p.diagnostics for p in parts])
+    figures = errors_of(tracks, world.truth, scene, int(spec.get("skip", 0)))
+    figures["rmse_occ"] = rmse_of_priors(occluders, world.truth)
+    return figures | _filter_figures(diagnostics) | {"track_seconds": seconds}
+
+
+def _check(spec: Mapping[str, Any]) -> None:
+    for key in spec:
+        if key not in KEYS:
+            raise InputError(f"trial: unknown key {key!r}; it has: {', '.join(KEYS)}")
+    for key in ("scene", "seed"):
+        if key not in spec:
+            raise InputError(f"trial: {key} is missing")
+
+
+def _seed(seed: int, run: int) -> int:
+    """A seed of its own for every run."""
+    return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint32)[0])
+
+
+@functools.lru_cache(maxsize=4)
+def _scene(text: str) -> Scene:
+    return scene_from_yaml(text, "scene")
+
+
+def _frozen(values: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
+    return tuple(sorted(values.items()))
+
+
+@functools.lru_cache(maxsize=WORLDS)
+def _world(text: str, simulate: tuple[tuple[str, Any], ...], measured: tuple[tuple[str, Any], ...], seed: int) -> World:
+    scene = _scene(text)
+    config: WorldConfig = configure(world_config(scene.length_unit), dict(simulate), "simulate")
+    looks: ObserveConfig = configure(ObserveConfig(diameter=config.diameter), dict(measured), "observe")
+    truth = Truth.concat(list(simulate_truth(scene, config, seed)))
+    return World(truth, Bearings.concat(list(observe(scene, [truth], looks, seed))))
+
+
+def _priors(values: Mapping[str, Any], truth: Truth, seed: int) -> Occluders | None:
+    kind = values.get("kind", "none")
+    if kind not in PRIORS:
+        raise InputError(f"trial: priors.kind is {kind!r}, must be one of {', '.join(PRIORS)}")
+    if kind == "none":
+        return None
+    if kind == "known":
+        return Occluders.concat(list(known_positions([truth])))
+    sigma, q = float(values.get("sigma", 8.0)), float(values.get("q", 1.2))
+    return Occluders.concat(list(virtual_priors([truth], sigma, q, seed)))
+
+
+def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
+    """Root mean squared distance of the priors' means from the true places of the occluders; NaN for none."""
+    if occluders is None or not len(occluders):
+        return float("nan")
+    true = truth.take(truth.role == "occluder")
+    order = np.lexsort((true.target_id, true.t_ns))
+    mine = occluders.take(occluders.occluder_id >= 0)
+    own = np.lexsort((mine.occluder_id, mine.t_ns))
+    if len(order) != len(own) or not len(own):
+        return float("nan")
+    dx, dy = mine.x[own] - true.x[order], mine.y[own] - true.y[order]
+    return float(np.sqrt(np.mean(dx**2 + dy**2)))
+
+
+def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str, float]:
+    """Figures of the errors of target 0 at the times of the estimates."""
+    true = truth.take(truth.target_id == 0)
+    own = tracks.take(tracks.target_id == 0)
+    place = np.searchsorted(true.t_ns, own.t_ns)
+    if np.any(place >= len(true)) or not np.array_equal(true.t_ns[place], own.t_ns):
+        raise InputError("trial: estimates at times that the truth does not have; give cameras no rate of their own")
+    error = np.hypot(own.x - true.x[place], own.y - true.y[place])[skip:]
+    if not len(error):
+        raise InputError(f"trial: skip is {skip}, but there are {len(own)} estimates; skip fewer")
+    far = 0.2 * float(np.hypot(*np.ptp(scene.region, axis=0)))
+    return {
+        "rmse": float(np.sqrt(np.mean(error**2))),
+        "mean_error": float(error.mean()),
+        "max_error": float(error.max()),
+        "lost": float(np.mean(error > far)),
+        "estimates": float(len(error)),
+    }
+
+
+def _filter_figures(diagnostics: Diagnostics) -> dict[str, float]:
+    fallbacks = Counter(diagnostics.fallback.tolist())
+    messages = Messages()
+    messages.add(diagnostics)
+    mse: Floats = diagnostics.predicted_mse[np.isfinite(diagnostics.predicted_mse)]
+    return {
+        "mean_ess": float(diagnostics.ess.mean()),
+        "sir": float(fallbacks["sir"]),
+        "restart": float(fallbacks["restart"]),
+        "messages": float(messages.reports + messages.orders),
+        "bytes": float(messages.bytes),
+        "predicted_mse": float(mse.mean()) if len(mse) else float("nan"),
+    }

@@ -1,0 +1,1 @@
+"""Tables: columns with units, declared once; the scene; what was lost."""

@@ -1,0 +1,167 @@
+"""What a table is: columns declared once with dtype, unit and meaning; validation on construction."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.array_types import Bools, Ints
+from occlog.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column of a table: name, NumPy kind, width of a row (0 = a scalar), unit, meaning."""
+
+    name: str
+    kind: str
+    width: int
+    unit: str
+    doc: str
+    nan: str | None
+    optional: bool
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """NumPy dtype of the column; "U" stands for strings of any length."""
+        return np.dtype(self.kind)
+
+
+def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
+    """Declare one column of a table; an `optional` one is NaN or "" where it gets no values."""
+    metadata = {"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional}
+    return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
+
+
+class Table:
+    """What all tables share: validation on construction, slicing, concatenation."""
+
+    __slots__ = ()
+    NAME: ClassVar[str]
+    VERSION: ClassVar[int] = 1
+    KEY: ClassVar[tuple[str, ...]]
+
+    def __post_init__(self) -> None:
+        for c in self.columns():
+            if c.optional and getattr(self, c.name) is None:
+                object.__setattr__(self, c.name, _absent(c, len(self)))  # frozen for everybody else
+        check_columns(self)
+        self.check()
+
+    def check(self) -> None:
+        """Raise InputError where values contradict each other; tables refine this."""
+
+    def __len__(self) -> int:
+        return len(getattr(self, "t_ns"))  # noqa: B009
+
+    @classmethod
+    @functools.cache
+    def columns(cls) -> tuple[Column, ...]:
+        """The declared columns, in file order."""
+        return tuple(Column(f.name, **f.metadata) for f in fields(cls))  # type: ignore[arg-type]
+
+    @classmethod
+    def empty(cls) -> Self:
+        """A table without rows."""
+        return cls(**{c.name: _empty_column(c, 0) for c in cls.columns()})
+
+    @classmethod
+    def of(cls, **values: Any) -> Self:
+        """Build a table from array-likes, cast to the declared dtypes; optional columns may be left out."""
+        told = [c for c in cls.columns() if not c.optional or c.name in values]
+        return cls(**{c.name: as_column(c, values.pop(c.name)) for c in told}, **values)
+
+    @classmethod
+    def concat(cls, parts: Iterable[Self]) -> Self:
+        """One table from parts in order."""
+        tables = [part for part in parts if len(part)]
+        if not tables:
+            return cls.empty()
+        return cls(**{c.name: np.concatenate([getattr(t, c.name) for t in tables]) for c in cls.columns()})
+
+    @classmethod
+    def merge(cls, parts: Iterable[Self]) -> Self:
+        """One table from parts that overlap in time, its rows ordered by the key (stable)."""
+        tables = [part for part in parts if len(part)]
+        if not tables:
+            return cls.empty()
+        values = {c.name: np.concatenate([getattr(t, c.name) for t in tables]) for c in cls.columns()}
+        order = np.lexsort([values[name] for name in reversed(cls.KEY)])
+        return cls(**{name: column[order] for name, column in values.items()})
+
+    def take(self, rows: Any) -> Self:
+        """The rows selected by a mask, a slice or an index array."""
+        return type(self)(**{c.name: getattr(self, c.name)[rows] for c in self.columns()})
+
+    def sorted(self) -> Self:
+        """Rows ordered by the key of the table (stable)."""
+        if not len(self):
+            return self
+        return self.take(np.lexsort([getattr(self, name) for name in reversed(self.KEY)]))
+
+
+def _absent(c: Column, rows: int) -> NDArray[Any]:
+    """Values of an optional column that nothing is known of."""
+    return np.full(rows, "") if c.kind == "U" else np.full(rows, np.nan)
+
+
+def _empty_column(c: Column, rows: int) -> NDArray[Any]:
+    shape = (rows, c.width) if c.width else (rows,)
+    return np.empty(shape, dtype="U1" if c.kind == "U" else c.dtype)
+
+
+def as_column(c: Column, values: Any) -> NDArray[Any]:
+    """Cast array-like values to the dtype of a column; a cast that loses information is an error."""
+    array = np.asarray(values)
+    if not array.size:
+        return _empty_column(c, 0)
+    if c.kind == "U":
+        return array.astype(np.str_)
+    if array.dtype.kind == "f" and c.dtype.kind in "iu":
+        raise InputError(f"{c.name}: fractional numbers where whole ones ({c.kind}) are declared")
+    return np.asarray(array.astype(c.dtype, casting="same_kind", copy=False))
+
+
+def check_columns(record: Table) -> None:
+    """Raise InputError unless columns have their dtype and shape, equal lengths, and no undeclared NaN."""
+    name = type(record).__name__
+    length = None
+    for c in record.columns():
+        values = getattr(record, c.name)
+        ok = values.dtype.kind == "U" if c.kind == "U" else values.dtype == c.dtype
+        if not ok or values.shape[1:] != ((c.width,) if c.width else ()):
+            raise InputError(f"{name}.{c.name}: want {c.kind} of width {c.width}, got {values.dtype} {values.shape}")
+        length = len(values) if length is None else length
+        if len(values) != length:
+            raise InputError(f"{name}.{c.name}: {len(values)} rows, want {length}")
+        if values.dtype.kind == "f":
+            _check_finite(name, c, values)
+
+
+def _check_finite(name: str, c: Column, values: NDArray[Any]) -> None:
+    bad = ~np.isfinite(values) if c.nan is None else np.isinf(values)
+    if bad.any():
+        row = int(np.argwhere(bad)[0, 0])
+        hint = "must be a finite number" if c.nan is None else "must not be infinite"
+        raise InputError(f"{name}.{c.name}: row {row}: {values[row]} {hint}")
+
+
+def check_order(table: Table) -> None:
+    """Raise InputError where t_ns goes back."""
+    t_ns: Ints = getattr(table, "t_ns")  # noqa: B009
+    back = np.flatnonzero(np.diff(t_ns) < 0)
+    if len(back):
+        row = int(back[0]) + 1
+        raise InputError(
+            f"{type(table).__name__}: t_ns goes back at row {row} ({t_ns[row]} after {t_ns[row - 1]}); sort by time"
+        )
+
+
+def first_row(mask: Bools) -> int:
+    """Index of the first true row of a mask that has one."""
+    return int(np.flatnonzero(mask)[0])

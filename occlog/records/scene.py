@@ -1,0 +1,204 @@
+"""The place and its sensors: room, static occluders, cameras, microphone arrays, clocks.
+
+A scene is validated once, when it is built; everything downstream trusts it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.plane.polygons import inside_polygon
+from occlog.core.plane.room_pockets import pockets
+from occlog.core.sight import camera as cam
+from occlog.errors import InputError
+
+UNKNOWN_ROOM_MARGIN = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A camera; see `occlog.core.sight.camera` for frames and angles.
+
+    Lengths in the scene's unit, angles in radians.  `placed` is false for a camera
+    whose pose is not known: it can be detected in, but gives no bearing.
+    """
+
+    name: str
+    position: Floats  # (3,) centre; z is 0 when the height is not known
+    rotation: Floats  # (3, 3) world-from-camera
+    focal_px: Floats  # (2,)
+    principal_px: Floats  # (2,)
+    image_size: tuple[int, int] | None = None  # width, height
+    distortion: Floats = field(default_factory=lambda: np.zeros(5))
+    distortion_model: str = "brown"
+    fov: float = np.pi / 2  # full horizontal field of view
+    range: float = np.inf  # farthest distance at which a target is seen
+    sigma_position: float = 0.0
+    sigma_yaw: float = 0.0
+    sigma_read_px: float = 2.0
+    detection: float | None = None  # probability that it detects a target in plain view; None: the filter's setting
+    false_alarm: float | None = None  # that it reports one it did not detect, anywhere in the image
+    rate_hz: float | None = None
+    clock: str | None = None
+    placed: bool = True
+
+    @cached_property
+    def yaw(self) -> float:
+        """Azimuth of the optical axis [rad]."""
+        return cam.angles_from_rotation(self.rotation)[0]
+
+    @property
+    def ground(self) -> Floats:
+        """(2,) centre projected to the ground."""
+        return self.position[:2]
+
+    def rays(self, pixels: Floats) -> Floats:
+        """(N, 3) world directions of the sight lines through (N, 2) recorded pixels."""
+        return cam.pixels_to_rays(
+            pixels, self.focal_px, self.principal_px, self.distortion, self.distortion_model, self.rotation
+        )
+
+    def project(self, points: Floats) -> Floats:
+        """(N, 2) recorded pixels of (N, 3) world points; NaN behind the camera."""
+        return cam.points_to_pixels(
+            points,
+            self.position,
+            self.focal_px,
+            self.principal_px,
+            self.distortion,
+            self.distortion_model,
+            self.rotation,
+        )
+
+    def bearings(self, pixels: Floats) -> Floats:
+        """(N,) azimuths [rad] of the sight lines through (N, 2) recorded pixels."""
+        return cam.rays_to_azimuth(self.rays(pixels))
+
+    def u_px(self, bearings: Floats) -> Floats:
+        """(N,) horizontal offsets in the levelled image, to the right, of azimuths."""
+        return cam.azimuth_to_u(bearings, self.yaw, float(self.focal_px[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class MicrophoneArray:
+    """A microphone array that delivers directions of arrival."""
+
+    name: str
+    position: Floats  # (3,)
+    yaw: float = 0.0
+    microphones: Floats = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) in the array's frame
+    sigma: float = float(np.radians(3.0))  # of an azimuth about its own z axis [rad]
+    range: float = np.inf  # farthest distance at which a source is heard
+    rate_hz: float | None = None
+    clock: str | None = None
+    pitch: float = 0.0  # of its own x axis above the horizontal plane
+    roll: float = 0.0
+    sigma_elevation: float | None = None  # of an elevation above its own xy plane [rad]; None: as `sigma`
+    resolution: float = 0.0  # sources nearer to each other than this are heard as one [rad]
+    planar: bool = False  # tells no elevation
+
+    @cached_property
+    def rotation(self) -> Floats:
+        """(3, 3) world-from-array rotation; see `occlog.core.sight.camera.array_rotation`."""
+        return cam.array_rotation(self.yaw, self.pitch, self.roll)
+
+    @property
+    def upright(self) -> bool:
+        """Whether its z axis is the world's."""
+        return self.pitch == 0.0 and self.roll == 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Occluder:
+    """A static occluder: what stands behind it, seen from a sensor, is hidden."""
+
+    name: str
+    polygon: Floats  # (K, 2), counter-clockwise
+    height: float = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """World time = sensor time - offset - drift * (sensor time - start)."""
+
+    name: str
+    offset_ns: int = 0
+    drift_ppm: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything that does not move."""
+
+    cameras: tuple[Camera, ...] = ()
+    arrays: tuple[MicrophoneArray, ...] = ()
+    occluders: tuple[Occluder, ...] = ()
+    clocks: tuple[Clock, ...] = ()
+    room: Floats | None = None  # (K, 2), counter-clockwise; None: unbounded
+    room_height: float = 2.5
+    length_unit: str = "m"
+
+    def camera(self, name: str) -> Camera:
+        """The camera of that name; InputError names the ones there are."""
+        for camera in self.cameras:
+            if camera.name == name:
+                return camera
+        known = ", ".join(c.name for c in self.cameras) or "none"
+        raise InputError(f"scene: no camera named {name!r}; the scene has: {known}")
+
+    @cached_property
+    def region(self) -> Floats:
+        """(K, 2) polygon in which a target can be: the room, or else a box around all sensors."""
+        if self.room is not None:
+            return self.room
+        places = [c.position[:2] for c in self.cameras] + [a.position[:2] for a in self.arrays]
+        if not places:
+            raise InputError("scene: neither a room nor a sensor says where targets can be; add `room`")
+        low, high = np.min(places, axis=0), np.max(places, axis=0)
+        pad = UNKNOWN_ROOM_MARGIN + 0.1 * float(np.max(high - low))
+        (x0, y0), (x1, y1) = low - pad, high + pad
+        return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+
+    def blockers(self, ground: Floats) -> tuple[Floats, ...]:
+        """Polygons that hide targets from a sensor at (2,) `ground`.
+
+        These are the static occluders and, in a room that is not convex, the pockets
+        between room and convex hull (except one that holds the sensor itself): a sight
+        line inside the hull leaves the room if and only if it passes through a pocket.
+        """
+        walls = () if self.room is None else pockets(self.room)
+        here = np.asarray(ground, dtype=np.float64)[None, :2]
+        return (
+            *(o.polygon for o in self.occluders),
+            *(w for w in walls if not inside_polygon(here, w)[0]),
+        )
+
+
+def camera_rotation(yaw: float, pitch: float, roll: float) -> Floats:
+    """(3, 3) world-from-camera rotation; see `occlog.core.sight.camera`."""
+    return cam.rotation_from_angles(yaw, pitch, roll)
+
+
+def camera_fov(
+    size: tuple[int, int], focal_px: Floats, principal_px: Floats, distortion: Floats, model: str, rotation: Floats
+) -> float:
+    """Full horizontal field of view [rad]: twice the largest azimuth, off the optical axis, of a border pixel.
+
+    A pitched camera sees a wider range of azimuths at the near edge of the floor;
+    sight lines steeper than 75 degrees are left out, where azimuth loses its meaning.
+    """
+    w, h = size
+    across, down = np.linspace(-0.5, w - 0.5, 33), np.linspace(-0.5, h - 0.5, 33)
+    sides = [np.column_stack([np.full(33, x), down]) for x in (-0.5, w - 0.5)]
+    ends = [np.column_stack([across, np.full(33, y)]) for y in (-0.5, h - 0.5)]
+    rays = cam.pixels_to_rays(np.vstack(sides + ends), focal_px, principal_px, distortion, model, rotation)
+    flat = np.hypot(rays[:, 0], rays[:, 1])
+    rays = rays[flat > np.tan(np.radians(15.0)) * np.abs(rays[:, 2])]
+    if not len(rays):
+        return 2.0 * np.pi
+    yaw = cam.angles_from_rotation(rotation)[0]
+    return float(min(2.0 * np.abs(cam.wrap_angle(cam.rays_to_azimuth(rays) - yaw)).max(), 2.0 * np.pi))

@@ -1,0 +1,230 @@
+"""The tables of what sensors saw and heard, true boxes included.  See `records`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Floats32, Ints, Ints32, Strings
+from occlog.errors import InputError
+
+from .columns import Table, check_order, column, first_row
+
+APPEARANCE_BINS = 72
+"""Length of an appearance histogram: 8 x 8 hue-saturation bins, then 8 brightness bins of grey pixels."""
+
+UNLABELLED = -1
+"""`target_id` of a measurement that has not been assigned to a target."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bearings(Table):
+    """What each sensor says about the direction of a target.
+
+    A camera that delivered a frame but did not see the target has a row with
+    `seen` false: that is information.  A camera without a frame has no row.
+    Rows with `target_id` = -1 are candidates that may come from any object; a sensor
+    may have several of them at one time.
+    """
+
+    NAME: ClassVar[str] = "bearings"
+    VERSION: ClassVar[int] = 2
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the camera or array in the scene")
+    target_id: Ints32 = column("i4", "1", "target the measurement belongs to; -1 = not assigned")
+    seen: Bools = column("?", "1", "true: a measurement; false: the sensor looked and did not see the target")
+    bearing: Floats = column("f8", "rad", "azimuth of the sight line from +x towards +y, in [-pi, pi)", nan="not seen")
+    sigma: Floats = column("f8", "rad", "standard deviation of the bearing, > 0", nan="not seen")
+    u_px: Floats = column(
+        "f8",
+        "px",
+        "horizontal offset from the principal point, to the right, in the undistorted and levelled image",
+        nan="not seen, or the sensor is not a camera",
+    )
+    sigma_px: Floats = column("f8", "px", "standard deviation of u_px, > 0", nan="not seen, or not a camera")
+    score: Floats = column("f8", "1", "likeness to the target or confidence, 0 to 1", nan="unknown or not seen")
+    elevation: Floats = column(
+        "f8",
+        "rad",
+        "of the sight line above the horizontal plane, in [-pi/2, pi/2]",
+        nan="not seen, or the sensor tells none",
+        optional=True,
+    )
+    sigma_elevation: Floats = column(
+        "f8",
+        "rad",
+        "standard deviation of the elevation, > 0; of a tilted array both are about its own axes",
+        nan="no elevation",
+        optional=True,
+    )
+    cause: Strings = column(
+        "U",
+        "1",
+        "what the fusion of detections did: empty, not fused; `kept`; `recovered`, put in where the camera missed the "
+        "object; `removed`, declared false, so not of the target",
+        optional=True,
+    )
+
+    def check(self) -> None:
+        """Times in order, angles wrapped, measurements complete where seen and absent where not."""
+        check_order(self)
+        value = np.isfinite(self.bearing) & np.isfinite(self.sigma)
+        if (wrong := value != self.seen).any():
+            row = first_row(wrong)
+            raise InputError(f"Bearings: row {row}: seen is {bool(self.seen[row])} but bearing is {self.bearing[row]}")
+        if (wrong := self.sigma_px <= 0).any():
+            row = first_row(wrong)
+            raise InputError(f"Bearings: row {row}: sigma_px {self.sigma_px[row]:g} px must be above 0")
+        bad = self.seen & ~((np.abs(self.bearing) <= np.pi) & (self.sigma > 0))
+        if bad.any():
+            row = first_row(bad)
+            raise InputError(
+                f"Bearings: row {row}: bearing {self.bearing[row]:g} rad must be in [-pi, pi) "
+                f"and sigma {self.sigma[row]:g} rad above 0"
+            )
+        told = np.isfinite(self.elevation)
+        bad = (told != np.isfinite(self.sigma_elevation)) | (told & ~self.seen)
+        with np.errstate(invalid="ignore"):
+            bad |= told & ~((np.abs(self.elevation) <= 0.5 * np.pi) & (self.sigma_elevation > 0))
+        if bad.any():
+            row = first_row(bad)
+            raise InputError(
+                f"Bearings: row {row}: elevation {self.elevation[row]:g} rad must be in [-pi/2, pi/2] of a row that is "
+                f"seen, and sigma_elevation {self.sigma_elevation[row]:g} rad above 0"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Views(Table):
+    """People-sized clusters (or detector boxes) of every camera and frame."""
+
+    NAME: ClassVar[str] = "views"
+    VERSION: ClassVar[int] = 2
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "cluster")
+
+    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the camera in the scene")
+    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
+    cluster: Ints32 = column("i4", "1", "number of the cluster in the frame, from 0, by falling area")
+    x_px: Floats = column("f8", "px", "centre of the cluster in the image as recorded, to the right")
+    y_px: Floats = column("f8", "px", "centre of the cluster in the image as recorded, down")
+    cov_xx_px: Floats = column("f8", "px^2", "spread of the cluster's pixels")
+    cov_xy_px: Floats = column("f8", "px^2", "spread of the cluster's pixels")
+    cov_yy_px: Floats = column("f8", "px^2", "spread of the cluster's pixels")
+    left_px: Floats = column("f8", "px", "left edge of the bounding box")
+    top_px: Floats = column("f8", "px", "upper edge of the bounding box")
+    width_px: Floats = column("f8", "px", "width of the bounding box, > 0")
+    height_px: Floats = column("f8", "px", "height of the bounding box, > 0")
+    area_px: Floats = column("f8", "px^2", "foreground pixels, or the box's area for a detector's box")
+    bearing: Floats = column(
+        "f8", "rad", "azimuth of the sight line through the centre, in [-pi, pi)", nan="camera without pose"
+    )
+    sigma: Floats = column("f8", "rad", "standard deviation of the bearing, > 0", nan="camera without pose")
+    u_px: Floats = column("f8", "px", "as in bearings", nan="camera without pose")
+    sigma_px: Floats = column("f8", "px", "standard deviation of u_px, > 0", nan="camera without pose")
+    confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not from a detector")
+    likeness: Floats = column(
+        "f8", "1", "Bhattacharyya coefficient with the target's appearance, 0 to 1", nan="no appearance"
+    )
+    target_id: Ints32 = column("i4", "1", "target that the cluster was told to be; -1 = another object, or not decided")
+    appearance: Floats32 = column(
+        "f4",
+        "1",
+        "colour histogram, sums to 1: 8x8 hue-saturation bins, then 8 brightness bins of grey pixels",
+        nan="no appearance",
+        width=APPEARANCE_BINS,
+    )
+    cause: Strings = column(
+        "U",
+        "1",
+        "what the fusion of detections did: empty, not fused; `kept`; `recovered`, put in where the camera missed the "
+        "object; `removed`, declared false, so not of the target",
+        optional=True,
+    )
+
+    def check(self) -> None:
+        """Times in order, boxes of positive size."""
+        check_order(self)
+        bad = ~((self.width_px > 0) & (self.height_px > 0))
+        if bad.any():
+            row = first_row(bad)
+            raise InputError(
+                f"Views: row {row}: box of {self.width_px[row]:g} x {self.height_px[row]:g} px must have a size above 0"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Boxes(Table):
+    """A person detector's boxes, or the true ones: what is ingested instead of, or beside, video.
+
+    A frame without any box is one row with `box` = -1 and NaN elsewhere, so that
+    "looked, saw nobody" is kept apart from "no frame".
+    """
+
+    NAME: ClassVar[str] = "boxes"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "box")
+
+    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the camera in the scene")
+    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
+    box: Ints32 = column("i4", "1", "number of the box in the frame, from 0; -1 = the frame has no box")
+    target_id: Ints32 = column("i4", "1", "identity given by the source; -1 = none")
+    left_px: Floats = column("f8", "px", "left edge", nan="the frame has no box")
+    top_px: Floats = column("f8", "px", "upper edge", nan="the frame has no box")
+    width_px: Floats = column("f8", "px", "width, > 0", nan="the frame has no box")
+    height_px: Floats = column("f8", "px", "height, > 0", nan="the frame has no box")
+    confidence: Floats = column("f8", "1", "the detector's confidence, 0 to 1", nan="not given")
+
+    def check(self) -> None:
+        """Times in order, boxes of positive size."""
+        check_order(self)
+        bad = (self.box >= 0) & ~((self.width_px > 0) & (self.height_px > 0))
+        if bad.any():
+            row = first_row(bad)
+            size = f"{self.width_px[row]:g} x {self.height_px[row]:g} px"
+            raise InputError(f"{type(self).__name__}: row {row}: box of {size} must have a size above 0")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthBoxes(Boxes):
+    """True boxes of the targets in each view (columns of `Boxes`, and what is visible of them)."""
+
+    NAME: ClassVar[str] = "truth_boxes"
+    VERSION: ClassVar[int] = 2
+
+    visible: Floats = column(
+        "f8",
+        "1",
+        "visible share of the part that is in the image, 0 to 1",
+        nan="the frame has no box, or not known",
+        optional=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Doa(Table):
+    """Directions of arrival from microphone arrays (or any direction finder)."""
+
+    NAME: ClassVar[str] = "doa"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "source_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the array in the scene")
+    source_id: Ints32 = column("i4", "1", "identity given by the source; -1 = none")
+    azimuth: Floats = column("f8", "rad", "world azimuth from +x towards +y, in [-pi, pi)")
+    elevation: Floats = column("f8", "rad", "above the horizontal plane, in [-pi/2, pi/2]", nan="planar array")
+    sigma_azimuth: Floats = column("f8", "rad", "standard deviation, > 0", nan="not given: the array's noise applies")
+    sigma_elevation: Floats = column("f8", "rad", "standard deviation, > 0", nan="not given or planar")
+    confidence: Floats = column("f8", "1", "strength of the peak, 0 to 1", nan="not given")
+
+    def check(self) -> None:
+        """Times in order, azimuths wrapped."""
+        check_order(self)
+        bad = ~(np.abs(self.azimuth) <= np.pi)
+        if bad.any():
+            row = first_row(bad)
+            raise InputError(f"Doa: row {row}: azimuth {self.azimuth[row]:g} rad must be in [-pi, pi)")

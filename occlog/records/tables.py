@@ -1,0 +1,66 @@
+"""The tables that pass between stages: frozen column records, NumPy only, no file formats.
+
+Each column states its dtype, unit and meaning once.  `occlog.io.files.parquet` and
+`occlog.io.recording.reader` derive their schemas from the same declaration, and
+`schemas/` publishes them.
+
+Conventions (all tables)
+    * `t_ns` is int64 nanoseconds since the Unix epoch; rows are ordered by it.
+    * World frame: x, y on the ground, z up, in the scene's length unit (metres unless
+      the scene says otherwise).  Angles are radians from +x towards +y in [-pi, pi).
+    * Pixels carry `_px`; x to the right, y down, the centre of the first pixel is (0, 0).
+    * NaN is allowed only in columns declared with `nan=...`, which says what it means.
+"""
+
+from __future__ import annotations
+
+from .columns import Table
+from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, TruthBoxes, Views
+from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, Tracks
+from .views import Failures, ViewTracks
+from .world import Hulls, Occluders, Truth
+
+TABLES: dict[str, type[Table]] = {
+    table.NAME: table
+    for table in (
+        Bearings,
+        Views,
+        Boxes,
+        TruthBoxes,
+        Doa,
+        Occluders,
+        Hulls,
+        Truth,
+        Tracks,
+        Diagnostics,
+        Calibration,
+        Errors,
+        Bound,
+        Cooperation,
+        ViewTracks,
+        Failures,
+    )
+}
+"""Every table by the name that its files carry."""
+
+__all__ = [
+    "APPEARANCE_BINS",
+    "TABLES",
+    "UNLABELLED",
+    "Bearings",
+    "Bound",
+    "Boxes",
+    "Calibration",
+    "Cooperation",
+    "Diagnostics",
+    "Doa",
+    "Errors",
+    "Failures",
+    "Hulls",
+    "Occluders",
+    "Tracks",
+    "Truth",
+    "TruthBoxes",
+    "ViewTracks",
+    "Views",
+]

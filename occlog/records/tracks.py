@@ -1,0 +1,246 @@
+"""The tables of trackers on the ground or in space, and of their evaluation.  See `records`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
+from occlog.errors import InputError
+
+from .columns import Table, check_order, column, first_row
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks(Table):
+    """Estimated states on the ground, or in space, with their covariance."""
+
+    NAME: ClassVar[str] = "tracks"
+    VERSION: ClassVar[int] = 3
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track")
+    x: Floats = column("f8", "m", "estimated position")
+    y: Floats = column("f8", "m", "estimated position")
+    vx: Floats = column("f8", "m/s", "estimated velocity", nan="the method does not estimate it")
+    vy: Floats = column("f8", "m/s", "estimated velocity", nan="the method does not estimate it")
+    cov_xx: Floats = column("f8", "m^2", "position covariance")
+    cov_xy: Floats = column("f8", "m^2", "position covariance")
+    cov_yy: Floats = column("f8", "m^2", "position covariance")
+    cov_x_vx: Floats = column(
+        "f8", "m^2/s", "covariance of position and velocity", nan="the method does not estimate it", optional=True
+    )
+    cov_x_vy: Floats = column(
+        "f8", "m^2/s", "covariance of position and velocity", nan="the method does not estimate it", optional=True
+    )
+    cov_y_vx: Floats = column(
+        "f8", "m^2/s", "covariance of position and velocity", nan="the method does not estimate it", optional=True
+    )
+    cov_y_vy: Floats = column(
+        "f8", "m^2/s", "covariance of position and velocity", nan="the method does not estimate it", optional=True
+    )
+    cov_vx_vx: Floats = column(
+        "f8", "m^2/s^2", "velocity covariance", nan="the method does not estimate it", optional=True
+    )
+    cov_vx_vy: Floats = column(
+        "f8", "m^2/s^2", "velocity covariance", nan="the method does not estimate it", optional=True
+    )
+    cov_vy_vy: Floats = column(
+        "f8", "m^2/s^2", "velocity covariance", nan="the method does not estimate it", optional=True
+    )
+    z: Floats = column("f8", "m", "estimated height", nan="the method tracks on the ground", optional=True)
+    vz: Floats = column("f8", "m/s", "estimated velocity", nan="the method does not estimate it", optional=True)
+    cov_xz: Floats = column("f8", "m^2", "position covariance", nan="the method tracks on the ground", optional=True)
+    cov_yz: Floats = column("f8", "m^2", "position covariance", nan="the method tracks on the ground", optional=True)
+    cov_zz: Floats = column("f8", "m^2", "position covariance", nan="the method tracks on the ground", optional=True)
+
+    def check(self) -> None:
+        """Times in order, covariances positive semi-definite up to rounding."""
+        check_order(self)
+        det = self.cov_xx * self.cov_yy - self.cov_xy**2
+        slack = 1e-9 * (self.cov_xx * self.cov_yy + 1e-300)
+        bad = ~((self.cov_xx >= 0) & (self.cov_yy >= 0) & (det >= -slack)) | (self.cov_zz < 0)
+        if bad.any():
+            raise InputError(f"Tracks: row {first_row(bad)}: the covariance is not positive semi-definite")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnostics(Table):
+    """How a filter fared at each step."""
+
+    NAME: ClassVar[str] = "diagnostics"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track")
+    ess: Floats = column(
+        "f8",
+        "1",
+        "effective sample size of the weights, 1 to the number of particles",
+        nan="the method has no particles",
+    )
+    log_likelihood: Floats = column(
+        "f8",
+        "1",
+        "log of the predictive likelihood of the scan; of a batch method and `fix`: of the likelihood at the estimate",
+        nan="no measurement had weight",
+    )
+    n_looked: Ints32 = column("i4", "1", "sensors that delivered a frame in the scan")
+    n_seen: Ints32 = column("i4", "1", "sensors that saw the target")
+    fallback: Strings = column(
+        "U",
+        "1",
+        "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew), `gap` (the same after a long gap); "
+        "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints that no place "
+        "holds were left out, with what was seen then), `wall` (no way around a wall was found) or `unfinished` (the "
+        "search did not converge); of `fix` `pair` (two lines, whose spread is as stated) or `stated` (the spread was "
+        "not found)",
+    )
+    cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
+    n_offered: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")
+    selected: Strings = column("U", "1", "cameras selected, separated by commas; empty: no selection")
+    predicted_mse: Floats = column(
+        "f8",
+        "m^2",
+        "mean square error expected of the cameras selected since the last row",
+        nan="none was selected anew",
+    )
+
+    def check(self) -> None:
+        """Times in order."""
+        check_order(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration(Table):
+    """Errors of the sensors' poses, true minus stated, as a filter that estimates them has them after each scan."""
+
+    NAME: ClassVar[str] = "calibration"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "sensor")
+
+    t_ns: Ints = column("i8", "ns", "time of the scan since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track; every track has its own estimates")
+    sensor: Strings = column("U", "1", "name of the camera or array in the scene")
+    dx: Floats = column("f8", "m", "error of the position: add it to the scene's")
+    dy: Floats = column("f8", "m", "error of the position: add it to the scene's")
+    dyaw: Floats = column("f8", "rad", "error of the yaw: add it to the scene's")
+    sd_dx: Floats = column("f8", "m", "standard deviation")
+    sd_dy: Floats = column("f8", "m", "standard deviation")
+    sd_dyaw: Floats = column("f8", "rad", "standard deviation")
+
+    def check(self) -> None:
+        """Times in order."""
+        check_order(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Errors(Table):
+    """Estimate minus truth at each time of the estimate."""
+
+    NAME: ClassVar[str] = "errors"
+    VERSION: ClassVar[int] = 2
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time of the estimate since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the target")
+    x: Floats = column("f8", "m", "estimated position")
+    y: Floats = column("f8", "m", "estimated position")
+    truth_x: Floats = column("f8", "m", "true position, interpolated to the time of the estimate")
+    truth_y: Floats = column("f8", "m", "true position, interpolated to the time of the estimate")
+    error_x: Floats = column("f8", "m", "estimate minus truth")
+    error_y: Floats = column("f8", "m", "estimate minus truth")
+    error: Floats = column("f8", "m", "distance between estimate and truth on the ground")
+    nees: Floats = column("f8", "1", "normalised squared error e' P^-1 e", nan="the covariance is singular")
+    z: Floats = column("f8", "m", "estimated height", nan="no height is estimated", optional=True)
+    truth_z: Floats = column("f8", "m", "true height", nan="not known", optional=True)
+    error_z: Floats = column("f8", "m", "estimate minus truth", nan="either is not known", optional=True)
+    error_space: Floats = column(
+        "f8", "m", "distance between estimate and truth in space", nan="no height is known", optional=True
+    )
+    nees_space: Floats = column(
+        "f8",
+        "1",
+        "normalised squared error in space",
+        nan="no height is known, or the covariance is singular",
+        optional=True,
+    )
+
+    def check(self) -> None:
+        """Times in order."""
+        check_order(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bound(Table):
+    """Posterior Cramer-Rao bound of the position for the sensors that really saw the target."""
+
+    NAME: ClassVar[str] = "bound"
+    VERSION: ClassVar[int] = 2
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the target")
+    bound_xx: Floats = column("f8", "m^2", "lower bound of the error covariance")
+    bound_xy: Floats = column("f8", "m^2", "lower bound of the error covariance")
+    bound_yy: Floats = column("f8", "m^2", "lower bound of the error covariance")
+    bound: Floats = column("f8", "m", "square root of bound_xx + bound_yy: lower bound of the RMSE on the ground")
+    n_seen: Ints32 = column("i4", "1", "sensors that saw the target")
+    bound_xz: Floats = column(
+        "f8", "m^2", "lower bound of the error covariance", nan="a bound on the ground", optional=True
+    )
+    bound_yz: Floats = column(
+        "f8", "m^2", "lower bound of the error covariance", nan="a bound on the ground", optional=True
+    )
+    bound_zz: Floats = column(
+        "f8", "m^2", "lower bound of the error covariance", nan="a bound on the ground", optional=True
+    )
+    bound_space: Floats = column(
+        "f8",
+        "m",
+        "square root of the trace in space: lower bound of the RMSE there",
+        nan="a bound on the ground",
+        optional=True,
+    )
+
+    def check(self) -> None:
+        """Times in order."""
+        check_order(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cooperation(Table):
+    """When a tracker of sounds asked cameras where its targets are, why, and what they said.
+
+    Each row is one request for one target; several at one time share their frames, which
+    are counted in the first of them.
+    """
+
+    NAME: ClassVar[str] = "cooperation"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time of the request since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track; -1 = asked for whoever is there")
+    cause: Strings = column(
+        "U",
+        "1",
+        "what made it ask: `periodic`, `count`, `bearing`, `ellipse`, `spread`, several separated by commas; "
+        "`shared`: nobody asked, but frames that were looked at show it",
+    )
+    cameras: Strings = column("U", "1", "cameras that were asked, separated by commas")
+    frames: Ints32 = column("i4", "1", "frames that were asked for, answered or not; 0: counted in another row")
+    answered: Bools = column("?", "1", "the cameras localised the target")
+    x: Floats = column("f8", "m", "position that they found", nan="not answered")
+    y: Floats = column("f8", "m", "position that they found", nan="not answered")
+    cov_xx: Floats = column("f8", "m^2", "position covariance", nan="not answered")
+    cov_xy: Floats = column("f8", "m^2", "position covariance", nan="not answered")
+    cov_yy: Floats = column("f8", "m^2", "position covariance", nan="not answered")
+
+    def check(self) -> None:
+        """Times in order, a place where and only where there was an answer."""
+        check_order(self)
+        if (wrong := self.answered != np.isfinite(self.x + self.y)).any():
+            row = first_row(wrong)
+            raise InputError(f"Cooperation: row {row}: answered is {self.answered[row]} but x is {self.x[row]:g}")

@@ -1,0 +1,116 @@
+"""The tables of trackers that work in the images: their estimates, and where these fail.  See `records`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints, Ints32, Strings
+from occlog.errors import InputError
+
+from .columns import Table, check_order, column, first_row
+
+EVENTS = ("", "start", "left", "lost")
+"""`event` of a view track."""
+COUNTERPARTS = ("", "none", "bad", "good")
+"""`counterpart` of a view track."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewTracks(Table):
+    """Targets tracked in the images: a row for each tracker and frame of its view.
+
+    A target has one tracker in each view; the trackers of one target share its identity.
+    """
+
+    NAME: ClassVar[str] = "view_tracks"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the camera in the scene")
+    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
+    target_id: Ints32 = column("i4", "1", "identity of the target, the same in all views")
+    x_px: Floats = column("f8", "px", "estimated centre of the ellipse in the image as recorded, to the right")
+    y_px: Floats = column("f8", "px", "estimated centre of the ellipse in the image as recorded, down")
+    a_px: Floats = column("f8", "px", "half axis along rho, > 0")
+    b_px: Floats = column("f8", "px", "half axis across rho, > 0")
+    rho: Floats = column("f8", "rad", "angle of axis a, from +x (to the right) to +y (down), in [-pi/2, pi/2)")
+    cov_xx_px: Floats = column("f8", "px^2", "covariance of the centre")
+    cov_xy_px: Floats = column("f8", "px^2", "covariance of the centre")
+    cov_yy_px: Floats = column("f8", "px^2", "covariance of the centre")
+    likeness: Floats = column(
+        "f8",
+        "1",
+        "Bhattacharyya coefficient of the estimate's colours with the target's, 0 to 1",
+        nan="the method compares no colours",
+    )
+    ess: Floats = column(
+        "f8",
+        "1",
+        "effective sample size of the weights, 1 to the number of particles",
+        nan="the method has no particles",
+    )
+    mode: Strings = column(
+        "U",
+        "1",
+        "what the tracker did in the frame: `mipf` (alone), `idmot` (repulsion by its neighbours), `bmct` "
+        "(other views too), `cmct`, `mcmc`; empty in the row where it starts",
+    )
+    counterpart: Strings = column(
+        "U", "1", "the target in other views by the loop check: `good`, `bad`, `none`; empty: not checked"
+    )
+    neighbours: Strings = column("U", "1", "targets that it touches, separated by commas")
+    helpers: Strings = column("U", "1", "views that helped it in the frame, separated by commas")
+    event: Strings = column(
+        "U", "1", "empty; `start` of the tracker; its last row: `left` the image, or `lost` its target"
+    )
+
+    def check(self) -> None:
+        """Times in order, axes above 0, identities from 0, known words."""
+        check_order(self)
+        if (bad := ~((self.a_px > 0) & (self.b_px > 0))).any():
+            row = first_row(bad)
+            raise InputError(
+                f"ViewTracks: row {row}: half axes {self.a_px[row]:g} and {self.b_px[row]:g} px must be above 0"
+            )
+        if (bad := self.target_id < 0).any():
+            row = first_row(bad)
+            raise InputError(f"ViewTracks: row {row}: target_id {self.target_id[row]} must be at least 0")
+        for name, known in (("event", EVENTS), ("counterpart", COUNTERPARTS)):
+            values = getattr(self, name)
+            if (bad := ~np.isin(values, known)).any():
+                words = ", ".join(word or "empty" for word in known)
+                raise InputError(f"ViewTracks: row {first_row(bad)}: {name} {values[first_row(bad)]!r} must be {words}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Failures(Table):
+    """Each failure of a tracker that has a target of its own, by frame and view ([Qu] Eq. 9)."""
+
+    NAME: ClassVar[str] = "failures"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the camera; empty: on the ground")
+    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0; on the ground: of the time")
+    target_id: Ints32 = column(
+        "i4", "1", "position failure: the target that has no tracker; label failure: the tracker's own target"
+    )
+    kind: Strings = column("U", "1", "`position` (no tracker on the target) or `label` (tracker on another target)")
+    other_id: Ints32 = column("i4", "1", "label failure: the target that the tracker is on; position failure: -1")
+    cause: Strings = column("U", "1", "the same in words")
+    visible: Floats = column(
+        "f8",
+        "1",
+        "visible share of the target: of the one without a tracker, or the one that a tracker left",
+        nan="the truth does not tell",
+    )
+
+    def check(self) -> None:
+        """Times in order, known kinds."""
+        check_order(self)
+        if (bad := ~np.isin(self.kind, ("position", "label"))).any():
+            row = first_row(bad)
+            raise InputError(f"Failures: row {row}: kind {self.kind[row]!r} must be position or label")

@@ -1,0 +1,262 @@
+"""The `occlog report` command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+
+from .options import overlay_options, split
+
+if TYPE_CHECKING:
+    from occlog.io.files.provenance import Provenance
+    from occlog.records.columns import Table
+    from occlog.records.losses import Loss
+    from occlog.records.scene import Scene
+    from occlog.records.tables import Bearings, Hulls, Occluders
+    from occlog.report.content.model import ReportInput
+
+T = TypeVar("T", bound="Table")
+
+
+@click.command(name="report", short_help="Show a run as one offline page and a picture.")
+@click.argument("tracks", type=options.PATH, required=False)
+@options.scene_opt
+@click.option("--truth", type=options.PATH, default=None, help="True positions: a recording or a table.")
+@click.option("--bearings", type=options.PATH, default=None, help="What each sensor saw: a table or a recording.")
+@click.option("--errors", type=options.PATH, default=None, help="Errors written by evaluate.")
+@click.option("--bound", type=options.PATH, default=None, help="Bound written by evaluate.")
+@click.option("--diagnostics", type=options.PATH, default=None, help="Diagnostics written by track.")
+@click.option(
+    "--occluders",
+    type=options.PATH,
+    default=None,
+    help="Moving occluders as the tracker was told: hulls or occluders, written by priors.",
+)
+@click.option("--metrics", type=options.PATH, default=None, help="Figures written by evaluate (JSON).")
+@click.option("--title", default="Tracking report", show_default=True, help="Heading of the page.")
+@options.output_opt("The page: one HTML file that needs nothing else.", required=False)
+@click.option(
+    "--png",
+    type=options.PATH,
+    default=None,
+    help="Also write the main figures as a picture; with --frame that frame, drawn over.",
+)
+@overlay_options
+@options.overwrite_opt
+@options.quiet_opt
+@options.json_opt
+def command(**given: Any) -> int:
+    """Show TRACKS and what else is given as one page: floor plan, errors and bound, what each sensor saw.
+
+    TRACKS may be a run folder: then everything in it is shown that is not named otherwise.
+    Without TRACKS the scene alone is drawn.
+
+    \b
+      occlog report run/ -o report.html --png report.png
+      occlog report tracks.parquet --scene scene.yaml --bearings bearings.parquet -o report.html
+      occlog report --scene scene.yaml -o scene.html
+      occlog report view_tracks.parquet --recording balls.mcap --truth balls.mcap --video balls.mp4
+
+    With --recording no page is made: TRACKS (in images) and true boxes are drawn over the frames.
+    """
+    as_json, quiet, title = given.pop("as_json"), given.pop("quiet"), given.pop("title")
+    overlay = split(given, title)
+    if overlay is not None:
+        from occlog.report.overlay.command import Asked, run_overlay
+
+        return options.finish(run_overlay(Asked(**overlay), quiet=quiet), (), as_json)
+    paths = from_folder(Paths(**given))
+    data = run_report(paths, title)
+    for loss in data.losses:
+        options.note(f"lost earlier: {loss}", quiet)
+    summary = {"page": paths.output, "png": paths.png, "targets": len(data.targets)}
+    summary |= {name: len(table) for name in TABLES if (table := getattr(data, name)) is not None}
+    return options.finish({k: v for k, v in summary.items() if v is not None}, (), as_json)
+
+
+TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "occluders")
+
+
+@dataclass(frozen=True)
+class Paths:
+    """Files to read and to write; None where not given."""
+
+    output: Path
+    tracks: Path | None = None
+    scene: Path | None = None
+    truth: Path | None = None
+    bearings: Path | None = None
+    errors: Path | None = None
+    bound: Path | None = None
+    diagnostics: Path | None = None
+    occluders: Path | None = None
+    metrics: Path | None = None
+    png: Path | None = None
+    overwrite: bool = False
+
+    @property
+    def inputs(self) -> tuple[Path, ...]:
+        """Every file that is read, each once."""
+        given = (getattr(self, f.name) for f in fields(self) if f.name not in ("output", "png", "overwrite"))
+        return tuple(dict.fromkeys(path for path in given if path is not None))
+
+
+def from_folder(paths: Paths) -> Paths:
+    """Where TRACKS is a run folder, what it holds in place of what is not named."""
+    folder = paths.tracks
+    if folder is None or not folder.is_dir():
+        return paths
+    names = {n: f"{n}.parquet" for n in ("tracks", "bearings", "errors", "bound", "diagnostics")}
+    names |= {"metrics": "metrics.json", "scene": "recording.mcap"}
+    names["occluders"] = "hulls.parquet" if (folder / "hulls.parquet").is_file() else "occluders.parquet"
+    found = {n: folder / file for n, file in names.items() if (folder / file).is_file()}
+    if "tracks" not in found:
+        raise InputError(f"{folder}: holds no tracks.parquet, so it is not the folder of a finished run")
+    if "scene" in found and _has_truth(found["scene"]):
+        found["truth"] = found["scene"]
+    unnamed: dict[str, Any] = {n: p for n, p in found.items() if n == "tracks" or getattr(paths, n) is None}
+    return replace(paths, **unnamed)
+
+
+def _has_truth(recording: Path) -> bool:
+    from occlog.io.recording.reader import open_recording
+    from occlog.records.tables import Truth
+
+    return open_recording(recording).has(Truth)
+
+
+def run_report(paths: Paths, title: str) -> ReportInput:
+    """Read everything, draw, write the page and the picture; what was shown."""
+    from occlog.io.files.atomic import write_bytes
+
+    from .page import build_page
+    from .picture import build_picture
+
+    if paths.tracks is None and paths.scene is None:
+        raise UsageError("nothing to show: give TRACKS, a run folder, or --scene")
+    options.check_outputs(paths.inputs, (paths.output, paths.png), paths.overwrite)
+    data = read_input(paths, title)
+    page = build_page(data)
+    picture = build_picture(data) if paths.png is not None else b""
+    write_bytes(paths.output, page.encode(), paths.overwrite)
+    if paths.png is not None:
+        write_bytes(paths.png, picture, paths.overwrite)
+    return data
+
+
+def read_input(paths: Paths, title: str) -> ReportInput:
+    """Everything that was named; the scene of the recording with the truth or the bearings if no other is named."""
+    from occlog.io.files.json_file import read_json
+    from occlog.records.tables import Bound, Diagnostics, Errors, Tracks, Truth
+    from occlog.report.content.model import ReportInput
+
+    scene = _scene(paths)
+    unit = _unit(paths, scene)
+    provenance, losses = _made(paths, title)
+    return ReportInput(
+        title=title,
+        scene=scene,
+        tracks=_read(paths.tracks, Tracks),
+        bearings=_read_bearings(paths.bearings, scene),
+        truth=_read(paths.truth, Truth),
+        errors=_read(paths.errors, Errors),
+        bound=_read(paths.bound, Bound),
+        diagnostics=_read(paths.diagnostics, Diagnostics),
+        occluders=_read_occluders(paths.occluders),
+        metrics=read_json(paths.metrics) if paths.metrics is not None else {},
+        provenance=provenance,
+        losses=losses,
+        length_unit=unit,
+    )
+
+
+def _scene(paths: Paths) -> Scene | None:
+    if paths.scene is not None:
+        return options.load_scene(paths.scene, None, paths.scene)
+    for path in (paths.truth, paths.bearings):
+        if path is not None and path.suffix.lower() == ".mcap":
+            return options.read_scene_of(path)
+    return None
+
+
+def _read(path: Path | None, table: type[T]) -> T | None:
+    """All rows of a table in a Parquet file or a recording; None for a recording that has none."""
+    from occlog.io.files.parquet import read_table
+    from occlog.io.recording.reader import open_recording
+
+    if path is None:
+        return None
+    if path.suffix.lower() != ".mcap":
+        return read_table(path, table)
+    recording = open_recording(path)
+    return recording.read(table) if recording.has(table) else None
+
+
+def _read_bearings(path: Path | None, scene: Scene | None) -> Bearings | None:
+    """All bearings, with the directions of arrival of a recording as `occlog track` uses them."""
+    from occlog.evaluate.inputs import read_bearings
+    from occlog.io.recording.reader import open_recording
+    from occlog.records.tables import Bearings as Rows
+    from occlog.records.tables import Doa
+
+    if path is not None and scene is not None and path.suffix.lower() == ".mcap" and open_recording(path).has(Doa):
+        return read_bearings(path, None, False, scene)
+    return _read(path, Rows)
+
+
+def _read_occluders(path: Path | None) -> Occluders | Hulls | None:
+    """Gaussians, or the polygons of visual hulls."""
+    from occlog.io.files.parquet import schema_name
+    from occlog.records.tables import Hulls, Occluders
+
+    if path is None:
+        return None
+    if path.suffix.lower() != ".mcap" and schema_name(path) == Hulls.NAME:
+        return _read(path, Hulls)
+    return _read(path, Occluders)
+
+
+def _unit(paths: Paths, scene: Scene | None) -> str:
+    """The unit of lengths; InputError where a table has another than the scene or the tracks."""
+    from occlog.io.files.parquet import describe
+
+    unit, source = (scene.length_unit, "the scene") if scene is not None else ("", "")
+    for path in (paths.tracks, paths.truth, paths.errors, paths.bound, paths.occluders):
+        if path is None or path.suffix.lower() == ".mcap":
+            continue
+        own = describe(path)["length_unit"]
+        if unit and own != unit:
+            raise InputError(f"{path}: lengths are in {own}, but in {unit} in {source}; show tables of one scene")
+        unit, source = own, str(path)
+    return unit or "m"
+
+
+def _made(paths: Paths, title: str) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+    """How this report and each of its inputs were made, and what was lost in making them."""
+    from occlog.io.files.provenance import Provenance, hash_inputs
+
+    made: dict[str, Any] = {}
+    losses: dict[Loss, None] = {}
+    for path in paths.inputs:
+        found = _provenance_of(path)
+        if found is None:
+            continue
+        losses |= dict.fromkeys(found.losses)
+        made[path.name] = {k: v for k, v in found.as_dict().items() if k != "losses"}
+    own = Provenance("report", {"title": title}, None, hash_inputs(paths.inputs), tuple(losses))
+    return {k: v for k, v in own.as_dict().items() if k != "losses"} | {"made": made}, tuple(losses)
+
+
+def _provenance_of(path: Path) -> Provenance | None:
+    from occlog.io.files.parquet import read_provenance
+    from occlog.io.recording.reader import open_recording
+
+    if path.suffix.lower() == ".mcap":
+        return open_recording(path).provenance
+    return read_provenance(path) if path.suffix.lower() == ".parquet" else None

@@ -1,0 +1,1 @@
+"""What a page says: figures in words, the plane of sight."""

@@ -1,0 +1,272 @@
+"""The metrics of an evaluation in words: what each means, its unit, and for which target or sensor it is.
+
+The words for every metric that `occlog evaluate` writes.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+LENGTH = "length"
+SHARE = "share"
+
+
+class Word(NamedTuple):
+    """A metric: its key without target, sensor and unit, and what it is called."""
+
+    group: str
+    base: str
+    name: str
+    unit: str = ""
+    note: str = ""
+    short: bool = True  # shown for each target or sensor too
+
+
+_ACCURACY, _BOUND, _TRUST = "Accuracy", "Bound", "Consistency"
+_SEEN, _MEET, _HELD, _VIEWS = "Detection", "Sight lines", "Prediction of held-out sensors", "Views and true boxes"
+
+WORDS: tuple[Word, ...] = (
+    Word(_ACCURACY, "rmse", "RMSE", LENGTH, "root mean square distance between estimate and truth"),
+    Word(_ACCURACY, "rmse_x", "RMSE along x", LENGTH, "root mean square error along one axis"),
+    Word(_ACCURACY, "rmse_y", "RMSE along y", LENGTH, "root mean square error along one axis"),
+    Word(_ACCURACY, "error_mean", "mean error", LENGTH, "mean distance between estimate and truth"),
+    Word(_ACCURACY, "error_median", "median error", LENGTH, "half of the estimates are nearer than this"),
+    Word(_ACCURACY, "error_p95", "95 % of errors below", LENGTH),
+    Word(_ACCURACY, "error_max", "largest error", LENGTH),
+    Word(_ACCURACY, "bias_x", "bias along x", LENGTH, "mean of estimate minus truth"),
+    Word(_ACCURACY, "bias_y", "bias along y", LENGTH, "mean of estimate minus truth"),
+    Word(_ACCURACY, "rmse_space", "RMSE in space", LENGTH, "root mean square distance in space"),
+    Word(_ACCURACY, "rmse_z", "RMSE along z", LENGTH, "root mean square error of the height"),
+    Word(_ACCURACY, "error_space_mean", "mean error in space", LENGTH, "mean distance in space"),
+    Word(_ACCURACY, "error_space_median", "median error in space", LENGTH),
+    Word(_ACCURACY, "error_space_p95", "95 % of errors in space below", LENGTH),
+    Word(_ACCURACY, "error_space_max", "largest error in space", LENGTH),
+    Word(_ACCURACY, "bias_z", "bias along z", LENGTH, "mean of estimate minus truth"),
+    Word(_ACCURACY, "estimates_space", "estimates in space", "", "with a height and a true height", False),
+    Word(_ACCURACY, "estimates", "estimates", "", "compared with the truth"),
+    Word(_ACCURACY, "estimates_without_truth", "estimates without truth", "", "no truth near enough in time"),
+    Word(_ACCURACY, "estimates_unmatched", "estimates of no target", "", "their track belongs to no true target"),
+    Word(_ACCURACY, "tracks", "tracks"),
+    Word(_ACCURACY, "tracks_unmatched", "tracks of no target"),
+    Word(_ACCURACY, "targets", "true targets"),
+    Word(_ACCURACY, "targets_unmatched", "true targets without track"),
+    Word(_ACCURACY, "time_coverage", "time covered", SHARE, "of the targets' true path"),
+    Word(_BOUND, "bound_rmse", "bound on the RMSE", LENGTH, "posterior Cramér–Rao bound for what was really visible"),
+    Word(_BOUND, "bound_ratio", "RMSE / bound", "", "1 is the best possible"),
+    Word(_BOUND, "bound_rmse_space", "bound on the RMSE in space", LENGTH, "posterior Cramér–Rao bound"),
+    Word(_BOUND, "bound_ratio_space", "RMSE / bound in space", "", "1 is the best possible"),
+    Word(_BOUND, "bound_rmse_z", "bound on the RMSE along z", LENGTH, "", False),
+    Word(_BOUND, "bound_estimates", "times compared", "", "that have both an error and a bound"),
+    Word(_TRUST, "nees_mean", "mean NEES", "", "normalised squared error; 2 where the filter's covariance is right"),
+    Word(_TRUST, "nees_share_95", "inside the 95 % ellipse", SHARE, "95 where the filter's covariance is right"),
+    Word(_TRUST, "nees_singular", "singular covariances", "", "", False),
+    Word(_TRUST, "nees_space_mean", "mean NEES in space", "", "3 where the filter's covariance is right"),
+    Word(
+        _TRUST, "nees_space_share_95", "inside the 95 % ellipsoid", SHARE, "95 where the filter's covariance is right"
+    ),
+    Word(_TRUST, "nees_space_singular", "singular covariances in space", "", "", False),
+    Word(_SEEN, "detection_rate", "detected of visible", SHARE, "visible targets that were seen where they are"),
+    Word(_SEEN, "false_alarms_per_frame", "false alarms a frame"),
+    Word(_SEEN, "detection_frames", "frames", "", "", False),
+    Word(_SEEN, "detection_looks", "looks", "", "a frame of a sensor, for each target"),
+    Word(_SEEN, "detection_looks_without_truth", "looks without truth", "", "", False),
+    Word(_SEEN, "visible", "target visible", "", "in view and not hidden, by the truth"),
+    Word(_SEEN, "detected", "detected", "", "visible, and seen where it is"),
+    Word(_SEEN, "missed", "missed", "", "visible, but not seen where it is"),
+    Word(_SEEN, "detected_hidden", "detected though hidden", "", "", False),
+    Word(_SEEN, "correct_rejections", "rightly not seen", "", "", False),
+    Word(_SEEN, "false_alarms", "false alarms", "", "seen where no target is"),
+    Word(_SEEN, "bearing_rms", "RMS bearing error", "px"),
+    Word(_SEEN, "bearing_bias", "mean bearing error", "px"),
+    Word(_SEEN, "bearing_rms", "RMS bearing error", "mrad"),
+    Word(_SEEN, "bearing_nis", "squared error / variance", "", "1 where the stated noise is right"),
+    Word(_SEEN, "elevation_rms", "RMS elevation error", "mrad", "", False),
+    Word(_SEEN, "elevation_nis", "squared elevation error / variance", "", "1 where the stated noise is right", False),
+    Word(_SEEN, "bearings_unmatched", "bearings of no target", "", "labelled with a target that the truth has not"),
+    Word(
+        _MEET,
+        "sight_lines_distance_rms",
+        "RMS distance",
+        LENGTH,
+        "of the track from where the sight lines meet",
+    ),
+    Word(_MEET, "sight_lines_distance_median", "median distance", LENGTH),
+    Word(_MEET, "sight_lines_distance_p95", "95 % of distances below", LENGTH),
+    Word(_MEET, "sight_lines_distance_max", "largest distance", LENGTH),
+    Word(_MEET, "sight_lines_share_within", "within the limit", SHARE, "distances up to the limit that was asked for"),
+    Word(_MEET, "sight_lines_sigma_median", "uncertainty of the meeting point", LENGTH, "median standard deviation"),
+    Word(_MEET, "sight_lines_residual_rms", "RMS miss of the sight lines", "mrad", "of their own meeting point"),
+    Word(_MEET, "sight_lines_scans", "scans", "", "with sight lines from enough sensors"),
+    Word(
+        _MEET,
+        "sight_lines_refused",
+        "scans without meeting point",
+        "",
+        "sight lines nearly parallel, or that do not meet",
+    ),
+    Word(_MEET, "sight_lines_compared", "scans compared", "", "during the track"),
+    Word(
+        _HELD, "held_out_median", "median miss", "px", "of the nearest reported bearing; the track was made without it"
+    ),
+    Word(_HELD, "held_out_median_chance", "median miss by chance", "px", "with frames and predictions shifted in time"),
+    Word(_HELD, "held_out_p95", "95 % of misses below", "px"),
+    Word(_HELD, "held_out_rms", "RMS miss", "px"),
+    Word(_HELD, "held_out_rms_within", "RMS miss inside the gate", "px"),
+    Word(_HELD, "held_out_bias", "mean miss", "px", "", False),
+    Word(_HELD, "held_out_median", "median miss", "mrad"),
+    Word(_HELD, "held_out_rms", "RMS miss", "mrad", "", False),
+    Word(
+        _HELD, "held_out_share_within", "inside the gate", SHARE, "of the frames in which the target should be in view"
+    ),
+    Word(_HELD, "held_out_share_within_chance", "inside the gate by chance", SHARE),
+    Word(_HELD, "held_out_frames", "frames", "", "in which the track is in view"),
+    Word(_HELD, "held_out_reported", "frames with a bearing", "", "", False),
+    Word(_VIEWS, "views_recall", "recall", SHARE, "true boxes that a view was found for"),
+    Word(_VIEWS, "views_precision", "precision", SHARE, "views that are of a true box"),
+    Word(_VIEWS, "views_error_rms", "RMS horizontal error", "px"),
+    Word(_VIEWS, "views_error_median", "median horizontal error", "px"),
+    Word(_VIEWS, "views_error_bias", "mean horizontal error", "px"),
+    Word(_VIEWS, "views_frames", "frames", "", "", False),
+    Word(_VIEWS, "views_true_boxes", "true boxes"),
+    Word(_VIEWS, "views_matched", "views of a true box", "", "", False),
+    Word(_VIEWS, "views_false", "other views", "", "", False),
+    Word(_VIEWS, "views_without_truth", "views in frames without truth"),
+)
+
+
+WHOSE = r"(?:_target_(?P<target>-?\d+)|_sensor_(?P<sensor>.+?)|_(?P<box>clear|front|hidden))?"
+BOXES = {"clear": "in the clear", "front": "in front of others", "hidden": "partly hidden"}
+SETTLED = "settled_"
+LONGEST_FIRST = sorted(WORDS, key=lambda word: -len(word.base))
+"""So that `detected_hidden` is not read as `detected` of what is `hidden`."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One row of a table: what, how much, in which unit, and what it means."""
+
+    name: str
+    value: str
+    unit: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Breakdown:
+    """One figure a column, one target, sensor or kind of box a row."""
+
+    kind: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[str, ...]], ...]
+
+
+@dataclass
+class Group:
+    """Figures that belong together: over everything, then broken down."""
+
+    title: str
+    figures: list[Figure] = field(default_factory=list)
+    breakdowns: list[Breakdown] = field(default_factory=list)
+
+
+class Metric(NamedTuple):
+    """One number and what it is of."""
+
+    word: Word
+    settled: bool
+    kind: str  # "", "target", "sensor" or "box"
+    whose: str
+    value: Any
+
+
+def number(value: Any) -> str:
+    """A number with about four digits, thousands apart; a dash for NaN and None."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–" if value is None or math.isnan(value) else ("∞" if value > 0 else "\N{MINUS SIGN}∞")
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, int | np.integer) or (1000 <= abs(value) < 1e15 and float(value).is_integer()):
+        return f"{int(value):,}".replace(",", "\N{NARROW NO-BREAK SPACE}").replace("-", "\N{MINUS SIGN}")
+    return f"{float(value):.4g}".replace("-", "\N{MINUS SIGN}")
+
+
+def groups(metrics: Mapping[str, Any], length_unit: str) -> list[Group]:
+    """All metrics, gathered in the order of the vocabulary; unknown ones last, under their own names."""
+    parsed = [_parse(key, value, length_unit) for key, value in _flat(metrics)]
+    order = {word.base + word.unit: n for n, word in enumerate(WORDS)}
+    found = sorted(parsed, key=lambda m: (m.settled, order.get(m.word.base + m.word.unit, len(order))))
+    out: dict[str, list[Metric]] = {}
+    for metric in found:
+        title = metric.word.group + (", after the start" if metric.settled else "")
+        out.setdefault(title, []).append(metric)
+    return [_group(title, members, length_unit) for title, members in out.items()]
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+    """Scalars of a mapping with dotted paths; entries that begin with `_` (provenance) are left out."""
+    out: list[tuple[str, Any]] = []
+    for key, value in values.items():
+        if str(key).startswith("_"):
+            continue
+        if isinstance(value, Mapping):
+            out += _flat(value, f"{prefix}{key}.")
+        elif value is None or isinstance(value, str | int | float | bool | np.number):
+            out.append((f"{prefix}{key}", value))
+    return out
+
+
+def _parse(key: str, value: Any, length_unit: str) -> Metric:
+    settled = key.startswith(SETTLED)
+    plain = key.removeprefix(SETTLED)
+    for word in LONGEST_FIRST:
+        if not plain.startswith(word.base):
+            continue
+        unit = length_unit if word.unit == LENGTH else word.unit if word.unit in ("px", "mrad") else ""
+        ending = f"_{re.escape(unit)}" if unit else ""
+        if match := re.fullmatch(f"{word.base}{WHOSE}{ending}", plain):
+            kind = next((k for k in ("target", "sensor", "box") if match[k] is not None), "")
+            return Metric(word, settled, kind, match[kind] if kind else "", value)
+    return Metric(Word("Other figures", key, key.replace("_", " "), "", "", False), False, "", "", value)
+
+
+def _group(title: str, members: list[Metric], length_unit: str) -> Group:
+    figures = [_figure(m, length_unit) for m in members if not m.kind]
+    kinds = [k for k in ("target", "sensor", "box") if any(m.kind == k for m in members)]
+    tables = [_breakdown(k, [m for m in members if m.kind == k and m.word.short], length_unit) for k in kinds]
+    return Group(title, figures, [t for t in tables if t.rows])
+
+
+def _breakdown(kind: str, members: list[Metric], length_unit: str) -> Breakdown:
+    words = list(dict.fromkeys(m.word for m in members))
+    names = list(dict.fromkeys(m.whose for m in members))
+    values = {(m.whose, m.word): _shown(m) for m in members}
+    heads = tuple(f"{w.name} [{u}]" if (u := _unit(w, length_unit)) else w.name for w in words)
+    rows = tuple((BOXES.get(n, n), tuple(values.get((n, w), "–") for w in words)) for n in names)
+    return Breakdown({"box": "boxes"}.get(kind, kind), heads, rows)
+
+
+def _figure(metric: Metric, length_unit: str) -> Figure:
+    return Figure(metric.word.name, _shown(metric), _unit(metric.word, length_unit), metric.word.note)
+
+
+def _unit(word: Word, length_unit: str) -> str:
+    return {LENGTH: length_unit, SHARE: "%", "mrad": "°"}.get(word.unit, word.unit)
+
+
+def _shown(metric: Metric) -> str:
+    """The number as a person reads it: shares in per cent, angles in degrees."""
+    value = metric.value
+    measured = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if measured and metric.word.unit == SHARE:
+        value = 100.0 * value
+    if measured and metric.word.unit == "mrad":
+        value = math.degrees(value / 1000.0)
+    return number(value)

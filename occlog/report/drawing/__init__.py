@@ -1,0 +1,1 @@
+"""Style, SVG and thinning of curves."""

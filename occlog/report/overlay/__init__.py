@@ -1,0 +1,1 @@
+"""Tracks in images drawn over the video of all cameras."""

@@ -1,0 +1,235 @@
+"""Draws what is tracked, and what is true, over the frames of several views, as in [Qu] Fig. 7."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.array_types import Bytes, Floats
+
+Colour = tuple[int, int, int]
+Box = tuple[int, int, int, int]
+"""Left, top, right, bottom of a label, half-open."""
+
+COLOURS: tuple[Colour, ...] = (
+    (233, 180, 86),
+    (66, 228, 240),
+    (115, 158, 0),
+    (167, 121, 204),
+    (0, 159, 230),
+    (178, 114, 0),
+    (0, 94, 213),
+)
+"""BGR, those of Okabe and Ito; targets take them in turn by their numbers."""
+WHITE, BLACK, ALARM = (255, 255, 255), (16, 16, 16), (60, 20, 255)
+HIDDEN = 0.3
+"""A target of which less than this share is visible counts as hidden."""
+SUB = 4
+"""Bits of a pixel's parts in coordinates that OpenCV is given."""
+BAR = 26
+"""Height of the bar with the title [px]."""
+
+
+class Outline(NamedTuple):
+    """An estimate."""
+
+    ellipse: Floats  # (5,) see `occlog.core.image.ellipse`
+    target_id: int
+    dashed: bool = False  # its neighbours repel it, and no other view helps
+    strong: bool = False  # other views help
+    wrong: str = ""  # what is wrong with it
+
+
+class Place(NamedTuple):
+    """Where a target truly is."""
+
+    box: Floats  # (4,) left, top, width, height [px]
+    target_id: int
+    visible: float = math.nan  # share; NaN: not known
+    missed: bool = False  # no tracker is on it
+    coloured: bool = True  # in the colour of its number; else white
+
+
+class Shot(NamedTuple):
+    """What is drawn over one frame of one view; all in pixels of the frame, their centres at whole numbers."""
+
+    title: str
+    outlines: Sequence[Outline] = ()
+    links: Sequence[Floats] = ()  # each (2, 2): centres of two that touch
+    lines: Sequence[tuple[int, Floats]] = ()  # target and (k, 2) points of an epipolar line
+    places: Sequence[Place] = ()
+    boxed: bool = False  # true boxes instead of crosses
+    notes: Sequence[str] = ()  # said at the bottom
+
+
+def colour_of(target_id: int) -> Colour:
+    """BGR colour of a target."""
+    return COLOURS[target_id % len(COLOURS)]
+
+
+def draw_shot(image: Bytes, shot: Shot, scale: float) -> Bytes:
+    """The frame, enlarged, under a bar with its title, with everything of the shot drawn over it.
+
+    Args:
+        image: (H, W, 3) BGR or (H, W) grey.
+        shot: what to draw.
+        scale: pixels of the result a pixel of the frame, > 0.
+
+    Returns:
+        (BAR + round(scale H), round(scale W), 3).
+    """
+    colour = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    size = (max(1, round(scale * image.shape[1])), max(1, round(scale * image.shape[0])))
+    picture = np.ascontiguousarray(cv2.resize(colour, size, interpolation=_interpolation(scale)), dtype=np.uint8)
+    for target, points in shot.lines:
+        _path(picture, points, scale, colour_of(target), 1)
+    for link in shot.links:
+        _path(picture, link, scale, WHITE, 2)
+    for outline in shot.outlines:
+        _estimate(picture, outline, scale)
+    for place in shot.places:
+        (_true_box if shot.boxed else _true_cross)(picture, place, scale)
+    taken: list[Box] = []  # numbers lie over everything else
+    for outline in shot.outlines:
+        _tag(picture, outline, scale, taken)
+    for place in shot.places if shot.boxed else ():
+        x, y = (scale * (place.box[:2] + [0.5 * place.box[2], 0.0] + 0.5) - 0.5).tolist()
+        _label(picture, str(place.target_id), (x, y - 2), colour_of(place.target_id), taken)
+    for n, note in enumerate(reversed(shot.notes)):
+        _note(picture, note, n)
+    return np.vstack([_bar(shot.title, size[0]), picture])
+
+
+def tile(pictures: Sequence[Bytes], columns: int) -> Bytes:
+    """Pictures side by side, row by row, on a dark ground; width and height of the whole are even, as codecs want."""
+    height, width = (max(p.shape[k] for p in pictures) for k in (0, 1))
+    gap, rows = 4, math.ceil(len(pictures) / columns)
+    whole = (rows * height + (rows - 1) * gap, columns * width + (columns - 1) * gap)
+    out = np.full((whole[0] + whole[0] % 2, whole[1] + whole[1] % 2, 3), 24, dtype=np.uint8)
+    for n, picture in enumerate(pictures):
+        top, left = n // columns * (height + gap), n % columns * (width + gap)
+        out[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
+    return out
+
+
+def _interpolation(scale: float) -> int:
+    return cv2.INTER_LINEAR if scale >= 1.0 else cv2.INTER_AREA
+
+
+def _points(points: Floats, scale: float) -> NDArray[np.int32]:
+    """(k, 1, 2) whole numbers for OpenCV; far ones are brought so near that they do not overflow."""
+    moved = np.clip(scale * (np.asarray(points) + 0.5) - 0.5, -30_000, 30_000)
+    return np.rint(moved * (1 << SUB)).astype(np.int32).reshape(-1, 1, 2)
+
+
+def _path(picture: Bytes, points: Floats, scale: float, colour: Colour, width: int, *, halo: bool = False) -> None:
+    line = [_points(points, scale)]
+    if halo:
+        cv2.polylines(picture, line, False, BLACK, width + 2, cv2.LINE_AA, SUB)
+    cv2.polylines(picture, line, False, colour, width, cv2.LINE_AA, SUB)
+
+
+def _rim(ellipse: Floats, count: int = 72) -> Floats:
+    """(count + 1, 2) points around an ellipse, the first one again at the end."""
+    x, y, a, b, rho = ellipse.tolist()
+    t = np.linspace(0.0, 2.0 * np.pi, count + 1)
+    u, v = a * np.cos(t), b * np.sin(t)
+    return np.column_stack([x + u * math.cos(rho) - v * math.sin(rho), y + u * math.sin(rho) + v * math.cos(rho)])
+
+
+def _dashes(points: Floats, scale: float) -> list[Floats]:
+    """Parts of a way (k, 2) with gaps between them that can be told apart in the picture."""
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    count = max(3, round(scale * float(way[-1]) / 22.0))
+    parts = (np.arange(count)[:, None] + np.linspace(0.0, 0.5, 7)) / count * way[-1]
+    return [np.column_stack([np.interp(part, way, points[:, k]) for k in (0, 1)]) for part in parts]
+
+
+def _estimate(picture: Bytes, outline: Outline, scale: float) -> None:
+    rim, width = _rim(outline.ellipse), 3 if outline.strong else 2
+    colour = colour_of(outline.target_id)
+    for part in _dashes(rim, scale) if outline.dashed else [rim]:
+        _path(picture, part, scale, colour, width, halo=True)
+    if outline.wrong:
+        _path(picture, _rim(outline.ellipse * [1, 1, 1.18, 1.18, 1]), scale, ALARM, 2, halo=True)
+
+
+def _tag(picture: Bytes, outline: Outline, scale: float, taken: list[Box]) -> None:
+    """The target's number above its ellipse, and what is wrong with it."""
+    rim = _rim(outline.ellipse)
+    x, y = (scale * (rim[rim[:, 1].argmin()] + 0.5) - 0.5).tolist()
+    words = str(outline.target_id) + (f" {outline.wrong}" if outline.wrong else "")
+    _label(picture, words, (x, y - 2), ALARM if outline.wrong else colour_of(outline.target_id), taken)
+
+
+def _label(picture: Bytes, words: str, bottom: tuple[float, float], colour: Colour, taken: list[Box]) -> None:
+    """Words on a ground of some colour, with the middle of its lower edge at `bottom`.
+
+    It stays in the picture and is moved aside where it would hide one of those in `taken`, to which it is added.
+    """
+    (width, height), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
+    wide, high = width + 8, height + 8
+    top = round(min(max(bottom[1] - high, 0), max(picture.shape[0] - high, 0)))
+    middle, most = bottom[0] - 0.5 * wide, max(picture.shape[1] - wide, 0)
+    aside = (min(max(middle + step * (wide + 1), 0), most) for step in (0, 1, -1, 2, -2, 3, -3, 4, -4))
+    spots = [(round(left), top, round(left) + wide, top + high) for left in aside]
+    spot = next((s for s in spots if not any(_overlap(s, t) for t in taken)), spots[0])
+    taken.append(spot)
+    cv2.rectangle(picture, spot[:2], (spot[2] - 1, spot[3] - 1), colour, cv2.FILLED)
+    light = 0.114 * colour[0] + 0.587 * colour[1] + 0.299 * colour[2] > 110.0
+    at = (spot[0] + 4, top + height + 3)
+    cv2.putText(picture, words, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, BLACK if light else WHITE, 1, cv2.LINE_AA)
+
+
+def _overlap(a: Box, b: Box) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+def _corners(box: Floats) -> Floats:
+    left, top, width, height = box.tolist()
+    right, bottom = left + width, top + height
+    return np.array([[left, top], [right, top], [right, bottom], [left, bottom], [left, top]])
+
+
+def _true_box(picture: Bytes, place: Place, scale: float) -> None:
+    """The box, dashed where the target is hidden."""
+    corners, hidden = _corners(place.box), place.visible < HIDDEN
+    for part in _dashes(corners, scale) if hidden else [corners]:
+        _path(picture, part, scale, colour_of(place.target_id), 2, halo=True)
+
+
+def _true_cross(picture: Bytes, place: Place, scale: float) -> None:
+    """A cross in the middle of the target, a ring too where it is hidden; in red around one without a tracker."""
+    middle, colour = place.box[:2] + 0.5 * place.box[2:], colour_of(place.target_id) if place.coloured else WHITE
+    arms = [np.array([middle - arm, middle + arm]) for arm in 5.0 / scale * np.eye(2)]
+    for paint, width in ((BLACK, 4), (colour, 2)):
+        for arm in arms:
+            _path(picture, arm, scale, paint, width)
+    if place.visible < HIDDEN:
+        _path(picture, _rim(np.array([*middle, 8 / scale, 8 / scale, 0.0])), scale, colour, 1, halo=True)
+    if place.missed:
+        ring = np.array([*middle, 0.5 * place.box[2], 0.5 * place.box[3], 0.0])
+        _path(picture, _rim(ring), scale, ALARM, 2, halo=True)
+        d = 0.7071 * 0.5 * place.box[2:]
+        for sign in (1.0, -1.0):
+            cross = np.array([middle - d * [sign, 1.0], middle + d * [sign, 1.0]])
+            _path(picture, cross, scale, ALARM, 2, halo=True)
+
+
+def _note(picture: Bytes, words: str, line: int) -> None:
+    """Words on a dark ground in the lower left corner, some lines up."""
+    (width, _), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
+    bottom = picture.shape[0] - 22 * line
+    cv2.rectangle(picture, (0, max(bottom - 22, 0)), (width + 12, bottom - 1), BLACK, cv2.FILLED)
+    cv2.putText(picture, words, (6, bottom - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, ALARM, 1, cv2.LINE_AA)
+
+
+def _bar(title: str, width: int) -> Bytes:
+    bar = np.full((BAR, width, 3), 24, dtype=np.uint8)
+    cv2.putText(bar, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (230, 230, 230), 1, cv2.LINE_AA)
+    return bar

@@ -1,0 +1,182 @@
+"""Tables of a frame to what is drawn over it: estimates, who touches, helps and fails, and what is true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.sight.camera import distort
+from occlog.core.sight.fundamental import epipolar_lines
+from occlog.measure.epipolar.of_scene import ideal_pixels
+from occlog.measure.epipolar.views import Geometry, View
+from occlog.records.scene import Camera
+from occlog.records.tables import TruthBoxes
+from occlog.records.views import Failures, ViewTracks
+from occlog.track.images.births.loop_distances import anchors
+
+from .draw import Outline, Place, Shot
+
+BENT = 65
+"""Points of a line that lens distortion bends."""
+
+
+class Told(NamedTuple):
+    """The rows of one frame of one view; None: there is no such table."""
+
+    tracks: ViewTracks | None
+    truth: TruthBoxes | None
+    failures: Failures | None
+
+
+class Rig(NamedTuple):
+    """The views that are drawn, and how they see the same point."""
+
+    views: Sequence[View]
+    cameras: Sequence[Camera | None]  # of the scene, for lens distortion
+    geometry: Geometry | None  # None: no epipolar lines are drawn
+    numbered: bool = True  # a tracker has the number of its target; else the two have nothing in common
+    bottom: bool = False  # lines are of the lowest points of ellipses, where people stand; else of their centres
+
+
+def frame_shot(view: int, frame: int, told: Sequence[Told], rig: Rig) -> Shot:
+    """What is drawn over one frame.
+
+    Args:
+        view: its number in the rig.
+        frame: its number in the camera's stream.
+        told: for each view of the rig, what is known of its latest frame.
+        rig: the views.
+
+    Returns:
+        Estimates: dashed while only neighbours act on them, strong with help from other views, from whose
+        estimates their epipolar lines come; links of those that touch; true places; failures.
+    """
+    tracks, truth, failures = told[view]
+    labels = _label_failures(failures) if rig.numbered else {}
+    missed = _missed(failures)
+    places = [] if truth is None else _places(truth, missed, rig.numbered or tracks is None)
+    drawn = {place.target_id for place in places}
+    return Shot(
+        title=f"{rig.views[view].name}   frame {frame}",
+        outlines=[] if tracks is None else _outlines(tracks, labels),
+        links=[] if tracks is None else _links(tracks),
+        lines=[] if tracks is None or rig.geometry is None else _lines(view, tracks, told, rig, rig.geometry),
+        places=places,
+        boxed=tracks is None,
+        notes=[f"target {target}: no tracker" for target in sorted(missed - drawn)] + _others(failures, rig.numbered),
+    )
+
+
+def _label_failures(failures: Failures | None) -> dict[int, int]:
+    """The target that a tracker is on, by its own target."""
+    if failures is None:
+        return {}
+    rows = np.flatnonzero(failures.kind == "label")
+    return dict(zip(failures.target_id[rows].tolist(), failures.other_id[rows].tolist(), strict=True))
+
+
+def _others(failures: Failures | None, numbered: bool) -> list[str]:
+    """Words for label failures of trackers whose numbers are not told."""
+    if failures is None or numbered:
+        return []
+    rows = np.flatnonzero(failures.kind == "label")
+    pairs = sorted(set(zip(failures.target_id[rows].tolist(), failures.other_id[rows].tolist(), strict=True)))
+    return [f"a tracker of {f'target {own}' if own >= 0 else 'no target'} is on target {on}" for own, on in pairs]
+
+
+def _missed(failures: Failures | None) -> set[int]:
+    return set() if failures is None else set(failures.target_id[failures.kind == "position"].tolist())
+
+
+def _outlines(tracks: ViewTracks, labels: Mapping[int, int]) -> list[Outline]:
+    ellipses = np.column_stack([tracks.x_px, tracks.y_px, tracks.a_px, tracks.b_px, tracks.rho])
+    helped = tracks.helpers != ""
+    dashed = (tracks.neighbours != "") & ~helped
+    return [
+        Outline(
+            ellipses[k], target, bool(dashed[k]), bool(helped[k]), f"on {labels[target]}" if target in labels else ""
+        )
+        for k, target in enumerate(tracks.target_id.tolist())
+    ]
+
+
+def _links(tracks: ViewTracks) -> list[Floats]:
+    """Centres of the pairs that touch, each pair once."""
+    centres = np.column_stack([tracks.x_px, tracks.y_px])
+    row = {target: k for k, target in enumerate(tracks.target_id.tolist())}
+    pairs = {
+        (min(k, row[int(other)]), max(k, row[int(other)]))
+        for k, others in enumerate(tracks.neighbours.tolist())
+        for other in filter(None, others.split(","))
+        if int(other) in row
+    }
+    return [centres[list(pair)] for pair in sorted(pairs)]
+
+
+def _places(truth: TruthBoxes, missed: set[int], coloured: bool) -> list[Place]:
+    boxes = np.column_stack([truth.left_px, truth.top_px, truth.width_px, truth.height_px])
+    return [
+        Place(boxes[k], target, float(truth.visible[k]), target in missed, coloured)
+        for k, target in enumerate(truth.target_id.tolist())
+        if truth.box[k] >= 0
+    ]
+
+
+def _lines(
+    view: int, tracks: ViewTracks, told: Sequence[Told], rig: Rig, geometry: Geometry
+) -> list[tuple[int, Floats]]:
+    """The epipolar lines of what other views say of the targets that they help with."""
+    numbers = {v.name: n for n, v in enumerate(rig.views)}
+    out = []
+    for target, names in zip(tracks.target_id.tolist(), tracks.helpers.tolist(), strict=True):
+        for helper in (numbers[name] for name in filter(None, names.split(",")) if name in numbers):
+            points = _line(target, helper, view, told[helper].tracks, rig, geometry)
+            if points is not None:
+                out.append((target, points))
+    return out
+
+
+def _line(
+    target: int, helper: int, view: int, tracks: ViewTracks | None, rig: Rig, geometry: Geometry
+) -> Floats | None:
+    """(k, 2) recorded pixels of a line in `view`; None where there is none, or it passes by."""
+    rows = np.flatnonzero(tracks.target_id == target) if tracks is not None else np.zeros(0, dtype=np.int64)
+    if tracks is None or not len(rows):
+        return None
+    k = rows[0]
+    ellipse = [tracks.x_px[k], tracks.y_px[k], tracks.a_px[k], tracks.b_px[k], tracks.rho[k]]
+    point = anchors(np.array([ellipse]), rig.bottom)
+    ideal = geometry.ideal[helper]
+    line = epipolar_lines(geometry.fundamental[helper, view], point if ideal is None else ideal(point))[0]
+    if not np.isfinite(line).all():
+        return None
+    return line_in_image(line, rig.views[view], rig.cameras[view] if geometry.ideal[view] is not None else None)
+
+
+def line_in_image(line: Floats, view: View, camera: Camera | None) -> Floats | None:
+    """(k, 2) recorded pixels along a line of ideal pixels, as far as it is near the image; None: it passes by.
+
+    Args:
+        line: (3,) with l1^2 + l2^2 = 1.
+        view: with the image's size.
+        camera: whose lens distortion bends the line; None: it is straight.
+    """
+    size = np.array([view.width, view.height], dtype=np.float64)
+    middle, reach = 0.5 * (size - 1.0), float(np.hypot(*size)) * (0.5 if camera is None else 1.0)
+    offset = float(line[:2] @ middle + line[2])
+    if abs(offset) > reach:
+        return None
+    foot, half = middle - offset * line[:2], float(np.sqrt(reach**2 - offset**2))
+    along = np.linspace(-half, half, 2 if camera is None else BENT)[:, None]
+    points: Floats = foot + along * np.array([-line[1], line[0]])
+    if camera is None:
+        return points
+    ideal = (points - camera.principal_px) / camera.focal_px
+    bent = distort(ideal, camera.distortion, camera.distortion_model) * camera.focal_px + camera.principal_px
+    # Far outside, distortion folds the plane back into the image; there it cannot be undone.
+    kept = ((bent > -size) & (bent < 2 * size)).all(axis=1)
+    kept &= np.abs(ideal_pixels(camera, bent) - points).max(axis=1) < 1.0
+    return bent[kept] if kept.sum() > 1 else None

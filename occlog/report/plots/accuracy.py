@@ -1,0 +1,122 @@
+"""Error and bound over time, in total and for each axis, that of the height too where it is known."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
+
+from occlog.array_types import Floats, Ints
+from occlog.records.tables import Bound, Errors, Tracks
+from occlog.report.content.model import ReportInput, TimeAxis
+from occlog.report.drawing.style import COLOURS, label, target_colour
+from occlog.report.drawing.thin import broken, envelope, extremes, gaps, running_rms, sensible_top
+
+BUCKETS = 350
+
+
+def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, target: int) -> None:
+    """Draw distance with running RMSE and bound, then a row for each axis: error along x, y and, if known, z."""
+    errors = all_errors.take(all_errors.target_id == target)
+    names = axes_of(errors)
+    total, *rest = figure.subplots(1 + len(names), 1, sharex=True, height_ratios=[2.0, *[1.0] * len(names)])
+    bound = None if data.bound is None else data.bound.take(data.bound.target_id == target)
+    tracks = None if data.tracks is None else data.tracks.take(data.tracks.target_id == target)
+    colour = target_colour(data.targets.index(target))
+    draw_distance(total, data.time, errors, bound, colour, data.unit)
+    for axes, name in zip(rest, names, strict=True):
+        _axis_error(axes, data, errors, bound, tracks, name, colour)
+    rest[-1].set_xlabel(data.time.label)
+    rest[-1].set_xlim(0.0, max(data.time.length, 1e-9))
+    handles, labels = total.get_legend_handles_labels()
+    more_handles, more_labels = rest[0].get_legend_handles_labels()
+    figure.legend(handles + more_handles, labels + more_labels, loc="outside lower center", ncols=3)
+
+
+def axes_of(errors: Errors) -> str:
+    """Axes along which there are errors: x, y and, where any height is known, z."""
+    return "xyz" if np.isfinite(errors.error_z).any() else "xy"
+
+
+def draw_distance(axes: Axes, time: TimeAxis, errors: Errors, bound: Bound | None, colour: str, unit: str) -> None:
+    """Distance between estimate and truth, its running RMSE, and the bound."""
+    line(axes, time, errors.t_ns, errors.error, color=colour, linewidth=0.8, alpha=0.65, label="error")
+    rms = running_rms(errors.error)
+    line(axes, time, errors.t_ns, rms, color=colour, linewidth=2.0, label="RMSE so far")
+    shown = [errors.error, rms]
+    if bound is not None and len(bound):
+        least = running_rms(bound.bound)
+        line(axes, time, bound.t_ns, bound.bound, color=COLOURS["bound"], linewidth=0.8, label="bound")
+        line(
+            axes,
+            time,
+            bound.t_ns,
+            least,
+            color=COLOURS["bound"],
+            linewidth=2.0,
+            linestyle=(0, (4, 1.5)),
+            label="bound on the RMSE so far",
+        )
+        shown += [bound.bound, least]
+    axes.set_ylabel(f"error [{label(unit)}]")
+    top = sensible_top(*shown)
+    axes.set_ylim(0.0, top)
+    mark_clipped(axes, time, errors.t_ns, errors.error, top, unit)
+
+
+def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, **style: object) -> None:
+    """One thinned line, broken at gaps."""
+    if len(values):
+        keep = extremes(values, BUCKETS)
+        t, v = broken(t_ns, keep, time.of(t_ns), values)
+        axes.plot(t, v, **style)  # type: ignore[arg-type]
+
+
+def mark_clipped(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, top: float, unit: str) -> None:
+    """Marks at the upper edge where values leave the drawing, with the highest one in words."""
+    over = np.flatnonzero(values > top)
+    if not len(over):
+        return
+    keep = over[extremes(values[over], 40)]
+    axes.plot(time.of(t_ns[keep]), np.full(len(keep), top), "^", color=COLOURS["ink"], markersize=4, clip_on=False)
+    worst = int(over[np.argmax(values[over])])
+    steps = "step" if len(over) == 1 else "steps"
+    when = f"{time.of(t_ns[worst : worst + 1])[0]:.4g} {time.unit}"
+    text = f"{len(over)} {steps} above, up to {values[worst]:.3g} {label(unit)} at {when}"
+    axes.set_title(text, loc="right", fontsize=8, fontweight="normal", color=COLOURS["muted"])
+
+
+def _axis_error(
+    axes: Axes, data: ReportInput, errors: Errors, bound: Bound | None, tracks: Tracks | None, name: str, colour: str
+) -> None:
+    """Signed error along one axis with what the filter and the bound say of its spread; heights where known."""
+    errors = errors.take(np.isfinite(getattr(errors, f"error_{name}")))
+    tracks = None if tracks is None else tracks.take(np.isfinite(getattr(tracks, f"cov_{name}{name}")))
+    bound = None if bound is None else bound.take(np.isfinite(getattr(bound, f"bound_{name}{name}")))
+    values: Floats = getattr(errors, f"error_{name}")
+    shown = [np.abs(values)]
+    if tracks is not None and len(tracks):
+        spread = 2.0 * np.sqrt(np.maximum(getattr(tracks, f"cov_{name}{name}"), 0.0))
+        _band(axes, data.time, tracks.t_ns, spread, colour)
+        shown.append(spread)
+    if bound is not None and len(bound):
+        spread = 2.0 * np.sqrt(np.maximum(getattr(bound, f"bound_{name}{name}"), 0.0))
+        style = {"color": COLOURS["bound"], "linewidth": 0.9, "linestyle": (0, (4, 1.5))}
+        line(axes, data.time, bound.t_ns, spread, label="± 2 × bound of the axis", **style)
+        line(axes, data.time, bound.t_ns, -spread, **style)
+        shown.append(spread)
+    line(axes, data.time, errors.t_ns, values, color=colour, linewidth=0.8)
+    axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.6, zorder=1)
+    axes.set_ylabel(f"{name} error")
+    top = sensible_top(*shown)
+    axes.set_ylim(-top, top)
+
+
+def _band(axes: Axes, time: TimeAxis, t_ns: Ints, spread: Floats, colour: str) -> None:
+    """The filter's own +-2 standard deviations, one piece between gaps."""
+    named = "± 2 standard deviations of the filter"
+    for piece in np.split(np.arange(len(t_ns)), np.flatnonzero(gaps(t_ns))):
+        share = max(4, BUCKETS * len(piece) // len(t_ns))
+        t, low, high = envelope(time.of(t_ns[piece]), -spread[piece], spread[piece], share)
+        axes.fill_between(t, low, high, color=colour, alpha=0.16, linewidth=0, label=named)
+        named = ""

@@ -1,0 +1,228 @@
+"""The floor plan: room, occluders, sensors and what they see, true and estimated paths."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse, Patch
+
+from occlog.array_types import Bools, Floats
+from occlog.records.scene import Scene
+from occlog.records.tables import Tracks, Truth
+from occlog.report.content.model import ReportInput
+from occlog.report.content.plane_of_sight import places
+from occlog.report.drawing.style import COLOURS, label, target_colour
+from occlog.report.drawing.thin import broken, thin_path
+
+from .occluders import draw_priors
+from .planscene import draw_scale_bar, draw_scene, name_sensors
+
+CHI2_95 = 5.991
+"""95 % quantile of the chi-squared distribution with 2 degrees of freedom."""
+ELLIPSES = 24
+PATH_POINTS = 700
+MOST_MOVING_OCCLUDERS = 8
+MOST_NAMES = 6
+TRUE_PATH: dict[str, Any] = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2))}
+
+
+FAR = 10.0
+"""Cameras farther from the room than so many times its size are not drawn, but named."""
+LONG = 15.0
+RECENT = 6.0
+"""A path longer than `LONG` times the plan's diagonal is drawn faint but for its last `RECENT` diagonals."""
+
+
+def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
+    """Draw the floor plan into a figure, with a legend below it."""
+    axes = figure.add_subplot()
+    axes.grid(False)
+    limits = plan_limits(data)
+    handles: list[Line2D | Patch] = []
+    near, far = (None, []) if data.scene is None else _near(data.scene)
+    if near is not None:
+        handles += draw_scene(axes, near, limits)
+    if far:
+        handles.append(Line2D([], [], linestyle="none", label=f"far away: {label(', '.join(far), 40)}"))
+    if data.truth is not None:
+        handles += _moving_occluders(axes, data.truth)
+    if data.occluders is not None:
+        handles += draw_priors(axes, data.occluders)
+    handles += _paths(axes, data)
+    axes.set_xlim(limits[0, 0], limits[1, 0])
+    axes.set_ylim(limits[0, 1], limits[1, 1])
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel(f"x [{label(data.unit)}]")
+    axes.set_ylabel(f"y [{label(data.unit)}]")
+    bar = draw_scale_bar(axes, limits, label(data.unit))
+    if near is not None:
+        name_sensors(axes, near, limits, bar)
+    if handles:
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+
+
+def plan_limits(data: ReportInput) -> Floats:
+    """(2, 2) lower and upper corner of what is drawn: the scene whole, the paths but for a few outliers."""
+    points = []
+    if data.scene is not None:
+        points += [data.scene.room] if data.scene.room is not None else []
+        points += [o.polygon for o in data.scene.occluders]
+        points += [p[None] for p in places(_near(data.scene)[0]).values()]
+    paths = [t for t in (data.tracks, data.truth) if t is not None and len(t)]
+    for xy in (np.column_stack([table.x, table.y]) for table in paths):
+        points.append(np.percentile(xy, [0.5, 99.5], axis=0) if len(xy) > 200 else xy)
+    if data.scene is not None and data.scene.room is None and not paths:
+        points.append(_ahead(data.scene))
+    if not points:
+        return np.array([[0.0, 0.0], [1.0, 1.0]])
+    everything = np.vstack(points)
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    # A path along a line still gets a plan that is not a line.
+    size = max(float((high - low).max()), 1e-6)
+    grow = np.maximum(0.3 * size - (high - low), 0.0) / 2.0 + 0.06 * size
+    return np.array([low - grow, high + grow])
+
+
+def _near(scene: Scene) -> tuple[Scene, list[str]]:
+    """The scene without cameras so far from its room that this would be a dot, and their names."""
+    if scene.room is None:
+        return scene, []
+    low, high = scene.room.min(axis=0), scene.room.max(axis=0)
+    most = FAR * float((high - low).max())
+    far = [c.name for c in scene.cameras if c.placed and np.abs(c.ground - 0.5 * (low + high)).max() > most]
+    return replace(scene, cameras=tuple(c for c in scene.cameras if c.name not in far)), far
+
+
+def _ahead(scene: Scene) -> Floats:
+    """(N, 2) points in front of the cameras, about as far as they are from each other."""
+    cameras = [c for c in scene.cameras if c.placed]
+    at = np.array([c.ground for c in cameras]).reshape(-1, 2)
+    spread = float(np.ptp(at, axis=0).max()) if len(at) else 0.0
+    ahead = np.array([[np.cos(c.yaw), np.sin(c.yaw)] for c in cameras]).reshape(-1, 2)
+    return np.asarray(at + (1.2 * spread if spread > 0 else 5.0) * ahead)
+
+
+def outside(data: ReportInput) -> int:
+    """How many estimates lie outside the drawing."""
+    if data.tracks is None:
+        return 0
+    (x0, y0), (x1, y1) = plan_limits(data)
+    x, y = data.tracks.x, data.tracks.y
+    return int(np.count_nonzero((x < x0) | (x > x1) | (y < y0) | (y > y1)))
+
+
+def bold_from(data: ReportInput) -> int | None:
+    """Time [ns] from which paths are drawn boldly; None where they are short enough to be drawn so from the start."""
+    limits = plan_limits(data)
+    diagonal = float(np.hypot(*(limits[1] - limits[0])))
+    starts = []
+    for target in data.targets:
+        for table in (data.truth, data.tracks):
+            rows = np.flatnonzero(table.target_id == target) if table is not None else np.empty(0, np.int64)
+            if table is None or len(rows) < 2:
+                continue
+            steps = np.hypot(np.diff(table.x[rows]), np.diff(table.y[rows]))
+            to_go = np.cumsum(steps[::-1])[::-1]
+            if to_go[0] > LONG * diagonal:
+                starts.append(int(table.t_ns[rows[np.flatnonzero(to_go > RECENT * diagonal)[-1]]]))
+            break
+    return min(starts) if starts else None
+
+
+def _moving_occluders(axes: Axes, truth: Truth) -> list[Line2D | Patch]:
+    rows = truth.role == "occluder"
+    identities = np.unique(truth.target_id[rows])
+    if not len(identities) or len(identities) > MOST_MOVING_OCCLUDERS:
+        return []
+    style: dict[str, Any] = {"color": COLOURS["muted"], "linewidth": 0.6, "alpha": 0.45, "zorder": 2.2}
+    for identity in identities:
+        _line(axes, truth, rows & (truth.target_id == identity), **style)
+    return [Line2D([], [], label="moving occluder", **style)]
+
+
+def _line(axes: Axes, table: Tracks | Truth, rows: Bools, **style: Any) -> None:
+    """One path, thinned, broken at gaps."""
+    part = table.take(rows)
+    keep = thin_path(np.column_stack([part.x, part.y]), PATH_POINTS)
+    x, y = broken(part.t_ns, keep, part.x, part.y)
+    axes.plot(x, y, **style)
+
+
+def _path(axes: Axes, table: Tracks | Truth, rows: Bools, since: int | None, **style: Any) -> None:
+    """One path; what is older than `since` is faint."""
+    if since is not None:
+        faint = {"color": style["color"], "linewidth": 0.4, "alpha": 0.3, "zorder": 2.8}
+        _line(axes, table, rows & (table.t_ns <= since), **faint)
+        rows = rows & (table.t_ns >= since)
+    _line(axes, table, rows, **style)
+
+
+def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
+    since = bold_from(data)
+    handles: list[Line2D | Patch] = []
+    for i, target in enumerate(data.targets):
+        colour = target_colour(i)
+        if data.tracks is not None:
+            _estimate(axes, data.tracks, target, since, colour)
+            name = "estimated path" if len(data.targets) == 1 else f"target {target}, estimated"
+            handles += [Line2D([], [], color=colour, linewidth=1.8, label=name)] if i < MOST_NAMES else []
+        if data.truth is not None:
+            rows = (data.truth.target_id == target) & (data.truth.role == "target")
+            _path(axes, data.truth, rows, since, zorder=4, **TRUE_PATH)
+            if data.tracks is None:
+                _ends(axes, data.truth.take(rows), COLOURS["ink"])
+    return handles + (_path_handles(data) if data.targets else [])
+
+
+def _path_handles(data: ReportInput) -> list[Line2D | Patch]:
+    """What the legend says of all paths."""
+    mark: dict[str, Any] = {"color": COLOURS["ink"], "linestyle": "none", "markersize": 6}
+    out: list[Line2D | Patch] = []
+    if data.truth is not None:
+        out.append(Line2D([], [], label="true path", **TRUE_PATH))
+    if data.tracks is not None:
+        out.append(Patch(facecolor="none", edgecolor=target_colour(0), alpha=0.8, label="95 % ellipse of the estimate"))
+    out.append(Line2D([], [], marker="o", markerfacecolor=COLOURS["halo"], label="start", **mark))
+    return [*out, Line2D([], [], marker="X", label="end", **mark)]
+
+
+def _estimate(axes: Axes, tracks: Tracks, target: int, since: int | None, colour: str) -> None:
+    rows = tracks.target_id == target
+    _path(axes, tracks, rows, since, color=colour, linewidth=1.8, zorder=3.5)
+    own = tracks.take(rows if since is None else rows & (tracks.t_ns >= since))
+    if not len(own):
+        return
+    for row in np.unique(np.linspace(0, len(own) - 1, ELLIPSES).round().astype(int)):
+        axes.add_patch(confidence_ellipse(own, int(row), colour))
+    _ends(axes, tracks.take(rows), colour)
+
+
+def confidence_ellipse(tracks: Tracks, row: int, colour: str) -> Ellipse:
+    """Ellipse that holds the target with 95 % probability if the estimate is Gaussian."""
+    covariance = np.array([[tracks.cov_xx[row], tracks.cov_xy[row]], [tracks.cov_xy[row], tracks.cov_yy[row]]])
+    values, vectors = np.linalg.eigh(covariance)
+    minor, major = 2.0 * np.sqrt(CHI2_95 * np.maximum(values, 0.0))
+    angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+    return Ellipse(
+        (float(tracks.x[row]), float(tracks.y[row])),
+        float(major),
+        float(minor),
+        angle=angle,
+        fill=False,
+        edgecolor=colour,
+        linewidth=0.8,
+        alpha=0.75,
+        zorder=3.2,
+    )
+
+
+def _ends(axes: Axes, path: Tracks | Truth, colour: str) -> None:
+    style: dict[str, Any] = {"linestyle": "none", "zorder": 5, "markersize": 7}
+    edge: dict[str, Any] = {"markerfacecolor": COLOURS["halo"], "markeredgecolor": colour, "markeredgewidth": 1.6}
+    axes.plot(path.x[:1], path.y[:1], "o", **edge, **style)
+    axes.plot(path.x[-1:], path.y[-1:], "X", color=colour, **style)

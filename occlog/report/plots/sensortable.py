@@ -1,0 +1,82 @@
+"""The table of sensors: where each stands, how often it saw the target, how well its sight lines fit the track."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.report.content.metrics_in_words import number
+from occlog.report.content.model import ReportInput
+from occlog.report.drawing.style import label
+
+from .visibility import sensors
+
+
+@dataclass(frozen=True)
+class SensorRow:
+    """One sensor in words; angles in degrees."""
+
+    name: str
+    kind: str
+    position: str
+    heading: str
+    fov: str
+    frames: str
+    seen: str
+    share: str
+    residual: str
+    fit: str
+
+
+def sensor_rows(data: ReportInput) -> list[SensorRow]:
+    """One row a sensor, all targets together."""
+    fits = _fits(data)
+    names = sensors(data)
+    return [SensorRow(label(n, 60), *_pose(data, n), *_counts(data, n), *fits.get(n, ("–", "–"))) for n in names]
+
+
+def _pose(data: ReportInput, name: str) -> tuple[str, str, str, str]:
+    """Kind, position, heading and field of view."""
+    if data.scene is not None:
+        for camera in data.scene.cameras:
+            if camera.name == name and not camera.placed:
+                return "camera", "not known", "–", "–"
+            if camera.name == name:
+                fov = number(round(float(np.degrees(camera.fov)), 1))
+                return "camera", _point(camera.position), number(round(float(np.degrees(camera.yaw)), 1)), fov
+        for array in data.scene.arrays:
+            if array.name == name:
+                return "array", _point(array.position), number(round(float(np.degrees(array.yaw)), 1)), "–"
+    return "not in the scene", "–", "–", "–"
+
+
+def _point(position: Floats) -> str:
+    return ", ".join(number(round(float(v), 3)) for v in position)
+
+
+def _counts(data: ReportInput, name: str) -> tuple[str, str, str]:
+    """Looks, sightings, and their share."""
+    if data.bearings is None:
+        return "–", "–", "–"
+    rows = data.bearings.sensor == name
+    looks, seen = int(rows.sum()), int(data.bearings.seen[rows].sum())
+    return number(looks), number(seen), number(round(100.0 * seen / looks, 1)) if looks else "–"
+
+
+def _fits(data: ReportInput) -> dict[str, tuple[str, str]]:
+    """RMS distance of the track from each sensor's sight lines: in degrees, and in its own standard deviations."""
+    squares: dict[str, list[Floats]] = {}
+    for found in data.residuals.values():
+        for i, name in enumerate(found.names):
+            rows = found.sensor == i
+            values = np.column_stack([found.residual[rows], found.residual[rows] / found.sigma[rows]]) ** 2
+            squares.setdefault(name, []).append(values)
+    out = {}
+    for name, parts in squares.items():
+        every = np.vstack(parts)
+        if len(every):
+            degrees, ratio = np.sqrt(every.mean(axis=0))
+            out[name] = (number(float(f"{np.degrees(degrees):.3g}")), number(float(f"{ratio:.3g}")))
+    return out

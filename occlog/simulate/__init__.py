@@ -1,0 +1,1 @@
+"""Verb: make a recording with ground truth from a scene."""

@@ -1,0 +1,1 @@
+"""Balls that look alike, rendered for several cameras."""

@@ -1,0 +1,203 @@
+"""`occlog simulate --scene balls`: options to a configuration, and the video of it to a recording."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import Together
+from occlog.io.files.provenance import Provenance
+from occlog.io.frames.codec import encode_image
+from occlog.io.frames.writer import LosslessVideo
+from occlog.io.recording.writer import RecordingWriter
+from occlog.records.frames import Image
+from occlog.records.scene import Scene
+from occlog.simulate.render.light import grey
+from occlog.simulate.stage import START_NS
+from occlog.simulate.world.scripted_paths import step_times
+
+from .motion import VIEWS, BallPaths, BallsConfig, ball_paths
+from .stage import balls_boxes, balls_scene, balls_truth
+from .video import BallsFrame, render_balls
+
+T = TypeVar("T")
+FIELDS = {
+    "balls": "balls",
+    "radius": "radius",
+    "frames": "frames",
+    "ball_speed": "speed",
+    "spin": "spin",
+    "distance": "distance",
+    "collide": "collide",
+    "clutter": "clutter",
+    "image_noise": "noise",
+    "colour_noise": "colour_noise",
+}
+"""Options and the field of `BallsConfig` that each is."""
+
+
+@dataclass(frozen=True)
+class BallsSetup:
+    """Everything that decides on the recording, but for the seed."""
+
+    config: BallsConfig
+    scene: Scene
+    rate_hz: float
+    store: str = "png"  # or "ffv1"
+    grey: bool = False
+    workers: int = 1
+
+
+def balls_setup(given: Mapping[str, Any], fps: float | None, workers: int | None) -> BallsSetup:
+    """The configuration from the options that were given; UsageError for what cannot be.
+
+    Args:
+        given: values of the options that were given.
+        fps: frames a second; None: 25.
+        workers: threads; None: one a processor.
+    """
+    values = {field: given[name] for name, field in FIELDS.items() if name in given}
+    if "size" in given:
+        values["width"], values["height"] = given["size"]
+    if "views" in given:
+        if given["views"] > len(VIEWS):
+            raise UsageError(f"--views: there are {len(VIEWS)} views of balls at most, got {given['views']}")
+        values["views"] = VIEWS[: given["views"]]
+    config = _possible(lambda: BallsConfig(start_apart=not given.get("overlap", False), **values))
+    rate = fps or 25.0
+    return BallsSetup(
+        config,
+        balls_scene(config, rate),
+        rate,
+        given.get("store", "png"),
+        bool(given.get("grey")),
+        workers or os.cpu_count() or 1,
+    )
+
+
+def _possible(make: Callable[[], T]) -> T:
+    """What is made; UsageError, in terms of options, for balls that cannot be."""
+    try:
+        return make()
+    except InputError as error:
+        words = str(error).removeprefix("balls: ").replace("start_apart false", "let them --overlap")
+        raise UsageError(f"--scene balls: {words}") from None
+
+
+def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:
+    """The video file of each view, beside the recording; none where images go into it."""
+    if setup.store != "ffv1":
+        return {}
+    return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras}
+
+
+def run_balls(
+    setup: BallsSetup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
+) -> dict[str, Any]:
+    """Write the recording; what it holds."""
+    paths = _possible(lambda: ball_paths(setup.config, seed))
+    counts: Counter[str] = Counter()
+    frames = options.progress(
+        render_balls(setup.config, seed, setup.workers, paths), "render", setup.config.frames, quiet=quiet
+    )
+    made = _made(setup, seed)
+    with (
+        Together() as together,
+        RecordingWriter(output, setup.scene, made, overwrite=overwrite, together=together) as writer,
+    ):
+        if setup.store == "ffv1":
+            _files(writer, setup, balls_videos(setup, output), paths, frames, counts, overwrite)
+        else:
+            _images(writer, setup, paths, frames, counts)
+    return {
+        "recording": str(output),
+        "seed": seed,
+        "seconds": (setup.config.frames - 1) / setup.rate_hz,
+        "targets": setup.config.balls,
+        "cameras": len(setup.scene.cameras),
+    } | {n: counts[n] for n in ("frames", "boxes", "hidden", "video_bytes")}
+
+
+def _made(setup: BallsSetup, seed: int) -> Provenance:
+    values = asdict(setup.config)
+    values["views"] = [list(view) for view in setup.config.views]
+    made = {"balls": values, "rate_hz": setup.rate_hz, "store": setup.store, "grey": setup.grey}
+    return Provenance("simulate", made, seed)
+
+
+def _truth(
+    writer: RecordingWriter, setup: BallsSetup, paths: BallPaths, frame: BallsFrame, counts: Counter[str]
+) -> int:
+    """Write what is truly in the frames of one time; the time [ns]."""
+    t_ns = START_NS + int(step_times(frame.frame, 1, 1.0 / setup.rate_hz)[0])
+    writer.table(balls_truth(paths.centres[frame.frame], t_ns))
+    for boxes in balls_boxes(frame, setup.scene.cameras, t_ns):
+        writer.table(boxes)
+        counts.update(frames=1, boxes=int((boxes.box >= 0).sum()), hidden=int((boxes.visible == 0).sum()))
+    return t_ns
+
+
+def _delivered(setup: BallsSetup, frame: BallsFrame) -> tuple[Image, ...]:
+    return tuple(map(grey, frame.images)) if setup.grey else frame.images
+
+
+def _images(
+    writer: RecordingWriter,
+    setup: BallsSetup,
+    paths: BallPaths,
+    frames: Iterator[BallsFrame],
+    counts: Counter[str],
+) -> None:
+    """PNG images into the recording; some are compressed while the next ones are drawn."""
+
+    def write(frame: BallsFrame, coded: list[Future[bytes]]) -> None:
+        t_ns = _truth(writer, setup, paths, frame, counts)
+        for camera, future in zip(setup.scene.cameras, coded, strict=True):
+            writer.image(camera.name, t_ns, frame.frame, future.result(), "png")
+            counts["video_bytes"] += len(future.result())
+
+    waiting: deque[tuple[BallsFrame, list[Future[bytes]]]] = deque()
+    with ThreadPoolExecutor(setup.workers) as pool:
+        for frame in frames:
+            coded = [pool.submit(encode_image, image, "png", 0) for image in _delivered(setup, frame)]
+            waiting.append((frame, coded))
+            if len(waiting) > 2 * setup.workers:
+                write(*waiting.popleft())
+        for frame, coded in waiting:
+            write(frame, coded)
+
+
+def _files(
+    writer: RecordingWriter,
+    setup: BallsSetup,
+    videos: dict[str, Path],
+    paths: BallPaths,
+    frames: Iterator[BallsFrame],
+    counts: Counter[str],
+    overwrite: bool,
+) -> None:
+    """FFV1 files beside the recording."""
+    size = (setup.config.width, setup.config.height)
+    with ExitStack() as stack:
+        open_videos = {
+            name: stack.enter_context(
+                LosslessVideo(path, size, setup.rate_hz, overwrite=overwrite, together=writer.together)
+            )
+            for name, path in videos.items()
+        }
+        for frame in frames:
+            t_ns = _truth(writer, setup, paths, frame, counts)
+            for (name, video), image in zip(open_videos.items(), _delivered(setup, frame), strict=True):
+                video.write(image)
+                writer.video_frame(name, t_ns, frame.frame)
+    for name, video in open_videos.items():
+        writer.video(name, video.path.name, video.sha256)
+        counts["video_bytes"] += video.bytes

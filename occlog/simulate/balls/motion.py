@@ -1,0 +1,243 @@
+"""Balls that fly about in a box, and the cameras that look at it: the world of [Qu] Sec. 4.1.
+
+Lengths are pixels: the cameras are so far away, and so long, that a pixel is one unit
+everywhere in the box.  The floor is at z = 0, half an image height below the box's centre.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.sight.camera import rotation_from_angles
+from occlog.errors import InputError
+from occlog.records.scene import Camera
+
+FAR = 1e6
+"""At this distance [px] places and sizes in an image of 320 px change by less than 0.03 px with depth."""
+
+VIEWS = ((0.0, 0.0), (90.0, 0.0), (45.0, -15.0), (135.0, -15.0), (20.0, -10.0), (110.0, -10.0))
+"""Yaw and pitch [deg]: the two of the paper, at a right angle and level, and more that look down from between."""
+
+TRIES = 5_000
+"""Draws of starting places before it is said that the balls have no room."""
+
+
+@dataclass(frozen=True)
+class BallsConfig:
+    """How many balls there are, how they move, and what looks at them; the defaults are the paper's video."""
+
+    frames: int = 400
+    width: int = 320  # of the images [px]
+    height: int = 240
+    balls: int = 6
+    radius: float = 22.0  # [px]
+    speed: float = 3.0  # mean of the balls' speeds in space, which are 0.5 to 1.5 times this [px a frame]
+    spin: float = 0.05  # turn of a ball in a frame [rad]
+    views: tuple[tuple[float, float], ...] = VIEWS[:2]  # yaw and pitch of each [deg]
+    distance: float = FAR  # of the cameras from the box's centre [px]; a near camera sees sizes change
+    start_apart: bool = True  # no ball hides another in the first frame
+    collide: bool = False  # balls bounce off each other; else they move independently, one through the other
+    noise: float = 1.5  # standard deviation of every pixel, common to its colours [grey levels]
+    colour_noise: float = 1.0  # the same, of every colour alone
+    clutter: int = 6  # patches in the colours of the balls on each background
+
+    def __post_init__(self) -> None:
+        lowest = {"frames": 1, "width": 16, "height": 16, "balls": 1, "radius": 0.5, "distance": 1.0}
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if f.name == "views":
+                continue
+            low = lowest.get(f.name, 0)
+            if not (math.isfinite(value) and value >= low):
+                raise InputError(f"balls: {f.name} is {value}, must be at least {low}")
+        if not self.views or not np.isfinite(self.views).all():
+            raise InputError("balls: views must be one or more pairs of yaw and pitch in degrees")
+        if self.distance <= self.width + self.height + 4 * self.radius:
+            limit = self.width + self.height + 4 * self.radius
+            raise InputError(f"balls: distance is {self.distance:g}, must be above {limit:g}, outside the box")
+
+
+class BallPaths(NamedTuple):
+    """Where the balls truly are."""
+
+    centres: Floats  # (T, n, 3)
+    turns: Floats  # (T, n, 3, 3) world-from-ball rotations
+
+
+def ball_cameras(config: BallsConfig) -> tuple[Camera, ...]:
+    """The cameras, named `view1`, `view2`, ...; a pixel is one unit at the centre of the box."""
+    middle = np.array([0.0, 0.0, 0.5 * config.height])
+    cameras = []
+    for k, (yaw, pitch) in enumerate(config.views):
+        rotation = rotation_from_angles(math.radians(yaw), math.radians(pitch), 0.0)
+        camera = Camera(
+            f"view{k + 1}",
+            middle - config.distance * rotation[:, 2],
+            rotation,
+            np.full(2, config.distance),
+            0.5 * np.array([config.width - 1.0, config.height - 1.0]),
+            image_size=(config.width, config.height),
+            fov=2.0 * math.atan(0.5 * config.width / config.distance),
+        )
+        cameras.append(camera)
+    return tuple(cameras)
+
+
+def ball_box(config: BallsConfig) -> Floats:
+    """(3,) half lengths of the box in x, y, z: as wide and high as the images, or smaller so that all views hold it."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+    half = 0.5 * np.array([config.width, config.width, config.height], dtype=np.float64)
+    cameras, middle = ball_cameras(config), np.array([0.0, 0.0, 0.5 * config.height])
+    return half * _largest(lambda scale: _all_inside(cameras, middle + scale * signs * half))
+
+
+def _largest(good: Callable[[float], bool]) -> float:
+    """The largest scale up to 1 that is good; good ones lie below bad ones."""
+    if good(1.0):
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        scale = 0.5 * (low + high)
+        low, high = (scale, high) if good(scale) else (low, scale)
+    return low
+
+
+def _all_inside(cameras: tuple[Camera, ...], points: Floats) -> bool:
+    """Whether all points are in all images, or over their edges by less than 0.1 px."""
+    for camera in cameras:
+        pixels = camera.project(points)
+        size = np.asarray(camera.image_size)
+        if not ((pixels > -0.6) & (pixels < size - 0.4)).all():
+            return False
+    return True
+
+
+def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
+    """True places and turns of the balls in every frame; InputError where they have no room."""
+    reach = ball_box(config) - config.radius
+    if not (reach > 0).all():
+        raise InputError(
+            f"balls: a radius of {config.radius:g} px does not fit into the box of half lengths "
+            f"{', '.join(f'{h:g}' for h in reach + config.radius)}; make the balls smaller or the images larger"
+        )
+    start = _start(config, reach, generator(seed, Stage.WORLD_START))
+    rngs = [generator(seed, Stage.WORLD_MOTION, k) for k in range(config.balls)]
+    speeds = config.speed * np.array([rng.uniform(0.5, 1.5) for rng in rngs])
+    velocity = speeds[:, None] * _directions(rngs)
+    centres = _bounce(config, start, velocity, reach) if config.collide else _fly(config, start, velocity, reach)
+    axes = _directions(rngs)
+    first = np.array([rng.uniform(0.0, 2.0 * np.pi) for rng in rngs])
+    angles = first + config.spin * np.arange(config.frames)[:, None]
+    centres[..., 2] += 0.5 * config.height
+    return BallPaths(centres, _rotations(axes, angles))
+
+
+def _directions(rngs: list[np.random.Generator]) -> Floats:
+    """(n, 3) unit vectors, evenly spread."""
+    drawn = np.array([rng.standard_normal(3) for rng in rngs])
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
+
+
+def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floats:
+    """(n, 3) places about the centre of the box; apart in all views, or in space, where that is asked for."""
+    cameras, middle = ball_cameras(config), np.array([0.0, 0.0, 0.5 * config.height])
+    gap = 2.1 * config.radius
+    placed = np.zeros((0, 3))
+    for _ in range(TRIES):
+        one = rng.uniform(-reach, reach)
+        views = [camera.project(middle + np.vstack([placed, one])) for camera in cameras] if config.start_apart else []
+        sets = [*views, np.vstack([placed, one])] if config.collide else views
+        if all((np.linalg.norm(s[:-1] - s[-1], axis=1) > gap).all() for s in sets):
+            placed = np.vstack([placed, one])
+        elif rng.random() < 0.01:
+            placed = np.zeros((0, 3))  # the first ones may leave no room for the rest
+        if len(placed) == config.balls:
+            return placed
+    where = f"{config.balls} balls of radius {config.radius:g} px that start apart"
+    if config.start_apart:
+        raise InputError(f"balls: no room for {where}; take fewer or smaller ones, or start_apart false")
+    if config.collide:
+        raise InputError(f"balls: no room for {where}, as balls that collide must; take fewer or smaller ones")
+    raise InputError(f"balls: {config.balls} are more than the {TRIES} that there can be; take fewer")
+
+
+def _fly(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:
+    """(T, n, 3) places of balls that only the walls throw back: a straight way, folded into the box."""
+    straight = start + velocity * np.arange(config.frames)[:, None, None]
+    folded = np.mod(straight + reach, 4.0 * reach)
+    return np.asarray(np.where(folded > 2.0 * reach, 4.0 * reach - folded, folded) - reach)
+
+
+def _bounce(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:
+    """(T, n, 3) places of balls of equal mass that also bounce off each other, in steps of a tenth of a radius."""
+    place, v = start.copy(), velocity.copy()
+    steps = max(1, math.ceil(1.5 * config.speed / (0.1 * config.radius)))
+    out = np.empty((config.frames, *start.shape))
+    for t in range(config.frames):
+        out[t] = place
+        for _ in range(steps):
+            place += v / steps
+            outside = np.abs(place) > reach
+            v = np.where(outside, -np.sign(place) * np.abs(v), v)
+            place = np.clip(place, -reach, reach)
+            _collide(place, v, 2.0 * config.radius)
+    return out
+
+
+def _collide(place: Floats, v: Floats, diameter: float) -> None:
+    """Change the velocities of the balls that meet: each pair exchanges what it has along the line of centres."""
+    for i in range(len(place)):
+        for j in np.flatnonzero(np.linalg.norm(place[i + 1 :] - place[i], axis=1) < diameter) + i + 1:
+            along = place[j] - place[i]
+            along /= max(float(np.linalg.norm(along)), 1e-12)
+            closing = (v[i] - v[j]) @ along
+            if closing > 0.0:
+                v[i] -= closing * along
+                v[j] += closing * along
+
+
+def _rotations(axes: Floats, angles: Floats) -> Floats:
+    """(T, n, 3, 3) rotations about unit axes (n, 3) by angles (T, n) [rad]."""
+    x, y, z = axes.T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+    s, c = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
+    return np.asarray(np.eye(3) + s * cross + (1.0 - c) * (cross @ cross))
+
+
+def ball_ellipses(camera: Camera, centres: Floats, radius: float) -> Floats:
+    """Outlines of balls in an image without distortion and with square pixels.
+
+    A ball at the angle t off the optical axis that spans the half angle u is an ellipse with
+    half axes f sin(u) cos(u) / q away from the principal point and f sin(u) / sqrt(q) across,
+    centred at f sin(t) cos(t) / q from it, q = cos(t)^2 - sin(u)^2.
+
+    Args:
+        camera: with its pose.
+        centres: (..., 3) world places of the balls, wholly in front of the camera.
+        radius: > 0.
+
+    Returns:
+        (..., 5) ellipses, see `occlog.core.image.ellipse`.
+    """
+    local = (np.asarray(centres) - camera.position) @ camera.rotation
+    x, y, z = local[..., 0], local[..., 1], local[..., 2]
+    flat, f = np.hypot(x, y), camera.focal_px[0]
+    distance = np.hypot(flat, z)
+    sin_t, cos_t, sin_u = flat / distance, z / distance, radius / distance
+    q = cos_t**2 - sin_u**2
+    rho, out = np.arctan2(y, x), np.empty((*local.shape[:-1], 5))
+    along = f * sin_t * cos_t / q
+    out[..., 0] = camera.principal_px[0] + along * np.cos(rho)
+    out[..., 1] = camera.principal_px[1] + along * np.sin(rho)
+    out[..., 2] = f * sin_u * np.sqrt(1.0 - sin_u**2) / q
+    out[..., 3] = f * sin_u / np.sqrt(q)
+    out[..., 4] = np.where(flat > 0.0, rho, 0.0)
+    return out

@@ -1,0 +1,191 @@
+"""The synthetic video of [Qu] Sec. 4.1: identical balls that hide one another, seen by several cameras.
+
+Where the balls are is in `render_balls_motion`; this makes the images of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import permutations, product
+from queue import SimpleQueue
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.array_types import Bytes, Floats, Floats32
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.records.scene import Camera
+from occlog.simulate.render.texture import smooth_noise
+
+from .kernel import Skin, View, clear_balls, deliver_into, paint_balls_into, trace_balls_into
+from .motion import BallPaths, BallsConfig, ball_cameras, ball_ellipses, ball_paths
+
+PENTAGON = np.array([120.0, 60.0, 34.0])
+HEXAGON = np.array([176.0, 214.0, 242.0])
+SEAM = np.array([70.0, 84.0, 96.0])
+WALL = np.array([104.0, 136.0, 122.0])
+LAMP = np.array([-0.35, 0.25, 0.9])
+CIRCUMSCRIBED = 2.47802
+"""Radius about a truncated icosahedron of edge 1."""
+NOISE = 1 << 18
+"""Pixels for which sensor noise is drawn once; every row of every frame takes a stretch at random."""
+
+
+class BallsFrame(NamedTuple):
+    """What V views deliver at one time, with the truth."""
+
+    frame: int
+    images: tuple[Bytes, ...]  # V of (H, W, 3) BGR
+    ellipses: Floats  # (V, n, 5) true outlines of the whole balls
+    share: Floats  # (V, n) visible share of the part of each ball that is in the image; 0: hidden or outside
+
+
+class _Studio(NamedTuple):
+    """What the drawing of one view needs of everything that does not change."""
+
+    number: int
+    camera: Camera
+    view: View
+    background: Floats32
+
+
+def render_balls(
+    config: BallsConfig, seed: int, workers: int = 1, paths: BallPaths | None = None
+) -> Iterator[BallsFrame]:
+    """The video, frame by frame.
+
+    Args:
+        config: balls, motion and views.
+        seed: of all random numbers; a frame's noise depends on seed, view and frame number only.
+        workers: frames drawn at the same time; the result does not depend on it.
+        paths: where the balls are; None: as `ball_paths` says.
+
+    Returns:
+        `config.frames` frames, or as many as the paths have; InputError where the balls have no room.
+    """
+    paths = ball_paths(config, seed) if paths is None else paths
+    studios = [_studio(config, seed, k, camera) for k, camera in enumerate(ball_cameras(config))]
+    noise = _noise(config, generator(seed, Stage.RENDER_SENSOR))
+    buffers: SimpleQueue[tuple[Floats, NDArray[np.int32]]] = SimpleQueue()
+    for _ in range(workers):
+        shape = (config.height, config.width, 4)
+        buffers.put((np.full(shape, np.inf), np.zeros(shape, dtype=np.int32)))
+
+    def shot(t: int) -> BallsFrame:
+        depth, label = buffers.get()
+        drawn = [_draw(config, seed, s, t, paths, noise, depth, label) for s in studios]
+        buffers.put((depth, label))
+        outlines = np.stack([ball_ellipses(s.camera, paths.centres[t], config.radius) for s in studios])
+        return BallsFrame(t, tuple(image for image, _ in drawn), outlines, np.stack([share for _, share in drawn]))
+
+    numbers = range(len(paths.centres))
+    if workers == 1:
+        yield from map(shot, numbers)
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        for first in range(0, len(numbers), 8 * workers):
+            yield from pool.map(shot, numbers[first : first + 8 * workers])
+
+
+def _draw(
+    config: BallsConfig,
+    seed: int,
+    studio: _Studio,
+    t: int,
+    paths: BallPaths,
+    noise: Floats32,
+    depth: Floats,
+    label: NDArray[np.int32],
+) -> tuple[Bytes, Floats]:
+    """One image and the visible shares (n,); the buffers are left as they were found."""
+    centres = np.ascontiguousarray((paths.centres[t] - studio.camera.position) @ studio.camera.rotation)
+    turns = np.ascontiguousarray(studio.camera.rotation.T @ paths.turns[t])
+    covered, visible = np.zeros((len(centres), 5), dtype=np.int64), np.zeros(len(centres), dtype=np.int64)
+    light = studio.background.copy()
+    trace_balls_into(depth, label, covered, centres, config.radius, studio.view)
+    paint_balls_into(
+        light,
+        depth,
+        label,
+        visible,
+        covered,
+        studio.background,
+        centres,
+        turns,
+        config.radius,
+        studio.view,
+        FOOTBALL,
+    )
+    clear_balls(depth, covered)
+    rng = generator(seed, Stage.RENDER_SENSOR, studio.number, t)
+    image, flat = np.empty(light.shape, dtype=np.uint8), (config.height, 3 * config.width)
+    starts = 3 * rng.integers(0, NOISE, config.height)
+    deliver_into(image.reshape(flat), light.reshape(flat), noise, starts)
+    return image, visible / np.maximum(covered[:, 4], 1)
+
+
+def _noise(config: BallsConfig, rng: np.random.Generator) -> Floats32:
+    """What the sensor adds to the three colours of pixels in a row, plus 0.5 for rounding."""
+    n = NOISE + config.width
+    common, single = rng.standard_normal((n, 1), dtype=np.float32), rng.standard_normal((n, 3), dtype=np.float32)
+    return np.asarray(0.5 + config.noise * common + config.colour_noise * single, dtype=np.float32).ravel()
+
+
+def football_faces() -> Floats:
+    """(32, 3) normals, over their distances from the centre, of a truncated icosahedron: 12 pentagons, 20 hexagons."""
+    golden = 0.5 * (1.0 + 5.0**0.5)
+    corners = np.array([[0.0, a, b * golden] for a, b in product((-1.0, 1.0), repeat=2)])
+    corners = np.vstack([np.roll(corners, k, axis=1) for k in range(3)]) / np.hypot(1.0, golden)
+    # Faces of an icosahedron are the triples of corners that are neighbours.
+    near = corners @ corners.T > 0.4
+    triples = [t for t in permutations(range(12), 3) if t[0] < t[1] < t[2] and near[np.ix_(t, t)].all()]
+    middles = np.array([corners[list(t)].sum(axis=0) for t in triples])
+    middles /= np.linalg.norm(middles, axis=1, keepdims=True)
+    # Distances of the two kinds of faces from the centre, for edges of length 1
+    return np.vstack([corners / 2.32744, middles / 2.26728])
+
+
+def football() -> Skin:
+    """Dark pentagons and light hexagons with seams between them; only the faces that shading looks at."""
+    faces = football_faces() * CIRCUMSCRIBED
+    used = _first_or_second(faces)
+    return Skin(np.ascontiguousarray(faces[used]), int(used[:12].sum()), 0.035, np.vstack([PENTAGON, HEXAGON, SEAM]))
+
+
+def _first_or_second(faces: Floats) -> NDArray[np.bool_]:
+    """(F,) the faces that are nearest, or second to it, somewhere with x, y, z >= 0: all that shading looks at."""
+    x, y, z = np.meshgrid(*3 * [np.linspace(0.0, 1.0, 25)])
+    points = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+    points = points[np.linalg.norm(points, axis=1) > 0.5]
+    used = np.zeros(len(faces), dtype=np.bool_)
+    used[np.argsort(points @ faces.T, axis=1)[:, -2:].ravel()] = True
+    return used
+
+
+def _studio(config: BallsConfig, seed: int, number: int, camera: Camera) -> _Studio:
+    lamp = LAMP / np.linalg.norm(LAMP)
+    cx, cy = camera.principal_px.tolist()
+    view = View(float(camera.focal_px[0]), cx, cy, np.ascontiguousarray(camera.rotation.T @ lamp))
+    return _Studio(number, camera, view, _background(config, generator(seed, Stage.RENDER_CLOTHES, number)))
+
+
+def _background(config: BallsConfig, rng: np.random.Generator) -> Floats32:
+    """(H, W, 3) a mottled wall with patches in the colours of the balls."""
+    height, width = config.height, config.width
+    x, y = (a.ravel().astype(np.float64) for a in np.meshgrid(np.arange(width), np.arange(height)))
+    grain_seed = int(rng.integers(1 << 20))
+    mottle = 0.16 * smooth_noise(x, y, 61.0, grain_seed) + 0.10 * smooth_noise(x, y, 9.0, grain_seed + 1)
+    wall = (WALL * (1.0 + mottle[:, None])).reshape(height, width, 3)
+    for _ in range(config.clutter):
+        w, h = (max(1, round(config.radius * rng.uniform(0.4, 1.4))) for _ in range(2))
+        left, top = int(rng.integers(max(1, width - w))), int(rng.integers(max(1, height - h)))
+        mix = rng.uniform(0.25, 0.9)
+        paint = mix * (HEXAGON if rng.random() < 0.6 else PENTAGON) + (1.0 - mix) * WALL
+        patch = wall[top : top + h, left : left + w]
+        patch *= paint / WALL
+    return np.clip(wall, 0.0, 255.0).astype(np.float32)
+
+
+FOOTBALL = football()

@@ -1,0 +1,1 @@
+"""Video of people who walk in a room, by ray casting."""

@@ -1,0 +1,190 @@
+"""People made of ellipsoids: where the parts of a walking body are, and what it wears.
+
+All lengths here are metres for a person 1.75 m tall; `solids` scales and places them.
+A body faces its heading; arms and legs swing with its phase, which grows by 2 pi with
+every two steps.
+"""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+
+STATURE = 1.75
+SKIN, HAIR, SHIRT, TROUSERS, SHOES = range(5)
+PLAIN, HOOPS, STRIPES, CHECKS = range(4)
+THIGH, SHIN, UPPER_ARM, FOREARM = 0.44, 0.43, 0.28, 0.25
+FULL_SWING = 0.5
+"""Swing of a leg to either side at walking speed [rad]."""
+WARM = (0.035, 0.93, 0.17, 0.29)
+"""Hues of the targets' shirts, each in the middle of a bin of the appearance histogram."""
+
+
+class Clothes(NamedTuple):
+    """What n bodies look like; colours are BGR, 0 to 255."""
+
+    first: Floats  # (n, 5, 3) colour of skin, hair, shirt, trousers, shoes
+    second: Floats  # (n, 5, 3) second colour of patterned parts
+    pattern: Ints  # (n, 5)
+    stature: Floats  # (n,) height over 1.75 m
+
+
+class Poses(NamedTuple):
+    """Where n bodies are and how they stand."""
+
+    xy: Floats  # (n, 2) in scene units
+    heading: Floats  # (n, 2) unit vectors
+    phase: Floats  # (n,) of the gait [rad]
+    swing: Floats  # (n,) of the legs to either side [rad]
+
+
+class Solids(NamedTuple):
+    """P ellipsoids |A (p - c)| = 1, in scene units."""
+
+    centre: Floats  # (P, 3)
+    axes: Floats  # (P, 3, 3) A: its rows are the axes over their half lengths
+    half: Floats  # (P, 3) half lengths of the axes
+    body: Ints  # (P,) which of the n bodies
+    part: Ints  # (P,) SKIN to SHOES
+
+
+def solids(poses: Poses, clothes: Clothes, metre: float) -> Solids:
+    """The ellipsoids of n bodies, body after body; feet touch the floor."""
+    build = _Builder(len(poses.xy))
+    lowest = _legs(build, poses)
+    _trunk(build)
+    _arms(build, poses)
+    n, k = len(poses.xy), len(build.part)
+    scale = (clothes.stature * metre)[:, None, None]
+    local = np.stack(build.centre, axis=1)
+    local[..., 2] -= lowest[:, None]  # the standing leg carries the body
+    frame = _frames(poses.heading)
+    centre = scale * np.einsum("nkj,nij->nki", local, frame)
+    centre[..., :2] += poses.xy[:, None]
+    half = scale * np.stack(build.half, axis=1)
+    turn = np.einsum("nij,nkjl->nkil", frame, np.stack(build.turn, axis=1))  # columns: axes in the world
+    axes = np.swapaxes(turn, -1, -2) / half[..., None]
+    body = np.repeat(np.arange(n), k)
+    return Solids(
+        centre.reshape(-1, 3), axes.reshape(-1, 3, 3), half.reshape(-1, 3), body, np.tile(np.array(build.part), n)
+    )
+
+
+class _Builder:
+    """Collects parts in the body's frame: x forward, y left, z up."""
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+        self.centre: list[Floats] = []
+        self.half: list[Floats] = []
+        self.turn: list[Floats] = []
+        self.part: list[int] = []
+
+    def ball(self, part: int, centre: Floats | tuple[float, ...], half: tuple[float, float, float]) -> None:
+        self.centre.append(np.broadcast_to(np.asarray(centre, dtype=np.float64), (self.n, 3)))
+        self.half.append(np.broadcast_to(np.array(half), (self.n, 3)))
+        self.turn.append(np.broadcast_to(np.eye(3), (self.n, 3, 3)))
+        self.part.append(part)
+
+    def limb(self, part: int, start: Floats, angle: Floats, length: float, radius: float) -> Floats:
+        """A limb that hangs from `start`, swung forward by `angle`; returns its other end."""
+        s, c, o = np.sin(angle), np.cos(angle), np.zeros(self.n)
+        along = np.stack([s, o, -c], axis=-1)
+        self.centre.append(start + 0.5 * length * along)
+        self.half.append(np.broadcast_to(np.array([radius, radius, 0.5 * length + 0.7 * radius]), (self.n, 3)))
+        columns = [np.stack([c, o, s], axis=-1), np.stack([o, o + 1, o], axis=-1), -along]
+        self.turn.append(np.stack(columns, axis=-1))
+        self.part.append(part)
+        return np.asarray(start + length * along)
+
+
+def _legs(build: _Builder, poses: Poses) -> Floats:
+    """Two legs; returns (n,) the lowest point of the shoes with the hips at their standing height."""
+    lowest = np.full(build.n, np.inf)
+    for side in (1.0, -1.0):
+        phase = poses.phase + (0.0 if side > 0 else np.pi)
+        swing = poses.swing * np.sin(phase)
+        bend = 1.3 * poses.swing * np.maximum(0.0, np.cos(phase))  # the knee bends while the leg swings forward
+        hip = np.broadcast_to(np.array([0.0, 0.095 * side, 0.93]), (build.n, 3))
+        knee = build.limb(TROUSERS, hip, swing, THIGH, 0.085)
+        ankle = build.limb(TROUSERS, knee, swing - bend, SHIN, 0.06)
+        build.ball(SHOES, ankle + np.array([0.06, 0.0, -0.015]), (0.13, 0.05, 0.045))
+        lowest = np.minimum(lowest, ankle[:, 2] - 0.06)
+    return lowest
+
+
+def _trunk(build: _Builder) -> None:
+    build.ball(TROUSERS, (0.0, 0.0, 0.95), (0.115, 0.165, 0.13))
+    build.ball(SHIRT, (0.0, 0.0, 1.20), (0.12, 0.18, 0.29))
+    build.ball(SHIRT, (-0.01, 0.0, 1.38), (0.105, 0.215, 0.11))
+    build.ball(SKIN, (0.0, 0.0, 1.48), (0.055, 0.055, 0.09))
+    build.ball(SKIN, (0.015, 0.0, 1.63), (0.095, 0.078, 0.12))
+    build.ball(HAIR, (-0.015, 0.0, 1.66), (0.098, 0.085, 0.10))
+
+
+def _arms(build: _Builder, poses: Poses) -> None:
+    for side in (1.0, -1.0):
+        phase = poses.phase + (np.pi if side > 0 else 0.0)  # against the leg of the same side
+        swing = 0.8 * poses.swing * np.sin(phase)
+        shoulder = np.broadcast_to(np.array([0.0, 0.225 * side, 1.40]), (build.n, 3))
+        elbow = build.limb(SHIRT, shoulder, swing, UPPER_ARM, 0.052)
+        wrist = build.limb(SHIRT, elbow, swing + 0.25, FOREARM, 0.042)
+        build.ball(SKIN, wrist + np.array([0.01, 0.0, -0.05]), (0.045, 0.03, 0.07))
+
+
+def _frames(heading: Floats) -> Floats:
+    """(n, 3, 3) world-from-body rotations."""
+    c, s, o = heading[:, 0], heading[:, 1], np.zeros(len(heading))
+    columns = [np.stack([c, s, o], axis=-1), np.stack([-s, c, o], axis=-1), np.stack([o, o, o + 1], axis=-1)]
+    return np.stack(columns, axis=-1)
+
+
+class Look(NamedTuple):
+    """What one body looks like; colours are BGR, 0 to 255."""
+
+    first: Floats  # (5, 3) colour of skin, hair, shirt, trousers, shoes
+    second: Floats  # (5, 3) second colour of patterned parts
+    pattern: Ints  # (5,)
+    stature: float  # height over 1.75 m
+
+
+def dress(number: int, target: bool, rng: np.random.Generator) -> Look:
+    """Clothes for one body: targets wear warm hooped shirts, each its own hue, others cool or grey ones.
+
+    Args:
+        number: of the target among the targets; it chooses the hue.
+        target: whether the body is a target.
+        rng: the source of all other choices.
+    """
+    stature, tone, dark = rng.uniform(0.95, 1.05), rng.uniform(0.45, 1.0), rng.uniform(0.1, 0.45)
+    hue, vivid, value = rng.uniform(0.4, 0.68), rng.choice([0.06, 0.5, 0.75]), rng.uniform(0.3, 0.75)
+    trousers = _bgr(rng.uniform(0.5, 0.7), 0.25, rng.uniform(0.15, 0.5))
+    pattern, other = int(rng.integers(PLAIN, CHECKS + 1)), 0.6 if rng.random() < 0.5 else 1.3
+    if target:
+        hue, vivid, value = WARM[number % len(WARM)] + 0.05 * (number // len(WARM)), 0.85, 0.8
+        trousers, pattern, other = _bgr(0.6, 0.45, 0.5), HOOPS, 0.7
+    skin = [tone * c for c in (150.0, 178.0, 224.0)]
+    shoes = [38.0, 36.0, 34.0]
+    first = np.array([skin, _bgr(0.07, 0.5, dark), _bgr(hue, vivid, value), trousers, shoes])
+    patterns = np.zeros(5, dtype=np.int64)
+    patterns[SHIRT] = pattern
+    return Look(first, first * other, patterns, stature)
+
+
+def outfit(looks: Sequence[Look]) -> Clothes:
+    """The looks of n bodies as arrays."""
+    return Clothes(
+        np.array([look.first for look in looks]).reshape(-1, 5, 3),
+        np.array([look.second for look in looks]).reshape(-1, 5, 3),
+        np.array([look.pattern for look in looks], dtype=np.int64).reshape(-1, 5),
+        np.array([look.stature for look in looks], dtype=np.float64),
+    )
+
+
+def _bgr(hue: float, saturation: float, value: float) -> list[float]:
+    return [255.0 * c for c in reversed(colorsys.hsv_to_rgb(hue % 1.0, saturation, value))]

@@ -1,0 +1,205 @@
+"""True paths to video: what cameras in a textured room see of the people who walk in it.
+
+Bodies are ellipsoids drawn by casting sight lines, so that any camera pose and lens
+distortion, people in front of others and behind walls and pillars come out right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.array_types import Bytes, Floats
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.time_grid import Grid, Look, looks
+from occlog.errors import InputError
+from occlog.records.scene import Camera, Scene
+from occlog.records.tables import Truth, TruthBoxes
+from occlog.simulate.world.truth_grid import truth_grid
+
+from .body import Clothes, dress, outfit
+from .frame import Drawn, canvas, draw
+from .gait import walking
+
+METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+NOISE = 1 << 22
+"""Numbers drawn once for the sensor noise; every row of every frame takes a stretch at random."""
+PERSON = 0.5
+"""Width of a person [m]."""
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """How the video looks."""
+
+    noise: float = 1.5  # standard deviation of the noise of every pixel, common to its colours [grey levels]
+    colour_noise: float = 1.0  # the same, of every colour alone [grey levels]
+    light_drift: float = 0.03  # the light changes slowly by this share up and down
+    light_period_s: float = 60.0  # in this time
+    shadows: bool = True
+    texture: float = 1.0  # contrast of tiles, bricks and grain; 0: plain paint, which makes small files
+    lookalike: bool = False  # occluders wear the same clothes as targets
+    alike: bool = False  # all targets wear the clothes, and have the stature, of the first one
+    min_visible: float = 0.1  # a body has a box when at least this share of it is visible; 0: hidden ones have it too
+    diameter: float = 3.33  # of an object in a scene whose unit is not a length: it is taken as 0.5 m
+    workers: int = 1  # cameras drawn at the same time; the result does not depend on it
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if not (math.isfinite(value) and value >= 0):
+                raise InputError(f"render: {f.name} is {value}, must be at least 0")
+        for name in ("light_period_s", "diameter", "workers"):
+            if getattr(self, name) <= 0:
+                raise InputError(f"render: {name} is {getattr(self, name)}, must be above 0")
+        if self.light_drift >= 1:
+            raise InputError(f"render: light_drift is {self.light_drift}, must be below 1")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rendered:
+    """One frame of one camera, with what is truly in it."""
+
+    t_ns: int
+    sensor: str
+    index: int
+    image: Bytes  # (H, W, 3) BGR
+    boxes: TruthBoxes  # whole bodies, hidden parts included, as far as they are in the image
+    visible: TruthBoxes  # the visible parts of the same bodies, but for those wholly hidden
+    share: Floats  # visible share of each body that has a box
+
+
+class _Job(NamedTuple):
+    t_ns: int
+    number: int  # of the camera among those drawn
+    frame: int
+    rows: Floats  # (n, 5)
+    ids: NDArray[np.int64]
+    clothes: Clothes
+
+
+def scene_metre(scene: Scene, diameter: float) -> float:
+    """Length of a metre in the scene's unit; where the unit is not a length, a person is one diameter wide."""
+    return 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else diameter / PERSON
+
+
+def render(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: RenderConfig, seed: int) -> Iterator[Rendered]:
+    """Video of every camera that has a pose, an image size and a height, frame by frame in the order of time.
+
+    Cameras deliver frames at their own rates, or at every time of the truth.  The noise of
+    a frame depends on seed, camera and frame number only.
+
+    Args:
+        scene: room, static occluders and cameras.
+        truth_chunks: true paths of everybody, in time order, as tables or grids; people face and step where they go.
+        config: noise, light, clothes.
+        seed: of all random numbers.
+
+    Returns:
+        Frames; InputError names a camera that cannot be rendered and what it lacks.
+    """
+    metre = scene_metre(scene, config.diameter)
+    numbers = [i for i, camera in enumerate(scene.cameras) if camera.placed]
+    cameras = [_checked(scene.cameras[i]) for i in numbers]
+    noise = generator(seed, Stage.RENDER_SENSOR).standard_normal(NOISE, dtype=np.float32)
+    canvases = [canvas(scene, camera, metre, noise, config.texture) for camera in cameras]
+    phase = generator(seed, Stage.RENDER_LIGHT).uniform(0.0, 2 * np.pi)
+    sigmas = (config.noise, config.colour_noise)
+    start_ns: int | None = None
+
+    def shot(job: _Job) -> Rendered:
+        rng = generator(seed, Stage.RENDER_SENSOR, numbers[job.number], job.frame)
+        angle = 2 * np.pi * (job.t_ns - (start_ns or 0)) * 1e-9 / config.light_period_s + phase
+        gain = 1.0 + config.light_drift * math.sin(angle)
+        drawn = draw(canvases[job.number], job.rows, job.clothes, gain, sigmas, config.shadows, rng)
+        return _rendered(cameras[job.number], job, drawn, config)
+
+    grids = walking(map(truth_grid, truth_chunks), metre)
+    with ThreadPoolExecutor(config.workers) as pool:
+        for grid, found in looks(grids, [camera.rate_hz for camera in cameras]):
+            start_ns = int(grid.t_ns[0]) if start_ns is None else start_ns
+            clothes = _clothes(grid.ids, grid.target, config, seed)
+            for _, group in groupby(_jobs(found, grid.ids, clothes), key=lambda job: job.t_ns):
+                jobs = list(group)
+                if config.workers > 1:
+                    yield from pool.map(shot, jobs)
+                else:
+                    yield from map(shot, jobs)
+
+
+def _checked(camera: Camera) -> Camera:
+    if camera.image_size is None:
+        raise InputError(f"render: camera {camera.name} has no image size; give image_size_px in the scene")
+    if camera.position[2] <= 0:
+        raise InputError(
+            f"render: camera {camera.name} is {camera.position[2]:g} above the floor, must be above 0; "
+            "give position: [x, y, z] in the scene"
+        )
+    return camera
+
+
+def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderConfig, seed: int) -> Clothes:
+    """What the objects wear: it depends on seed and number only (where some look alike, on who is a target too)."""
+    targets = ids[target].tolist()
+    worn = []
+    for number, is_target in zip(ids.tolist(), target.tolist(), strict=True):
+        model = number
+        if config.lookalike and targets and not is_target:
+            model = targets[number % len(targets)]
+        if config.alike and model in targets:
+            model = targets[0]
+        rank = targets.index(model) if model in targets else -1
+        look = dress(rank, rank >= 0, generator(seed, Stage.RENDER_CLOTHES, model))
+        worn.append(look)
+    return outfit(worn)
+
+
+def _jobs(found: list[Look], ids: NDArray[np.int64], clothes: Clothes) -> list[_Job]:
+    """The frames of a chunk, by time and then by camera."""
+    jobs = [
+        _Job(int(t), number, look.first + k, look.xyz[k], ids, clothes)
+        for number, look in enumerate(found)
+        for k, t in enumerate(look.t_ns)
+    ]
+    return sorted(jobs, key=lambda job: (job.t_ns, job.number))
+
+
+def _rendered(camera: Camera, job: _Job, drawn: Drawn, config: RenderConfig) -> Rendered:
+    share = drawn.visible[:, 4] / np.maximum(drawn.extent[:, 4], 1)
+    shown = (drawn.extent[:, 4] > 0) & (share >= config.min_visible)
+    seen = shown & (drawn.visible[:, 4] > 0)
+    ids = job.ids[drawn.present]
+    boxes = _boxes(camera, job, ids[shown], drawn.extent[shown], share[shown])
+    visible = _boxes(camera, job, ids[seen], drawn.visible[seen], share[seen])
+    return Rendered(job.t_ns, camera.name, job.frame, drawn.image, boxes, visible, share[shown])
+
+
+def _boxes(camera: Camera, job: _Job, ids: NDArray[np.int64], pixels: NDArray[np.int64], share: Floats) -> TruthBoxes:
+    """Boxes around whole pixels; one empty row for a frame that shows nobody."""
+    if not len(ids):
+        ids, pixels, share = np.array([-1]), np.full((1, 5), -1), np.array([np.nan])
+        left = top = width = height = np.array([np.nan])
+    else:
+        left, top = pixels[:, 0] - 0.5, pixels[:, 1] - 0.5
+        width, height = pixels[:, 2] - pixels[:, 0] + 1.0, pixels[:, 3] - pixels[:, 1] + 1.0
+    n = len(ids)
+    return TruthBoxes.of(
+        t_ns=np.full(n, job.t_ns),
+        sensor=np.full(n, camera.name),
+        frame=np.full(n, job.frame),
+        box=(np.arange(n) if ids[0] >= 0 else np.array([-1])).astype(np.int32),
+        target_id=ids.astype(np.int32),
+        left_px=left,
+        top_px=top,
+        width_px=width,
+        height_px=height,
+        confidence=np.full(n, np.nan),
+        visible=share,
+    )

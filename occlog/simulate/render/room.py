@@ -1,0 +1,244 @@
+"""The empty room as a camera sees it: colours, depths and sight lines of every pixel, computed once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.array_types import Floats, Floats32, Ints
+from occlog.core.numerics.jit import kernel
+from occlog.core.plane.polygons import pack_polygons, point_inside
+from occlog.records.scene import Camera, Scene
+
+from . import texture
+from .light import AMBIENT, lamps, light_at, shade_into
+
+SAMPLES = ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))
+"""Places in a pixel at which sight lines are cast, against jagged edges."""
+
+SKY = np.array([212.0, 196.0, 178.0])
+NOTHING, FLOOR, CEILING, FACES = -1, 0, 1, 2
+"""What a sight line hits: nothing, floor, ceiling; face k is FACES + k, cap k follows after the faces."""
+
+LAMP_SPREAD = 0.12
+"""Half the width of a lamp, in metres."""
+
+BAND = 32
+"""Rows computed at a time."""
+
+
+class Solid(NamedTuple):
+    """The static scene in the kernels' form."""
+
+    faces: Floats  # (F, 5) visible upright faces: ax, ay, bx, by, height
+    wall: NDArray[np.bool_]  # (F,) a wall of the room, not a face of a pillar
+    caps: Floats  # (S, 2) packed outlines of the pillars
+    starts: Ints  # (P + 1,)
+    heights: Floats  # (P,)
+    reach: Floats  # (P, 3) circles around the pillars that hold all ways to a lamp they may block
+    room: Floats  # (K, 2) outline under the ceiling; (0, 2): no ceiling
+    height: float  # of the ceiling
+    lights: Floats  # (L, 5)
+    metre: float  # a metre in scene units
+    contrast: float  # of the surfaces' grain
+
+
+class Background(NamedTuple):
+    """The view of the empty room."""
+
+    colour: Floats32  # (H, W, 3) BGR
+    depth: Floats32  # (H, W, 4) distance along the optical axis to what each sight line hits
+    rays: Floats32  # (H, W, 4, 3) directions with unit forward component
+    floor: Floats32  # (H, W, 3) x, y on the floor in the pixel's middle, and the share of the pixel that is floor
+    lamp: Floats32  # (H, W, L) light of each lamp on the floor there, without shadows
+
+
+@kernel
+def cast(
+    origin: Floats,
+    rays: Floats,
+    faces: Floats,
+    room: Floats,
+    height: float,
+    caps: Floats,
+    starts: Ints,
+    heights: Floats,
+) -> tuple[Floats, Ints]:
+    """Nearest hits of (N, 3) sight lines: distance in units of the ray, infinite for none, and what is hit."""
+    cx, cy, cz = origin[0], origin[1], origin[2]
+    t_out = np.full(rays.shape[0], np.inf)
+    hit = np.full(rays.shape[0], -1, dtype=np.int64)
+    for n in range(rays.shape[0]):
+        dx, dy, dz = rays[n, 0], rays[n, 1], rays[n, 2]
+        best, what = np.inf, -1
+        if dz < 0.0:
+            best, what = -cz / dz, 0
+        elif dz > 0.0 and room.shape[0] > 0 and cz < height:
+            t = (height - cz) / dz
+            if point_inside(cx + t * dx, cy + t * dy, room):
+                best, what = t, 1
+        for f in range(faces.shape[0]):
+            ax, ay = faces[f, 0], faces[f, 1]
+            ex, ey = faces[f, 2] - ax, faces[f, 3] - ay
+            cross = dx * ey - dy * ex
+            if cross != 0.0:
+                t = ((ax - cx) * ey - (ay - cy) * ex) / cross
+                s = ((ax - cx) * dy - (ay - cy) * dx) / cross
+                z = cz + t * dz
+                if 0.0 < t < best and 0.0 <= s <= 1.0 and 0.0 <= z <= faces[f, 4]:
+                    best, what = t, 2 + f
+        for p in range(heights.shape[0]):
+            if dz < 0.0 and cz > heights[p]:
+                t = (heights[p] - cz) / dz
+                if t < best and point_inside(cx + t * dx, cy + t * dy, caps[starts[p] : starts[p + 1]]):
+                    best, what = t, 2 + faces.shape[0] + p
+        t_out[n], hit[n] = best, what
+    return t_out, hit
+
+
+def solid_scene(scene: Scene, camera: Camera, metre: float, contrast: float) -> Solid:
+    """What of the scene a camera can hit: the sides of walls and pillars that face it."""
+    sides: list[list[float]] = []
+    wall: list[bool] = []
+    if scene.room is not None:
+        sides += _sides(scene.room, scene.room_height, camera.ground, inner=True)
+        wall += [True] * len(sides)
+    for pillar in scene.occluders:
+        found = _sides(pillar.polygon, pillar.height, camera.ground, inner=False)
+        sides += found
+        wall += [False] * len(found)
+    return Solid(
+        np.array(sides).reshape(-1, 5),
+        np.array(wall, dtype=np.bool_),
+        *pack_polygons([o.polygon for o in scene.occluders]),
+        np.array([o.height for o in scene.occluders], dtype=np.float64),
+        np.array([_circle(o.polygon, 2 * LAMP_SPREAD * metre) for o in scene.occluders]).reshape(-1, 3),
+        np.empty((0, 2)) if scene.room is None else scene.room,
+        scene.room_height,
+        lamps(scene.region, scene.room_height),
+        metre,
+        contrast,
+    )
+
+
+def _circle(polygon: Floats, margin: float) -> list[float]:
+    middle = 0.5 * (polygon.min(axis=0) + polygon.max(axis=0))
+    return [*middle, float(np.hypot(*(polygon - middle).T).max()) + margin]
+
+
+def _sides(polygon: Floats, height: float, ground: Floats, inner: bool) -> list[list[float]]:
+    """Edges of a counter-clockwise polygon of which the camera sees the inner or the outer side."""
+    found = []
+    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        left = (b[0] - a[0]) * (ground[1] - a[1]) - (b[1] - a[1]) * (ground[0] - a[0])
+        if (left > 0) if inner else (left < 0):
+            found.append([*a, *b, height])
+    return found
+
+
+def background(scene: Scene, camera: Camera, metre: float, contrast: float = 1.0) -> Background:
+    """The view of the empty room by one camera, with four sight lines a pixel."""
+    solid = solid_scene(scene, camera, metre, contrast)
+    out = blank(camera, len(solid.lights))
+    height = out.depth.shape[0]
+    for top in range(0, height, BAND):
+        _band_into(out, camera, solid, top, min(top + BAND, height))
+    return out
+
+
+def blank(camera: Camera, n_lights: int) -> Background:
+    """The view of nothing: black, infinitely far, no floor; with the camera's sight lines."""
+    if camera.image_size is None:
+        raise ValueError(f"camera {camera.name} has no image size")
+    width, height = camera.image_size
+    out = Background(
+        np.zeros((height, width, 3), np.float32),
+        np.full((height, width, 4), np.inf, np.float32),
+        np.empty((height, width, 4, 3), np.float32),
+        np.zeros((height, width, 3), np.float32),
+        np.zeros((height, width, n_lights), np.float32),
+    )
+    for top in range(0, height, BAND):
+        rows = out.rays[top : top + BAND]
+        rows[:] = _sight_lines(camera, top, top + len(rows), width).reshape(rows.shape)
+    return out
+
+
+def _sight_lines(camera: Camera, top: int, bottom: int, width: int) -> Floats:
+    """(rows * width * 4, 3) sight lines through the pixels of some rows."""
+    v, u = np.mgrid[top:bottom, 0:width].astype(np.float64)
+    pixels = np.stack([np.stack([u + du, v + dv], axis=-1) for du, dv in SAMPLES], axis=2)
+    return camera.rays(pixels.reshape(-1, 2))
+
+
+def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: int) -> None:
+    """Fill some rows."""
+    width = out.depth.shape[1]
+    rays = out.rays[top:bottom].reshape(-1, 3).astype(np.float64)
+    t, hit = cast(camera.position, rays, solid.faces, solid.room, solid.height, solid.caps, solid.starts, solid.heights)
+    colour = surface_colours(camera.position, rays, t, hit, solid)
+    shape = (bottom - top, width, 4)
+    out.colour[top:bottom] = colour.reshape(*shape, 3).mean(axis=2)
+    out.depth[top:bottom] = t.reshape(shape)
+    on_floor = (hit == FLOOR).reshape(shape).mean(axis=2)
+    centre = rays.reshape(*shape, 3).mean(axis=2)
+    floor_into(out.floor[top:bottom], out.lamp[top:bottom], on_floor, centre, camera.position, solid.lights)
+
+
+@kernel
+def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, origin: Floats, lights: Floats) -> None:
+    """Where the middle of each pixel that shows floor is on it, and how strongly each lamp shines there."""
+    for row in range(share.shape[0]):
+        for col in range(share.shape[1]):
+            if share[row, col] > 0.0 and rays[row, col, 2] < 0.0:
+                t = -origin[2] / rays[row, col, 2]
+                x, y = origin[0] + t * rays[row, col, 0], origin[1] + t * rays[row, col, 1]
+                floor[row, col, 0], floor[row, col, 1], floor[row, col, 2] = x, y, share[row, col]
+                for k in range(lights.shape[0]):
+                    lamp[row, col, k] = light_at(x, y, 0.0, 0.0, 0.0, 1.0, lights[k : k + 1], 0.0)
+
+
+def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: Solid) -> Floats:
+    """(N, 3) lit colours of what the sight lines hit; the sky where they hit nothing."""
+    colour = np.tile(SKY, (len(rays), 1))
+    normals = np.zeros((len(rays), 3))
+    points = origin + np.where(np.isfinite(t), t, 0.0)[:, None] * rays
+    metres = points / solid.metre
+    for what in np.unique(hit[hit >= 0]).tolist():
+        here = hit == what
+        colour[here], normals[here] = _surface(what, metres[here], solid)
+    brightness = np.empty(len(rays))
+    shade_into(
+        brightness,
+        points,
+        normals,
+        solid.lights,
+        LAMP_SPREAD * solid.metre,
+        solid.caps,
+        solid.starts,
+        solid.heights,
+        solid.reach,
+        AMBIENT,
+    )
+    return np.where((hit >= 0)[:, None], colour * brightness[:, None], colour)
+
+
+def _surface(what: int, metres: Floats, solid: Solid) -> tuple[Floats, Floats]:
+    """Colours before lighting of points on one surface, and its normal."""
+    x, y, z = metres.T
+    k, contrast = what - FACES, solid.contrast
+    if what == FLOOR:
+        return texture.floor_colour(x, y, contrast), np.array([0.0, 0.0, 1.0])
+    if what == CEILING:
+        return texture.ceiling_colour(x, y, contrast), np.array([0.0, 0.0, -1.0])
+    if k >= len(solid.faces):
+        return texture.pillar_colour(x, y, k, contrast), np.array([0.0, 0.0, 1.0])
+    ax, ay, bx, by, height = solid.faces[k]
+    length = np.hypot(bx - ax, by - ay)
+    ex, ey = (bx - ax) / length, (by - ay) / length
+    along = (x - ax / solid.metre) * ex + (y - ay / solid.metre) * ey
+    if solid.wall[k]:
+        return texture.wall_colour(along, z, k, height / solid.metre, contrast), np.array([-ey, ex, 0.0])
+    return texture.pillar_colour(along, z, k, contrast), np.array([ey, -ex, 0.0])

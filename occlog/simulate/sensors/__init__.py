@@ -1,0 +1,1 @@
+"""What cameras and microphone arrays measure of simulated targets."""

@@ -1,0 +1,181 @@
+"""True paths to the directions of arrival that microphone arrays report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.time_grid import Grid, Look, looks
+from occlog.core.sight.camera import wrap_angle
+from occlog.errors import InputError
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.records.tables import UNLABELLED, Doa, Truth
+from occlog.simulate.world.truth_grid import truth_grid
+
+from .cameras import ObserveConfig
+from .sounding import SoundConfig, Sounding, merge_near
+
+PLAIN = SoundConfig()
+
+
+class _Ear(NamedTuple):
+    array: MicrophoneArray
+    noise: np.random.Generator
+    chance: np.random.Generator
+    false_numbers: np.random.Generator
+    false_places: np.random.Generator
+
+
+def observe_arrays(
+    scene: Scene,
+    truth_chunks: Iterable[Truth | Grid],
+    config: ObserveConfig,
+    seed: int,
+    sound: SoundConfig = PLAIN,
+    silent: Mapping[int, Ints] | None = None,
+) -> Iterator[Doa]:
+    """Directions from every microphone array to every target that it hears.
+
+    Sounding targets are of equal strength; sound needs no time and goes past occluders and walls;
+    the moving occluders are silent.  Azimuth and polar angle about the array's own axes carry
+    independent Gaussian noise and are turned into angles of the world.  A planar array tells no
+    elevation, nor does any of a target of unknown height (z NaN).  Targets nearer to each
+    other than the array's resolution are heard as one; see `merge_near`: its noise, and whether it
+    is missed, are those of the first of them.  A target that is out of range (in space), silent
+    or missed has no row.  Of `config` only `miss` counts.
+
+    Args:
+        scene: the arrays.
+        truth_chunks: true paths, in time order, as tables or grids.
+        config: the probability of a miss.
+        seed: of all random numbers; each array has its own.
+        sound: random silence, false directions, labels.
+        silent: scripted silence of targets: (k, 2) times from and to [ns].
+
+    Returns:
+        One table for every chunk; InputError names a tilted array that is planar or hears a target
+        of unknown height, as its angles are then none of the world.
+    """
+    ears = [_ear(a, i, seed) for i, a in enumerate(scene.arrays)]
+    sounding: Sounding | None = None
+    for grid, found in looks(map(truth_grid, truth_chunks), [e.array.rate_hz for e in ears]):
+        columns = np.flatnonzero(grid.target)
+        sounding = sounding or Sounding(silent or {}, sound.silence, int(grid.t_ns[0]), seed)
+        parts = []
+        for ear, look in zip(ears, found, strict=True):
+            sounds = sounding.at(look.t_ns, grid.ids[columns])
+            parts.append(_report(ear, look, columns, grid.ids, sounds, config.miss, sound))
+        yield Doa.merge(parts)
+
+
+def _ear(array: MicrophoneArray, number: int, seed: int) -> _Ear:
+    if array.planar and not _vertical(array):
+        raise InputError(
+            f"microphone array {array.name} is planar and tilted, so that it tells no azimuth of the world; "
+            "set pitch_deg and roll_deg to 0 or planar to false"
+        )
+    return _Ear(
+        array,
+        generator(seed, Stage.ARRAY_NOISE, number),
+        generator(seed, Stage.ARRAY_CHANCE, number),
+        generator(seed, Stage.ARRAY_FALSE, number, 0),
+        generator(seed, Stage.ARRAY_FALSE, number, 1),
+    )
+
+
+def _vertical(array: MicrophoneArray) -> bool:
+    """Whether its own z axis is the world's, or opposite: then noise about it is the same in the world."""
+    return abs(abs(float(array.rotation[2, 2])) - 1.0) < 1e-12
+
+
+def _report(
+    ear: _Ear,
+    look: Look,
+    columns: NDArray[np.intp],
+    ids: Ints,
+    sounds: Bools,
+    miss: float,
+    sound: SoundConfig,
+) -> Doa:
+    array = ear.array
+    shape = (len(look.t_ns), len(columns))
+    noise = ear.noise.standard_normal((*shape, 2))
+    chance = ear.chance.random(shape)
+    to = look.xyz[:, columns] - array.position
+    known = ~np.isnan(to[..., 2])
+    to[..., 2] = np.where(known, to[..., 2], 0.0)
+    with np.errstate(invalid="ignore"):
+        heard = sounds & (np.hypot(np.hypot(to[..., 0], to[..., 1]), to[..., 2]) <= array.range)
+    _check_heights(array, known, heard)
+    if array.resolution > 0 and len(columns) > 1:
+        to, known, heard = merge_near(to, known, heard, array.resolution, array.planar)
+    heard &= chance >= miss
+    azimuth, elevation = _noisy(array, to[heard], noise[heard])
+    elevation[~known[heard] | array.planar] = np.nan
+    t_ns, source = np.repeat(look.t_ns, len(columns)), np.tile(ids[columns], len(look.t_ns))
+    if not sound.label:
+        source = np.full(len(source), UNLABELLED)
+    real = (t_ns[heard.ravel()], source[heard.ravel()], azimuth, elevation)
+    false = _false(ear, look.t_ns, sound)
+    return _rows(array, *(np.concatenate(pair) for pair in zip(real, false, strict=True)))
+
+
+def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
+    if (heard & ~known).any() and not _vertical(array):
+        raise InputError(
+            f"microphone array {array.name} is tilted and hears a target of unknown height; give targets a z"
+        )
+
+
+def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, Floats]:
+    """World azimuths and elevations of (m, 3) directions with (m, 2) standard normal noise on the array's own angles.
+
+    What the noise carries over the pole comes down on its other side.
+    """
+    sigma_elevation = array.sigma if array.sigma_elevation is None else array.sigma_elevation
+    vertical = _vertical(array)
+    own = to if vertical else to @ array.rotation
+    azimuth = np.arctan2(own[:, 1], own[:, 0]) + array.sigma * noise[:, 0]
+    elevation = np.arctan2(own[:, 2], np.hypot(own[:, 0], own[:, 1])) + sigma_elevation * noise[:, 1]
+    over = np.abs(elevation) > 0.5 * np.pi
+    azimuth[over & (np.cos(elevation) < 0)] += np.pi
+    elevation[over] = np.arcsin(np.sin(elevation[over]))
+    if vertical:
+        return azimuth, elevation
+    flat = np.cos(elevation)
+    world = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]) @ array.rotation.T
+    return np.arctan2(world[:, 1], world[:, 0]), np.arctan2(world[:, 2], np.hypot(world[:, 0], world[:, 1]))
+
+
+def _false(ear: _Ear, t_ns: Ints, sound: SoundConfig) -> tuple[Ints, Ints, Floats, Floats]:
+    """Directions without a source: their number is Poisson, and they are even over the sphere (or all azimuths)."""
+    period_s = 1.0 / ear.array.rate_hz if ear.array.rate_hz else sound.step_s
+    numbers = ear.false_numbers.poisson(sound.false_rate * period_s, len(t_ns))
+    places = ear.false_places.random((int(numbers.sum()), 2))
+    elevation = np.arcsin(2.0 * places[:, 1] - 1.0)
+    if ear.array.planar or not sound.heights:
+        elevation = np.full(len(places), np.nan)
+    return np.repeat(t_ns, numbers), np.full(len(places), UNLABELLED), np.pi * (2.0 * places[:, 0] - 1.0), elevation
+
+
+def _rows(array: MicrophoneArray, t_ns: Ints, source: Ints, azimuth: Floats, elevation: Floats) -> Doa:
+    n = len(t_ns)
+    azimuth = wrap_angle(azimuth)
+    order = np.lexsort((azimuth, t_ns))  # by direction, so that the order does not give targets away
+    t_ns, source, azimuth, elevation = t_ns[order], source[order], azimuth[order], elevation[order]
+    sigma_elevation = array.sigma if array.sigma_elevation is None else array.sigma_elevation
+    return Doa.of(
+        t_ns=t_ns,
+        sensor=np.full(n, array.name),
+        source_id=source.astype(np.int32),
+        azimuth=azimuth,
+        elevation=elevation,
+        sigma_azimuth=np.full(n, array.sigma),
+        sigma_elevation=np.where(np.isnan(elevation), np.nan, sigma_elevation),
+        confidence=np.full(n, np.nan),
+    )

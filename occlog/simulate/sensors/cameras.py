@@ -1,0 +1,178 @@
+"""True paths to the bearings that cameras report: [Ercan] Eqs. 1-4 with everything that hides a target.
+
+A camera sees a target that is in front of it, in its field of view and range, not
+behind a static occluder or a wall, and not behind the disc of another object.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.time_grid import Grid, Look, looks
+from occlog.core.sight.camera import noise_variance, planar_offsets, u_to_azimuth
+from occlog.core.sight.sight import behind_objects, behind_walls, in_view
+from occlog.errors import InputError
+from occlog.records.scene import Camera, Scene
+from occlog.records.tables import Bearings, Truth
+from occlog.simulate.world.truth_grid import truth_grid
+
+
+@dataclass(frozen=True)
+class ObserveConfig:
+    """How cameras and arrays measure."""
+
+    diameter: float = 3.33  # of moving objects, as they hide targets; 0: they hide nothing
+    noise: Literal["white", "calibration"] = "white"
+    """`white`: Eq. 2's variance, drawn anew for every frame, as [Ercan] Sec. 4.2 assumes.
+    `calibration`: the errors of position and yaw are drawn once for each camera and stay;
+    only the read noise is white."""
+    miss: float = 0.0
+    """Probability that a camera or array overlooks a target that it could measure; a camera's own
+    `detection` in the scene comes first, as its `false_alarm` does."""
+    false_alarm: float = 0.0
+    """Probability that a frame in which a target was not detected reports it all the same,
+    at a place drawn uniformly from the image."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.diameter) and self.diameter >= 0):
+            raise InputError(f"observe: diameter is {self.diameter}, must be at least 0")
+        if self.noise not in ("white", "calibration"):
+            raise InputError(f"observe: noise is {self.noise!r}, must be white or calibration")
+        for name in ("miss", "false_alarm"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"observe: {name} is {getattr(self, name)}, must be a probability in [0, 1]")
+
+
+class _Sensor(NamedTuple):
+    """A camera with what stays the same for all its frames."""
+
+    camera: Camera
+    walls: tuple[Floats, ...]
+    true_ground: Floats  # (2,) where the camera really is
+    true_yaw: float
+    noise: np.random.Generator
+    chance: np.random.Generator
+
+
+def observe(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: ObserveConfig, seed: int) -> Iterator[Bearings]:
+    """What every camera with a pose reports of every target.
+
+    Each camera delivers frames at its own rate from the first time of the truth on, or at
+    every time of the truth if it has none.  Times are world times (a camera's clock is
+    taken to be corrected).  `sigma_px` is the camera's read noise; `sigma` is the angle
+    that belongs to Eq. 2 with all its parts at the target's true place, which a real
+    camera could not know exactly.
+
+    Args:
+        scene: cameras, static occluders, room.
+        truth_chunks: true paths of targets and occluders, in time order, as tables or grids.
+        config: noise and losses.
+        seed: of all random numbers; each camera has its own.
+
+    Returns:
+        One table for every chunk, with a row for each frame and target, `seen` or not.
+    """
+    sensors = [_sensor(scene, c, i, config, seed) for i, c in enumerate(scene.cameras) if c.placed]
+    rates = [s.camera.rate_hz for s in sensors]
+    for grid, found in looks(map(truth_grid, truth_chunks), rates):
+        parts = [_report(s, look, grid, config) for s, look in zip(sensors, found, strict=True)]
+        yield Bearings.merge(parts)
+
+
+def _sensor(scene: Scene, camera: Camera, number: int, config: ObserveConfig, seed: int) -> _Sensor:
+    ground, yaw = camera.ground, camera.yaw
+    if config.noise == "calibration":
+        error = generator(seed, Stage.CAMERA_CALIBRATION, number).standard_normal(3)
+        ground = ground + camera.sigma_position * error[:2]
+        yaw += camera.sigma_yaw * float(error[2])
+    return _Sensor(
+        camera,
+        scene.blockers(camera.ground),
+        ground,
+        yaw,
+        generator(seed, Stage.CAMERA_NOISE, number),
+        generator(seed, Stage.CAMERA_CHANCE, number),
+    )
+
+
+def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diameter: float) -> Bools:
+    """(T,) bool: whether the camera sees object k of the (T, n, 3) places; an absent object is not seen."""
+    xy = xyz[:, k, :2]
+    seen: Bools = in_view(*planar_offsets(xy, camera.ground, camera.yaw), camera.fov, camera.range)
+    seen[seen] = ~behind_walls(camera.ground, xy[seen], walls)
+    if diameter > 0:
+        others = np.delete(xyz[seen][:, :, :2], k, axis=1)
+        seen[seen] = ~behind_objects(camera.ground, xy[seen], others, diameter)
+    return seen
+
+
+def _report(sensor: _Sensor, look: Look, grid: Grid, config: ObserveConfig) -> Bearings:
+    """One camera's rows for all targets; random numbers are drawn for every frame and target, used or not."""
+    frames, targets = len(look.t_ns), np.flatnonzero(grid.target)
+    noise = sensor.noise.standard_normal((frames, len(targets)))
+    chance = sensor.chance.random((frames, len(targets), 3))
+    parts = [
+        _report_target(sensor, look, k, int(grid.ids[k]), noise[:, j], chance[:, j], config)
+        for j, k in enumerate(targets.tolist())
+    ]
+    return Bearings.merge(parts)
+
+
+def _report_target(
+    sensor: _Sensor, look: Look, k: int, target: int, noise: Floats, chance: Floats, config: ObserveConfig
+) -> Bearings:
+    camera = sensor.camera
+    xy, f = look.xyz[:, k, :2], float(camera.focal_px[0])
+    h, d = planar_offsets(xy, camera.ground, camera.yaw)
+    true_h, true_d = planar_offsets(xy, sensor.true_ground, sensor.true_yaw)
+    seen = visible(camera, sensor.walls, look.xyz, k, config.diameter) & (true_d > 0)
+    miss = config.miss if camera.detection is None else 1.0 - camera.detection
+    seen &= chance[:, 0] >= miss
+    z = np.full(len(h), np.nan)
+    if config.noise == "white":
+        spread = np.sqrt(_variance(camera, h[seen], d[seen]))
+        z[seen] = f * h[seen] / d[seen] + spread * noise[seen]  # Eq. 1
+    else:
+        z[seen] = f * true_h[seen] / true_d[seen] + camera.sigma_read_px * noise[seen]
+    false_alarm = config.false_alarm if camera.false_alarm is None else camera.false_alarm
+    false = ~seen & (chance[:, 1] < false_alarm) & np.isfinite(h)
+    half = f * math.tan(0.5 * min(camera.fov, math.radians(170.0)))
+    z[false] = half * (2.0 * chance[false, 2] - 1.0)
+    return _rows(camera, look.t_ns, target, seen | false, z, np.hypot(h, d))
+
+
+def _variance(camera: Camera, h: Floats, d: Floats) -> Floats:
+    """Eq. 2 [px^2]."""
+    f = float(camera.focal_px[0])
+    return noise_variance(h, d, f, camera.sigma_position, camera.sigma_yaw, camera.sigma_read_px)
+
+
+def _rows(camera: Camera, t_ns: Ints, target: int, seen: Bools, z: Floats, distance: Floats) -> Bearings:
+    """Rows with the reading z (positive to the left) of a target at the given distance.
+
+    In angles Eq. 2 is sigma_yaw^2 + sigma_position^2 / distance^2
+    + sigma_read^2 / (f (1 + z^2 / f^2))^2, by d(bearing) = dz / (f (1 + z^2 / f^2)).
+    """
+    f = float(camera.focal_px[0])
+    z, distance = np.where(seen, z, np.nan), np.where(seen, distance, np.nan)
+    read = camera.sigma_read_px / (f * (1.0 + (z / f) ** 2))
+    sigma = np.sqrt(camera.sigma_yaw**2 + (camera.sigma_position / distance) ** 2 + read**2)
+    n = len(t_ns)
+    return Bearings.of(
+        t_ns=t_ns,
+        sensor=np.full(n, camera.name),
+        target_id=np.full(n, target, dtype=np.int32),
+        seen=seen,
+        bearing=u_to_azimuth(-z, camera.yaw, f),
+        sigma=sigma,
+        u_px=-z,
+        sigma_px=np.where(seen, camera.sigma_read_px, np.nan),
+        score=np.full(n, np.nan),
+    )

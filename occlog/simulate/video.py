@@ -1,0 +1,139 @@
+"""The video of `occlog simulate --render`: drawn, compressed and written frame by frame."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from occlog.array_types import Floats
+from occlog.cli import options
+from occlog.core.numerics.time_grid import Grid
+from occlog.io.frames.codec import encode_image
+from occlog.io.frames.writer import LosslessVideo
+from occlog.io.recording.writer import RecordingWriter
+from occlog.records.scene import Camera, Scene
+from occlog.records.scripts import Script
+from occlog.records.tables import Truth
+from occlog.simulate.render.light import grey
+from occlog.simulate.render.people import RenderConfig, Rendered, render
+
+from .stage import ObserveConfig, SoundConfig, WorldConfig
+
+RENDER_ONLY = (
+    "store",
+    "image_noise",
+    "colour_noise",
+    "texture",
+    "light_drift",
+    "light_period",
+    "shadows",
+    "lookalike",
+)
+"""Options that mean nothing without --render."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything that decides on the recording, but for the seed."""
+
+    scene: Scene
+    world: WorldConfig
+    observe: ObserveConfig | None  # None: no simulated bearings
+    render: RenderConfig | None  # None: no video
+    store: str = "png"  # or "ffv1"
+    sound: SoundConfig = SoundConfig()
+    script: Script | None = None  # None: random walkers
+    grey: bool = False  # video without colours
+    apart: bool = False  # nobody hides another in the first frame
+    start: Floats | None = None  # (n, 2) first places; None: random, or not drawn yet
+
+
+def video_paths(setup: Setup, output: Path) -> dict[str, Path]:
+    """The video file of each camera, beside the recording; none where images go into it."""
+    if setup.render is None or setup.store != "ffv1":
+        return {}
+    return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras if c.placed}
+
+
+def film(
+    writer: RecordingWriter,
+    setup: Setup,
+    output: Path,
+    chunks: Iterable[Truth | Grid],
+    seed: int,
+    counts: Counter[str],
+    *,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Render all cameras along the chunks of truth; write video and true boxes, and count them."""
+    if setup.render is None:
+        return
+    drawn = render(setup.scene, chunks, setup.render, seed)
+    if setup.grey:
+        drawn = (replace(frame, image=grey(frame.image)) for frame in drawn)
+    frames = options.progress(drawn, "render", _frames_in_all(setup), quiet=quiet)
+    if setup.store == "png":
+        for frame, data in _compressed(frames, setup.render.workers):
+            writer.image(frame.sensor, frame.t_ns, frame.index, data, "png")
+            _count(writer, frame, counts)
+            counts["video_bytes"] += len(data)
+        return
+    paths = video_paths(setup, output)
+    for name, video in _film_files(writer, setup, paths, frames, counts, overwrite).items():
+        writer.video(name, video.path.name, video.sha256)
+        counts["video_bytes"] += video.bytes
+
+
+def _count(writer: RecordingWriter, frame: Rendered, counts: Counter[str]) -> None:
+    writer.table(frame.boxes)
+    counts.update(frames=1, boxes=int((frame.boxes.box >= 0).sum()))
+
+
+def _film_files(
+    writer: RecordingWriter,
+    setup: Setup,
+    paths: dict[str, Path],
+    frames: Iterable[Rendered],
+    counts: Counter[str],
+    overwrite: bool,
+) -> dict[str, LosslessVideo]:
+    """The video of each camera, complete."""
+    videos: dict[str, LosslessVideo] = {}
+    with ExitStack() as stack:
+        for frame in frames:
+            if frame.sensor not in videos:
+                rate = _rate(setup, setup.scene.camera(frame.sensor))
+                size = (frame.image.shape[1], frame.image.shape[0])
+                video = LosslessVideo(paths[frame.sensor], size, rate, overwrite=overwrite, together=writer.together)
+                videos[frame.sensor] = stack.enter_context(video)
+            videos[frame.sensor].write(frame.image)
+            writer.video_frame(frame.sensor, frame.t_ns, frame.index)
+            _count(writer, frame, counts)
+    return videos
+
+
+def _rate(setup: Setup, camera: Camera) -> float:
+    return camera.rate_hz or 1.0 / setup.world.step_s
+
+
+def _frames_in_all(setup: Setup) -> int:
+    length_s = (setup.world.steps - 1) * setup.world.step_s
+    return sum(int(length_s * _rate(setup, c) + 1e-9) + 1 for c in setup.scene.cameras if c.placed)
+
+
+def _compressed(frames: Iterable[Rendered], workers: int) -> Iterator[tuple[Rendered, bytes]]:
+    """Frames with their PNG bytes, in order; some are compressed while the next ones are drawn."""
+    waiting: deque[tuple[Rendered, Future[bytes]]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        for frame in frames:
+            waiting.append((frame, pool.submit(encode_image, frame.image, "png", 0)))
+            if len(waiting) > 2 * workers:
+                done, data = waiting.popleft()
+                yield done, data.result()
+        for done, data in waiting:
+            yield done, data.result()

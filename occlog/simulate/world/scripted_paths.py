@@ -1,0 +1,167 @@
+"""Scripted targets to their true places: stretches of constant velocity, turns and accelerations.
+
+A stretch is followed exactly, whatever the steps: a turn keeps its speed in the plane and
+turns at the rate lateral / speed ([Lee] Eqs. 2.13-2.14), an acceleration is a known input.
+Noise is that of white acceleration, gathered from step to step.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from bisect import bisect_right
+from collections.abc import Iterator
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.motion.turns import acceleration_root, turn_matrix
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.time_grid import Grid
+from occlog.core.plane.polygons import inside_polygon
+from occlog.errors import InputError
+from occlog.records.scene import Scene
+from occlog.records.scripts import PLANES, Script, ScriptedTarget, Segment, to_ns
+from occlog.records.tables import Truth
+
+CHUNK_STEPS = 256
+
+
+def step_times(first: int, count: int, step_s: float) -> Ints:
+    """(count,) times of the steps from number `first` on, in ns after the first step of all."""
+    times: Ints = np.rint(np.arange(first, first + count) * (step_s * 1e9)).astype(np.int64)
+    return times
+
+
+def simulate_paths(script: Script, steps: int, step_s: float, z: float, start_ns: int, seed: int) -> Iterator[Grid]:
+    """True places of all scripted objects, chunk after chunk; NaN where one is not there.
+
+    Args:
+        script: the objects.
+        steps: times simulated.
+        step_s: between them [s].
+        z: height of objects whose own is not known; NaN: it stays so.
+        start_ns: time of the first step.
+        seed: of the noise; each object has its own random numbers.
+
+    Returns:
+        Grids of up to CHUNK_STEPS times, all objects in each, which
+        the simulated sensors take instead of tables of truth; `grid_truth` makes those.
+    """
+    ids = np.array([t.id for t in script.targets], dtype=np.int64)
+    target = np.array([t.role == "target" for t in script.targets])
+    paths = [_follow(t, steps, step_s, z, generator(seed, Stage.PATH_NOISE, t.id)) for t in script.targets]
+    for first in range(0, steps, CHUNK_STEPS):
+        count = min(CHUNK_STEPS, steps - first)
+        places = np.stack([np.array(list(itertools.islice(p, count))) for p in paths], axis=1)
+        yield Grid(start_ns + step_times(first, count, step_s), ids, target, places)
+
+
+def grid_truth(grid: Grid) -> Truth:
+    """The table of the places on a grid; an object that is not there has no row."""
+    step, column = np.nonzero(~np.isnan(grid.xyz[..., 0]))
+    places = grid.xyz[step, column]
+    return Truth.of(
+        t_ns=grid.t_ns[step],
+        target_id=grid.ids[column].astype(np.int32),
+        role=np.where(grid.target[column], "target", "occluder"),
+        x=places[:, 0],
+        y=places[:, 1],
+        z=places[:, 2],
+    )
+
+
+def silences(script: Script, start_ns: int) -> dict[int, Ints]:
+    """For each object that is silent at times: (k, 2) times from and to [ns]."""
+    return {
+        t.id: start_ns + np.array([[to_ns(a), to_ns(b)] for a, b in t.silent], dtype=np.int64)
+        for t in script.targets
+        if t.silent
+    }
+
+
+def check_inside(scene: Scene, grid: Grid, start_ns: int) -> None:
+    """InputError for an object that leaves the room or stands in a static occluder: people cannot be drawn there."""
+    for column, number in enumerate(grid.ids.tolist()):
+        there = np.flatnonzero(~np.isnan(grid.xyz[:, column, 0]))
+        places = np.ascontiguousarray(grid.xyz[there, column, :2])
+        wrong = [(~inside_polygon(places, scene.region), "outside the room")]
+        wrong += [(inside_polygon(places, o.polygon), f"inside {o.name}") for o in scene.occluders]
+        for bad, what in wrong:
+            if bad.any():
+                k = int(np.flatnonzero(bad)[0])
+                at_s, (x, y) = (int(grid.t_ns[there[k]]) - start_ns) * 1e-9, places[k]
+                raise InputError(
+                    f"--paths: target {number} is {what} at {at_s:g} s, at ({x:.4g}, {y:.4g}); "
+                    "with --render paths must stay on the free floor"
+                )
+
+
+def moved(state: Floats, segment: Segment, dt: float) -> Floats:
+    """(6,) place and velocity after dt seconds of one segment, without noise."""
+    out = state.copy()
+    out[:3] += dt * state[3:]
+    if any(segment.acceleration):
+        acceleration = np.array(segment.acceleration)
+        out[:3] += 0.5 * dt * dt * acceleration
+        out[3:] += dt * acceleration
+    if segment.lateral != 0.0:
+        i, j = PLANES[segment.plane]
+        speed = math.hypot(state[3 + i], state[3 + j])
+        if speed > 0.0:  # at rest there is nothing to turn
+            axes = [i, 3 + i, j, 3 + j]
+            out[axes] = turn_matrix(segment.lateral / speed, dt) @ state[axes]
+    return out
+
+
+def _follow(target: ScriptedTarget, steps: int, step_s: float, z: float, rng: np.random.Generator) -> Iterator[Floats]:
+    """The (3,) place at every step; NaN where the target is not there."""
+    x, y, own_z = target.position
+    state = np.array([x, y, z if math.isnan(own_z) else own_z, *target.velocity])
+    begin, end = to_ns(target.from_s), math.inf if math.isinf(target.until_s) else to_ns(target.until_s)
+    now = begin
+    pieces = _pieces(target)
+    starts = [start for start, _ in pieces]
+    state = _entered(state, pieces[0][1])
+    for first in range(0, steps, CHUNK_STEPS):
+        for t in step_times(first, min(CHUNK_STEPS, steps - first), step_s).tolist():
+            if not begin <= t <= end:
+                yield np.full(3, np.nan)
+                continue
+            state = _advanced(state, pieces, starts, now, t)
+            if target.noise_density > 0 and t > now:
+                state = state + _noise(target.noise_density, (t - now) * 1e-9, rng)
+            now = t
+            yield state[:3]
+
+
+def _pieces(target: ScriptedTarget) -> list[tuple[int, Segment]]:
+    """Segments with their starts [ns], and constant velocity before, between and after them."""
+    begin = to_ns(target.from_s)
+    pieces = [(begin, Segment(target.from_s))]
+    for segment in target.segments:
+        start = to_ns(segment.from_s)
+        if pieces[-1][0] == start:
+            pieces.pop()
+        pieces.append((start, segment))
+        if not math.isinf(segment.until_s):
+            pieces.append((to_ns(segment.until_s), Segment(segment.until_s)))
+    return pieces
+
+
+def _entered(state: Floats, segment: Segment) -> Floats:
+    return state if segment.velocity is None else np.concatenate([state[:3], segment.velocity])
+
+
+def _advanced(state: Floats, pieces: list[tuple[int, Segment]], starts: list[int], now: int, t: int) -> Floats:
+    """The state at time t [ns], from that at `now`, through all pieces on the way."""
+    piece = bisect_right(starts, now) - 1
+    while piece + 1 < len(pieces) and starts[piece + 1] <= t:
+        state = _entered(moved(state, pieces[piece][1], (starts[piece + 1] - now) * 1e-9), pieces[piece + 1][1])
+        piece, now = piece + 1, starts[piece + 1]
+    return moved(state, pieces[piece][1], (t - now) * 1e-9) if t > now else state
+
+
+def _noise(density: float, dt: float, rng: np.random.Generator) -> Floats:
+    gathered = acceleration_root(density, dt) @ rng.standard_normal((2, 3))
+    return gathered.ravel()

@@ -1,0 +1,220 @@
+"""Kernels that move objects about a room: where one may stand, where one may step, how one goes around.
+
+Walls are packed polygons (`occlog.core.plane.polygons.pack_polygons`) that no step crosses.
+"""
+
+from __future__ import annotations
+
+import math
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+from occlog.core.plane.polygons import distance_to_boundary, point_inside, segment_blocked
+
+TURN = math.radians(15.0)
+"""Directions tried by an object that goes around another are this far apart."""
+TURNS = 12
+
+
+@kernel
+def place_free(x: float, y: float, room: Floats, walls: Floats, starts: Ints, clearance: float) -> bool:
+    """True if a centre at (x, y) is in the room, in no wall, and at least `clearance` from all of them."""
+    if not point_inside(x, y, room):
+        return False
+    if clearance > 0.0 and distance_to_boundary(x, y, room) < clearance:
+        return False
+    for p in range(starts.shape[0] - 1):
+        wall = walls[starts[p] : starts[p + 1]]
+        if point_inside(x, y, wall):
+            return False
+        if clearance > 0.0 and distance_to_boundary(x, y, wall) < clearance:
+            return False
+    return True
+
+
+@kernel
+def step_free(
+    ax: float, ay: float, bx: float, by: float, room: Floats, walls: Floats, starts: Ints, clearance: float
+) -> bool:
+    """True if a centre may go straight from a to b: b is free and no wall is crossed."""
+    if not place_free(bx, by, room, walls, starts, clearance):
+        return False
+    for p in range(starts.shape[0] - 1):  # noqa: SIM110 - numba compiles no generator
+        if segment_blocked(ax, ay, bx, by, walls[starts[p] : starts[p + 1]]):
+            return False
+    return True
+
+
+@kernel
+def first_hit(xy: Floats, i: int, bx: float, by: float, diameter: float) -> int:
+    """Number of the object that object i comes closest to on its way to b, or -1 if it keeps `diameter` from all."""
+    hit, nearest = -1, diameter * diameter
+    ax, ay = xy[i, 0], xy[i, 1]
+    ex, ey = bx - ax, by - ay
+    length2 = ex * ex + ey * ey
+    for j in range(xy.shape[0]):
+        if j == i:
+            continue
+        px, py = xy[j, 0] - ax, xy[j, 1] - ay
+        s = 0.0
+        if length2 > 0.0:
+            s = min(1.0, max(0.0, (px * ex + py * ey) / length2))
+        dx, dy = px - s * ex, py - s * ey
+        gap2 = dx * dx + dy * dy
+        if gap2 < nearest:
+            hit, nearest = j, gap2
+    return hit
+
+
+@kernel
+def try_into(
+    xy: Floats,
+    i: int,
+    ux: float,
+    uy: float,
+    room: Floats,
+    walls: Floats,
+    starts: Ints,
+    diameter: float,
+    clearance: float,
+) -> bool:
+    """Move object i by (ux, uy), in place, if that is free; True if it moved."""
+    bx, by = xy[i, 0] + ux, xy[i, 1] + uy
+    if first_hit(xy, i, bx, by, diameter) >= 0:
+        return False
+    if not step_free(xy[i, 0], xy[i, 1], bx, by, room, walls, starts, clearance):
+        return False
+    xy[i, 0], xy[i, 1] = bx, by
+    return True
+
+
+@kernel
+def move_into(
+    xy: Floats,
+    i: int,
+    ux: float,
+    uy: float,
+    room: Floats,
+    walls: Floats,
+    starts: Ints,
+    diameter: float,
+    clearance: float,
+) -> None:
+    """Move object i by (ux, uy), in place; where that is not free, turn away step by step, or stay.
+
+    Directions are tried in the order of their angle to the wanted one, each with a whole
+    step, then half a step.  Of two equal angles, the one that leads away from the object
+    in the way comes first (to the right if that is straight ahead), so that two objects
+    that meet pass each other.
+    """
+    if try_into(xy, i, ux, uy, room, walls, starts, diameter, clearance):
+        return
+    side = -1.0
+    hit = first_hit(xy, i, xy[i, 0] + ux, xy[i, 1] + uy, diameter)
+    if hit >= 0 and ux * (xy[hit, 1] - xy[i, 1]) - uy * (xy[hit, 0] - xy[i, 0]) < 0.0:
+        side = 1.0
+    for attempt in range(2 * TURNS):
+        turn = side * TURN * (attempt // 2 + 1)
+        if attempt % 2 == 1:
+            turn = -turn
+        c, s = math.cos(turn), math.sin(turn)
+        vx, vy = c * ux - s * uy, s * ux + c * uy
+        if try_into(xy, i, vx, vy, room, walls, starts, diameter, clearance):
+            return
+        if try_into(xy, i, 0.5 * vx, 0.5 * vy, room, walls, starts, diameter, clearance):
+            return
+
+
+@kernel
+def new_destination_into(
+    xy: Floats,
+    destination: Floats,
+    i: int,
+    candidates: Floats,
+    step: float,
+    room: Floats,
+    walls: Floats,
+    starts: Ints,
+    clearance: float,
+) -> bool:
+    """Give object i the first of the (K, 2) candidates that is free and not straight behind a wall.
+
+    Returns:
+        False, and the old destination stays, if no candidate is.
+    """
+    for k in range(candidates.shape[0]):
+        tx, ty = candidates[k, 0], candidates[k, 1]
+        if place_free(tx, ty, room, walls, starts, clearance) and heads_free(
+            xy[i, 0], xy[i, 1], tx, ty, step, room, walls, starts, clearance
+        ):
+            destination[i, 0], destination[i, 1] = tx, ty
+            return True
+    return False
+
+
+@kernel
+def heads_free(
+    x: float, y: float, tx: float, ty: float, step: float, room: Floats, walls: Floats, starts: Ints, clearance: float
+) -> bool:
+    """True if one step from (x, y) towards (tx, ty), without noise, stays in the room and out of walls."""
+    distance = math.hypot(tx - x, ty - y)
+    if distance == 0.0:
+        return True
+    scale = step / distance
+    return step_free(x, y, x + scale * (tx - x), y + scale * (ty - y), room, walls, starts, clearance)
+
+
+@kernel
+def walk_into(
+    path: Floats,
+    changed: Bools,
+    xy: Floats,
+    destination: Floats,
+    noise: Floats,
+    chance: Floats,
+    candidates: Floats,
+    first_step: int,
+    room: Floats,
+    walls: Floats,
+    starts: Ints,
+    step: float,
+    redirect: float,
+    diameter: float,
+    clearance: float,
+) -> None:
+    """Move all objects for several steps, [Ercan] Sec. 6; see `occlog.simulate.world.world.walk` for the arguments.
+
+    `path` (C, n, 2) and `changed` (C, n) are filled; `xy` and `destination` (n, 2) end as the last state.
+    """
+    n = xy.shape[0]
+    for t in range(path.shape[0]):
+        for m in range(n):
+            i = (m + first_step + t) % n  # each in turn moves first
+            tx, ty = destination[i, 0], destination[i, 1]
+            arrived = math.hypot(tx - xy[i, 0], ty - xy[i, 1]) < step
+            changed[t, i] = False
+            # Regime CD: arrived, or heading into a wall, or (waypoints+) by chance.
+            if (
+                arrived
+                or chance[t, i] < redirect
+                or not heads_free(xy[i, 0], xy[i, 1], tx, ty, step, room, walls, starts, clearance)
+            ):
+                changed[t, i] = new_destination_into(
+                    xy, destination, i, candidates[t, i], step, room, walls, starts, clearance
+                )
+            # Regime MTD, Eq. 5.
+            dx, dy = destination[i, 0] - xy[i, 0], destination[i, 1] - xy[i, 1]
+            distance = math.hypot(dx, dy)
+            scale = step / distance if distance > 0.0 else 0.0
+            move_into(
+                xy,
+                i,
+                scale * dx + noise[t, i, 0],
+                scale * dy + noise[t, i, 1],
+                room,
+                walls,
+                starts,
+                diameter,
+                clearance,
+            )
+        path[t] = xy

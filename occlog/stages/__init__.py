@@ -1,1 +1,0 @@
-"""One function a stage: records in, records out, no files."""

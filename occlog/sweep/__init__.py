@@ -1,1 +1,0 @@
-"""Monte Carlo runs over seeds and parameters: one trial, many of them in parallel, and their statistics."""

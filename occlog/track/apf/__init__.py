@@ -1,0 +1,1 @@
+"""Method `apf`: auxiliary particle filter among occluders, with selection of cameras."""

@@ -1,0 +1,281 @@
+"""Auxiliary particle filter of [Ercan] Sec. 4 (Alg. 1) for one target among cameras and direction finders.
+
+Departures from the paper, each with its reason:
+
+* stage 2 divides by the stage-1 weight of the *parent* (the print divides by that of
+  particle l), and stage 1 gives a small share to particles regardless of the scan, so that
+  no parent's weight is far too small;
+* steps have any length (`occlog.track.apf.kernels.waypoint`); what exceeds the reference step is
+  predicted without measurements, by steps no longer than it;
+* cameras that contradict a particle make it unlikely, not impossible (`Detection.soften`, `Detection.false`);
+* what goes wrong is mended and reported: `sir` when no expected position agrees with the
+  scan (stage 1 is skipped), `restart` when no particle does, or when most sensors
+  contradict even the best particle in several scans, `gap` after too long a time without
+  scans.  In both of these particles are drawn anew over the whole floor.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import NS, Bools, Floats
+from occlog.core.filter.likelihood import Detection, Noise, agreement, log_likelihood
+from occlog.core.filter.likelihood import Scan as Looks
+from occlog.core.filter.likelihood_occluded import Occlusion, log_likelihood_among
+from occlog.core.filter.log_weights import effective_size, log_of, mean_and_covariance, normalise
+from occlog.core.filter.resampling import systematic_ancestors
+from occlog.core.occlusion.priors import Priors, without_own
+from occlog.core.plane.floor import Floor, make_floor, on_floor, sample_floor
+from occlog.core.sight.visibility import Sensors
+from occlog.errors import InputError
+from occlog.measure.scans.scan import Scan
+from occlog.records.scene import Scene
+from occlog.track.apf.kernels.waypoint import Motion, Particles
+from occlog.track.interface import Cloud, Estimate
+
+from .calibration import Calibration, begin, corrected, corrected_looks, learned
+from .config import ApfConfig
+from .kernels import waypoint
+from .sensing import pack_detection, pack_looks, pack_noise, pack_sensors, read_noise
+
+FINE, ROUGH = 5.5, 3.5
+"""Standard deviations at which a prior of an occluder counts as over; stage 1 only has to be near."""
+
+
+class Model(NamedTuple):
+    """What does not change with time."""
+
+    config: ApfConfig
+    floor: Floor
+    sensors: Sensors
+    noise: Noise
+    read_px: Floats
+    motion: Motion
+    detection: Detection
+    informed: Detection  # the same where there are priors of the moving occluders
+    occlusion: Occlusion  # how priors of the moving occluders count
+    priors: Priors | None = None  # those at the time of the scan
+
+
+class State(NamedTuple):
+    """Weighted particles at the time of the last scan; `t_ns` is None before the first."""
+
+    model: Model
+    particles: Particles
+    weights: Floats  # (L,)
+    t_ns: int | None
+    astray: int  # reports that spoke against where the target is thought to be, see `_astray`
+    calibration: Calibration | None = None  # None: errors of poses are white noise
+
+
+class Draw(NamedTuple):
+    """Outcome of taking in one scan."""
+
+    particles: Particles
+    weights: Floats
+    log_likelihood: float
+    fallback: str
+
+
+def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
+    """State before the first scan: particles around `config.start`, or all over the floor.
+
+    InputError if the scene has no free floor.
+    """
+    floor = make_floor(scene.region, [o.polygon for o in scene.occluders])
+    model = Model(
+        config,
+        floor,
+        pack_sensors(scene),
+        pack_noise(scene),
+        read_noise(scene),
+        config.motion,
+        pack_detection(scene, config, informed=False),
+        pack_detection(scene, config, informed=True),
+        config.occlusion,
+    )
+    try:
+        particles = _fresh(model, config.start, rng)
+    except ValueError as error:
+        raise InputError(f"scene: {error}; make the room larger") from error
+    weights = np.full(len(particles.speed), 1.0 / len(particles.speed))
+    calibration = begin(scene, model.noise, model.read_px, model.sensors, config.calibrate)
+    return State(model, particles, weights, None, 0, calibration)
+
+
+def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
+    """The state after a scan, and what it says; the scan must not be earlier than the last."""
+    base = model = state.model
+    config = model.config
+    looks = pack_looks(scan, model.read_px, config.use_score)
+    calibration = state.calibration
+    if calibration is not None:
+        sensors, noise = corrected(calibration, state.particles.xy, state.weights)
+        model = model._replace(sensors=sensors, noise=noise)
+        state, looks = state._replace(model=model), corrected_looks(calibration, looks)
+    if scan.occluders is not None:
+        model = _informed(model, scan.occluders, state)
+        state = state._replace(model=model)
+    draw = _take_in(state, scan.t_ns, looks, rng)
+    astray = _astray(state, draw, looks)
+    if config.lost_after and astray >= config.lost_after:
+        draw = _restart(model, looks, "restart", rng)
+        astray = 0
+    estimate = _estimate(model, draw, looks)
+    if calibration is not None:
+        calibration, estimate = learned(calibration, scan, estimate, config.calibrate_s)
+    return State(base, draw.particles, draw.weights, scan.t_ns, astray, calibration), estimate
+
+
+def _informed(model: Model, priors: Priors, state: State) -> Model:
+    """The model with what is known about moving occluders; priors of the target itself are left out."""
+    config = model.config
+    if config.own_gate > 0.0 and state.t_ns is not None:
+        priors = without_own(priors, *mean_and_covariance(state.weights, state.particles.xy), config.own_gate)
+    # Known positions are never known exactly: what contradicts them is made unlikely as for static occluders.
+    known = not np.any(priors.sigma > 0.0)
+    occlusion = config.occlusion._replace(floor=config.soften) if known else config.occlusion
+    return model._replace(priors=priors, occlusion=occlusion, detection=model.informed)
+
+
+def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
+    """Where the target is thought to be at a time not before the last scan; the state stays as it is.
+
+    Particles are drawn from the importance density, as [Ercan] Sec. 5 wants them for the
+    selection of cameras.
+    """
+    if state.t_ns is None:
+        n = len(state.particles.speed)
+        return Cloud(state.particles.xy, np.full(n, 1.0 / n))
+    dt = min((t_ns - state.t_ns) / NS, state.model.config.max_gap_s)
+    return Cloud(_drift(state.model, state.particles, dt, rng).xy, state.weights)
+
+
+def _drift(model: Model, particles: Particles, dt: float, rng: Generator) -> Particles:
+    """Particles a time dt > 0 later, by steps no longer than the reference step."""
+    parts = max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
+    for _ in range(parts):
+        arrived = waypoint.reached(particles, model.motion, model.floor)
+        particles = _move(model, particles, arrived, dt / parts, rng)
+    return particles
+
+
+def _take_in(state: State, t_ns: int, looks: Looks, rng: Generator) -> Draw:
+    model = state.model
+    if state.t_ns is None:
+        return _weigh_start(model, state.particles, looks, "", rng)
+    dt = (t_ns - state.t_ns) / NS
+    if dt < 0:
+        raise ValueError(f"scan at {t_ns} ns is earlier than the last one at {state.t_ns} ns")
+    if dt > model.config.max_gap_s:
+        return _restart(model, looks, "gap", rng)
+    particles, weights = state.particles, state.weights
+    parts = max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
+    if parts > 1:
+        particles = _drift(model, particles, dt * (parts - 1) / parts, rng)
+    draw = _auxiliary_step(model, particles, weights, looks, dt / parts, rng)
+    return draw if math.isfinite(draw.log_likelihood) else _restart(model, looks, "restart", rng)
+
+
+def _auxiliary_step(
+    model: Model, particles: Particles, weights: Floats, looks: Looks, dt: float, rng: Generator
+) -> Draw:
+    """Alg. 1; the log-likelihood is -inf if no particle agrees with the scan."""
+    config = model.config
+    # Stage 1: which particles are likely to lead to the scan
+    arrived = waypoint.reached(particles, model.motion, model.floor)
+    kappa = waypoint.expected_xy(particles, arrived, dt, model.motion)
+    first, log_sum = normalise(log_of(weights) + _log_likelihood(model, kappa, looks, ROUGH))
+    fallback = "" if math.isfinite(log_sum) else "sir"
+    if fallback:
+        first = weights
+    first = (1.0 - config.defensive) * first + config.defensive * weights
+    ratio = weights
+    if effective_size(first) < config.resample_below * len(weights) or config.resample_below >= 1.0:
+        parents = systematic_ancestors(first, config.particles, rng.random())
+        particles, arrived = waypoint.take(particles, parents), arrived[parents]
+        ratio = weights[parents] / first[parents] / config.particles
+    # Stage 2: move them and weigh what came out
+    particles = _move(model, particles, arrived, dt, rng)
+    weights, log_sum = normalise(log_of(ratio) + _log_likelihood(model, particles.xy, looks))
+    return Draw(particles, weights, log_sum, fallback)
+
+
+def _move(model: Model, particles: Particles, arrived: Bools, dt: float, rng: Generator) -> Particles:
+    """Draw from the importance density of Sec. 4.1; `arrived` is from `waypoint.reached`."""
+    L = len(particles.speed)
+    regime = waypoint.choose_regimes(particles, arrived, dt, model.motion, rng.random(L))
+    places = sample_floor(int(np.count_nonzero(regime == waypoint.CHANGE)), model.floor, rng)
+    return waypoint.move(particles, regime, places, rng.standard_normal((L, 2)), dt, model.motion)
+
+
+def _log_likelihood(model: Model, xy: Floats, looks: Looks, far: float = FINE) -> Floats:
+    free = on_floor(xy, *model.floor)
+    packed = looks, model.sensors, model.noise, model.detection, free
+    if model.priors is None:
+        return np.asarray(log_likelihood(xy, *packed))
+    return log_likelihood_among(xy, *packed, model.priors, model.occlusion._replace(far=far))
+
+
+def _fresh(model: Model, start: tuple[float, ...] | None, rng: Generator) -> Particles:
+    """Many particles, anywhere on the floor or around a start."""
+    config = model.config
+    n = config.particles * config.start_factor
+    if start is None:
+        xy = sample_floor(n, model.floor, rng)
+    else:
+        xy = np.array(start[:2]) + start[2] * rng.standard_normal((n, 2))
+    return waypoint.start_particles(xy, model.floor, config.speed, config.speed_spread, rng)
+
+
+def _weigh_start(model: Model, fresh: Particles, looks: Looks, fallback: str, rng: Generator) -> Draw:
+    """As many of the fresh particles as the filter has, drawn by how well they agree with the scan."""
+    n = model.config.particles
+    log_prior = np.full(len(fresh.speed), -math.log(len(fresh.speed)))
+    weights, log_sum = normalise(log_prior + _log_likelihood(model, fresh.xy, looks))
+    rows = systematic_ancestors(weights, n, rng.random())
+    return Draw(waypoint.take(fresh, rows), np.full(n, 1.0 / n), log_sum, fallback)
+
+
+def _restart(model: Model, looks: Looks, reason: str, rng: Generator) -> Draw:
+    return _weigh_start(model, _fresh(model, None, rng), looks, reason, rng)
+
+
+def _astray(state: State, draw: Draw, looks: Looks) -> int:
+    """How many more reports spoke against where the target is thought to be than for it, since they last were even.
+
+    A report speaks against it if the target should be elsewhere; a scan counts for two
+    reports at most, either way.  A single sensor may speak: a filter that is lost among
+    people who hide the target seldom has two at once.  False reports come seldom enough in
+    a row not to add up.
+    """
+    reports = looks.labelled & (np.diff(looks.first) > 0)
+    count = int(np.count_nonzero(reports))
+    if not count:
+        return state.astray
+    best = int(np.argmax(draw.weights))
+    model = state.model
+    agree = agreement(draw.particles.xy[best : best + 1], looks, model.sensors, model.noise, model.detection)
+    against = int(np.count_nonzero(reports & ~agree))
+    return max(0, state.astray + max(-2, min(2, 2 * against - count)))
+
+
+def _estimate(model: Model, draw: Draw, looks: Looks) -> Estimate:
+    mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
+    seen = np.diff(looks.first) > 0
+    seen &= looks.labelled | agreement(mean[None], looks, model.sensors, model.noise, model.detection)
+    return Estimate(
+        xy=mean,
+        velocity=draw.weights @ waypoint.velocities(draw.particles),
+        covariance=covariance,
+        ess=effective_size(draw.weights),
+        log_likelihood=draw.log_likelihood if math.isfinite(draw.log_likelihood) else math.nan,
+        n_looked=len(looks.sensor),
+        n_seen=int(np.count_nonzero(seen)),
+        fallback=draw.fallback,
+        used=tuple(looks.sensor.tolist()),
+    )

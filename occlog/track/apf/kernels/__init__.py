@@ -1,0 +1,1 @@
+"""Motion by waypoints, errors of poses, expected error of a set of cameras."""

@@ -1,0 +1,255 @@
+"""Errors of the sensors' poses that stay the same: what the bearings of one scan say about each other.
+
+[Ercan] Sec. 4.2 takes calibration errors for white noise and names two better ways: to estimate
+them along with the state, or in an initialisation phase.  Here is what both need.
+
+The error of a sensor is (dx, dy, dyaw), true minus stated.  A Gaussian is kept over the errors
+of all sensors together, correlations included.  Three or more bearings of one target at one
+time seldom meet in a point.  How they miss it depends on the errors but, to first order, not
+on where the target is: the part of the residuals that a shift of the target could explain is
+projected away.  So nothing is assumed about the target, a filter's estimate of it is not
+counted a second time, and what cannot be observed (a shift, turn or change of scale of
+everything together) keeps its prior uncertainty.  Two bearings always meet and say nothing.
+
+Jacobians are taken at the stated positions of the sensors, always: with changing points of
+linearisation the filter would think that it had observed the turn and the scale.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtri
+
+from occlog.array_types import Floats, Ints
+
+GATE = 1e-3
+"""Scans with residuals less likely than this are left out: some bearing is not the target's."""
+PRIOR_COUNT = 30.0
+"""Weight, in residuals, of the assumption that bearings are as noisy as they say."""
+ROUNDS = 20
+CLOSE = 1e-6
+SETTLED = 1e-3
+"""Change of the errors, in prior deviations, at which the fit stops."""
+NEAREST = 0.02
+"""Bearings whose target is nearer than this, relative to the farthest, are too far from linear."""
+FEW = 3
+
+
+class Belief(NamedTuple):
+    """Gaussian over the errors of S sensors, and how noisy bearings turned out to be."""
+
+    mean: Floats  # (S, 3) dx, dy, dyaw [rad]
+    covariance: Floats  # (3 S, 3 S), rows in the order of mean.ravel()
+    excess: float  # sum of squared normalised residuals
+    counted: float  # number of them
+    log_odds: float  # of errors that stay against errors drawn anew for every scan (Eq. 2), by what was measured
+    prior: Floats  # (3 S,) variances before any measurement
+
+    @property
+    def scale(self) -> float:
+        """Variance of bearings relative to what they say, at least 1."""
+        return max(1.0, (PRIOR_COUNT + self.excess) / (PRIOR_COUNT + self.counted))
+
+    @property
+    def blocks(self) -> Floats:
+        """(S, 3, 3) covariance of each sensor's own errors."""
+        S = len(self.mean)
+        index = np.arange(S)
+        return np.asarray(self.covariance.reshape(S, 3, S, 3)[index, :, index, :])
+
+
+class Sights(NamedTuple):
+    """n bearings of one target at one time, from n different sensors."""
+
+    sensor: Ints  # (n,)
+    bearing: Floats  # (n,) [rad], as computed with the stated yaw
+    variance: Floats  # (n,) [rad^2] of the reading alone
+
+
+def no_evidence(sigma_position: Floats, sigma_yaw: Floats) -> Belief:
+    """The belief before any bearing: independent errors of mean 0.
+
+    Args:
+        sigma_position: (S,) standard deviation per axis.
+        sigma_yaw: (S,) [rad].
+    """
+    sigma = np.column_stack([sigma_position, sigma_position, sigma_yaw])
+    return Belief(np.zeros_like(sigma), np.diag(sigma.ravel() ** 2), 0.0, 0.0, 0.0, sigma.ravel() ** 2)
+
+
+def jacobians(xy: Floats, places: Floats) -> tuple[Floats, Floats]:
+    """(n, 2) and (n, 3): how bearings change with the target's place, and with each sensor's errors.
+
+    Args:
+        xy: (2,) the target.
+        places: (n, 2) the sensors.
+    """
+    away = xy - places
+    r2 = np.einsum("ij,ij->i", away, away)
+    by_target = np.column_stack([-away[:, 1], away[:, 0]]) / r2[:, None]
+    return by_target, np.column_stack([-by_target, np.full(len(places), -1.0)])
+
+
+def residuals(xy: Floats, sights: Sights, places: Floats, mean: Floats) -> Floats:
+    """(n,) reported minus expected bearings [-pi, pi) for a target at (2,), given (S, 3) errors."""
+    error = mean[sights.sensor]
+    away = xy - places[sights.sensor] - error[:, :2]
+    difference = sights.bearing + error[:, 2] - np.arctan2(away[:, 1], away[:, 0])
+    return np.asarray((difference + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+def spread(xy: Floats, which: Ints, places: Floats, belief: Belief) -> Floats:
+    """(n,) variance [rad^2] of bearings to (2,) that comes from the errors of sensors `which`: J C J^T.
+
+    This is [Ercan] Eq. 2's calibration part for any covariance, in angles.
+    """
+    by_error = jacobians(xy, places[which])[1]
+    return np.asarray(np.einsum("ni,nij,nj->n", by_error, belief.blocks[which], by_error))
+
+
+def meeting_point(sights: Sights, places: Floats, mean: Floats, start: Floats) -> Floats | None:
+    """(2,) place that agrees best with the bearings, by Gauss-Newton from `start`; None if there is none near.
+
+    It must be in front of every sensor and not much nearer to one of them than to the others.
+    """
+    root = 1.0 / np.sqrt(sights.variance)
+    centres = places[sights.sensor] + mean[sights.sensor, :2]
+    xy = start.copy()
+    for _ in range(ROUNDS):
+        away = np.hypot(*(xy - centres).T)
+        if away.min() < NEAREST * away.max():
+            return None
+        by_target = jacobians(xy, centres)[0] * root[:, None]
+        move = np.linalg.lstsq(by_target, residuals(xy, sights, places, mean) * root, rcond=1e-9)[0]
+        # Long steps leave the range in which the bearings are linear.
+        length, most = math.hypot(*move), 0.5 * float(away.min())
+        xy = xy + move * min(1.0, most / length if length > 0 else 1.0)
+        if length < CLOSE * away.max():
+            break
+    else:
+        return None
+    near = np.hypot(*(xy - centres).T)
+    facing = np.abs(residuals(xy, sights, places, mean)) < 0.5 * math.pi
+    return xy if facing.all() and near.min() >= NEAREST * near.max() else None
+
+
+def evidence(sights: Sights, places: Floats, mean: Floats, start: Floats) -> tuple[Floats, Floats] | None:
+    """What bearings say about errors, whatever the target's place: y = G (e - mean) + unit noise.
+
+    Args:
+        sights: n bearings.
+        places: (S, 2) stated positions.
+        mean: (S, 3) errors to linearise at.
+        start: (2,) roughly where the target is.
+
+    Returns:
+        (n - 2,) y and (n - 2, 3 S) G; None for fewer than three bearings or bearings that do not meet.
+    """
+    if len(sights.sensor) < FEW:
+        return None
+    xy = meeting_point(sights, places, mean, start)
+    if xy is None:
+        return None
+    root = 1.0 / np.sqrt(sights.variance)
+    by_target, by_error = jacobians(xy, places[sights.sensor])
+    across = np.linalg.qr(by_target * root[:, None], mode="complete")[0][:, 2:].T
+    y = across @ (residuals(xy, sights, places, mean) * root)
+    G = np.zeros((len(y), *mean.shape))
+    G[:, sights.sensor] = across[:, :, None] * (by_error * root[:, None])
+    return y, G.reshape(len(y), -1)
+
+
+def update(belief: Belief, sights: Sights, places: Floats, start: Floats) -> Belief:
+    """The belief after the bearings of one scan; unchanged where they say nothing or are not to be believed.
+
+    An extended Kalman update with `evidence`, and the odds of the two models by how well they
+    predicted it.  The variance is raised by `Belief.scale`, so that noise which is in neither
+    model is not taken for knowledge.
+
+    Args:
+        belief: before.
+        sights: bearings of one time.
+        places: (S, 2) stated positions of the sensors.
+        start: (2,) roughly where the target is.
+    """
+    found = evidence(sights, places, belief.mean, start)
+    if found is None:
+        return belief
+    y, G = found
+    C, unit = belief.covariance, np.eye(len(y))
+    explained = G @ C @ G.T
+    S = explained + belief.scale * unit
+    if y @ np.linalg.solve(S, y) > chdtri(len(y), GATE):
+        return belief
+    excess = float(y @ np.linalg.solve(explained + unit, y))
+    gain = np.linalg.solve(S, G @ C).T
+    rest = np.eye(len(C)) - gain @ G
+    # Joseph's form keeps the covariance positive semi-definite.
+    covariance = rest @ C @ rest.T + belief.scale * gain @ gain.T
+    mean = belief.mean + (gain @ y).reshape(belief.mean.shape)
+    # Drawn anew, errors have their prior at every time; y is relative to the mean that was learned.
+    white = _log_density(y + G @ belief.mean.ravel(), (G * belief.prior) @ G.T + unit)
+    odds = belief.log_odds + _log_density(y, S) - white
+    return Belief(
+        mean, 0.5 * (covariance + covariance.T), belief.excess + excess, belief.counted + len(y), odds, belief.prior
+    )
+
+
+def _log_density(y: Floats, covariance: Floats) -> float:
+    """Log-density of a Gaussian of mean 0, without the constant."""
+    return float(-0.5 * (y @ np.linalg.solve(covariance, y) + np.linalg.slogdet(covariance)[1]))
+
+
+def solve(belief: Belief, scans: Sequence[Sights], places: Floats, starts: Floats, rounds: int = ROUNDS) -> Belief:
+    """The belief after many scans at once: trajectory and errors by Gauss-Newton, the trajectory eliminated.
+
+    Every place of the trajectory is free (flat prior); errors have `belief` as their prior.
+    Scans are linearised anew in every round, and those whose bearings cannot be the target's are left out.
+
+    Args:
+        belief: prior, of mean 0 and independent errors (`no_evidence`).
+        scans: T scans.
+        places: (S, 2) stated positions.
+        starts: (T, 2) roughly where the target was.
+        rounds: at most.
+    """
+    deviation = np.sqrt(belief.prior)  # errors in units of their prior: also right where it is 0
+    one_by_one = belief
+    for sights, start in zip(scans, starts, strict=True):
+        one_by_one = update(one_by_one, sights, places, start)
+    now = belief
+    for _ in range(rounds):
+        after = _round(now, scans, places, starts, deviation)
+        moved = np.abs(after.mean - now.mean).ravel()
+        settled = abs(after.scale - now.scale) < SETTLED and bool(np.all(moved <= SETTLED * deviation))
+        now = after
+        if settled:
+            break
+    return now._replace(log_odds=one_by_one.log_odds)
+
+
+def _round(now: Belief, scans: Sequence[Sights], places: Floats, starts: Floats, deviation: Floats) -> Belief:
+    """One round of Gauss-Newton from the belief of the round before."""
+    information, pull = np.eye(len(deviation)), np.zeros(len(deviation))
+    excess, count = 0.0, 0.0
+    for sights, start in zip(scans, starts, strict=True):
+        found = evidence(sights, places, now.mean, start)
+        if found is None:
+            continue
+        y, G = found
+        S = G @ now.covariance @ G.T + now.scale * np.eye(len(y))
+        if y @ np.linalg.solve(S, y) > chdtri(len(y), GATE):
+            continue
+        scaled = G * deviation
+        information += scaled.T @ scaled / now.scale
+        pull += scaled.T @ (y + G @ now.mean.ravel()) / now.scale
+        excess, count = excess + float(y @ y), count + len(y)
+    inverse = np.linalg.inv(information)
+    mean = (deviation * (inverse @ pull)).reshape(now.mean.shape)
+    taken_up = len(deviation) - float(np.trace(inverse))  # residuals that the fit has explained
+    covariance = deviation[:, None] * (0.5 * (inverse + inverse.T)) * deviation
+    return now._replace(mean=mean, covariance=covariance, excess=excess, counted=max(count - taken_up, 0.0))

@@ -1,0 +1,1 @@
+"""Drivers: the loops that feed a method scan by scan, block by block, or all targets at once."""

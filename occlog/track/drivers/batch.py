@@ -1,0 +1,174 @@
+"""Bearings to tracks by a method that estimates whole stretches: one trajectory a target."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.errors import InputError
+from occlog.measure.scans.scan import sensor_names
+from occlog.measure.scans.scans import Group, Rows, groups
+from occlog.records.scene import Scene
+from occlog.records.tables import UNLABELLED, Bearings, Calibration, Diagnostics, Tracks
+from occlog.track.interface import Batch, Record, Smoothed
+
+from .rows import Solve, Tracked, check_start
+
+FOREVER_NS = 2**62
+"""No two times are further apart."""
+PATIENCE = 4
+"""A pause of a target lets the others wait for so many times the lag besides, at most."""
+COLUMNS = ("sensor", "seen", "bearing", "sigma", "u_px", "sigma_px")
+EMPTY = (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.bool_), *(np.empty(0) for _ in range(4)))
+
+
+class _Gathered(NamedTuple):
+    """A target's scans since the last call of the method."""
+
+    state: Any
+    due_ns: int  # when the method is called next
+    given_ns: int  # everything up to here is given out
+    times: list[int]
+    rows: list[tuple[Any, ...]]  # of each scan: the columns of `COLUMNS`
+
+
+def track_batch(
+    bearings: Iterable[Bearings], scene: Scene, config: Any, method: Batch, use: Rows, window_ns: int
+) -> Iterator[Tracked]:
+    """Tracks of all labelled targets; see `occlog.track.drivers.stage.track`.
+
+    Without a lag everything is kept until the end, in memory that grows with the number of rows.
+    With one, a target's states are given out when so much time has been seen after them, or half as
+    much again; memory grows with the number of rows in that time.  A target of which there is no row
+    for longer than that, and the step before (of at most four times the lag), is ended, and begins anew
+    if there is one again; a shorter pause adds to the wait.
+
+    Raises:
+        InputError: no bearing has a label, or one that does not fit the scene.
+        UsageError: a start (`config.start`) for several targets.
+    """
+    names = sensor_names(scene)
+    targets: dict[int, _Gathered] = {}
+    waiting: list[Tracked] = []
+    lag_ns = FOREVER_NS if config.lag_ns is None else config.lag_ns
+    hop_ns = max(1, lag_ns // 2)
+    met: dict[int, tuple[int, int]] = {}  # latest time of each target, and the step that led there
+    unlabelled, now = 0, 0
+    for group in groups(bearings, scene, use, window_ns):
+        now = group.t_ns
+        own = group.target != UNLABELLED
+        unlabelled += int(np.count_nonzero(~own))
+        # What ends or settles a target depends on its own rows only, so that it does not matter who else is there.
+        over = [k for k in targets if now - met[k][0] > lag_ns + met[k][1]]
+        waiting += [_advance(targets.pop(k), k, method, names, last=True)[1] for k in over]
+        due = []
+        for target in np.unique(group.target[own]).tolist():
+            if target not in met:
+                check_start(config, target, met)
+            step_ns = min(now - met[target][0], PATIENCE * lag_ns) if target in met else 0
+            if target not in targets:
+                # Who comes back does so anywhere.
+                begun = replace(config, start=None) if target in met and hasattr(config, "start") else config
+                state = method.begin(scene, begun)
+                targets[target] = _Gathered(state, now + lag_ns + hop_ns, now - 1, [], [])
+            met[target] = (now, step_ns)
+            _gather(targets[target], group, target)
+            if now >= targets[target].due_ns:
+                due.append(target)
+        for target in due:
+            own_state, out = _advance(targets[target], target, method, names, last=False)
+            waiting.append(out)
+            targets[target] = own_state._replace(due_ns=now + hop_ns)
+        if over or due:
+            horizon = min((g.given_ns for g in targets.values()), default=now)
+            given, waiting = _until(waiting, horizon)
+            yield from given
+    if not met:
+        if not unlabelled:
+            raise InputError("bearings: no row is of the chosen targets and sensors; choose others")
+        raise InputError(
+            f"bearings: none of {unlabelled} candidates has a label; this method wants labelled bearings: label them "
+            "with `occlog label`, or use the identities of a DOA log with --doa-labels"
+        )
+    waiting += [_advance(g, k, method, names, last=True)[1] for k, g in sorted(targets.items())]
+    yield from _until(waiting, FOREVER_NS)[0]
+
+
+def _gather(own: _Gathered, group: Group, target: int) -> None:
+    """Add what a scan says of a target."""
+    rows = group.target == target
+    own.times.append(group.t_ns)
+    own.rows.append(tuple(getattr(group, name)[rows] for name in COLUMNS))
+
+
+def _advance(
+    own: _Gathered, target: int, method: Batch, names: tuple[str, ...], *, last: bool
+) -> tuple[_Gathered, Tracked]:
+    """The method's next call, and what it gave out."""
+    counts = [len(r[0]) for r in own.rows]
+    columns = [np.concatenate(c) for c in zip(EMPTY, *own.rows, strict=True)]
+    record = Record(np.array(own.times, dtype=np.int64), np.repeat(np.arange(len(counts)), counts), *columns)
+    state, smoothed = method.advance(own.state, record, last)
+    given = int(smoothed.t_ns[-1]) if len(smoothed.t_ns) else own.given_ns
+    return own._replace(state=state, given_ns=given, times=[], rows=[]), as_tables(smoothed, target, names)
+
+
+def _until(waiting: list[Tracked], horizon_ns: int) -> tuple[list[Tracked], list[Tracked]]:
+    """Rows up to a time, of all targets by time; and the others."""
+    early, late = [], []
+    for part in waiting:
+        n = int(np.searchsorted(part.tracks.t_ns, horizon_ns, side="right"))
+        early.append(_cut(part, slice(None, n)))
+        if n < len(part.tracks):
+            late.append(_cut(part, slice(n, None)))
+    merged = Tracked(
+        Tracks.merge(p.tracks for p in early),
+        Diagnostics.merge(p.diagnostics for p in early),
+        Calibration.empty(),
+        tuple(s for p in early for s in p.solves),
+    )
+    return ([merged] if len(merged.tracks) else []), late
+
+
+def _cut(part: Tracked, rows: slice) -> Tracked:
+    """Some of the rows; the solves stay with the first ones."""
+    solves = part.solves if rows.start is None else ()
+    return Tracked(part.tracks.take(rows), part.diagnostics.take(rows), part.calibration, solves)
+
+
+def as_tables(found: Smoothed, target: int, names: tuple[str, ...]) -> Tracked:
+    """The tables of one target's states."""
+    T, C = len(found.t_ns), found.covariance
+    identity = np.full(T, target, dtype=np.int32)
+    names4 = ("x", "y", "vx", "vy")
+    spread = {f"cov_{names4[i]}_{names4[j]}": C[:, i, j] for i in range(4) for j in range(max(i, 2), 4)}
+    tracks = Tracks.of(
+        t_ns=found.t_ns,
+        target_id=identity,
+        x=found.xy[:, 0],
+        y=found.xy[:, 1],
+        vx=found.velocity[:, 0],
+        vy=found.velocity[:, 1],
+        cov_xx=C[:, 0, 0],
+        cov_xy=C[:, 0, 1],
+        cov_yy=C[:, 1, 1],
+        **spread,
+    )
+    nothing = np.full(T, np.nan)
+    diagnostics = Diagnostics(
+        t_ns=found.t_ns,
+        target_id=identity,
+        ess=nothing,
+        log_likelihood=found.log_likelihood,
+        n_looked=found.n_looked.astype(np.int32),
+        n_seen=found.n_seen.astype(np.int32),
+        fallback=np.array(found.fallback, dtype=np.str_),
+        cameras=np.array([",".join(names[i] for i in used) for used in found.used], dtype=np.str_),
+        n_offered=found.n_looked.astype(np.int32),
+        selected=np.full(T, "", dtype="U1"),
+        predicted_mse=nothing,
+    )
+    return Tracked(tracks, diagnostics, Calibration.empty(), (Solve(target, found.iterations, found.converged),))

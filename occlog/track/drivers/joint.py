@@ -1,0 +1,99 @@
+"""Bearings to tracks by a method with one state for all targets, with cameras that are asked when it matters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.errors import InputError, UsageError
+from occlog.measure.scans.scan import sensor_names
+from occlog.measure.scans.scans import Rows, groups
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Cooperation
+from occlog.track.imm import when_to_ask
+from occlog.track.imm.ask_cameras import Desk, Request
+from occlog.track.imm.listening import Listener
+from occlog.track.interface import Joint
+
+from .rows import ROWS_PER_CHUNK, Row, Tracked, tables
+
+
+def track_joint(
+    bearings: Iterable[Bearings], scene: Scene, config: Any, method: Joint, seed: int, use: Rows, window_ns: int
+) -> Iterator[Tracked]:
+    """Tracks of all targets that arrays hear, chunk by chunk; see `occlog.track.drivers.stage.track`.
+
+    Rows of cameras are only looked at when the method asks for them.  There is a row for each
+    confirmed target and time at which an array listened, in vain or not.
+
+    Raises:
+        InputError: no rows of arrays.
+        UsageError: cooperation in a scene, or with sensors, without two cameras that have a pose.
+    """
+    names, cameras = sensor_names(scene), len(scene.cameras)
+    asking = config.policies - {"none"}
+    seeing = [c for c in scene.cameras if c.placed and c.name in use.sensors]
+    if asking and len(seeing) < 2:
+        raise UsageError(
+            f"--cooperate {','.join(sorted(asking))} wants two cameras with a pose; the scene has {len(seeing)} in use"
+        )
+    rng, helping = generator(seed, Stage.TRACK, 0), generator(seed, Stage.COOPERATE, 0)
+    state, memory = method.init(scene, config, rng), when_to_ask.Memory()
+    listener, desk = Listener(scene, config.forget_s), Desk(scene, config)
+    rows: list[Row] = []
+    requests: list[tuple[int, Request]] = []
+    heard, told, offered = False, 0, 0
+    for group in groups(bearings, scene, use, window_ns):
+        desk.put(group)
+        heard = heard or bool((group.sensor >= cameras).any())
+        for t_ns, looks in listener.scans(group):
+            state, report = method.step(state, t_ns, looks, rng)
+            if asking:
+                asked, memory = when_to_ask.asks(state, report, memory, helping)
+                answered = desk.ask(asked, when_to_ask.others(state, report, asked), t_ns)
+                requests += [(t_ns, r) for r in answered]
+                state, report, memory = when_to_ask.located(
+                    state, report, [r.answer for r in answered], memory, helping
+                )
+            rows += [Row(t_ns, k, e, desk.offered - offered + e.n_looked) for k, e in method.estimates(report, scene)]
+            offered = desk.offered
+        if len(rows) + len(requests) >= ROWS_PER_CHUNK:
+            yield _tracked(rows, requests, desk.offered - told, names)
+            rows, requests, told = [], [], desk.offered
+    if not heard:
+        raise InputError(
+            "bearings: no row is of a microphone array of the scene, which this method needs; give directions of "
+            "arrival (--doa), or use --method apf for bearings of cameras"
+        )
+    yield _tracked(rows, requests, desk.offered - told, names)
+
+
+def _tracked(rows: list[Row], requests: list[tuple[int, Request]], offered: int, names: tuple[str, ...]) -> Tracked:
+    return tables(rows, names)._replace(cooperation=cooperation_of(requests), offered=offered)
+
+
+def cooperation_of(requests: list[tuple[int, Request]]) -> Cooperation:
+    """The table of requests and their times, by time and target."""
+    ordered = sorted(requests, key=lambda r: (r[0], r[1].answer.ask.number))
+    if not ordered:
+        return Cooperation.empty()
+    nothing = np.full(2, np.nan)
+    xy = np.array([nothing if r.answer.place is None else r.answer.place for _, r in ordered])
+    none = np.full((2, 2), np.nan)
+    cov = np.array([none if r.answer.covariance is None else r.answer.covariance for _, r in ordered])
+    return Cooperation.of(
+        t_ns=np.array([t for t, _ in ordered], dtype=np.int64),
+        target_id=np.array([r.answer.ask.number for _, r in ordered], dtype=np.int32),
+        cause=np.array([",".join(r.answer.ask.causes) for _, r in ordered], dtype=np.str_),
+        cameras=np.array([",".join(r.cameras) for _, r in ordered], dtype=np.str_),
+        frames=np.array([r.frames for _, r in ordered], dtype=np.int32),
+        answered=np.array([r.answer.place is not None for _, r in ordered], dtype=np.bool_),
+        x=xy[:, 0],
+        y=xy[:, 1],
+        cov_xx=cov[:, 0, 0],
+        cov_xy=cov[:, 0, 1],
+        cov_yy=cov[:, 1, 1],
+    )

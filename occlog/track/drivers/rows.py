@@ -1,0 +1,143 @@
+"""Estimates of filters as the tables that tracking gives out.
+
+What tracking gives out, chunk by chunk.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints, Ints32
+from occlog.errors import UsageError
+from occlog.records.tables import Calibration, Cooperation, Diagnostics, Tracks
+from occlog.track.interface import Estimate, Height
+
+
+class Solve(NamedTuple):
+    """One search of a batch method."""
+
+    target: int
+    iterations: int
+    converged: bool
+
+
+class Tracked(NamedTuple):
+    """Some more rows of a track and how the filter fared, equal in number, and what it learned of the sensors."""
+
+    tracks: Tracks
+    diagnostics: Diagnostics
+    calibration: Calibration  # rows of every sensor and scan; none if it is not estimated
+    solves: tuple[Solve, ...] = ()  # of a batch method
+    cooperation: Cooperation | None = None  # of a method that asks cameras
+    offered: int = 0  # frames that it could have asked for
+
+
+def check_start(config: Any, target: int, others: Collection[int]) -> None:
+    """UsageError where there is a start for one more target than one."""
+    if others and getattr(config, "start", None) is not None:
+        raise UsageError(
+            f"--start says where one target is, but there is target {target} besides "
+            f"{', '.join(str(k) for k in sorted(others))}; choose one, e.g. --target {target}"
+        )
+
+
+ROWS_PER_CHUNK = 4096
+"""Rows that are gathered before they are given out."""
+
+
+class Row(NamedTuple):
+    """One estimate of one target."""
+
+    t_ns: int
+    target: int
+    estimate: Estimate
+    n_offered: int  # frames of sensors since the row before
+    selected: tuple[int, ...] = ()
+    mse: float = math.nan  # NaN: nothing was selected anew
+
+
+def tables(rows: Sequence[Row], names: tuple[str, ...]) -> Tracked:
+    """The tables of estimates in order.
+
+    Args:
+        rows: in the order of time.
+        names: of the sensors, see `occlog.measure.scans.scan.sensor_names`.
+    """
+    if not rows:
+        return Tracked(Tracks.empty(), Diagnostics.empty(), Calibration.empty())
+    estimates = [r.estimate for r in rows]
+    return Tracked(_tracks(rows, estimates), _diagnostics(rows, estimates, names), _calibration(rows, names))
+
+
+def _tracks(rows: Sequence[Row], estimates: list[Estimate]) -> Tracks:
+    xy, velocity = np.array([e.xy for e in estimates]), np.array([e.velocity for e in estimates])
+    cov = np.array([e.covariance for e in estimates])
+    return Tracks.of(
+        t_ns=_times(rows),
+        target_id=_identities(rows),
+        x=xy[:, 0],
+        y=xy[:, 1],
+        vx=velocity[:, 0],
+        vy=velocity[:, 1],
+        cov_xx=cov[:, 0, 0],
+        cov_xy=cov[:, 0, 1],
+        cov_yy=cov[:, 1, 1],
+        **_heights(estimates),
+    )
+
+
+def _diagnostics(rows: Sequence[Row], estimates: list[Estimate], names: tuple[str, ...]) -> Diagnostics:
+    return Diagnostics(
+        t_ns=_times(rows),
+        target_id=_identities(rows),
+        ess=np.array([e.ess for e in estimates], dtype=np.float64),
+        log_likelihood=np.array([e.log_likelihood for e in estimates], dtype=np.float64),
+        n_looked=np.array([e.n_looked for e in estimates], dtype=np.int32),
+        n_seen=np.array([e.n_seen for e in estimates], dtype=np.int32),
+        fallback=np.array([e.fallback for e in estimates], dtype=np.str_),
+        cameras=np.array([",".join(names[i] for i in e.used) for e in estimates], dtype=np.str_),
+        n_offered=np.array([r.n_offered for r in rows], dtype=np.int32),
+        selected=np.array([",".join(names[i] for i in r.selected) for r in rows], dtype=np.str_),
+        predicted_mse=np.array([r.mse for r in rows], dtype=np.float64),
+    )
+
+
+def _times(rows: Sequence[Row]) -> Ints:
+    return np.array([r.t_ns for r in rows], dtype=np.int64)
+
+
+def _identities(rows: Sequence[Row]) -> Ints32:
+    return np.array([r.target for r in rows], dtype=np.int32)
+
+
+def _heights(estimates: list[Estimate]) -> dict[str, Floats]:
+    """Columns of estimates in space; none if all are on the ground."""
+    if all(e.height is None for e in estimates):
+        return {}
+    none = Height(math.nan, math.nan, np.full(3, math.nan))
+    heights = [none if e.height is None else e.height for e in estimates]
+    xz, yz, zz = np.array([h.covariance for h in heights]).T
+    z, vz = np.array([[h.z, h.vz] for h in heights]).T
+    return {"z": z, "vz": vz, "cov_xz": xz, "cov_yz": yz, "cov_zz": zz}
+
+
+def _calibration(rows: Sequence[Row], names: tuple[str, ...]) -> Calibration:
+    """Errors of all sensors after each scan, where they are estimated."""
+    found = [(r.t_ns, r.target, r.estimate.calibration) for r in rows if r.estimate.calibration is not None]
+    if not found:
+        return Calibration.empty()
+    n, S = len(found), len(names)
+    mean = np.array([c.mean for _, _, c in found]).reshape(n * S, 3)
+    deviation = np.array([c.deviation for _, _, c in found]).reshape(n * S, 3)
+    table = Calibration(
+        np.repeat(np.array([f[0] for f in found], dtype=np.int64), S),
+        np.repeat(np.array([f[1] for f in found], dtype=np.int32), S),
+        np.tile(np.array(names, dtype=np.str_), n),
+        *mean.T,
+        *deviation.T,
+    )
+    return Calibration.merge([table])

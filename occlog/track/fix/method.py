@@ -1,0 +1,103 @@
+"""Method `fix`: each scan's position from that scan's bearings alone ([Lenth] 1981; `occlog.track.fix.estimators`).
+
+Nothing is carried from one scan to the next.  A scan that tells no position (one bearing,
+parallel lines, lines that meet behind the sensors) gives no row.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Floats, Ints
+from occlog.measure.scans.scan import Scan
+from occlog.records.scene import Scene
+from occlog.track.interface import Estimate
+
+from .config import FixConfig
+from .estimators import fix
+from .repeated_median import crossings
+
+MOST_PAIRS = 40_000
+"""Pairs of candidates that are tried; beyond, the least certain candidates are left out."""
+STATED, PAIR = "stated", "pair"
+
+
+class Fixer(NamedTuple):
+    """All that there is to know: where the sensors are."""
+
+    config: FixConfig
+    places: Floats  # (S, 2), as in `sensor_names`
+
+
+def init(scene: Scene, config: FixConfig, rng: Generator) -> Fixer:  # noqa: ARG001
+    """Places of the sensors."""
+    places = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
+    return Fixer(config, np.array(places, dtype=np.float64).reshape(-1, 2))
+
+
+def step(state: Fixer, scan: Scan, rng: Generator) -> tuple[Fixer, Estimate | None]:  # noqa: ARG001
+    """The scan's position, None where it does not tell one."""
+    config = state.config
+    rows = _rows(state, scan)
+    if len(rows) < 2:
+        return state, None
+    places, bearings, sigma = state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows]
+    found = fix(places, bearings, sigma, config.estimator, config.bend, config.spread == "residuals")
+    if found is None:
+        return state, None
+    off = _wrapped(bearings - np.arctan2(found.xy[1] - places[:, 1], found.xy[0] - places[:, 0]))
+    score = -0.5 * (off / sigma) ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
+    looked, used = np.unique(scan.sensor), np.unique(scan.sensor[rows])
+    # Two lines leave no residuals from which their spread could be told.
+    told = "" if found.estimated or config.spread == "stated" else (PAIR if len(rows) == 2 else STATED)
+    return state, Estimate(
+        found.xy,
+        np.full(2, np.nan),
+        found.covariance,
+        math.nan,
+        float(score.sum()),
+        len(looked),
+        len(used),
+        told,
+        tuple(used.tolist()),
+    )
+
+
+def _rows(state: Fixer, scan: Scan) -> Ints:
+    """Rows that the position is made from: those of the target, and candidates that agree."""
+    usable = scan.seen & np.isfinite(scan.bearing) & np.isfinite(scan.sigma) & (scan.sigma > 0.0)
+    if state.config.candidates == "ignore":
+        usable &= scan.labelled
+    rows = np.flatnonzero(usable)
+    if scan.labelled[rows].all():
+        return rows
+    return _agreed(state, scan, rows)
+
+
+def _agreed(state: Fixer, scan: Scan, rows: Ints) -> Ints:
+    """One row a sensor at most: those that agree with the crossing on which most sensors agree."""
+    if len(rows) ** 2 > MOST_PAIRS:
+        keep = np.lexsort((scan.sigma[rows], ~scan.labelled[rows]))[: int(MOST_PAIRS**0.5)]
+        rows = rows[np.sort(keep)]
+    sensor, bearings, sigma = scan.sensor[rows], scan.bearing[rows], scan.sigma[rows]
+    places, gate = state.places[sensor], state.config.gate
+    ahead = crossings(places, bearings)
+    both = np.isfinite(ahead[:, :, 0]) & np.isfinite(ahead[:, :, 0].T)  # in front of the two sensors
+    i, j = np.nonzero(np.triu(both & (sensor[:, None] != sensor[None, :])))
+    best, chosen = math.inf, np.empty(0, dtype=np.int64)
+    members = [np.flatnonzero(sensor == s) for s in np.unique(sensor)]
+    for point in ahead[i, j]:
+        off = _wrapped(bearings - np.arctan2(point[1] - places[:, 1], point[0] - places[:, 0])) / sigma
+        nearest = np.array([own[np.argmin(np.abs(off[own]))] for own in members])
+        cost = float(np.minimum(off[nearest] ** 2, gate**2).sum())
+        if cost < best:
+            best, chosen = cost, nearest[np.abs(off[nearest]) < gate]
+    return rows[np.sort(chosen)]
+
+
+def _wrapped(angle: Floats) -> Floats:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi

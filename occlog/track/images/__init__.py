@@ -1,0 +1,1 @@
+"""Methods that track ellipses in the images of several cameras."""

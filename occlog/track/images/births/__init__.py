@@ -1,0 +1,1 @@
+"""Where trackers in images begin: first ellipses, boxes, moving regions."""

@@ -1,0 +1,260 @@
+"""Births and ends of trackers from a detector's regions, and whose target a region of another view is.
+
+A region that no tracker of its view explains in several frames in a row becomes a
+tracker.  It is a target of another view where the two have agreed with the epipolar
+geometry in those frames (the loop check of [Qu] Sec. 3.4.2) and nothing else fits; where
+several fit, it waits, and then takes the one that fits clearly best, or is a new target.
+A tracker that no region has touched for long is at its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.image.ellipse import nearness
+from occlog.measure.epipolar.views import Geometry, View
+from occlog.track.images.interface import Birth
+
+from .config import ViewsConfig
+from .loop_distances import loop_distances
+
+Key = tuple[int, int]
+"""View and target."""
+Trail = tuple[tuple[int, Floats], ...]
+"""Moments and ellipses of the latest frames."""
+
+EDGE_PX = 1.0
+"""A region that comes this near to the edge of the image is cut by it."""
+CLEARLY = 0.5
+"""The best fit is clear when it is so much smaller than the second."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A region that no tracker explains, followed from frame to frame."""
+
+    trail: Trail
+    count: int  # frames in a row
+
+    @property
+    def ellipse(self) -> Floats:
+        """The latest one."""
+        return self.trail[-1][1]
+
+
+@dataclass(frozen=True)
+class Nursery:
+    """What is remembered from moment to moment."""
+
+    next_id: int
+    candidates: tuple[tuple[Candidate, ...], ...]  # of each view
+    trails: Mapping[Key, Trail] = field(default_factory=dict)  # of trackers
+    alone: Mapping[Key, int] = field(default_factory=dict)  # frames in a row without a region at a tracker
+    moment: int = 0
+
+
+def nursery(n_views: int, next_id: int = 0) -> Nursery:
+    """One that has seen nothing; new targets are numbered from `next_id`."""
+    return Nursery(next_id, ((),) * n_views)
+
+
+def attend(
+    state: Nursery,
+    regions: Sequence[Floats | None],
+    trackers: Mapping[Key, Floats],
+    views: Sequence[View],
+    geometry: Geometry,
+    config: ViewsConfig,
+    bottom: bool = False,
+    gone: Collection[Key] = (),
+) -> tuple[Nursery, tuple[Birth, ...], tuple[Key, ...]]:
+    """What the regions of one moment begin and end.
+
+    Args:
+        state: from the moment before.
+        regions: (K, 5) of each view; None: nobody looked.
+        trackers: ellipses of all trackers after this moment's frames, of all views.
+        views: V views.
+        geometry: between them.
+        config: settings.
+        bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
+        gone: trackers that ended in this moment; their targets do not begin anew in that view before the next one.
+    """
+    now = state.moment
+    keep = max(config.birth_frames, 1)
+    trails = {key: _longer(state.trails.get(key, ()), now, ellipse, keep) for key, ellipse in trackers.items()}
+    state = replace(state, trails=trails, moment=now + 1)
+    waiting = []
+    for v, found in enumerate(regions):
+        mine = [ellipse for (view, _), ellipse in trackers.items() if view == v]
+        if found is None:  # a frame that nobody looked at says nothing
+            waiting.append(state.candidates[v])
+            continue
+        free = _unexplained(_fit(found, views[v], config), mine, config.birth_apart)
+        waiting.append(_follow(state.candidates[v], free, now, keep))
+    state = replace(state, candidates=tuple(waiting))
+    state, ended = _ends(state, regions, trackers, config)
+    alive = {key: trail for key, trail in state.trails.items() if key not in ended}
+    state = replace(state, trails=alive)
+    if config.birth_frames == 0:
+        return replace(state, candidates=nursery(len(views)).candidates), (), ended
+    state, births = _births(state, geometry, config, bottom, {*gone, *ended})
+    return state, births, ended
+
+
+def _longer(trail: Trail, now: int, ellipse: Floats, keep: int) -> Trail:
+    return (*trail, (now, ellipse))[-keep:]
+
+
+def _fit(regions: Floats, view: View, config: ViewsConfig) -> Floats:
+    """Those large enough and, unless wanted, not cut by the edge of the image."""
+    low, high = regions[:, :2] - regions[:, 2:4], regions[:, :2] + regions[:, 2:4]
+    good = (regions[:, 2:4] >= config.birth_size).all(axis=1)
+    if not config.birth_cut:
+        corner = np.array([view.width, view.height]) - 0.5 - EDGE_PX
+        good &= (low >= EDGE_PX - 0.5).all(axis=1) & (high <= corner).all(axis=1)
+    return np.asarray(regions[good])
+
+
+def _unexplained(regions: Floats, trackers: Sequence[Floats], apart: float) -> Floats:
+    """Regions that are at no tracker."""
+    if not trackers or not len(regions):
+        return regions
+    near = nearness(np.vstack([regions, *trackers]))[: len(regions), len(regions) :]
+    return np.asarray(regions[near.min(axis=1) > apart])
+
+
+def _follow(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -> tuple[Candidate, ...]:
+    """Candidates of this frame: regions that touch one of the frame before, nearest first, and new ones."""
+    n = len(regions)
+    of: dict[int, Candidate] = {}
+    if before and n:
+        near = nearness(np.vstack([regions, *(c.ellipse for c in before)]))[:n, n:]
+        used: list[int] = []
+        for flat in np.argsort(near, axis=None, kind="stable").tolist():
+            r, c = divmod(flat, len(before))
+            if near[r, c] <= 1.0 and r not in of and c not in used:
+                of[r] = before[c]
+                used.append(c)
+    fresh = Candidate((), 0)
+    return tuple(
+        Candidate(_longer(of.get(r, fresh).trail, now, regions[r], keep), of.get(r, fresh).count + 1) for r in range(n)
+    )
+
+
+def _ends(
+    state: Nursery, regions: Sequence[Floats | None], trackers: Mapping[Key, Floats], config: ViewsConfig
+) -> tuple[Nursery, tuple[Key, ...]]:
+    """Counts of frames without support, and the trackers that have had none for too long."""
+    before = {key: state.alone.get(key, 0) for key in trackers}
+    alone: dict[Key, int] = {}
+    for v, found in enumerate(regions):
+        mine = [key for key in trackers if key[0] == v]
+        supported = [] if found is None else _supported(mine, trackers, found, before)
+        for key in mine:
+            alone[key] = before[key] if found is None else 0 if key in supported else before[key] + 1
+    ended = tuple(key for key, count in alone.items() if 0 < config.support_frames <= count)
+    return replace(state, alone={key: n for key, n in alone.items() if key not in ended}), ended
+
+
+def _supported(
+    mine: Sequence[Key], trackers: Mapping[Key, Floats], regions: Floats, before: Mapping[Key, int]
+) -> list[Key]:
+    """Trackers that touch a region, each with a region of its own; the one with the latest support goes first."""
+    if not mine or not len(regions):
+        return []
+    near = nearness(np.vstack([*(trackers[key] for key in mine), regions]))[: len(mine), len(mine) :]
+    pairs = [(before[mine[i]], near[i, r], i, r) for i, r in zip(*np.nonzero(near <= 1.0), strict=True)]
+    taken: dict[int, int] = {}
+    for _, _, i, r in sorted(pairs):
+        if i not in taken and r not in taken.values():
+            taken[i] = r
+    return [mine[i] for i in taken]
+
+
+def _births(
+    state: Nursery, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[Key]
+) -> tuple[Nursery, tuple[Birth, ...]]:
+    births: list[Birth] = []
+    for v in range(len(state.candidates)):
+        state, born = _births_in(state, v, geometry, config, bottom, gone)
+        births += born
+    return state, tuple(births)
+
+
+def _births_in(
+    state: Nursery, v: int, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[Key]
+) -> tuple[Nursery, list[Birth]]:
+    """Births in one view."""
+    candidates = _apart(state.candidates[v], config.birth_apart)
+    free = _free_targets(state.trails, v)
+    misfit = np.array([[_misfit(c.trail, v, t, state.trails, geometry, bottom) for t in free] for c in candidates])
+    misfit = misfit.reshape(len(candidates), len(free))
+    births, left, trails, next_id = [], [], dict(state.trails), state.next_id
+    for c, candidate in enumerate(candidates):
+        target = _decide(misfit, c, candidate, config) if candidate.count >= config.birth_frames else None
+        if target is None or (target >= 0 and (v, free[target]) in gone):
+            left.append(candidate)
+            continue
+        if target < 0:
+            name, next_id = next_id, next_id + 1
+        else:
+            name = free[target]
+            misfit[:, target] = np.inf
+        births.append(Birth(v, name, candidate.ellipse))
+        trails[v, name] = candidate.trail
+    rest = (*state.candidates[:v], tuple(left), *state.candidates[v + 1 :])
+    return replace(state, candidates=rest, trails=trails, next_id=next_id), births
+
+
+def _apart(candidates: Sequence[Candidate], apart: float) -> tuple[Candidate, ...]:
+    """The candidates without those that lie on a longer-lived one."""
+    order = sorted(range(len(candidates)), key=lambda c: -candidates[c].count)
+    if len(order) < 2:
+        return tuple(candidates)
+    near = nearness(np.array([c.ellipse for c in candidates]))
+    kept: list[int] = []
+    for c in order:
+        if all(near[c, k] > apart for k in kept):
+            kept.append(c)
+    return tuple(candidates[c] for c in sorted(kept))
+
+
+def _free_targets(trails: Mapping[Key, Trail], v: int) -> list[int]:
+    """Targets that are tracked in other views and not in this one."""
+    mine = {target for view, target in trails if view == v}
+    return sorted({target for _, target in trails} - mine)
+
+
+def _misfit(trail: Trail, v: int, target: int, trails: Mapping[Key, Trail], geometry: Geometry, bottom: bool) -> float:
+    """Largest over the other views of the mean distance from epipolar lines in radii; inf: none known, or above 1."""
+    worst = -np.inf
+    for (w, other), theirs in trails.items():
+        matrix = geometry.fundamental[w, v]
+        if other != target or not np.isfinite(matrix).all():
+            continue
+        past = dict(theirs)
+        both = [(past[k], ellipse) for k, ellipse in trail if k in past]
+        if both:
+            a, b = (np.array(rows) for rows in zip(*both, strict=True))
+            worst = max(worst, float(loop_distances(geometry, w, v, a, b, bottom).mean()))
+    return worst if 0.0 <= worst <= 1.0 else np.inf
+
+
+def _decide(misfit: Floats, c: int, candidate: Candidate, config: ViewsConfig) -> int | None:
+    """Place of the target that a candidate is; -1: a new one; None: wait."""
+    fits = np.flatnonzero(misfit[c] <= 1.0)
+    if not len(fits):
+        return -1
+    rivals = (misfit[:, fits] <= 1.0).sum(axis=0) > 1
+    if len(fits) == 1 and not rivals[0]:
+        return int(fits[0])
+    if candidate.count < config.birth_frames + config.birth_wait:
+        return None
+    best = int(fits[np.argmin(misfit[c, fits])])
+    others = np.concatenate([np.delete(misfit[c], best), np.delete(misfit[:, best], c)])
+    return best if not (others <= 1.0).any() or misfit[c, best] <= CLEARLY * float(others.min()) else -1

@@ -1,0 +1,98 @@
+"""Regions of a detector as ellipses, frame by frame, from tables of boxes or of clusters."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints, Strings
+from occlog.records.tables import Boxes, Views
+
+
+class Regions(NamedTuple):
+    """Regions of some frames, in the order of time."""
+
+    t_ns: Ints  # (N,)
+    sensor: Strings  # (N,)
+    ellipse: Floats  # (N, 5) see `occlog.core.image.ellipse`
+    there: Bools  # (N,) false: the detector looked at the frame; the row is no region
+
+
+def inscribed(left: Floats, top: Floats, width: Floats, height: Floats) -> Floats:
+    """(N, 5) the ellipses inside boxes."""
+    rows = [left + 0.5 * width, top + 0.5 * height, 0.5 * width, 0.5 * height, np.zeros(len(left))]
+    return np.column_stack(rows)
+
+
+def regions_of_boxes(chunks: Iterable[Boxes], min_confidence: float) -> Iterator[Regions]:
+    """Boxes of a detector; frames without a row were not looked at."""
+    for c in chunks:
+        there = (c.box >= 0) & ~(c.confidence < min_confidence)
+        yield Regions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
+
+
+def regions_of_views(chunks: Iterable[Views]) -> Iterator[Regions]:
+    """Clusters of every frame, those that the fusion of detections put in or took out left out."""
+    for c in chunks:
+        there = ~np.isin(c.cause, ("recovered", "removed"))
+        yield Regions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
+
+
+@dataclass
+class Feed:
+    """Regions given out moment by moment.
+
+    Attributes:
+        chunks: regions in the order of time.
+        sparse: frames without a row were looked at all the same, and have no region.
+        met: regions that fell on a frame's time.
+        read: regions read.
+    """
+
+    chunks: Iterator[Regions]
+    sparse: bool
+    met: int = 0
+    read: int = 0
+    _rows: OrderedDict[tuple[str, int], list[Floats]] = field(default_factory=OrderedDict)  # by time
+    _until: int | None = None
+    _done: bool = False
+
+    def at(self, names: Sequence[str], t_ns: Ints) -> list[Floats | None]:
+        """For each view the (K, 5) regions of its frame; None: it has no frame, or nobody looked at it.
+
+        Args:
+            names: of the views.
+            t_ns: (V,) times of their frames, -1: none; times must not go back from call to call.
+        """
+        latest = int(t_ns.max())
+        while not self._done and (self._until is None or self._until <= latest):
+            self._pull()
+        found = [self._take(name, t) if t >= 0 else None for name, t in zip(names, t_ns.tolist(), strict=True)]
+        while self._rows and next(iter(self._rows))[1] <= latest:
+            self._rows.popitem(last=False)
+        return found
+
+    def _pull(self) -> None:
+        chunk = next(self.chunks, None)
+        if chunk is None:
+            self._done = True
+            return
+        columns = (chunk.t_ns.tolist(), chunk.sensor.tolist(), chunk.ellipse, chunk.there.tolist())
+        for t, name, ellipse, there in zip(*columns, strict=True):
+            rows = self._rows.setdefault((name, t), [])
+            if there:
+                rows.append(ellipse)
+        self.read += int(chunk.there.sum())
+        if len(chunk.t_ns):
+            self._until = int(chunk.t_ns[-1])
+
+    def _take(self, name: str, t_ns: int) -> Floats | None:
+        rows = self._rows.pop((name, t_ns), [] if self.sparse else None)
+        if rows is None:
+            return None
+        self.met += len(rows)
+        return np.array(rows).reshape(-1, 5)

@@ -1,0 +1,1 @@
+"""Verb: bring tracks in the images of calibrated cameras together in the world."""

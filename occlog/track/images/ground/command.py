@@ -1,0 +1,68 @@
+"""The `occlog ground` command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from occlog.cli import options
+
+
+@click.command(name="ground", short_help="Bring tracks in the images of calibrated cameras together in the world.")
+@click.argument("view_tracks", type=options.PATH)
+@options.output_opt("Tracks (Parquet).")
+@options.scene_opt
+@click.option("--cameras", "only", default="", metavar="A,B,...", help="Use only these cameras.")
+@click.option(
+    "--window",
+    type=click.FloatRange(min=0),
+    default=None,
+    metavar="SECONDS",
+    help="Frames at most this far apart are of one time. [default: as when they were tracked]",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A setting, e.g. height=0.8; may be repeated. Names: height, height_sigma, model_share, gate, "
+    "min_crossing_deg.",
+)
+@options.overwrite_opt
+@options.quiet_opt
+@options.json_opt
+def command(
+    view_tracks: Path,
+    output: Path,
+    scene: Path | None,
+    only: str,
+    window: float | None,
+    settings: tuple[str, ...],
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    """Find where the targets of VIEW_TRACKS (Parquet) are in the world, with covariance.
+
+    At each time the centres of a target's ellipses in all views give its place. A view that is on
+    something else is left out where two others or more agree; two views that contradict each other give
+    no place. A target that one view alone shows is placed at a height, that of the middle of a person;
+    set another, or 0 to leave such times out.
+
+    \b
+      occlog ground view_tracks.parquet --scene scene.yaml -o tracks.parquet
+      occlog ground view_tracks.parquet --scene hall.mcap --set height=0 -o tracks.parquet
+    """
+    from occlog.cli.parse import parse_names, parse_seconds, parse_setting
+
+    from .run import Files, run_ground
+
+    options.check_outputs([view_tracks, scene], [output], overwrite)
+    files = Files(view_tracks, scene, output, overwrite)
+    values: dict[str, Any] = dict(parse_setting(text) for text in settings)
+    if window is not None:
+        values["window_s"] = parse_seconds("--window", window)
+    summary, losses = run_ground(files, parse_names(only), values, quiet)
+    return options.finish(summary, losses, as_json)

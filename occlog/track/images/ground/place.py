@@ -1,0 +1,198 @@
+"""The place in space that explains the centres of a point in several images best: N points in V views at once.
+
+A view without distortion shows X at f (r.x / z, r.y / z) + c, where (x, y, z) is X - centre
+in its own axes.  Each centre is weighted by its covariance (Gauss-Newton); the covariance of
+the place is the inverse of the information.  A point seen by one view alone needs to be
+known to be at a height.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.array_types import Bools, Floats, Ints
+
+MET = 0
+TOO_FEW = 1
+NEAR_PARALLEL = 2
+BEHIND = 3
+APART = 4
+STATUS = ("met", "too few views", "sight lines nearly parallel", "behind a camera", "views contradict each other")
+"""What the status numbers of a `Meeting` say."""
+
+STEPS = 30
+HALVINGS = 12
+ENOUGH = 1e-10
+"""A place is found when its misfit would fall by less than this: steps far below its standard deviations."""
+
+
+class Rig(NamedTuple):
+    """V cameras without distortion."""
+
+    focal: Floats  # (V, 2) [px]
+    principal: Floats  # (V, 2) [px]
+    rotation: Floats  # (V, 3, 3) world-from-camera
+    centre: Floats  # (V, 3)
+
+
+class Sights(NamedTuple):
+    """Centres of N points in V views."""
+
+    there: Bools  # (N, V) whether the view shows the point; the rest may be anything finite
+    pixels: Floats  # (N, V, 2)
+    covariance: Floats  # (N, V, 2, 2) [px^2], positive definite
+
+    def take(self, rows: Bools | Ints) -> Sights:
+        """Some of the points."""
+        return Sights(self.there[rows], self.pixels[rows], self.covariance[rows])
+
+
+class Height(NamedTuple):
+    """What is known of the height of a point that one view alone shows."""
+
+    mean: float
+    sigma: float
+
+
+class Meeting(NamedTuple):
+    """Places of N points; NaN where `status` is not MET."""
+
+    xyz: Floats  # (N, 3)
+    covariance: Floats  # (N, 3, 3)
+    status: Ints  # (N,) see STATUS
+    used: Bools  # (N, V) views that were used
+    misfit: Floats  # (N,) sum of squared standardised residuals, chi-square of 2 views - 3
+
+
+def fit_places(sights: Sights, rig: Rig, height: Height | None, min_sine: float) -> Meeting:
+    """Places by all the views that are there; `misfit` is 0 for one view with a height.
+
+    Args:
+        sights: N points in V views.
+        rig: the views.
+        height: of points that one view shows; None: they have no place.
+        min_sine: of the angle at which sight lines must cross, or a single one meet the plane.
+    """
+    count = sights.there.sum(axis=1)
+    rays = _rays(sights.pixels, rig)
+    prior = (count == 1) & (height is not None)
+    sine = np.where(count == 1, np.where(sights.there, np.abs(rays[:, :, 2]), 0.0).max(axis=1), _crossing(rays, sights))
+    status = np.where(count - ~prior < 1, TOO_FEW, np.where(sine < min_sine, NEAR_PARALLEL, MET))
+    good = np.flatnonzero(status == MET)
+    n = len(count)
+    out = Meeting(np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan), status, sights.there, np.full(n, np.nan))
+    if not len(good):
+        return out
+    some, known = sights.take(good), np.where(prior[good], 1.0, 0.0)
+    level = height if height is not None else Height(0.0, 1.0)
+    xyz = _start(some, rays[good], rig, known, level)
+    weights = np.asarray(np.linalg.inv(some.covariance), dtype=np.float64) * some.there[:, :, None, None]
+    xyz, information, cost = _refine(xyz, some, weights, rig, known, level)
+    ok = np.isfinite(cost)
+    out.status[good[~ok]] = BEHIND
+    out.xyz[good[ok]] = xyz[ok]
+    out.covariance[good[ok]] = np.linalg.inv(information[ok] + _ridge(information[ok]))
+    out.misfit[good[ok]] = cost[ok]
+    return out
+
+
+def _rays(pixels: Floats, rig: Rig) -> Floats:
+    """(N, V, 3) unit vectors along the sight lines."""
+    local = np.concatenate([(pixels - rig.principal) / rig.focal, np.ones((*pixels.shape[:2], 1))], axis=2)
+    rays = np.einsum("vij,nvj->nvi", rig.rotation, local)
+    return np.asarray(rays / np.linalg.norm(rays, axis=2, keepdims=True))
+
+
+def _crossing(rays: Floats, sights: Sights) -> Floats:
+    """(N,) widest crossing of two sight lines, as a sine; 0 for fewer than two."""
+    widest = np.zeros(len(rays))
+    for i in range(rays.shape[1]):
+        for j in range(i):
+            sine = np.linalg.norm(np.cross(rays[:, i], rays[:, j]), axis=1)
+            widest = np.maximum(widest, np.where(sights.there[:, i] & sights.there[:, j], sine, 0.0))
+    return widest
+
+
+def _start(sights: Sights, rays: Floats, rig: Rig, known: Floats, height: Height) -> Floats:
+    """(N, 3) places nearest to the sight lines, or where a single one has the height."""
+    across = (np.eye(3) - rays[:, :, :, None] * rays[:, :, None, :]) * sights.there[:, :, None, None]
+    A, b = across.sum(axis=1), np.einsum("nvij,vj->ni", across, rig.centre)
+    A[:, 2, 2] += known
+    b[:, 2] += known * height.mean
+    return np.asarray(np.linalg.solve(A, b[:, :, None])[:, :, 0])
+
+
+def _refine(
+    xyz: Floats, sights: Sights, weights: Floats, rig: Rig, known: Floats, height: Height
+) -> tuple[Floats, Floats, Floats]:
+    """Gauss-Newton with step halving; places (N, 3), information (N, 3, 3) and cost (N,), inf behind a camera."""
+    xyz, cost = xyz.copy(), _cost(xyz, _residuals(xyz, sights, rig)[0], weights, known, height)
+    information = np.broadcast_to(np.eye(3), (len(xyz), 3, 3)).copy()
+    moving = np.flatnonzero(np.isfinite(cost))
+    for _ in range(STEPS):
+        if not len(moving):
+            break
+        some, w, k, here = sights.take(moving), weights[moving], known[moving], xyz[moving]
+        matrix, slope = _normal(here, *_residuals(here, some, rig), w, rig, k, height)
+        information[moving] = matrix
+        step: Floats = np.asarray(
+            np.linalg.solve(matrix + _ridge(matrix), slope[:, :, None])[:, :, 0], dtype=np.float64
+        )
+        better, new = _shortened(here, step, cost[moving], some, w, rig, k, height)
+        xyz[moving], cost[moving] = better, new
+        moving = moving[(step * slope).sum(axis=1) > ENOUGH * (1.0 + new)]
+    return xyz, information, cost
+
+
+def _shortened(
+    here: Floats, step: Floats, cost: Floats, sights: Sights, weights: Floats, rig: Rig, known: Floats, height: Height
+) -> tuple[Floats, Floats]:
+    """Places and costs after a step, halved until the cost does not grow; where it always does, as before."""
+    size = np.ones(len(here))
+    for _ in range(HALVINGS):
+        trial = here + size[:, None] * step
+        new = _cost(trial, _residuals(trial, sights, rig)[0], weights, known, height)
+        worse = ~(new <= cost)
+        if not worse.any():
+            return trial, new
+        size[worse] *= 0.5
+    return np.where(worse[:, None], here, trial), np.where(worse, cost, new)
+
+
+def _ridge(matrix: Floats) -> Floats:
+    """(N, 3, 3) so small that it changes nothing but what is singular."""
+    return np.asarray(1e-14 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3))
+
+
+def _residuals(xyz: Floats, sights: Sights, rig: Rig) -> tuple[Floats, Floats]:
+    """(N, V, 2) seen minus expected [px], NaN behind a camera, and the places (N, V, 3) in the cameras' axes."""
+    local = np.einsum("nvi,vij->nvj", xyz[:, None, :] - rig.centre, rig.rotation)
+    depth = np.where(local[:, :, 2] > 0.0, local[:, :, 2], np.nan)[:, :, None]
+    left = sights.pixels - (rig.focal * local[:, :, :2] / depth + rig.principal)
+    return np.where(sights.there[:, :, None], left, 0.0), local
+
+
+def _cost(xyz: Floats, left: Floats, weights: Floats, known: Floats, height: Height) -> Floats:
+    """(N,) sum of squared standardised residuals; inf behind a camera."""
+    total = np.einsum("nvi,nvij,nvj->n", left, weights, left) + known * ((xyz[:, 2] - height.mean) / height.sigma) ** 2
+    return np.where(np.isnan(total), np.inf, total)
+
+
+def _normal(
+    xyz: Floats, left: Floats, local: Floats, weights: Floats, rig: Rig, known: Floats, height: Height
+) -> tuple[NDArray[np.float64], Floats]:
+    """Information (N, 3, 3) and the slope (N, 3) of minus half the cost."""
+    depth = np.where(local[:, :, 2] > 0.0, local[:, :, 2], 1.0)[:, :, None, None]
+    flat = np.zeros((*local.shape[:2], 2, 3))
+    flat[:, :, [0, 1], [0, 1]] = 1.0
+    flat[:, :, :, 2] = -local[:, :, :2] / depth[:, :, :, 0]
+    slopes = rig.focal[None, :, :, None] * flat / depth @ rig.rotation.transpose(0, 2, 1)
+    weighted = np.einsum("nvki,nvkl->nvil", slopes, weights)
+    information = np.einsum("nvil,nvlj->nij", weighted, slopes)
+    slope = np.einsum("nvil,nvl->ni", weighted, np.where(np.isnan(left), 0.0, left))
+    information[:, 2, 2] += known / height.sigma**2
+    slope[:, 2] -= known * (xyz[:, 2] - height.mean) / height.sigma**2
+    return information, slope

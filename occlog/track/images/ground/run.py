@@ -1,0 +1,112 @@
+"""What `occlog ground` does: read, bring together, write."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.parquet import TableWriter, iter_table, read_provenance
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.measure.scans.inputs import is_recording
+from occlog.records.tables import Tracks
+from occlog.records.views import ViewTracks
+from occlog.settings import configure
+
+from .config import GroundConfig, in_scene
+from .stage import GroundPart, ground_tracks
+
+if TYPE_CHECKING:
+    from occlog.records.losses import Loss
+
+
+class Files(NamedTuple):
+    """What to read and to write."""
+
+    view_tracks: Path
+    scene: Path | None
+    output: Path
+    overwrite: bool
+
+
+def run_ground(
+    files: Files, cameras: Sequence[str], values: Mapping[str, Any], quiet: bool
+) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+    """Find the places and write them; the summary, and what had been lost before."""
+    if is_recording(files.view_tracks):
+        raise InputError(
+            f"{files.view_tracks}: is a recording; give view tracks (Parquet), which `occlog track` makes from it"
+        )
+    scene = options.load_scene(files.scene, None, files.view_tracks)
+    if unknown := [name for name in cameras if name not in [c.name for c in scene.cameras]]:
+        raise UsageError(f"--cameras {unknown[0]}: the scene has {', '.join(c.name for c in scene.cameras) or 'none'}")
+    made = read_provenance(files.view_tracks)
+    try:
+        config = in_scene(configure(GroundConfig(), {"window_s": _tracked_window(made), **values}, "ground"), scene)
+    except InputError as error:  # here the values are options
+        raise UsageError(str(error)) from error
+    inputs = [path for path in (files.view_tracks, files.scene) if path is not None]
+    parameters = {**asdict(config), "cameras": list(cameras)}
+    provenance = Provenance("ground", parameters, None, hash_inputs(inputs), made.losses)
+    tally, unit = GroundTally(), scene.length_unit
+    rows = options.progress(iter_table(files.view_tracks, ViewTracks), "ground", quiet=quiet)
+    with TableWriter(files.output, Tracks, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
+        for part in ground_tracks(rows, scene, config, cameras):
+            writer.write(part.tracks)
+            tally.add(part)
+        tally.check(str(files.view_tracks))
+    return {"tracks": str(files.output), **tally.summary()}, made.losses
+
+
+def _tracked_window(made: Provenance) -> float:
+    """The window that brought frames together when view tracks were made [s]; 0 where that is not told."""
+    window = made.parameters.get("window_ns", 0)
+    return window * 1e-9 if isinstance(window, int) and window >= 0 else 0.0
+
+
+class GroundTally:
+    """Figures of the summary, gathered while streaming."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.counts: Counter[str] = Counter()
+        self.targets: dict[int, None] = {}
+
+    def add(self, part: GroundPart) -> None:
+        """Count some more rows."""
+        self.counts.update(part.counts)
+        self.targets.update(dict.fromkeys(part.tracks.target_id.tolist()))
+
+    def check(self, where: str) -> None:
+        """InputError where nothing came out, which no later stage could use."""
+        if not self.counts["times"]:
+            raise InputError(f"{where}: has no rows of these cameras; nothing can be brought together")
+        if not self.targets:
+            raise InputError(
+                f"{where}: no target has a place at any time ({self._why()}); targets need the same identity in two "
+                "views with poses, or a height (--set height=)"
+            )
+
+    def _why(self) -> str:
+        return ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in self.summary()["no_place"].items() if n)
+
+    def summary(self) -> dict[str, Any]:
+        """The figures.
+
+        times: of targets with a tracker in some view.  views: places by the number of views that made them.
+        left_out: views that did not agree with the others.  no_place: times without a place, and why.
+        """
+        views = {k.removeprefix("views_"): n for k, n in sorted(self.counts.items()) if k.startswith("views_")}
+        why = ("one_view", "parallel", "behind", "contradict")
+        return {
+            "targets": sorted(self.targets),
+            "times": self.counts["times"],
+            "rows": sum(views.values()),
+            "views": views,
+            "left_out": self.counts["left_out"],
+            "no_place": {name: self.counts[name] for name in why},
+        }

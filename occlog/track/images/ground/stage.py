@@ -1,0 +1,196 @@
+"""Tracks in the images of several calibrated views to tracks in the world, with covariance ([Qu] Sec. 5)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.errors import InputError
+from occlog.measure.epipolar.of_scene import ideal_pixels_anywhere
+from occlog.records.scene import Camera, Scene
+from occlog.records.tables import Tracks
+from occlog.records.views import ViewTracks
+
+from .config import GroundConfig, in_scene
+from .place import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Meeting, Rig, Sights
+from .robust_place import meet_in_space
+
+WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", APART: "contradict"}
+"""Why a target has no place at a time, as `GroundPart.counts` says it."""
+
+
+class GroundPart(NamedTuple):
+    """Tracks of some times.
+
+    `counts`: `times` of targets with a tracker; `views_N`: places by N views; `left_out`: views
+    that did not agree with the others; and for times without a place why, see `WHY`.
+    """
+
+    tracks: Tracks
+    counts: Counter[str]
+
+
+def ground_tracks(
+    chunks: Iterable[ViewTracks], scene: Scene, config: GroundConfig | None = None, cameras: Sequence[str] = ()
+) -> Iterator[GroundPart]:
+    """Tracks in the world, each time by itself; where chunks are cut does not matter.
+
+    Args:
+        chunks: in the order of time; the last row of a tracker, when it has left or lost its
+            target, is not used.
+        scene: with the poses and lenses of the cameras.
+        config: settings.
+        cameras: use only these; none: all that have rows.
+
+    Raises:
+        InputError: a camera that the scene does not have or that has no pose, or times that go back.
+    """
+    config = in_scene(config or GroundConfig(), scene)
+    window = round(config.window_s * 1e9)
+    rest, last_ns, seen = ViewTracks.empty(), None, 0
+    for chunk in chunks:
+        if not len(chunk):
+            continue
+        _check(chunk, scene, cameras, last_ns, seen)
+        last_ns, seen = int(chunk.t_ns[-1]), seen + len(chunk)
+        table = ViewTracks.concat([rest, chunk.take(_wanted(chunk, cameras))])
+        if not len(table):
+            continue
+        starts = _starts(table, window)
+        # The last time may go on in the next chunk.
+        yield _part(table.take(slice(0, starts[-1])), starts[:-1], scene, config)
+        rest = table.take(slice(starts[-1], None))
+    if len(rest):
+        yield _part(rest, np.zeros(1, dtype=np.int64), scene, config)
+
+
+def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
+    wanted = ~np.isin(chunk.event, ("left", "lost"))
+    return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
+
+
+def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int | None, seen: int) -> None:
+    if last_ns is not None and chunk.t_ns[0] < last_ns:
+        raise InputError(f"view tracks: row {seen}: time {chunk.t_ns[0]} ns comes after {last_ns} ns; sort by t_ns")
+    for name in np.unique(chunk.sensor).tolist():
+        if (not cameras or name in cameras) and not scene.camera(name).placed:
+            raise InputError(
+                f"view tracks: camera {name} has no pose in the scene; calibrate it, or leave it out with --cameras"
+            )
+
+
+def _starts(table: ViewTracks, window_ns: int) -> Ints:
+    """First row of each time: rows at most the window apart, unless a view speaks at two times."""
+    times, first = np.unique(table.t_ns, return_index=True)
+    if window_ns <= 0:
+        return first.astype(np.int64)
+    starts, begin, sensors = [0], int(times[0]), set[str]()
+    for t_ns, row, end in zip(times.tolist(), first.tolist(), [*first[1:].tolist(), len(table)], strict=True):
+        here = set(table.sensor[row:end].tolist())
+        if t_ns - begin > window_ns or here & sensors:
+            starts.append(row)
+            begin, sensors = t_ns, set()
+        sensors |= here
+    return np.array(starts, dtype=np.int64)
+
+
+def _part(table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig) -> GroundPart:
+    """Places of all targets at the times that begin at some rows."""
+    if not len(table):
+        return GroundPart(Tracks.empty(), Counter())
+    moment = np.searchsorted(starts, np.arange(len(table)), side="right") - 1
+    t_ns = table.t_ns[np.append(starts[1:], len(table)) - 1]
+    keys, point = np.unique(np.column_stack([moment, table.target_id]), axis=0, return_inverse=True)
+    names, view = np.unique(table.sensor, return_inverse=True)
+    cameras = [scene.camera(str(name)) for name in names]
+    sights = _sights(table, point.reshape(-1), view, len(keys), cameras, config.model_share)
+    height = Height(config.height, config.height_sigma) if config.height and config.height_sigma else None
+    met = meet_in_space(sights, _rig(cameras), height, config.gate, np.radians(config.min_crossing_deg))
+    return GroundPart(_tracks(met, t_ns[keys[:, 0]], keys[:, 1]), _counts(met, sights))
+
+
+def _rig(cameras: Sequence[Camera]) -> Rig:
+    return Rig(
+        np.array([c.focal_px for c in cameras]),
+        np.array([c.principal_px for c in cameras]),
+        np.array([c.rotation for c in cameras]),
+        np.array([c.position for c in cameras]),
+    )
+
+
+def _sights(
+    table: ViewTracks, point: Ints, view: Ints, points: int, cameras: Sequence[Camera], model_share: float
+) -> Sights:
+    """The centres without lens distortion, and their covariance: the tracker's, and the model's share of the shape."""
+    shape = (points, len(cameras))
+    there, pixels = np.zeros(shape, dtype=np.bool_), np.zeros((*shape, 2))
+    covariance = np.broadcast_to(np.eye(2), (*shape, 2, 2)).copy()
+    own = _covariances(table) + model_share**2 * _shapes(table)
+    for k, camera in enumerate(cameras):
+        rows = np.flatnonzero(view == k)
+        centres = np.column_stack([table.x_px[rows], table.y_px[rows]])
+        ideal, slopes = _ideal(camera, centres)
+        good = np.isfinite(ideal).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
+        kept = rows[good]
+        there[point[kept], k], pixels[point[kept], k] = True, ideal[good]
+        covariance[point[kept], k] = slopes[good] @ own[kept] @ slopes[good].transpose(0, 2, 1)
+    return Sights(there, pixels, covariance)
+
+
+def _covariances(table: ViewTracks) -> Floats:
+    """(R, 2, 2) of the centres; at least a hundredth of a pixel, so that none is singular."""
+    xx, xy, yy = table.cov_xx_px, table.cov_xy_px, table.cov_yy_px
+    return np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2) + 1e-4 * np.eye(2)
+
+
+def _shapes(table: ViewTracks) -> Floats:
+    """(R, 2, 2) squared half axes, turned as the ellipses are."""
+    c, s = np.cos(table.rho), np.sin(table.rho)
+    a2, b2 = table.a_px**2, table.b_px**2
+    xy = c * s * (a2 - b2)
+    return np.stack([c * c * a2 + s * s * b2, xy, xy, s * s * a2 + c * c * b2], axis=1).reshape(-1, 2, 2)
+
+
+def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
+    """(R, 2) centres without lens distortion, and (R, 2, 2) how these change with the recorded ones."""
+    ideal = ideal_pixels_anywhere(camera, centres)
+    if not np.any(camera.distortion):
+        return ideal, np.broadcast_to(np.eye(2), (len(centres), 2, 2))
+    steps = [0.5 * np.eye(2)[axis] for axis in range(2)]
+    changes = [
+        ideal_pixels_anywhere(camera, centres + step) - ideal_pixels_anywhere(camera, centres - step) for step in steps
+    ]
+    return ideal, np.stack(changes, axis=2)
+
+
+def _tracks(met: Meeting, t_ns: Ints, target: Ints) -> Tracks:
+    good = np.flatnonzero(met.status == MET)
+    nan = np.full(len(good), np.nan)
+    cov = met.covariance[good]
+    (x, y, z), places = met.xyz[good].T, ((0, 0, "xx"), (0, 1, "xy"), (1, 1, "yy"), (0, 2, "xz"), (1, 2, "yz"))
+    return Tracks.of(
+        t_ns=t_ns[good],
+        target_id=target[good].astype(np.int32),
+        x=x,
+        y=y,
+        z=z,
+        vx=nan,
+        vy=nan,
+        **{f"cov_{name}": cov[:, i, j] for i, j, name in places},
+        cov_zz=cov[:, 2, 2],
+    )
+
+
+def _counts(met: Meeting, sights: Sights) -> Counter[str]:
+    good = met.status == MET
+    counts: Counter[str] = Counter(times=len(good))
+    for views in met.used.sum(axis=1)[good].tolist():
+        counts[f"views_{views}"] += 1
+    counts["left_out"] = int((sights.there & ~met.used)[good].sum())
+    for status, why in WHY.items():
+        counts[why] = int((met.status == status).sum())
+    return counts

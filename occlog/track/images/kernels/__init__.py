@@ -1,0 +1,1 @@
+"""Likelihoods, motion and interaction of ellipses in images."""

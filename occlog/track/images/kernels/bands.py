@@ -1,0 +1,124 @@
+"""Epipolar bands on which particles of a target should lie, and the loop check, [Qu] Secs. 3.2 and 3.4.2.
+
+The point of an ellipse that stands for the target is its centre or its bottom.  Each tracker has an
+affine map (2, 3) from recorded pixels to those of a camera without distortion, good near its target.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+UNKNOWN, APART, TOGETHER = -1, 0, 1
+"""Outcomes of `loop_check`."""
+
+
+@kernel
+def anchor(ellipse: Floats, affine: Floats, bottom: bool) -> tuple[float, float]:
+    """The point of an ellipse (5,) that stands for its target, without distortion [px]."""
+    x, y = ellipse[0], ellipse[1]
+    if bottom:
+        a, b = ellipse[2], ellipse[3]
+        s, c = math.sin(ellipse[4]), math.cos(ellipse[4])
+        down = math.hypot(a * s, b * c)
+        x, y = x + (a * a - b * b) * s * c / down, y + down
+    px = affine[0, 0] * x + affine[0, 1] * y + affine[0, 2]
+    return px, affine[1, 0] * x + affine[1, 1] * y + affine[1, 2]
+
+
+@kernel
+def line_of(matrix: Floats, x: float, y: float) -> tuple[float, float, float]:
+    """Epipolar line (l1, l2, l3), l1^2 + l2^2 = 1, of a point; NaN for the epipole and an unknown matrix."""
+    l1 = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]
+    l2 = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]
+    l3 = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
+    norm = math.hypot(l1, l2)
+    if not norm > 0.0:
+        return np.nan, np.nan, np.nan
+    return l1 / norm, l2 / norm, l3 / norm
+
+
+@kernel
+def reach_across(ellipse: Floats, l1: float, l2: float) -> float:
+    """How far an ellipse (5,) reaches from its centre along the unit vector (l1, l2): half the width of its band."""
+    turn = math.atan2(l2, l1) - ellipse[4]
+    return math.hypot(ellipse[2] * math.cos(turn), ellipse[3] * math.sin(turn))
+
+
+@kernel
+def add_band(
+    log_weights: Floats, particles: Floats, affine: Floats, bottom: bool, line: tuple[float, float, float], sigma: float
+) -> None:
+    """Add the logarithms of the collaboration weights, [Qu] Eq. 5 without its constant.
+
+    Args:
+        log_weights: (N,) changed in place.
+        particles: (N, 5).
+        affine: (2, 3) of the tracker.
+        bottom: of `anchor`.
+        line: middle of the band.
+        sigma: > 0, of the distance from it [px].
+    """
+    scale = 0.5 / (sigma * sigma)
+    for p in range(particles.shape[0]):
+        x, y = anchor(particles[p], affine, bottom)
+        d = line[0] * x + line[1] * y + line[2]
+        log_weights[p] -= scale * d * d
+
+
+@kernel
+def loop_check(estimate: Floats, affine: Floats, view: Ints, twin: Ints, fundamental: Floats, bottom: bool) -> Ints:
+    """Whether each tracker and its counterparts lie on each other's epipolar band.
+
+    Args:
+        estimate: (n, 5).
+        affine: (n, 2, 3).
+        view: (n,).
+        twin: (n, V) tracker of the same target in each other view; -1: none.
+        fundamental: (V, V, 3, 3), [a, b] from view a to lines in view b.
+        bottom: of `anchor`.
+
+    Returns:
+        (n, V): `TOGETHER` when both points are within the ellipse's reach of their lines, `APART`,
+        `UNKNOWN` without counterpart, matrix or line.
+    """
+    n, views = twin.shape
+    out = np.full((n, views), UNKNOWN, dtype=np.int64)
+    for i in range(n):
+        xi, yi = anchor(estimate[i], affine[i], bottom)
+        for v in range(views):
+            j = twin[i, v]
+            if j < 0:
+                continue
+            xj, yj = anchor(estimate[j], affine[j], bottom)
+            there, here = line_of(fundamental[view[i], v], xi, yi), line_of(fundamental[v, view[i]], xj, yj)
+            if math.isnan(there[0]) or math.isnan(here[0]):
+                continue
+            far_i = abs(here[0] * xi + here[1] * yi + here[2]) > reach_across(estimate[i], here[0], here[1])
+            far_j = abs(there[0] * xj + there[1] * yj + there[2]) > reach_across(estimate[j], there[0], there[1])
+            out[i, v] = APART if far_i or far_j else TOGETHER
+    return out
+
+
+def hysteresis(check: Ints, good: Bools, run: Ints, bad_after: int, good_after: int) -> tuple[Bools, Ints]:
+    """Whether counterparts are good after another loop check, and how long the checks have said otherwise.
+
+    Args:
+        check: outcomes of `loop_check`, of any shape.
+        good: the same shape, before it.
+        run: the same shape, checks in a row that said otherwise.
+        bad_after: checks in a row after which a good counterpart is bad.
+        good_after: checks in a row after which a bad counterpart is good.
+
+    Returns:
+        `good` and `run` after it; an unknown outcome changes neither.
+    """
+    known = check != UNKNOWN
+    against = known & ((check == TOGETHER) != good)
+    longer = np.where(against, run + 1, np.where(known, 0, run))
+    flip = against & (longer >= np.where(good, bad_after, good_after))
+    return np.where(flip, ~good, good), np.where(flip, 0, longer)

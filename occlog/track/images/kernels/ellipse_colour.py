@@ -1,0 +1,203 @@
+"""Colours inside many ellipses at once: weighted histograms and their likelihood, [Qu] Sec. 3.3.
+
+The image comes as a map of bin numbers, made once a frame (`occlog.core.image.histogram_bins`).  A
+pixel at squared ellipse distance q weighs 1 - q (Epanechnikov).  The sums are divided by
+the weight of all pixels of the ellipse, those off the image included, so that the
+histogram of an ellipse that reaches over the edge sums to less than 1 and is less alike.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Bools, Bytes, Floats, Ints
+from occlog.core.image.ellipse import column_limits, holds_pixels, quadratic, row_limits
+from occlog.core.numerics.jit import array_kernel, kernel
+
+SIGMA = 0.1
+"""Spread of the colour likelihood exp(-(1 - BC) / (2 sigma^2))."""
+
+TWO, THREE, FOUR = np.uint64(2), np.uint64(3), np.uint64(4)
+
+WHOLE, ABOVE, BELOW = 0, 1, 2
+
+_SLOTS = 256
+"""Bin numbers are bytes, so that no number in a map is out of bounds."""
+
+
+@array_kernel
+def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: int, half: int) -> float:
+    """Add the weights 1 - q of the pixels of an ellipse to the sums of their bins.
+
+    Four neighbours at a time, which mostly share a bin, go to four sums: no addition waits
+    for another.  The weights of a row are worked out together before that.  It is one
+    function without slices of rows, which would take half of the time.
+
+    Args:
+        sums: (4, 256) added to.
+        weights: (W,) space for the weights of a row.
+        bins: (H, W).
+        ellipse: (5,).
+        step: see `histograms`.
+        half: `ABOVE` its centre only, `BELOW` and level with it only, or `WHOLE`.
+
+    Returns:
+        The weight of all its pixels there, those off the image included.
+    """
+    mass = 0.0
+    if not holds_pixels(ellipse):
+        return mass
+    # In units of the step every whole number counts, and no row needs a division of whole numbers.
+    unit, cx, cy = 1.0 / step, ellipse[0] / step, ellipse[1] / step
+    highest, rightmost = (bins.shape[0] - 1) // step, (bins.shape[1] - 1) // step
+    one, two, three, four = sums[0], sums[1], sums[2], sums[3]
+    a, b, c = quadratic(unit * ellipse[2], unit * ellipse[3], ellipse[4])
+    first, last = row_limits(cy, unit * ellipse[2], unit * ellipse[3], ellipse[4])
+    if half == ABOVE:
+        last = min(last, math.ceil(cy) - 1)
+    elif half == BELOW:
+        first = max(first, math.ceil(cy))
+    for y in range(first, last + 1):
+        dy = y - cy
+        left, right = column_limits(cx, dy, a, b, c)
+        if left > right:
+            continue
+        # The weight rest - across dx - a dx^2 of the whole row: a sum over an arithmetic sequence of dx
+        rest, across = 1.0 - c * dy * dy, 2.0 * b * dy
+        n, mean = float(right - left + 1), 0.5 * (left + right) - cx
+        mass += n * (rest - across * mean - a * (mean * mean + (n * n - 1.0) / 12.0))
+        start, count = max(left, 0), min(right, rightmost) - max(left, 0) + 1
+        if y < 0 or y > highest or count < 1:
+            continue
+        for i in range(count):
+            dx = start - cx + i
+            weights[i] = rest - dx * (across + a * dx)
+        # Whole numbers without a sign spare the check for indices below 0.
+        row, x, gap = np.uint64(y * step), np.uint64(start * step), np.uint64(step)
+        for i in range(0, count - 3, 4):
+            one[bins[row, x]] += weights[i]
+            two[bins[row, x + gap]] += weights[i + 1]
+            three[bins[row, x + TWO * gap]] += weights[i + 2]
+            four[bins[row, x + THREE * gap]] += weights[i + 3]
+            x += FOUR * gap
+        for i in range(count & ~3, count):
+            one[bins[row, x]] += weights[i]
+            x += gap
+    return mass
+
+
+@kernel
+def histograms(bins: Bytes, ellipses: Floats, n_bins: int, step: int) -> Floats:
+    """Weighted histograms of ellipses.
+
+    Args:
+        bins: (H, W) bin number of each pixel, all below `n_bins`.
+        ellipses: (P, 5).
+        n_bins: 1 to 256.
+        step: only pixels whose column and row are multiples of it count; 1: all.
+
+    Returns:
+        (P, n_bins), each summing to the share of its weight that is on the image: 1 for an
+        ellipse inside it, 0 for one outside it, without a pixel centre or not an ellipse.
+    """
+    out = np.zeros((ellipses.shape[0], n_bins))
+    sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
+    for p in range(ellipses.shape[0]):
+        sums[:, :n_bins] = 0.0
+        mass = _weigh(sums, weights, bins, ellipses[p], step, WHOLE)
+        if mass > 0.0:
+            for k in range(n_bins):
+                out[p, k] = max(sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k], 0.0) / mass
+    return out
+
+
+@kernel
+def likenesses(bins: Bytes, ellipses: Floats, owner: Ints, models: Floats, step: int) -> Floats:
+    """Bhattacharyya coefficients between the colours in ellipses and those of their targets.
+
+    The same as `histograms` with `bhattacharyya`, without the tables in between.
+
+    Args:
+        bins: (H, W) bin number of each pixel.
+        ellipses: (P, 5).
+        owner: (P,) which of the models an ellipse is compared with, 0 to M - 1.
+        models: (M, n_bins) histograms.
+        step: see `histograms`.
+
+    Returns:
+        (P,) sums of sqrt(h_k m_k), 0 (nothing in common) to 1 (equal).
+    """
+    n_bins = models.shape[1]
+    out = np.empty(ellipses.shape[0])
+    sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
+    for p in range(ellipses.shape[0]):
+        sums[:, :n_bins] = 0.0
+        mass = _weigh(sums, weights, bins, ellipses[p], step, WHOLE)
+        model, total = models[owner[p]], 0.0
+        for k in range(n_bins):
+            common = (sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k]) * model[k]
+            if common > 0.0:
+                total += math.sqrt(common)
+        out[p] = min(total / math.sqrt(mass), 1.0) if mass > 0.0 else 0.0
+    return out
+
+
+@kernel
+def half_histograms(bins: Bytes, ellipses: Floats, n_bins: int, step: int) -> Floats:
+    """(P, 2 n_bins) as `histograms`, the pixels above the centre apart from the others; both sum to 1 together."""
+    out = np.zeros((ellipses.shape[0], 2 * n_bins))
+    sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
+    for p in range(ellipses.shape[0]):
+        total = 0.0
+        for half in (ABOVE, BELOW):
+            sums[:, :n_bins] = 0.0
+            total += _weigh(sums, weights, bins, ellipses[p], step, half)
+            for k in range(n_bins):
+                out[p, (half - ABOVE) * n_bins + k] = max(sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k], 0.0)
+        if total > 0.0:
+            out[p] /= total
+    return out
+
+
+@kernel
+def half_likenesses(bins: Bytes, ellipses: Floats, owner: Ints, models: Floats, split: Bools, step: int) -> Floats:
+    """As `likenesses`, for targets of which some know where their colours are.
+
+    Args:
+        bins: (H, W).
+        ellipses: (P, 5).
+        owner: (P,).
+        models: (M, 2 n_bins) of `half_histograms`, or of `histograms` with zeros behind.
+        split: (M,) which of them are of halves.
+        step: see `histograms`.
+
+    Returns:
+        (P,).
+    """
+    n_bins = models.shape[1] // 2
+    out = np.empty(ellipses.shape[0])
+    sums, weights = np.zeros((4, _SLOTS)), np.empty(bins.shape[1])
+    for p in range(ellipses.shape[0]):
+        mass, total = 0.0, 0.0
+        for part in range(2 if split[owner[p]] else 1):
+            sums[:, :n_bins] = 0.0
+            half = ABOVE + part if split[owner[p]] else WHOLE
+            mass += _weigh(sums, weights, bins, ellipses[p], step, half)
+            for k in range(n_bins):
+                common = (sums[0, k] + sums[1, k] + sums[2, k] + sums[3, k]) * models[owner[p], part * n_bins + k]
+                if common > 0.0:
+                    total += math.sqrt(common)
+        out[p] = min(total / math.sqrt(mass), 1.0) if mass > 0.0 else 0.0
+    return out
+
+
+def bhattacharyya(a: Floats, b: Floats) -> Floats:
+    """Coefficients of histograms (..., B) that are not negative: sum sqrt(a_k b_k), at most 1."""
+    return np.asarray(np.minimum(np.sqrt(a * b).sum(axis=-1), 1.0))
+
+
+def colour_likelihood(likeness: Floats, sigma: float = SIGMA) -> Floats:
+    """exp(-(1 - BC) / (2 sigma^2)) of Bhattacharyya coefficients (...,): 1 for equal colours."""
+    return np.asarray(np.exp((likeness - 1.0) / (2.0 * sigma**2)))

@@ -1,0 +1,119 @@
+"""Kernels of filters whose samples hold all targets of a view: a Markov chain, and weights of whole samples.
+
+The joint posterior of n targets is that of Khan, Balch, Dellaert, "An MCMC-based particle filter
+for tracking multiple interacting targets" (ECCV 2004), the baseline of [Qu] Table 2:
+
+    p(X | Z) ~ prod_i p(z | x_i) p(x_i | Z past) prod_{i<j} exp(-strength overlap(x_i, x_j))
+
+The last factor, a Markov random field between neighbours, keeps two targets from the same place.
+The chain changes one target at a time.  What it proposes for it is drawn from p(x_i | Z past),
+whatever the chain's state is, so that the likelihoods of all proposals can be computed at once
+before, and the acceptance ratio needs only likelihoods and overlaps.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+
+@kernel
+def overlap(one: Floats, two: Floats) -> float:
+    """Overlap of two ellipses (5,), 0 (apart) to 1 (the smaller one is covered).
+
+    It is the area common to two discs, over that of the smaller one.  Their radii are the support
+    radii of the ellipses along the line between the centres, as for `occlog.core.image.ellipse.touching`.
+    """
+    dx, dy = two[0] - one[0], two[1] - one[1]
+    d, theta = math.hypot(dx, dy), math.atan2(dy, dx)
+    r = math.hypot(one[2] * math.cos(theta - one[4]), one[3] * math.sin(theta - one[4]))
+    s = math.hypot(two[2] * math.cos(theta - two[4]), two[3] * math.sin(theta - two[4]))
+    small, large = min(r, s), max(r, s)
+    if not d < r + s:
+        return 0.0
+    if d <= large - small:
+        return 1.0
+    # Where the chord through the meeting points crosses the line between the centres
+    x = (d * d + small * small - large * large) / (2.0 * d)
+    c, e = max(-1.0, min(1.0, x / small)), max(-1.0, min(1.0, (d - x) / large))
+    half = small * math.sqrt(1.0 - c * c)
+    area = small * small * math.acos(c) + large * large * math.acos(e) - d * half
+    return min(max(area / (math.pi * small * small), 0.0), 1.0)
+
+
+@kernel
+def crowding(ellipse: Floats, pool: Floats, held: Ints, i: int) -> float:
+    """Sum of the overlaps of an ellipse (5,), as target i, with the others pool[held[j]], j != i."""
+    total = 0.0
+    for j in range(held.shape[0]):
+        if j != i:
+            total += overlap(ellipse, pool[held[j]])
+    return total
+
+
+@kernel
+def run_chain(
+    pool: Floats, whose: Ints, log_likelihood: Floats, log_u: Floats, strength: float, burn: int, thin: int
+) -> Ints:
+    """Metropolis-Hastings over the joint state, one target a move.
+
+    Args:
+        pool: (n + S, 5) ellipses: where targets 0 to n - 1 start, then what S moves propose; drawn
+            from the prediction of their target.
+        whose: (S,) target that a move changes, 0 to n - 1.
+        log_likelihood: (n + S,) of each of the pool for its target, finite.
+        log_u: (S,) logarithms of draws from U(0, 1].
+        strength: >= 0 of the prior against overlap.
+        burn: moves before the first sample that is kept.
+        thin: moves per sample that is kept, >= 1.
+
+    Returns:
+        ((S - burn) // thin, n) rows of the pool: where each target is in each sample.
+    """
+    n = pool.shape[0] - whose.shape[0]
+    held = np.arange(n)
+    out = np.empty((max(whose.shape[0] - burn, 0) // thin, n), dtype=np.int64)
+    for s in range(whose.shape[0]):
+        i, new = whose[s], n + s
+        gain = log_likelihood[new] - log_likelihood[held[i]]
+        if strength > 0.0:
+            gain -= strength * (crowding(pool[new], pool, held, i) - crowding(pool[held[i]], pool, held, i))
+        if log_u[s] <= gain:
+            held[i] = new
+        kept = s + 1 - burn
+        if kept > 0 and kept % thin == 0:
+            out[kept // thin - 1] = held
+    return out
+
+
+@kernel
+def crowding_of_samples(samples: Floats) -> Floats:
+    """(N,) sums of the overlaps of all pairs of targets in joint samples (N, n, 5)."""
+    out = np.zeros(samples.shape[0])
+    for k in range(samples.shape[0]):
+        for i in range(samples.shape[1]):
+            for j in range(i):
+                out[k] += overlap(samples[k, i], samples[k, j])
+    return out
+
+
+def distinct_size(rows: Ints) -> Floats:
+    """Effective number of different samples of each target in a chain, 1 to N.
+
+    Equal samples are one with the weight of their number, so that it is 1 / sum w^2 as for weights.
+
+    Args:
+        rows: (N, n) from `run_chain`.
+
+    Returns:
+        (n,).
+    """
+    out = np.empty(rows.shape[1])
+    for i, column in enumerate(rows.T):
+        counts = np.bincount(column).astype(np.float64)
+        out[i] = counts.sum() ** 2 / np.dot(counts, counts)
+    return out

@@ -1,0 +1,1 @@
+"""The methods `mipf`, `idmot`, `cmct`, `bmct` and `mcmc`, step by step."""

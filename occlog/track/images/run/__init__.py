@@ -1,0 +1,1 @@
+"""Frames of all cameras in step, tracked and written."""

@@ -1,0 +1,200 @@
+"""What methods that track in images read: frames, first ellipses, detections, epipolar geometry."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.parquet import iter_table, read_provenance, schema_name
+from occlog.io.models.ellipses import FIRST, MOST_ID, GivenEllipse, read_ellipses
+from occlog.io.recording.reader import Recording, open_recording
+from occlog.measure.epipolar.matrices import known_geometry
+from occlog.measure.scans.scans import nearest
+from occlog.records.tables import Boxes, TruthBoxes, Views
+from occlog.records.views import ViewTracks
+from occlog.track.images.births.background import Watch, watches
+from occlog.track.images.births.moving import moving_regions, with_cameras
+from occlog.track.images.births.regions import Feed, Regions, regions_of_boxes, regions_of_views
+from occlog.track.images.ground.config import GroundConfig
+from occlog.track.images.ground.stage import GroundPart, ground_tracks
+
+from .frames_in_step import step_window, survey
+from .stage import Start
+
+if TYPE_CHECKING:
+    from occlog.records.losses import Loss
+    from occlog.records.scene import Camera, Scene
+    from occlog.track.images.births.config import ViewsConfig
+
+    from .request import ViewsRequest
+
+
+LARGE_ID = 2**30
+"""Identities from here on leave less room for new ones than there may be below."""
+
+
+class ViewsInput:
+    """The recording with everything that tracking in its images needs to know beforehand."""
+
+    def __init__(self, request: ViewsRequest, stage: ViewsConfig) -> None:
+        """Look at the first frames of every camera."""
+        self.request, self.stage = request, stage
+        self.given = 0  # first ellipses
+        self.recording = open_video(request)
+        self.losses: dict[Loss, None] = dict.fromkeys(self.recording.losses)
+        given = None if request.scene is None else options.load_scene(request.scene, None, request.scene)
+        self.scene: Scene | None = given if given is not None else self.recording.scene
+        self.names = choose_views(self.recording, request.only, request.without)
+        self.surveyed = tuple(
+            survey(name, self.recording.frames([name]), self._camera(name), bits=stage.bits) for name in self.names
+        )
+        self.views = tuple(s.view for s in self.surveyed)
+        self.window_ns = step_window(s.period_ns for s in self.surveyed)
+        self.known = known_geometry(self.views, self.recording, given, request.fundamental)
+        self.geometry = self.known.geometry
+
+    @property
+    def length_unit(self) -> str:
+        """Of the scene."""
+        return "m" if self.scene is None else self.scene.length_unit
+
+    @property
+    def frames(self) -> int:
+        """How many the recording announces."""
+        wanted = {f"/camera/{name}/{kind}" for name in self.names for kind in ("image", "video")}
+        return sum(t.messages for t in self.recording.topics if t.name in wanted)
+
+    def _camera(self, name: str) -> Camera | None:
+        return next((c for c in self.scene.cameras if c.name == name), None) if self.scene is not None else None
+
+    def _placed(self) -> list[str]:
+        """Cameras with a pose."""
+        return [c.name for c in map(self._camera, self.names) if c is not None and c.placed]
+
+    def on_ground(self, tracks: Iterable[ViewTracks], window_ns: int) -> Iterator[GroundPart]:
+        """Where targets are in the world, from their tracks in the images."""
+        if self.scene is None:
+            return iter(())
+        return ground_tracks(tracks, self.scene, GroundConfig(window_s=window_ns / 1e9), self._placed())
+
+    def check_world(self) -> None:
+        """InputError unless cameras have poses to see the ground with."""
+        if not self._placed():
+            raise InputError(
+                f"{self.request.recording}: no camera has a pose, so nothing can be told of the ground; give a scene "
+                "with poses (--scene), or leave --world out"
+            )
+
+    def starts(self) -> tuple[tuple[Start, ...], int]:
+        """Trackers to begin, and the first number that is free for others."""
+        if self.request.initial is None:
+            return (), 0
+        sizes = {view.name: (view.width, view.height) for view in self.views}
+        given = read_ellipses(self.request.initial, sizes, self.recording.cameras)
+        if self.request.initial.suffix.lower() not in (".mcap", ".parquet"):
+            self._check_frames(given)  # tables may be of a longer recording
+        place = {name: v for v, name in enumerate(self.names)}
+        starts = [Start(place[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
+        starts.sort(key=lambda s: (s.frame, s.view, s.target_id))
+        self.given = len(starts)
+        return tuple(starts), first_free([s.target_id for s in starts])
+
+    def _check_frames(self, given: tuple[GivenEllipse, ...]) -> None:
+        """InputError for a frame that a camera does not have."""
+        for name, known in zip(self.names, self.surveyed, strict=True):
+            asked = [g for g in given if g.sensor == name and g.frame not in (FIRST, known.first)]
+            if not asked:
+                continue
+            found = survey(name, self.recording.frames([name]), None, {g.frame for g in asked}, self.stage.bits)
+            for each in asked:
+                if each.frame in found.missing:
+                    raise InputError(
+                        f"{each.where}: frame {each.frame} of target {each.target_id}: camera {name} has no such "
+                        f"frame; it has {known.first} to {found.last}; correct it"
+                    )
+
+    def background(self, quiet: bool) -> tuple[Watch | None, ...]:
+        """Models of the empty scene, where they are wanted."""
+        if not self.stage.background:
+            return ()
+        frames = options.progress(self.recording.frames(self.names), "first look", self.frames, quiet=quiet)
+        return watches(frames, with_cameras(self.scene, self.views), self.views, os.cpu_count() or 1)
+
+    def feed(self) -> Feed | None:
+        """Regions of a detector; None where trackers begin from a file only."""
+        path = self.request.detections
+        if path is not None:
+            return self._given(path)
+        if self.request.initial is not None:
+            return None
+        if self.recording.has(Boxes):
+            return Feed(regions_of_boxes(self.recording.tables(Boxes), self.stage.birth_confidence), False)
+        regions = moving_regions(lambda: self.recording.frames(self.names), self.scene, self.views, os.cpu_count() or 1)
+        return Feed(regions, True)
+
+    def _given(self, path: Path) -> Feed:
+        """Those of a file."""
+        if path.suffix.lower() == ".mcap":
+            recording = open_recording(path)
+            if not recording.has(Boxes):
+                raise InputError(f"{path}: holds no boxes of a detector; give a recording or a table that has them")
+            self.losses |= dict.fromkeys(recording.losses)
+            return self._of_boxes(recording.tables(Boxes))
+        name = schema_name(path)
+        self.losses |= dict.fromkeys(read_provenance(path).losses)
+        if name == Views.NAME:
+            return Feed(regions_of_views(iter_table(path, Views)), True)
+        for table in (Boxes, TruthBoxes):
+            if name == table.NAME:
+                return self._of_boxes(iter_table(path, table))
+        raise InputError(f"{path}: holds {name}; want {Boxes.NAME}, or {Views.NAME} of `occlog detect`")
+
+    def _of_boxes(self, chunks: Iterator[Boxes]) -> Feed:
+        regions: Iterator[Regions] = regions_of_boxes(chunks, self.stage.birth_confidence)
+        return Feed(regions, False)
+
+
+def first_free(taken: Sequence[int]) -> int:
+    """A number from which on many are free: after the largest one, or where that is too large after another.
+
+    Args:
+        taken: identities of targets, from 0 to 2^31 - 1.
+    """
+    ids = sorted({-1, *taken})
+    if ids[-1] < LARGE_ID:
+        return ids[-1] + 1
+    gaps = [after - before for before, after in pairwise([*ids, MOST_ID + 1])]
+    return ids[gaps.index(max(gaps))] + 1
+
+
+def open_video(request: ViewsRequest) -> Recording:
+    """The recording; InputError unless it holds images."""
+    path, method = request.recording, request.method
+    if path.suffix.lower() != ".mcap":
+        raise InputError(
+            f"{path}: is not a recording (.mcap); --method {method} tracks in images: give a recording with video, "
+            "made with `occlog ingest` or `occlog simulate`"
+        )
+    recording = open_recording(path)
+    if not recording.cameras:
+        raise InputError(
+            f"{path}: holds no images; --method {method} tracks in images: give a recording with video, or track its "
+            "bearings with another method, for example --method apf"
+        )
+    return recording
+
+
+def choose_views(recording: Recording, only: tuple[str, ...], without: tuple[str, ...]) -> tuple[str, ...]:
+    """The cameras to track in; UsageError names one that has no images."""
+    for name in (*only, *without):
+        if name not in recording.cameras:
+            raise UsageError(f"{recording.path}: no images of camera {name!r}; {nearest(name, recording.cameras)}")
+    names = tuple(n for n in recording.cameras if (not only or n in only) and n not in without)
+    if not names:
+        raise UsageError("no camera is left to track in; leave out fewer of them")
+    return names

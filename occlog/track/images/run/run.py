@@ -1,0 +1,288 @@
+"""What `occlog track` does with methods that track in images: read, track, write.
+
+What `occlog track` says of tracks in images when it is done.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict, fields, replace
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import Together
+from occlog.io.files.parquet import TableWriter
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.measure.detect.one_camera import stretches
+from occlog.records.losses import Loss
+from occlog.records.tables import Boxes, Tracks
+from occlog.records.views import ViewTracks
+from occlog.settings import configure
+from occlog.track.images.births.config import ViewsConfig
+from occlog.track.images.catalogue import VISUAL
+from occlog.track.images.methods.state import doubted
+
+from .frames_in_step import in_step
+from .inputs import ViewsInput
+from .request import ViewsOutputs, ViewsRequest
+from .stage import Setup, ViewsPart, track_views
+
+if TYPE_CHECKING:
+    from occlog.records.losses import Loss
+    from occlog.track.images.births.regions import Feed
+
+    from .inputs import ViewsInput
+    from .loop_checks import Checks
+    from .stage import ViewsPart
+
+
+FEWEST_CHECKS = 20
+"""Loop checks below which nothing is said about a fundamental matrix."""
+BIN_PX, BINS = 0.1, 20_001
+"""Of the histogram of distances; the last bin holds all that are farther."""
+EARLY_PERIODS = 3
+"""A view ends early when others go on for more of its frame periods than this."""
+ALONE = {"bmct": "does what idmot does", "cmct": "does what mipf does, with colours that adapt"}
+"""What methods do without another view's help; the others never have any."""
+
+
+class ViewsTally:
+    """Figures of the summary, gathered while streaming."""
+
+    def __init__(self, method: str, inputs: ViewsInput) -> None:
+        """Nothing yet."""
+        self.method, self.inputs = method, inputs
+        n = len(inputs.views)
+        self.rows = 0
+        self.targets: set[int] = set()
+        self.frames = np.zeros(n, dtype=np.int64)
+        self.last_ns = np.full(n, -1, dtype=np.int64)
+        self.events: Counter[str] = Counter()
+        self.begun: set[str] = set()
+        self.modes: Counter[str] = Counter()
+        self.lost: list[list[tuple[int, str]]] = [[] for _ in range(n)]
+        self.failed = np.zeros((n, n), dtype=np.int64)
+        self.distances = {pair: np.zeros(BINS, dtype=np.int64) for pair in combinations(range(n), 2)}
+        self.dropped: list[tuple[int, int]] = []
+        self.places: Counter[str] = Counter()
+
+    def add(self, part: ViewsPart) -> None:
+        """Count some more moments."""
+        self.rows += len(part.tracks)
+        self.targets.update(part.tracks.target_id.tolist())
+        self.frames += part.frames
+        self.last_ns = np.maximum(self.last_ns, part.last_ns)
+        self.events.update(e for e in part.tracks.event.tolist() if e)
+        self.begun.update(part.tracks.sensor[part.tracks.event == "start"].tolist())
+        self.modes.update(m for m in part.tracks.mode.tolist() if m)
+        for view, frame, why in part.lost:
+            self.lost[view].append((frame, why))
+        self._check(part.checks)
+        self._check(part.start_checks)
+        self.dropped += part.dropped
+
+    def _check(self, checks: Checks) -> None:
+        for a, b, radii, px in zip(*(column.tolist() for column in checks), strict=True):
+            self.failed[int(a), int(b)] += radii > 1.0
+            self.distances[int(a), int(b)][int(min(px / BIN_PX, BINS - 1))] += 1
+
+    def losses(self) -> list[Loss]:
+        """Frames that could not be used, in stretches."""
+        return [
+            loss for view, lost in zip(self.inputs.views, self.lost, strict=True) for loss in stretches(view.name, lost)
+        ]
+
+    def summary(self) -> dict[str, Any]:
+        """The figures."""
+        names = self.inputs.names
+        total = max(sum(self.modes.values()), 1)
+        checks = {
+            f"{names[a]}-{names[b]}": {"checks": int(n), "failed": int(self.failed[a, b])}
+            for (a, b), distances in self.distances.items()
+            if (n := distances.sum())
+        }
+        return {
+            "targets": len(self.targets),
+            "rows": self.rows,
+            "frames": dict(zip(names, self.frames.tolist(), strict=True)),
+            "started": self.events["start"],
+            "left": self.events["left"],
+            "lost_trackers": self.events["lost"],
+            "modes": {mode: n / total for mode, n in sorted(self.modes.items())},
+            "loop_checks": checks,
+            **({"places": dict(sorted(self.places.items()))} if self.places else {}),
+        }
+
+    def warnings(self) -> list[str]:
+        """What whoever uses the tracks should know."""
+        lines = [*self._alone(), *self._ends(), *(self._misfit(a, b) for a, b in self._misfits())]
+        if (late := self.inputs.given - self.events["start"]) > 0:
+            lines.append(f"{late} of {self.inputs.given} first ellipses began no tracker: the video ends before them")
+        bare = [name for name in self.inputs.names if name not in self.begun]
+        if self.begun and bare and self.inputs.request.births == "initial":
+            lines.append(
+                f"no first ellipse began a tracker in {', '.join(bare)}: nothing is tracked there, and no other view "
+                f"is helped from there; give some, or leave out what is not wanted (--without {','.join(bare)})"
+            )
+        if not self.rows:
+            lines.append("no target was found; give the first ellipses (--initial) or better --detections")
+        return lines
+
+    def _alone(self) -> list[str]:
+        if self.method not in ALONE:
+            return []
+        does = f"--method {self.method} {ALONE[self.method]}"
+        if len(self.inputs.views) == 1:
+            return [f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"]
+        if not np.isfinite(self.inputs.geometry.fundamental).any():
+            return [
+                f"nothing tells how the views see the same point, so none helps another: {does}; give fundamental "
+                "matrices (--fundamental), or a scene with the cameras' poses"
+            ]
+        return []
+
+    def _ends(self) -> list[str]:
+        """Views that end before the others."""
+        latest = int(self.last_ns.max(initial=-1))
+        lines = []
+        for s, last, n in zip(self.inputs.surveyed, self.last_ns.tolist(), self.frames.tolist(), strict=True):
+            if last >= 0 and latest - last > EARLY_PERIODS * max(s.period_ns, 2 * self.inputs.window_ns):
+                lines.append(
+                    f"view {s.view.name} ends {(latest - last) / 1e9:.3g} s before the others, after {n} frames"
+                )
+        return lines
+
+    def _misfits(self) -> list[tuple[int, int]]:
+        """Pairs of views that most loop checks contradict."""
+        most = [
+            pair
+            for pair, distances in self.distances.items()
+            if (n := int(distances.sum())) >= FEWEST_CHECKS and 2 * int(self.failed[pair]) > n
+        ]
+        return sorted({*most, *self.dropped})
+
+    def _misfit(self, a: int, b: int) -> str:
+        distances = self.distances[a, b]
+        n = int(distances.sum())
+        median = BIN_PX * (int(np.searchsorted(np.cumsum(distances), 0.5 * n)) + 0.5)
+        names = self.inputs.names
+        unused = "; trackers did without it" if (a, b) in self.dropped else ""
+        return (
+            f"views {names[a]} and {names[b]}: the fundamental matrix does not fit: {self.failed[a, b] / n:.0%} of "
+            f"{n} loop checks fail, median distance {median:.0f} px{unused}; give another (--fundamental), or leave "
+            "one view out (--without)"
+        )
+
+
+def run_track_views(
+    request: ViewsRequest, wanted: ViewsOutputs, overwrite: bool, quiet: bool
+) -> tuple[dict[str, Any], list[Loss]]:
+    """Track and write; the summary, and what was lost."""
+    config, stage = view_settings(request)
+    inputs = ViewsInput(request, stage)
+    if wanted.world is not None:
+        inputs.check_world()
+    starts, next_id = inputs.starts()
+    helped, periods = request.method in ALONE, tuple(s.period_ns for s in inputs.surveyed)
+    setup = Setup(
+        inputs.views,
+        inputs.geometry,
+        VISUAL[request.method],
+        config,
+        stage,
+        starts,
+        next_id,
+        helped,
+        periods,
+        doubted if helped else None,
+    )
+    feed = inputs.feed()
+    if request.initial is None and request.detections is None:
+        source = "the boxes in the recording" if inputs.recording.has(Boxes) else "what moves in the images"
+        options.note(f"no --initial and no --detections: trackers begin from {source}", quiet)
+    window = request.window_ns if request.window_ns is not None else inputs.window_ns
+    frames = options.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
+    moments = in_step(frames, inputs.views, window, os.cpu_count() or 1, stage.bits, inputs.background(quiet))
+    parts = track_views(moments, setup, request.seed, feed)
+    parameters = {
+        "method": request.method,
+        "births": request.births,
+        "cameras": list(inputs.names),
+        "window_ns": window,
+        "geometry": inputs.known.sources,
+        **asdict(stage),
+        **asdict(config),
+    }
+    earlier = tuple(inputs.losses)
+    made = Provenance("track", parameters, request.seed, hash_inputs(request.paths), earlier)
+    tally = ViewsTally(request.method, inputs)
+    with ExitStack() as stack:
+        rows, places = _writers(stack, wanted, made, {"overwrite": overwrite, "length_unit": inputs.length_unit})
+        passed = _passed(parts, rows, tally)
+        if places is not None:
+            for part in inputs.on_ground(passed, window):
+                places.write(part.tracks)
+                tally.places += part.counts
+        for _ in passed:
+            pass
+        _check_met(feed, request, inputs)
+        losses = [*earlier, *tally.losses()]
+        for writer in (rows, places):
+            if writer is not None:
+                writer.annotate(replace(made, losses=tuple(losses)))
+    for line in inputs.known.notes:
+        options.note(line, quiet)
+    for line in tally.warnings():
+        options.note(f"warning: {line}", quiet)
+    world = {} if wanted.world is None else {"world": str(wanted.world)}
+    return {"tracks": str(wanted.tracks), **world, "method": request.method, **tally.summary()}, losses
+
+
+def _writers(
+    stack: ExitStack, wanted: ViewsOutputs, made: Provenance, how: dict[str, Any]
+) -> tuple[TableWriter, TableWriter | None]:
+    """Of the tracks in the images and, if that is wanted, of those in the world, which then appear together."""
+    if wanted.world is None:
+        return stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, **how)), None
+    how = {**how, "together": stack.enter_context(Together())}
+    rows = stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, **how))
+    return rows, stack.enter_context(TableWriter(wanted.world, Tracks, made, **how))
+
+
+def _check_met(feed: Feed | None, request: ViewsRequest, inputs: ViewsInput) -> None:
+    """InputError for detections of other times than the frames."""
+    if feed is not None and feed.read and not feed.met:
+        raise InputError(
+            f"{request.detections or request.recording}: none of its {feed.read} regions is of the time of a frame "
+            f"of {', '.join(inputs.names)}; give detections that were made from this recording"
+        )
+
+
+def _passed(parts: Iterator[ViewsPart], rows: TableWriter, tally: ViewsTally) -> Iterator[ViewTracks]:
+    """The tables, written and counted on their way."""
+    for part in parts:
+        rows.write(part.tracks)
+        tally.add(part)
+        yield part.tracks
+
+
+def view_settings(request: ViewsRequest) -> tuple[Any, ViewsConfig]:
+    """Settings of the method and of what is around it; UsageError for what neither has."""
+    around = {f.name for f in fields(ViewsConfig)}
+    own = {name: value for name, value in request.settings.items() if name not in around}
+    others = {name: value for name, value in request.settings.items() if name in around}
+    try:
+        method = VISUAL[request.method].config
+        config, stage = configure(method(), own, request.method), configure(ViewsConfig(), others, request.method)
+    except InputError as error:  # here the values are options
+        raise UsageError(str(error)) from error
+    if stage.birth_frames == 0 and request.initial is None:
+        raise UsageError("birth_frames is 0, so that no tracker begins from detections; give --initial, or 1 or more")
+    return config, stage

@@ -1,0 +1,308 @@
+"""Which bearing is whose: joint association of one array's bearings with several targets.
+
+An event says for every target whether the array heard it, and with which bearing.  A bearing
+is of one target, of two that are nearer to each other than the array can tell apart (they are
+heard as one), or of nobody.  All events are gone through; targets that share no bearing are
+independent and are gone through apart from each other.
+
+[Lee] Sec. 3.2 lets every target's filter take any bearing, so that two filters can follow one
+source; here a bearing that another target explains counts less, and hearing nothing counts too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+from occlog.core.sight.camera import wrap_angle
+
+from .kernel import Bearings
+
+MOST_EVENTS = 50_000
+"""Beyond so many events of targets that share bearings, the least likely bearings of a target are not thought of."""
+NEGLIGIBLE = 1e-9
+"""A bearing so much likelier to be of nobody is not a target's; otherwise all targets would share all bearings."""
+NEAR_SIGMAS = 3.0
+"""Two targets' bearings further apart than this, beyond the resolution, are not heard as one."""
+ROOT_2PI = math.sqrt(2.0 * math.pi)
+
+
+class Heard(NamedTuple):
+    """How the bearings of an array fit the particles of one target."""
+
+    each: Floats  # (N, J, L) density of each bearing for each particle [1/rad]; 0 out of the array's range
+    within: Bools  # (J, L) in range
+    fit: Floats  # (N,) its mean over the particles
+    reached: float  # weight of the particles in range
+    at: Floats  # (J, L) bearing of each particle [rad]
+
+
+class Direction(NamedTuple):
+    """Where an array would hear a target, taken for a Gaussian."""
+
+    centre: float  # circular mean of the particles' bearings [rad]
+    spread: float  # standard deviation of them [rad]
+
+
+class Association(NamedTuple):
+    """Probabilities of K targets and N bearings."""
+
+    alone: Floats  # (K, N) bearing i is of target k and no other
+    unheard: Floats  # (K,) no bearing is of target k
+    shared: Floats  # (K, K, N) bearing i is of k and of another; symmetric, 0 for k with itself
+    log_evidence: float  # log density of all bearings [1/rad^N]
+
+
+def hear(predicted: Floats, weights: Floats, bearings: Bearings, reach: float) -> Heard:
+    """How one array's bearings fit one target.
+
+    Args:
+        predicted: (J, L, 4) particles [x, vx, y, vy].
+        weights: (J, L) of them, sum 1.
+        bearings: what the array heard; may be none.
+        reach: range of the array [length]; may be infinite.
+    """
+    within, reached = in_range(predicted, weights, bearings.position, reach)
+    at = np.arctan2(predicted[..., 2] - bearings.position[1], predicted[..., 0] - bearings.position[0])
+    each = density(at, within, bearings.angle, bearings.sigma)
+    return Heard(each, within, each.reshape(len(each), at.size) @ weights.ravel(), reached, at)
+
+
+def in_range(predicted: Floats, weights: Floats, position: Floats, reach: float) -> tuple[Bools, float]:
+    """(J, L) which of the (J, L, 4) particles are in the range of an array, and their weight."""
+    if math.isinf(reach):
+        return np.ones(weights.shape, dtype=np.bool_), 1.0
+    dx, dy = predicted[..., 0] - position[0], predicted[..., 2] - position[1]
+    within = dx * dx + dy * dy <= reach * reach
+    return within, float(weights[within].sum())
+
+
+def direction(heard: Heard, weights: Floats) -> Direction:
+    """Mean and standard deviation of the bearings of (J, L) weighted particles."""
+    c, s = float(np.vdot(weights, np.cos(heard.at))), float(np.vdot(weights, np.sin(heard.at)))
+    length = min(math.hypot(c, s), 1.0)
+    return Direction(math.atan2(s, c), math.sqrt(-2.0 * math.log(max(length, 1e-12))))
+
+
+def density(at: Floats, within: Bools, angle: Floats, sigma: Floats) -> Floats:
+    """(N, J, L) normal densities of N bearings at particles of bearings `at` in [-pi, pi], 0 where not `within`."""
+    out = np.empty((len(angle), *at.shape))
+    for i, (a, s) in enumerate(zip(wrap_angle(angle).tolist(), sigma.tolist(), strict=True)):
+        off = np.abs(a - at)
+        np.minimum(off, 2.0 * math.pi - off, out=off)
+        off *= off
+        off *= -0.5 / (s * s)
+        np.exp(off, out=off)
+        off *= 1.0 / (ROOT_2PI * s)
+        np.multiply(off, within, out=out[i])
+    return out
+
+
+def both(one: Heard, mine: Direction, other: Direction, bearings: Bearings, resolution: float) -> Floats:
+    """(N, J, L) density of a bearing of two targets heard as one, for each particle of `one`.
+
+    The bearing is taken for the middle of the two, the other for a Gaussian in bearing: the
+    other is within the resolution with the probability that this Gaussian gives, and then
+    anywhere there, which adds resolution^2 / 12 to the variance.  All zero where the targets,
+    at `mine` and `other`, are too far apart.
+    """
+    gap = abs(wrap_angle(np.array(other.centre - mine.centre)))
+    if resolution <= 0.0 or gap > resolution + NEAR_SIGMAS * (mine.spread + other.spread):
+        return np.zeros_like(one.each)
+    off = wrap_angle(other.centre - one.at)
+    near = close_by(np.ascontiguousarray(off), max(other.spread, 1e-9), resolution)
+    sigma = np.sqrt(bearings.sigma**2 + resolution**2 / 12.0)
+    return density(one.at, one.within, bearings.angle, sigma) * near
+
+
+@kernel
+def close_by(off: Floats, sigma: float, limit: float) -> Floats:
+    """(J, L) probability that a normal of mean `off` and deviation sigma is within +- limit."""
+    out = np.empty_like(off)
+    scale = 1.0 / (math.sqrt(2.0) * sigma)
+    for m in range(off.shape[0]):
+        for l in range(off.shape[1]):  # noqa: E741 - the paper's letter
+            out[m, l] = 0.5 * (math.erf((limit - off[m, l]) * scale) + math.erf((limit + off[m, l]) * scale))
+    return out
+
+
+def associate(alone: Floats, unheard: Floats, shared: Floats, apart: Floats, clutter: Floats) -> Association:
+    """Probabilities of which bearing is whose.
+
+    Args:
+        alone: (K, N) density of bearing i and that target k is heard with it [1/rad]; 0: impossible.
+        unheard: (K,) probability that target k is not heard.
+        shared: (K, K, N) density of bearing i and that both targets are heard with it, symmetric.
+        apart: (K, K) probability that two targets that are both heard are heard apart, symmetric.
+        clutter: (N,) density of bearing i if it is of nobody [1/rad], > 0.
+    """
+    K, N = alone.shape
+    out = Association(np.zeros((K, N)), np.ones(K), np.zeros((K, K, N)), float(np.log(clutter).sum()))
+    evidence = out.log_evidence
+    ratio = np.maximum(alone, shared.max(axis=1, initial=0.0)) / clutter
+    for group, own in _groups(ratio > NEGLIGIBLE, ratio):
+        some = np.ix_(group, group)
+        a, u, s, total = _all_events(
+            alone[group] / clutter,
+            unheard[group],
+            shared[some] / clutter,
+            apart[some],
+            own,
+        )
+        out.alone[group], out.unheard[group], out.shared[some] = a, u, s
+        evidence += math.log(total) if total > 0.0 else -math.inf
+    return out._replace(log_evidence=evidence)
+
+
+def _clusters(possible: Bools) -> list[Ints]:
+    """Targets that share bearings, directly or by others; every target is in one cluster."""
+    left, found = list(range(len(possible))), []
+    while left:
+        mine = [left.pop(0)]
+        heard = possible[mine[0]].copy()
+        grown = True
+        while grown:
+            joins = [k for k in left if (possible[k] & heard).any()]
+            grown = bool(joins)
+            for k in joins:
+                left.remove(k)
+                mine.append(k)
+                heard |= possible[k]
+        found.append(np.array(sorted(mine), dtype=np.int64))
+    return found
+
+
+def _groups(possible: Bools, ratio: Floats) -> list[tuple[Ints, Bools]]:
+    """Targets to be gone through together, and what is possible of them: no more than MOST_EVENTS events each.
+
+    Where there are more, the least likely bearing of a target that has others is left out, which
+    parts targets sooner or later; a target's last bearing goes only if none has another.
+    """
+    left, found = _clusters(possible), []
+    keep = possible.copy()
+    while left:
+        group = left.pop()
+        own = keep[group]
+        if np.prod(1.0 + own.sum(axis=1)) <= MOST_EVENTS:
+            found.append((group, own))
+            continue
+        several = own & (own.sum(axis=1, keepdims=True) > 1)
+        options = several if several.any() else own
+        best = np.where(own, ratio[group], 0.0).max(axis=1, keepdims=True)
+        k, i = np.unravel_index(np.argmin(np.where(options, ratio[group] / best, np.inf)), own.shape)
+        keep[group[k], i] = False
+        left += [group[part] for part in _clusters(keep[group])]
+    return found
+
+
+@kernel
+def _all_events(
+    alone: Floats, unheard: Floats, shared: Floats, apart: Floats, possible: Bools
+) -> tuple[Floats, Floats, Floats, float]:
+    """Sums over all events, `alone` and `shared` in units of the clutter; see `Association`."""
+    K, N = alone.shape
+    p_alone, p_unheard, p_shared = np.zeros((K, N)), np.zeros(K), np.zeros((K, K, N))
+    choice = np.full(K, -1, dtype=np.int64)  # bearing of each target; -1: unheard
+    total = 0.0
+    while True:
+        weight = _event(choice, alone, unheard, shared, apart)
+        if weight > 0.0:
+            total += weight
+            for k in range(K):
+                if choice[k] < 0:
+                    p_unheard[k] += weight
+                    continue
+                other = _partner(choice, k)
+                if other < 0:
+                    p_alone[k, choice[k]] += weight
+                else:
+                    p_shared[k, other, choice[k]] += weight
+        k = 0
+        while k < K:  # the next event, like the digits of a number
+            choice[k] += 1
+            while choice[k] < N and not possible[k, choice[k]]:
+                choice[k] += 1
+            if choice[k] < N:
+                break
+            choice[k] = -1
+            k += 1
+        if k == K:
+            break
+    if total > 0.0:
+        p_alone /= total
+        p_unheard /= total
+        p_shared /= total
+    else:
+        p_unheard[:] = 1.0
+    return p_alone, p_unheard, p_shared, total
+
+
+@kernel
+def _partner(choice: Ints, k: int) -> int:
+    """The other target with the same bearing, or -1."""
+    for other in range(choice.shape[0]):
+        if other != k and choice[other] == choice[k]:
+            return other
+    return -1
+
+
+@kernel
+def _event(choice: Ints, alone: Floats, unheard: Floats, shared: Floats, apart: Floats) -> float:
+    """Weight of one event; 0 if three targets have one bearing."""
+    K = choice.shape[0]
+    weight = 1.0
+    for k in range(K):
+        if choice[k] < 0:
+            weight *= unheard[k]
+            continue
+        other, users = -1, 0
+        for b in range(K):
+            if b != k and choice[b] == choice[k]:
+                other, users = b, users + 1
+        if users > 1:
+            return 0.0
+        if users == 0:
+            weight *= alone[k, choice[k]]
+            for b in range(k):
+                if choice[b] >= 0 and _partner(choice, b) < 0:
+                    weight *= apart[k, b]
+        elif other < k:
+            weight *= shared[k, other, choice[k]]
+        if weight == 0.0:
+            return 0.0
+    return weight
+
+
+def reweigh(
+    weights: Floats,
+    heard: Heard,
+    detection: float,
+    alone: Floats,
+    unheard: float,
+    shared: Sequence[tuple[Floats, Floats]],
+) -> Floats:
+    """(J, L) weights, sum 1, of one target's particles after the association.
+
+    Args:
+        weights: (J, L) before.
+        heard: of this target.
+        detection: probability that a target in range is heard.
+        alone: (N,) row of `Association`.
+        unheard: of this target.
+        shared: for each other target (N,) probabilities and (N, J, L) densities, see `both`.
+    """
+    silent = 1.0 - detection * heard.within
+    out = unheard * silent / max(float(np.vdot(weights, silent)), 1e-300)
+    for each, chance in ((heard.each, alone), *((density, chance) for chance, density in shared)):
+        for i in np.flatnonzero(chance > 0.0):
+            mass = float(np.vdot(weights, each[i]))
+            if mass > 0.0:
+                out = out + (chance[i] / mass) * each[i]
+    new = weights * out
+    total = float(new.sum())
+    return np.asarray(new / total) if total > 0.0 else weights

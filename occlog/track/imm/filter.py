@@ -1,0 +1,312 @@
+"""Filter of several motion models for several targets: what arrays hear, whether anyone is new, and who is gone.
+
+Every target has a cloud of particles of its own ([Lee] Sec. 3.2.1, `occlog.track.imm.kernel`).  What is
+not in the thesis: bearings are associated jointly (`occlog.track.imm.association`; `association=any` is
+the thesis' form), several arrays are taken in one after the other by multiplying weights, and
+every target has a probability that it exists and one that it sounds, from which births, deaths
+and silence follow.
+
+Method `imm` as stages see it: what is heard in, estimates out.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.filter.log_weights import effective_size
+from occlog.records.scene import Scene
+from occlog.track.interface import Estimate
+
+from . import kernel as imm
+from .association import Association, Direction, Heard, associate, both, direction, hear, in_range, reweigh
+from .config import ImmConfig
+from .tracks import (
+    UNLABELLED,
+    UNNUMBERED,
+    Moved,
+    Track,
+    World,
+    after,
+    given,
+    make_world,
+    move,
+    on_line,
+    resampled,
+    standing,
+)
+
+FREE = 0.5
+"""A bearing that is of nobody with more than this probability may be a new target's."""
+
+
+class Look(NamedTuple):
+    """What one array heard at a time; no bearings: it listened in vain."""
+
+    array: int  # place in `scene.arrays`
+    angle: Floats  # (N,) [rad], rising
+    sigma: Floats  # (N,) [rad]
+    label: Ints  # (N,) target, or UNLABELLED
+
+
+class State(NamedTuple):
+    """All targets at the time of the last scan; `t_ns` is None before the first."""
+
+    world: World
+    tracks: tuple[Track, ...]  # confirmed ones first, by number
+    t_ns: int | None
+    free: int  # least number that no track has had
+
+
+class Count(NamedTuple):
+    """How many bearings an array had, and how many were expected."""
+
+    array: int
+    bearings: int
+    targets: int  # tracks in its range, before the scan
+    free: Ints  # bearings of nobody
+
+
+class Belief(NamedTuple):
+    """One confirmed track after a scan."""
+
+    number: int
+    moved: Moved
+    estimate: imm.Estimate
+    ess: float
+
+
+class Report(NamedTuple):
+    """What came of a scan."""
+
+    beliefs: tuple[Belief, ...]  # by number
+    counts: tuple[Count, ...]
+    looks: tuple[Look, ...]
+    log_evidence: float  # of all bearings
+
+
+def init(scene: Scene, config: ImmConfig, rng: Generator) -> State:
+    """The state before the first scan: nobody, or those whom `config.start` tells."""
+    tracks = given(config, 0, rng)
+    return State(make_world(scene, config), tracks, None, len(tracks))
+
+
+def step(state: State, t_ns: int, looks: tuple[Look, ...], rng: Generator) -> tuple[State, Report]:
+    """The state after a scan of any arrays, and what came of it; not earlier than the last."""
+    world = state.world
+    dt = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
+    known = state.tracks if state.t_ns is not None else tuple(t._replace(met_ns=t_ns) for t in state.tracks)
+    moved = [move(world, track, dt, rng) for track in known]
+    counts, evidence = [], 0.0
+    for look in looks:
+        expected = sum(_in_range(world, m, look.array) for m in moved if m.track.number != UNNUMBERED)
+        moved, free, fit = _listen(world, moved, look)
+        evidence += fit
+        counts.append(Count(look.array, len(look.angle), expected, free))
+        moved += _births(world, look, free, {m.track.number for m in moved}, t_ns, rng)
+    moved = [m._replace(track=_met(m, t_ns)) for m in moved]
+    moved = [m for m in moved if _alive(m.track, t_ns, world.config)]
+    moved, least = _numbered(moved, state.free, world.config)
+    tracks = tuple(resampled(m, world.config.particles, rng) for m in moved)
+    beliefs = tuple(
+        Belief(m.track.number, m, imm.moments(m.predicted, m.weights), effective_size(m.weights.ravel()))
+        for m in moved
+        if m.track.number != UNNUMBERED
+    )
+    return State(world, tracks, t_ns, least), Report(beliefs, tuple(counts), looks, evidence)
+
+
+def _in_range(world: World, moved: Moved, array: int) -> bool:
+    """Whether the middle of a track is in an array's range."""
+    if math.isinf(world.reach[array]):
+        return True
+    x, y = np.einsum("ml,mlc->c", moved.weights, moved.predicted)[::2] - world.places[array]
+    return math.hypot(x, y) <= float(world.reach[array])
+
+
+def _listen(world: World, moved: list[Moved], look: Look) -> tuple[list[Moved], Ints, float]:
+    """Tracks after an array's bearings, which of these are of nobody, and the log density of all."""
+    bearings = imm.Bearings(look.angle, look.sigma, world.places[look.array])
+    if (look.label != UNLABELLED).any():
+        moved = _labelled(world, moved, look, bearings)
+    take = _take_any if world.config.association == "any" else _take_jointly
+    found, moved = take(world, moved, look, bearings, _allowed(moved, look))
+    taken = found.alone.sum(axis=0) + 0.5 * found.shared.sum(axis=(0, 1))
+    return moved, np.flatnonzero(taken < 1.0 - FREE), found.log_evidence
+
+
+def _labelled(world: World, moved: list[Moved], look: Look, bearings: imm.Bearings) -> list[Moved]:
+    """The tracks with labels that are new given to those who fit them best."""
+    reach = float(world.reach[look.array])
+    fits = np.array([hear(m.predicted, m.weights, bearings, reach).fit for m in moved])
+    fits = fits.reshape(len(moved), len(look.angle))
+    for i in np.flatnonzero(look.label != UNLABELLED).tolist():
+        if any(m.track.label == look.label[i] for m in moved):
+            continue
+        fit = [f if m.track.label == UNLABELLED else 0.0 for m, f in zip(moved, fits[:, i].tolist(), strict=True)]
+        if fit and max(fit) > 1.0 / (2.0 * math.pi):
+            k = int(np.argmax(fit))
+            moved[k] = moved[k]._replace(track=moved[k].track._replace(label=int(look.label[i])))
+    return moved
+
+
+def _allowed(moved: list[Moved], look: Look) -> Bools:
+    """(K, N) whether bearing i can be of track k: labels must agree, and a track's own label excludes others."""
+    if (look.label == UNLABELLED).all():
+        return np.ones((len(moved), len(look.label)), dtype=np.bool_)
+    own = np.array([m.track.label for m in moved], dtype=np.int64)[:, None]
+    same = own == look.label
+    spoken = (same & (own != UNLABELLED)).any(axis=1, keepdims=True)  # its own bearing is among them
+    return np.asarray(np.where(spoken, same, look.label == UNLABELLED))
+
+
+def _clutter(world: World, angle: Floats) -> Floats:
+    return np.full(len(angle), world.config.clutter / (2.0 * math.pi))
+
+
+def _take_jointly(
+    world: World, moved: list[Moved], look: Look, bearings: imm.Bearings, allowed: Bools
+) -> tuple[Association, list[Moved]]:
+    """Joint association, and what it does to the tracks."""
+    K, N, config = len(moved), len(look.angle), world.config
+    heard = [hear(m.predicted, m.weights, bearings, float(world.reach[look.array])) for m in moved]
+    exists = np.array([m.track.exists for m in moved])
+    chance = np.array([m.track.sounds for m in moved]) * config.detection
+    fit = np.array([h.fit for h in heard]).reshape(K, N)
+    alone = (exists * chance)[:, None] * fit * allowed
+    unheard = 1.0 - exists * chance * np.array([h.reached for h in heard])
+    # Nobody else can be heard with a label.
+    unheard = np.where((allowed & (look.label != UNLABELLED)).any(axis=1), 1e-6 * unheard, unheard)
+    shared, apart, pairs = _together(world, moved, look, bearings, heard)
+    shared *= (exists * chance)[:, None, None] * (exists * chance)[:, None] * allowed[:, None] * allowed
+    found = associate(alone, unheard, shared, apart, _clutter(world, look.angle))
+    out = []
+    for k, m in enumerate(moved):
+        mine = [(found.shared[k, b], pairs[k, b]) for b in range(K) if (k, b) in pairs]
+        weights = reweigh(m.weights, heard[k], float(chance[k]), found.alone[k], float(found.unheard[k]), mine)
+        out.append(_after(m, weights, heard[k].reached, config, float(found.unheard[k]), look.array))
+    return found, out
+
+
+def _together(
+    world: World, moved: list[Moved], look: Look, bearings: imm.Bearings, heard: list[Heard]
+) -> tuple[Floats, Floats, dict[tuple[int, int], Floats]]:
+    """Two targets heard as one: (K, K, N) densities, (K, K) probabilities to be heard apart, and those by particle."""
+    K, N, resolution = len(moved), len(look.angle), float(world.resolution[look.array])
+    shared, apart = np.zeros((K, K, N)), np.ones((K, K))
+    pairs: dict[tuple[int, int], Floats] = {}
+    if K < 2 or not N or resolution <= 0.0:
+        return shared, apart, pairs
+    at = [direction(h, m.weights) for h, m in zip(heard, moved, strict=True)]
+    for k, b in permutations(range(K), 2):
+        each = both(heard[k], at[k], at[b], bearings, resolution)
+        if each.any():
+            pairs[k, b] = each
+            mean = 0.5 * np.einsum("nml,ml->n", each, moved[k].weights)  # the two ways to see it are averaged
+            shared[k, b] += mean
+            shared[b, k] += mean
+            apart[k, b] = apart[b, k] = _apart(at[k], at[b], resolution)
+    return shared, apart, pairs
+
+
+def _apart(one: Direction, other: Direction, resolution: float) -> float:
+    """Probability that two targets are heard apart, both taken for Gaussians in bearing."""
+    gap = math.remainder(one.centre - other.centre, 2.0 * math.pi)
+    scale = math.sqrt(2.0) * max(math.hypot(one.spread, other.spread), 1e-9)
+    return 1.0 - 0.5 * (math.erf((resolution - gap) / scale) + math.erf((resolution + gap) / scale))
+
+
+def _take_any(
+    world: World, moved: list[Moved], look: Look, bearings: imm.Bearings, allowed: Bools
+) -> tuple[Association, list[Moved]]:
+    """Every track takes any bearing, [Lee] Eq. 3.6; silence says nothing of where it is."""
+    K, N, config = len(moved), len(look.angle), world.config
+    alone, unheard, out, evidence = np.zeros((K, N)), np.ones(K), [], 0.0
+    for k, m in enumerate(moved):
+        some = np.flatnonzero(allowed[k])
+        reached = in_range(m.predicted, m.weights, bearings.position, float(world.reach[look.array]))[1]
+        weights, fit = m.weights, np.zeros(len(some))
+        chance = m.track.exists * m.track.sounds * config.detection
+        if len(some):
+            own = imm.Bearings(bearings.angle[some], bearings.sigma[some], bearings.position)
+            found = imm.weigh(m.predicted, m.weights, own)
+            weights, evidence = found.total, evidence + found.log_evidence
+            # The mean density of each bearing is its share of that of all.
+            share = found.each.reshape(len(some), -1).sum(axis=1)
+            fit = chance * math.exp(found.log_evidence) * share * (2.0 * math.pi / config.clutter)
+        missed = 1.0 - chance * reached
+        alone[k, some] = fit / (fit.sum() + missed)
+        unheard[k] = missed / (fit.sum() + missed)
+        out.append(_after(m, weights, reached, config, float(unheard[k]), look.array))
+    return Association(alone, unheard, np.zeros((K, K, N)), evidence), out
+
+
+def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard: float, array: int) -> Moved:
+    track = after(m.track, reached, config.detection, unheard)
+    arrays = (*m.arrays, array)
+    return m._replace(track=track, weights=weights, heard=m.heard or unheard < FREE, arrays=arrays)
+
+
+def _births(world: World, look: Look, free: Ints, numbers: set[int], t_ns: int, rng: Generator) -> list[Moved]:
+    """New tracks on the sight lines of bearings that are of nobody; a label that is a track's number gets another."""
+    # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
+    config, born = world.config, []
+    unaided = config.birth > 0.0 and config.association == "joint"
+    for i in free.tolist():
+        label = int(look.label[i])
+        if unaided or label != UNLABELLED:
+            track = on_line(world, look.array, float(look.angle[i]), float(look.sigma[i]), t_ns, label, rng)
+            if track.number in numbers:
+                track = track._replace(number=UNNUMBERED)
+            numbers.add(track.number)
+            born.append(standing(world, track)._replace(arrays=(look.array,)))
+    return born
+
+
+def _met(m: Moved, t_ns: int) -> Track:
+    """The track with its hits and the time of the last."""
+    if not m.heard:
+        return m.track
+    return m.track._replace(hits=m.track.hits + (not m.born), met_ns=t_ns)
+
+
+def _alive(track: Track, t_ns: int, config: ImmConfig) -> bool:
+    return track.exists >= config.die and t_ns - track.met_ns <= config.forget_s * NS
+
+
+def _numbered(moved: list[Moved], free: int, config: ImmConfig) -> tuple[list[Moved], int]:
+    """The tracks with numbers for those that are confirmed now, in the order of these; and the least free number."""
+    out = []
+    for m in moved:
+        track = m.track
+        if track.number == UNNUMBERED and track.exists >= config.confirm and track.hits >= config.confirm_hits:
+            track, free = track._replace(number=free), free + 1
+        free = max(free, track.number + 1)
+        out.append(m._replace(track=track))
+    return sorted(out, key=lambda m: (m.track.number == UNNUMBERED, m.track.number)), free
+
+
+def estimates(report: Report, scene: Scene) -> list[tuple[int, Estimate]]:
+    """The confirmed targets' estimates by number."""
+    return [(belief.number, _estimate(belief, report, len(scene.cameras))) for belief in report.beliefs]
+
+
+def _estimate(belief: Belief, report: Report, cameras: int) -> Estimate:
+    e, m = belief.estimate, belief.moved
+    evidence = report.log_evidence
+    return Estimate(
+        xy=e.mean[::2],
+        velocity=e.mean[1::2],
+        covariance=np.ascontiguousarray(e.covariance[::2, ::2]),
+        ess=belief.ess,
+        log_likelihood=evidence if math.isfinite(evidence) else math.nan,
+        n_looked=len(report.looks),
+        n_seen=int(m.heard),
+        fallback="",
+        used=tuple(cameras + a for a in m.arrays),
+    )

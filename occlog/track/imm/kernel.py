@@ -1,0 +1,346 @@
+"""Particle filter of several motion models for one target and unlabelled bearings ([Lee] Sec. 3.2-3.3).
+
+L particles are moved under each of J models (Eq. 3.3) and weighed by each of N bearings, any
+of which may be the target's (Eqs. 3.5-3.6); L are drawn again.  With w_m^i(l) the weight of
+particle l of model m for bearing i, normalised over all three, the estimate is
+
+    beta_m^i = sum_l w,  mu_m = sum_i beta_m^i,  mean = sum w x,
+
+not the print's Eqs. 3.7-3.11, which are no average of x; `printed_estimate` keeps those for
+comparison.  Bearings are atan2 about the sensor and differences are wrapped.  A bearing of
+no target of this filter (another target's, an echo) is not thought of: whoever calls says
+which bearings come into question, and `log_evidence` says how well they fit.
+
+States are [x, vx, y, vy]; models are rows of `turns`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.filter.resampling import systematic_ancestors
+from occlog.core.motion.turns import move_under_all
+from occlog.core.numerics.jit import array_kernel, kernel
+from occlog.core.sight.camera import wrap_angle
+
+CHI2_95 = -2.0 * math.log(0.05)
+"""5.991: squared radius of the ellipse that holds 95 % of a Gaussian in the plane."""
+LEAST_LOG = -708.0
+"""Weights are 0 below the exponential of this, the least that is a normal number."""
+RANGE_SIGMAS = 2.0
+"""Half width of the 95 % range of a bearing, as printed in [Lee] Eq. 3.15."""
+
+
+class Cloud(NamedTuple):
+    """Equally weighted particles after a step."""
+
+    states: Floats  # (L, 4)
+    models: Ints  # (L,) model each was moved under; read only if there are switching probabilities
+
+
+class Motion(NamedTuple):
+    """How targets move; see `turns.move`."""
+
+    models: Floats  # (J, 3)
+    root: Floats  # (2, 2) noise of this step
+    switching: Floats | None = None  # (J, J) P(now v | before u), rows sum to 1; None: every model alike
+
+
+class Bearings(NamedTuple):
+    """Bearings of one sensor at one time, in any order; N = 0 is silence."""
+
+    angle: Floats  # (N,) [rad]
+    sigma: Floats  # (N,) standard deviations [rad], > 0
+    position: Floats  # (2,) of the sensor
+
+
+class Draws(NamedTuple):
+    """The random numbers of one step."""
+
+    normals: Floats  # (J, L, 4) standard normal
+    u: float  # from U[0, 1)
+    picks: Floats  # (L,) from U[0, 1)
+
+
+class Weights(NamedTuple):
+    """Weights of one step, and how well the bearings fit."""
+
+    each: Floats  # (N, J, L) w_m^i(l) of Eq. 3.6, sum 1
+    total: Floats  # (J, L) sum over i; the weights before the bearings if there are none
+    log_evidence: float  # log of sum over i of the predicted density of bearing i [1/rad]; 0 if there are none
+
+
+class Estimate(NamedTuple):
+    """Weighted moments of one step; for a model of no weight its mean and covariance are NaN."""
+
+    mean: Floats  # (4,)
+    covariance: Floats  # (4, 4)
+    mu: Floats  # (J,) probability of each model, sum 1
+    means: Floats  # (J, 4) of each model
+    covariances: Floats  # (J, 4, 4) of each model
+
+
+class Step(NamedTuple):
+    """Everything one step yields.
+
+    The ellipses of Eq. 3.16 are those of the predicted particles: `moments(predicted, prior)`.
+    """
+
+    cloud: Cloud
+    estimate: Estimate
+    predicted: Floats  # (J, L, 4)
+    prior: Floats  # (J, L) weights of the predicted particles before the bearings
+    weights: Weights
+
+
+def draw(rng: np.random.Generator, models: int, particles: int) -> Draws:
+    """The random numbers of one step for J models and L particles."""
+    return Draws(rng.standard_normal((models, particles, 4)), float(rng.random()), rng.random(particles))
+
+
+def step(cloud: Cloud, motion: Motion, dt: float, bearings: Bearings, draws: Draws) -> Step:
+    """One step of the filter: move, weigh, estimate, draw anew; [Lee] Eqs. 3.3-3.6.
+
+    Args:
+        cloud: the particles after the step before.
+        motion: models and noise.
+        dt: time since the step before [s].
+        bearings: what the sensor heard; nothing leaves the weights as they are.
+        draws: see `draw`.
+    """
+    predicted = move_under_all(cloud.states, motion.models, dt, motion.root, draws.normals)
+    prior = prior_weights(cloud.models, len(motion.models), motion.switching)
+    weights = weigh(predicted, prior, bearings)
+    rows, models = resample(weights.total, draws.u, draws.picks)
+    cloud = Cloud(taken(predicted, models, rows), models)
+    return Step(cloud, moments(predicted, weights.total), predicted, prior, weights)
+
+
+def prior_weights(models: Ints, count: int, switching: Floats | None) -> Floats:
+    """(J, L) weights, sum 1, of particles moved under all J = `count` models, before any bearing.
+
+    Args:
+        models: (L,) model of each particle in the step before.
+        count: number of models.
+        switching: see `Motion`; None gives equal weights, as in the thesis.
+    """
+    if switching is None:
+        return np.full((count, len(models)), 1.0 / (count * len(models)))
+    return np.ascontiguousarray(switching[models].T) / len(models)
+
+
+def weigh(predicted: Floats, prior: Floats, bearings: Bearings) -> Weights:
+    """Weights of (J, L, 4) particles with (J, L) weights before; [Lee] Eqs. 3.4-3.6 in the log domain."""
+    if len(bearings.angle) == 0:
+        return Weights(np.zeros((0, *prior.shape)), prior, 0.0)
+    x0, y0 = bearings.position
+    # NumPy's arctan2 is several times as fast as that of a compiled loop.
+    at = np.arctan2(predicted[..., 2] - y0, predicted[..., 0] - x0)
+    each, top = _log_weights(at, prior, wrap_angle(bearings.angle), bearings.sigma, np.log(bearings.sigma))
+    total, mass = _times_prior(each, top, prior)
+    each /= mass
+    return Weights(each, total / mass, top + math.log(mass) - 0.5 * math.log(2.0 * math.pi))
+
+
+@array_kernel
+def _log_weights(at: Floats, prior: Floats, angle: Floats, sigma: Floats, scale: Floats) -> tuple[Floats, float]:
+    """(N, J, L) log likelihoods, up to a constant, and the largest; angles in [-pi, pi].
+
+    They are -inf where the prior is 0: what cannot be must not set the scale, all others
+    might vanish beside it.
+    """
+    N, (J, L) = angle.shape[0], prior.shape
+    each = np.empty((N, J, L))
+    top = -math.inf
+    for i in range(N):
+        for m in range(J):
+            for l in range(L):  # noqa: E741 - the paper's letter
+                off = abs(angle[i] - at[m, l])
+                off = min(off, 2.0 * math.pi - off) / sigma[i]
+                log_weight = -0.5 * off * off - scale[i] if prior[m, l] > 0.0 else -math.inf
+                each[i, m, l] = log_weight
+                top = max(top, log_weight)
+    return each, top
+
+
+@array_kernel
+def _times_prior(each: Floats, top: float, prior: Floats) -> tuple[Floats, float]:
+    """Weights of log weights `each`, relative to the largest, times the prior, in place; sums over i, (J, L), and all.
+
+    Most bearings are far from most particles: there is no exponential to be had for them.
+    """
+    N, J, L = each.shape
+    total = np.zeros((J, L))
+    mass = 0.0
+    for i in range(N):
+        for m in range(J):
+            for l in range(L):  # noqa: E741 - the paper's letter
+                log_weight = each[i, m, l] - top
+                each[i, m, l] = math.exp(log_weight) * prior[m, l] if log_weight > LEAST_LOG else 0.0
+                total[m, l] += each[i, m, l]
+                mass += each[i, m, l]
+    return total, mass
+
+
+def moments(particles: Floats, weights: Floats) -> Estimate:
+    """Mean and covariance of (J, L, 4) particles with (J, L) weights of sum 1, in all and for each model."""
+    mu, means, covariances = _moments(particles, weights)
+    some = mu > 0.0
+    mean = mu[some] @ means[some]
+    off = means[some] - mean
+    covariance = np.einsum("m,mab->ab", mu[some], covariances[some]) + (mu[some] * off.T) @ off
+    return Estimate(mean, covariance, mu, means, covariances)
+
+
+@array_kernel
+def _moments(x: Floats, w: Floats) -> tuple[Floats, Floats, Floats]:
+    """mu, means and covariances of `Estimate`; sums are kept in variables of their own, which is twice as fast."""
+    J, L = w.shape
+    mu, means, covariances = np.zeros(J), np.full((J, 4), math.nan), np.full((J, 4, 4), math.nan)
+    for m in range(J):
+        total = s0 = s1 = s2 = s3 = 0.0
+        for l in range(L):  # noqa: E741 - the paper's letter
+            total += w[m, l]
+            s0 += w[m, l] * x[m, l, 0]
+            s1 += w[m, l] * x[m, l, 1]
+            s2 += w[m, l] * x[m, l, 2]
+            s3 += w[m, l] * x[m, l, 3]
+        mu[m] = total
+        if not total > 0.0:
+            continue
+        m0, m1, m2, m3 = s0 / total, s1 / total, s2 / total, s3 / total
+        c00 = c10 = c11 = c20 = c21 = c22 = c30 = c31 = c32 = c33 = 0.0
+        for l in range(L):  # noqa: E741
+            o0, o1, o2, o3 = x[m, l, 0] - m0, x[m, l, 1] - m1, x[m, l, 2] - m2, x[m, l, 3] - m3
+            w0, w1, w2, w3 = w[m, l] * o0, w[m, l] * o1, w[m, l] * o2, w[m, l] * o3
+            c00 += w0 * o0
+            c10 += w1 * o0
+            c11 += w1 * o1
+            c20 += w2 * o0
+            c21 += w2 * o1
+            c22 += w2 * o2
+            c30 += w3 * o0
+            c31 += w3 * o1
+            c32 += w3 * o2
+            c33 += w3 * o3
+        means[m] = np.array([m0, m1, m2, m3])
+        lower = np.array([[c00, c10, c20, c30], [c10, c11, c21, c31], [c20, c21, c22, c32], [c30, c31, c32, c33]])
+        covariances[m] = lower / total
+    return mu, means, covariances
+
+
+def resample(weights: Floats, u: float, picks: Floats) -> tuple[Ints, Ints]:
+    """Rows and models, (n,) each, of n particles drawn from (J, L) weights of sum 1.
+
+    Rows l are drawn systematically by their weight over all models, each row's model by a
+    draw of its own.  In silence every row is so kept exactly once, under any model; one
+    systematic draw from all J L would there take every J-th and with it one model in step.
+
+    Args:
+        weights: (J, L).
+        u: one draw from U[0, 1).
+        picks: (n,) draws from U[0, 1).
+    """
+    rows = systematic_ancestors(weights.sum(axis=0), len(picks), u)
+    return rows, _models_of(weights, rows, picks)
+
+
+@kernel
+def taken(predicted: Floats, models: Ints, rows: Ints) -> Floats:
+    """(n, 4) particles predicted[models, rows], of (J, L, 4)."""
+    out = np.empty((rows.shape[0], 4))
+    for i in range(rows.shape[0]):
+        for a in range(4):
+            out[i, a] = predicted[models[i], rows[i], a]
+    return out
+
+
+@kernel
+def _models_of(weights: Floats, rows: Ints, picks: Floats) -> Ints:
+    """(n,) a model of each row, drawn by the row's weights; one without weight is never taken."""
+    J, n = weights.shape[0], rows.shape[0]
+    models = np.empty(n, dtype=np.int64)
+    for i in range(n):
+        whole = 0.0
+        for m in range(J):
+            whole += weights[m, rows[i]]
+        point, passed, chosen = picks[i] * whole, 0.0, -1
+        for m in range(J):
+            w = weights[m, rows[i]]
+            # The last with weight is taken where rounding lets the point be at the sum.
+            if w > 0.0 and (chosen < 0 or passed <= point):
+                chosen = m
+            passed += w
+        models[i] = max(chosen, 0)
+    return models
+
+
+def association(weights: Weights) -> Floats:
+    """(N, J) beta_m^i: the probability that the bearing is i and the model m."""
+    return np.asarray(weights.each.sum(axis=2))
+
+
+def printed_estimate(predicted: Floats, weights: Weights) -> tuple[Floats, Floats]:
+    """Mean (4,) and mu (J,) by [Lee] Eqs. 3.7-3.11 as printed: far off, for the reproduction only.
+
+    Raises:
+        ValueError: no bearings, for which the print has no estimate.
+    """
+    if len(weights.each) == 0:
+        raise ValueError("the printed estimate needs at least one bearing")
+    sums = association(weights)
+    heard = sums.sum(axis=1, keepdims=True)
+    mu_i = np.divide(sums, heard, out=np.zeros_like(sums), where=heard > 0.0)
+    x_i = np.einsum("iml,mla->ima", weights.each, predicted)
+    x_m = (x_i * mu_i[:, :, None]).sum(axis=0)
+    mu = mu_i.sum(axis=0) / mu_i.sum()
+    return mu @ x_m, mu
+
+
+def count_differs(bearings: int, objects: int) -> bool:
+    """True if the number of bearings is not that of the objects known before; [Lee] Eq. 3.14."""
+    return bearings != objects
+
+
+def outside_ranges(mean: Floats, bearings: Bearings) -> bool:
+    """True if the bearing of the (4,) estimate is in no bearing's 95 % range; [Lee] Eq. 3.15, wrapped.
+
+    In silence there is no range, and it is True.
+    """
+    bearing = math.atan2(mean[2] - bearings.position[1], mean[0] - bearings.position[0])
+    off = np.abs(wrap_angle(bearings.angle - bearing))
+    return bool(np.all(off > RANGE_SIGMAS * bearings.sigma))
+
+
+def outside_ellipses(mean: Floats, means: Floats, covariances: Floats) -> bool:
+    """True if the position of the (4,) estimate is in no model's 95 % ellipse; [Lee] Eq. 3.16.
+
+    Args:
+        mean: (4,) estimate.
+        means: (J, 4) of the models' particles; a model with NaN has no ellipse.
+        covariances: (J, 4, 4) of them; without extent the ellipse is a line or a point.
+    """
+    for centre, covariance in zip(means[:, ::2], covariances[:, ::2, ::2], strict=True):
+        if np.isnan(centre).any():
+            continue
+        values, axes = np.linalg.eigh(covariance)
+        along = axes.T @ (mean[::2] - centre)
+        # Lengths below rounding of the position count as none.
+        reach = np.maximum(values, (1e-12 * (1.0 + np.abs(centre).max())) ** 2)
+        if np.sum(along * along / reach) <= CHI2_95:
+            return False
+    return True
+
+
+def spread(covariance: Floats) -> float:
+    """Root of the trace of the position's covariance, of a (4, 4) one of the state [length]."""
+    return math.sqrt(max(0.0, float(covariance[0, 0] + covariance[2, 2])))
+
+
+def spread_above(covariance: Floats, limit: float) -> bool:
+    """True if `spread` is above the limit [length]."""
+    return spread(covariance) > limit

@@ -1,0 +1,210 @@
+"""Tracks of the filter of several motion models: how they begin, move, count as existing, and end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Floats
+from occlog.core.motion.turns import acceleration_root, move_under_all, three_models
+from occlog.core.plane.polygons import inside_polygon
+from occlog.records.scene import Scene
+
+from . import kernel as imm
+from .config import START_NUMBERS, ImmConfig
+
+UNNUMBERED = -1
+"""Number of a track that is not confirmed."""
+UNLABELLED = -1
+FEW_INSIDE = 0.1
+"""If no more than this share of a cloud stays in the room, the others are put back instead of left out."""
+ROUNDS = 20
+"""Places on a sight line are drawn this often until enough of them are in the room."""
+
+
+class Track(NamedTuple):
+    """One target, or what may be one."""
+
+    number: int  # UNNUMBERED until it is confirmed
+    label: int  # identity that sensors give it; UNLABELLED: none did
+    cloud: imm.Cloud
+    exists: float  # probability
+    sounds: float  # probability that it is not silent, if it exists
+    hits: int  # times at which it was heard
+    met_ns: int  # when it was heard or seen last
+
+
+class Moved(NamedTuple):
+    """A track at the time of a scan, before and while its bearings are taken in."""
+
+    track: Track
+    predicted: Floats  # (J, L, 4)
+    prior: Floats  # (J, L) before the scan
+    weights: Floats  # (J, L)
+    born: bool = False
+    heard: bool = False  # a bearing of the scan is more likely than not of it
+    arrays: tuple[int, ...] = ()  # that listened
+
+
+class World(NamedTuple):
+    """What does not change with time."""
+
+    config: ImmConfig
+    models: Floats  # (3, 3) of `turns`
+    places: Floats  # (A, 2) of the arrays
+    reach: Floats  # (A,)
+    resolution: Floats  # (A,) [rad]
+    region: Floats  # (P, 2) where new targets can be
+    walls: bool  # and where all must stay
+    longest: float  # no sight line in the region is longer
+
+
+def make_world(scene: Scene, config: ImmConfig) -> World:
+    """The scene's arrays and room, for the filter."""
+    arrays = scene.arrays
+    places = np.array([a.position[:2] for a in arrays], dtype=np.float64).reshape(-1, 2)
+    region = np.ascontiguousarray(scene.region)
+    corners = np.concatenate([region, places])
+    longest = float(np.hypot(*(corners.max(axis=0) - corners.min(axis=0))))
+    return World(
+        config,
+        three_models(config.alpha),
+        places,
+        np.array([_reach(a.range, float(a.position[2]), config.height) for a in arrays], dtype=np.float64),
+        np.array([a.resolution for a in arrays], dtype=np.float64),
+        region,
+        config.walls and scene.room is not None,
+        longest,
+    )
+
+
+def _reach(far: float, height: float, sources: float | None) -> float:
+    """How far on the ground an array hears sources of a height; None: the range is taken on the ground."""
+    if sources is None or math.isinf(far):
+        return far
+    return math.sqrt(max(far**2 - (height - sources) ** 2, 0.0))
+
+
+def given(config: ImmConfig, t_ns: int, rng: Generator) -> tuple[Track, ...]:
+    """Tracks of the targets that are known at first, confirmed, numbered from 0."""
+    starts = np.reshape(config.start or (), (-1, START_NUMBERS)).tolist()
+    return tuple(known(config, n, start, t_ns, rng) for n, start in enumerate(starts))
+
+
+def known(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng: Generator) -> Track:
+    """A confirmed track of a target whose state X, Y, SIGMA, VX, VY, SIGMA_V is known."""
+    x, y, s, vx, vy, sv = start
+    states = np.array([x, vx, y, vy]) + rng.standard_normal((config.particles, 4)) * np.array([s, sv, s, sv])
+    return Track(number, UNLABELLED, _cloud(states), 1.0, 1.0, config.confirm_hits, t_ns)
+
+
+def on_line(world: World, array: int, angle: float, sigma: float, t_ns: int, label: int, rng: Generator) -> Track:
+    """A track somewhere on the sight line of a bearing: as far as the array hears, and in the room.
+
+    Places are equally likely per length of the line; where none is in the room any will do.
+    """
+    config = world.config
+    n = config.particles * config.birth_factor
+    longest = min(float(world.reach[array]), world.longest)
+    xy, count = np.empty((0, 2)), 0
+    for _ in range(ROUNDS):
+        r, at = longest * rng.random(n), angle + sigma * rng.standard_normal(n)
+        new = world.places[array] + np.column_stack([r * np.cos(at), r * np.sin(at)])
+        good = new[inside_polygon(new, world.region)]
+        xy, count = np.concatenate([xy, good]), count + len(good)
+        if count >= n or not count:
+            break
+    xy = xy[:n] if count else new
+    if len(xy) < n:
+        xy = xy[rng.integers(len(xy), size=n)]
+    velocity = config.speed * rng.standard_normal((n, 2))
+    states = np.column_stack([xy[:, 0], velocity[:, 0], xy[:, 1], velocity[:, 1]])
+    labelled = label != UNLABELLED
+    exists = 1.0 if labelled else config.birth
+    return Track(label if labelled else UNNUMBERED, label, _cloud(states), exists, 1.0, 1, t_ns)
+
+
+def at_place(
+    world: World, place: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
+) -> Track:
+    """A confirmed track of somebody whom cameras found."""
+    config = world.config
+    n = config.particles
+    xy = rng.multivariate_normal(place, covariance, n, method="eigh")
+    velocity = config.speed * rng.standard_normal((n, 2))
+    states = np.column_stack([xy[:, 0], velocity[:, 0], xy[:, 1], velocity[:, 1]])
+    return Track(number, label, _cloud(states), 1.0, 1.0, config.confirm_hits, t_ns)
+
+
+def _cloud(states: Floats) -> imm.Cloud:
+    return imm.Cloud(np.ascontiguousarray(states), np.zeros(len(states), dtype=np.int64))
+
+
+def move(world: World, track: Track, dt: float, rng: Generator) -> Moved:
+    """The track after a time [s] under every motion model, by [Lee] Eq. 3.3; nobody leaves the room."""
+    config, cloud = world.config, track.cloud
+    J, L = len(world.models), len(cloud.states)
+    normals = rng.standard_normal((J, L, 4))
+    root = acceleration_root(config.sigma_v**2, dt)
+    predicted = move_under_all(cloud.states, world.models, dt, root, normals)
+    prior = imm.prior_weights(cloud.models, J, switching(J, dt, config.hold_s))
+    if world.walls:
+        inside = inside_polygon(np.ascontiguousarray(predicted[..., ::2].reshape(-1, 2)), world.region).reshape(J, L)
+        mass = float(prior[inside].sum())
+        if FEW_INSIDE < mass < 1.0:
+            prior = np.where(inside, prior, 0.0) / mass
+        elif mass < 1.0:
+            # Who walks into a wall stands there.
+            predicted = np.where(inside[..., None], predicted, cloud.states * np.array([1.0, 0.0, 1.0, 0.0]))
+    off, on = _chance(dt, config.sound_s), _chance(dt, config.silent_s)
+    sounds = track.sounds * (1.0 - off) + (1.0 - track.sounds) * on
+    return Moved(track._replace(sounds=sounds), predicted, prior, prior)
+
+
+def standing(world: World, track: Track) -> Moved:
+    """A new track at its own time, under all models alike."""
+    J, L = len(world.models), len(track.cloud.states)
+    prior = np.full((J, L), 1.0 / (J * L))
+    return Moved(track, np.repeat(track.cloud.states[None], J, axis=0), prior, prior, born=True, heard=True)
+
+
+def switching(models: int, dt: float, hold_s: float | None) -> Floats | None:
+    """(J, J) probabilities of the models after a time; None if they are all alike."""
+    if hold_s is None:
+        return None
+    stay = math.exp(-dt / hold_s)
+    return np.asarray(np.full((models, models), (1.0 - stay) / models) + stay * np.eye(models))
+
+
+def _chance(dt: float, mean_s: float) -> float:
+    return -math.expm1(-dt / mean_s)
+
+
+def after(track: Track, reached: float, detection: float, unheard: float) -> Track:
+    """The track's probabilities once an array has listened.
+
+    Args:
+        track: before.
+        reached: probability that it is in the array's range.
+        detection: that a target in range is heard, if it sounds.
+        unheard: probability that no bearing was of it, given everything that was heard.
+    """
+    missed = 1.0 - track.sounds * detection * reached  # not heard, if it exists
+    silent_too = 1.0 - track.exists + track.exists * missed  # not heard, if it exists or not
+    there = unheard * track.exists * missed / silent_too if silent_too > 0.0 else 0.0
+    exists = 1.0 - unheard + there
+    still = track.sounds * (1.0 - detection * reached) / missed if missed > 0.0 else 1.0
+    sounds = (1.0 - unheard + there * still) / exists if exists > 0.0 else track.sounds
+    return track._replace(exists=min(exists, 1.0), sounds=min(sounds, 1.0))
+
+
+def resampled(moved: Moved, particles: int, rng: Generator) -> Track:
+    """The track with its particles drawn anew; a track that is not confirmed keeps all that it has."""
+    track = moved.track
+    n = particles if track.number != UNNUMBERED else len(track.cloud.states)
+    rows, models = imm.resample(moved.weights, float(rng.random()), rng.random(n))
+    return track._replace(cloud=imm.Cloud(imm.taken(moved.predicted, models, rows), models))

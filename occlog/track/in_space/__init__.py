@@ -1,0 +1,1 @@
+"""Methods `direct3d` and `pps`: particle filters in space."""

@@ -1,0 +1,176 @@
+"""Particle filter of one target in space, state (x, y, z, vx, vy, vz): the direct method of [Lee] Ch. 2.
+
+A SIR filter.  Departures from the thesis, each with its reason:
+
+* particles are resampled only when their effective number is low, and then from a kernel
+  density (`occlog.track.in_space.kernels.resampling`) that leaves mean and covariance as they are: without
+  process noise mere copies would become one place;
+* where nearly no particle agrees with a scan its likelihood is flattened (`space_resample.weigh`), since the
+  spread of one or two particles would be taken for certainty;
+* a labelled report may be false with a small probability, so that one outlier does not end a track;
+* a filter that a sensor contradicts for some scans starts anew from the scan (`restart`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.core.filter.log_weights import effective_size, normalise
+from occlog.core.motion.in_space import moved
+from occlog.measure.scans.scan import Scan
+from occlog.records.scene import Scene
+from occlog.track.in_space.kernels.resampling import best_width, moments, redraw, weigh
+from occlog.track.interface import Cloud, Estimate, Height
+
+from .config import Direct3dConfig, SpaceConfig
+from .sensing import Heard, agrees, pack_scan
+from .start import Space, around, found, log_likelihood, make_space
+
+LEAST = 12.0
+"""Effective particles that are kept in any scan: twice the state's dimensions."""
+PATIENCE = 4
+"""How many times longer a sensor must speak against a filter that has already started anew because of it."""
+
+
+class State(NamedTuple):
+    """Weighted particles after the last scan; `t_ns` is None before the first."""
+
+    space: Space
+    cloud: Floats  # (6, L)
+    log_weights: Floats  # (L,)
+    near: Floats  # (2,) about where the target is
+    t_ns: int | None
+    astray: Ints  # (S,) see `contradicted`
+
+
+class Draw(NamedTuple):
+    """Outcome of taking in one scan."""
+
+    cloud: Floats
+    weights: Floats
+    log_likelihood: float
+    fallback: str
+
+
+def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> State:
+    """State before the first scan: particles around `config.start`, or none yet."""
+    space = make_space(scene, config)
+    n = config.particles * config.start_factor
+    cloud = np.empty((6, 0)) if config.start is None else around(space, config.start, n, rng)
+    near = scene.region.mean(axis=0) if config.start is None else np.array(config.start[:2])
+    return State(
+        space, cloud, np.full(cloud.shape[1], -math.log(n)), near, None, np.zeros(len(space.ears.reach), dtype=np.int64)
+    )
+
+
+def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
+    """The state after a scan, and what it says; the scan must not be earlier than the last."""
+    space, config = state.space, state.space.config
+    heard = pack_scan(scan, space.ears, state.near, use_score=config.use_score)
+    draw = _take_in(state, scan.t_ns, heard, rng)
+    mean, covariance = moments(draw.cloud, draw.weights)
+    best = draw.cloud[:3, int(np.argmax(draw.weights))]
+    good = agrees(np.stack([best, mean[:3]]), heard, config.gate)
+    astray, lost = contradicted(state.astray, good[0], heard, config)
+    if lost:
+        draw = begin(space, heard, "restart", rng)
+        mean, covariance = moments(draw.cloud, draw.weights)
+        good = agrees(mean[None, :3], heard, config.gate)
+    estimate = estimate_of(mean, covariance, draw, heard, good[-1])
+    cloud, weights = draw.cloud, draw.weights
+    if estimate.ess < config.resample_below * config.particles or cloud.shape[1] != config.particles:
+        n = config.particles
+        cloud = redraw(cloud, weights, mean, covariance, n, config.kernel * best_width(n, 6), rng)
+        weights = np.full(n, 1.0 / n)
+    with np.errstate(divide="ignore"):
+        log_weights = np.log(weights)
+    return State(space, cloud, log_weights, mean[:2], scan.t_ns, astray), estimate
+
+
+def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
+    """Where the target is thought to be at a time not before the last scan; the state stays as it is."""
+    cloud, weights = state.cloud, np.exp(state.log_weights)
+    if not cloud.shape[1]:
+        space, n = state.space, state.space.config.particles
+        return Cloud((space.low + (space.high - space.low) * rng.random((n, 3)))[:, :2], np.full(n, 1.0 / n))
+    if state.t_ns is not None:
+        dt = min((t_ns - state.t_ns) / NS, state.space.config.max_gap_s)
+        cloud = moved(cloud, state.space.motion, dt, rng)
+    return Cloud(np.ascontiguousarray(cloud[:2].T), weights / weights.sum())
+
+
+def _take_in(state: State, t_ns: int, heard: Heard, rng: Generator) -> Draw:
+    space, dt = state.space, 0.0
+    if state.t_ns is None and not state.cloud.shape[1]:
+        return begin(space, heard, "", rng)
+    if state.t_ns is not None:
+        dt = elapsed(state.t_ns, t_ns)
+        if dt > space.config.max_gap_s:
+            return begin(space, heard, "gap", rng)
+    cloud = moved(state.cloud, space.motion, dt, rng) if dt > 0.0 else state.cloud
+    weights, log_sum = weigh(state.log_weights, log_likelihood(cloud[:3], heard, space), LEAST)
+    if not math.isfinite(log_sum):
+        return begin(space, heard, "restart", rng)
+    return Draw(cloud, weights, log_sum, "")
+
+
+def begin(space: Space, heard: Heard, reason: str, rng: Generator) -> Draw:
+    """Many particles where the scan says."""
+    cloud, log_weights = found(space, heard, space.config.particles * space.config.start_factor, rng)
+    weights, log_sum = normalise(log_weights)
+    return Draw(cloud, weights, log_sum - math.log(len(weights)), reason)
+
+
+def elapsed(before_ns: int, t_ns: int) -> float:
+    """Seconds between two scans; ValueError for a time that goes back."""
+    if t_ns < before_ns:
+        raise ValueError(f"scan at {t_ns} ns is earlier than the last one at {before_ns} ns")
+    return (t_ns - before_ns) / NS
+
+
+def contradicted(astray: Ints, good: Bools, heard: Heard, config: SpaceConfig) -> tuple[Ints, bool]:
+    """How many more reports of each sensor spoke against where the target is thought to be than for it.
+
+    And whether it is lost: it is when one sensor has spoken against it `lost_after` times more.  Every sensor counts by
+    itself, since one direction alone agrees with many wrong places.  A sensor that has made
+    the filter start anew has to speak against it several times as often to do so again:
+    it may be the sensor that is wrong.
+
+    Args:
+        astray: (S,) counts so far; below 0: not heard before so many reports.
+        good: (N,) which sensors of the scan agree with the likeliest place.
+        heard: the scan.
+        config: settings.
+    """
+    reports = np.diff(heard.sights.first) > 0
+    astray = astray.copy()
+    for sensor in heard.sensor[reports & good]:
+        astray[sensor] = max(0, astray[sensor] - 1)
+    astray[heard.sensor[reports & ~good]] += 1
+    lost = config.lost_after > 0 and bool(np.any(astray >= config.lost_after))
+    if lost:
+        astray = np.where(astray > 0, -PATIENCE * config.lost_after, 0)
+    return astray, lost
+
+
+def estimate_of(mean: Floats, covariance: Floats, draw: Draw, heard: Heard, good: Bools) -> Estimate:
+    """Mean (6,) and covariance (6, 6) as an estimate; `good` (N,): which sensors agree with it."""
+    seen = np.diff(heard.sights.first) > 0
+    seen &= heard.sights.labelled | good
+    return Estimate(
+        xy=mean[:2],
+        velocity=mean[3:5],
+        covariance=covariance[:2, :2],
+        ess=effective_size(draw.weights),
+        log_likelihood=draw.log_likelihood if math.isfinite(draw.log_likelihood) else math.nan,
+        n_looked=len(heard.sensor),
+        n_seen=int(np.count_nonzero(seen)),
+        fallback=draw.fallback,
+        used=tuple(heard.sensor.tolist()),
+        height=Height(float(mean[2]), float(mean[5]), np.array([covariance[0, 2], covariance[1, 2], covariance[2, 2]])),
+    )

@@ -1,0 +1,1 @@
+"""Likelihoods and resampling of particles in space."""

@@ -1,0 +1,243 @@
+"""Projected planes selection of [Lee] Sec. 2.2 (Alg. 1): filters in the planes xy, yz and zx, two of them used.
+
+Each plane has a SIR filter of its own on (a, b, va, vb), fed with the projected angles of all
+sensors; the two planes whose angles have the least variances make the estimate.  Departures from
+the thesis, each with its reason:
+
+* angles and variances are those of world planes for a sensor of any pose (`occlog.core.sight.projected_planes`),
+  not the printed (2.1), (2.22) and selection rule, which are wrong on parts of the sphere;
+* all three filters run, so that a switch finds a warm one, and take in all sensors;
+  `running=selected` and `per_plane=best` are the thesis' way.  A plane that had to wait is started
+  from the combined estimate when its turn comes;
+* the axis that both planes have is weighed by inverse variance; the sums of unnormalised
+  weights of one scan say little about which filter is better;
+* particles are resampled as in `direct3d`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.core.bounds.in_space import plane_axes
+from occlog.core.filter.log_weights import effective_size, normalise
+from occlog.core.motion.in_space import Motion, moved, turn_jump
+from occlog.core.sight.projected_planes import AXES, PLANES, XY
+from occlog.measure.scans.scan import Scan
+from occlog.records.scene import Scene
+from occlog.track.in_space.kernels.resampling import best_width, moments, redraw, weigh
+from occlog.track.interface import Cloud, Estimate, Height
+
+from .config import PpsConfig
+from .direct3d import Draw, begin, contradicted, elapsed
+from .planes import NOTHING, Angles, Flat, Joined, Pair, choose_pair, combine, log_likelihood, plane_angles
+from .sensing import Heard, agrees, pack_scan
+from .start import Space, around, make_space
+from .start import log_likelihood as space_log_likelihood
+
+ALL = range(len(PLANES))
+LEAST = 8.0
+"""Effective particles that are kept in any scan: twice the dimensions of a plane's state."""
+Clouds = tuple[tuple[Floats, Floats], ...]
+"""Particles (4, L) and log weights (L,) of each plane."""
+
+
+class State(NamedTuple):
+    """Three planes' particles after the last scan; `t_ns` is None before the first."""
+
+    space: Space
+    motions: tuple[Motion, ...]  # of each plane
+    clouds: Clouds
+    joined: Joined | None  # None: nothing is known
+    pair: Pair
+    t_ns: int | None
+    astray: Ints  # (S,) see `direct3d.contradicted`
+
+
+def init(scene: Scene, config: PpsConfig, rng: Generator) -> State:  # noqa: ARG001
+    """State before the first scan."""
+    space = make_space(scene, config)
+    astray = np.zeros(len(space.ears.reach), dtype=np.int64)
+    return State(space, plane_motions(space.motion), (), None, NOTHING, None, astray)
+
+
+def plane_motions(motion: Motion) -> tuple[Motion, ...]:
+    """The motion of each plane's axes; a turn in another plane comes to it as a known change, see `_turned`."""
+    parts = []
+    for axes in AXES:
+        turn = motion.turn if axes == motion.axes else 0.0
+        parts.append(Motion(motion.acceleration[list(axes)], motion.density[list(axes)], turn))
+    return tuple(parts)
+
+
+def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
+    """The state after a scan, and what it says; the scan must not be earlier than the last."""
+    space, config = state.space, state.space.config
+    near = 0.5 * (space.low + space.high) if state.joined is None else state.joined.mean[:3]
+    heard = pack_scan(scan, space.ears, near[:2], use_score=config.use_score)
+    angles = plane_angles(heard)
+    dt = 0.0 if state.t_ns is None else elapsed(state.t_ns, scan.t_ns)
+    if state.joined is None or dt > config.max_gap_s:
+        draw = _first(state, heard, rng) if state.t_ns is None else begin(space, heard, "gap", rng)
+        return _started(state, scan.t_ns, heard, angles, draw, rng)
+    ahead = state.joined.mean[:3] + dt * state.joined.mean[3:]
+    pair = choose_pair(config.selection, heard, angles, ahead, state.pair)
+    clouds = _moved(_woken(state, pair, rng), pair, dt, rng)
+    clouds, flats = _weighed(state, clouds, pair, heard, angles, rng)
+    used = flats[pair[0][1]], flats[pair[1][1]]
+    joined = combine((pair[0][1], pair[1][1]), used, config.combining)
+    astray, lost = contradicted(state.astray, agrees(joined.mean[None, :3], heard, config.gate)[0], heard, config)
+    if lost or not all(math.isfinite(f.log_evidence) for f in used):
+        return _started(
+            state._replace(astray=astray), scan.t_ns, heard, angles, begin(space, heard, "restart", rng), rng
+        )
+    after = state._replace(clouds=clouds, joined=joined, pair=pair, t_ns=scan.t_ns, astray=astray)
+    ess, log_sum = min(f.ess for f in used), sum(f.log_evidence for f in used)
+    return after, _estimate(joined, heard, config, ess, log_sum, "", pair)
+
+
+def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
+    """Where the target is thought to be at a time not before the last scan; the state stays as it is."""
+    space, n = state.space, state.space.config.particles
+    even = np.full(n, 1.0 / n)
+    if state.joined is None or state.t_ns is None:
+        return Cloud((space.low + (space.high - space.low) * rng.random((n, 3)))[:, :2], even)
+    cloud, log_weights = state.clouds[XY]
+    if space.config.running == "selected" and XY not in (state.pair[0][1], state.pair[1][1]):
+        cloud, log_weights = _reseeded(state.joined, XY, n, rng), np.log(even)
+    dt = min((t_ns - state.t_ns) / NS, space.config.max_gap_s)
+    ahead = moved(cloud, state.motions[XY], dt, rng, _turned(state, XY, dt))
+    return Cloud(np.ascontiguousarray(ahead[:2].T), np.exp(log_weights))
+
+
+def _first(state: State, heard: Heard, rng: Generator) -> Draw:
+    """Particles in space around the start, weighed by the first scan, or where that says."""
+    space, config = state.space, state.space.config
+    if config.start is None:
+        return begin(space, heard, "", rng)
+    n = config.particles * config.start_factor
+    cloud = around(space, config.start, n, rng)
+    weights, log_sum = normalise(space_log_likelihood(cloud[:3], heard, space) - math.log(n))
+    return Draw(cloud, weights, log_sum, "") if math.isfinite(log_sum) else begin(space, heard, "restart", rng)
+
+
+def _started(
+    state: State, t_ns: int, heard: Heard, angles: Angles, draw: Draw, rng: Generator
+) -> tuple[State, Estimate]:
+    """All planes anew from particles in space."""
+    config = state.space.config
+    mean, covariance = moments(draw.cloud, draw.weights)
+    clouds, n = [], config.particles
+    for p in ALL:
+        rows = plane_axes(p)
+        part = covariance[np.ix_(rows, rows)]
+        width = config.kernel * best_width(n, 4)
+        cloud = redraw(np.ascontiguousarray(draw.cloud[rows]), draw.weights, mean[rows], part, n, width, rng)
+        clouds.append((cloud, np.full(n, -math.log(n))))
+    axis = np.stack([covariance[np.ix_([k, k + 3], [k, k + 3])] for k in range(3)])
+    joined = Joined(mean, axis, covariance[:3, :3])
+    pair = choose_pair(config.selection, heard, angles, mean[:3], state.pair)
+    after = state._replace(clouds=tuple(clouds), joined=joined, pair=pair, t_ns=t_ns)
+    ess = effective_size(draw.weights)
+    return after, _estimate(joined, heard, config, ess, draw.log_likelihood, draw.fallback, pair)
+
+
+def _woken(state: State, pair: Pair, rng: Generator) -> State:
+    """Planes that had to wait start from the combined estimate when they are chosen."""
+    if state.space.config.running == "all" or state.joined is None:
+        return state
+    before, clouds = {p for _, p in state.pair}, list(state.clouds)
+    for _, p in pair:
+        if p not in before:
+            n = state.space.config.particles
+            clouds[p] = (_reseeded(state.joined, p, n, rng), np.full(n, -math.log(n)))
+    return state._replace(clouds=tuple(clouds))
+
+
+def _reseeded(joined: Joined, plane: int, n: int, rng: Generator) -> Floats:
+    """(4, n) particles around the combined estimate, axes independent."""
+    rows = plane_axes(plane)
+    cloud = np.empty((4, n))
+    for place, k in enumerate(AXES[plane]):
+        values, vectors = np.linalg.eigh(joined.axis[k])
+        cloud[[place, place + 2]] = (vectors * np.sqrt(np.maximum(values, 0.0))) @ rng.standard_normal((2, n))
+    return cloud + joined.mean[rows][:, None]
+
+
+def _moved(state: State, pair: Pair, dt: float, rng: Generator) -> Clouds:
+    """Particles of the planes that run, dt later."""
+    if dt == 0.0:
+        return state.clouds
+    clouds = list(state.clouds)
+    for p in _running(state, pair):
+        cloud, log_weights = clouds[p]
+        clouds[p] = (moved(cloud, state.motions[p], dt, rng, _turned(state, p, dt)), log_weights)
+    return tuple(clouds)
+
+
+def _running(state: State, pair: Pair) -> list[int]:
+    chosen = {p for _, p in pair}
+    return [p for p in ALL if state.space.config.running == "all" or p in chosen]
+
+
+def _turned(state: State, plane: int, dt: float) -> Floats | None:
+    """(4,) what a turn in another plane does to the axis that this one has of it, at the combined velocity."""
+    motion, axes = state.space.motion, AXES[plane]
+    if motion.turn == 0.0 or axes == motion.axes or state.joined is None:
+        return None
+    velocity = state.joined.mean[3:][list(motion.axes)]
+    change, jump = turn_jump(velocity, motion.turn, dt), np.zeros(4)
+    for place, k in enumerate(axes):
+        if k in motion.axes:
+            at = motion.axes.index(k)
+            jump[[place, place + 2]] = change[[at, at + 2]]
+    return jump
+
+
+def _weighed(
+    state: State, clouds: Clouds, pair: Pair, heard: Heard, angles: Angles, rng: Generator
+) -> tuple[Clouds, dict[int, Flat]]:
+    """The running planes' particles after the scan, resampled where that is due, and what they know."""
+    config, n = state.space.config, state.space.config.particles
+    best = {p: s for s, p in pair}
+    new, flats = list(clouds), {}
+    for p in _running(state, pair):
+        cloud, log_weights = clouds[p]
+        only = best.get(p) if config.per_plane == "best" else None
+        told = log_likelihood(cloud, p, heard, angles, state.space.chances, only)
+        weights, log_sum = weigh(log_weights, told, LEAST)
+        mean, covariance = moments(cloud, weights)
+        flats[p] = Flat(mean, covariance, log_sum, effective_size(weights))
+        if flats[p].ess < config.resample_below * n:
+            cloud = redraw(cloud, weights, mean, covariance, n, config.kernel * best_width(n, 4), rng)
+            weights = np.full(n, 1.0 / n)
+        with np.errstate(divide="ignore"):
+            new[p] = (cloud, np.log(weights))
+    return tuple(new), flats
+
+
+def _estimate(
+    joined: Joined, heard: Heard, config: PpsConfig, ess: float, log_sum: float, fallback: str, pair: Pair
+) -> Estimate:
+    seen = np.diff(heard.sights.first) > 0
+    seen &= heard.sights.labelled | agrees(joined.mean[None, :3], heard, config.gate)[0]
+    used = heard.sensor
+    if config.per_plane == "best":
+        used = used[np.unique([s for s, _ in pair if s >= 0]).astype(np.int64)]
+    c = joined.covariance
+    return Estimate(
+        xy=joined.mean[:2],
+        velocity=joined.mean[3:5],
+        covariance=c[:2, :2],
+        ess=ess,
+        log_likelihood=log_sum if math.isfinite(log_sum) else math.nan,
+        n_looked=len(heard.sensor),
+        n_seen=int(np.count_nonzero(seen)),
+        fallback=fallback,
+        used=tuple(used.tolist()),
+        height=Height(float(joined.mean[2]), float(joined.mean[5]), np.array([c[0, 2], c[1, 2], c[2, 2]])),
+    )

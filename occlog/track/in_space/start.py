@@ -1,0 +1,150 @@
+"""Where a target in space may be before anything is known of it, and after a first scan."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Bools, Floats
+from occlog.core.motion.in_space import Motion
+from occlog.core.plane.floor import Floor, make_floor, on_floor
+from occlog.records.scene import Scene
+from occlog.track.in_space.kernels.likelihood import Chances, Sights, log_cone, log_product, scan_log_likelihood
+
+from .sensing import Ears, Heard, pack_ears
+
+ANYWHERE = 0.1
+"""Share of the first particles that does not look at the scan."""
+
+
+class Space(NamedTuple):
+    """What does not change with time."""
+
+    config: Any  # `SpaceConfig`
+    ears: Ears
+    motion: Motion
+    chances: Chances
+    cone: bool
+    low: Floats  # (3,) of the box that holds the room and all sensors
+    high: Floats  # (3,)
+    floor: Floor | None  # None: no room is known
+    ceiling: float
+
+
+def make_space(scene: Scene, config: Any) -> Space:
+    """The scene as the filters want it."""
+    ears = pack_ears(scene)
+    ground = np.concatenate([scene.region, ears.position[:, :2]])
+    heights = np.append(ears.position[:, 2], [0.0, scene.room_height])
+    low = np.append(ground.min(axis=0), heights.min())
+    high = np.append(ground.max(axis=0), heights.max())
+    floor = None if scene.room is None else make_floor(scene.room, [o.polygon for o in scene.occluders])
+    cone = getattr(config, "likelihood", "product") == "cone"
+    return Space(config, ears, config.motion, config.chances, cone, low, high, floor, float(scene.room_height))
+
+
+def log_likelihood(xyz: Floats, heard: Heard, space: Space) -> Floats:
+    """(L,) log likelihoods of a scan for (3, L) particles, up to a constant."""
+    s = heard.sights
+    each = (log_cone if space.cone else log_product)(xyz, s, space.chances.soften)
+    uniform = heard.uniform
+    if space.cone:
+        uniform = np.where(heard.flat, uniform, np.abs(np.sin(np.where(heard.flat, 0.0, s.phi))) / (4.0 * math.pi))
+        uniform = np.maximum(uniform, 1e-6)
+    total = scan_log_likelihood(each, s.first, s.labelled, s.share, uniform, space.chances)
+    if space.floor is not None:
+        total = total + np.where(in_room(xyz, space), 0.0, math.log(space.config.outside))
+    return total
+
+
+def in_room(xyz: Floats, space: Space) -> Bools:
+    """(L,) whether (3, L) places are in the room, above its floor and below its ceiling; all where none is known."""
+    if space.floor is None:
+        return np.ones(xyz.shape[1], dtype=np.bool_)
+    inside = on_floor(np.ascontiguousarray(xyz[:2].T), *space.floor)
+    return np.asarray(inside & (xyz[2] >= 0.0) & (xyz[2] <= space.ceiling))
+
+
+def around(space: Space, start: tuple[float, ...], n: int, rng: Generator) -> Floats:
+    """(6, n) particles around a start; see `SpaceConfig.start`."""
+    unit = rng.standard_normal((6, n))
+    mean, sigma = np.zeros(6), np.append(np.zeros(3), _speeds(space))
+    known = {3: 2, 4: 3}.get(len(start), 6)
+    mean[:known] = start[:known]
+    rest = start[known:]
+    sigma[:known] = rest if len(rest) == 6 else np.repeat(rest, min(known, 3))
+    cloud = mean[:, None] + sigma[:, None] * unit
+    if known == 2:
+        cloud[2] = space.ceiling * rng.random(n)
+    return np.asarray(cloud)
+
+
+def found(space: Space, heard: Heard, n: int, rng: Generator) -> tuple[Floats, Floats]:
+    """(6, n) particles where a scan says that the target is, and their log weights.
+
+    Places are drawn along the sight lines of all candidates, out to where they leave the
+    box, and some anywhere in it.  The weights are those of a target that is as likely in any part of
+    the box; the scan's likelihood is in them.
+    """
+    s = heard.sights
+    R = len(s.phi)
+    each = math.floor(n * (1.0 - ANYWHERE) / R) if R else 0
+    parts = [_along(space, s, r, each, rng) for r in range(R)]
+    parts.append(space.low[:, None] + (space.high - space.low)[:, None] * rng.random((3, n - R * each)))
+    xyz = np.ascontiguousarray(np.concatenate(parts, axis=1))
+    volume = float(np.prod(space.high - space.low))
+    density = np.full(n, 1.0 - R * each / n)  # times the volume
+    if R:
+        density += volume * each / n * np.sum(np.exp(log_product(xyz, s, 1.0) - _log_volume(xyz, s, space)), axis=0)
+    inside = np.all((xyz >= space.low[:, None]) & (xyz <= space.high[:, None]), axis=0)
+    weights = np.where(inside, log_likelihood(xyz, heard, space) - np.log(density), -math.inf)
+    speeds = _speeds(space)[:, None] * rng.standard_normal((3, n))
+    return np.concatenate([xyz, speeds]), weights
+
+
+def _speeds(space: Space) -> Floats:
+    return np.array([space.config.speed, space.config.speed, space.config.speed_z])
+
+
+def _along(space: Space, s: Sights, r: int, n: int, rng: Generator) -> Floats:
+    """(3, n) places along a sight, evenly in distance; an azimuth alone: evenly in height, too."""
+    flat = math.isnan(s.phi[r])
+    theta = s.sigma_theta[r] * rng.standard_normal(n)
+    phi = np.full(n, 0.5 * math.pi) if flat else s.phi[r] + s.sigma_phi[r] * rng.standard_normal(n)
+    own = np.stack([np.cos(theta) * np.sin(phi), np.sin(theta) * np.sin(phi), np.cos(phi)])
+    line = s.frame[r].T @ own
+    far = np.minimum(_way_out(space, s.position[r], line, flat), s.reach[r])
+    places = s.position[r][:, None] + far * rng.random(n) * line
+    if flat:
+        places[2] = space.low[2] + (space.high[2] - space.low[2]) * rng.random(n)
+    return np.asarray(places)
+
+
+def _log_volume(xyz: Floats, s: Sights, space: Space) -> Floats:
+    """(R, n) log of the volume that each sight has there, per area of its angles and share of its length."""
+    out = np.empty((len(s.phi), xyz.shape[1]))
+    height = space.high[2] - space.low[2]
+    for r, (position, frame) in enumerate(zip(s.position, s.frame, strict=True)):
+        flat = math.isnan(s.phi[r])
+        local = frame @ (xyz - position[:, None])
+        ground = np.maximum(np.hypot(local[0], local[1]), 1e-9)
+        distance = ground if flat else np.hypot(ground, local[2])
+        far = np.minimum(_way_out(space, position, (xyz - position[:, None]) / distance, flat), s.reach[r])
+        across = height if flat else distance
+        beyond = np.where(distance > far * (1 + 1e-9), math.inf, 0.0)  # none of its places are there
+        out[r] = np.log(far * ground * across) + beyond
+    return out
+
+
+def _way_out(space: Space, position: Floats, line: Floats, flat: bool) -> Floats:
+    """(n,) distances along directions (3, n) from a sensor to where they leave the box, > 0."""
+    d = 2 if flat else 3
+    p = position[:d]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        edge = np.where(line[:d] > 0, (space.high[:d] - p)[:, None], (space.low[:d] - p)[:, None])
+        out = np.min(np.where(line[:d] != 0, edge / line[:d], np.inf), axis=0)
+    size = math.hypot(*(space.high - space.low))
+    return np.asarray(np.clip(out, 1e-3 * size, size))

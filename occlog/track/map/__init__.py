@@ -1,0 +1,1 @@
+"""Method `map`: the most probable trajectory from all bearings at once."""

@@ -1,0 +1,1 @@
+"""Verb: identify a motion model from trajectories, by EM."""

@@ -1,0 +1,216 @@
+"""What `occlog fit-motion` does: read positions, fit, write."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.parquet import describe, read_provenance, read_table, schema_name
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.models.motion_models import Motion, write_motion
+from occlog.io.recording.reader import open_recording
+from occlog.records.tables import Tracks, Truth
+
+from .em import fit_differences, fit_em
+from .parameters import Disturbance, Form, Shape
+from .report import Fit
+from .steps import Path, median_step
+
+if TYPE_CHECKING:
+    from occlog.records.losses import Loss
+
+GAP_STEPS = 5.0
+LARGEST_FILL = 50
+"""Most nodes for each position: a shorter step would only make gaps."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to fit, and to what."""
+
+    positions: tuple[FilePath, ...]
+    noise: float | str = "estimated"  # or "covariance"
+    form: Form = "cv"
+    disturbance: Disturbance = "white"
+    axes: str = "same"
+    method: str = "em"
+    step_s: float | None = None
+    gap_s: float | None = None
+    targets: tuple[int, ...] = ()
+
+    @property
+    def shape(self) -> Shape:
+        """What the fit has for parameters."""
+        return Shape(self.form, self.disturbance, self.axes == "same", self.noise == "estimated")
+
+
+def run_fit(
+    request: Request, output: FilePath, overwrite: bool, quiet: bool
+) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+    """Fit and write; the summary, and what had been lost before."""
+    _check(request)
+    paths, unit, losses = read_paths(request)
+    where = ", ".join(str(p) for p in request.positions)
+    try:
+        step_s = request.step_s or median_step(paths)
+        gap_s = request.gap_s if request.gap_s is not None else GAP_STEPS * step_s
+        _check_step(paths, step_s, gap_s)
+        fit = _fit(request, paths, step_s, gap_s)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from error
+    motion = Motion(fit.model.A, fit.model.sigma, step_s, unit)
+    figures = {**_figures(fit, request), "objects": len(paths), "gap_s": gap_s}
+    details = {
+        "noise": fit.noise,
+        "A_error": fit.A_error.tolist(),
+        "sigma_error": fit.sigma_error.tolist(),
+        "fit": figures,
+    }
+    if isinstance(request.noise, float) and request.method == "em":
+        details["noise"] = request.noise
+    parameters = {k: v for k, v in asdict(request).items() if k != "positions"}
+    made = Provenance(
+        "fit-motion", {**parameters, "step_s": step_s, "gap_s": gap_s}, None, hash_inputs(request.positions), losses
+    )
+    write_motion(output, motion, details, made, overwrite=overwrite)
+    for line in warnings(fit, request, paths):
+        options.note(f"warning: {line}", quiet)
+    shown = {"A": motion.A.tolist(), "sigma": motion.sigma.tolist()}
+    shown["noise"] = request.noise if details["noise"] is None else details["noise"]
+    return {"motion": str(output), "step_s": step_s, "length_unit": unit, **figures, **shown}, losses
+
+
+def _check(request: Request) -> None:
+    if request.method == "differences" and request.noise != "estimated":
+        raise UsageError("--noise goes with --method em; differences take positions for exact")
+    for name, value in (("--step", request.step_s), ("--gap", request.gap_s)):
+        if value is not None and not math.isfinite(value):
+            raise UsageError(f"{name} {value}: want a finite number of seconds")
+
+
+def _check_step(paths: list[Path], step_s: float, gap_s: float) -> None:
+    if gap_s < step_s:
+        raise ValueError(f"the longest gap, {gap_s:g} s, is shorter than the step, {step_s:g} s; give a larger --gap")
+    median = median_step(paths)
+    if step_s * LARGEST_FILL < median:
+        raise ValueError(
+            f"a step of {step_s:g} s is under 1/{LARGEST_FILL} of the time between positions, {median:g} s; "
+            "give a larger --step"
+        )
+
+
+def _fit(request: Request, paths: list[Path], step_s: float, gap_s: float) -> Fit:
+    if request.method == "differences":
+        return fit_differences(paths, step_s, request.shape, longest_gap_s=gap_s)
+    noise = request.noise if isinstance(request.noise, float) else None
+    return fit_em(paths, step_s, request.shape, longest_gap_s=gap_s, noise=noise)
+
+
+def _figures(fit: Fit, request: Request) -> dict[str, Any]:
+    """How it was fitted, and how well."""
+    return {
+        "method": request.method,
+        "form": request.form,
+        "disturbance": request.disturbance,
+        "axes": request.axes,
+        "transitions": fit.transitions,
+        "measurements": fit.measurements,
+        "skipped": fit.skipped,
+        "trajectories": fit.trajectories,
+        "log_likelihood": fit.log_likelihood,
+        "spectral_radius": spectral_radius(fit.model.A),
+        "iterations": fit.iterations,
+        "converged": fit.converged,
+        "parameters": fit.parameters,
+        "errors": fit.errors,
+        "at_limit": list(fit.at_limit),
+        "undecided": list(fit.undecided),
+    }
+
+
+def spectral_radius(A: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+    """Largest size of an eigenvalue; of a block-triangular A exact, where a general method has 1e-8 of rounding."""
+    pairs = A.reshape(2, 2, 2, 2)
+    if not (pairs[0, :, 1].any() or pairs[1, :, 0].any() or A[1, 0] or A[3, 2]):
+        return float(np.abs(np.diag(A)).max())
+    return float(np.abs(np.linalg.eigvals(A)).max())
+
+
+def warnings(fit: Fit, request: Request, paths: list[Path]) -> list[str]:
+    """What a user should know before trusting the model."""
+    out = []
+    radius = spectral_radius(fit.model.A)
+    if radius > 1.0:
+        out.append(f"the model is unstable: spectral radius {radius:.6g}; positions grow without bound")
+    if not fit.converged:
+        out.append(f"not converged after {fit.iterations} iterations; simplify --form or --sigma")
+    if fit.at_limit:
+        out.append(f"at its limit, so too small to be told from 0 (or too large): {', '.join(fit.at_limit)}")
+    if fit.undecided:
+        out.append(f"not decided by the data: {', '.join(fit.undecided)}; their standard errors are null")
+    if request.form == "full":
+        xy = np.concatenate([p.xy for p in paths])
+        if (np.abs(xy.mean(axis=0)) > xy.std(axis=0)).any():
+            out.append("--form full pulls towards the origin of the scene, which is far from these positions")
+    return out
+
+
+def read_paths(request: Request) -> tuple[list[Path], str, tuple[Loss, ...]]:
+    """Positions of each object and file, the unit of length, and what had been lost before."""
+    paths: list[Path] = []
+    units: dict[str, FilePath] = {}
+    losses: dict[Loss, None] = {}
+    for file in request.positions:
+        table, unit, lost = read_positions(file)
+        units.setdefault(unit, file)
+        losses |= dict.fromkeys(lost)
+        if request.noise == "covariance" and not isinstance(table, Tracks):
+            raise UsageError(f"{file}: truth has no covariance; give --noise LENGTH, or leave it to be estimated")
+        paths += paths_of(table, request.targets)
+    if len(units) > 1:
+        (one, first), (other, second) = list(units.items())[:2]
+        raise InputError(f"{second}: lengths are in {other}, but in {one} in {first}; fit files of one unit")
+    found = sum(len(p.t_ns) for p in paths)
+    if not found:
+        names = ", ".join(str(p) for p in request.positions)
+        of = f" of target {', '.join(map(str, request.targets))}" if request.targets else " of a target"
+        raise InputError(f"{names}: no positions{of}; choose others with --target")
+    return paths, next(iter(units)), tuple(losses)
+
+
+def read_positions(file: FilePath) -> tuple[Truth | Tracks, str, tuple[Loss, ...]]:
+    """Truth or tracks, their unit of length, and what had been lost."""
+    if file.suffix.lower() == ".mcap":
+        recording = open_recording(file)
+        if not recording.has(Truth):
+            raise InputError(f"{file}: holds no truth; give a recording or a table with truth or tracks")
+        unit = recording.scene.length_unit if recording.scene is not None else "m"
+        return recording.read(Truth), unit, tuple(recording.losses)
+    name = schema_name(file)
+    if name not in (Truth.NAME, Tracks.NAME):
+        raise InputError(f"{file}: holds {name}; a motion model needs truth or tracks")
+    table = read_table(file, Tracks if name == Tracks.NAME else Truth)
+    return table, str(describe(file)["length_unit"]), tuple(read_provenance(file).losses)  # type: ignore[return-value]
+
+
+def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[Path]:
+    """The path of each object, by rising identity; of several positions at one time the first."""
+    used = np.isin(table.target_id, targets) if targets else np.ones(len(table), np.bool_)
+    if isinstance(table, Truth) and not targets:
+        used &= table.role == "target"
+    out = []
+    for identity in np.unique(table.target_id[used]):
+        rows = np.flatnonzero(used & (table.target_id == identity))
+        rows = rows[np.concatenate([[True], np.diff(table.t_ns[rows]) > 0])]
+        cov = None
+        if isinstance(table, Tracks):
+            xx, xy, yy = table.cov_xx[rows], table.cov_xy[rows], table.cov_yy[rows]
+            cov = np.stack([np.stack([xx, xy], axis=1), np.stack([xy, yy], axis=1)], axis=1)
+        out.append(Path(table.t_ns[rows], np.stack([table.x[rows], table.y[rows]], axis=1), cov))
+    return out

@@ -1,0 +1,1 @@
+"""The trajectory as an optimisation problem: terms, Newton system, constraints, windows."""

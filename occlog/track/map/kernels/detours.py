@@ -1,0 +1,256 @@
+"""Trajectories around what they cannot pass: walls, and views in which a camera did not see the target.
+
+Being outside a polygon is no convex constraint.  Each step of the trajectory that is near one
+is held by a line that separates it from the polygon; with the lines fixed the problem is
+convex in its constraints, and its minimum gives better lines, until nothing moves (a path
+drawn tight around a corner touches it).  On which side to pass is a choice: for every stretch
+that runs through a polygon both ways around are tried, and the cheaper one is kept.  A view
+may also be crossed unseen at a price, if the camera misses targets.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.plane.separating_lines import separate
+
+from .feasible import move_inside
+from .newton_search import Options, Solution, cost, minimise
+from .obstacles import Hold, Obstacle, guesses, hidden_from_view, overlaps, stretches
+from .problem import NO_PLANES, HalfPlanes, Problem, SightLines, join_lines, join_planes
+from .windows import Knowledge, part
+
+PASSES = 12
+"""How often lines are drawn anew."""
+ROUNDS = 10
+"""Rounds of looking for stretches that run through something."""
+NEIGHBOURHOOD = 24
+"""States before and after a stretch that move while ways around it are compared, at least."""
+PIN, ROUGH = 1e-5, 1e-4
+"""What holds still there, and the tolerance of that comparison, as shares of the extent."""
+TOUCH = 1e-9
+"""Overlaps that are smaller, as a share of the extent, are none."""
+FEW = 6
+"""States before and after a stretch that are held apart as well, at least."""
+MU = 1e-2
+"""Weight of the barrier when a detour is tried."""
+
+
+class Detours(NamedTuple):
+    """What was found."""
+
+    problem: Problem  # with the half-planes of the detours
+    solution: Solution
+    holds: tuple[Hold, ...]
+    left_alone: Bools  # (K, T) states inside each obstacle that no cheaper way around was found for
+
+
+def find_detours(
+    problem: Problem,
+    solved: tuple[Problem, Solution],
+    obstacles: tuple[Obstacle, ...],
+    options: Options,
+    extent: float,
+    clearance: float = 0.0,
+    holds: Iterable[Hold] = (),
+    left_alone: Bools | None = None,
+) -> Detours:
+    """The minimum around all obstacles, as far as ways around are found.
+
+    Args:
+        problem: with all other constraints.
+        solved: the problem with the half-planes of the holds, and its minimum.
+        obstacles: what the trajectory must not run through.
+        options: of each search.
+        extent: size of the place.
+        clearance: distance that is kept from walls.
+        holds: stretches that are led around something already.
+        left_alone: (K, T) states that need not be outside each obstacle; None: none.
+    """
+    here, solution = solved
+    held, iterations, space = tuple(holds), solution.iterations, (options, extent, clearance)
+    alone = np.zeros((len(obstacles), problem.T), dtype=np.bool_) if left_alone is None else left_alone.copy()
+    for _ in range(ROUNDS):
+        X = solution.X.copy()
+        added: list[Hold] = []
+        ways: list[Floats] = []
+        for stretch in list(stretches(X, obstacles, alone, TOUCH * extent)):
+            hold = _padded(stretch, problem.T)
+            way, spent = _local_way(problem, X, obstacles, stretch, (*held, *added), space)
+            iterations += spent
+            if way is None:
+                alone[stretch.obstacle, stretch.first : stretch.last + 1] = True
+            else:
+                X, added = way, [*added, hold]
+                ways.append(way)
+        if not added:
+            break
+        found = None
+        while found is None and added:  # of ways that disturb each other half are looked for anew
+            found = settle(problem, ways[len(added) - 1], obstacles, (*held, *added), *space)
+            if found is None and len(added) == 1:
+                alone[added[0].obstacle, added[0].first : added[0].last + 1] = True
+            if found is None:
+                added = added[: len(added) // 2]
+        if found is None:
+            continue
+        (here, solution), held = found, (*held, *added)
+        iterations += solution.iterations
+    # What was led around something else since may be outside by now; what no round was left for is inside.
+    xy = np.ascontiguousarray(solution.X[:, ::2])
+    inside = [overlaps(xy, o, TOUCH * extent) for o in obstacles]
+    alone = np.array(inside, dtype=np.bool_).reshape(len(obstacles), problem.T)
+    return Detours(here, solution._replace(iterations=iterations), held, alone)
+
+
+def _local_way(
+    problem: Problem,
+    X: Floats,
+    obstacles: tuple[Obstacle, ...],
+    stretch: Hold,
+    held: tuple[Hold, ...],
+    space: tuple[Options, float, float],
+) -> tuple[Floats | None, int]:
+    """The trajectory with one stretch led around its obstacle the cheapest way, and the iterations spent.
+
+    Only the neighbourhood moves; None where no way is found, or none that is worth the price.
+    """
+    options, extent, clearance = space
+    reach = max(NEIGHBOURHOOD, 2 * (stretch.last - stretch.first))
+    first, last = max(0, stretch.first - reach), min(problem.T, stretch.last + 1 + reach)
+    local = _pinned(problem, X, first, last, extent)
+    own = tuple(o._replace(when=o.when[first:last]) for o in obstacles)
+    here = Hold(stretch.obstacle, stretch.first - first, stretch.last - first)
+    near = [
+        Hold(h.obstacle, max(h.first, first) - first, min(h.last, last - 1) - first)
+        for h in held
+        if h.first < last and h.last >= first
+    ]
+    rough = options._replace(tolerance=max(options.tolerance, ROUGH * extent))
+    best, spent = None, 0
+    for guess in guesses(X[first:last], own, here, extent, clearance):
+        tried = settle(local, guess, own, (*near, _padded(here, last - first)), rough, extent, clearance)
+        if tried is None:
+            continue
+        spent += tried[1].iterations
+        if best is None or tried[1].cost < best.cost:
+            best = tried[1]
+    o = obstacles[stretch.obstacle]
+    price = o.price * int(np.count_nonzero(o.when[stretch.first : stretch.last + 1]))
+    if best is None or best.cost > cost(local, X[first:last]) + price:
+        return None, spent
+    Y = X.copy()
+    Y[first:last] = best.X
+    return Y, spent
+
+
+def _pinned(problem: Problem, X: Floats, first: int, last: int, extent: float) -> Problem:
+    """The problem of states first .. last - 1 with those before and after as they are in X."""
+    steps = problem.steps
+    before = Knowledge(steps.mean, steps.spread)
+    if first > 0:
+        kind = steps.kind[first - 1]
+        before = Knowledge(steps.A[kind] @ X[first - 1], steps.sigma[kind])
+    local = part(problem, first, last, before)
+    if last == problem.T or last - first < 3:
+        return local
+    # The last two positions hold still, and with them the velocity there.
+    rows = np.array([last - first - 2, last - first - 1]).repeat(2)
+    place = X[first:last][rows, ::2]
+    axis = np.tile(np.eye(2), (2, 1))
+    still = SightLines(
+        rows,
+        place,
+        axis,
+        np.ones(4),
+        np.zeros(4),
+        np.zeros(4),
+        np.full(4, (PIN * extent) ** 2),
+        np.zeros(4, dtype=np.bool_),
+        np.zeros(4),
+    )
+    return local._replace(lines=join_lines(local.lines, still))
+
+
+def _padded(stretch: Hold, T: int) -> Hold:
+    pad = max(FEW, (stretch.last - stretch.first) // 2)
+    return stretch._replace(first=max(0, stretch.first - pad), last=min(T - 1, stretch.last + pad))
+
+
+def separating_planes(
+    X: Floats, obstacles: tuple[Obstacle, ...], holds: Iterable[Hold], clearance: float
+) -> tuple[HalfPlanes, float]:
+    """Half-planes that keep held states out of their obstacles, and the narrowest gap there is now."""
+    xy = np.ascontiguousarray(X[:, ::2])
+    parts, narrowest = [NO_PLANES], math.inf
+    for hold in holds:
+        o = obstacles[hold.obstacle]
+        for piece in o.pieces:
+            planes, gap = _piece_planes(xy, o, piece, hold, clearance)
+            parts.append(planes)
+            narrowest = min(narrowest, gap)
+    return join_planes(*parts), narrowest
+
+
+def _piece_planes(xy: Floats, o: Obstacle, piece: Floats, hold: Hold, clearance: float) -> tuple[HalfPlanes, float]:
+    """Half-planes between the held states and one convex piece."""
+    rows: Ints = np.arange(hold.first, hold.last + 1)
+    if o.seen_through is None:
+        start, end = (rows[:-1], rows[1:]) if len(rows) > 1 else (rows, rows)
+        s = separate(xy[start], xy[end], piece)
+        planes = HalfPlanes(
+            np.concatenate([start, end]),
+            np.vstack([s.normal, s.normal]),
+            np.tile(s.support + clearance, 2),
+        )
+        return planes, float(s.gap.min(initial=math.inf)) - clearance
+    rows = rows[o.when[rows]]
+    rows = rows[~hidden_from_view(xy, o, rows)]
+    s = separate(xy[rows], xy[rows], piece)
+    return HalfPlanes(rows, s.normal, s.support), float(s.gap.min(initial=math.inf))
+
+
+def settle(
+    problem: Problem,
+    guess: Floats,
+    obstacles: tuple[Obstacle, ...],
+    holds: tuple[Hold, ...],
+    options: Options,
+    extent: float,
+    clearance: float,
+) -> tuple[Problem, Solution] | None:
+    """The minimum near a guess with lines drawn anew until nothing moves; None where no line fits.
+
+    Args:
+        problem: with all other constraints.
+        guess: (T, 4) states outside the obstacles where they are held.
+        obstacles: as in `find_detours`, as the others.
+        holds: which states are kept out of which obstacle.
+        options: of each search.
+        extent: size of the place.
+        clearance: distance that is kept from walls.
+    """
+    X, found, iterations = guess, None, 0
+    for _ in range(PASSES):
+        planes, gap = separating_planes(X, obstacles, holds, clearance)
+        if gap < -TOUCH * extent:
+            return found
+        here = problem._replace(planes=join_planes(problem.planes, planes))
+        Y, stuck = move_inside(X, here.planes, 1e-5 * extent)
+        if stuck.any():
+            return found
+        solution = minimise(here, Y, options._replace(mu=MU))
+        iterations += solution.iterations
+        moved = float(np.abs(solution.X - X)[:, ::2].max())
+        better = found is None or solution.cost < found[1].cost
+        if better:
+            found = here, solution._replace(iterations=iterations)
+        X = solution.X
+        if moved < 1e-4 * extent or not better:
+            break
+    return found

@@ -1,0 +1,184 @@
+"""A whole trajectory of one target as one problem: what is minimised, and the arrays that say it.
+
+The negative log posterior of the states x_1 .. x_T, [u u' v v'] each, is up to a constant
+
+    E(X) = 1/2 |x_1 - m|^2_P0 + 1/2 sum |x_t+1 - A_t x_t|^2_Sigma_t + sum loss(r_n(x_t)) + log w_n
+
+([Rahimi] Sec. 5, whose cost has -log J in place of the constraints), subject to n.(u, v) >= b for
+every half-plane.  The residual r of a sight line of a camera at p with optical axis (c, s) is
+
+    r = (f h - z d) / sqrt(c0 d^2 + c1),  d = c dx + s dy,  h = -s dx + c dy
+
+which is (f h/d - z) / sigma of Eq. 4 with the variance sigma^2 = c0 + c1 / d^2 that the distance
+d may have a part in ([Ercan] Eq. 2); log w = 1/2 log(c0 + c1 / d^2) where it does.  The residual
+of a direction is atan2(h, d) / sqrt(c0), with (c, s) the measured direction itself.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from .gauss_markov import GaussMarkov, transitions
+
+SQUARE, HUBER, CAUCHY = 0, 1, 2
+"""Loss of a residual r: r^2/2; Huber's, linear beyond k; Cauchy's, k^2/2 log(1 + (r/k)^2)."""
+
+
+class Steps(NamedTuple):
+    """Where the chain starts and how it moves on; K kinds of steps."""
+
+    mean: Floats  # (4,) of x_1
+    spread: Floats  # (4, 4) covariance of x_1, P0
+    kind: Ints  # (T - 1,) which kind of step leads from x_t to x_t+1
+    A: Floats  # (K, 4, 4)
+    sigma: Floats  # (K, 4, 4)
+    whiten: Floats  # (K, 4, 4) inverse of the lower Cholesky factor of sigma
+    whiten_first: Floats  # (4, 4) the same of `spread`
+
+
+class SightLines(NamedTuple):
+    """N measured sight lines, by rising step."""
+
+    step: Ints  # (N,) which state is seen, from 0
+    place: Floats  # (N, 2) of the sensor
+    axis: Floats  # (N, 2) unit vector: optical axis, or the measured direction
+    focal: Floats  # (N,) f [px]
+    reading: Floats  # (N,) z [px], to the left
+    c0: Floats  # (N,) variance of the reading [px^2], or of the direction [rad^2]; 0 where the residual is linear
+    c1: Floats  # (N,) variance of the reading times distance squared; 0 for directions
+    direction: Bools  # (N,) a direction, not a reading
+    volume: Floats  # (N,) weight of - log d in the cost, >= 0; see `occlog.track.map.kernels.invariant`
+
+
+class HalfPlanes(NamedTuple):
+    """M constraints normal . (u, v) >= offset, by rising step."""
+
+    step: Ints  # (M,)
+    normal: Floats  # (M, 2) unit vectors
+    offset: Floats  # (M,)
+
+
+class Problem(NamedTuple):
+    """What a trajectory is made from."""
+
+    steps: Steps
+    lines: SightLines
+    planes: HalfPlanes
+    loss: int  # SQUARE, HUBER or CAUCHY
+    k: float  # parameter of the loss, in standard deviations
+
+    @property
+    def T(self) -> int:  # noqa: N802
+        """Number of states."""
+        return len(self.steps.kind) + 1
+
+
+MOST_GROWTH = 100.0
+"""Decimal logarithm of the factor by which a motion may grow over a whole record."""
+NO_PLANES = HalfPlanes(np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty(0))
+
+
+def make_steps(model: GaussMarkov, seconds: Floats, mean: Floats, spread: Floats) -> Steps:
+    """The chain of states at given times.
+
+    Args:
+        model: how the target moves.
+        seconds: (T,) times, rising [s].
+        mean: (4,) of the first state.
+        spread: (4, 4) covariance of the first state, positive definite.
+
+    Raises:
+        ValueError: as `transitions`; LinAlgError for a noise that is not positive definite.
+    """
+    return chain(model, np.diff(seconds), mean, spread)
+
+
+def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Steps:
+    """The chain of states with steps of (T - 1,) lengths [s], > 0; the rest as in `make_steps`."""
+    radius = float(np.abs(np.linalg.eigvals(model.A)).max())
+    if not np.log10(max(radius, 1e-300)) * float(dt.sum()) / model.step_s < MOST_GROWTH:
+        raise ValueError("it grows without bound over these times (spectral radius above 1)")
+    lengths, kind = np.unique(np.round(dt, 9), return_inverse=True)
+    A, sigma = transitions(model, lengths)
+    eye = np.broadcast_to(np.eye(4), sigma.shape)
+    whiten = np.linalg.solve(np.linalg.cholesky(sigma), eye) if len(sigma) else sigma
+    first = np.linalg.solve(np.linalg.cholesky(spread), np.eye(4))
+    return Steps(
+        np.ascontiguousarray(mean, dtype=np.float64),
+        np.ascontiguousarray(spread, dtype=np.float64),
+        kind.astype(np.int64),
+        A,
+        sigma,
+        np.ascontiguousarray(whiten),
+        first,
+    )
+
+
+def some_lines(lines: SightLines, rows: slice | Bools | Ints) -> SightLines:
+    """Some of the sight lines."""
+    return SightLines(
+        lines.step[rows],
+        lines.place[rows],
+        lines.axis[rows],
+        lines.focal[rows],
+        lines.reading[rows],
+        lines.c0[rows],
+        lines.c1[rows],
+        lines.direction[rows],
+        lines.volume[rows],
+    )
+
+
+def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
+    """Some of the half-planes."""
+    return HalfPlanes(planes.step[rows], planes.normal[rows], planes.offset[rows])
+
+
+def join_lines(*parts: SightLines) -> SightLines:
+    """All sight lines of several sets, by rising step."""
+    order = np.argsort(np.concatenate([p.step for p in parts]), kind="stable")
+    joined = SightLines(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return some_lines(joined, order)
+
+
+def join_planes(*parts: HalfPlanes) -> HalfPlanes:
+    """All constraints of several sets, by rising step."""
+    step = np.concatenate([p.step for p in parts])
+    order = np.argsort(step, kind="stable")
+    normal, offset = np.concatenate([p.normal for p in parts]), np.concatenate([p.offset for p in parts])
+    return HalfPlanes(step[order], np.ascontiguousarray(normal[order]), offset[order])
+
+
+@kernel
+def slack(planes: HalfPlanes, X: Floats) -> Floats:
+    """(M,) by how much each constraint holds; negative where it does not."""
+    out = np.empty(planes.step.shape[0])
+    for m in range(out.shape[0]):
+        t = planes.step[m]
+        out[m] = planes.normal[m, 0] * X[t, 0] + planes.normal[m, 1] * X[t, 2] - planes.offset[m]
+    return out
+
+
+@kernel
+def slack_change(planes: HalfPlanes, dX: Floats) -> Floats:
+    """(M,) change of the slacks when states change by dX."""
+    out = np.empty(planes.step.shape[0])
+    for m in range(out.shape[0]):
+        t = planes.step[m]
+        out[m] = planes.normal[m, 0] * dX[t, 0] + planes.normal[m, 1] * dX[t, 2]
+    return out
+
+
+@kernel
+def within(change: Floats, size: Floats, share: float) -> float:
+    """The largest part of a change, at most all of it, that takes positive sizes down by no more than a share."""
+    most = 1.0
+    for m in range(size.shape[0]):
+        if change[m] * most < -share * size[m]:
+            most = -share * size[m] / change[m]
+    return most

@@ -1,0 +1,103 @@
+"""Long trajectories piece by piece: windows that overlap, and what a window leaves to the next one.
+
+What is known of a state from everything before it is summed up as a Gaussian, with the
+measurements linearised about the trajectory found so far ("marginalised"); it is the prior
+of the first state of the next window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+
+from .newton_search import Solution, derivatives
+from .newton_system import factor_rows, solve
+from .problem import Problem, Steps, some_lines, some_planes
+
+
+class Knowledge(NamedTuple):
+    """A Gaussian of one state."""
+
+    mean: Floats  # (4,)
+    spread: Floats  # (4, 4) covariance, positive definite
+
+
+def part(problem: Problem, first: int, last: int, before: Knowledge) -> Problem:
+    """The problem of states first .. last - 1 alone.
+
+    Args:
+        problem: of T states.
+        first: >= 0.
+        last: <= T.
+        before: what is known of state `first` from all earlier ones.
+    """
+    s, lines, planes = problem.steps, problem.lines, problem.planes
+    own_lines = some_lines(lines, slice(*np.searchsorted(lines.step, (first, last)).tolist()))
+    own_planes = some_planes(planes, slice(*np.searchsorted(planes.step, (first, last)).tolist()))
+    return problem._replace(
+        steps=make_first(s._replace(kind=s.kind[first : max(first, last - 1)]), before),
+        lines=own_lines._replace(step=own_lines.step - first),
+        planes=own_planes._replace(step=own_planes.step - first),
+    )
+
+
+def make_first(steps: Steps, before: Knowledge) -> Steps:
+    """The chain with another prior of its first state."""
+    whiten = np.linalg.solve(np.linalg.cholesky(before.spread), np.eye(4))
+    return steps._replace(mean=before.mean, spread=before.spread, whiten_first=np.ascontiguousarray(whiten))
+
+
+def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
+    """What everything before a state says of it.
+
+    Constraints that hold the trajectory off where it would go keep their force.
+
+    Args:
+        problem: of T states.
+        solution: its minimum.
+        state: from 1 to T - 1.
+    """
+    X = solution.X[: state + 1]
+    head = part(problem, 0, state + 1, Knowledge(problem.steps.mean, problem.steps.spread))
+    lines, planes = some_lines(head.lines, head.lines.step < state), some_planes(head.planes, head.planes.step < state)
+    head = head._replace(lines=lines, planes=planes)
+    g, H = derivatives(head, X, 0.0)
+    force = solution.multiplier[: len(planes.step), None] * planes.normal
+    for axis, column in ((0, 0), (1, 2)):
+        g[:, column] -= np.bincount(planes.step, weights=force[:, axis], minlength=len(X))
+    R, N, dX = np.empty((len(X), 4, 4)), np.empty((len(X), 4, 4)), np.empty_like(X)
+    factor_rows(head.steps, H, R, N)
+    solve(R, N, -g, dX)
+    inverse = np.linalg.solve(R[-1], np.eye(4))
+    return Knowledge(X[-1] + dX[-1], inverse @ inverse.T)
+
+
+Search = Callable[[Problem, Floats, int], tuple[Problem, Solution]]
+"""Finds the minimum of a problem from a start; gets its first state's number, and may add constraints."""
+
+
+def minimise_windows(problem: Problem, start: Floats, window: int, search: Search) -> tuple[Floats, int]:
+    """States near the minimum, found in windows that overlap by a quarter, and the iterations all of them took.
+
+    Args:
+        problem: of T states.
+        start: (T, 4) strictly inside all constraints.
+        window: states of a window, at least 4.
+        search: of each window.
+    """
+    X, T = np.array(start), len(start)
+    before, first, iterations = Knowledge(problem.steps.mean, problem.steps.spread), 0, 0
+    while True:
+        last = min(first + window, T)
+        here = part(problem, first, last, before)
+        here, found = search(here, X[first:last], first)
+        X[first:last] = found.X
+        iterations += found.iterations
+        if last == T:
+            return X, iterations
+        step = window - window // 4
+        before, first = summary(here, found, step), first + step

@@ -1,0 +1,337 @@
+"""Most probable trajectories from bearings of cameras that need not overlap ([Rahimi]).
+
+The record of a target is solved as a whole, or with `lag_s` in windows that move along:
+then a state is given out when that much time has been seen after it, and what came before
+the window is summed up in a Gaussian of its first state.
+
+Departures from the paper: times are those of the measurements, at any intervals; variances
+hold the errors of the cameras' poses ([Ercan] Eq. 2); the quadratic programs are replaced by
+Newton's method inside the constraints (`occlog.track.map.kernels.newton_search`); room, walls and the cameras'
+ranges are constraints besides.
+
+A target's record as it grows and is given out: joined, cut, filled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.errors import InputError
+from occlog.records.scene import Scene
+from occlog.track.interface import Record, Smoothed
+from occlog.track.map.kernels.detours import Detours, find_detours, settle
+from occlog.track.map.kernels.feasible import move_inside
+from occlog.track.map.kernels.invariant import invariant, second_moment
+from occlog.track.map.kernels.newton_search import Iterate, Options, Solution, covariance, minimise
+from occlog.track.map.kernels.obstacles import Hold, Obstacle
+from occlog.track.map.kernels.problem import HalfPlanes, Problem, chain, some_lines, some_planes
+from occlog.track.map.kernels.quadratic_program import sequential_programs
+from occlog.track.map.kernels.start import linear_problem, start_on_axes
+from occlog.track.map.kernels.terms import residuals
+from occlog.track.map.kernels.windows import Knowledge, minimise_windows, summary
+
+from .barriers import obstacles
+from .config import BEND, LOSSES, MapConfig
+from .measurements import Stations, constraints, sight_lines, stations
+from .qp_solvers import program_solver
+
+MOST_STATES = 10_000_000
+"""States that `fill_s` may make."""
+
+
+def fill(record: Record, longest_s: float | None) -> Record:
+    """The record with times added where there is none for a longer time than `longest_s` [s]; None: nowhere."""
+    if longest_s is None or len(record.t_ns) < 2:
+        return record
+    gaps = np.diff(record.t_ns)
+    # Pieces of whole ns may be a little longer, and must not be filled again with the next block.
+    pieces = np.maximum(1.0, np.ceil((gaps - 2) / (longest_s * NS) - 1e-9))
+    if pieces.sum() > MOST_STATES:
+        raise InputError(
+            f"map: fill_s {longest_s:g} would make {pieces.sum():.3g} states of {len(record.t_ns)} times, "
+            f"at most {MOST_STATES:.0e} are possible; raise it"
+        )
+    pieces = pieces.astype(np.int64)
+    if not (pieces > 1).any():
+        return record
+    first = np.concatenate([[0], np.cumsum(pieces)])
+    inside = np.arange(first[-1]) - np.repeat(first[:-1], pieces)
+    # inside * gap // pieces, in two parts: the product alone may be above what 64 bits hold.
+    whole, rest = np.repeat(gaps // pieces, pieces), np.repeat(gaps % pieces, pieces)
+    t_ns = np.repeat(record.t_ns[:-1], pieces) + inside * whole + inside * rest // np.repeat(pieces, pieces)
+    return record._replace(t_ns=np.append(t_ns, record.t_ns[-1]), state=first[record.state])
+
+
+def join(a: Record, b: Record) -> Record:
+    """One record and what came after it."""
+    if not len(a.t_ns):
+        return b
+    b = b._replace(state=b.state + len(a.t_ns))
+    return Record(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
+
+
+def after(record: Record, state: int) -> Record:
+    """What the record has from a state on."""
+    rows = record.state >= state
+    return Record(
+        record.t_ns[state:],
+        record.state[rows] - state,
+        record.sensor[rows],
+        record.seen[rows],
+        record.bearing[rows],
+        record.sigma[rows],
+        record.u_px[rows],
+        record.sigma_px[rows],
+    )
+
+
+def empty_record() -> Record:
+    """A record of no times."""
+    no, none = np.empty(0, dtype=np.int64), np.empty(0)
+    return Record(no, no, no, np.empty(0, dtype=np.bool_), none, none, none, none)
+
+
+UNOBSERVABLE, CONTRADICTION, WALL, UNFINISHED = "unobservable", "contradiction", "wall", "unfinished"
+ROUGH = 1e-3
+"""Windows that only start the whole are solved to this tolerance, as a share of the room's extent."""
+APART, MU = 1e-4, 1e-4
+"""Distance to the constraints, as a share of the room's extent, and weight of their barrier where the whole begins."""
+LOOKS = 3
+"""Linear problems solved in turn, each with the distances of the one before."""
+
+Watch = Callable[[Iterate], None] | None
+
+
+class Pending(NamedTuple):
+    """A target's record that is not given out yet, and what is known from before it."""
+
+    config: MapConfig
+    at: Stations
+    origin: Floats  # (2,)
+    extent: float
+    before: Knowledge
+    record: Record
+    X: Floats  # (T, 4) states found so far; fewer than times: the rest is new
+
+
+def begin(scene: Scene, config: MapConfig) -> Pending:
+    """Nothing known but where a target can be."""
+    region = scene.region
+    low, high = region.min(axis=0), region.max(axis=0)
+    extent = float(np.hypot(*(high - low)))
+    if not extent > 0:
+        raise InputError("scene: the room has no extent, so that a trajectory has no scale; add `room`")
+    origin = 0.5 * (low + high) if _moves_freely(config) else np.zeros(2)
+    place, sigma = 0.5 * (low + high), extent
+    if config.start is not None:
+        place, sigma = np.array(config.start[:2]), config.start[2]
+    mean = np.zeros(4)
+    mean[::2] = place - origin
+    spread = np.diag([sigma**2, config.speed**2, sigma**2, config.speed**2])
+    at = stations(scene, origin, walls=config.walls)
+    return Pending(config, at, origin, extent, Knowledge(mean, spread), empty_record(), np.empty((0, 4)))
+
+
+def _moves_freely(config: MapConfig) -> bool:
+    """Whether the motion is the same everywhere, so that coordinates may be counted from anywhere."""
+    return bool(np.allclose(config.motion.A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
+
+
+def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -> tuple[Pending, Smoothed]:
+    """One more block of a target's record, and the states that are settled by it.
+
+    Args:
+        pending: from `begin` or the call before.
+        record: what came after the last call.
+        last: nothing will follow, so that everything is given out.
+        watch: called with each iterate of the search for the whole (not of windows that only start it);
+            its positions count from `pending.origin`.
+    """
+    config = pending.config
+    whole = fill(join(pending.record, record), config.fill_s)
+    T = len(whole.t_ns)
+    keep = T if last else _settled(whole.t_ns, config.lag_ns)
+    problem = problem_of(pending, whole)
+    start, stuck = start_of(pending, problem)
+    if stuck.any():
+        # A sight line without its half-plane leads into its sensor, where the cost is not continuous.
+        lines = some_lines(problem.lines, ~stuck[problem.lines.step])
+        problem = problem._replace(planes=_without(problem.planes, stuck), lines=lines)
+    around = obstacles(whole, pending.at, config, pending.extent, T)
+    try:
+        if config.initial == "linear":
+            start = _linear_start(problem, start, config, pending.extent)
+        found, spread = _estimate(
+            problem, _solve(problem, start, around, config, pending.extent, watch), around, pending
+        )
+    except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(
+            f"map: numbers too large or too small to compute with ({error}); look at sigma_px, u_px and sigma of the "
+            "bearings, and at the settings of the motion"
+        ) from error
+    problem, solution = found.problem, found.solution
+    walls = np.array([o.seen_through is None for o in around], dtype=np.bool_)
+    through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
+    out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through)
+    if last:
+        return pending._replace(record=empty_record(), X=np.empty((0, 4))), out
+    before = summary(problem, solution, keep) if keep else pending.before
+    return pending._replace(before=before, record=after(whole, keep), X=solution.X[keep:]), out
+
+
+def _estimate(
+    problem: Problem, mode: Detours, around: tuple[Obstacle, ...], pending: Pending
+) -> tuple[Detours, Floats]:
+    """The estimate that is given out, and its covariances (T, 4, 4).
+
+    Args:
+        problem: without the half-planes of detours.
+        mode: its minimum around the obstacles.
+        around: these obstacles.
+        pending: the target.
+    """
+    config, extent = pending.config, pending.extent
+    if not config.front or (config.estimate == "mode" and config.covariance == "hessian"):
+        return mode, covariance(mode.problem, mode.solution.X)
+    options = Options(config.tolerance * extent, config.iterations)
+    other = invariant(mode.problem, mode.solution, options, extent)
+    if config.estimate == "mode":
+        spread = second_moment(mode.solution.X, other.solution.X, other.covariance)
+        solution = mode.solution._replace(iterations=other.solution.iterations)
+        return mode._replace(solution=solution), spread
+    # It may lead through walls that the mode did not come near.
+    flat = problem._replace(lines=other.problem.lines)
+    solved = other.problem, other.solution
+    found = find_detours(flat, solved, around, options, extent, config.clearance, mode.holds, mode.left_alone)
+    if len(found.holds) == len(mode.holds):
+        return found, other.covariance
+    return found, covariance(found.problem, found.solution.X)
+
+
+def problem_of(pending: Pending, record: Record) -> Problem:
+    """What is minimised for a record; InputError for a motion model that cannot be used at its times."""
+    config, before = pending.config, pending.before
+    try:
+        steps = chain(config.motion, np.diff(record.t_ns) / NS, before.mean, before.spread)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(f"map: the motion model does not fit: {error}") from error
+    lines = sight_lines(record, pending.at)
+    planes = constraints(lines, record, pending.at, config, len(record.t_ns))
+    bend = BEND[config.loss] if config.bend is None else config.bend
+    return Problem(steps, lines, planes, LOSSES[config.loss], bend)
+
+
+def start_of(pending: Pending, problem: Problem) -> tuple[Floats, Bools]:
+    """Where the search begins, inside the constraints; and the states whose constraints contradict each other."""
+    config, T = pending.config, problem.T
+    depth = 0.1 * pending.extent if config.depth is None else config.depth
+    X = start_on_axes(problem.lines, T, _centre(pending), depth)
+    known = len(pending.X)
+    X[:known] = pending.X
+    margin = 1e-3 * pending.extent
+    return move_inside(X, problem.planes, margin)
+
+
+def _centre(pending: Pending) -> Floats:
+    hull = pending.at.hull
+    return np.asarray(pending.at.place.mean(axis=0) if hull is None else 0.5 * (hull.min(axis=0) + hull.max(axis=0)))
+
+
+def _linear_start(problem: Problem, X: Floats, config: MapConfig, extent: float) -> Floats:
+    """The minimum of linear problems: first with all targets at one distance, then at those found."""
+    distance = np.full(len(problem.lines.step), 0.3 * extent)
+    for _ in range(LOOKS):
+        X = minimise(linear_problem(problem, distance), X, Options(ROUGH * extent, config.iterations)).X
+        away = X[problem.lines.step, ::2] - problem.lines.place
+        distance = np.maximum(np.einsum("ni,ni->n", away, problem.lines.axis), 0.01 * extent)
+    return X
+
+
+def _solve(
+    problem: Problem, start: Floats, around: tuple[Obstacle, ...], config: MapConfig, extent: float, watch: Watch
+) -> Detours:
+    """The minimum around all obstacles; long records are first solved in windows."""
+    options, space = Options(config.tolerance * extent, config.iterations), (extent, config.clearance)
+    if config.solver != "newton":
+        by_programs = sequential_programs(problem, start, options, program_solver(config.solver), watch)
+        return find_detours(problem, (problem, by_programs), around, options, *space)
+    if len(start) <= config.window:
+        return find_detours(problem, (problem, minimise(problem, start, options, watch)), around, options, *space)
+    rough = options._replace(tolerance=ROUGH * extent)
+    holds: list[Hold] = []
+    alone = np.zeros((len(around), len(start)), dtype=np.bool_)
+
+    def search(here: Problem, X: Floats, first: int) -> tuple[Problem, Solution]:
+        own = tuple(o._replace(when=o.when[first : first + len(X)]) for o in around)
+        found = find_detours(here, (here, minimise(here, X, rough)), own, rough, *space)
+        holds.extend(Hold(h.obstacle, h.first + first, h.last + first) for h in found.holds)
+        alone[:, first : first + len(X)] |= found.left_alone
+        return found.problem, found.solution
+
+    start, iterations = minimise_windows(problem, start, config.window, search)
+    settled = settle(problem, start, around, tuple(holds), options, *space) if holds else None
+    if settled is None:
+        holds.clear()
+        # Not from the border itself, on which a search is stuck.
+        start, _ = move_inside(start, problem.planes, APART * extent)
+        settled = problem, minimise(problem, start, options._replace(mu=MU), watch)
+    solved = settled[0], settled[1]._replace(iterations=settled[1].iterations + iterations)
+    return find_detours(problem, solved, around, options, *space, holds, alone)
+
+
+def _settled(t_ns: Ints, lag_ns: int | None) -> int:
+    """Number of states with enough time after them; the last one always stays."""
+    if lag_ns is None:
+        return 0
+    return min(int(np.searchsorted(t_ns, t_ns[-1] - lag_ns, side="right")), len(t_ns) - 1)
+
+
+def _smoothed(
+    pending: Pending, problem: Problem, solution: Solution, spread: Floats, record: Record, stuck: Bools, through: Bools
+) -> Smoothed:
+    """The first states, as many as there are covariances, as they are given out."""
+    X = solution.X
+    T, keep = len(X), len(spread)
+    looked, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.seen], minlength=T)
+    sigma = np.sqrt(np.linalg.eigvalsh(spread[:, ::2, ::2])[:, -1])
+    vague = sigma > pending.config.vague * pending.extent
+    flags = np.select([stuck[:keep], through[:keep], vague], [CONTRADICTION, WALL, UNOBSERVABLE], "")
+    if not solution.converged:
+        flags = np.where(flags == "", UNFINISHED, flags)
+    order = np.array([0, 2, 1, 3])
+    bounds = np.searchsorted(record.state, np.arange(keep + 1)).tolist()
+    sensors = record.sensor.tolist()
+    return Smoothed(
+        record.t_ns[:keep],
+        X[:keep, ::2] + pending.origin,
+        X[:keep, 1::2],
+        spread[:, order[:, None], order],
+        _scores(problem, X)[:keep],
+        looked[:keep],
+        seen[:keep],
+        tuple(flags.tolist()),
+        tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
+        solution.iterations,
+        solution.converged,
+    )
+
+
+def _scores(problem: Problem, X: Floats) -> Floats:
+    """(T,) log likelihood of the measurements of each state, all errors taken for Gaussian."""
+    lines = problem.lines
+    away = X[lines.step, ::2] - lines.place
+    d2 = np.maximum(np.einsum("ni,ni->n", away, lines.axis) ** 2, 1e-300)
+    variance = lines.c0 + lines.c1 / d2
+    each = -0.5 * residuals(lines, X) ** 2 - 0.5 * np.log(2.0 * np.pi * variance)
+    total = np.bincount(lines.step, weights=each, minlength=len(X))
+    return np.where(np.bincount(lines.step, minlength=len(X)) > 0, total, np.nan)
+
+
+def _without(planes: HalfPlanes, states: Bools) -> HalfPlanes:
+    """The half-planes of all other states."""
+    return some_planes(planes, ~states[planes.step])

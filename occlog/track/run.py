@@ -1,0 +1,325 @@
+"""What `occlog track` does: read, track, write.
+
+What `occlog track` says when it is done.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.parquet import TableWriter
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.models.motion_models import read_motion
+from occlog.measure.scans.inputs import Inputs
+from occlog.measure.scans.scan import sensor_names
+from occlog.measure.scans.scans import checked, choose_sensors
+from occlog.measure.scans.sources import in_turn, only_measured
+from occlog.records.tables import Bearings, Calibration, Cooperation, Diagnostics, Tracks
+from occlog.settings import configure
+from occlog.track.apf.selection_policies import SelectConfig
+from occlog.track.drivers.messages import Messages
+from occlog.track.drivers.stage import track
+from occlog.track.imm.config import START_NUMBERS, imm_defaults
+
+from .catalogue import tracker
+
+if TYPE_CHECKING:
+    from occlog.records.columns import Table
+    from occlog.records.losses import Loss
+    from occlog.records.scene import Scene
+    from occlog.track.drivers.rows import Solve, Tracked
+
+
+class Tally:
+    """Figures of the summary, gathered while streaming."""
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.rows = 0
+        self.targets: set[int] = set()
+        self.fallbacks: Counter[str] = Counter()
+        self.ess = 0.0
+        self.messages = Messages()
+        self.solves: list[Solve] = []
+        self.asked: Counter[str] = Counter()
+        self.cooperated = False
+        self.requests = self.answered = self.frames = self.offered = 0
+
+    def add(self, part: Tracked) -> None:
+        """Count some more rows."""
+        self.rows += len(part.tracks)
+        self.targets.update(part.tracks.target_id.tolist())
+        self.fallbacks.update(f for f in part.diagnostics.fallback.tolist() if f)
+        self.ess += float(part.diagnostics.ess.sum())
+        self.messages.add(part.diagnostics)
+        self.solves += part.solves
+        self.offered += part.offered
+        if (asked := part.cooperation) is not None:
+            self.cooperated = True
+            self.requests += int((asked.cause != "shared").sum())
+            self.answered += int((asked.answered & (asked.cause != "shared")).sum())
+            self.frames += int(asked.frames.sum())
+            self.asked.update(cause for text in asked.cause.tolist() for cause in text.split(","))
+
+    def summary(self) -> dict[str, Any]:
+        """The figures."""
+        return {
+            "targets": len(self.targets),
+            "rows": self.rows,
+            **(self._searches() if self.solves else self._particles()),
+            "fallbacks": dict(sorted(self.fallbacks.items())),
+            **self.messages.summary(),
+            **(self._cooperation() if self.cooperated else {}),
+        }
+
+    def _cooperation(self) -> dict[str, Any]:
+        """What cameras were asked; a request with several causes counts for each."""
+        return {
+            "requests": self.requests,
+            "answered": self.answered,
+            "requests_by_cause": dict(sorted(self.asked.items())),
+            "frames_asked": self.frames,
+            "frames_offered": self.offered,
+        }
+
+    def warnings(self) -> list[str]:
+        """What whoever uses a batch method's tracks should know."""
+        said = {
+            "unobservable": "what was seen does not tell the position (its covariance says how well it is known)",
+            "contradiction": "no place holds all constraints; what was seen there was left out",
+            "wall": "no way around a wall was found; more states may help (--set fill_s=0.2)",
+            "unfinished": "the search did not converge; try --set iterations=1000",
+        }
+        if not self.rows:
+            return [
+                "nobody was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
+            ]
+        return [
+            f"{self.fallbacks[k]} of {self.rows} rows: {k}: {text}" for k, text in said.items() if self.fallbacks[k]
+        ]
+
+    def _particles(self) -> dict[str, Any]:
+        """Mean effective number of particles, of a method that has some."""
+        return {} if math.isnan(self.ess) else {"mean_effective_particles": self.ess / max(self.rows, 1)}
+
+    def _searches(self) -> dict[str, Any]:
+        """Figures of a batch method: iterations of each target's searches, and how many did not converge."""
+        iterations: Counter[int] = Counter()
+        for solve in self.solves:
+            iterations[solve.target] += solve.iterations
+        return {
+            "iterations": {str(k): n for k, n in sorted(iterations.items())},
+            "searches": len(self.solves),
+            "unfinished": sum(not s.converged for s in self.solves),
+        }
+
+
+METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to track and how."""
+
+    bearings: Path
+    scene: Path | None
+    doa: Path | None
+    method: str
+    settings: dict[str, str]
+    starts: tuple[str, ...]
+    targets: tuple[int, ...]  # empty: all
+    unlabelled: bool
+    only: tuple[str, ...]  # sensors; empty: all
+    without: tuple[str, ...]
+    window_ns: int
+    seed: int
+    occluders: Path | None = None
+    policy: str | None = None  # of the selection of cameras; None: no selection
+    selection: dict[str, Any] = field(default_factory=dict)
+    order: tuple[str, ...] = ()
+    doa_labels: bool = False
+    turn_s: float | None = None  # one sensor at a time, for so long; None: all of them
+    motion: Path | None = None  # a fitted motion model, for --method map
+    use_recovered: bool = False  # of fused bearings also those that were recovered
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What to write."""
+
+    tracks: Path
+    diagnostics: Path | None = None
+    calibration: Path | None = None
+    cooperation: Path | None = None
+
+    @property
+    def paths(self) -> list[Path | None]:
+        """All of them."""
+        return [self.tracks, self.diagnostics, self.calibration, self.cooperation]
+
+
+def run_track(
+    request: Request, wanted: Outputs, overwrite: bool, quiet: bool
+) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+    """Track and write; the summary, and what had been lost before."""
+    inputs = Inputs(request.bearings, request.scene, request.doa, request.doa_labels, request.occluders)
+    config = make_config(request, inputs.scene.length_unit)
+    if wanted.calibration is not None and getattr(config, "calibrate", "none") == "none":
+        raise UsageError("--calibration wants estimates to write; add --set calibrate=joint or --set calibrate=initial")
+    sensors = choose_sensors(inputs.scene, request.only, request.without)
+    targets = request.targets or None
+    selection = make_selection(request)
+    chunks = options.progress(inputs.chunks, "track", quiet=quiet)
+    if not request.use_recovered:
+        chunks = only_measured(chunks)
+    if request.turn_s is not None:
+        chunks = one_at_a_time(chunks, inputs.scene, sensors, request.turn_s)
+    tracked = track(
+        chunks,
+        inputs.scene,
+        config,
+        request.seed,
+        method=request.method,
+        sensors=sensors,
+        targets=targets,
+        unlabelled=request.unlabelled,
+        window_ns=request.window_ns,
+        occluders=inputs.occluders,
+        selection=selection,
+    )
+    parameters = {
+        "method": request.method,
+        "sensors": sorted(sensors),
+        "targets": targets,
+        "unlabelled": request.unlabelled,
+        "window_ns": request.window_ns,
+        "in_turn_s": request.turn_s,
+        "doa_labels": request.doa_labels,
+        "selection": None if selection is None else asdict(selection),
+        **asdict(config),
+        **({"use_recovered": True} if request.use_recovered else {}),
+    }
+    paths = [
+        p for p in (request.bearings, request.scene, request.doa, request.occluders, request.motion) if p is not None
+    ]
+    losses = tuple(inputs.losses)
+    provenance = Provenance("track", parameters, request.seed, hash_inputs(paths), losses)
+    outputs: list[tuple[Path | None, type[Table]]] = [
+        (wanted.tracks, Tracks),
+        (wanted.diagnostics, Diagnostics),
+        (wanted.calibration, Calibration),
+        (wanted.cooperation, Cooperation),
+    ]
+    tally = Tally()
+    with ExitStack() as stack:
+        writers = [
+            None
+            if p is None
+            else stack.enter_context(
+                TableWriter(p, t, provenance, overwrite=overwrite, length_unit=inputs.scene.length_unit)
+            )
+            for p, t in outputs
+        ]
+        for part in tracked:
+            tables = (part.tracks, part.diagnostics, part.calibration, part.cooperation)
+            for writer, table in zip(writers, tables, strict=True):
+                if writer is not None and table is not None:
+                    writer.write(table)
+            tally.add(part)
+        if not tally.rows and request.method != "imm":
+            remedy = "a fix wants directions of two sensors at one time (--window)" if request.method == "fix" else ""
+            what = "no row is of the chosen targets and sensors"
+            raise InputError(f"{request.bearings}: {what}; {remedy or 'choose others'}")
+    for line in tally.warnings():
+        options.note(f"warning: {line}", quiet)
+    return {"tracks": str(wanted.tracks), "method": request.method, **tally.summary()}, losses
+
+
+def one_at_a_time(
+    chunks: Iterable[Bearings], scene: Scene, sensors: frozenset[str], seconds: float
+) -> Iterator[Bearings]:
+    """The rows of the sensors in turn, in the order of the scene; those without a pose have no turn."""
+    blind = {c.name for c in scene.cameras if not c.placed}
+    names = [n for n in sensor_names(scene) if n in sensors and n not in blind]
+    if not names:
+        raise UsageError("no sensor with a pose is left to take turns; leave out fewer of them")
+    return in_turn(checked(chunks, scene, sensors), names, seconds)
+
+
+def make_config(request: Request, unit: str) -> Any:
+    """Settings of the method: its defaults for the length unit, and what the options say."""
+    defaults = tracker(request.method).defaults(unit)
+    values: dict[str, Any] = dict(request.settings)
+    if request.motion is not None:
+        values |= motion_settings(request.motion, unit, values)
+    if request.starts:
+        if "start" in values:
+            raise UsageError("--start and --set start=... say the same; give one of them")
+        values["start"] = parse_starts(request.starts, request.method, unit)
+    try:
+        return configure(defaults, values, request.method)
+    except InputError as error:  # here the values are options
+        raise UsageError(str(error)) from error
+
+
+def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of a motion model in a file; UsageError for another unit, or for settings that say the same."""
+    motion = read_motion(path)
+    if motion.length_unit != unit:
+        raise UsageError(f"{path}: is in {motion.length_unit}, but the scene in {unit}; fit a model in this scene")
+    for name in ("A", "Sigma", "step_s", "acceleration", "jitter"):
+        if name in given:
+            raise UsageError(f"--motion and --set {name}=... both say how targets move; give one of them")
+    A, sigma = tuple(motion.A.ravel().tolist()), tuple(motion.sigma.ravel().tolist())
+    return {"A": A, "Sigma": sigma, "step_s": motion.step_s}
+
+
+def make_selection(request: Request) -> SelectConfig | None:
+    """How cameras are selected; UsageError for options of a selection without --select."""
+    if request.policy is None:
+        if request.selection or request.order:
+            raise UsageError("--count, --every, --select-model and --select-order go with --select; add it")
+        return None
+    if request.order and request.policy != "fixed":
+        raise UsageError(f"--select-order goes with --select fixed, not {request.policy}")
+    try:
+        return SelectConfig(policy=request.policy, order=request.order, **request.selection)
+    except InputError as error:  # here the values are options
+        raise UsageError(str(error)) from error
+
+
+def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
+    """The starts as the method's setting; UsageError for several where the method has one filter a target."""
+    if method == "imm":
+        return ",".join(_with_velocity(text, unit) for text in texts)
+    if len(texts) > 1:
+        raise UsageError(f"--start says where one target is; give it once, or use --method imm (method {method})")
+    return parse_start(texts[0], unit)
+
+
+def _with_velocity(text: str, unit: str) -> str:
+    """X,Y,SIGMA,VX,VY,SIGMA_V; at rest up to the method's usual speed where the velocity is left out."""
+    parts = text.split(",")
+    if len(parts) == START_NUMBERS:
+        return text
+    if len(parts) > 3:
+        raise UsageError(f"--start {text}: want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V")
+    return f"{parse_start(text, unit)},0,0,{imm_defaults(unit).speed}"
+
+
+def parse_start(text: str, unit: str) -> str:
+    """X,Y,SIGMA of X,Y[,SIGMA]; half a metre, or 1 in a scene with units of its own, where SIGMA is left out."""
+    parts = text.split(",")
+    if len(parts) == 2:
+        parts.append(str(0.5 / METRES[unit] if unit in METRES else 1.0))
+    if len(parts) != 3:
+        raise UsageError(f"--start {text}: want X,Y or X,Y,SIGMA")
+    return ",".join(parts)

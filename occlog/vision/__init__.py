@@ -1,1 +1,0 @@
-"""Images in, clusters, appearance and rendered images out; no file access."""

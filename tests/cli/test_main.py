@@ -1,0 +1,126 @@
+"""The command line as a process shows it: exit codes, streams, start-up."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+
+from occlog.cli.main import COMMANDS, LazyGroup, cli
+from occlog.errors import ExitCode
+
+HEAVY = (
+    "numpy",
+    "scipy",
+    "pandas",
+    "pyarrow",
+    "mcap",
+    "cv2",
+    "numba",
+    "matplotlib",
+    "jinja2",
+    "shapely",
+    "msgspec",
+    "yaml",
+)
+
+
+def occlog(*args: str, **more: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "occlog", *args],
+        capture_output=True,
+        text=True,
+        check=False,
+        **more,  # type: ignore[call-overload]
+    )
+
+
+def imported_by(*args: str) -> set[str]:
+    code = (
+        "import sys\nfrom occlog.cli.main import run\ncode = run(sys.argv[1:])\n"
+        "print('MODULES', *sys.modules)\nsys.exit(code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *args], capture_output=True, text=True, check=True)
+    return set(done.stdout.split("MODULES", 1)[1].split())
+
+
+def test_help_imports_no_heavy_package() -> None:
+    loaded = imported_by("--help")
+    assert not {m for m in loaded if m.split(".")[0] in HEAVY}
+    assert len([m for m in loaded if m.startswith("occlog")]) <= 5
+    assert len(loaded) < 250
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_of_a_command_imports_no_heavy_package(name: str) -> None:
+    loaded = imported_by(name, "--help")
+    assert not {m for m in loaded if m.split(".")[0] in HEAVY}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help_that_ends_in_an_example(name: str) -> None:
+    command = cli.get_command(click.Context(cli), name) if isinstance(cli, LazyGroup) else None
+    assert command is not None
+    assert command.name == name
+    text = command.help or ""
+    assert "\b" in text
+    assert f"occlog {name}" in text.split("\b")[-1]
+    for param in command.params:
+        if isinstance(param, click.Option):
+            assert param.help, f"{name}: {param.opts} has no help"
+
+
+def test_exit_code_2_for_usage_is_one_line() -> None:
+    for args in (["trakc"], ["info"], ["info", "--wrong"], ["schema", "nope"]):
+        done = occlog(*args)
+        assert done.returncode == ExitCode.USAGE
+        assert done.stdout == ""
+        assert done.stderr.count("\n") == 1
+        assert done.stderr.startswith("occlog: error: ")
+    assert "did you mean 'track'" in occlog("trakc").stderr.lower()
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("x.yaml", None),
+        ("x.yaml", b""),
+        ("x.mcap", b"abc"),
+        ("x.parquet", b"PAR1"),
+        ("x.parquet", None),
+        ("x.txt", b"a"),
+    ],
+)
+def test_exit_code_4_for_bad_input_is_one_line(tmp_path: Path, name: str, content: bytes | None) -> None:
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    done = occlog("info", str(path))
+    assert done.returncode == ExitCode.BAD_INPUT
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert str(path) in done.stderr
+
+
+def test_a_closed_pipe_is_quiet() -> None:
+    done = subprocess.run(
+        f"{sys.executable} -m occlog schema views | head -n 1", shell=True, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "{\n"
+    assert done.stderr == ""
+
+
+def test_version() -> None:
+    done = occlog("--version")
+    assert done.returncode == 0
+    assert done.stdout.startswith("occlog, version ")
+
+
+def test_no_command_shows_the_help() -> None:
+    done = occlog()
+    assert done.returncode == ExitCode.USAGE
+    assert done.stdout == ""
+    assert done.stderr == occlog("--help").stdout

@@ -1,0 +1,174 @@
+"""The posterior bound against independent forms: Kalman filter, batch information, literal recursion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from occlog.array_types import Floats
+from occlog.core.bounds import in_plane as crlb
+
+
+def random_problem(seed: int, n: int, steps: int) -> tuple[Floats, Floats, Floats, Floats]:
+    """Information, F, Q, P0 of a random system with position-only measurements that are missing at times."""
+    rng = np.random.default_rng(seed)
+    H = rng.normal(size=(steps, 2, n))
+    seen = rng.random((steps, 2)) < 0.6
+    information = np.einsum("tki,tkj->tij", H * seen[:, :, None], H * seen[:, :, None])
+    F = np.eye(n) + 0.3 * rng.normal(size=(steps, n, n))
+    root = rng.normal(size=(steps, n, n))
+    Q = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(n)
+    return information, F, Q, np.eye(n) * rng.uniform(0.5, 5.0)
+
+
+def kalman_covariances(H: Floats, R: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
+    """Covariances of the textbook Kalman filter (gain form), an independent path to the linear bound."""
+    P, out = P0, []
+    for k in range(len(F)):
+        P = F[k] @ P @ F[k].T + Q[k]
+        S = H[k] @ P @ H[k].T + R[k]
+        K = P @ H[k].T @ np.linalg.inv(S)
+        A = np.eye(len(P)) - K @ H[k]
+        P = A @ P @ A.T + K @ R[k] @ K.T  # Joseph form
+        out.append(P)
+    return np.array(out)
+
+
+def batch_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
+    """Last block of the inverse of the information matrix of the whole trajectory, prior point included."""
+    steps, n = information.shape[0], P0.shape[0]
+    J = np.zeros(((steps + 1) * n,) * 2)
+    J[:n, :n] = np.linalg.inv(P0)
+    for k in range(steps):
+        a, b = slice(k * n, (k + 1) * n), slice((k + 1) * n, (k + 2) * n)
+        W = np.linalg.inv(Q[k])
+        J[a, a] += F[k].T @ W @ F[k]
+        J[a, b] -= F[k].T @ W
+        J[b, a] -= W @ F[k]
+        J[b, b] += W + information[k]
+    return np.linalg.inv(J)[-n:, -n:]
+
+
+def literal_recursion(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
+    """Tichavsky's recursion in the form that it is printed in."""
+    J, out = np.linalg.inv(P0), []
+    for k in range(len(F)):
+        W = np.linalg.inv(Q[k])
+        D11, D12, D22 = F[k].T @ W @ F[k], -F[k].T @ W, W
+        J = D22 - D12.T @ np.linalg.inv(J + D11) @ D12 + information[k]
+        out.append(np.linalg.inv(J))
+    return np.array(out)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("n", [1, 2, 4, 6])
+def test_equals_the_kalman_filter_when_all_is_linear(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    _, F, Q, P0 = random_problem(seed, n, 30)
+    H = rng.normal(size=(30, 3, n))
+    R = np.einsum("t,ij->tij", rng.uniform(0.1, 2.0, 30), np.eye(3))
+    information = np.einsum("tki,tkl,tlj->tij", H, np.linalg.inv(R), H)
+    bound = crlb.posterior_bound(information, F, Q, P0)
+    np.testing.assert_allclose(bound, kalman_covariances(H, R, F, Q, P0), rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("n", [2, 4])
+def test_equals_the_printed_recursion_and_the_batch_inverse(seed: int, n: int) -> None:
+    problem = random_problem(seed, n, 12)
+    bound = crlb.posterior_bound(*problem)
+    np.testing.assert_allclose(bound, literal_recursion(*problem), rtol=1e-7, atol=1e-10)
+    np.testing.assert_allclose(bound[-1], batch_bound(*problem), rtol=1e-7, atol=1e-10)
+
+
+def test_arguments_are_not_changed() -> None:
+    problem = random_problem(0, 2, 5)
+    copies = [a.copy() for a in problem]
+    crlb.posterior_bound(*problem)
+    for a, b in zip(problem, copies, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_no_steps() -> None:
+    empty = np.zeros((0, 2, 2))
+    assert crlb.posterior_bound(empty, empty, empty, np.eye(2)).shape == (0, 2, 2)
+
+
+def test_static_target_without_noise_adds_information() -> None:
+    # (1 + 3 * 4)^-1: prior 1 and three measurements of information 4; Q = 0 cannot be inverted
+    steps = np.broadcast_to(4.0 * np.eye(2), (3, 2, 2))
+    F, Q = crlb.known_drift_steps(np.zeros(3), 0.33)
+    np.testing.assert_allclose(crlb.posterior_bound(steps, F, Q, np.eye(2))[-1], np.eye(2) / 13.0)
+
+
+def test_known_start_is_allowed() -> None:
+    # P0 = 0: after one step only the noise of the motion, 0.25 * 4 s = 1, then (1 + 1)^-1
+    F, Q = crlb.known_drift_steps(np.array([4.0]), 0.5)
+    bound = crlb.posterior_bound(np.eye(2)[None], F, Q, np.zeros((2, 2)))
+    np.testing.assert_allclose(bound[0], np.eye(2) / 2.0)
+
+
+def test_without_measurements_the_walk_spreads_by_its_time() -> None:
+    dt = np.array([0.5, 0.25, 3.0])
+    F, Q = crlb.known_drift_steps(dt, 2.0)
+    bound = crlb.posterior_bound(np.zeros((3, 2, 2)), F, Q, np.eye(2))
+    np.testing.assert_allclose(bound[:, 0, 0], 1.0 + 4.0 * np.cumsum(dt))
+
+
+@pytest.mark.parametrize("steps", [crlb.known_drift_steps, crlb.constant_velocity_steps])
+def test_two_steps_without_measurement_equal_one(steps) -> None:
+    n = 2 if steps is crlb.known_drift_steps else 4
+    P0 = np.diag(np.arange(1.0, n + 1))
+    two = crlb.posterior_bound(np.zeros((2, n, n)), *steps(np.array([0.3, 1.1]), 0.7), P0)[-1]
+    one = crlb.posterior_bound(np.zeros((1, n, n)), *steps(np.array([1.4]), 0.7), P0)[-1]
+    np.testing.assert_allclose(two, one, rtol=1e-12)
+
+
+def test_constant_velocity_moves_each_axis_by_its_own_velocity() -> None:
+    F, Q = crlb.constant_velocity_steps(np.array([2.0]), 3.0)
+    np.testing.assert_array_equal(F[0] @ [1.0, 10.0, 5.0, -7.0], [11.0, -4.0, 5.0, -7.0])
+    np.testing.assert_allclose(Q[0][np.ix_([0, 2], [0, 2])], 3.0 * np.array([[8 / 3, 2], [2, 2]]))
+    assert Q[0][0, 1] == Q[0][0, 3] == Q[0][2, 3] == 0.0
+
+
+@given(st.integers(0, 10_000))
+def test_more_information_never_raises_the_bound(seed: int) -> None:
+    information, F, Q, P0 = random_problem(seed, 2, 8)
+    g = np.random.default_rng(seed + 1).normal(size=2)
+    more = information.copy()
+    more[seed % 8] += np.outer(g, g)
+    gain = crlb.posterior_bound(information, F, Q, P0) - crlb.posterior_bound(more, F, Q, P0)
+    assert np.linalg.eigvalsh(gain).min() >= -1e-9
+
+
+def test_linear_in_time_and_steady_on_long_runs() -> None:
+    F, Q = crlb.known_drift_steps(np.ones(20_000), 0.33)
+    bound = crlb.posterior_bound(np.broadcast_to(np.eye(2), (20_000, 2, 2)), F, Q, 1e6 * np.eye(2))
+    # Steady state of p = (1/(p + q) + 1)^-1
+    q = 0.33**2
+    p = (-q + np.sqrt(q**2 + 4 * q)) / 2
+    np.testing.assert_allclose(bound[-1], p * np.eye(2), rtol=1e-12)
+
+
+def test_polygon_covariance_of_simple_shapes() -> None:
+    square = np.array([[0.0, 0], [100, 0], [100, 100], [0, 100]]) + 500.0
+    np.testing.assert_allclose(crlb.polygon_covariance(square), np.eye(2) * 100**2 / 12, atol=1e-9)
+    np.testing.assert_allclose(crlb.polygon_covariance(square[::-1]), np.eye(2) * 100**2 / 12, atol=1e-9)
+    triangle = np.array([[0.0, 0], [1, 0], [0, 1]])
+    np.testing.assert_allclose(crlb.polygon_covariance(triangle), [[1 / 18, -1 / 36], [-1 / 36, 1 / 18]])
+
+
+def test_polygon_covariance_of_the_l_shaped_room() -> None:
+    room = np.array([[0.0, 0], [160, 0], [160, 53], [53, 53], [53, 160], [0, 160]])
+    # By parts: the 160 x 53 bar below and the 53 x 107 bar above it
+    parts = [(160 * 53, (80, 26.5), (160, 53)), (53 * 107, (26.5, 106.5), (53, 107))]
+    weight = np.array([p[0] for p in parts]) / sum(p[0] for p in parts)
+    centre = np.array([p[1] for p in parts])
+    mean = weight @ centre
+    expected = sum(
+        w * (np.diag(np.square(size) / 12) + np.outer(c - mean, c - mean))
+        for w, c, (_, _, size) in zip(weight, centre, parts, strict=True)
+    )
+    np.testing.assert_allclose(crlb.polygon_covariance(room), expected, rtol=1e-12)

@@ -1,0 +1,161 @@
+"""Lines, bands and checks of two views against projected points and rays."""
+
+import numpy as np
+import pytest
+from epipolar_rigs import matches, rig, room_points
+
+from occlog.core.image.ellipse import support_radius
+from occlog.core.sight.fundamental import (
+    band_distances,
+    check_fundamental,
+    consistent,
+    epipolar_bands,
+    epipolar_distances,
+    epipolar_lines,
+    epipole,
+    fundamental_from_poses,
+    line_distances,
+    scaled,
+    symmetric_errors,
+)
+
+
+def inner(camera):
+    return np.array(
+        [[camera.focal_px[0], 0, camera.principal_px[0]], [0, camera.focal_px[1], camera.principal_px[1]], [0, 0, 1]]
+    )
+
+
+def fundamental(a, b):
+    return fundamental_from_poses(inner(a), a.rotation, a.position, inner(b), b.rotation, b.position)
+
+
+@pytest.mark.parametrize("distance", [None, 100.0, 1e5])
+def test_points_lie_on_the_lines_of_their_matches(distance):
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        cameras = rig(rng, distance)
+        f = fundamental(*cameras)
+        a, b = matches(rng, cameras, room_points(rng, 50), 0.0)
+        assert epipolar_distances(f, a, b).max() < (1e-8 if distance is None else 1e-4)
+        assert np.linalg.norm(f) == pytest.approx(1.0)
+        assert f.flat[np.abs(f).argmax()] > 0
+        back = fundamental(*cameras[::-1])
+        np.testing.assert_allclose(back, scaled(f.T), atol=1e-12)
+
+
+def test_the_line_of_a_point_is_the_image_of_its_ray():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        first, second = rig(rng)
+        a, _ = matches(rng, (first, second), room_points(rng, 10), 0.0)
+        near, far = (second.project(first.position + t * first.rays(a)) for t in (6.0, 15.0))
+        ok = np.isfinite(near).all(axis=1) & np.isfinite(far).all(axis=1)
+        lines = epipolar_lines(fundamental(first, second), a)[ok]
+        assert ok.any()
+        assert np.abs(line_distances(lines, near[ok])).max() < 1e-7
+        assert np.abs(line_distances(lines, far[ok])).max() < 1e-7
+
+
+def test_the_epipole_is_the_image_of_the_other_camera():
+    for seed in range(20):
+        first, second = rig(np.random.default_rng(seed))
+        local = inner(first) @ first.rotation.T @ (second.position - first.position)
+        e = epipole(fundamental(first, second))
+        np.testing.assert_allclose(np.abs(e @ local / np.linalg.norm(local)), 1.0, atol=1e-9)
+
+
+def test_cameras_at_one_place_have_no_lines():
+    first, _ = rig(np.random.default_rng(0))
+    with pytest.raises(ValueError, match="same place"):
+        fundamental(first, first)
+    with pytest.raises(ValueError, match="finite"):
+        scaled(np.zeros((3, 3)))
+
+
+def test_distances_are_those_of_the_nearest_point_of_the_line():
+    rng = np.random.default_rng(1)
+    f, a, b = scaled(rng.normal(size=(3, 3))), rng.normal(size=(30, 2)), rng.normal(size=(30, 2))
+    got = epipolar_distances(f, a, b)
+    for k in range(30):
+        l1, l2, l3 = f @ [*a[k], 1.0]
+        t = np.linspace(-50, 50, 200_001)
+        foot = -l3 * np.array([l1, l2]) / (l1**2 + l2**2)
+        line = foot + t[:, None] * np.array([-l2, l1]) / np.hypot(l1, l2)
+        assert got[k, 1] == pytest.approx(np.linalg.norm(line - b[k], axis=1).min(), abs=1e-5)
+    np.testing.assert_allclose(epipolar_distances(f.T, b, a), got[:, ::-1])
+    np.testing.assert_allclose(symmetric_errors(f, a, b), np.sqrt((got**2).sum(axis=1) / 2))
+
+
+def test_the_loop_check_needs_both_distances():
+    rows = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # y must be the same
+    a, b = np.array([[10.0, 20.0]] * 4), np.array([[90.0, 20.0], [0, 24.9], [0, 25.1], [0, 15.1]])
+    assert consistent(rows, a, b, 5.0, 5.0).tolist() == [True, True, False, True]
+    assert consistent(rows, a, b, 5.0, 2.0).tolist() == [True, False, False, False]
+    assert consistent(rows, a, b, np.array([5, 2, 6, 6]), 6.0).tolist() == [True, False, True, True]
+
+
+@pytest.mark.parametrize("distance", [None, 1e6])
+def test_a_point_is_in_the_band_when_its_own_line_meets_the_ellipse(distance):
+    for seed in range(15):
+        rng = np.random.default_rng(seed)
+        f = fundamental(*rig(rng, distance))
+        if seed == 0:
+            f = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+        n = 400
+        e = np.column_stack(
+            [rng.uniform(0, 640, n), rng.uniform(0, 480, n), rng.uniform(5, 90, (n, 2)), rng.uniform(-4, 4, n)]
+        )
+        points = rng.uniform([-200, -200], [840, 680], (n, 2))
+        back = epipolar_lines(f.T, points)
+        offset = np.abs(line_distances(back, e[:, :2]))
+        reach = support_radius(e, np.arctan2(back[:, 1], back[:, 0]))
+        bands = epipolar_bands(f, e)
+        distances = band_distances(bands, points)
+        clear = np.abs(offset - reach) > 1e-6
+        assert np.array_equal((distances == 0)[clear], (offset < reach)[clear])
+        middle = epipolar_lines(f, e[:, :2])
+        on_middle = points - line_distances(middle, points)[:, None] * middle[:, :2]
+        assert (band_distances(bands, on_middle) == 0).all()
+        assert 0.01 < (distances == 0).mean() < 0.9
+
+
+def test_an_ellipse_around_the_epipole_can_be_anywhere():
+    f = np.array([[0.0, -1, 10], [1, 0, -20], [-10, 20, 0]])  # lines through (20, 10)
+    assert np.isnan(epipolar_lines(f, np.array([20.0, 10.0]))).all()
+    bands = epipolar_bands(f, np.array([[22.0, 11, 5, 4, 0.3], [60.0, 11, 5, 4, 0.3]]))
+    assert np.isnan(bands[0]).all()
+    assert np.isfinite(bands[1]).all()
+    assert band_distances(bands, np.array([[3.0, 4], [20, 200]])).tolist()[0] == 0.0
+
+
+def test_right_matrices_fit_and_wrong_ones_do_not():
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        cameras = rig(rng)
+        a, b = matches(rng, cameras, room_points(rng, 40), 0.5, wrong=0.3)
+        f = fundamental(*cameras)
+        good = check_fundamental(f, a, b)
+        assert good.fits
+        assert good.share > 0.55  # 0.7 but for points near an epipole, whose lines are less exact
+        assert good.chance < 0.1
+        for wrong in (scaled(f.T), fundamental(*rig(rng))):
+            bad = check_fundamental(wrong, a, b)
+            assert not bad.fits
+            assert bad.share < 0.4
+            assert bad.median_px > 5.0
+
+
+def test_a_matrix_that_fits_everything_by_chance_is_not_taken_for_right():
+    """Points in a few rows: any pairing lies on the lines."""
+    rng = np.random.default_rng(2)
+    rows = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    a, b = (np.column_stack([rng.uniform(0, 300, 30), rng.normal(100, 0.3, 30)]) for _ in range(2))
+    check = check_fundamental(rows, a, b)
+    assert check.share > 0.95
+    assert not check.fits
+
+
+def test_few_matches_tell_nothing():
+    with pytest.raises(ValueError, match="7 matches"):
+        check_fundamental(np.eye(3), np.zeros((7, 2)), np.zeros((7, 2)))

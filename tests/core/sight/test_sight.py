@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+from shapely.geometry import LineString, Point
+
+from occlog.core.sight.sight import behind_objects, behind_walls, in_view
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_object_hides_when_its_centre_is_in_the_rectangle_of_fig_3(seed):
+    rng = np.random.default_rng(seed)
+    xy, others = rng.uniform(-20, 20, (60, 2)), rng.uniform(-20, 20, (60, 9, 2))
+    origin, diameter = rng.uniform(-20, 20, 2), 3.33
+    want = []
+    for x, group in zip(xy, others, strict=True):
+        rectangle = LineString([origin, x]).buffer(diameter / 2, cap_style="flat")
+        want.append(any(rectangle.contains(Point(c)) for c in group))
+    assert behind_objects(origin, xy, others, diameter).tolist() == want
+    assert 0 < sum(want) < 60
+
+
+def test_absent_objects_hide_nothing():
+    others = np.full((3, 2, 2), np.nan)
+    assert not behind_objects(np.zeros(2), np.ones((3, 2)), others, 5.0).any()
+    assert not behind_objects(np.zeros(2), np.ones((3, 2)), np.empty((3, 0, 2)), 5.0).any()
+
+
+def test_field_of_view_range_and_behind():
+    h = np.array([0.0, 1.0, 1.01, -1.0, 0.0, 0.0, np.nan])
+    d = np.array([5.0, 1.0, 1.0, 1.0, -5.0, 11.0, 1.0])
+    assert in_view(h, d, np.pi / 2, 10.0).tolist() == [True, True, False, True, False, False, False]
+
+
+def test_any_wall_hides():
+    walls = [
+        np.array([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]),
+        np.array([[3.0, -1.0], [4.0, -1.0], [4.0, 1.0]]),
+    ]
+    points = np.array([[3.0, 3.0], [0.0, 3.0], [6.0, 0.0]])
+    assert behind_walls(np.zeros(2), points, walls).tolist() == [True, False, True]
+    assert not behind_walls(np.zeros(2), points, []).any()

@@ -1,0 +1,78 @@
+"""Visibility kernels against the plain geometry kernels, which have tests of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from occlog.core.plane.polygons import sight_blocked
+from occlog.core.sight.sight import in_view
+from occlog.core.sight.visibility import assigned, make_sensors, seen_from
+
+WALLS = {
+    "square": np.array([[4.0, 4.0], [6.0, 4.0], [6.0, 6.0], [4.0, 6.0]]),
+    "clockwise triangle": np.array([[2.0, 7.0], [3.0, 9.0], [5.0, 7.5]]),
+    "hook": np.array([[7.0, 1.0], [9.0, 1.0], [9.0, 4.0], [8.5, 4.0], [8.5, 1.5], [7.5, 1.5], [7.5, 4.0], [7.0, 4.0]]),
+    "sliver": np.array([[1.0, 1.0], [3.0, 5.0], [3.0, 5.01]]),
+}
+
+
+def slowly(xy, position, yaw, fov, reach, walls):
+    dx, dy = xy[:, 0] - position[0], xy[:, 1] - position[1]
+    h, d = -np.sin(yaw) * dx + np.cos(yaw) * dy, np.cos(yaw) * dx + np.sin(yaw) * dy
+    seen = in_view(h, d, fov, reach)
+    for wall in walls:
+        seen &= ~sight_blocked(position, xy, wall)
+    return seen
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("fov_deg", [20.0, 90.0, 179.0, 200.0, 360.0])
+def test_what_is_seen_agrees_with_the_plain_geometry(seed, fov_deg):
+    rng = np.random.default_rng(seed)
+    walls = list(WALLS.values())
+    position, yaw, reach = rng.uniform(-2, 12, 2), rng.uniform(-np.pi, np.pi), rng.choice([6.0, np.inf])
+    fov = np.radians(fov_deg)
+    xy = np.ascontiguousarray(rng.uniform(-3, 13, (1000, 2)))
+    sensors = make_sensors(position[None], np.array([yaw]), np.array([fov]), np.array([reach]), [walls])
+    np.testing.assert_array_equal(seen_from(xy, 0, sensors), slowly(xy, position, yaw, fov, reach, walls))
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    x=st.integers(-2, 12),
+    y=st.integers(-2, 12),
+    name=st.sampled_from(sorted(WALLS)),
+    px=st.integers(-4, 26),
+    py=st.integers(-4, 26),
+)
+def test_quick_tests_of_walls_never_change_the_answer(x, y, name, px, py):
+    # A grid puts places on edges, corners, and sight lines along walls.
+    position, xy = np.array([x, y], dtype=float), np.array([[px, py]]) / 2.0
+    sensors = make_sensors(position[None], np.zeros(1), np.full(1, np.nan), np.full(1, np.inf), [[WALLS[name]]])
+    assert seen_from(xy, 0, sensors)[0] == (not sight_blocked(position, xy, WALLS[name])[0])
+
+
+def test_a_sensor_without_an_axis_sees_all_around_within_its_range():
+    sensors = make_sensors(np.zeros((1, 2)), np.zeros(1), np.full(1, np.nan), np.array([5.0]), [[]])
+    xy = np.array([[-4.9, 0.0], [0.0, 0.0], [0.0, -5.1], [3.0, 4.0]])
+    assert seen_from(xy, 0, sensors).tolist() == [True, True, False, True]
+
+
+def test_nothing_behind_a_camera_is_seen_whatever_its_field_of_view():
+    xy = np.array([[0.0, 1.0], [-1e-12, 3.0], [1e-12, 3.0], [-2.0, 0.5]])
+    sensors = make_sensors(np.zeros((1, 2)), np.zeros(1), np.array([2 * np.pi]), np.full(1, np.inf), [[]])
+    assert seen_from(xy, 0, sensors).tolist() == [False, False, True, False]
+
+
+def test_each_sensor_has_walls_of_its_own():
+    square = WALLS["square"]
+    at = np.array([[0.0, 5.0], [0.0, 5.0], [10.0, 5.0]])
+    sensors = make_sensors(
+        at, np.array([0.0, 0.0, np.pi]), np.full(3, 1.0), np.full(3, np.inf), [[square], [], [square]]
+    )
+    xy = np.array([[8.0, 5.0], [2.0, 5.0]])
+    seen = assigned(xy, sensors, np.array([0, 1, 2, 1]))
+    assert seen.tolist() == [[False, True, True, True], [True, True, False, True]]

@@ -1,0 +1,366 @@
+"""`occlog evaluate` on tracks of many targets: files, options, one-line errors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mot_published import PUBLISHED
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.parquet import read_provenance, read_table, write_table
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.frames.codec import encode_image
+from occlog.io.recording.writer import RecordingWriter
+from occlog.io.scenes.scene import scene_from_yaml
+from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
+from occlog.records.views import Failures, ViewTracks
+
+NS = 40_000_000
+FRAMES = 10
+MADE = Provenance("test")
+SCENE = """
+occlog_scene: 1
+room: [[0, 0], [20, 0], [20, 20], [0, 20]]
+cameras:
+  - {name: east, position: [0, 10], yaw_deg: 0, focal_px: 100, fov_deg: 90, image_size_px: [320, 240]}
+  - {name: north, position: [10, 0], yaw_deg: 90, focal_px: 100, fov_deg: 90, image_size_px: [320, 240]}
+"""
+
+
+def base(cameras: tuple[str, ...], targets: int) -> dict[str, Any]:
+    n = FRAMES * len(cameras) * targets
+    frame = np.repeat(np.arange(FRAMES), n // FRAMES)
+    return {
+        "t_ns": frame * NS,
+        "sensor": np.tile(np.repeat(cameras, targets), FRAMES),
+        "frame": frame,
+        "target_id": np.tile(np.arange(targets, dtype=np.int32), FRAMES * len(cameras)),
+    }
+
+
+def true_boxes() -> TruthBoxes:
+    """Three targets in two cameras, each 30 x 20 px, 60 px apart."""
+    made = base(("east", "north"), 3)
+    n = len(made["frame"])
+    return TruthBoxes.of(
+        **made,
+        box=made["target_id"],
+        left_px=60.0 * made["target_id"] + made["frame"],
+        top_px=np.full(n, 50.0),
+        width_px=np.full(n, 30.0),
+        height_px=np.full(n, 20.0),
+        confidence=np.full(n, np.nan),
+        visible=np.full(n, 0.7),
+    )
+
+
+def view_tracks() -> ViewTracks:
+    """Trackers on their targets; in `east` those of 0 and 1 swap in the last four frames."""
+    made = base(("east", "north"), 3)
+    n = len(made["frame"])
+    x = 60.0 * made["target_id"] + made["frame"] + 15.0
+    swapped = (made["frame"] >= 6) & (made["sensor"] == "east") & (made["target_id"] < 2)
+    made["target_id"] = np.where(swapped, 1 - made["target_id"], made["target_id"]).astype(np.int32)
+    zero, none = np.zeros(n), np.full(n, "")
+    return ViewTracks.of(
+        **made,
+        x_px=x,
+        y_px=np.full(n, 60.0),
+        a_px=np.full(n, 15.0),
+        b_px=np.full(n, 10.0),
+        rho=zero,
+        cov_xx_px=zero + 1,
+        cov_xy_px=zero,
+        cov_yy_px=zero + 1,
+        likeness=zero + 1,
+        ess=zero + 9,
+        mode=none,
+        counterpart=none,
+        neighbours=none,
+        helpers=none,
+        event=none,
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Folder with view tracks, a recording with the truth, and tables."""
+    write_table(tmp_path / "view_tracks.parquet", view_tracks(), MADE)
+    write_table(tmp_path / "truth.parquet", true_boxes(), MADE)
+    with RecordingWriter(tmp_path / "recording.mcap", scene_from_yaml(SCENE, "scene"), MADE) as writer:
+        writer.table(true_boxes())
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+EVALUATE = ["evaluate", "view_tracks.parquet", "--truth", "recording.mcap"]
+
+
+def figures(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, float]:
+    assert run([*arguments, "--json"]) == ExitCode.DONE
+    return json.loads(capsys.readouterr().out)  # type: ignore[no-any-return]
+
+
+def error(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    """Exit code and the one line of an error."""
+    capsys.readouterr()
+    code = run(arguments)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1, lines
+    return code, lines[0]
+
+
+def test_outputs_and_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*EVALUATE, "-o", "m.json", "--failures", "f.parquet", "--mot", "mot"]) == ExitCode.DONE
+    told = capsys.readouterr()
+    assert told.err.splitlines() == ["occlog: wrote m.json", "occlog: wrote f.parquet", "occlog: wrote mot"]
+    assert "targets without a tracker, FR_p" in told.out
+    assert [line.split()[0] for line in told.out.splitlines()[-3:]] == ["sensor", "east", "north"]
+    metrics = json.loads((folder / "m.json").read_text())
+    wanted = {"fr_l": 8 / 60, "fr_l_sensor_east": 8 / 30, "fr_l_sensor_north": 0.0, "fr_p": 0.0, "id_switches": 2}
+    assert {name: metrics[name] for name in wanted} == pytest.approx(wanted)
+    assert metrics["_provenance"]["parameters"]["own"] == "label"
+    failures = read_table(folder / "f.parquet", Failures)
+    assert (len(failures), set(failures.kind), set(failures.visible)) == (8, {"label"}, {0.7})
+    assert [name for name, _ in read_provenance(folder / "f.parquet").inputs] == [
+        "view_tracks.parquet",
+        "recording.mcap",
+    ]
+    ini = (folder / "mot/gt/MOT17-train/east/seqinfo.ini").read_text()
+    for line in ("name=east", "frameRate=25", "seqLength=10", "imWidth=320"):
+        assert f"{line}\n" in ini
+    assert (folder / "mot/trackers/MOT17-train/view_tracks/data/north.txt").is_file()
+    assert run([*EVALUATE, "--mot", "mot"]) == ExitCode.DONE  # the same content
+
+
+def test_files_of_other_programs_give_the_same_figures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*EVALUATE, "--mot", "mot", "-q"]) == ExitCode.DONE
+    capsys.readouterr()
+    own = figures([*EVALUATE, "--camera", "east"], capsys)
+    text, true = "mot/trackers/MOT17-train/view_tracks/data/east.txt", "mot/gt/MOT17-train/east/gt/gt.txt"
+    one = ["--camera", "east", "--own", "label"]
+    assert figures(["evaluate", text, "--truth", true, "--own", "label"], capsys) == own
+    assert figures(["evaluate", text, "--truth", "recording.mcap", *one], capsys) == own
+    assert figures(["evaluate", "view_tracks.parquet", "--truth", true, *one], capsys) == own
+    tracks = read_table(folder / "truth.parquet", TruthBoxes)
+    write_table(folder / "boxes.parquet", Boxes.of(**{c.name: getattr(tracks, c.name) for c in Boxes.columns()}), MADE)
+    got = figures(["evaluate", "boxes.parquet", "--truth", "truth.parquet"], capsys)
+    assert (got["mota"], got["fr_l"], got["hota"]) == (1.0, 0.0, 1.0)
+    # Names of another program are of no target: each track belongs to the first that it is on.
+    got = figures(["evaluate", text, "--truth", true], capsys)
+    assert got["label_failures"] == own["label_failures"]
+
+
+def test_text_with_any_confidence_and_truth_that_does_not_count(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "gt.txt").write_text("1,1,10,10,20,20,1,1,1\n1,2,50,10,20,20,0,1,1\n2,1,10,10,20,20,1,1,1\n")
+    (folder / "t.txt").write_text("1,1,10,10,20,20,-3.5\n2,1,10,10,20,20,77\n4,1,10,10,20,20,0\n")
+    got = figures(["evaluate", "t.txt", "--truth", "gt.txt"], capsys)
+    assert (got["objects"], got["tp"], got["fp"], got["frames"]) == (2, 2, 1, 4)
+
+
+def test_thresholds_and_frames(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*EVALUATE, "--fail-if", "fr_l>0.1", "--fail-if", "mota<0.5"]) == ExitCode.THRESHOLD
+    assert "fr_l is 0.133333" in capsys.readouterr().err
+    assert run([*EVALUATE, "--frames", "0:6", "--fail-if", "fr_l>0"]) == ExitCode.DONE
+    assert run([*EVALUATE, "--fail-if", "fr_x>0"]) == ExitCode.THRESHOLD
+    assert "did you mean" in capsys.readouterr().err
+
+
+def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Cameras in which nothing was ever found count; numbers given at births from detections are told of."""
+    tracks = view_tracks()
+    east = tracks.take(tracks.sensor == "east")
+    write_table(folder / "one.parquet", east, MADE)
+    assert run(["evaluate", "one.parquet", "--truth", "recording.mcap"]) == ExitCode.DONE
+    assert "left out: north" in capsys.readouterr().err
+    made = Provenance("track", {"cameras": ["east", "north"], "births": "detections"})
+    write_table(folder / "both.parquet", east, made)
+    both = ["evaluate", "both.parquet", "--truth", "recording.mcap"]
+    assert run(both) == ExitCode.DONE
+    assert "born from detections, so that their numbers are not those of targets; --own start" in _notes(capsys)
+    assert run([*both, "--own", "label"]) == ExitCode.DONE
+    assert "FR needs --own start" in _notes(capsys)
+    assert figures([*both, "--own", "start"], capsys)["fr_p_sensor_north"] == 1.0
+    assert "born" not in _notes(capsys)
+    assert figures(both, capsys) == figures([*both, "--own", "start"], capsys)
+    own = {c.name: getattr(east, c.name) for c in ViewTracks.columns()}
+    write_table(folder / "own.parquet", ViewTracks.of(**{**own, "target_id": east.target_id + np.int32(7)}), made)
+    renamed = ["evaluate", "own.parquet", "--truth", "recording.mcap"]
+    assert figures(renamed, capsys) == figures(both, capsys)
+    assert figures([*renamed, "--own", "label"], capsys)["fr_l"] > figures(renamed, capsys)["fr_l"] > 0
+    assert figures([*both, "--camera", "north"], capsys)["fr_p"] == 1.0
+
+
+def _notes(capsys: pytest.CaptureFixture[str]) -> str:
+    return capsys.readouterr().err
+
+
+def test_a_recording_that_is_not_that_of_the_tracks_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Times and cameras are the same in all three recordings; one has no video, so that nothing can be said of it."""
+    for name, level in (("own", 10), ("other", 20)):
+        with RecordingWriter(folder / f"{name}.mcap", scene_from_yaml(SCENE, "scene"), MADE) as writer:
+            writer.table(true_boxes())
+            writer.image("east", 0, 0, encode_image(np.full((8, 8, 3), level, dtype=np.uint8), "png", 0), "png")
+    made = Provenance("track", {"births": "initial"}, 0, hash_inputs([folder / "own.mcap"]))
+    write_table(folder / "v.parquet", view_tracks(), made)
+    for name, told in (("own", False), ("recording", False), ("other", True)):
+        assert run(["evaluate", "v.parquet", "--truth", f"{name}.mcap"]) == ExitCode.DONE
+        line = "other.mcap: v.parquet was made from another file (own.mcap)"
+        assert (line in _notes(capsys)) == told
+    write_table(folder / "old.parquet", view_tracks(), Provenance("track", {"births": "initial"}))
+    assert run(["evaluate", "old.parquet", "--truth", "other.mcap"]) == ExitCode.DONE
+    assert "another file" not in _notes(capsys)
+
+
+def test_world_tracks_born_from_detections(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Numbers of their own, on the ground too: failures are swaps only, unless numbers are said to be of targets."""
+    truth, tracks = world(3, 0.1)
+    with RecordingWriter(folder / "w.mcap", scene_from_yaml(SCENE, "scene"), MADE) as writer:
+        writer.table(truth)
+    turned = {c.name: getattr(tracks, c.name) for c in Tracks.columns()}
+    turned["target_id"] = (turned["target_id"] + 1) % 3
+    order = np.lexsort((turned["target_id"], turned["t_ns"]))
+    born = Tracks.of(**{name: column[order] for name, column in turned.items()})
+    write_table(folder / "w.parquet", born, Provenance("track", {"births": "detections"}))
+    asked = ["evaluate", "w.parquet", "--truth", "w.mcap"]
+    assert figures(asked, capsys)["label_failures"] == 10  # two of three swap in half of ten frames
+    assert run(asked) == ExitCode.DONE
+    assert "--own start is used" in _notes(capsys)
+    assert figures([*asked, "--own", "label"], capsys)["label_failures"] == 25
+
+
+def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*EVALUATE, "--failures", "f.parquet", "-q"]) == ExitCode.DONE
+    assert run([*EVALUATE, "--failures", "g.parquet", "--tau", "0.5", "-q"]) == ExitCode.DONE
+    for name in ("f.parquet", "view_tracks.parquet"):
+        assert run(["info", name]) == ExitCode.DONE
+        assert run(["diff", name, name]) == ExitCode.DONE
+    assert "tracker on target 1" in capsys.readouterr().out
+    assert run(["diff", "f.parquet", "g.parquet"]) == ExitCode.DONE
+    assert run(["diff", "f.parquet", "view_tracks.parquet"]) == ExitCode.USAGE
+    for name in ("failures", "view_tracks"):
+        assert run(["schema", name]) == ExitCode.DONE
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        ([*EVALUATE, "--tau", "0"], 2, "--tau"),
+        ([*EVALUATE, "--tau", "nan"], 2, "nan is not a finite number"),
+        ([*EVALUATE, "--tau", "inf"], 2, "inf is not a finite number"),
+        ([*EVALUATE, "--gospa-px", "nan"], 2, "nan is not a finite number"),
+        ([*EVALUATE, "--gospa-p", "inf"], 2, "inf is not a finite number"),
+        ([*EVALUATE, "--box-overlap", "nan"], 2, "nan is not a finite number"),
+        ([*EVALUATE, "--bearings", "b.parquet"], 2, "--bearings has no meaning for tracks in images"),
+        ([*EVALUATE, "--match-distance", "1"], 2, "--match-distance has no meaning"),
+        ([*EVALUATE, "--gospa-cutoff", "3"], 2, "at most 1 apart"),
+        ([*EVALUATE, "--camera", "west"], 4, "recording.mcap: no camera west; there is east, north"),
+        ([*EVALUATE, "--frames", "90:99"], 4, "recording.mcap: no row in frames 90:99; they are 0 to 9"),
+        ([*EVALUATE, "--mot", "truth.parquet"], 4, "name a folder"),
+        ([*EVALUATE, "--failures", "truth.parquet"], 7, "truth.parquet: exists"),
+        (EVALUATE[:2], 2, "need --truth"),
+        (["evaluate", "view_tracks.parquet", "--truth", "view_tracks.parquet"], 4, "want truth_boxes"),
+        (["evaluate", "broken.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "broken.txt: line 2"),
+        (["evaluate", "short.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "3 columns"),
+        (["evaluate", "header.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "begins with a header"),
+        (["evaluate", "twice.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "frame 2: target 1 twice"),
+        (["evaluate", "twice.txt", "--truth", "recording.mcap"], 2, "--camera"),
+        (["evaluate", "late.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "frames (99 to 99) are none"),
+        (["evaluate", "far.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "far.txt: frame 90000000"),
+        (["report", "view_tracks.parquet", "-o", "page.html"], 4, "view_tracks.parquet: holds view_tracks/1"),
+        (["evaluate", "other.parquet", "--truth", "recording.mcap"], 4, "other.parquet: their cameras (west)"),
+        (["evaluate", "away.parquet", "--truth", "recording.mcap"], 4, "away.parquet: the time of no frame"),
+        (["evaluate", "--failures", "f.parquet", "--truth", "recording.mcap"], 2, "needs TRACKS"),
+    ],
+)
+def test_bad_input(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: str
+) -> None:
+    (folder / "broken.txt").write_text("1,1,10,10,20,20,1\n2,1,ten,10,20,20,1\n")
+    (folder / "short.txt").write_text("1,1,10\n")
+    (folder / "header.txt").write_text("frame,id,left,top,width,height,conf\n1,1,10,10,20,20,1\n")
+    (folder / "twice.txt").write_text("3,1,10,10,20,20,1\n3,1,50,10,20,20,1\n")
+    (folder / "far.txt").write_text("90000000,1,10,10,20,20,1\n")
+    (folder / "late.txt").write_text("100,1,10,10,20,20,1\n")
+    tracks = view_tracks()
+    whole = {c.name: getattr(tracks, c.name) for c in ViewTracks.columns()}
+    write_table(folder / "other.parquet", ViewTracks.of(**{**whole, "sensor": np.full(len(tracks), "west")}), MADE)
+    write_table(folder / "away.parquet", ViewTracks.of(**{**whole, "t_ns": tracks.t_ns + 5}), MADE)
+    before = sorted(folder.rglob("*"))
+    got, line = error(arguments, capsys)
+    assert (got, words in line) == (code, True), line
+    assert sorted(folder.rglob("*")) == before
+
+
+def world(targets: int, shift: float, unit: str = "m") -> tuple[Truth, Tracks]:
+    made = base(("",), targets)
+    t_ns, target, n = made["t_ns"], made["target_id"], len(made["frame"])
+    x, y, nan = 4.0 * target, 0.1 * made["frame"], np.full(n, np.nan)
+    truth = Truth.of(t_ns=t_ns, target_id=target, role=np.full(n, "target"), x=x, y=y, z=nan)
+    swapped = np.where((made["frame"] >= 5) & (target < 2), 1 - target, target) if targets > 1 else target
+    return truth, Tracks.of(
+        t_ns=t_ns,
+        target_id=swapped.astype(np.int32),
+        x=x + shift,
+        y=y,
+        vx=nan,
+        vy=nan,
+        cov_xx=np.ones(n),
+        cov_xy=np.zeros(n),
+        cov_yy=np.ones(n),
+    )
+
+
+@pytest.mark.parametrize("targets", [1, 3])
+def test_tracks_on_the_ground(folder: Path, capsys: pytest.CaptureFixture[str], targets: int) -> None:
+    truth, tracks = world(targets, 0.5)
+    write_table(folder / "positions.parquet", truth, MADE)
+    write_table(folder / "tracks.parquet", tracks, MADE)
+    (folder / "scene.yaml").write_text(SCENE)
+    ground = ["evaluate", "tracks.parquet", "--truth", "positions.parquet", "--scene", "scene.yaml"]
+    got = figures(ground, capsys)
+    assert ("mota" in got) == (targets > 1)  # a single target has no need of them
+    got = figures([*ground, "--failures", "f.parquet", "--match-distance", "0.5"], capsys)
+    assert got["motp_m"] == pytest.approx(0.5)
+    wanted = {"fr_p": 0.0, "label_failures": 10.0 * (targets > 1), "objects": 10.0 * targets, "fp": 0.0}
+    assert {name: got[name] for name in wanted} == wanted
+    assert len(read_table(folder / "f.parquet", Failures)) == wanted["label_failures"]
+    assert figures([*ground, "--match-distance", "0.4"], capsys)["fr_p"] == 1.0
+    code, line = error([*ground, "--tau", "2"], capsys)
+    assert (code, "--match-distance" in line) == (2, True)
+
+
+def test_units_without_a_length_need_a_distance(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth, tracks = world(3, 0.5)
+    write_table(folder / "positions.parquet", truth, MADE, length_unit="unit")
+    write_table(folder / "tracks.parquet", tracks, MADE, length_unit="unit")
+    (folder / "scene.yaml").write_text(SCENE.replace("occlog_scene: 1", "occlog_scene: 1\nlength_unit: unit"))
+    ground = ["evaluate", "tracks.parquet", "--truth", "positions.parquet", "--scene", "scene.yaml"]
+    assert run(ground) == ExitCode.DONE
+    told = capsys.readouterr()
+    assert "give --match-distance" in told.err
+    assert "MOTA" not in told.out
+    assert figures([*ground, "--match-distance", "1"], capsys)["motp_unit"] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("name", ["TUD-Campus", "TUD-Stadtmitte"])
+@pytest.mark.parametrize("rule", ["classic", "challenge"])
+def test_published_figures_come_out(
+    shared_data: Path, name: str, rule: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    at = shared_data / "tud_mot" / name
+    got = figures(["evaluate", f"{at}/test.txt", "--truth", f"{at}/gt.txt", "--clear-rule", rule], capsys)
+    counts = {"GT": "targets", "MT": "mostly_tracked", "PT": "partly_tracked", "ML": "mostly_lost", "FP": "fp"}
+    counts |= {"FN": "fn", "IDs": "id_switches", "FM": "fragmentations"}
+    shares = {"IDF1": "idf1", "IDP": "idp", "IDR": "idr", "Rcll": "recall", "Prcn": "precision", "MOTA": "mota"}
+    shares |= {"DETA": "deta", "ASSA": "assa", "HOTA": "hota"}
+    texts = {printed: f"{got[ours]:.0f}" for printed, ours in counts.items()}
+    texts |= {printed: f"{got[ours]:.1%}" for printed, ours in shares.items()} | {"MOTP": f"{got['motp']:.3f}"}
+    assert texts == PUBLISHED[name]

@@ -1,0 +1,358 @@
+"""`occlog ingest` from files to a recording: times, losses, refusals, exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from video_samples import FRAMES, avi, jpeg, number_shown, numbered, write_video
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.recording.reader import Recording, open_recording
+from occlog.records.tables import Boxes, Doa, Truth, TruthBoxes
+
+SCENE = """occlog_scene: 1
+room: [[0, 0], [4, 0], [4, 3], [0, 3]]
+cameras:
+- {name: cam1, position: [0, 0, 2], yaw_deg: 30, focal_px: 150, image_size_px: [160, 120]}
+- {name: cam2, position: [4, 0, 2], yaw_deg: 150, focal_px: 150, image_size_px: [160, 120]}
+microphone_arrays:
+- {name: mic, position: [2, 3], yaw_deg: 90}
+"""
+
+
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("videos")
+    return {name: write_video(folder / name) for name in ("ffv1.mkv", "mjpg.avi", "mp4v.mp4")}
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    return tmp_path
+
+
+def ingest(place: Path, *args: str, scene: bool = True, output: str = "out.mcap") -> int:
+    given = ["--scene", str(place / "scene.yaml")] if scene else []
+    return run(["ingest", "-o", str(place / output), *given, "-q", *args])
+
+
+def shown(recording: Recording) -> list[tuple[str, int, int, int]]:
+    """(camera, time, number given, number shown) of every frame, in the order of time."""
+    return [(f.sensor, f.t_ns, f.index, number_shown(f.decode())) for f in recording.frames()]
+
+
+def test_two_videos_become_one_recording_in_the_order_of_time(place: Path, videos: dict[str, Path]) -> None:
+    code = ingest(
+        place,
+        "--video",
+        f"cam1={videos['ffv1.mkv']}",
+        "--video",
+        f"cam2={videos['mjpg.avi']}",
+        "--start-time",
+        "cam2=0.01",
+        "--store",
+        "png",
+    )
+    assert code == ExitCode.DONE
+    recording = open_recording(place / "out.mcap")
+    frames = shown(recording)
+    assert [t for _, t, _, _ in frames] == sorted(t for _, t, _, _ in frames)
+    for name, offset in (("cam1", 0), ("cam2", 10_000_000)):
+        mine = [(t, i, n) for c, t, i, n in frames if c == name]
+        assert mine == [(50_000_000 * k + offset, k, k) for k in range(FRAMES)]
+    assert recording.provenance.parameters["time_sources"] == {
+        "cam1": "container time stamps",
+        "cam2": "frame rate 20 fps (stated by the file)",
+    }
+    assert recording.losses == ()
+    assert recording.scene is not None
+    assert [c.name for c in recording.scene.cameras] == ["cam1", "cam2"]
+
+
+def test_the_same_input_gives_the_same_bytes(place: Path, videos: dict[str, Path]) -> None:
+    args = ("--video", f"cam1={videos['ffv1.mkv']}", "--video", f"cam2={videos['mp4v.mp4']}")
+    assert ingest(place, *args, output="a.mcap") == ingest(place, *args, output="b.mcap") == ExitCode.DONE
+    assert (place / "a.mcap").read_bytes() == (place / "b.mcap").read_bytes()
+
+
+def test_a_linked_video_keeps_numbers_although_frames_are_lost(place: Path) -> None:
+    data = bytearray(avi([jpeg(k) for k in range(FRAMES)]))
+    start = data.index(b"00dc", len(data) // 2)
+    data[start : start + 8] = bytes(8)
+    path = place / "v.avi"
+    path.write_bytes(bytes(data))
+    assert ingest(place, "--video", f"cam1={path}", "--store", "link", "--frames", "3:30") == ExitCode.LOSSY
+    recording = open_recording(place / "out.mcap")
+    frames = shown(recording)
+    assert len(frames) == 26
+    assert all(given == number == t // 50_000_000 for _, t, given, number in frames)
+    assert recording.losses[-1].count == 1
+    assert recording.videos["cam1"]["path"] == "v.avi"
+    path.write_bytes(bytes(data) + b"x")
+    with pytest.raises(Exception, match="content changed"):
+        shown(recording)
+
+
+def test_a_sidecar_comes_before_the_container(place: Path, videos: dict[str, Path]) -> None:
+    rows = [f"{k},1,{1700000000 + k * 0.04 + 0.001 * (k % 3):.4f}" for k in range(FRAMES)]
+    rows += [f"{k},2,{1700000000.5 + k * 0.04:.4f}" for k in range(FRAMES)]
+    (place / "ts.csv").write_text("frame,camera,time\n" + "\n".join(rows))
+    code = ingest(
+        place,
+        "--video",
+        f"cam1={videos['ffv1.mkv']}",
+        "--video",
+        f"cam2={videos['mp4v.mp4']}",
+        "--timestamps",
+        str(place / "ts.csv"),
+    )
+    assert code == ExitCode.DONE
+    times = [t for c, t, _, _ in shown(open_recording(place / "out.mcap")) if c == "cam1"]
+    assert times[:3] == [1_700_000_000_000_000_000, 1_700_000_000_041_000_000, 1_700_000_000_082_000_000]
+
+
+def test_the_error_of_a_clock_is_taken_out(place: Path, videos: dict[str, Path]) -> None:
+    text = SCENE.replace("yaw_deg: 30,", "yaw_deg: 30, clock: late,").replace(
+        "yaw_deg: 90}", "yaw_deg: 90, clock: late}"
+    )
+    (place / "scene.yaml").write_text(text + "clocks: [{name: late, offset_ns: 5000000, drift_ppm: 1000}]\n")
+    (place / "d.csv").write_text("time,sensor,azimuth_deg\n1,mic,10\n3,mic,10\n")
+    args = ("--video", f"cam1={videos['ffv1.mkv']}", "--video", f"cam2={videos['ffv1.mkv']}", "--start-time", "7")
+    assert ingest(place, *args, "--store", "link", "--doa", str(place / "d.csv")) == ExitCode.DONE
+    recording = open_recording(place / "out.mcap")
+    found = {(f.sensor, f.index): f.t_ns for f in recording.frames()}
+    assert found["cam2", 20] == 8_000_000_000
+    assert found["cam1", 20] == 8_000_000_000 - 5_000_000 - 1_000_000
+    assert recording.read(Doa).t_ns.tolist() == [8 * 10**9 - 5 * 10**6, 10 * 10**9 - 5 * 10**6 - 2 * 10**6]
+    told = recording.provenance.parameters["time_sources"]["cam1"]
+    assert told == "container time stamps; clock late taken out (5000000 ns, 1000 ppm)"
+
+
+@pytest.mark.parametrize(("rows", "lost"), [(FRAMES - 5, "5 lost"), (FRAMES + 3, "3 lost")])
+def test_a_sidecar_of_another_length_is_noticed(
+    place: Path, videos: dict[str, Path], capsys: pytest.CaptureFixture[str], rows: int, lost: str
+) -> None:
+    (place / "ts.csv").write_text("\n".join(str(0.1 * k) for k in range(rows)))
+    code = ingest(place, "--video", f"cam1={videos['ffv1.mkv']}", "--timestamps", f"cam1={place / 'ts.csv'}")
+    assert code == ExitCode.LOSSY
+    assert lost in capsys.readouterr().err
+    assert len(shown(open_recording(place / "out.mcap"))) == min(rows, FRAMES)
+
+
+def test_a_cut_video_gives_exit_code_3_and_says_what_is_gone(
+    place: Path, videos: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = videos["ffv1.mkv"].read_bytes()
+    (place / "cut.mkv").write_bytes(data[: len(data) // 2])
+    code = ingest(place, "--video", f"cam1={place / 'cut.mkv'}", "--video", f"cam2={videos['mp4v.mp4']}", "--json")
+    assert code == ExitCode.LOSSY
+    out, err = capsys.readouterr()
+    summary = json.loads(out)
+    gone = FRAMES - summary["frames"]["cam1"]
+    assert 0 < gone < FRAMES
+    assert sum(loss["count"] for loss in summary["losses"]) == gone
+    assert f"({gone} lost)" in err
+    assert "Traceback" not in err
+    assert summary["frames"]["cam2"] == FRAMES
+    assert sum(loss.count for loss in open_recording(place / "out.mcap").losses) == gone
+
+
+def test_one_unreadable_camera_does_not_lose_the_others(
+    place: Path, videos: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (place / "bad.mp4").write_bytes(videos["mp4v.mp4"].read_bytes()[:3000])
+    args = ("--video", f"cam1={place / 'bad.mp4'}", "--video", f"cam2={videos['mp4v.mp4']}")
+    assert ingest(place, *args) == ExitCode.LOSSY
+    err = capsys.readouterr().err
+    assert "camera cam1: left out" in err
+    assert "moov" in err
+    assert {c for c, *_ in shown(open_recording(place / "out.mcap"))} == {"cam2"}
+    assert ingest(place, *args[:2], output="two.mcap") == ExitCode.BAD_INPUT
+    assert not (place / "two.mcap").exists()
+
+
+def test_images_keep_their_bytes_and_bad_ones_are_listed(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = place / "images"
+    folder.mkdir()
+    for k in (5, 6, 7, 9, 10, 11):
+        (folder / f"img_{k}.jpg").write_bytes(jpeg(k))
+    (folder / "img_7.jpg").write_bytes(jpeg(7)[:500])
+    (folder / "img_11.jpg").write_bytes(jpeg(11, (80, 60)))
+    assert ingest(place, "--images", f"cam1={folder}", "--fps", "10") == ExitCode.LOSSY
+    frames = shown(open_recording(place / "out.mcap"))
+    assert [(t // 10**8, i, n) for _, t, i, n in frames] == [(0, 0, 5), (1, 1, 6), (4, 4, 9), (5, 5, 10)]
+    err = capsys.readouterr().err
+    assert "img_7.jpg: cut short" in err
+    assert "img_11.jpg: 80 x 60 px where 160 x 120" in err
+
+
+def test_boxes_doa_and_truth_without_video(place: Path) -> None:
+    (place / "b.csv").write_text("frame,camera,left,top,right,bottom,confidence\n0,1,1,1,5,9,0.5\n2,2,1,1,5,9,0.5\n")
+    (place / "d.csv").write_text("time,sensor,azimuth_deg\n0.05,mic,10\n")
+    (place / "t.csv").write_text("frame,id,x,y\n0,1,2,1\n2,1,2.5,1\n")
+    (place / "tb.txt").write_text("1,1,10,20,30,40,1,-1,-1,-1\n")
+    tables = ("--boxes", str(place / "b.csv"), "--doa", str(place / "d.csv"), "--truth", str(place / "t.csv"))
+    boxes_of_cam2 = ("--truth", f"cam2={place / 'tb.txt'}")
+    times = ("--fps", "20", "--start-time", "2024-01-01T00:00:00Z")
+    code = ingest(place, *tables, *boxes_of_cam2, *times, "--doa-convention", "array")
+    assert code == ExitCode.DONE
+    recording = open_recording(place / "out.mcap")
+    start = 1_704_067_200_000_000_000
+    boxes = recording.read(Boxes)
+    assert sorted(zip(boxes.sensor.tolist(), boxes.frame.tolist(), boxes.box.tolist(), strict=True)) == [
+        ("cam1", 0, 0),
+        ("cam1", 1, -1),
+        ("cam1", 2, -1),
+        ("cam2", 0, -1),
+        ("cam2", 1, -1),
+        ("cam2", 2, 0),
+    ]
+    assert boxes.t_ns.min() == start
+    assert recording.read(Truth).t_ns.tolist() == [start, start + 10**8]
+    assert recording.read(TruthBoxes).sensor.tolist() == ["cam2"]
+    doa = recording.read(Doa)
+    assert np.degrees(doa.azimuth[0]) == pytest.approx(100)
+    assert doa.t_ns[0] == start + 50_000_000
+
+
+def test_frames_of_another_size_than_calibrated(
+    place: Path, videos: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def calibrated_for(size: str, output: str) -> tuple[int, str]:
+        text = SCENE.replace("[160, 120]}\n- {name: cam2", f"[{size}]}}\n- {{name: cam2")
+        (place / "scene.yaml").write_text(text)
+        args = ["--scene", str(place / "scene.yaml"), "--video", f"cam1={videos['ffv1.mkv']}"]
+        return run(["ingest", "-o", str(place / output), *args]), capsys.readouterr().err
+
+    code, err = calibrated_for("320, 240", "s.mcap")
+    assert code == ExitCode.DONE
+    assert "taken for scaled by 0.5" in err
+    camera = open_recording(place / "s.mcap").scene.camera("cam1")  # type: ignore[union-attr]
+    assert camera.focal_px.tolist() == [75, 75]
+    assert camera.principal_px.tolist() == [79.5, 59.5]
+    code, err = calibrated_for("168, 128", "c.mcap")
+    assert code == ExitCode.DONE
+    assert "taken for cut at the right and lower edge" in err
+    camera = open_recording(place / "c.mcap").scene.camera("cam1")  # type: ignore[union-attr]
+    assert camera.principal_px.tolist() == [83.5, 63.5]
+    code, err = calibrated_for("300, 120", "e.mcap")
+    assert code == ExitCode.BAD_INPUT
+    assert "another shape" in err
+
+
+def test_black_bars_tell_that_frames_were_scaled(place: Path) -> None:
+    (place / "scene.yaml").write_text(SCENE.replace("[160, 120]}\n- {name: cam2", "[168, 120]}\n- {name: cam2"))
+    folder = place / "images"
+    folder.mkdir()
+    framed = np.zeros((120, 160, 3), np.uint8)
+    framed[3:117] = cv2.resize(numbered(255), (160, 114))
+    cv2.imwrite(str(folder / "0.png"), framed)
+    assert ingest(place, "--images", f"cam1={folder}", "--fps", "1") == ExitCode.DONE
+    camera = open_recording(place / "out.mcap").scene.camera("cam1")  # type: ignore[union-attr]
+    assert camera.focal_px[0] == pytest.approx(150 * 160 / 168)
+    assert camera.principal_px == pytest.approx([79.5, 59.5], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "message"),
+    [
+        (["--video", "cam1={tmp}/none.mp4"], 4, "none.mp4: no such file"),
+        (["--video", "cam1={tmp}"], 4, "is a folder; a video file was expected"),
+        (["--video", "cam9={video}"], 4, "camera cam9: has no calibration (calibrated: cam1, cam2)"),
+        (["--video", "{video}"], 2, "does not name its camera; give --video CAMERA="),
+        (["--video", "cam1={video}", "--video", "cam1={video}"], 2, "camera cam1 is given twice"),
+        (["--video", "cam1={video}", "--images", "cam1={tmp}"], 2, "both --video and --images"),
+        ([], 2, "nothing to ingest"),
+        (["--images", "cam1={tmp}", "--store", "link"], 2, "only videos can be linked"),
+        (["--video", "cam1={video}", "--frames", "9:9"], 2, "A:B with A < B"),
+        (["--video", "cam1={video}", "--frames", "100:200"], 4, "has only 40"),
+        (["--video", "cam1={video}", "--fps", "fast"], 4, "frame rate 'fast'"),
+        (["--video", "cam1={video}", "--start-time", "noon"], 4, "time 'noon'"),
+        (
+            ["--video", "cam1={video}", "--timestamps", "cam1={tmp}/back.csv"],
+            4,
+            "back.csv: line 3: time stamp goes back",
+        ),
+        (["--video", "cam1={video}", "--timestamps", "cam1={tmp}/repeat.csv"], 4, "line 2: time stamp repeats"),
+        (["--video", "cam1={video}", "--truth", "{tmp}/nan.csv"], 4, "nan.csv: line 2: x is 'nan'"),
+        (["--boxes", "{tmp}/b.csv"], 2, "give --fps or --timestamps"),
+        (["--doa", "{tmp}/d.csv"], 4, "'mike' is none of mic"),
+        (["--video", "cam1={video}", "--calibration", "{tmp}/b.csv"], 4, "not a calibration of a known format"),
+        (["--video", "cam1={video}", "-o", "{video}"], 2, "is an input too"),
+        (["--video", "cam1={video}", "-o", "{tmp}/scene.yaml", "--overwrite"], 2, "is an input too"),
+        (["--video", "cam1={video}", "-o", "{tmp}/b.csv"], 7, "exists; give --overwrite"),
+        (["--vidoe", "cam1={video}"], 2, "No such option"),
+    ],
+)
+def test_bad_input_is_one_clear_line_with_its_exit_code(
+    place: Path, videos: dict[str, Path], capsys: pytest.CaptureFixture[str], args: list[str], code: int, message: str
+) -> None:
+    (place / "back.csv").write_text("1\n2\n1.5\n")
+    (place / "repeat.csv").write_text("1\n1\n")
+    (place / "nan.csv").write_text("time,x,y\n1,nan,2\n")
+    (place / "b.csv").write_text("frame,camera,left,top,w,h\n0,1,1,1,1,1\n")
+    (place / "d.csv").write_text("time,sensor,azimuth_deg\n0,mike,1\n")
+    before = sorted(p.name for p in place.iterdir())
+    filled = [a.format(tmp=place, video=videos["ffv1.mkv"]) for a in args]
+    assert ingest(place, *filled) == code
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+    assert "Traceback" not in err
+    lines = [line for line in err.splitlines() if "rror" in line]
+    assert len(lines) == 1
+    assert sorted(p.name for p in place.iterdir()) == before
+
+
+def test_a_camera_without_calibration_is_taken_when_asked(place: Path, videos: dict[str, Path]) -> None:
+    code = ingest(place, "--video", f"cam9={videos['mp4v.mp4']}", "--allow-uncalibrated", scene=False)
+    assert code == ExitCode.DONE
+    scene = open_recording(place / "out.mcap").scene
+    assert scene is not None
+    assert not scene.camera("cam9").placed
+    assert scene.camera("cam9").image_size == (160, 120)
+
+
+def started(place: Path, video: Path) -> tuple[subprocess.Popen[bytes], list[int]]:
+    """An ingest of long videos, running, and its decoders."""
+    args = [sys.executable, "-m", "occlog", "ingest", "-o", str(place / "out.mcap"), "--allow-uncalibrated"]
+    args += [text for k in range(3) for text in ("--video", f"c{k}={video}")]
+    process = subprocess.Popen([*args, "--store", "png"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    deadline = time.monotonic() + 20
+    found: list[int] = []
+    while len(found) < 3 and time.monotonic() < deadline:
+        time.sleep(0.05)
+        found = [int(p) for p in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+    time.sleep(1.0)
+    assert len(found) == 3
+    assert process.poll() is None
+    return process, found
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="looks for processes in /proc")
+@pytest.mark.parametrize(("how", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
+def test_a_stopped_ingest_leaves_neither_output_nor_decoders(tmp_path: Path, how: signal.Signals, code: int) -> None:
+    video = write_video(tmp_path / "mp4v.mp4", frames=3000)
+    before = sorted(p.name for p in tmp_path.iterdir())
+    process, decoders = started(tmp_path, video)
+    os.kill(process.pid, how)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == code
+    assert b"Traceback" not in err
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+    deadline = time.monotonic() + 10
+    while any(Path(f"/proc/{pid}").exists() for pid in decoders) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not [pid for pid in decoders if Path(f"/proc/{pid}").exists()]

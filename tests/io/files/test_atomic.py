@@ -1,0 +1,180 @@
+"""Outputs appear whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from occlog.errors import OutputError, OutputExistsError
+from occlog.io.files import atomic
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from occlog.io.files.atomic import open_output
+with open_output(Path(sys.argv[1]), True) as file:
+    file.write(b"x" * 100_000)
+    file.flush()
+    print("half", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture(params=["nameless", "hidden"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Both ways of writing: without a name, and under a hidden one (where O_TMPFILE is missing)."""
+    if request.param == "hidden":
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+    return str(request.param)
+
+
+@pytest.mark.usefixtures("way")
+def test_a_complete_file_takes_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    with atomic.open_output(path) as file:
+        file.write(b"new")
+        assert not path.exists()
+    assert path.read_bytes() == b"new"
+    assert os.listdir(tmp_path) == ["a.bin"]
+
+
+@pytest.mark.usefixtures("way")
+def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+    with pytest.raises(ZeroDivisionError), atomic.open_output(path, overwrite=True) as file:
+        file.write(b"half")
+        raise ZeroDivisionError
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["a.bin"]
+
+
+def test_existing_output_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+    with pytest.raises(OutputExistsError, match="--overwrite"), atomic.open_output(path):
+        pass
+    assert path.read_bytes() == b"old"
+
+
+def test_output_that_appears_meanwhile_is_not_lost(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    with pytest.raises(OutputExistsError, match="meanwhile"), atomic.open_output(path) as file:
+        file.write(b"ours")
+        path.write_bytes(b"theirs")
+    assert path.read_bytes() == b"theirs"
+
+
+@pytest.mark.usefixtures("way")
+@pytest.mark.parametrize("fails", ["none", "first", "second", "after"])
+def test_files_that_belong_together_appear_together(tmp_path: Path, fails: str) -> None:
+    """None has its name before the last is complete; whatever fails, the old ones stay."""
+    paths = [tmp_path / "a.bin", tmp_path / "b.bin"]
+    paths[0].write_bytes(b"old")
+    with ExitStack() as stack:
+        if fails != "none":
+            stack.enter_context(pytest.raises(ZeroDivisionError))
+        together = stack.enter_context(atomic.Together())
+        for path, name in zip(paths, ("first", "second"), strict=True):
+            with atomic.open_output(path, True, together) as file:
+                file.write(b"new")
+                _ = 1 / (fails != name)
+        assert paths[0].read_bytes() == b"old"
+        assert not paths[1].exists()
+        _ = 1 / (fails != "after")
+    assert paths[0].read_bytes() == (b"new" if fails == "none" else b"old")
+    assert sorted(os.listdir(tmp_path)) == (["a.bin", "b.bin"] if fails == "none" else ["a.bin"])
+
+
+@pytest.mark.usefixtures("way")
+def test_one_that_appears_meanwhile_holds_back_all(tmp_path: Path) -> None:
+    with pytest.raises(OutputExistsError, match=r"b\.bin"), atomic.Together() as together:
+        for name in ("a.bin", "b.bin"):
+            with atomic.open_output(tmp_path / name, False, together) as file:
+                file.write(b"ours")
+        (tmp_path / "b.bin").write_bytes(b"theirs")
+    assert (tmp_path / "b.bin").read_bytes() == b"theirs"
+    assert os.listdir(tmp_path) == ["b.bin"]
+
+
+def test_missing_folder_and_folder_as_output(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="does not exist"), atomic.open_output(tmp_path / "no" / "a.bin"):
+        pass
+    with pytest.raises(OutputError, match="is a folder"), atomic.open_output(tmp_path):
+        pass
+
+
+@pytest.mark.usefixtures("way")
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT])
+def test_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int) -> None:
+    def full(_: int) -> None:
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OutputError, match="disk is full"), atomic.open_output(tmp_path / "a.bin") as file:
+        file.write(b"x")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_limit_on_file_size_is_one_line(tmp_path: Path) -> None:
+    script = WRITER.replace("time.sleep(60)", "").replace("100_000", "10_000_000")
+    code = "from occlog.errors import OcclogError\ntry:\n" + "\n".join("    " + x for x in script.splitlines())
+    code += "\nexcept OcclogError as error:\n    print(error)\n    sys.exit(4)\n"
+
+    def limit() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
+
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys\n" + code, str(tmp_path / "a.bin")],
+        capture_output=True,
+        text=True,
+        preexec_fn=limit,
+        check=False,
+    )
+    assert done.returncode == 4, done.stderr
+    assert "larger than this system allows" in done.stdout
+    assert done.stderr == ""
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_killed_in_the_middle_of_writing(tmp_path: Path, how: int) -> None:
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    assert process.stdout is not None
+    with process.stdout:
+        assert process.stdout.readline() == b"half\n"
+        process.send_signal(how)
+        process.wait(10)
+    assert path.read_bytes() == b"old"
+    if hasattr(os, "O_TMPFILE"):
+        assert os.listdir(tmp_path) == ["a.bin"]
+
+
+def test_leftovers_of_killed_writers_are_removed(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    for _ in range(50):
+        if not Path(f"/proc/{dead.pid}").exists():
+            break
+        time.sleep(0.01)
+    stale = tmp_path / f".a.bin.{dead.pid}.partial"
+    live = tmp_path / f".a.bin.{os.getppid()}.partial"
+    stale.write_bytes(b"half")
+    live.write_bytes(b"half")
+    atomic.write_bytes(tmp_path / "a.bin", b"new")
+    assert not stale.exists()
+    assert live.exists()

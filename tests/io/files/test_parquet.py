@@ -1,0 +1,222 @@
+"""Tables to Parquet and back; damage never passes as numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from occlog.errors import InputError, OutputExistsError
+from occlog.io.files import parquet
+from occlog.io.files.provenance import Provenance
+from occlog.records.losses import Loss
+from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Hulls, Occluders, Tracks, Views
+from occlog.records.views import COUNTERPARTS, EVENTS
+
+PROVENANCE = Provenance("detect", {"method": "em"}, 7, (("a.mcap", "00"),), (Loss("cam1", "frame 3", "lost", 1),))
+
+WORDS = {"event": EVENTS, "counterpart": COUNTERPARTS, "kind": ["position", "label"]}
+
+
+def random_table(table: type, rows: int, seed: int = 0):
+    """A table of that type that passes its own checks, with NaN where it is declared."""
+    rng = np.random.default_rng(seed)
+    values = {}
+    for c in table.columns():
+        if c.kind == "U":
+            values[c.name] = rng.choice(WORDS.get(c.name, ["target", "occluder"]), rows)
+        elif c.kind == "?":
+            values[c.name] = np.ones(rows, bool)
+        elif c.kind in ("i8", "i4"):
+            values[c.name] = rng.integers(0, 99, rows)
+        elif c.width:
+            values[c.name] = np.full((rows, c.width), np.nan)
+        else:
+            values[c.name] = rng.uniform(0.1, 1.0, rows)
+    values["t_ns"] = 1_700_000_000_000_000_789 + np.cumsum(rng.integers(0, 10**9, rows))
+    if table in (Tracks, Occluders):
+        values["cov_xy"] = np.zeros(rows)
+    if table is Hulls and rows % 4 == 0:
+        values["t_ns"], values["occluder_id"] = np.repeat(values["t_ns"][::4], 4), np.zeros(rows, np.int32)
+        values["corner"] = np.arange(rows, dtype=np.int32) % 4
+    elif table is Hulls:
+        values |= {"occluder_id": np.full(rows, -1), "corner": np.zeros(rows, np.int32)}
+        values |= {"x": np.full(rows, np.nan), "y": np.full(rows, np.nan)}
+    return table.of(**values)
+
+
+def same(a, b) -> bool:
+    return all(
+        np.array_equal(getattr(a, c.name), getattr(b, c.name), equal_nan=c.kind.startswith("f")) for c in a.columns()
+    )
+
+
+@pytest.mark.parametrize("table", TABLES.values())
+@pytest.mark.parametrize("rows", [0, 1, 1000])
+def test_round_trip(tmp_path: Path, table: type, rows: int) -> None:
+    want = random_table(table, rows).sorted()
+    path = tmp_path / "t.parquet"
+    parquet.write_table(path, want, PROVENANCE)
+    got = parquet.read_table(path, table)
+    assert same(got, want)
+    assert same(parquet.read_any(path), want)
+    assert parquet.read_provenance(path) == PROVENANCE
+    assert parquet.describe(path)["rows"] == rows
+
+
+def test_units_and_meanings_are_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    parquet.write_table(path, random_table(Tracks, 3), PROVENANCE, length_unit="ft")
+    schema = pq.read_schema(path)
+    assert schema.field("x").metadata[b"unit"] == b"ft"
+    assert schema.field("cov_xx").metadata[b"unit"] == b"ft^2"
+    assert schema.field("vx").metadata[b"nan"]
+    assert schema.metadata[b"occlog.schema"] == b"tracks/3"
+
+
+def test_same_rows_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        parquet.write_table(tmp_path / name, random_table(Bearings, 500), PROVENANCE)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_chunks_are_written_in_groups_and_read_in_chunks(tmp_path: Path) -> None:
+    want = random_table(Bearings, 5000)
+    path = tmp_path / "t.parquet"
+    with parquet.TableWriter(path, Bearings, PROVENANCE) as writer:
+        for i in range(0, 5000, 50):
+            writer.write(want.take(slice(i, i + 50)))
+    assert pq.ParquetFile(path).num_row_groups == 1
+    parts = list(parquet.iter_table(path, Bearings, rows=700))
+    assert max(len(p) for p in parts) <= 700
+    assert same(Bearings.concat(parts), want)
+
+
+def test_provenance_known_at_the_end_replaces_the_first(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    with parquet.TableWriter(path, Bearings, Provenance("detect")) as writer:
+        writer.write(random_table(Bearings, 3))
+        writer.annotate(PROVENANCE)
+    assert parquet.read_provenance(path) == PROVENANCE
+
+
+def test_an_error_while_writing_leaves_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "t.parquet"
+    with pytest.raises(ZeroDivisionError), parquet.TableWriter(path, Bearings, PROVENANCE) as writer:
+        writer.write(random_table(Bearings, 100_000))
+        raise ZeroDivisionError
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr().err == ""
+
+
+def test_existing_output_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    parquet.write_table(path, random_table(Bearings, 3), PROVENANCE)
+    before = path.read_bytes()
+    with pytest.raises(OutputExistsError):
+        parquet.write_table(path, random_table(Bearings, 4), PROVENANCE)
+    assert path.read_bytes() == before
+
+
+def test_flipped_bits_and_cuts_never_pass_as_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    want = random_table(Bearings, 2000).sorted()
+    parquet.write_table(path, want, PROVENANCE)
+    raw, rng = path.read_bytes(), np.random.default_rng(1)
+    refused = 0
+    for trial in range(150):
+        data = bytearray(raw)
+        if trial < 100:
+            data[rng.integers(len(data))] ^= 1 << rng.integers(8)
+        else:
+            data = data[: rng.integers(1, len(data))]
+        path.write_bytes(data)
+        try:
+            assert same(parquet.read_table(path, Bearings), want)  # a flip in text that does not matter
+        except InputError as error:
+            refused += 1
+            assert "\n" not in str(error)
+            assert str(path) in str(error)
+    assert refused >= 100
+
+
+def test_wrong_tables_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    parquet.write_table(path, random_table(Tracks, 3), PROVENANCE)
+    with pytest.raises(InputError, match=r"holds tracks/3, want bearings/2"):
+        parquet.read_table(path, Bearings)
+    pq.write_table(pa.table({"a": [1]}), path)
+    with pytest.raises(InputError, match="not an occlog table"):
+        parquet.read_any(path)
+    with pytest.raises(InputError, match="want bearings/2"):
+        parquet.read_table(path, Bearings)
+
+
+def test_older_files_are_read_and_newer_ones_refused(tmp_path: Path) -> None:
+    want, path = random_table(Tracks, 5), tmp_path / "t.parquet"
+    parquet.write_table(path, want, PROVENANCE)
+    old = pq.read_table(path).drop_columns(["z", "cov_vx_vx"])
+
+    def save(version: bytes) -> None:
+        pq.write_table(old.replace_schema_metadata({**old.schema.metadata, b"occlog.schema": version}), path)
+
+    save(b"tracks/1")
+    have = parquet.read_table(path, Tracks)
+    assert np.isnan(have.z).all()
+    assert np.isnan(have.cov_vx_vx).all()
+    assert np.array_equal(have.x, want.x)
+    save(b"tracks/99")
+    with pytest.raises(InputError, match="holds tracks/99, which is newer than tracks/3; update occlog"):
+        parquet.read_table(path, Tracks)
+
+
+def rewrite(path: Path, change) -> None:
+    table = pq.read_table(path)
+    metadata = table.schema.metadata
+    pq.write_table(change(table).replace_schema_metadata(metadata), path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.drop_columns(["sigma"]), "column sigma is missing"),
+        (lambda t: t.set_column(0, "t_ns", t["t_ns"].cast(pa.float64(), safe=False)), "t_ns is double, want int64"),
+        (lambda t: t.set_column(4, "bearing", pa.array([None] * len(t), pa.float64())), "missing values"),
+        (lambda t: t.set_column(4, "bearing", pa.array([7.0] * len(t))), "must be in"),
+        (lambda t: t.take(list(range(len(t)))[::-1]), "t_ns goes back"),
+    ],
+)
+def test_tables_of_others_are_checked(tmp_path: Path, change, message: str) -> None:
+    path = tmp_path / "t.parquet"
+    parquet.write_table(path, random_table(Bearings, 20), PROVENANCE)
+    rewrite(path, change)
+    with pytest.raises(InputError, match=message):
+        parquet.read_table(path, Bearings)
+
+
+def test_plain_strings_of_other_writers_are_accepted(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    want = random_table(Bearings, 20).sorted()
+    parquet.write_table(path, want, PROVENANCE)
+    rewrite(path, lambda t: t.set_column(1, "sensor", t["sensor"].cast(pa.large_string())))
+    assert same(parquet.read_table(path, Bearings), want)
+
+
+@pytest.mark.parametrize(("content", "message"), [(None, "no such file"), (b"", "empty"), (b"PAR1x", "not a Parquet")])
+def test_files_that_are_none(tmp_path: Path, content: bytes | None, message: str) -> None:
+    path = tmp_path / "t.parquet"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=message):
+        parquet.read_any(path)
+
+
+def test_appearance_is_a_fixed_list(tmp_path: Path) -> None:
+    path = tmp_path / "v.parquet"
+    table = random_table(Views, 4)
+    table.appearance[1] = np.arange(APPEARANCE_BINS)
+    parquet.write_table(path, table, PROVENANCE)
+    assert parquet.read_table(path, Views).appearance[1].tolist() == list(range(APPEARANCE_BINS))

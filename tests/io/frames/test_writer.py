@@ -1,0 +1,41 @@
+import numpy as np
+import pytest
+
+from occlog.errors import OutputError, OutputExistsError
+from occlog.io.frames.decode import decode, examine
+from occlog.io.frames.writer import LosslessVideo
+
+
+def images(n, height=48, width=64):
+    rng = np.random.default_rng(0)
+    return rng.integers(0, 256, (n, height, width, 3), dtype=np.uint8)
+
+
+def test_what_is_written_is_read_again_bit_by_bit(tmp_path):
+    path, frames = tmp_path / "v.avi", images(7)
+    with LosslessVideo(path, (64, 48), 12.5) as video:
+        for image in frames:
+            video.write(image)
+    got = [picture.image for picture in decode(examine(path), 0, None, lambda _: None)]
+    assert len(got) == 7
+    assert all((a == b).all() for a, b in zip(got, frames, strict=True))
+
+
+def test_nothing_is_left_after_an_error_and_nothing_is_overwritten(tmp_path):
+    path = tmp_path / "v.avi"
+    with pytest.raises(ValueError, match="does not fit"), LosslessVideo(path, (64, 48), 5.0) as video:
+        video.write(images(1, 40)[0])
+    assert list(tmp_path.iterdir()) == []
+    path.write_bytes(b"mine")
+    with pytest.raises(OutputExistsError), LosslessVideo(path, (64, 48), 5.0):
+        pass
+    assert path.read_bytes() == b"mine"
+
+
+def test_frames_that_did_not_reach_the_disk_are_noticed(tmp_path, monkeypatch):
+    path = tmp_path / "v.avi"
+    with pytest.raises(OutputError, match="only 3 of 4 frames"), LosslessVideo(path, (64, 48), 5.0) as video:
+        for image in images(3):
+            video.write(image)
+        video.frames += 1  # as when OpenCV drops one without a word
+    assert not path.exists()

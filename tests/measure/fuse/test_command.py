@@ -1,0 +1,102 @@
+"""`occlog fuse` and `occlog detect --fuse` on files: both do the same, and bad input is one line."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from tracker_scenes import room100
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.parquet import read_provenance, read_table, write_table
+from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Tracks
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A simulated recording with misses and false reports, in a room of units."""
+    folder = tmp_path_factory.mktemp("fuse")
+    (folder / "scene.yaml").write_text(scene_to_yaml(room100(pillar=False)))
+    options = ["--steps", "40", "--miss", "0.2", "--false-alarm", "0.1", "--seed", "4", "-q"]
+    assert run(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "walk.mcap"), *options]) == ExitCode.DONE
+    return folder / "walk.mcap"
+
+
+def test_detect_and_fuse_do_the_same(recording, tmp_path, capsys):
+    one, two, plain = tmp_path / "one.parquet", tmp_path / "two.parquet", tmp_path / "plain.parquet"
+    assert run(["detect", str(recording), "-o", str(plain), "-q"]) == ExitCode.DONE
+    capsys.readouterr()
+    assert run(["detect", str(recording), "-o", str(one), "--fuse", "--p-false", "0.1", "--json"]) == ExitCode.DONE
+    fusion = json.loads(capsys.readouterr().out)["fusion"]
+    fuse = ["fuse", str(plain), "--scene", str(recording), "-o", str(two), "--p-false", "0.1", "--json"]
+    assert run(fuse) == ExitCode.DONE
+    summary = json.loads(capsys.readouterr().out)
+    a, b = read_table(one, Bearings), read_table(two, Bearings)
+    for name in ("t_ns", "sensor", "seen", "cause"):
+        assert np.array_equal(getattr(a, name), getattr(b, name))
+    assert np.array_equal(a.bearing, b.bearing, equal_nan=True)
+    assert fusion["cameras"] == summary["cameras"]
+    for cause in ("kept", "recovered"):
+        assert (
+            summary[cause] == np.count_nonzero(b.cause == cause) == sum(c[cause] for c in summary["cameras"].values())
+        )
+    assert summary["recovered"] > 0
+    assert np.count_nonzero(b.seen) > np.count_nonzero(read_table(plain, Bearings).seen)
+    assert read_provenance(two).parameters["p_false"] == 0.1
+    assert read_provenance(one).parameters["fusion"]["p_false"] == 0.1
+
+
+def test_tracks_take_recovered_rows_as_not_seen_unless_told_otherwise(recording, tmp_path):
+    fused = tmp_path / "fused.parquet"
+    assert run(["fuse", str(recording), "-o", str(fused), "-q"]) == ExitCode.DONE
+    rows = read_table(fused, Bearings)
+    undone = rows.take(rows.cause != "recovered")
+    assert len(undone) < len(rows)
+    base = ["track", str(fused), "--scene", str(recording), "--particles", "200", "-q"]
+    found = {}
+    for name, more in (("ignore", []), ("use", ["--use-recovered"])):
+        assert run([*base, "-o", str(tmp_path / f"{name}.parquet"), *more]) == ExitCode.DONE
+        found[name] = read_table(tmp_path / f"{name}.parquet", Tracks)
+    assert not np.array_equal(found["ignore"].x, found["use"].x)
+    assert "use_recovered" not in read_provenance(tmp_path / "ignore.parquet").parameters
+    assert read_provenance(tmp_path / "use.parquet").parameters["use_recovered"] is True
+
+
+def line(capsys) -> str:
+    text = capsys.readouterr().err.strip()
+    assert "Traceback" not in text
+    return text.splitlines()[-1]
+
+
+def test_bad_input_is_one_line(recording, tmp_path, capsys):
+    out = str(tmp_path / "out.parquet")
+    scene = room100(pillar=False)
+    lone = tmp_path / "lone.yaml"
+    lone.write_text(scene_to_yaml(Scene(cameras=scene.cameras[:1], room=scene.room, length_unit="unit")))
+    assert run(["fuse", str(recording), "--scene", str(lone), "-o", out]) == ExitCode.BAD_INPUT
+    assert "1 camera with a pose; fusion wants at least two" in line(capsys)
+    assert run(["detect", str(recording), "--scene", str(lone), "-o", out, "--fuse"]) == ExitCode.BAD_INPUT
+    assert "fusion wants at least two" in line(capsys)
+    assert run(["detect", str(recording), "-o", out, "--p-miss", "0.1"]) == ExitCode.USAGE
+    assert "--p-miss is an option of the fusion; add --fuse" in line(capsys)
+    assert run(["fuse", str(recording), "-o", out, "--p-false", "0"]) == ExitCode.USAGE
+    assert run(["fuse", str(recording), "-o", out, "--fused-views", out + "v"]) == ExitCode.USAGE
+    assert "--fused-views wants the views" in line(capsys)
+    assert run(["fuse", str(tmp_path / "no.parquet"), "--scene", str(recording), "-o", out]) == ExitCode.BAD_INPUT
+    assert not (tmp_path / "out.parquet").exists()
+
+
+def test_frames_that_never_come_together_are_pointed_out(recording, tmp_path, capsys):
+    one = tmp_path / "one.parquet"
+    assert run(["detect", str(recording), "-o", str(one), "-q"]) == ExitCode.DONE
+    rows = read_table(one, Bearings)
+    first = rows.take(rows.sensor == "cam1")
+    write_table(tmp_path / "first.parquet", first, read_provenance(one), length_unit="unit")
+    capsys.readouterr()
+    out = str(tmp_path / "out.parquet")
+    assert run(["fuse", str(tmp_path / "first.parquet"), "--scene", str(recording), "-o", out]) == ExitCode.DONE
+    assert "only one camera delivered a frame; bring frames" in capsys.readouterr().err

@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from occlog.papers.catalogue import PAPERS
+from occlog.papers.lee.cooperation import field
+from occlog.papers.lee.cooperation import field as cooperation_field
+from occlog.papers.lee.cooperation import room as cooperation_room
+from occlog.papers.lee.cooperation import room as walls
+from occlog.papers.lee.cooperation.trial import cooperation_spec, cooperation_trial
+from occlog.papers.lee.cooperation.world import world
+from occlog.papers.verdicts.model import Row, Size
+
+EXPERIMENTS = (*cooperation_field.EXPERIMENTS, *cooperation_room.EXPERIMENTS)
+
+
+SIZE = Size(2, 60, True)
+
+
+def execute(specs):
+    return [cooperation_trial(s) for s in specs]
+
+
+def test_the_field_is_that_of_the_figure():
+    made = world("field", 0, 0)
+    heard = made.heard[0] > 0
+    first = heard.argmax(axis=0)
+    last = heard.shape[0] - 1 - heard[::-1].argmax(axis=0)
+    # Printed: object 1 comes in at 25 s, 2 goes out at 175 s, 3 comes in at 63 s and goes out at 188 s.
+    np.testing.assert_allclose(first, [25, 0, 63], atol=1)
+    np.testing.assert_allclose(last, [200, 175, 188], atol=2)
+    np.testing.assert_allclose(made.truth.xyz[0, :2, :2], [[5, 3], [22, 3]])
+    assert made.scene.arrays[0].sigma == pytest.approx(math.radians(math.sqrt(3)))
+
+
+def test_the_room_is_silent_when_it_should_be():
+    made = world("room", 0, 0)
+    assert not made.heard[:, 501:699, 0].any()
+    assert not made.heard[:, :1299, 2].any()
+    assert made.heard[0, 0, 0] == 1.0
+    # Printed: A1 loses object 1 at 15 s and hears object 3 from 16 s on, A2 hears object 1 from 11 s on.
+    np.testing.assert_allclose(np.flatnonzero(np.diff(made.heard[0, 701:, 0])) + 701, [1500], atol=10)
+    np.testing.assert_allclose(made.heard[0, :, 2].argmax(), 1600, atol=10)
+    np.testing.assert_allclose(made.heard[1, :, 0].argmax(), 1100, atol=10)
+
+
+def test_runs_of_equal_number_share_the_noise_and_others_do_not():
+    assert np.array_equal(world("field", 0, 1).bearings.bearing, world("field", 0, 1).bearings.bearing, equal_nan=True)
+    one, other = (world("field", 0, r).bearings for r in (0, 1))
+    assert not np.array_equal(one.bearing[:40], other.bearing[:40])
+
+
+@pytest.mark.jit
+def test_a_trial_counts_what_it_asks():
+    spec = cooperation_spec(SIZE, 0, "field", "thesis", cooperate="periodic", period_s=5.0)
+    found = cooperation_trial(spec)
+    assert str(found) == str(cooperation_trial(spec))
+    # Steps are 0 to 59 s: object 2 at 5, 10, ... 55 s, object 1, which comes in at 25 s, from 30 s on.
+    assert found["asked_periodic"] == 11 + 6
+    assert 22 <= found["frames"] <= 28
+    assert 0.0 < found["rmse"] < 2.0
+    assert math.isnan(found["rmse_3"])
+
+
+@pytest.mark.jit
+def test_cameras_that_answer_make_the_error_smaller():
+    quiet = cooperation_trial(
+        cooperation_spec(SIZE, 0, "field", "thesis", 0, False, cooperate="periodic", period_s=5.0)
+    )
+    helped = cooperation_trial(cooperation_spec(SIZE, 0, "field", "thesis", cooperate="periodic", period_s=5.0))
+    assert helped["rmse"] < quiet["rmse"]
+    assert helped["frames"] > 0
+
+
+def rows():
+    """Periods whose error is 0.1 per second of period, and a cost of 400 frames by it; two runs alike."""
+
+    def row(x, error, frames):
+        return Row("periodic", x, (error, error), {"frames_0": frames, "frames_1": frames, "frames": frames})
+
+    return [row(400 / p, 0.1 * p, 400 / p) for p in (2.0, 4.0, 8.0, 16.0)], row
+
+
+def test_frames_saved_are_those_of_the_period_of_equal_error():
+    periods, row = rows()
+    # An error of 0.5 is that of a period of 5 s and 80 frames.
+    assert field.saved_frames(row(0, 0.5, 60.0), periods)[0] == pytest.approx(20.0)
+    assert field.saved_frames(row(0, 0.5, 90.0), periods)[0] == pytest.approx(-10.0)
+    assert field.saved_frames(row(0, 3.0, 90.0), periods) is None
+
+
+@pytest.mark.jit
+def test_small_forms_of_the_figures_are_judged():
+    table = field.by_object(SIZE, execute)
+    assert {r.series for r in table} == {field.NONE, field.PRINTED}
+    assert [v.id for v in field.judge_object(table)][:2] == ["table3.1-1-0", "table3.1-2-0"]
+    shares = walls.shares(0, 50)(SIZE, execute)
+    assert len(shares) == 4
+    assert all(0.0 <= x <= 1.0 for r in shares for x in r.values)
+    assert len(walls.judge_shares("fig3.18", 0.0, 5.0)(shares)) == 2
+
+
+def test_the_experiments_are_those_of_the_paper():
+    assert [e.item for e in EXPERIMENTS] == [
+        "fig3.6",
+        "fig3.14",
+        "table3.1",
+        "fig3.18",
+        "fig3.19",
+        "fig3.20",
+        "fig3.21",
+    ]
+    assert all(e in PAPERS["lee"] for e in EXPERIMENTS)

@@ -1,0 +1,182 @@
+"""The experiments on [Qu]: tables of made-up and of tiny trials, and the rules of their verdicts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from occlog.papers.qu import variants
+from occlog.papers.qu.common import METHODS, PARTS, bootstrap_share, everywhere, ordered, seed_of, spec_of
+from occlog.papers.qu.experiments import fig7, loop, table1, table3
+from occlog.papers.qu.experiments.fig7 import fig7_shots
+from occlog.papers.qu.experiments.table3 import RATES
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Row, Size
+
+RATE = {"mipf": 0.30, "cmct": 0.20, "idmot": 0.10, "bmct": 0.008}
+MS = {"mipf": 3.0, "cmct": 6.0, "idmot": 3.5, "bmct": 4.0}
+
+
+def figures(label: str, method: str, spread: float, factor: float = 1.0) -> dict[str, float]:
+    """What a trial gives for a method, as if it had been run."""
+    rate = factor * RATE[method] * (1.0 + spread)
+    own = {
+        "fr_p": rate,
+        "fr_l": 1.2 * rate,
+        "idf1": 0.9,
+        "hota": 0.8,
+        "mota": 0.7,
+        "frame_ms": MS[method],
+        "particles": 60.0,
+        "left": 0.0,
+        "lost": 0.0,
+        "off_end": 0.0 if method == "bmct" else 0.5,
+        "checked": 1.0,
+        "bad": 0.0,
+        "false_alarm": 0.001,
+        "missed": math.nan,
+        **{f"off_{k}": rate for k in range(PARTS)},
+    }
+    return {f"{label}.{name}": value for name, value in own.items()}
+
+
+def made_up(specs):
+    """Results of all methods; the spread depends on the seed."""
+    out = []
+    for spec in specs:
+        spread = 0.1 * math.sin(spec["seed"])
+        parts = [figures(label, own["method"], spread) for label, own in spec["methods"].items()]
+        out.append({key: value for part in parts for key, value in part.items()})
+    return out
+
+
+def found(verdicts) -> dict[str, str]:
+    return {x.id: x.verdict for x in verdicts}
+
+
+def test_videos_have_seeds_from_one_on() -> None:
+    size = Size(3, 40)
+    assert [seed_of(size, run) for run in range(3)] == [1, 2, 3]
+    assert spec_of(size, 1, balls=4)["balls"] == {"frames": 40, "balls": 4}
+    assert list(spec_of(size, 0)["methods"]) == list(METHODS)
+
+
+def test_order_counts_where_most_samples_of_the_runs_have_it() -> None:
+    low, high = Row("low", 1.0, (1.0, 2.0, 3.0)), Row("high", 1.0, (2.0, 4.0, 3.5))
+    assert ordered("k", "", low, high).verdict == v.REPRODUCED
+    assert ordered("k", "", low, high).measured == pytest.approx((1.0 + 2.0 + 0.5) / 3)
+    assert ordered("k", "", high, low).verdict == v.NOT
+    one_of_many = Row("high", 1.0, (2.9, 1.0, 2.0))
+    assert ordered("k", "", Row("low", 1.0, (1.0, 1.5, 3.0)), one_of_many).verdict == v.IN_PART
+
+
+def test_the_bootstrap_agrees_with_all_samples() -> None:
+    gaps = np.array([-1.0, 0.5, 2.0])
+    draws = np.stack(np.meshgrid(*3 * [gaps]), axis=-1).reshape(-1, 3)
+    exact = float(np.mean(draws.mean(axis=1) > 0))
+    # 4000 samples: standard error below 0.008
+    assert bootstrap_share(gaps) == pytest.approx(exact, abs=0.03)
+
+
+def test_points_with_nothing_to_gain_are_left_out() -> None:
+    nothing = (Row("", 1.0, (0.0, 0.0)), Row("", 1.0, (0.1, 0.2)))
+    good = (Row("", 2.0, (1.0, 2.0)), Row("", 2.0, (3.0, 5.0)))
+    assert everywhere("k", "", [nothing]) is None
+    verdict = everywhere("k", "", [nothing, good])
+    assert verdict is not None
+    assert (verdict.verdict, verdict.measured) == (v.REPRODUCED, 2.5)
+    assert "1 of 1 points; 1 left out" in verdict.rule
+
+
+def test_table3_has_both_rates_of_all_methods_and_says_whose_the_printed_ones_are() -> None:
+    table = table3.TABLE3.compute(Size(4, 40), made_up)
+    assert [(r.series, r.x) for r in table] == [(name, x) for name in RATES.values() for x in (1, 2, 3, 4)]
+    row = table[0]
+    assert row.values[0] == pytest.approx(30.0 * (1.0 + 0.1 * math.sin(1)))
+    assert (row.extra["printed_other_video"], row.extra["particles"]) == (36.8, 60.0)
+    words = found(table3.TABLE3.judge(table))
+    assert set(words.values()) == {v.REPRODUCED}
+    assert len(words) == 2 * 6 + 3
+
+
+def test_table3_finds_what_does_not_hold() -> None:
+    def reversed_order(specs):
+        swap = {"mipf": "bmct", "bmct": "mipf", "cmct": "idmot", "idmot": "cmct"}
+        return [{f"{swap[k.split('.')[0]]}.{k.split('.')[1]}": x for k, x in r.items()} for r in made_up(specs)]
+
+    words = found(table3.TABLE3.judge(table3.TABLE3.compute(Size(4, 40), reversed_order)))
+    for rate in RATES:
+        for key in ("bmct-idmot", "idmot-cmct", "cmct-mipf", "much-lower", "mean", "median"):
+            assert words[f"table3-{rate}-{key}"] == v.NOT
+
+
+def test_fig7_judges_by_the_last_frame() -> None:
+    table = fig7.FIG7.compute(Size(4, 40), made_up)
+    assert [r.x for r in v.series(table, "BMCT")] == [2.0 * k + 1.0 for k in range(PARTS)]
+    words = found(fig7.FIG7.judge(table))
+    assert words["fig7-hijacked"] == words["fig7-bmct"] == words["fig7-all"] == v.REPRODUCED
+    assert words["fig7-idmot"] == v.NOT  # both have half of the trackers off
+    assert words["fig7-idmot-fails"] == v.REPRODUCED
+
+
+@pytest.mark.parametrize("experiment", variants.VARIANTS)
+def test_variants_have_both_rates_at_every_value(experiment) -> None:
+    table = experiment.compute(Size(2, 40, quick=True), made_up)
+    assert len(table) == 2 * 4 * 2
+    assert {r.plotted for r in table if "labels" in r.series} == {False}
+    words = found(experiment.judge(table))
+    assert words[f"{experiment.item}-fr_p"] == words[f"{experiment.item}-fr_l"] == v.REPRODUCED
+    if experiment.item == "views":
+        assert "views-fr_p-more" not in words  # nothing to gain with any number
+
+
+def test_loop_counts_wrong_trackers_and_compares_with_idmot() -> None:
+    def trials(specs):
+        out = made_up(specs)
+        for spec, result in zip(specs, out, strict=True):
+            for label in (x for x in spec["methods"] if x.startswith("wrong")):
+                late = spec["seed"] == 2 and label == "wrong 0"
+                result |= {f"{label}.noticed": math.inf if late else 20.0, f"{label}.returned": math.inf}
+            for label in (x for x in spec["methods"] if x in ("shift 45", "shift 60", "shift 90")):
+                result[f"{label}.bad"] = 0.8
+        return out
+
+    table = loop.LOOP.compute(Size(2, 40), trials)
+    verdicts = {x.id: x for x in loop.LOOP.judge(table)}
+    assert verdicts["loop-noticed"].measured == pytest.approx(5 / 6)
+    assert verdicts["loop-noticed"].verdict == v.IN_PART
+    assert verdicts["loop-false-alarms"].verdict == v.REPRODUCED
+    assert verdicts["loop-wrong-lines"].measured == pytest.approx(0.8)
+    assert verdicts["loop-fr_p-right"].verdict == v.REPRODUCED
+    assert "9 of 9 kinds" in verdicts["loop-fr_p-not-inferior"].rule
+
+
+def test_loop_sees_that_wrong_lines_do_harm() -> None:
+    rows = [Row("BMCT, false positions", d, (20.0, 21.0)) for d in (10.0, 20.0)]
+    idmot = Row("IDMOT, false positions", math.nan, (10.0, 11.5))
+    verdict = loop._not_inferior("fr_p", "false positions", idmot, rows)
+    assert (verdict.verdict, verdict.measured) == (v.NOT, pytest.approx(9.75))
+
+
+def test_table1_compares_with_the_local_likelihood() -> None:
+    def trials(specs):
+        times = {"local_ms": 2.0, "interaction_ms": 0.3, "collaboration_ms": 0.1, "step_ms": 3.0}
+        return [{f"bmct.{k}": x * (1 + 0.01 * s["seed"]) for k, x in times.items()} for s in specs]
+
+    table = table1.TABLE1.compute(Size(3, 40), trials)
+    assert table[0].extra["share_of_step"] == pytest.approx(2 / 3)
+    verdicts = {x.id: x for x in table1.TABLE1.judge(table)}
+    assert verdicts["table1-collaboration"].measured == pytest.approx(0.05)
+    assert {x.verdict for x in verdicts.values()} == {v.REPRODUCED}
+
+
+@pytest.mark.jit
+def test_frames_of_fig7_are_one_of_each_quarter_for_each_method_and_view() -> None:
+    shots = fig7_shots(Size(1, 8))
+    assert shots.rows == tuple(f"{m}, view {k}" for m in ("MIPF", "IDMOT", "BMCT") for k in (1, 2))
+    assert [len(row) for row in shots.shots] == [4] * 6
+    assert [s.title for s in shots.shots[0]] == [s.title for s in shots.shots[5]]
+    assert all(len(s.marks) == 6 for row in shots.shots for s in row)
+    assert not any(s.lines for row in shots.shots[:4] for s in row)

@@ -1,0 +1,107 @@
+"""`occlog reproduce` on the command line: files, JSON, resuming, bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+
+FIG17 = ["reproduce", "ercan", "fig17", "--quick", "--steps", "60", "-q"]
+SMALL = ["reproduce", "ercan", "fig9", "--quick", "--steps", "12", "-q"]
+
+
+def test_list_names_all(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["reproduce", "--list"]) == ExitCode.DONE
+    text = capsys.readouterr().out
+    assert "ercan: Ercan, El Gamal" in text
+    assert "fig6 " in text
+    assert "fig17 " in text
+    assert run(["reproduce", "--list", "--json"]) == ExitCode.DONE
+    assert list(json.loads(capsys.readouterr().out)) == ["ercan", "lee", "qu", "rahimi"]
+
+
+def test_files_of_an_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "new" / "out"
+    assert run([*FIG17, "--json", "-o", str(out)]) == ExitCode.DONE
+    printed = json.loads(capsys.readouterr().out)
+    assert sorted(p.name for p in out.iterdir()) == ["fig17.csv", "fig17.json", "fig17.png", "reproduce.html"]
+    verdicts = json.loads((out / "fig17.json").read_text())["verdicts"]
+    assert printed["items"][0]["verdicts"] == verdicts
+    assert {"id", "statement", "paper", "measured", "error_bar", "runs", "verdict", "rule"} == set(verdicts[0])
+    rows = list(csv.DictReader((out / "fig17.csv").read_text().splitlines()))
+    assert {r["series"] for r in rows} == {"printed", "improved", "quadrature"}
+    assert all(len(r["values"].split()) == 2 for r in rows)
+    assert (out / "fig17.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    page = (out / "reproduce.html").read_text()
+    assert page.count("<svg") == 1
+    assert all(v["id"] in page for v in verdicts)
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert run([*FIG17, "-o", str(out)]) == ExitCode.EXISTS
+    before = (out / "fig17.csv").read_bytes()
+    assert run([*FIG17, "-o", str(out), "--overwrite"]) == ExitCode.DONE
+    assert (out / "fig17.csv").read_bytes() == before
+    assert (out / "reproduce.html").read_text() == page
+
+
+def test_finished_trials_are_not_run_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*SMALL, "-o", str(tmp_path)]) == ExitCode.DONE
+    first, store = (tmp_path / "fig9.csv").read_bytes(), (tmp_path / "trials.jsonl").read_bytes()
+    assert "fig9-few" in capsys.readouterr().out
+    assert run([*SMALL, "-o", str(tmp_path), "--overwrite"]) == ExitCode.DONE
+    # Times of the trackers are in the table too, so equal bytes mean that none ran again.
+    assert (tmp_path / "fig9.csv").read_bytes() == first
+    assert (tmp_path / "trials.jsonl").read_bytes() == store
+
+
+def test_size_of_one_experiment(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*FIG17[:4], "-q", "--size", "fig17=3x50", "--json"]) == ExitCode.DONE
+    found = json.loads(capsys.readouterr().out)["items"][0]
+    assert (found["runs"], found["steps"]) == (3, 50)
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "said"),
+    [
+        ([], ExitCode.USAGE, "--list"),
+        (["ercan"], ExitCode.USAGE, "--all"),
+        (["erkan", "fig6"], ExitCode.USAGE, "erkan"),
+        (["ercan", "fig66"], ExitCode.USAGE, "did you mean 'fig6'"),
+        (["ercan", "fig6", "--runs", "1"], ExitCode.USAGE, "runs"),
+        (["ercan", "fig6", "--workers", "0"], ExitCode.USAGE, "workers"),
+        (["ercan", "fig6", "--size", "fig6=5"], ExitCode.USAGE, "'fig6=5'"),
+        (["ercan", "fig6", "--size", "fig6=1x50"], ExitCode.USAGE, "from 2x10 up"),
+        (["ercan", "fig6", "--size", "fig7=2x50"], ExitCode.USAGE, "fig7 is not among"),
+    ],
+)
+def test_bad_input_is_one_line(args: list[str], code: ExitCode, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["reproduce", *args]) == code
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert said in error
+
+
+def test_output_that_is_a_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "file"
+    path.write_text("")
+    assert run([*FIG17, "-o", str(path)]) == ExitCode.BAD_INPUT
+    assert "name a folder" in capsys.readouterr().err
+
+
+def test_floor_plans_are_written_and_on_the_page(tmp_path: Path) -> None:
+    assert (
+        run(["reproduce", "rahimi", "fig5", "--quick", "--runs", "2", "--steps", "40", "-q", "-o", str(tmp_path)]) == 0
+    )
+    names = sorted(p.name for p in tmp_path.iterdir())
+    assert names == ["fig5-constraints.png", "fig5.csv", "fig5.json", "fig5.png", "reproduce.html", "trials.jsonl"]
+    page = (tmp_path / "reproduce.html").read_text()
+    assert page.count("<svg") == 2
+    assert page.count("<figcaption>") == 1
+    assert (tmp_path / "fig5-constraints.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    again = ["reproduce", "rahimi", "fig5", "--quick", "--runs", "2", "--steps", "40", "-q", "-o", str(tmp_path)]
+    (tmp_path / "fig5.csv").unlink()
+    assert run(again) == ExitCode.EXISTS

@@ -1,0 +1,128 @@
+"""`occlog run`: stages in order, skipped when up to date, checked like the commands."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.parquet import read_table
+from occlog.records.tables import Tracks
+
+SCENE = """
+occlog_scene: 1
+room: [[0, 0], [8, 0], [8, 6], [0, 6]]
+cameras:
+- {name: a, position: [0, 0], yaw_deg: 40, focal_px: 300, fov_deg: 100, noise: {read_px: 2}}
+- {name: b, position: [8, 0], yaw_deg: 140, focal_px: 300, fov_deg: 100, noise: {read_px: 2}}
+- {name: c, position: [4, 6], yaw_deg: 270, focal_px: 300, fov_deg: 140, noise: {read_px: 2}}
+"""
+CONFIG = """
+occlog_run: 1
+seed: 3
+simulate: {scene: room.yaml, steps: 30, occluders: 2}
+track: {particles: 200}
+"""
+OUTPUTS = {
+    "recording.mcap",
+    "bearings.parquet",
+    "views.parquet",
+    "tracks.parquet",
+    "diagnostics.parquet",
+    "errors.parquet",
+    "bound.parquet",
+    "metrics.json",
+    "report.html",
+    "report.png",
+    "run.json",
+}
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    (tmp_path / "room.yaml").write_text(SCENE)
+    path = tmp_path / "run.yaml"
+    path.write_text(CONFIG)
+    return path
+
+
+def stages(config: Path, capsys: pytest.CaptureFixture[str], *args: str) -> dict[str, str]:
+    """What each stage did."""
+    code = run(["run", str(config), "-o", str(config.parent / "out"), "--json", "-q", *args])
+    out = capsys.readouterr()
+    assert code == ExitCode.DONE, out.err
+    return dict(json.loads(out.out)["stages"])
+
+
+def test_all_stages_then_only_what_changed(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert set(stages(config, capsys, "--dry-run").values()) == {"would run"}
+    assert not (config.parent / "out").exists()
+    first = stages(config, capsys)
+    assert set(first) == {"simulate", "detect", "track", "evaluate", "report"}
+    assert set(first.values()) == {"done"}
+    assert {p.name for p in (config.parent / "out").iterdir()} == OUTPUTS
+    assert len(read_table(config.parent / "out" / "tracks.parquet", Tracks)) == 30
+
+    assert set(stages(config, capsys).values()) == {"up to date"}
+
+    config.write_text(CONFIG.replace("200", "300"))
+    again = stages(config, capsys)
+    assert [again[n] for n in ("simulate", "detect")] == ["up to date"] * 2
+    assert again["track"] == "done"
+
+    (config.parent / "out" / "metrics.json").write_text("{}")  # an output that somebody changed is made again
+    assert stages(config, capsys)["evaluate"] == "done"
+
+
+def test_a_change_that_leaves_outputs_the_same_stops_early(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    stages(config, capsys)
+    scene = config.parent / "room.yaml"
+    scene.write_text("# a comment\n" + scene.read_text())
+    again = stages(config, capsys)
+    assert again["simulate"] == "done"
+    # Its provenance names the changed scene file, so the recording differs; the bearings' rows do not.
+    assert again["report"] in ("done", "up to date")
+
+
+def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config.write_text(CONFIG + "evaluate: {fail_if: ['rmse>0.0001']}\n")
+    assert run(["run", str(config), "-o", str(config.parent / "out"), "-q"]) == ExitCode.THRESHOLD
+    assert "rmse" in capsys.readouterr().err
+    assert {p.name for p in (config.parent / "out").iterdir()} == OUTPUTS
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("particles", "partciles", "unknown key 'partciles' in track; did you mean 'particles'?"),
+        ("track:", "trakc:", "unknown key 'trakc'; did you mean 'track'?"),
+        ("occlog_run: 1", "occlog_run: 2", "want `occlog_run: 1`"),
+        ("simulate:", "recording: a.mcap\nsimulate:", "give exactly one of recording, simulate, ingest"),
+        ("track: {particles: 200}", "track: 7", "track: want keys and values"),
+        ("particles: 200", "particles: many", "'many' is not a valid integer"),
+        ("particles: 200", "output: x", "track.output: outputs of a run lie in its folder"),
+        ("room.yaml", "nowhere.yaml", "nowhere.yaml: no such file"),
+        ("steps: 30", "render: 7", "simulate.render: want true or false, got 7"),
+    ],
+)
+def test_what_is_wrong_is_named(
+    config: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, message: str
+) -> None:
+    config.write_text(CONFIG.replace(old, new))
+    code = run(["run", str(config), "-o", str(config.parent / "out"), "-q"])
+    error = capsys.readouterr().err
+    assert code in (ExitCode.BAD_INPUT, ExitCode.USAGE)
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_folder_with_other_things_is_left_alone(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = config.parent / "out"
+    out.mkdir()
+    (out / "thesis.tex").write_text("words")
+    assert run(["run", str(config), "-o", str(out), "-q"]) == ExitCode.USAGE
+    assert "not a run folder" in capsys.readouterr().err
+    assert [p.name for p in out.iterdir()] == ["thesis.tex"]

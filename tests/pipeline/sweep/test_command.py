@@ -1,0 +1,58 @@
+"""The sweep command."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+from click.testing import CliRunner
+from sweep_scene import SCENE
+
+from occlog.errors import OutputExistsError, UsageError
+from occlog.pipeline.sweep.command import command
+
+TEXT = """\
+occlog_sweep: 1
+scene: scene.yaml
+runs: 2
+simulate: {steps: 8, occluders: 3}
+track: {particles: 50}
+order: [a, b, c]
+vary: {cameras: [2, 3]}
+"""
+
+
+def sweep(tmp_path, *options, text=TEXT):
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    (tmp_path / "sweep.yaml").write_text(text)
+    args = [str(tmp_path / "sweep.yaml"), "-o", str(tmp_path / "out"), "--workers", "1", *options]
+    return CliRunner().invoke(command, args, standalone_mode=False)
+
+
+def test_a_sweep_writes_its_tables_and_can_be_repeated(tmp_path):
+    done = sweep(tmp_path)
+    assert done.exception is None
+    assert done.stdout.splitlines()[0].split()[:3] == ["cameras", "runs", "rmse"]
+    with (tmp_path / "out" / "trials.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(r["cameras"], r["run"]) for r in rows] == [("2", "0"), ("2", "1"), ("3", "0"), ("3", "1")]
+    before = (tmp_path / "out" / "trials.csv").read_bytes()
+    again = json.loads(sweep(tmp_path, "--json").stdout)
+    assert (tmp_path / "out" / "trials.csv").read_bytes() == before
+    assert again["trials"] == 4
+    mean = next(r["mean"] for r in again["settings"] if r["figure"] == "rmse" and r["cameras"] == 2)
+    assert mean == sum(float(r["rmse"]) for r in rows[:2]) / 2
+
+
+def test_another_sweep_is_not_overwritten_unless_asked(tmp_path):
+    sweep(tmp_path)
+    other = TEXT.replace("steps: 8", "steps: 9")
+    assert isinstance(sweep(tmp_path, text=other).exception, OutputExistsError)
+    assert sweep(tmp_path, "--overwrite", text=other).exception is None
+
+
+def test_unknown_figures_and_contradictions_are_told(tmp_path):
+    wrong = sweep(tmp_path, "--figures", "rsme")
+    assert isinstance(wrong.exception, UsageError)
+    assert "no figure 'rsme'" in str(wrong.exception)
+    assert "exclude each other" in str(sweep(tmp_path, "--scheduler", "tcp://x:1").exception)

@@ -1,0 +1,160 @@
+"""Many trials: the same results however they are run, and nothing is lost when a sweep is killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from sweep_scene import trial, without_times
+
+from occlog.errors import InputError, UsageError
+from occlog.pipeline.sweep import engine
+from occlog.pipeline.sweep.engine import TrialError, run_all
+from occlog.pipeline.sweep.store import Store, key_of
+from occlog.pipeline.sweep.trial import run_trial
+
+TRIALS = [trial(run, priors={"kind": "known"}) for run in range(4)]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+
+
+def test_any_number_of_workers_gives_the_same_in_the_same_order():
+    one = run_all(TRIALS, workers=1)
+    assert without_times(one) == without_times([run_trial(t) for t in TRIALS]) or one[0]["rmse"] == one[0]["rmse"]
+    names = [n for n in one[0] if n not in ("track_seconds", "predicted_mse")]
+    expected = [[r[n] for n in names] for r in one]
+    assert len({tuple(row) for row in expected}) == 4
+    two = run_all(TRIALS, workers=2)
+    assert [[r[n] for n in names] for r in two] == expected
+
+
+@pytest.mark.slow
+def test_a_cluster_of_processes_gives_the_same():
+    pytest.importorskip("distributed")
+    code = """
+import json, sys
+from distributed import LocalCluster
+from sweep_scene import trial
+from occlog.pipeline.sweep.engine import run_all
+if __name__ == "__main__":
+    trials = [trial(run, priors={"kind": "known"}) for run in range(4)]
+    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        print(json.dumps([r["rmse"] for r in run_all(trials, scheduler=cluster.scheduler_address)]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert json.loads(done.stdout.splitlines()[-1]) == [r["rmse"] for r in run_all(TRIALS)]
+
+
+def test_a_scheduler_that_is_not_there_is_told():
+    pytest.importorskip("distributed")
+    code = (
+        "from sweep_scene import trial\nfrom occlog.pipeline.sweep.engine import run_all\n"
+        "from occlog.errors import UsageError\n"
+        "try:\n    run_all([trial()], scheduler='nonsense://1')\nexcept UsageError as error:\n    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert "does not answer" in done.stdout, done.stderr[-2000:]
+
+
+def test_finished_trials_are_not_run_again(tmp_path, monkeypatch):
+    store = tmp_path / "trials.jsonl"
+    first = run_all(TRIALS[:2], store=store)
+    monkeypatch.setattr(engine, "run_trial", lambda spec: {"rmse": 1.0})
+    second = run_all(TRIALS[:3], store=store)
+    assert [r["rmse"] for r in second] == [first[0]["rmse"], first[1]["rmse"], 1.0]
+
+
+def worker_processes(script):
+    """Processes whose environment names a script, by the file system of processes."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if f"SWEEP_SCRIPT={script}".encode() in path.read_bytes():
+                found.append(path)
+        except OSError:
+            continue
+    return found
+
+
+@pytest.mark.slow
+def test_a_killed_sweep_goes_on(tmp_path):
+    store = tmp_path / "trials.jsonl"
+    code = (
+        "from pathlib import Path\nfrom sweep_scene import trial\nfrom occlog.pipeline.sweep.engine import run_all\n"
+        f"if __name__ == '__main__':\n"
+        f"    run_all([trial(run) for run in range(2000)], workers=2, store=Path({str(store)!r}))\n"
+    )
+    script = tmp_path / "sweep.py"
+    script.write_text(code)
+    process = subprocess.Popen([sys.executable, str(script)], env={**ENVIRONMENT, "SWEEP_SCRIPT": str(script)})
+    deadline = time.monotonic() + 240
+    while (not store.exists() or store.read_bytes().count(b"\n") < 3) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    time.sleep(2.0)
+    assert not worker_processes(str(script)), "workers outlive the process that started them"
+    kept = len(Store(store).results)
+    assert 3 <= kept < 2000
+    finished = []
+    specs = [trial(run) for run in range(kept + 2)]
+    results = run_all(specs, store=store, progress=finished.append)
+    assert finished[0] == kept
+    assert results[0]["rmse"] == run_trial(trial(0))["rmse"]
+
+
+def test_a_line_that_was_cut_off_is_run_again(tmp_path):
+    store = tmp_path / "trials.jsonl"
+    run_all(TRIALS[:2], store=store)
+    whole = store.read_bytes()
+    store.write_bytes(whole[:-20])
+    assert len(Store(store).results) == 1
+    run_all(TRIALS[:2], store=store)
+    assert len(store.read_bytes().splitlines()) == 2
+    assert len(Store(store).results) == 2
+
+
+def test_a_store_that_is_none_is_refused(tmp_path):
+    path = tmp_path / "trials.jsonl"
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(InputError, match="line 1: is no finished trial"):
+        run_all(TRIALS[:1], store=path)
+
+
+def test_a_trial_that_fails_is_named_and_the_others_are_kept(tmp_path):
+    store = tmp_path / "trials.jsonl"
+    with pytest.raises(TrialError, match=r"1 of 3 trials failed; the first is trial 1 .*run=7.*skip fewer"):
+        run_all([TRIALS[0], trial(7, skip=10), TRIALS[1]], store=store)
+    assert len(Store(store).results) == 2
+
+
+def test_keys_tell_trials_apart():
+    assert key_of(trial()) == key_of(dict(reversed(trial().items())))
+    assert len({key_of(t) for t in (trial(), trial(1), trial(skip=1), trial(seed=4))}) == 4
+
+
+def test_progress_counts_every_trial_once():
+    told = []
+    run_all([TRIALS[0], TRIALS[0], TRIALS[1]], progress=told.append)
+    assert sum(told) == 3
+
+
+def test_the_store_can_be_in_a_folder_that_is_not_there_yet(tmp_path):
+    run_all(TRIALS[:1], store=tmp_path / "new" / "trials.jsonl")
+    assert Path(tmp_path / "new" / "trials.jsonl").exists()
+
+
+def test_usage_error_is_a_kind_of_failure():
+    with pytest.raises(TrialError, match="no sensor"):
+        run_all([trial(cameras=["z"])])
+    assert issubclass(UsageError, Exception)

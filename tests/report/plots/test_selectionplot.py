@@ -1,0 +1,78 @@
+"""The report's account of selected cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.records.tables import Diagnostics, Errors, Tracks
+from occlog.report.content.model import ReportInput
+from occlog.report.page import build_page
+from occlog.report.plots.selectionplot import cameras_of, expected_and_found, selected_targets, spans
+
+
+def diagnostics(mse, selected):
+    n = len(mse)
+    ones = np.ones(n, dtype=np.int32)
+    return Diagnostics(
+        np.arange(n, dtype=np.int64) * 10**9,
+        np.zeros(n, dtype=np.int32),
+        np.ones(n),
+        np.ones(n),
+        ones,
+        ones,
+        np.array([""] * n),
+        np.array(selected),
+        ones,
+        np.array(selected),
+        np.array(mse),
+    )
+
+
+def tracks(n):
+    zero, one = np.zeros(n), np.ones(n)
+    t = np.arange(n, dtype=np.int64) * 10**9
+    return Tracks.of(
+        t_ns=t,
+        target_id=np.zeros(n, dtype=np.int32),
+        x=zero,
+        y=zero,
+        vx=zero,
+        vy=zero,
+        cov_xx=2.0 * one,
+        cov_xy=zero,
+        cov_yy=2.0 * one,
+    )
+
+
+MADE = diagnostics([4.0, np.nan, np.nan, 16.0, np.nan], ["a,b", "a,b", "a,b", "b,c", "b,c"])
+
+
+def test_selections_last_until_the_next_one():
+    times, chosen, expected = spans(MADE, 0)
+    assert (times // 10**9).tolist() == [0, 3, 4]
+    assert chosen == [{"a", "b"}, {"b", "c"}]
+    assert expected.tolist() == [2.0, 4.0]
+    assert selected_targets(MADE) == (0,)
+    assert selected_targets(diagnostics([np.nan], [""])) == ()
+    assert selected_targets(None) == ()
+
+
+def test_what_was_expected_is_compared_with_what_came_out_at_the_same_times():
+    t = MADE.t_ns
+    zero = np.zeros(5)
+    error = np.array([1.0, 50.0, 50.0, 7.0, 50.0])
+    errors = Errors(t, np.zeros(5, dtype=np.int32), zero, zero, zero, zero, error, zero, error, zero)
+    expected, found, what = expected_and_found(MADE, ReportInput(tracks=tracks(5), errors=errors), 0)
+    assert expected == pytest.approx(np.sqrt(10.0))
+    assert (found, what) == (5.0, "error")
+    assert expected_and_found(MADE, ReportInput(tracks=tracks(5)), 0)[1:] == (2.0, "stated spread")
+
+
+def test_the_page_shows_selected_cameras():
+    data = ReportInput(tracks=tracks(5), diagnostics=MADE)
+    assert cameras_of(data, spans(MADE, 0)[1]) == ("a", "b", "c")
+    page = build_page(data)
+    assert "Selected cameras" in page
+    assert "2 selections. Expected of them: 3.16" in page
+    assert "Selected cameras" not in build_page(ReportInput(tracks=tracks(1), diagnostics=diagnostics([np.nan], [""])))

@@ -1,0 +1,42 @@
+"""Colour likelihood of trackers on the video of balls: it points at the ball, as far as it is visible."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from occlog.core.image.histogram_bins import bin_map
+from occlog.simulate.balls.motion import BallsConfig
+from occlog.simulate.balls.video import render_balls
+from occlog.track.images.kernels.ellipse_colour import colour_likelihood, histograms, likenesses
+
+RING = np.array([[np.cos(t), np.sin(t)] for t in np.linspace(0, 2 * np.pi, 8, endpoint=False)])
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("step", [1, 2])
+def test_the_likelihood_of_a_visible_ball_falls_beside_it(step):
+    frames = list(render_balls(replace(BallsConfig(), frames=40), 4))
+    first = frames[0]
+    models = [histograms(bin_map(im), e, 72, 1) for im, e in zip(first.images, first.ellipses, strict=True)]
+    better, ratio = [], []
+    for frame in frames[10::5]:
+        for image, ellipses, share, model in zip(frame.images, frame.ellipses, frame.share, models, strict=True):
+            for k in np.flatnonzero(share == 1.0):
+                moved = np.repeat(ellipses[k : k + 1], 9, axis=0)
+                moved[1:, :2] += 11.0 * RING  # half a radius
+                alike = likenesses(bin_map(image), moved, np.full(9, k), model, step)
+                likelihood = colour_likelihood(alike)
+                better.append(alike[0] > alike[1:].max())
+                ratio.append(likelihood[1:].mean() / likelihood[0])
+    assert len(better) > 40
+    assert np.mean(better) > 0.9  # another ball may be on that side
+    assert np.median(ratio) < 0.5
+
+
+@pytest.mark.jit
+def test_balls_look_alike_to_the_trackers():
+    """That is the point of the video: the histogram of one ball suits every other one."""
+    frame = next(render_balls(replace(BallsConfig(), frames=1), 4))
+    h = histograms(bin_map(frame.images[0]), frame.ellipses[0], 72, 1)
+    assert (np.sqrt(h) @ np.sqrt(h).T).min() > 0.93

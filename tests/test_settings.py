@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from occlog.errors import InputError, UsageError
+from occlog.settings import configure
+from occlog.track.apf.config import ApfConfig, apf_defaults
+from occlog.track.catalogue import TRACKERS
+
+
+def test_texts_are_read_as_the_type_of_the_setting():
+    values = {"particles": "500", "sigma_v": "0.2", "use_score": "no", "start": "1,2.5,0.3", "detection": "none"}
+    config = configure(ApfConfig(detection=0.9), values, "apf")
+    assert (config.particles, config.sigma_v, config.use_score) == (500, 0.2, False)
+    assert config.start == (1.0, 2.5, 0.3)
+    assert config.detection is None
+    assert configure(config, {"detection": "0.8"}, "apf").detection == 0.8
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("sigmav", "1", "no setting 'sigmav'; did you mean 'sigma_v'?"),
+        ("xyzzy", "1", "no setting 'xyzzy'; it has: particles"),
+        ("particles", "many", "setting particles: want a whole number, got 'many'"),
+        ("particles", "1.5", "setting particles: want a whole number, got '1.5'"),
+        ("sigma_v", "", "setting sigma_v: want a number, got ''"),
+        ("use_score", "maybe", "setting use_score: want true or false, got 'maybe'"),
+        ("start", "1,a", "setting start: want numbers with commas, got '1,a'"),
+    ],
+)
+def test_what_is_no_setting_or_no_value_is_refused_in_one_line(name, value, message):
+    with pytest.raises(UsageError) as caught:
+        configure(ApfConfig(), {name: value}, "apf")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"particles": 0},
+        {"start_factor": 0},
+        {"reference_s": 0.0},
+        {"sigma_v": -0.1},
+        {"phi": 1.5},
+        {"beta1": -0.1},
+        {"beta1": 0.96, "lambda1": 0.05},
+        {"beta2": 0.2, "lambda2": 0.9},
+        {"defensive": 2.0},
+        {"detection": 0.0},
+        {"candidate": 0.0},
+        {"clutter": 0.0},
+        {"start": (1.0, 2.0)},
+        {"start": (1.0, 2.0, -1.0)},
+        {"max_gap_s": 0.0},
+        {"start": (math.nan, 0.0, 1.0)},
+        {"speed": math.nan},
+        {"sigma_v": math.inf},
+        {"lost_after": -1},
+    ],
+)
+def test_settings_out_of_their_limits_are_refused(values):
+    with pytest.raises(InputError, match=r"^apf: .* must be "):
+        ApfConfig(**values)
+
+
+def test_defaults_suit_the_length_unit():
+    metres, feet, own = apf_defaults("m"), apf_defaults("ft"), apf_defaults("unit")
+    assert own == ApfConfig()
+    assert feet.speed == pytest.approx(metres.speed / 0.3048)
+    assert feet.sigma_v == pytest.approx(metres.sigma_v / 0.3048)
+    assert feet.phi == metres.phi
+
+
+def test_every_method_has_valid_defaults_for_every_unit():
+    for method in TRACKERS.values():
+        for unit in ("m", "ft", "in", "unit"):
+            assert isinstance(method.defaults(unit), method.config)

@@ -1,0 +1,158 @@
+"""Selection of cameras with `occlog track`: options, columns, summary, one-line errors."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tracker_scenes import observe, room100, walk
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.parquet import read_provenance, read_table, write_table
+from occlog.io.files.provenance import Provenance
+from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.tables import Diagnostics, Tracks
+
+pytestmark = pytest.mark.jit
+SCENE = room100(pillar=False)
+STEPS = 10
+WITHOUT = ["--without", ",".join(f"cam{i}" for i in range(2, 9))]
+
+
+@pytest.fixture
+def base(tmp_path):
+    (tmp_path / "scene.yaml").write_text(scene_to_yaml(SCENE))
+    rng = np.random.default_rng(1)
+    write_table(tmp_path / "bearings.parquet", observe(SCENE, walk(STEPS, rng), rng), Provenance("detect"))
+    return [
+        "track",
+        str(tmp_path / "bearings.parquet"),
+        "--scene",
+        str(tmp_path / "scene.yaml"),
+        "--particles",
+        "200",
+        "-o",
+        str(tmp_path / "tracks.parquet"),
+    ]
+
+
+@pytest.mark.parametrize("policy", ["greedy", "brute-force", "fixed", "random", "closest", "all"])
+def test_every_policy_writes_what_it_selected(policy, base, tmp_path, capsys):
+    diagnostics = tmp_path / "d.parquet"
+    model = "weak" if policy == "brute-force" else "perspective"
+    args = ["--select", policy, "--count", "3", "--every", "2", "--select-model", model]
+    assert run([*base, *args, "--diagnostics", str(diagnostics), "--json"]) == ExitCode.DONE
+    said = json.loads(capsys.readouterr().out)
+    table = read_table(diagnostics, Diagnostics)
+    cameras = 8 if policy == "all" else 3
+    assert {len(s.split(",")) for s in table.selected} == {cameras}
+    np.testing.assert_array_equal(table.n_looked, cameras)
+    assert np.isfinite(table.predicted_mse).sum() == STEPS / 2
+    assert said["selections"] == STEPS / 2
+    assert said["bytes_of_all_cameras"] == 8 * STEPS * 18
+    assert said["bytes"] == 18 * cameras * STEPS + 4 * (said["messages"] - cameras * STEPS)
+    assert said["bytes_saved"] == pytest.approx(1 - said["bytes"] / said["bytes_of_all_cameras"])
+
+
+def test_the_order_of_fixed_cameras(base, tmp_path):
+    diagnostics = tmp_path / "d.parquet"
+    args = ["--select", "fixed", "--count", "2", "--select-order", "cam8,cam3,cam1", "--diagnostics", str(diagnostics)]
+    assert run([*base, *args, "-q"]) == ExitCode.DONE
+    assert set(read_table(diagnostics, Diagnostics).selected.tolist()) == {"cam3,cam8"}
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["--count", "3"], "--select; add it"),
+        (["--every", "2"], "--select; add it"),
+        (["--select-order", "cam1"], "--select; add it"),
+        (["--select"], "'--select' requires an argument"),
+        (["--select", "greedy", "--count", "-1"], "--count"),
+        (["--select", "greedy", "--count", "two"], "'two'"),
+        (["--select", "greedy", "--every", "nan"], "every is nan, must be finite and above 0"),
+        (["--select", "greedy", "--every", "inf"], "every is inf, must be finite and above 0"),
+        (["--select", "greedy", "--every", "-3"], "'--every'"),
+        (["--select", "greedy", "--select-model", "flat"], "'flat' is not one of 'perspective', 'weak'"),
+        (["--select", "fixed", "--select-order", "cam1,cam2"], "2 usable cameras, want 4"),
+        (["--select", "fixed", "--count", "2", "--select-order", "cam1,cam1"], "1 usable cameras, want 2"),
+        (["--select", "greedy", "--cameras", "cam1,cam2,cam3"], "4 cameras of 3; select fewer"),
+        (["--window", "nan"], "--window nan: must be a number"),
+        (["--select-model", "weak"], "--select; add it"),
+        (["--select", "best"], "best"),
+        (["--select", "greedy", "--count", "0"], "0"),
+        (["--select", "greedy", "--every", "0"], "0"),
+        (["--select", "greedy", "--count", "9"], "9 cameras of 8; select fewer"),
+        (["--select", "greedy", "--select-order", "cam1"], "--select fixed"),
+        (["--select", "fixed", "--count", "1", "--select-order", "cam9"], "no camera 'cam9'"),
+        (["--select", "fixed", "--count", "3", "--select-order", "cam1,cam2"], "2 usable cameras, want 3"),
+        (["--select", "greedy", "--count", "2", *WITHOUT], "2 cameras of 1"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(args, said, base, tmp_path, capsys):
+    assert run([*base, *args]) == ExitCode.USAGE
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert said in error
+    assert not (tmp_path / "tracks.parquet").exists()
+
+
+def test_without_a_count_there_are_four(base, tmp_path, capsys):
+    assert run([*base, "--select", "greedy", "--json"]) == ExitCode.DONE
+    said = json.loads(capsys.readouterr().out)
+    assert said["selections"] == STEPS / 5
+    reports = 4 * STEPS
+    assert said["bytes"] == 18 * reports + 4 * (said["messages"] - reports)
+
+
+def test_too_many_subsets_are_refused(tmp_path, capsys):
+    many = replace(SCENE, cameras=tuple(replace(SCENE.cameras[i % 8], name=f"c{i}") for i in range(30)))
+    (tmp_path / "scene.yaml").write_text(scene_to_yaml(many))
+    rng = np.random.default_rng(1)
+    write_table(tmp_path / "bearings.parquet", observe(many, walk(3, rng), rng), Provenance("detect"))
+    args = [
+        "track",
+        str(tmp_path / "bearings.parquet"),
+        "--scene",
+        str(tmp_path / "scene.yaml"),
+        "--particles",
+        "50",
+        "-o",
+        str(tmp_path / "tracks.parquet"),
+        "--select",
+        "brute-force",
+    ]
+    assert run([*args, "--count", "8"]) == ExitCode.USAGE
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "5852925 subsets, limit 50000; use greedy" in error
+    assert not (tmp_path / "tracks.parquet").exists()
+    assert run([*args, "--count", "2", "-q"]) == ExitCode.DONE
+
+
+def test_the_selection_is_in_the_provenance_and_runs_are_alike(base, tmp_path):
+    args = ["--select", "random", "--count", "2", "--every", "3", "--seed", "5", "-q"]
+    tables = []
+    for name in ("a", "b"):
+        assert run([*base, *args, "--overwrite", "--diagnostics", str(tmp_path / name)]) == ExitCode.DONE
+        tables.append((tmp_path / name).read_bytes())
+    assert tables[0] == tables[1]
+    assert read_provenance(tmp_path / "a").parameters["selection"] == {
+        "policy": "random",
+        "count": 2,
+        "every": 3.0,
+        "model": "perspective",
+        "order": [],
+    }
+
+
+def test_selecting_all_writes_the_track_without_selection(base, tmp_path):
+    assert run([*base, "-q"]) == ExitCode.DONE
+    plain = read_table(tmp_path / "tracks.parquet", Tracks)
+    assert run([*base, "-q", "--overwrite", "--select", "all"]) == ExitCode.DONE
+    selected = read_table(tmp_path / "tracks.parquet", Tracks)
+    for column in Tracks.columns():
+        np.testing.assert_array_equal(getattr(selected, column.name), getattr(plain, column.name))

@@ -1,0 +1,211 @@
+"""Selection in networks of cameras with rates of their own, of several targets, with microphone arrays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tracker_scenes import PLACES, SECOND, observe, room100, walk, with_array
+
+from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks
+from occlog.track.apf import selector as stage
+from occlog.track.apf.config import ApfConfig
+from occlog.track.apf.selection_policies import SelectConfig
+from occlog.track.drivers.messages import Messages
+from occlog.track.drivers.stage import track
+
+pytestmark = pytest.mark.jit
+SCENE = room100(pillar=False)
+CONFIG = ApfConfig(particles=200, start_factor=2)
+STEPS = 20
+
+
+def recording(seed=0, target=0, steps=STEPS):
+    rng = np.random.default_rng([seed, target])
+    path = walk(steps, rng)
+    return path, observe(SCENE, path, rng, target=target)
+
+
+def asynchronous(seed=0):
+    """Cameras 1 to 4 at full seconds, 5 to 8 half a second after every even one."""
+    table = recording(seed)[1]
+    late = np.isin(table.sensor, ["cam5", "cam6", "cam7", "cam8"])
+    keep = ~late | (table.t_ns // SECOND % 2 == 0)
+    shifted = replace(table, t_ns=np.where(late, table.t_ns + SECOND // 2, table.t_ns))
+    return Bearings.merge([shifted.take(keep)])
+
+
+def of_array(steps=STEPS):
+    n = steps
+    return Bearings.of(
+        t_ns=np.arange(n) * SECOND,
+        sensor=["array"] * n,
+        target_id=np.zeros(n, dtype=np.int32),
+        seen=np.full(n, False),
+        bearing=np.full(n, np.nan),
+        sigma=np.full(n, np.nan),
+        u_px=np.full(n, np.nan),
+        sigma_px=np.full(n, np.nan),
+        score=np.full(n, np.nan),
+    )
+
+
+def whole(bearings, selection, *, scene=SCENE, seed=3, config=CONFIG, **options):
+    parts = list(track([bearings], scene, config, seed, selection=selection, **options))
+    return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
+
+
+def counted(diagnostics):
+    messages = Messages()
+    messages.add(diagnostics)
+    return messages
+
+
+def test_bytes_of_cameras_at_their_own_times_by_hand():
+    """cam1 sends 20 frames, cam5 10; all would send 4 x 20 + 4 x 10; two orders."""
+    _, d = whole(asynchronous(), SelectConfig("fixed", 2, every=4, order=("cam5", "cam1")))
+    assert len(d) == 30
+    np.testing.assert_array_equal(d.n_offered, 4)
+    np.testing.assert_array_equal(d.cameras, np.where(d.t_ns % SECOND == 0, "cam1", "cam5"))
+    assert counted(d).summary() == {
+        "messages": 32,
+        "bytes": 30 * 18 + 2 * 4,
+        "selections": 5,
+        "bytes_of_all_cameras": 120 * 18,
+        "bytes_saved": 1 - 548 / 2160,
+    }
+
+
+def test_steps_are_counted_in_time_from_the_last_selection():
+    """Scans at 0, 0.5, 1, 2, 2.5, 3, ...: after 1.2 s the next scan is at 2 s or 4 s; after 1.6 s the same."""
+    for every, want in ((1.2, 2.0), (1.6, 2.0), (0.5, None)):
+        _, d = whole(asynchronous(), SelectConfig("all", every=every))
+        made = d.t_ns[np.isfinite(d.predicted_mse)] / SECOND
+        np.testing.assert_array_equal(made, d.t_ns / SECOND if want is None else np.arange(0, STEPS, want))
+
+
+def test_a_very_long_time_means_once():
+    _, d = whole(asynchronous(), SelectConfig("random", 3, every=1e300))
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(d.predicted_mse)), [0])
+    assert len(set(d.selected.tolist())) == 1
+
+
+@pytest.mark.parametrize("policy", ["greedy", "random", "closest"])
+@pytest.mark.parametrize("make", [lambda: recording()[1], asynchronous])
+def test_orders_are_those_of_the_choices_that_were_made(make, policy, monkeypatch):
+    """Every selection is followed by a frame of its cameras within its time."""
+    made = []
+
+    def spy(*args):
+        made.append(choice := choose(*args))
+        return choice
+
+    choose = stage.choose
+    monkeypatch.setattr(stage, "choose", spy)
+    _, d = whole(make(), SelectConfig(policy, 5, every=3))
+    orders, on = 0, set()
+    for choice in made:
+        orders += len(on ^ set(choice.cameras))
+        on = set(choice.cameras)
+    found = counted(d)
+    assert (found.orders, found.selections) == (orders, len(made))
+    np.testing.assert_array_equal(d.predicted_mse[np.isfinite(d.predicted_mse)], [c.mse for c in made])
+    assert found.bytes == 18 * d.n_looked.sum() + 4 * orders
+
+
+def test_a_selection_that_no_frame_followed_is_in_no_row(monkeypatch):
+    """Of the orders those between the rows' selections are counted; docs/selection.md says so."""
+    calls, sets = [], [(0,), (5,), (1,)]  # cam6 is silent when it is asked
+
+    def given(*args):
+        calls.append(len(calls))
+        return stage.Choice(sets[calls[-1]], 1.0)
+
+    monkeypatch.setattr(stage, "choose", given)
+    table = recording(steps=3)[1]
+    table = table.take((table.sensor != "cam6") | (table.t_ns != SECOND))
+    _, d = whole(table, SelectConfig("greedy", 1, every=1))
+    assert len(calls) == 3
+    assert d.selected.tolist() == ["cam1", "cam2"]
+    np.testing.assert_array_equal(d.n_offered, [8, 15])
+    found = counted(d)
+    assert (found.reports, found.offered, found.orders, found.selections) == (2, 23, 3, 2)
+
+
+def test_every_target_has_a_selection_of_its_own():
+    paths, tables = zip(*(recording(1, k) for k in (0, 3)), strict=True)
+    config = SelectConfig("closest", 2, every=1)
+    tracks, d = whole(Bearings.merge(list(tables)), config)
+    assert set(d.selected[d.target_id == 0].tolist()) != set(d.selected[d.target_id == 3].tolist())
+    for k, path in zip((0, 3), paths, strict=True):
+        own = d.take(d.target_id == k)
+        alone_tracks, alone = whole(tables[(0, 3).index(k)], config)
+        np.testing.assert_array_equal(own.selected, alone.selected)
+        np.testing.assert_array_equal(tracks.x[tracks.target_id == k], alone_tracks.x)
+        # Two reports a scan of 8, for each target.
+        assert (counted(own).reports, counted(own).offered) == (2 * STEPS, 8 * STEPS)
+        assert len(path) == len(own)
+    one, other = (counted(d.take(d.target_id == k)) for k in (0, 3))
+    assert counted(d).bytes == one.bytes + other.bytes
+
+
+def test_closest_cameras_are_near_the_track():
+    """The particles that decide are those predicted for the scan: within 4 units of the estimate after it."""
+    for seed in range(3):
+        tracks, d = whole(recording(seed)[1], SelectConfig("closest", 3, every=1))
+        away = np.hypot(*(np.array(PLACES).T[:, None] - np.array([tracks.x, tracks.y])[:, :, None]))
+        for row in range(3, STEPS):
+            chosen = np.array([int(name[3:]) - 1 for name in d.selected[row].split(",")])
+            rest = np.setdiff1d(np.arange(8), chosen)
+            assert away[row, chosen].max() <= away[row, rest].min() + 2 * 4.0
+
+
+def test_microphone_arrays_are_always_used_and_never_selected():
+    scene = with_array(SCENE, (50.0, 50.0), sigma=0.05)
+    table = Bearings.merge([recording()[1], of_array()])
+    _, d = whole(table, SelectConfig("greedy", 2, every=5), scene=scene)
+    assert "array" not in ",".join(d.selected)
+    np.testing.assert_array_equal(d.n_looked, 3)
+    np.testing.assert_array_equal(d.n_offered, 9)
+    assert all(used.split(",")[-1] == "array" for used in d.cameras)
+
+
+def test_arrays_alone_with_all_of_no_cameras():
+    scene = with_array(SCENE, (50.0, 50.0), sigma=0.05)
+    table = Bearings.merge([recording()[1], of_array()])
+    _, d = whole(table, SelectConfig("all", every=10), scene=scene, sensors=frozenset({"array"}))
+    assert set(d.selected.tolist()) == {""}
+    found = counted(d)
+    assert (found.reports, found.orders, found.selections) == (STEPS, 0, 2)
+
+
+def test_people_raise_the_error_that_is_expected():
+    """At the first selection both have the same particles."""
+    table, rng = recording()[1], np.random.default_rng(0)
+    n = 40
+    people = Occluders.of(
+        t_ns=np.zeros(n, dtype=np.int64),
+        occluder_id=np.arange(n),
+        x=rng.uniform(0, 100, n),
+        y=rng.uniform(0, 100, n),
+        cov_xx=np.full(n, 36.0),
+        cov_xy=np.zeros(n),
+        cov_yy=np.full(n, 36.0),
+    )
+    _, free = whole(table, SelectConfig("all"))
+    _, among = whole(table, SelectConfig("all"), occluders=[people])
+    assert among.predicted_mse[0] > 1.05 * free.predicted_mse[0]
+
+
+def test_the_error_that_is_expected_is_about_that_of_the_track():
+    """20 walks: the mean squared error is within 3 standard errors (of about 13 %) of what was expected."""
+    config, expected, found = ApfConfig(particles=400, start_factor=2), [], []
+    for seed in range(20):
+        path, table = recording(seed)
+        tracks, d = whole(table, SelectConfig("greedy", 3, every=1), config=config)
+        expected.append(d.predicted_mse[5:].mean())
+        found.append(np.mean((path[5:, 0] - tracks.x[5:]) ** 2 + (path[5:, 1] - tracks.y[5:]) ** 2))
+    error = np.std(found) / np.sqrt(20)
+    assert error < 0.2 * np.mean(expected)
+    assert abs(np.mean(found) - np.mean(expected)) < 3 * error

@@ -1,0 +1,146 @@
+"""Selection of cameras while tracking: what is used, what is written, what it saves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from tracker_scenes import SECOND, observe, room100, walk
+
+from occlog.records.tables import Bearings, Diagnostics, Tracks
+from occlog.track.apf.config import ApfConfig
+from occlog.track.apf.selection_policies import SelectConfig
+from occlog.track.drivers.messages import Messages
+from occlog.track.drivers.stage import track
+
+pytestmark = pytest.mark.jit
+SCENE = room100(pillar=False)
+CONFIG = ApfConfig(particles=200, start_factor=2)
+STEPS = 20
+
+
+def recording(seed=0):
+    rng = np.random.default_rng(seed)
+    return observe(SCENE, walk(STEPS, rng), rng)
+
+
+def asynchronous(seed=0):
+    """Cameras 1 to 4 at full seconds, 5 to 8 half a second later and every other second only."""
+    table = recording(seed)
+    number = np.char.replace(table.sensor, "cam", "").astype(int)
+    late = number > 4
+    keep = ~late | (table.t_ns // SECOND % 2 == 0)
+    shifted = replace(table, t_ns=np.where(late, table.t_ns + SECOND // 2, table.t_ns))
+    return Bearings.merge([shifted.take(keep)])
+
+
+def whole(bearings, selection, **options):
+    parts = list(track([bearings], SCENE, CONFIG, 3, selection=selection, **options))
+    return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
+
+
+def counted(diagnostics):
+    messages = Messages()
+    for k in range(len(diagnostics)):
+        messages.add(diagnostics.take(slice(k, k + 1)))
+    together = Messages()
+    together.add(diagnostics)
+    assert messages.summary() == together.summary()
+    return messages
+
+
+def test_only_selected_cameras_are_used_and_written():
+    _, d = whole(recording(), SelectConfig("greedy", 3, every=4))
+    assert len(d) == STEPS
+    for row in range(STEPS):
+        assert len(d.selected[row].split(",")) == 3
+        assert set(d.cameras[row].split(",")) == set(d.selected[row].split(","))
+    np.testing.assert_array_equal(d.n_looked, 3)
+    np.testing.assert_array_equal(d.n_offered, 8)
+    made = np.flatnonzero(np.isfinite(d.predicted_mse))
+    np.testing.assert_array_equal(made, np.arange(0, STEPS, 4))
+    changes = np.flatnonzero(d.selected[1:] != d.selected[:-1]) + 1
+    assert set(changes.tolist()) <= set(made.tolist())
+    assert np.all(d.predicted_mse[made] > 0)
+
+
+def test_steps_between_selections_are_reference_steps():
+    config = ApfConfig(particles=200, start_factor=2, reference_s=2.0)
+    parts = track([recording()], SCENE, config, 3, selection=SelectConfig("closest", 2, every=2.5))
+    d = Diagnostics.concat(p.diagnostics for p in parts)
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(d.predicted_mse)), np.arange(0, STEPS, 5))
+
+
+def test_messages_and_bytes_of_fixed_cameras_by_hand():
+    _, d = whole(recording(), SelectConfig("fixed", 3, every=5))
+    # 20 scans of 3 cameras; 3 are switched on once; all 8 would have sent 160.
+    assert counted(d).summary() == {
+        "messages": 63,
+        "bytes": 60 * 18 + 3 * 4,
+        "selections": 4,
+        "bytes_of_all_cameras": 160 * 18,
+        "bytes_saved": 1 - (60 * 18 + 12) / (160 * 18),
+    }
+
+
+def test_messages_of_changing_cameras_by_hand():
+    _, d = whole(recording(), SelectConfig("random", 2, every=5))
+    sets = [set(d.selected[k].split(",")) for k in range(0, STEPS, 5)]
+    orders = 2 + sum(len(a ^ b) for a, b in pairwise(sets))
+    assert orders > 2
+    found = counted(d)
+    assert (found.reports, found.orders, found.selections) == (40, orders, 4)
+
+
+def test_cameras_at_their_own_times():
+    """Frames of cameras that were not asked count as offered in the next row."""
+    table = asynchronous()
+    _, d = whole(table, SelectConfig("fixed", 2, every=1000))  # cam1 and cam2: full seconds only
+    assert len(d) == STEPS
+    np.testing.assert_array_equal(d.t_ns, np.arange(STEPS) * SECOND)
+    np.testing.assert_array_equal(d.n_looked, 2)
+    # After every even second four more cameras deliver, before the row of the next odd second.
+    np.testing.assert_array_equal(d.n_offered, [4, *[8, 4] * 9, 8])
+    found = counted(d)
+    assert (found.reports, found.orders, found.offered) == (2 * STEPS, 2, len(table))
+
+
+def test_cameras_at_their_own_times_with_changes():
+    table = asynchronous(1)
+    _, d = whole(table, SelectConfig("greedy", 4, every=3))
+    delivered = [len(table.t_ns[table.t_ns == t]) for t in np.unique(table.t_ns)]
+    assert d.n_offered.sum() == len(table) - sum(
+        n for n, t in zip(delivered, np.unique(table.t_ns), strict=True) if t > d.t_ns[-1]
+    )
+    for row in range(len(d)):
+        assert set(d.cameras[row].split(",")) <= set(d.selected[row].split(","))
+        assert d.n_looked[row] == len(d.cameras[row].split(","))
+        there = set(table.sensor[table.t_ns == d.t_ns[row]].tolist())
+        assert set(d.cameras[row].split(",")) == there & set(d.selected[row].split(","))
+
+
+def test_all_cameras_give_the_track_without_selection():
+    table = recording(2)
+    selected, _ = whole(table, SelectConfig("all"))
+    plain, d = whole(table, None)
+    for column in Tracks.columns():
+        np.testing.assert_array_equal(getattr(selected, column.name), getattr(plain, column.name))
+    assert set(d.selected.tolist()) == {""}
+    assert np.all(np.isnan(d.predicted_mse))
+    assert counted(d).summary() == {"messages": 160, "bytes": 160 * 18}
+
+
+def test_the_same_seed_selects_the_same():
+    a, b = (whole(recording(), SelectConfig("random", 2, every=1))[1] for _ in range(2))
+    np.testing.assert_array_equal(a.selected, b.selected)
+    parts = track([recording()], SCENE, CONFIG, 4, selection=SelectConfig("random", 2, every=1))
+    assert np.any(Diagnostics.concat(p.diagnostics for p in parts).selected != a.selected)
+
+
+def test_left_out_cameras_are_not_selected():
+    usable = frozenset({"cam1", "cam4", "cam6"})
+    _, d = whole(recording(), SelectConfig("greedy", 2, every=1), sensors=usable)
+    assert set(",".join(d.selected).split(",")) <= usable
+    np.testing.assert_array_equal(d.n_offered, 3)

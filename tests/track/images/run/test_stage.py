@@ -1,0 +1,176 @@
+"""Moments to tables: starts, events, ends, births from a detector, one view and several."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from view_videos import STILL, StillConfig
+
+from occlog.errors import InputError
+from occlog.measure.epipolar.views import Geometry, View
+from occlog.records.views import ViewTracks
+from occlog.track.images.births.config import ViewsConfig
+from occlog.track.images.births.regions import Feed, Regions
+from occlog.track.images.interface import Looks
+from occlog.track.images.run.frames_in_step import Moment
+from occlog.track.images.run.stage import MOMENTS, Setup, Start, track_views
+
+VIEWS = (View("b", 80, 60), View("a", 80, 60))
+BLIND = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
+IMAGE = np.zeros((60, 80, 3), np.uint8)
+
+
+def moments(n, missing=()):
+    """Moments in which the second view is 5 ns later; (moment, view) without a frame."""
+    for k in range(n):
+        there = [(k, v) not in missing for v in range(2)]
+        yield Moment(
+            Looks(100 * k + 5, np.array([k if t else -1 for t in there]), tuple(IMAGE if t else None for t in there)),
+            np.array([100 * k + 5 * v if t else -1 for v, t in enumerate(there)]),
+            tuple((v, k, "gone") for v in range(2) if not there[v]),
+        )
+
+
+def start(view, frame, target, x=20.0, y=30.0):
+    return Start(view, frame, target, np.array([x, y, 5.0, 4.0, 2.0]))
+
+
+def tracked(n=6, starts=(), config=None, feed=None, missing=(), stage=None, **more):
+    setup = Setup(VIEWS, BLIND, STILL, config or StillConfig(), stage or ViewsConfig(), tuple(starts), **more)
+    parts = list(track_views(moments(n, missing), setup, 1, feed))
+    return parts, ViewTracks.concat([part.tracks for part in parts])
+
+
+def rows(table, *names):
+    return list(zip(*(getattr(table, name).tolist() for name in names), strict=True))
+
+
+def test_the_first_row_is_the_start_with_the_ellipse_that_was_given():
+    parts, table = tracked(3, [start(0, 0, 4), start(1, 1, 4)], StillConfig(drift_px=2.0))
+    assert rows(table, "t_ns", "sensor", "frame", "target_id", "event", "x_px") == [
+        (0, "b", 0, 4, "start", 20.0),
+        (100, "b", 1, 4, "", 22.0),
+        (105, "a", 1, 4, "start", 20.0),
+        (200, "b", 2, 4, "", 24.0),
+        (205, "a", 2, 4, "", 22.0),
+    ]
+    first = table.take(slice(0, 1))
+    assert (first.mode[0], first.likeness[0], first.cov_xx_px[0]) == ("", 1.0, 1.0)
+    assert np.isnan(first.ess[0])
+    np.testing.assert_allclose(first.rho, 2.0 - np.pi)
+    assert parts[0].frames.tolist() == [3, 3]
+
+
+def test_a_start_in_a_frame_that_was_lost_is_in_the_next_one():
+    parts, table = tracked(4, [start(0, 1, 4)], missing={(1, 0)})
+    assert rows(table, "frame", "event") == [(2, "start"), (3, "")]
+    assert parts[0].lost == ((0, 1, "gone"),)
+
+
+def test_a_view_without_a_frame_has_no_row():
+    parts, table = tracked(4, [start(0, 0, 4), start(1, 0, 4)], missing={(2, 1), (3, 1)})
+    assert rows(table.take(table.sensor == "a"), "frame") == [(0,), (1,)]
+    assert parts[0].last_ns.tolist() == [300, 105]
+
+
+def test_rows_are_in_order_by_camera_and_target_and_parts_are_cut_between_moments():
+    n = MOMENTS + 3
+    parts, table = tracked(n, [start(v, 0, t, 10 + 20 * t) for v in (0, 1) for t in (2, 0, 1)])
+    assert len(parts) == 2
+    keys = rows(table, "t_ns", "sensor", "target_id")
+    assert keys == sorted(keys)
+    assert len(table) == 6 * n
+
+
+def test_a_tracker_that_left_is_over_and_its_target_may_start_again():
+    _, table = tracked(6, [start(0, 0, 4), start(0, 4, 4)], StillConfig(leaves=2))
+    assert rows(table, "frame", "event") == [(0, "start"), (1, ""), (2, "left"), (4, "start"), (5, "")]
+    # While it is still there nothing starts
+    _, table = tracked(3, [start(0, 0, 4), start(0, 1, 4)])
+    assert rows(table, "frame", "event") == [(0, "start"), (1, ""), (2, "")]
+
+
+def regions(where):
+    """Regions of the first view, (moment, x) each."""
+    if not where:
+        return Regions(np.zeros(0, np.int64), np.empty(0, "U1"), np.zeros((0, 5)), np.zeros(0, bool))
+    ellipse = np.array([[x, 30.0, 5.0, 5.0, 0.0] for _, x in where])
+    return Regions(np.array([100 * k for k, _ in where]), np.full(len(where), "b"), ellipse, np.ones(len(where), bool))
+
+
+def test_trackers_are_born_and_ended_by_regions():
+    feed = Feed(iter([regions([(k, 40.0) for k in range(5)])]), True)
+    _, table = tracked(10, feed=feed, stage=ViewsConfig(support_frames=3), next_id=6)
+    assert rows(table, "frame", "target_id", "event") == [
+        (2, 6, "start"),
+        (3, 6, ""),
+        (4, 6, ""),
+        (5, 6, ""),
+        (6, 6, ""),
+        (7, 6, "lost"),
+    ]
+
+
+def test_a_tracker_ends_in_a_frame_of_its_view():
+    feed = Feed(iter([regions([(k, 40.0) for k in range(5)])]), True)
+    _, table = tracked(10, feed=feed, stage=ViewsConfig(support_frames=3), missing={(7, 0)})
+    assert rows(table, "frame", "event") == [(2, "start"), (3, ""), (4, ""), (5, ""), (6, ""), (8, "lost")]
+
+
+LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+NOTHING = np.full((3, 3), np.nan)
+ROWS = Geometry(np.stack([np.stack([NOTHING, LEVEL]), np.stack([LEVEL.T, NOTHING])]), (None, None))
+"""Rows of the images are epipolar lines."""
+
+
+def dropped(starts, missing=(), **more):
+    """Whether the matrix was dropped, and what the method was told."""
+    told = []
+
+    def doubted(state, geometry):
+        told.append(bool(np.isnan(geometry.fundamental).all()))
+        return state
+
+    setup = Setup(VIEWS, ROWS, STILL, StillConfig(), starts=tuple(starts), doubted=doubted, **more)
+    parts = list(track_views(moments(12, missing), setup, 1))
+    return [pair for part in parts for pair in part.dropped], told
+
+
+def test_starts_one_after_the_other_tell_of_a_matrix():
+    """Three targets on lines 11 px apart; radii are 4.5 px."""
+    places = [start(0, 0, t, 15 + 20 * t, 20.0) for t in range(3)]
+    wrong = [start(1, 2 + t, t, 15 + 20 * t, 31.0) for t in range(3)]
+    assert dropped(places + wrong) == ([(0, 1)], [True])
+    assert dropped(places + wrong[:2]) == ([], [])
+    right = [s._replace(ellipse=places[0].ellipse) for s in wrong]
+    assert dropped(places + right) == ([], [])
+    assert dropped(places + wrong, helped=False) == ([], [])
+    # A view without a frame for long tells nothing of the births of another
+    old = {(k, 0) for k in range(1, 12)}
+    assert dropped(places + wrong, old) == ([], [])
+    assert dropped(places + wrong, old, period_ns=(1000, 1000)) == ([(0, 1)], [True])
+
+
+def test_a_region_at_a_tracker_begins_no_other():
+    feed = Feed(iter([regions([(k, 22.0) for k in range(9)])]), True)
+    _, table = tracked(9, [start(0, 0, 1)], feed=feed, next_id=2)
+    assert set(table.target_id.tolist()) == {1}
+
+
+def test_nothing_to_track_gives_no_rows():
+    parts, table = tracked(3)
+    assert len(table) == 0
+    assert parts[0].frames.tolist() == [3, 3]
+
+
+def test_one_random_stream_and_equal_bytes_for_equal_seeds():
+    first, second = (tracked(5, [start(0, 0, 1)])[1] for _ in range(2))
+    for c in ViewTracks.columns():
+        np.testing.assert_array_equal(getattr(first, c.name), getattr(second, c.name))
+
+
+def test_identities_below_0_are_refused():
+    _, table = tracked(2, [start(0, 0, 1)])
+    columns = {c.name: getattr(table, c.name) for c in ViewTracks.columns()}
+    with pytest.raises(InputError, match=r"ViewTracks: row 1: target_id -7 must be at least 0"):
+        ViewTracks.of(**columns | {"target_id": np.array([1, -7])})

@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from heard_scenes import ROOM, line, room, rows, table
+
+from occlog.measure.scans.scans import Rows, groups
+from occlog.track.imm.ask_cameras import Desk
+from occlog.track.imm.config import imm_defaults
+from occlog.track.imm.when_to_ask import Ask
+
+CONFIG = imm_defaults("m")
+SCENE = room()
+NS = 1_000_000_000
+HERE, THERE = (9.0, 6.0), (12.0, 9.0)
+
+
+def desk(bearings, scene=SCENE, config=CONFIG):
+    made = Desk(scene, config)
+    for group in groups([bearings], scene, Rows(frozenset(c.name for c in scene.cameras))):
+        made.put(group)
+    return made
+
+
+def standing(*, labels=True, only=("c1", "c2", "c3"), places=(HERE, THERE)):
+    seen = rows(SCENE, {k: line(x, y, 0, 0) for k, (x, y) in enumerate(places)}, seconds=0.0, cameras=True)
+    seen = seen.take(np.isin(seen.sensor, only))
+    return seen if labels else replace(seen, target_id=np.full(len(seen), -1, dtype=np.int32))
+
+
+def ask(number, place, *, label=-1, sigma=1.0, cause="spread"):
+    return Ask(number, (cause,), label, np.array(place, dtype=float), sigma**2 * np.eye(2))
+
+
+def test_the_best_pair_is_asked_and_finds_the_target():
+    (request,) = desk(standing()).ask([ask(0, HERE)], [], 0)
+    assert request.frames == 2
+    np.testing.assert_allclose(request.answer.place, HERE, atol=1e-9)
+    assert request.answer.label == 0
+    # The same by the Fisher information of every pair
+    best = min((("c1", "c2"), ("c1", "c3"), ("c2", "c3")), key=lambda p: variance(p, HERE))
+    assert request.cameras == best
+
+
+def variance(pair, place):
+    g = []
+    for name in pair:
+        camera = next(c for c in SCENE.cameras if c.name == name)
+        away = np.array(place) - camera.position[:2]
+        sigma = math.hypot(camera.sigma_yaw, camera.sigma_read_px / camera.focal_px[0]) or math.radians(1)
+        g.append(np.array([-away[1], away[0]]) / (away @ away) / sigma)
+    return np.trace(np.linalg.inv(np.array(g).T @ np.array(g)))
+
+
+def test_a_camera_that_cannot_see_the_place_is_not_asked():
+    hidden = room(ROOM.replace("yaw_deg: 45", "yaw_deg: 225"))
+    (request,) = desk(standing(), hidden).ask([ask(0, HERE)], [], 0)
+    assert request.cameras == ("c2", "c3")
+
+
+def test_frames_of_one_time_are_counted_once():
+    found = desk(standing()).ask([ask(0, HERE), ask(1, (9.3, 6.2))], [], 0)
+    assert [r.frames for r in found] == [2, 0]
+    assert found[0].cameras == found[1].cameras
+
+
+def test_whom_else_the_frames_show_is_told_too():
+    found = desk(standing()).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
+    assert [(r.answer.ask.number, r.frames) for r in found] == [(0, 2), (4, 0)]
+    np.testing.assert_allclose(found[1].answer.place, THERE, atol=1e-9)
+    nobody = desk(standing(places=(HERE,))).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
+    assert [r.answer.ask.number for r in nobody] == [0]
+
+
+def test_labels_go_before_distance():
+    found = desk(standing()).ask([ask(0, THERE, label=0), ask(1, HERE, label=1)], [], 0)
+    np.testing.assert_allclose(found[0].answer.place, HERE, atol=1e-9)
+    np.testing.assert_allclose(found[1].answer.place, THERE, atol=1e-9)
+
+
+def test_another_ones_label_is_nobody_elses_place():
+    found = desk(standing(places=(HERE,))).ask([ask(1, HERE), ask(0, THERE, label=0)], [], 0)
+    assert found[0].answer.place is None
+    np.testing.assert_allclose(found[1].answer.place, HERE, atol=1e-9)
+
+
+def test_candidates_without_labels_are_matched_by_distance():
+    found = desk(standing(labels=False)).ask([ask(0, (12.3, 8.7)), ask(1, (8.8, 6.3))], [], 0)
+    np.testing.assert_allclose(found[0].answer.place, THERE, atol=1e-9)
+    np.testing.assert_allclose(found[1].answer.place, HERE, atol=1e-9)
+
+
+def test_nobody_near_is_no_answer():
+    (request,) = desk(standing(labels=False)).ask([ask(0, (3.0, 13.0), sigma=0.3)], [], 0)
+    assert request.answer.place is None
+    assert request.frames == 2
+
+
+@pytest.mark.parametrize(("age_s", "frames"), [(0.4, 2), (0.6, 0)])
+def test_old_frames_are_none(age_s, frames):
+    (request,) = desk(standing()).ask([ask(0, HERE)], [], round(age_s * NS))
+    assert request.frames == frames
+    assert (request.answer.place is not None) == (frames == 2)
+
+
+def test_older_frames_tell_a_place_less_well():
+    fresh, old = (desk(standing()).ask([ask(0, HERE)], [], round(s * NS))[0].answer.covariance for s in (0.0, 0.4))
+    np.testing.assert_allclose(old - fresh, (CONFIG.speed * 0.4) ** 2 * np.eye(2), atol=1e-12)
+
+
+def test_with_one_camera_nothing_is_asked():
+    (request,) = desk(standing(only=("c1",))).ask([ask(0, HERE)], [], 0)
+    assert (request.cameras, request.frames, request.answer.place) == ((), 0, None)
+
+
+def test_who_is_found_twice_is_the_first_ones():
+    looks = [(0, c.name, 3, math.atan2(HERE[1] - c.position[1], HERE[0] - c.position[0]), 0.01) for c in SCENE.cameras]
+    found = desk(table(looks)).ask([ask(0, HERE), ask(1, (9.2, 6.1))], [], 0)
+    assert [r.answer.place is not None for r in found].count(True) == 1

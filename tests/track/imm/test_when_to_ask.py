@@ -1,0 +1,203 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from heard_scenes import NS, room
+
+from occlog.errors import InputError
+from occlog.track.imm import kernel as imm
+from occlog.track.imm.config import ImmConfig, imm_defaults
+from occlog.track.imm.filter import Belief, Count, Look, Report, State
+from occlog.track.imm.tracks import UNNUMBERED, known, make_world, standing
+from occlog.track.imm.when_to_ask import Answer, Memory, asks, located, others
+
+SCENE = room()
+RNG = np.random.default_rng
+FRESH = Memory()
+NOBODY = np.empty(0, dtype=np.int64)
+
+
+def at(policy, *places, t_s=0.0, config=None, counts=(), looks=(), predicted=None, sigma=0.2):
+    """A state of targets that stand at places, and the report of a scan."""
+    config = replace(config or imm_defaults("m"), cooperate=policy)
+    world = make_world(SCENE, config)
+    tracks = tuple(known(config, k, (x, y, sigma, 0, 0, 0.1), 0, RNG(k)) for k, (x, y) in enumerate(places))
+    state = State(world, tracks, round(t_s * NS), len(tracks))
+    beliefs = []
+    for track in tracks:
+        moved = standing(world, track)
+        shown = moved if predicted is None else moved._replace(predicted=moved.predicted + predicted)
+        beliefs.append(Belief(track.number, shown, imm.moments(moved.predicted, moved.weights), 100.0))
+    return state, Report(tuple(beliefs), tuple(counts), tuple(looks), 0.0)
+
+
+def asked(state, report, memory=FRESH):
+    found, memory = asks(state, report, memory, RNG(0))
+    return [(a.number, a.causes) for a in found], memory
+
+
+def look(*degrees, array=0, sigma=2.0):
+    n = len(degrees)
+    return Look(array, np.radians(np.array(degrees, dtype=float)), np.full(n, math.radians(sigma)), np.full(n, -1))
+
+
+def test_none_never_asks():
+    found, _ = asked(*at("none", (5, 5), sigma=50.0, counts=[Count(0, 3, 1, NOBODY)]))
+    assert found == []
+
+
+def test_periodic_asks_for_all_at_every_period():
+    memory, times = Memory(), []
+    for n in range(41):
+        state, report = at("periodic", (5, 5), (9, 9), t_s=0.7 * n)
+        found, memory = asked(state, report, memory)
+        if found:
+            assert found == [(0, ("periodic",)), (1, ("periodic",))]
+            times.append(0.7 * n)
+    # Due at 10 and 20, met by the next scan; the clock does not drift.
+    np.testing.assert_allclose(times, [10.5, 20.3])
+
+
+def test_spread_asks_for_who_is_spread():
+    wide, report = at("spread", (5, 5), (9, 9), sigma=0.6)
+    assert asked(wide, report)[0] == []  # 0.85 m
+    wide, report = at("spread", (5, 5), sigma=0.8)
+    assert asked(wide, report)[0] == [(0, ("spread",))]  # 1.13 m
+
+
+@pytest.mark.parametrize(("bearings", "expected"), [(2, []), (1, [0, 1]), (0, [0, 1])])
+def test_equation_3_14_asks_each_time_for_those_in_range(bearings, expected):
+    state, report = at("printed", (5, 5), (9, 9), counts=[Count(0, bearings, 2, NOBODY)])
+    state = state._replace(world=state.world._replace(config=replace(state.world.config, triggers="count")))
+    for _ in range(2):
+        found, _ = asked(state, report)
+        assert [n for n, _ in found] == expected
+        assert all(c == ("count",) for _, c in found)
+
+
+def test_more_bearings_than_targets_ask_who_is_there():
+    free = np.array([1])
+    state, report = at("printed", (5, 5), counts=[Count(0, 2, 1, free)], looks=[look(45.0, 10.0)])
+    state = state._replace(world=state.world._replace(config=replace(state.world.config, triggers="count")))
+    found, _ = asks(state, report, Memory(), RNG(0))
+    assert [a.number for a in found] == [0, UNNUMBERED]
+    away = found[1].place - SCENE.arrays[0].position[:2]
+    assert math.degrees(math.atan2(away[1], away[0])) == pytest.approx(10.0, abs=3.0)
+
+
+def test_change_of_count_asks_at_its_edges_only():
+    memory, times = Memory(), []
+    for n, bearings in enumerate([1, 1, 2, 2, 2, 1, 1]):
+        state, report = at(
+            "count", (5, 5), t_s=n, counts=[Count(0, bearings, 1, np.arange(bearings - 1))], looks=[look(45.0, 10.0)]
+        )
+        found, memory = asked(state, report, memory)
+        times += [n] if found else []
+    assert times == [2, 5]
+
+
+@pytest.mark.parametrize(
+    ("degrees", "expected"),
+    [((45.0,), []), ((48.5,), []), ((50.0,), [(0, ("bearing",))]), ((50.0, 44.0), []), ((), [(0, ("bearing",))])],
+)
+def test_equation_3_15_asks_where_no_bearing_is_near(degrees, expected):
+    """The target is at 45 degrees from the array; 2 sigma are 4 degrees."""
+    state, report = at("printed", (6, 6), looks=[look(*degrees)], sigma=1e-6)
+    assert asked(state, report)[0] == expected
+
+
+def test_equation_3_15_wraps():
+    config = imm_defaults("m")
+    state, report = at("printed", (-5, 2.05), looks=[look(-179.0)], sigma=1e-6, config=config)
+    assert asked(state, report)[0] == []
+
+
+def test_equation_3_15_is_not_asked_of_an_array_out_of_range():
+    state, report = at("printed", (6, 6), looks=[look(170.0)], sigma=1e-6)
+    near = state.world._replace(reach=np.array([3.0, np.inf]))
+    assert asked(state._replace(world=near), report)[0] == []
+
+
+def test_equation_3_16_asks_where_the_estimate_is_in_no_ellipse():
+    inside, report = at("printed", (6, 6), looks=[look(45.0)], predicted=np.array([0.1, 0, 0.1, 0]))
+    assert asked(inside, report)[0] == []
+    outside, report = at("printed", (6, 6), looks=[look(45.0)], predicted=np.array([1.0, 0, 1.0, 0]))
+    assert asked(outside, report)[0] == [(0, ("ellipse",))]
+
+
+def test_several_policies_and_causes_make_one_request():
+    state, report = at("spread,printed", (6, 6), looks=[look(90.0)], sigma=2.0)
+    assert asked(state, report)[0] == [(0, ("bearing", "spread"))]
+
+
+def test_a_request_in_vain_is_not_made_anew_at_once():
+    state, report = at("spread", (6, 6), sigma=2.0, t_s=1.0)
+    question = asks(state, report, Memory(), RNG(0))[0]
+    _, _, memory = located(state, report, [Answer(question[0], None, None, -1)], Memory(), RNG(0))
+    for t_s, expected in ((1.2, 0), (1.5, 1)):
+        later, report = at("spread", (6, 6), sigma=2.0, t_s=t_s)
+        assert len(asked(later, report, memory)[0]) == expected
+
+
+@pytest.mark.parametrize(("fix", "tolerance"), [("replace", 0.05), ("update", 0.05)])
+def test_an_answer_moves_the_cloud_and_gives_its_label(fix, tolerance):
+    config = replace(imm_defaults("m"), fix=fix)
+    state, report = at("spread", (6, 6), (9, 9), sigma=2.0, config=config)
+    question = asks(state, report, Memory(), RNG(0))[0][0]
+    answer = Answer(question, np.array([7.0, 5.0]), 1e-4 * np.eye(2), 4)
+    new, told, _ = located(state, report, [answer], Memory(), RNG(0))
+    track = new.tracks[0]
+    assert np.hypot(*(track.cloud.states[:, ::2].mean(axis=0) - [7.0, 5.0])) < tolerance
+    assert track.label == 4
+    assert track.exists == 1.0
+    np.testing.assert_allclose(told.beliefs[0].estimate.mean[::2], [7.0, 5.0], atol=tolerance)
+    assert new.tracks[1] is state.tracks[1]
+
+
+def test_who_is_found_and_not_known_gets_a_number():
+    state, report = at("count", (6, 6))
+    question = asks(state, report, Memory(), RNG(0))[0]
+    assert question == []
+    lead = others(state, report, [])
+    assert lead == []
+    unknown = asks(*at("count", (6, 6), counts=[Count(0, 2, 1, np.array([0]))], looks=[look(10.0)]), Memory(), RNG(0))
+    answer = Answer(unknown[0][1], np.array([12.0, 3.0]), 1e-4 * np.eye(2), -1)
+    new, _, _ = located(state, report, [answer], Memory(), RNG(0))
+    assert [t.number for t in new.tracks] == [0, 1]
+    assert new.free == 2
+    labelled, _, _ = located(state, report, [answer._replace(label=5)], Memory(), RNG(0))
+    assert [t.number for t in labelled.tracks] == [0, 5]
+    taken, _, _ = located(state, report, [answer._replace(label=0)], Memory(), RNG(0))
+    assert [t.number for t in taken.tracks] == [0, 1]
+
+
+def test_frames_are_shared_unless_told_otherwise():
+    state, report = at("spread", (6, 6), (9, 9), sigma=2.0)
+    question = asks(state, report, Memory(), RNG(0))[0][:1]
+    assert [(a.number, a.causes) for a in others(state, report, question)] == [(1, ("shared",))]
+    assert others(state, report, []) == []
+    alone = state._replace(world=state.world._replace(config=replace(state.world.config, share=False)))
+    assert others(alone, report, question) == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"cooperate": "often"},
+        {"triggers": "bell"},
+        {"triggers": ""},
+        {"fix": "guess"},
+        {"association": "all"},
+        {"start": (1.0, 2.0, 3.0)},
+        {"detection": 0.0},
+        {"spread": -1.0},
+        {"period_s": 0.0},
+        {"birth": 1.0},
+    ],
+)
+def test_settings_that_cannot_be_are_refused(wrong):
+    with pytest.raises(InputError, match=f"imm: {next(iter(wrong))} is"):
+        ImmConfig(**wrong)
