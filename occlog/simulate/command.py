@@ -261,8 +261,7 @@ def _setup(
     """What decides on the recording: a scene from a file with its options, or the room with people."""
     from occlog.io.scenes.paths import read_paths
 
-    from .kinds import people_setup
-    from .run import make_setup
+    from .run import make_setup, people_setup
 
     if scene is None:
         return people_setup(values, fps, workers)

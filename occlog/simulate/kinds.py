@@ -1,13 +1,9 @@
-"""Options of `occlog simulate --scene`: scenes that need no file, and which option is about which of them.
-
-`occlog simulate --scene people`: options to the configuration of a rendered room.
-"""
+"""Options of `occlog simulate --scene`: scenes that need no file, and which option is about which of them."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,37 +11,6 @@ import click
 
 from occlog.cli.numbers import AT_LEAST_0, POSITIVE, Finite
 from occlog.errors import UsageError
-from occlog.simulate.world.people_room import CLEARANCE, people_room
-
-from .run import make_setup
-from .video import Setup
-
-
-def people_setup(given: Mapping[str, Any], fps: float | None, workers: int | None) -> Setup:
-    """The configuration from the options that were given.
-
-    Args:
-        given: values of the options that were given.
-        fps: frames a second; None: 25.
-        workers: threads; None: one a processor.
-    """
-    views, size, rate = given.get("views", 3), given.get("size", (640, 480)), fps or 25.0
-    if min(size) < 64:
-        raise UsageError(f"--size: people need images of 64 px or more a side, got {size[0]}x{size[1]}")
-    own = {"frames", "views", "size", "people", "grey", "overlap"}
-    values = {
-        "render": True,
-        "targets": given.get("people", 4),
-        "steps": given.get("frames", 400),
-        "rate_hz": rate,
-        "clearance": CLEARANCE,
-        **{k: v for k, v in given.items() if k not in own},
-    }
-    setup = make_setup(people_room(views, size, rate), values, None, workers)
-    assert setup.render is not None  # it was asked for
-    video = replace(setup.render, alike=True, min_visible=0.0)
-    return replace(setup, render=video, grey=bool(given.get("grey")), apart=not given.get("overlap"))
-
 
 KINDS = ("balls", "people")
 

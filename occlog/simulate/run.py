@@ -1,9 +1,4 @@
-"""Work of `occlog simulate`: options to configurations, and a scene to a recording, chunk by chunk.
-
-Options of `occlog simulate` together with what a path file says.
-
-Options of `occlog simulate` about what microphone arrays hear.
-"""
+"""What `occlog simulate` does: options to configurations, and a scene to a recording, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -28,7 +23,7 @@ from occlog.records.scripts import Script
 from occlog.records.tables import Truth
 from occlog.simulate.render.people import RenderConfig
 from occlog.simulate.render.reference import reference_appearances
-from occlog.simulate.world.people_room import people_apart
+from occlog.simulate.world.people_room import CLEARANCE, people_apart, people_room
 from occlog.simulate.world.truth_grid import truth_grid
 
 from .stage import (
@@ -262,3 +257,29 @@ def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dic
     if setup.render is not None:
         summary |= {n: counts[n] for n in ("frames", "boxes", "video_bytes")}
     return summary
+
+
+def people_setup(given: Mapping[str, Any], fps: float | None, workers: int | None) -> Setup:
+    """The configuration from the options that were given.
+
+    Args:
+        given: values of the options that were given.
+        fps: frames a second; None: 25.
+        workers: threads; None: one a processor.
+    """
+    views, size, rate = given.get("views", 3), given.get("size", (640, 480)), fps or 25.0
+    if min(size) < 64:
+        raise UsageError(f"--size: people need images of 64 px or more a side, got {size[0]}x{size[1]}")
+    own = {"frames", "views", "size", "people", "grey", "overlap"}
+    values = {
+        "render": True,
+        "targets": given.get("people", 4),
+        "steps": given.get("frames", 400),
+        "rate_hz": rate,
+        "clearance": CLEARANCE,
+        **{k: v for k, v in given.items() if k not in own},
+    }
+    setup = make_setup(people_room(views, size, rate), values, None, workers)
+    assert setup.render is not None  # it was asked for
+    video = replace(setup.render, alike=True, min_visible=0.0)
+    return replace(setup, render=video, grey=bool(given.get("grey")), apart=not given.get("overlap"))

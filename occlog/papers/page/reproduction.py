@@ -120,7 +120,7 @@ def build_reproduction(title: str, parts: Sequence[Part]) -> str:
         plots = [Markup(_svg(part.chart)) for part in parts]
         plans = [[(p, Markup(_picture(part.chart.item, name, p))) for name, p in part.plans.items()] for part in parts]
     environment = Environment(
-        loader=PackageLoader("occlog.report"),
+        loader=PackageLoader("occlog.papers", "page"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

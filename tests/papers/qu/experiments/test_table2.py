@@ -5,11 +5,11 @@ import math
 import pytest
 
 from occlog.papers.qu.experiments.table2 import (
-    BMCT,
+    BMCT_FILTER,
     ENOUGH,
     FILTERS,
-    MCMC,
-    SIR,
+    MCMC_FILTER,
+    SIR_FILTER,
     TABLE2,
     TIME,
     TOTAL,
@@ -94,10 +94,10 @@ def test_verdicts_follow_the_growth():
 
 
 def test_totals_count_all_trackers_of_both_views():
-    assert total(BMCT, 4, 50) == 400
-    assert total(MCMC, 4, 250) == 500
-    assert tried(SIR, 6)[0] < tried(SIR, 8)[0]
-    assert tried(MCMC, 6) == (270, 540, 1080)
+    assert total(BMCT_FILTER, 4, 50) == 400
+    assert total(MCMC_FILTER, 4, 250) == 500
+    assert tried(SIR_FILTER, 6)[0] < tried(SIR_FILTER, 8)[0]
+    assert tried(MCMC_FILTER, 6) == (270, 540, 1080)
 
 
 @pytest.mark.jit
