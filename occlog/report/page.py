@@ -15,7 +15,7 @@ from matplotlib.figure import FigureBase
 
 from occlog.records.tables import UNLABELLED
 from occlog.report.content.metrics_in_words import groups, number
-from occlog.report.content.model import ReportInput, ReportPage
+from occlog.report.content.model import ReportInput
 from occlog.report.drawing.style import COLOURS, DARK, house_style, label, new_figure, raw_svg
 from occlog.report.drawing.svg import page_svg
 from occlog.report.plots.accuracy import axes_of, draw_accuracy
@@ -27,7 +27,6 @@ from occlog.report.plots.sensortable import sensor_rows
 from occlog.report.plots.sightplot import draw_sight
 from occlog.report.plots.visibility import MOST_ROWS, draw_visibility, sensors, watched
 
-from .picture import build_picture
 from .summary import headline, plural, rms, row_counts, with_bound
 
 WIDTH = 8.4
@@ -42,11 +41,6 @@ class Plot:
     heading: str
     svg: Markup
     caption: str
-
-
-def build_report(data: ReportInput) -> ReportPage:
-    """The page and the picture of a run; the same input gives the same bytes."""
-    return ReportPage(build_page(data), build_picture(data))
 
 
 def build_page(data: ReportInput) -> str:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from occlog.track.map.kernels.gauss_markov import GaussMarkov
-from occlog.track.map.kernels.problem import HalfPlanes, Problem, SightLines, make_steps
+from occlog.track.map.kernels.problem import HalfPlanes, Problem, SightLines, Steps, chain
 
 PAPER_A = np.array([[1.0, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]])
 PAPER_SIGMA = 1e-6 * np.diag([1e-4, 1.0, 1e-4, 1.0])
@@ -75,6 +75,11 @@ def random_model(rng) -> GaussMarkov:
     A = np.kron(np.eye(2), [[1.0, 0.5], [0.0, 0.9]]) + 0.03 * rng.normal(size=(4, 4))
     M = rng.normal(size=(4, 4))
     return GaussMarkov(A, 0.05 * M @ M.T + 0.05 * np.eye(4), 0.5)
+
+
+def make_steps(model: GaussMarkov, seconds, mean, spread) -> Steps:
+    """The chain of states at (T,) rising times [s]; the rest as in `chain`."""
+    return chain(model, np.diff(seconds), mean, spread)
 
 
 def random_steps(rng, T: int, model: GaussMarkov | None = None):

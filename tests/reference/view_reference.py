@@ -36,7 +36,7 @@ def bins_of(image: Array) -> Array:
     hue = np.minimum(4 * part // np.maximum(3 * spread, 1), 7)
     saturation = np.minimum(8 * spread // np.maximum(high, 1), 7)
     grey = (10 * spread <= high) | (5 * high <= 255)
-    return np.where(grey, 64 + high * 8 // 256, 8 * hue + saturation)
+    return np.where(grey, 64 + high * 8 // 256, 8 * hue + saturation).astype(np.uint8)
 
 
 def ellipse_distance(ellipses: Array, x: Array, y: Array) -> Array:

@@ -21,8 +21,6 @@ from occlog.core.sight.projected_planes import (
     AXES,
     blind_planes,
     direction_angles,
-    pair_covariance,
-    projected_angle_gradients,
     projected_covariance,
 )
 
@@ -95,26 +93,6 @@ def plane_information(xyz: Floats, position: Floats, plane: int, variance: Float
     """
     axes = list(AXES[plane])
     return bearing_information(xyz[:, axes], position[axes], np.sqrt(variance))
-
-
-def pair_information(
-    xyz: Floats, position: Floats, rotation: Floats, sigma_theta: float, sigma_phi: float, pair: tuple[int, int]
-) -> Floats:
-    """Fisher information about the position of two planes' angles of one sensor with their covariance.
-
-    It equals `direction_information` wherever the two angles are not the same measurement
-    (xy and yz are where y is the sensor's).  Arguments as there; `pair`: two different planes.
-
-    Returns:
-        (N, 3, 3).
-
-    Raises:
-        numpy.linalg.LinAlgError: the covariance of the two is singular at some position.
-    """
-    theta, phi = sight_angles(xyz, position, rotation)
-    G = projected_angle_gradients(xyz - position)[:, pair, :]
-    R = pair_covariance(projected_covariance(theta, phi, sigma_theta, sigma_phi, rotation), pair)
-    return np.asarray(np.swapaxes(G, 1, 2) @ np.linalg.solve(R, G))
 
 
 def plane_variance(

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Bools, Floats
 from occlog.core.numerics.jit import kernel
 
 CLOSE = 1.5
@@ -19,18 +19,6 @@ CLOSE = 1.5
 
 LARGEST = 1e4
 """Half axes above this [px] are not those of a thing in an image: such an ellipse holds nothing."""
-
-
-def canonical(ellipses: Floats) -> Floats:
-    """The same ellipses (..., 5) with a >= b and rho in [-pi/2, pi/2)."""
-    out = np.array(ellipses, dtype=np.float64)
-    a, b = out[..., 2].copy(), out[..., 3].copy()
-    swap = b > a
-    out[..., 2], out[..., 3] = np.where(swap, b, a), np.where(swap, a, b)
-    turned = (out[..., 4] + np.where(swap, 1.0, 0.0) * 0.5 * np.pi + 0.5 * np.pi) % np.pi - 0.5 * np.pi
-    # The remainder may round up to pi itself.
-    out[..., 4] = np.where(turned >= 0.5 * np.pi, -0.5 * np.pi, turned)
-    return out
 
 
 def support_radius(ellipses: Floats, theta: Floats | float) -> Floats:
@@ -75,11 +63,6 @@ def touching(ellipses: Floats) -> Bools:
     return np.asarray(nearness(ellipses) <= 1.0)
 
 
-def close(ellipses: Floats, factor: float = CLOSE) -> Bools:
-    """(N, N) whether ellipses are close: d <= factor (r_i + r_j); false on the diagonal."""
-    return np.asarray(nearness(ellipses) <= factor)
-
-
 @kernel
 def quadratic(a: float, b: float, rho: float) -> tuple[float, float, float]:
     """A, B, C of the squared ellipse distance q = A dx^2 + 2 B dx dy + C dy^2, which is 1 on the ellipse."""
@@ -120,29 +103,3 @@ def column_limits(cx: float, dy: float, a: float, b: float, c: float) -> tuple[i
         return 1, 0
     half, middle = math.sqrt(root) / a, cx - b * dy / a
     return math.ceil(middle - half), math.floor(middle + half)
-
-
-def pixels_inside(ellipse: Floats, size: tuple[int, int] | None = None, step: int = 1) -> Ints:
-    """Pixels whose centres are in an ellipse, row after row.
-
-    Args:
-        ellipse: (5,).
-        size: width and height of the image, to leave out pixels off it; None: keep them.
-        step: only columns and rows that are multiples of it.
-
-    Returns:
-        (K, 2) columns and rows; (0, 2) where there are none or the ellipse is not one.
-    """
-    e = np.array(ellipse, dtype=np.float64)
-    e[:4] /= step  # in units of the step every whole number counts
-    if not holds_pixels(e):
-        return np.zeros((0, 2), dtype=np.int64)
-    a, b, c = quadratic(e[2], e[3], e[4])
-    first, last = row_limits(e[1], e[2], e[3], e[4])
-    rows = []
-    for y in range(first, last + 1):
-        left, right = column_limits(e[0], y - e[1], a, b, c)
-        columns = np.arange(left, right + 1)
-        rows.append(step * np.column_stack([columns, np.full(len(columns), y)]))
-    pixels = np.concatenate(rows) if rows else np.zeros((0, 2), dtype=np.int64)
-    return pixels if size is None else pixels[((pixels >= 0) & (pixels < size)).all(axis=1)]

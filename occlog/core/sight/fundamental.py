@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats
+from occlog.array_types import Floats
 
 TOLERANCE_PX = 3.0
 """A match within this distance of both epipolar lines speaks for a fundamental matrix."""
@@ -72,11 +72,6 @@ def fundamental_from_poses(
     return scaled(np.linalg.inv(inner_b).T @ cross @ rotation_b.T @ rotation_a @ np.linalg.inv(inner_a))
 
 
-def epipole(matrix: Floats) -> Floats:
-    """(3,) unit vector: the image in view a of camera b; its last entry is near 0 for one far outside the image."""
-    return np.asarray(np.linalg.svd(matrix)[2][2])
-
-
 def epipolar_lines(matrix: Floats, points: Floats) -> Floats:
     """(..., 3) lines in view b of points (..., 2) in view a; NaN for the epipole, and for a matrix that gives no line.
 
@@ -102,62 +97,6 @@ def epipolar_distances(matrix: Floats, a: Floats, b: Floats) -> Floats:
 def symmetric_errors(matrix: Floats, a: Floats, b: Floats) -> Floats:
     """(N,) root mean square of the two `epipolar_distances` of each match [px]."""
     return np.asarray(np.sqrt((epipolar_distances(matrix, a, b) ** 2).mean(axis=1)))
-
-
-def consistent(matrix: Floats, a: Floats, b: Floats, radius_a: Floats | float, radius_b: Floats | float) -> Bools:
-    """(N,) the loop check of [Qu] Sec. 3.4.2: both distances are at most the radius of the target in that view."""
-    distances = epipolar_distances(matrix, a, b)
-    return np.asarray((distances[:, 0] <= radius_a) & (distances[:, 1] <= radius_b))
-
-
-def epipolar_bands(matrix: Floats, ellipses: Floats) -> Floats:
-    """Bands in view b in which the ellipses of view a can be.
-
-    Args:
-        matrix: (3, 3).
-        ellipses: (N, 5) in view a, see `occlog.core.image.ellipse`.
-
-    Returns:
-        (N, 2, 3): the lines of the two points at which lines from the epipole touch an
-        ellipse, turned so that distances from them have different signs inside the band and
-        equal ones outside.  NaN for an ellipse that holds the epipole: it can be anywhere.
-    """
-    e = np.asarray(ellipses, dtype=np.float64)
-    x, y, w = epipole(matrix)
-    dx, dy = x - w * e[:, 0], y - w * e[:, 1]
-    c, s = np.cos(e[:, 4]), np.sin(e[:, 4])
-    # Where the ellipse is the unit circle: direction and distance (as a cosine) of the epipole
-    u, v = (c * dx + s * dy) / e[:, 2], (-s * dx + c * dy) / e[:, 3]
-    sign = 1.0 if w >= 0 else -1.0
-    far = np.hypot(u, v)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        half = np.arccos(np.where(far > abs(w), abs(w) / far, np.nan))
-    angle = np.arctan2(sign * v, sign * u)[:, None] + half[:, None] * np.array([-1.0, 1.0])
-    p, q = e[:, 2:3] * np.cos(angle), e[:, 3:4] * np.sin(angle)
-    touch = e[:, None, :2] + np.stack([c[:, None] * p - s[:, None] * q, s[:, None] * p + c[:, None] * q], axis=-1)
-    return _facing(epipolar_lines(matrix, touch), epipolar_lines(matrix, e[:, :2]), epipole(np.asarray(matrix).T))
-
-
-def _facing(bands: Floats, middle: Floats, other_epipole: Floats) -> Floats:
-    """The bands with the second line turned so that points of the middle line have distances of different signs."""
-    # On the middle line, away from the epipole of view b, where all three lines meet
-    x, y, w = other_epipole
-    along = np.stack([-middle[:, 1], middle[:, 0]], axis=-1)
-    foot = -middle[:, 2:] * middle[:, :2]
-    if abs(w) > 1e-12:
-        reach = 1.0 + float(np.hypot(x, y)) / abs(w)
-        foot = np.array([x, y]) / w + reach * along
-    product = line_distances(bands[:, 0], foot) * line_distances(bands[:, 1], foot)
-    out = bands.copy()
-    out[:, 1] *= np.where(product > 0.0, -1.0, 1.0)[:, None]
-    return out
-
-
-def band_distances(bands: Floats, points: Floats) -> Floats:
-    """(N,) distances [px] of points (N, 2) from bands (N, 2, 3), 0 inside; 0 for a NaN band, which is everywhere."""
-    d = line_distances(bands, np.asarray(points)[:, None, :])
-    outside = d[:, 0] * d[:, 1] > 0.0
-    return np.where(outside, np.abs(d).min(axis=1), 0.0)
 
 
 def check_fundamental(

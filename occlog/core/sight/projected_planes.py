@@ -32,11 +32,6 @@ def polar_from_elevation(elevation: Floats) -> Floats:
     return np.pi / 2.0 - elevation
 
 
-def elevation_from_polar(phi: Floats) -> Floats:
-    """Elevations [rad] above the xy plane of polar angles [rad] from +z."""
-    return np.pi / 2.0 - phi
-
-
 def direction(theta: Floats, phi: Floats) -> Floats:
     """(..., 3) unit vectors of azimuths theta and polar angles phi [rad]."""
     s = np.sin(phi)
@@ -74,26 +69,6 @@ def projected_angle_gradients(vector: Floats) -> Floats:
     return gradient
 
 
-def measured_angle_gradients(theta: Floats, phi: Floats, rotation: Floats) -> Floats:
-    """Gradients of the projected angles by the measured theta and phi.
-
-    For a sensor with the world's axes they are, with s = sin phi and c = cos phi,
-    xy (1, 0), yz (-s c cos theta, -sin theta) / (1 - s^2 cos^2 theta) and
-    zx (-s c sin theta, cos theta) / (1 - s^2 sin^2 theta).
-
-    Args:
-        theta: (...,) measured azimuth in the sensor's frame [rad].
-        phi: (...,) measured polar angle in the sensor's frame [rad].
-        rotation: (..., 3, 3) world-from-sensor.
-
-    Returns:
-        (..., 3, 2), [plane, (theta, phi)]; zero for a plane to which the sight line is normal.
-    """
-    gradients = _tangent_gradients(theta, phi, rotation)
-    gradients[..., 0] *= np.sin(phi)[..., None]
-    return gradients
-
-
 def projected_covariance(
     theta: Floats,
     phi: Floats,
@@ -128,11 +103,6 @@ def projected_covariance(
     sigmas = np.stack([sigma_theta * np.sqrt(spread), np.full(np.shape(phi), sigma_phi)], axis=-1)
     scaled = _tangent_gradients(theta, phi, rotation) * sigmas[..., None, :]
     return np.asarray(scaled @ np.swapaxes(scaled, -1, -2))
-
-
-def pair_covariance(covariance: Floats, pair: tuple[int, int]) -> Floats:
-    """(..., 2, 2) covariance of two planes' angles out of (..., 3, 3); singular where the two tell the same."""
-    return np.asarray(covariance[..., pair, :][..., :, pair])
 
 
 def blind_planes(
@@ -204,28 +174,3 @@ def select_as_printed(phi: Floats) -> Ints:
     plane = np.where(np.any(other, axis=-1), np.take_along_axis(preferred, second[..., None], -1)[..., 0], XY)
     first_row = np.stack([np.zeros_like(second), preferred[..., 0]], axis=-1)
     return np.stack([first_row, np.stack([second, plane], axis=-1)], axis=-2)
-
-
-def printed_projection(theta: Floats, phi: Floats) -> Floats:
-    """Projected angles by [Lee] Eq. 2.1 and 2.2 as printed, kept for the reproduction only.
-
-    WRONG where x < 0 for yz, half of the sphere, since |sec theta| should be sec theta; and for zx
-    everywhere but where x >= 0 and z >= 0, so on three quarters: besides |sec|, the case
-    gamma = pi is printed for x < 0 and not for z < 0.  Use `projected_angles`.
-
-    Args:
-        theta: (...,) azimuth [rad].
-        phi: (...,) polar angle [rad].
-
-    Returns:
-        (..., 3) [rad, 0..2 pi]; zx is NaN where z < 0 and x >= 0, for which no case is
-        printed.  Where two cases are (z >= 0, x < 0), the first one holds.
-    """
-    x, y, z = np.moveaxis(direction(theta, phi), -1, 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        secant = np.abs(1.0 / np.cos(theta))
-        yz = np.arctan(secant / (np.tan(theta) * np.tan(phi)))
-        zx = np.arctan(np.tan(phi) / secant)
-    beta = np.where(y < 0, np.pi, np.where(z < 0, 2.0 * np.pi, 0.0))
-    gamma = np.where(x < 0, np.pi, np.where(z < 0, np.nan, 0.0))
-    return np.stack(np.broadcast_arrays(np.mod(theta, 2.0 * np.pi), yz + beta, zx + gamma), axis=-1)

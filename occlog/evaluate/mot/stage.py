@@ -15,12 +15,11 @@ from occlog.core.metrics import failure_rates
 from occlog.core.metrics.failure_rates import NONE
 from occlog.core.metrics.frames import Objects, of_boxes, of_points
 from occlog.evaluate.matching.config import Evaluation
-from occlog.records.tables import Boxes, TruthBoxes
 from occlog.records.views import Failures
 
 from .config import ManyConfig
 from .figures import Metrics, across_views, centres, failure_figures, gospa_figures, mot_figures, of_view
-from .truth_and_tracks import Sides, lay_boxes
+from .truth_and_tracks import Sides
 
 
 class _Near(NamedTuple):
@@ -91,25 +90,6 @@ class Places(NamedTuple):
     number: tuple[Ints, ...]  # for each view the numbers of its frames
     visible: Floats  # (n,) visible share of each true row
     unit: str  # of distances
-
-
-def evaluate_boxes(
-    tracks: Boxes, truth: TruthBoxes, config: ManyConfig | None = None, *, by_number: bool = False
-) -> Evaluation:
-    """Figures of tracks in the images of one or several cameras.
-
-    Args:
-        tracks: boxes with identities (`many_sides.boxes_of` for ellipses).
-        truth: true boxes with identities.
-        config: options.
-        by_number: frames are told by their numbers, not by their times.
-
-    Raises:
-        InputError: the tables do not fit together (no common camera or time), or an identity is
-            missing or twice in a frame.
-    """
-    config = config or ManyConfig()
-    return evaluate_sides(lay_boxes(tracks, truth, config, by_number=by_number), config)
 
 
 def evaluate_sides(sides: Sides, config: ManyConfig) -> Evaluation:

@@ -19,7 +19,6 @@ import pyarrow.parquet as pq
 
 from occlog.errors import InputError
 from occlog.records.columns import Column, Table
-from occlog.records.tables import TABLES
 
 from .atomic import Together, open_output
 from .inputs import check_input
@@ -268,14 +267,6 @@ def iter_table(path: Path, table: type[T], rows: int = ROWS_PER_GROUP) -> Iterat
 def read_table(path: Path, table: type[T]) -> T:
     """The whole table."""
     return table.concat(iter_table(path, table))
-
-
-def read_any(path: Path) -> Table:
-    """The whole table, whichever of occlog's tables it is."""
-    name = schema_name(path)
-    if name not in TABLES:
-        raise InputError(f"{path}: unknown table {name!r}; occlog knows {', '.join(TABLES)}")
-    return read_table(path, TABLES[name])
 
 
 def read_provenance(path: Path) -> Provenance:

@@ -33,7 +33,6 @@ from .csv_log import COLUMNS, read_table
 from .rows import DoaOptions, DoaRows
 
 WHAT = "a log of directions of arrival"
-CONVENTIONS = ("math", "compass", "array")
 
 
 class DoaFormat(NamedTuple):

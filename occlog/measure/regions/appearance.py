@@ -1,50 +1,12 @@
-"""Appearance of what a camera sees: a colour histogram of 8 x 8 hue-saturation and 8 brightness bins.
-
-[Qu] with the bins of the project's notes: a pixel with colour goes to the bin of its hue
-and saturation; a pixel too grey or too dark to have a hue goes to one of eight
-brightness bins.  All limits are compared in integers, so a pixel's bin does not depend
-on rounding.
-
-Bin of a coloured pixel: 8 * floor(hue / 45 deg) + floor(8 * saturation); of a grey one:
-64 + floor(8 * value), with OpenCV's hue, saturation = (max - min) / max and
-value = max / 255.
-"""
+"""Appearance of what a camera sees: a normalised histogram of colours in the 72 bins of `histogram_bins` ([Qu])."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from occlog.array_types import Bytes, Floats
-from occlog.core.image.histogram_bins import BRIGHTNESS_BINS, GREY_BIN, HUE_BINS, N_BINS, SATURATION_BINS, as_colour
+from occlog.core.image.histogram_bins import N_BINS, as_colour, pixel_bin
 from occlog.core.numerics.jit import kernel
-
-
-@kernel
-def pixel_bin(b: int, g: int, r: int) -> int:
-    """Histogram bin of one pixel, 0 to 71.
-
-    Args:
-        b: blue, 0 to 255.
-        g: green, 0 to 255.
-        r: red, 0 to 255.
-
-    Returns:
-        A brightness bin for saturation <= 0.1 or value <= 0.2, else a hue-saturation bin.
-    """
-    high, low = max(b, g, r), min(b, g, r)
-    spread = high - low
-    if 10 * spread <= high or 5 * high <= 255:
-        return GREY_BIN + high * BRIGHTNESS_BINS // 256
-    # Hue in sextants is base + part / spread; eight bins are 4/3 of a bin a sextant.
-    if high == r:
-        sextants = (g - b) % (6 * spread)
-    elif high == g:
-        sextants = 2 * spread + b - r
-    else:
-        sextants = 4 * spread + r - g
-    hue = min(sextants * 4 // (3 * spread), HUE_BINS - 1)
-    saturation = min(spread * SATURATION_BINS // high, SATURATION_BINS - 1)
-    return hue * SATURATION_BINS + saturation
 
 
 @kernel

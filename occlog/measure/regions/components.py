@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 
 from occlog.array_types import Bytes, Floats, Ints, Ints32
-from occlog.core.image.histogram_bins import N_BINS, as_colour
+from occlog.core.image.histogram_bins import N_BINS, as_colour, pixel_bin
 from occlog.core.numerics.jit import kernel
 from occlog.measure.clusters.person_prior import Prior, place
 
-from .appearance import normalised, pixel_bin
+from .appearance import normalised
 from .regions import Regions
 
 CLOSING = 0.2  # side of the closing that joins pieces, over a person's width

@@ -37,7 +37,6 @@ L_ORDER = (1, 4, 7, 10, 8, 12, 3, 5, 2, 6, 11, 9)
 LAB_ORDER = (1, 13, 9, 5, 3, 8, 11, 16, 6)
 LAB_SIZE = (264.0, 228.0)
 """22 ft x 19 ft, in inches."""
-LAB_STEP_S = 1.0 / 7.5
 
 
 def names(numbers: Sequence[int]) -> list[str]:

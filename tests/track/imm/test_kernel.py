@@ -246,31 +246,6 @@ def test_the_ends_of_the_draws_take_models_with_weight(pick, model):
     assert np.all(imm.resample(smallest, 0.5, np.full(2, pick))[1] == model)
 
 
-def test_printed_estimate_by_hand():
-    """Two models, one particle each, two bearings; weights 0.1 0.3 for the first bearing, 0.4 0.2 for the second.
-
-    mu^1 = (1/4, 3/4), mu^2 = (2/3, 1/3), mu = half their sums; x_1 = 10 (0.1/4 + 0.4 2/3), x_2 = 20 (0.3 3/4 + 0.2/3).
-    """
-    x = np.zeros((2, 1, 4))
-    x[:, 0, 0] = 10.0, 20.0
-    each = np.array([[[0.1], [0.3]], [[0.4], [0.2]]])
-    weights = imm.Weights(each, each.sum(axis=0), 0.0)
-    mean, mu = imm.printed_estimate(x, weights)
-    mu1, mu2 = (1 / 4 + 2 / 3) / 2, (3 / 4 + 1 / 3) / 2
-    np.testing.assert_allclose(mu, [mu1, mu2])
-    wanted = mu1 * 10 * (0.1 / 4 + 0.4 * 2 / 3) + mu2 * 20 * (0.3 * 3 / 4 + 0.2 / 3)
-    np.testing.assert_allclose(mean, [wanted, 0, 0, 0])
-    # What the sums should have been.
-    assert imm.moments(x, weights.total).mean[0] == pytest.approx(0.5 * 10 + 0.5 * 20)
-    np.testing.assert_allclose(imm.association(weights), [[0.1, 0.3], [0.4, 0.2]])
-
-
-def test_printed_estimate_needs_a_bearing():
-    weights = imm.weigh(np.zeros((2, 5, 4)), equal(2, 5), bearings())
-    with pytest.raises(ValueError, match="at least one bearing"):
-        imm.printed_estimate(np.zeros((2, 5, 4)), weights)
-
-
 def test_count_trigger():
     assert [imm.count_differs(n, 2) for n in (0, 1, 2, 3)] == [True, True, False, True]
 

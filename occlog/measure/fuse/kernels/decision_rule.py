@@ -63,35 +63,6 @@ class Fusion(NamedTuple):
         return np.asarray((self.cause == REMOVED_FALSE) | (self.cause == REMOVED_FAR))
 
 
-def predicted_state(state: Floats, dt: ArrayLike) -> Floats:
-    """State after a constant-velocity step ([Lee] Eq. 4.19).
-
-    Args:
-        state: (..., 4) x, vx, y, vy [length, length/s], the order of [Lee] Eq. 4.14.
-        dt: step [s], any sign; one number or (...).
-    """
-    step = np.asarray(dt, dtype=np.float64)
-    x, vx, y, vy = np.moveaxis(state, -1, 0)
-    return np.stack([x + step * vx, vx + 0.0 * step, y + step * vy, vy + 0.0 * step], axis=-1)
-
-
-def state_between(xy: Floats, previous_xy: Floats, dt: float) -> Floats:
-    """(..., 4) state at a global position reached from the previous one ([Lee] after Eq. 4.24).
-
-    Args:
-        xy: (..., 2) global position now.
-        previous_xy: (..., 2) global position before.
-        dt: time between the two [s]; the thesis has 1.
-
-    Raises:
-        ValueError: dt is not positive, so that there is no velocity.
-    """
-    if not dt > 0.0:
-        raise ValueError(f"dt = {dt}: a velocity needs a positive time between two positions")
-    velocity = (xy - previous_xy) / dt
-    return np.stack([xy[..., 0], velocity[..., 0], xy[..., 1], velocity[..., 1]], axis=-1)
-
-
 def quality(positions: Floats, predicted: Floats, sigma: float) -> Floats:
     """(N, J) quality W in [0, 1] of local detections; NaN where there is none ([Lee] Eq. 4.20).
 

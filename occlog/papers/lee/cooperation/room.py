@@ -16,7 +16,6 @@ RATE = 100.0
 """Steps a second."""
 CERTAIN = 0.9
 """Share of requests from which a trigger counts as there all the time."""
-FINAL = "final"
 
 
 def shares(first: int, last: int) -> Callable[[Size, Execute], Table]:

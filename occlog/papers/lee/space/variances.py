@@ -15,7 +15,6 @@ from occlog.core.sight.projected_planes import (
     ZX,
     blind_planes,
     direction,
-    printed_projection,
     projected_angles,
     projected_covariance,
     select_as_printed,
@@ -68,6 +67,31 @@ def _sampled(theta: float, phi: float, plane: int, draws: int, rng: np.random.Ge
     noisy = direction(theta + SIGMA * rng.standard_normal(draws), phi + SIGMA * rng.standard_normal(draws))
     true = projected_angles(direction(np.asarray(theta), np.asarray(phi)))[plane]
     return float(np.mean(wrap_angle(projected_angles(noisy)[:, plane] - true) ** 2)) / SIGMA**2
+
+
+def printed_projection(theta: Floats, phi: Floats) -> Floats:
+    """Projected angles by [Lee] Eq. 2.1 and 2.2 as printed, which are wrong on most of the sphere.
+
+    They are wrong for yz where x < 0, on half of the sphere, since |sec theta| should be sec theta; and for
+    zx everywhere but where x >= 0 and z >= 0, on three quarters: besides |sec|, the case
+    gamma = pi is printed for x < 0 and not for z < 0.  `projected_angles` is right.
+
+    Args:
+        theta: (...,) azimuth [rad].
+        phi: (...,) polar angle [rad].
+
+    Returns:
+        (..., 3) [rad, 0..2 pi]; zx is NaN where z < 0 and x >= 0, for which no case is
+        printed.  Where two cases are (z >= 0, x < 0), the first one holds.
+    """
+    x, y, z = np.moveaxis(direction(theta, phi), -1, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        secant = np.abs(1.0 / np.cos(theta))
+        yz = np.arctan(secant / (np.tan(theta) * np.tan(phi)))
+        zx = np.arctan(np.tan(phi) / secant)
+    beta = np.where(y < 0, np.pi, np.where(z < 0, 2.0 * np.pi, 0.0))
+    gamma = np.where(x < 0, np.pi, np.where(z < 0, np.nan, 0.0))
+    return np.stack(np.broadcast_arrays(np.mod(theta, 2.0 * np.pi), yz + beta, zx + gamma), axis=-1)
 
 
 def _wrong_shares(rng: np.random.Generator) -> dict[str, float]:

@@ -191,13 +191,3 @@ def half_likenesses(bins: Bytes, ellipses: Floats, owner: Ints, models: Floats, 
                     total += math.sqrt(common)
         out[p] = min(total / math.sqrt(mass), 1.0) if mass > 0.0 else 0.0
     return out
-
-
-def bhattacharyya(a: Floats, b: Floats) -> Floats:
-    """Coefficients of histograms (..., B) that are not negative: sum sqrt(a_k b_k), at most 1."""
-    return np.asarray(np.minimum(np.sqrt(a * b).sum(axis=-1), 1.0))
-
-
-def colour_likelihood(likeness: Floats, sigma: float = SIGMA) -> Floats:
-    """exp(-(1 - BC) / (2 sigma^2)) of Bhattacharyya coefficients (...,): 1 for equal colours."""
-    return np.asarray(np.exp((likeness - 1.0) / (2.0 * sigma**2)))

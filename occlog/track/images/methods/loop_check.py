@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
@@ -73,8 +71,3 @@ def counterparts(t: Trackers) -> Ints:
 def helpers(t: Trackers, fresh: Bools) -> Ints:
     """(n, V) trackers that may help: good counterparts whose estimates are not old; -1: none."""
     return np.where(t.good & (t.twin >= 0) & fresh[t.twin], t.twin, -1)
-
-
-def anchored_at_bottom(config: Any) -> bool:
-    """Whether the bottom of the ellipse stands for the target."""
-    return bool(config.anchor == "bottom")

@@ -25,7 +25,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.filter.log_weights import effective_size, normalise
 from occlog.core.filter.resampling import systematic_ancestors
 from occlog.core.image.ellipse import touching
-from occlog.core.image.histogram_bins import update_bin_map
+from occlog.core.image.histogram_bins import update_bins
 from occlog.track.images.interface import LEFT, LOST, MODES, Image, Looks, Outlines, Visual
 from occlog.track.images.kernels.joint_samples import crowding_of_samples, distinct_size, run_chain
 from occlog.track.images.kernels.motion import Motion, boxes_of, moved, spreads, summed
@@ -160,7 +160,7 @@ def _moved(panel: Panel, ellipses: Floats, owner: Ints, rng: Generator) -> Float
 def _weighed(panel: Panel, ellipses: Floats, owner: Ints) -> tuple[Floats, Floats]:
     """(P,) likeness and log likelihood of ellipses of the targets; the map is brought up to date where they are."""
     boxes = [boxes_of(ellipses[None, owner == i]) for i in range(len(panel.trackers.view))]
-    update_bin_map(panel.bins, panel.image, np.concatenate(boxes), panel.config.pixel_step)
+    update_bins(panel.bins, panel.image, np.concatenate(boxes), panel.config.pixel_step)
     mask_outside(panel.bins, np.concatenate(boxes), panel.looks, panel.view)
     likeness = _likeness(panel, ellipses, owner)
     log_likelihood = (likeness - 1.0) / (2.0 * panel.config.sigma_colour**2)

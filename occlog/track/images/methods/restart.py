@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.image.ellipse import nearness, nearness_between
-from occlog.core.image.histogram_bins import update_bin_map
+from occlog.core.image.histogram_bins import update_bins
 from occlog.track.images.interface import Looks
 from occlog.track.images.kernels.bands import anchor, line_of
 
@@ -77,7 +77,7 @@ def _place(state: State, i: int, guide: int, looks: Looks) -> Floats | None:
     tried = tried[inside]
     tried = tried[(nearness_between(t.estimate[others], tried) >= APART).all(axis=0)]
     whole = np.array([[0, 0, view.width, view.height]])
-    update_bin_map(bins, image, whole, config.pixel_step)
+    update_bins(bins, image, whole, config.pixel_step)
     mask_outside(bins, whole, looks, number)
     owner, one = np.zeros(len(tried), dtype=np.int64), slice(i, i + 1)
     found = alike(bins, tried, owner, t.colours[one], t.split[one], config.pixel_step)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.image.histogram_bins import update_bin_map
+from occlog.core.image.histogram_bins import update_bins
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.track.images.interface import Birth, Looks
 from occlog.track.images.kernels.motion import boxes_of
@@ -138,7 +138,7 @@ def _newborn(state: State, looks: Looks, births: Sequence[Birth]) -> Trackers:
         if image is None:
             raise ValueError(f"a tracker is born in view {v}, which has no frame")
         boxes = boxes_of(ellipse[mine][:, None])
-        update_bin_map(state.bins[v], image, boxes, config.pixel_step)
+        update_bins(state.bins[v], image, boxes, config.pixel_step)
         mask_outside(state.bins[v], boxes, looks, v)
         found = colours_in(state.bins[v], ellipse[mine], split[mine], config.pixel_step)
         if masked(looks, v):  # of full likeness is what fills as much of the ellipse, not what fills it wholly

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats, Ints
-from occlog.core.image.histogram_bins import update_bin_map
+from occlog.core.image.histogram_bins import update_bins
 from occlog.track.images.interface import LEFT, LOST, Looks, Outlines
 from occlog.track.images.kernels.motion import Motion, boxes_of, moved, resampled, spreads
 
@@ -102,7 +102,7 @@ def moment_of(scheme: Scheme, state: State, looks: Looks, rng: Generator) -> Mom
     boxes = boxes_of(particles)
     for v, image in enumerate(looks.images):
         if image is not None:
-            update_bin_map(state.bins[v], image, boxes[t.view == v], config.pixel_step)
+            update_bins(state.bins[v], image, boxes[t.view == v], config.pixel_step)
             mask_outside(state.bins[v], boxes[t.view == v], looks, v)
     likeness = _alike(state, particles, here)
     log_local = (likeness - 1.0) / (2.0 * config.sigma_colour**2)

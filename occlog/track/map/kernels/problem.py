@@ -83,23 +83,19 @@ MOST_GROWTH = 100.0
 NO_PLANES = HalfPlanes(np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty(0))
 
 
-def make_steps(model: GaussMarkov, seconds: Floats, mean: Floats, spread: Floats) -> Steps:
-    """The chain of states at given times.
+def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Steps:
+    """The chain of T states with steps of given lengths.
 
     Args:
         model: how the target moves.
-        seconds: (T,) times, rising [s].
+        dt: (T - 1,) lengths of the steps [s], > 0.
         mean: (4,) of the first state.
         spread: (4, 4) covariance of the first state, positive definite.
 
     Raises:
-        ValueError: as `transitions`; LinAlgError for a noise that is not positive definite.
+        ValueError: as `transitions`, or the motion grows by more than a factor of 10^100 over all steps.
+        numpy.linalg.LinAlgError: a noise or `spread` is not positive definite.
     """
-    return chain(model, np.diff(seconds), mean, spread)
-
-
-def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Steps:
-    """The chain of states with steps of (T - 1,) lengths [s], > 0; the rest as in `make_steps`."""
     radius = float(np.abs(np.linalg.eigvals(model.A)).max())
     if not np.log10(max(radius, 1e-300)) * float(dt.sum()) / model.step_s < MOST_GROWTH:
         raise ValueError("it grows without bound over these times (spectral radius above 1)")

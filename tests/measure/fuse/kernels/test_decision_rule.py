@@ -25,10 +25,8 @@ from occlog.measure.fuse.kernels.decision_rule import (
     decision_value_without_quality,
     fuse,
     fused_position,
-    predicted_state,
     prior_present,
     quality,
-    state_between,
 )
 
 GONE = (math.nan, math.nan)
@@ -302,31 +300,6 @@ def test_quality_by_hand_and_unit_of_length_does_not_matter() -> None:
     np.testing.assert_allclose(feet.value, metres.value, rtol=1e-9)
     np.testing.assert_allclose(feet.xy * 0.3048, metres.xy, rtol=1e-9)
     assert feet.cause.tolist() == metres.cause.tolist() == [[REMOVED_FAR, KEPT, KEPT]]
-
-
-# Motion between times
-
-
-@given(dt=st.floats(-5.0, 5.0), more=st.floats(-5.0, 5.0))
-def test_prediction_is_a_constant_velocity_step_for_any_time(dt: float, more: float) -> None:
-    state = np.array([1.0, 2.0, -3.0, 0.5])
-    np.testing.assert_allclose(predicted_state(state, dt), [1.0 + 2.0 * dt, 2.0, -3.0 + 0.5 * dt, 0.5], atol=1e-12)
-    twice = predicted_state(predicted_state(state, dt), more)
-    np.testing.assert_allclose(twice, predicted_state(state, dt + more), atol=1e-12)
-
-
-def test_prediction_of_many_states_by_their_own_steps() -> None:
-    states = np.array([[0.0, 1.0, 0.0, 2.0], [5.0, -1.0, 5.0, 0.0]])
-    np.testing.assert_allclose(predicted_state(states, [1.0, 0.5]), [[1.0, 1.0, 2.0, 2.0], [4.5, -1.0, 5.0, 0.0]])
-
-
-def test_state_from_two_positions_leads_from_one_to_the_other() -> None:
-    before, now = np.array([1.0, 1.0]), np.array([2.0, -1.0])
-    state = state_between(now, before, 0.5)
-    np.testing.assert_allclose(state, [2.0, 2.0, -1.0, -4.0])
-    np.testing.assert_allclose(predicted_state(state, -0.5)[[0, 2]], before)
-    with pytest.raises(ValueError, match="positive time"):
-        state_between(now, before, 0.0)
 
 
 # Fig. 4-3: six cameras, P_M = P_F = 0.2, sigma 1

@@ -4,8 +4,8 @@ import copy
 
 import numpy as np
 import pytest
+from view_reference import bins_of
 
-from occlog.core.image.histogram_bins import bin_map
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.track.images.interface import LEFT, LOST, MODES, Birth, Looks
@@ -87,7 +87,7 @@ def test_sir_weighs_by_the_product_over_targets_and_the_prior():
     state = begin(way, image=image, sampler="sir", particles=30, overlap=1.5)
     panel = first_panel(state, image)
     cloud = run_sir(panel, np.random.default_rng(3))
-    whole = bin_map(image)
+    whole = bins_of(image)
     for k in range(30):
         sample, want = cloud.particles[:, k], 0.0
         bc = likenesses(whole, sample, np.arange(3), panel.trackers.colours, 2)

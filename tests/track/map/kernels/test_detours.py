@@ -11,14 +11,14 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 from shapely.geometry import LineString, Point, Polygon
-from trajectory_reference import dense_chain
+from trajectory_reference import dense_chain, make_steps
 
 from occlog.core.plane.convex_pieces import convex_pieces
 from occlog.track.map.kernels.detours import Detours, find_detours, settle
 from occlog.track.map.kernels.gauss_markov import constant_velocity
 from occlog.track.map.kernels.newton_search import Options, derivatives, minimise
 from occlog.track.map.kernels.obstacles import Obstacle
-from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, make_steps, slack
+from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, Problem, SightLines, slack
 
 EXTENT = 12.0
 FINE = Options(1e-9)
