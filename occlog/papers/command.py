@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
@@ -57,9 +56,7 @@ from occlog.errors import ExitCode
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
-def command(
-    paper: str | None, items: tuple[str, ...], everything: bool, listing: bool, output: Path | None, **given: Any
-) -> int:
+def command(paper: str | None, listing: bool, as_json: bool, **given: Any) -> int:
     """Run the experiments ITEMS of PAPER anew, and say which of its statements come out.
 
     Each statement gets a verdict by a stated rule: reproduced, in part, or not reproduced,
@@ -73,12 +70,12 @@ def command(
       occlog reproduce ercan --all --workers 8 -o reproduced/
       occlog reproduce ercan fig14-recorded --data cmc_detections/ -o recorded/
     """
-    from .run import list_papers, run_reproduce
+    from .run import ReproduceRequest, list_papers, run_reproduce
 
     if listing:
-        list_papers(given["as_json"])
+        list_papers(as_json)
         return ExitCode.DONE
     if paper is None:
         raise click.UsageError("name a paper, or give --list")
-    run_reproduce(paper, items, everything, output, given)
+    run_reproduce(ReproduceRequest(paper=paper, as_json=as_json, **given))
     return ExitCode.DONE

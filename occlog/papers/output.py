@@ -1,4 +1,4 @@
-"""Files of an experiment: table as CSV, plot, verdicts as JSON, and a page of them all."""
+"""Files of an experiment: its table as CSV, plots as PNG, verdicts as JSON, and one page of all experiments."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ PAGE = "reproduce.html"
 
 
 def paths(folder: Path, experiments: Sequence[Experiment]) -> list[Path]:
-    """All files that will be written."""
+    """Return all files that the experiments write into the folder."""
     out = [folder / f"{e.item}{kind}" for e in experiments for kind in (".csv", ".png", ".json")]
     return out + [plan_path(folder, e, name) for e in experiments for name in e.plans] + [folder / PAGE]
 
 
 def plan_path(folder: Path, experiment: Experiment, name: str) -> Path:
-    """File of a floor plan, or of frames."""
+    """Return the file of a floor plan, or of frames."""
     return folder / f"{experiment.item}-{name}.png"
 
 
 def prepare(folder: Path, experiments: Sequence[Experiment], overwrite: bool) -> None:
-    """Make the folder and see that nothing is in the way, before any work is done."""
+    """Make the folder and check that every file can be written, before any experiment runs."""
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is a file; name a folder")
     with translate_write_errors(folder):
@@ -41,7 +41,7 @@ def prepare(folder: Path, experiments: Sequence[Experiment], overwrite: bool) ->
 
 
 def write(folder: Path, finding: Finding, overwrite: bool) -> None:
-    """Table, plot, further pictures and verdicts of one experiment."""
+    """Write table, plot, further pictures and verdicts of one experiment."""
     item = finding.experiment.item
     write_bytes(folder / f"{item}.csv", table_csv(finding.table).encode(), overwrite)
     write_bytes(folder / f"{item}.png", chart_png(chart(finding)), overwrite)
@@ -52,13 +52,13 @@ def write(folder: Path, finding: Finding, overwrite: bool) -> None:
 
 
 def write_page(folder: Path, paper: str, findings: Sequence[Finding], overwrite: bool) -> None:
-    """The page of all experiments."""
+    """Write the page of all experiments."""
     parts = [Part(chart(f), _size(f), [x.as_dict() for x in f.verdicts], _cells(f.table), f.plans) for f in findings]
     write_bytes(folder / PAGE, build_reproduction(TITLES[paper], parts).encode(), overwrite)
 
 
 def table_csv(table: Table) -> str:
-    """The table: series, x, runs, mean, standard deviation, standard error, the further figures, all values."""
+    """Return the table as CSV: series, x, runs, mean, standard deviation, standard error, further figures, values."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerows(_cells(table))
@@ -88,15 +88,17 @@ def _text(value: float) -> str:
 
 
 def chart(finding: Finding) -> Chart:
-    """What the plot shows."""
+    """Return the plot's content: a curve for each plotted series, by rising x; rows without x are lines across."""
     e, curves = finding.experiment, []
     for name in dict.fromkeys(r.series for r in finding.table if r.plotted):
         own = [r for r in finding.table if r.series == name and r.runs and r.plotted]
         across = [r.mean for r in own if math.isnan(r.x)]
         rows = sorted((r for r in own if not math.isnan(r.x)), key=lambda r: r.x)
         if own:
-            curves.append(Curve(name, [r.x for r in rows], [r.mean for r in rows], [r.sd for r in rows], across))
-    return Chart(e.item, e.title, e.x_label, e.y_label, curves, e.note)
+            curves.append(
+                Curve(name, x=[r.x for r in rows], y=[r.mean for r in rows], sd=[r.sd for r in rows], across=across)
+            )
+    return Chart(item=e.item, title=e.title, x_label=e.x_label, y_label=e.y_label, curves=curves, note=e.note)
 
 
 def _size(finding: Finding) -> str:

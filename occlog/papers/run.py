@@ -1,19 +1,23 @@
-"""What `occlog reproduce` does."""
+"""Work of `occlog reproduce`: choose experiments, run their trials, write and print what they gave."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
+from tqdm import tqdm
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.papers.ercan.recorded import target_of
 from occlog.papers.ercan.recorded_figures import recorded_experiments
-from occlog.papers.ercan.recorded_files import source_of
+from occlog.papers.ercan.recorded_files import cmc_files, files_of
 from occlog.papers.verdicts.model import Execute, Experiment, Verdict
 from occlog.pipeline.sweep.engine import run_all
 
@@ -24,8 +28,31 @@ STORE = "trials.jsonl"
 SIZE = re.compile(r"([\w-]+)=(\d+)x(\d+)")
 
 
+@dataclass(frozen=True, kw_only=True)
+class ReproduceRequest:
+    """What the command line asks for; the options' help says what each means."""
+
+    paper: str
+    items: Sequence[str]
+    everything: bool
+    quick: bool
+    output: Path | None
+    data: Path | None
+    bearings: Path | None
+    scene: Path | None
+    workers: int
+    scheduler: str | None
+    runs: int | None
+    steps: int | None
+    sizes: Sequence[str]
+    seed: int
+    overwrite: bool
+    quiet: bool
+    as_json: bool
+
+
 def list_papers(as_json: bool) -> None:
-    """Print papers and experiments."""
+    """Print all papers and their experiments."""
     if as_json:
         options.echo_summary({p: {e.item: e.title for e in experiments} for p, experiments in PAPERS.items()}, True)
         return
@@ -37,64 +64,81 @@ def list_papers(as_json: bool) -> None:
             click.echo(f"  {item} on recorded detections; wants --data, or --bearings and --scene")
 
 
-def run_reproduce(
-    paper: str, items: Sequence[str], everything: bool, output: Path | None, given: Mapping[str, Any]
-) -> None:
-    """Do the experiments one after the other; what each gave is written as soon as it is there."""
-    chosen = choose(paper, items, everything=everything, recorded=recorded_of(paper, given))
-    own = sizes_of(given["sizes"], [e.item for e in chosen])
-    quiet = bool(given["quiet"])
+def run_reproduce(request: ReproduceRequest) -> None:
+    """Run the experiments one after the other; the files of each are written as soon as it is done."""
+    paper, output = request.paper, request.output
+    recorded = recorded_of(request)
+    _check_names(request, recorded)
+    chosen = choose(paper, request.items, everything=request.everything, recorded=recorded)
+    own = sizes_of(request.sizes, [e.item for e in chosen])
     if output is not None:
-        prepare(output, chosen, given["overwrite"])
+        prepare(output, chosen, request.overwrite)
     findings: list[Finding] = []
     for e in chosen:
-        runs, steps = own.get(e.item, (given["runs"], given["steps"]))
-        size = size_of(e, quick=given["quick"], runs=runs, steps=steps, seed=given["seed"])
-        options.note(f"{e.item}: {size.runs} runs of {size.steps} steps", quiet)
-        finding = reproduce(e, size, executor(e, output, given))
+        runs, steps = own.get(e.item, (request.runs, request.steps))
+        size = size_of(e, quick=request.quick, runs=runs, steps=steps, seed=request.seed)
+        options.note(f"{e.item}: {size.runs} runs of {size.steps} steps", request.quiet)
+        finding = reproduce(e, size, executor(e, request))
         findings.append(finding)
         if output is not None:
-            write(output, finding, given["overwrite"])
-        if not given["as_json"]:
+            write(output, finding, request.overwrite)
+        if not request.as_json:
             _print(finding.verdicts)
     if output is not None:
-        write_page(output, paper, findings, given["overwrite"])
-        options.note(f"wrote {output / 'reproduce.html'}", quiet)
-    if everything and given["bearings"] is None and given["data"] is None and paper in RECORDED:
-        options.note(f"left out: {', '.join(RECORDED[paper])}; they want --data, or --bearings and --scene", quiet)
+        write_page(output, paper, findings, request.overwrite)
+        options.note(f"wrote {output / 'reproduce.html'}", request.quiet)
+    if request.everything and not recorded and paper in RECORDED:
+        left = ", ".join(RECORDED[paper])
+        options.note(f"left out: {left}; they want --data, or --bearings and --scene", request.quiet)
     if any(finding.size.quick for finding in findings):
-        options.note("--quick: too small to judge by; the verdicts say little", quiet)
-    if given["as_json"]:
+        options.note("--quick: too small to judge by; the verdicts say little", request.quiet)
+    if request.as_json:
         options.echo_summary({"paper": paper, "items": [f.as_dict() for f in findings]}, True)
 
 
-def recorded_of(paper: str, given: Mapping[str, Any]) -> tuple[Experiment, ...]:
+def recorded_of(request: ReproduceRequest) -> tuple[Experiment, ...]:
     """Experiments on the recording that was given; none without one."""
-    path: Path | None = given["data"] or given["bearings"]
-    _check_recorded(paper, given)
-    if path is None:
-        return ()
+    _check_recorded(request)
+    path = request.data or request.bearings
     try:
-        source = source_of(given["data"], given["bearings"], given["scene"])
+        if request.data is not None:
+            source = cmc_files(request.data)
+        elif request.bearings is not None and request.scene is not None:
+            source = files_of(request.bearings, request.scene)
+        else:
+            return ()
         return recorded_experiments(source, target_of(source))
     except InputError as error:
         told = str(error) if str(path) in str(error) else f"{path}: {error}"
         raise InputError(told) from error
 
 
-def _check_recorded(paper: str, given: Mapping[str, Any]) -> None:
-    """UsageError for options of a recording that do not go together."""
-    if given["data"] is not None and (given["bearings"] is not None or given["scene"] is not None):
+def _check_recorded(request: ReproduceRequest) -> None:
+    """Raise UsageError for options of a recording that do not go together."""
+    if request.data is not None and (request.bearings is not None or request.scene is not None):
         raise UsageError("--data has its own bearings and scene; leave --bearings and --scene out")
-    if (given["bearings"] is None) != (given["scene"] is None):
+    if (request.bearings is None) != (request.scene is None):
         raise UsageError("--scene goes with --bearings; give both")
-    option = next((n for n in ("data", "bearings") if given[n] is not None), None)
-    if option is not None and paper in PAPERS and paper not in RECORDED:
-        raise UsageError(f"{paper} has no experiment on a recording; leave --{option} out")
+    option = "data" if request.data is not None else "bearings" if request.bearings is not None else None
+    if option is not None and request.paper in PAPERS and request.paper not in RECORDED:
+        raise UsageError(f"{request.paper} has no experiment on a recording; leave --{option} out")
+
+
+def _check_names(request: ReproduceRequest, recorded: Sequence[Experiment]) -> None:
+    """Raise UsageError for a missing choice, and for experiments on a recording that was not given."""
+    paper = request.paper
+    if paper not in PAPERS:
+        return
+    wanting = [item for item in request.items if item in RECORDED.get(paper, ()) and not recorded]
+    if wanting:
+        raise UsageError(f"{wanting[0]} wants a recording; give --data DIR, or --bearings and --scene")
+    if not request.items and not request.everything:
+        known = ", ".join(e.item for e in (*PAPERS[paper], *recorded))
+        raise UsageError(f"name an experiment of {paper} ({known}), or give --all")
 
 
 def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int, int]]:
-    """Runs and steps of single experiments, from texts like `fig12=4x1000`; UsageError for any other."""
+    """Runs and steps of single experiments, read from texts like `fig12=4x1000`; UsageError for other texts."""
     sizes = {}
     for text in given:
         found = SIZE.fullmatch(text)
@@ -106,14 +150,14 @@ def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int,
     return sizes
 
 
-def executor(experiment: Experiment, output: Path | None, given: Mapping[str, Any]) -> Execute:
-    """Runs trials as the options say, with progress on standard error."""
+def executor(experiment: Experiment, request: ReproduceRequest) -> Execute:
+    """Return what runs the trials of an experiment as the options say, with progress on standard error."""
+    store = None if request.output is None else request.output / STORE
 
     def execute(specs: list[dict[str, Any]]) -> list[dict[str, float]]:
-        store = None if output is None else output / STORE
-        told, close = _bar(experiment.item, len(specs), bool(given["quiet"]))
+        advance, close = _bar(experiment.item, len(specs), request.quiet)
         try:
-            return run_all(specs, given["workers"], given["scheduler"], store, told, experiment.trial)
+            return run_all(specs, request.workers, request.scheduler, store, advance, experiment.trial)
         finally:
             close()
 
@@ -121,24 +165,20 @@ def executor(experiment: Experiment, output: Path | None, given: Mapping[str, An
 
 
 def _bar(label: str, total: int, quiet: bool) -> tuple[Callable[[int], None] | None, Callable[[], None]]:
-    """A progress bar where standard error is a terminal."""
-    import sys
-
+    """Make a progress bar where standard error is a terminal; return what advances it and what closes it."""
     if quiet or not sys.stderr.isatty():
         return None, lambda: None
-    from tqdm import tqdm
-
     bar = tqdm(desc=label, total=total, file=sys.stderr, leave=False)
 
-    def told(finished: int) -> None:
+    def advance(finished: int) -> None:
         bar.update(finished)
 
-    return told, bar.close
+    return advance, bar.close
 
 
 def _print(verdicts: Sequence[Verdict]) -> None:
     for v in verdicts:
-        said = "" if v.paper is None else f", paper {v.paper:.4g}"
+        paper = "" if v.paper is None else f", paper {v.paper:.4g}"
         measured = "nothing" if v.measured is None else f"{v.measured:.4g}"
-        error = "" if v.error_bar is None or v.error_bar != v.error_bar else f" ± {v.error_bar:.2g}"
-        click.echo(f"{v.verdict:<15} {v.id:<24} {measured}{error}{said}: {v.statement}")
+        error = "" if v.error_bar is None or math.isnan(v.error_bar) else f" ± {v.error_bar:.2g}"
+        click.echo(f"{v.verdict:<15} {v.id:<24} {measured}{error}{paper}: {v.statement}")

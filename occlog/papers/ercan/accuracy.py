@@ -1,4 +1,4 @@
-"""[Ercan] Fig. 17: Eq. 7 against Monte Carlo, for every form of it that occlog has."""
+"""[Ercan] Fig. 17: each form of Eq. 7 (printed, improved, by quadrature) against Monte Carlo."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .blocking import FORMS, blocking
 SIGMA, ALPHA, DIAMETER = 2.0, 4.0, 3.33
 TOLERANCES = (1.0, 2.0, 3.0, 4.0, 6.0, 10.0)
 MOST = 0.5
-"""What `most` means."""
+"""Share above which "most places" holds."""
 
 
 def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Share of random places whose probability is within some sigma of Monte Carlo, for each form.
+    """Compute the share of random places whose probability is within some sigma of Monte Carlo, for each form.
 
     Every run has `steps` places and as many priors; each is compared with 16 draws of the
     occluder a place, at least 1,000 and at most 10,000 (the paper does not say how many).
@@ -33,7 +33,7 @@ def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
         places, priors = _random(size.steps, rng)
         counted = _monte_carlo(places, priors, draws, rng)
         exact = _diagonal(places, priors, FORMS.index("quadrature"))
-        # The tolerance of a count: at least that of one draw, where the probability is next to 0 or 1
+        # Binomial standard deviation, at least that of one draw: near 0 and 1 it would vanish
         sigma = np.sqrt(np.maximum(exact * (1.0 - exact), 1.0 / draws) / draws)
         for form, name in enumerate(FORMS):
             q = exact if name == "quadrature" else _diagonal(places, priors, form)
@@ -47,7 +47,7 @@ def fig17(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def _random(n: int, rng: np.random.Generator) -> tuple[Floats, Priors]:
-    """Places (n, 2), 5 to 30 units from the camera at the origin, each with a prior that is near its sight line."""
+    """Draw places (n, 2), 5 to 30 units from the camera at the origin, each with a prior near its sight line."""
     angle, distance = rng.uniform(-math.pi, math.pi, n), rng.uniform(5.0, 30.0, n)
     places = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     along, across = rng.uniform(-0.1, 1.2, n), rng.uniform(-6.0, 6.0, n)
@@ -72,13 +72,13 @@ def _covariances(priors: Priors) -> Floats:
 
 
 def _diagonal(places: Floats, priors: Priors, form: int) -> Floats:
-    """(n,) probability that prior i hides place i."""
+    """Return (n,) the probability that occluder i hides place i."""
     camera = np.zeros(2)
     return np.array([blocking(places[i : i + 1], camera, _one(priors, i), form)[0, 0] for i in range(len(places))])
 
 
 def _monte_carlo(places: Floats, priors: Priors, draws: int, rng: np.random.Generator) -> Floats:
-    """(n,) share of drawn occluders whose centre is in the rectangle from the camera to the place."""
+    """Return (n,) the share of drawn occluders whose centre is in the rectangle from the camera to the place."""
     out = np.empty(len(places))
     e = priors.axis
     for i, place in enumerate(places):
@@ -92,7 +92,7 @@ def _monte_carlo(places: Floats, priors: Priors, draws: int, rng: np.random.Gene
 
 
 def judge17(table: Table) -> list[Verdict]:
-    """Statements about Fig. 17: most of the places are within the tolerance."""
+    """Judge the statement about Fig. 17 that most of the places are within the tolerance."""
     out = []
     rule = f"more than {MOST:.0%} of the places; in part from half of that"
     for name in FORMS:
@@ -103,19 +103,30 @@ def judge17(table: Table) -> list[Verdict]:
         which = {"printed": "as printed", "improved": "in its improved form"}.get(name, "by quadrature")
         off = row.extra["largest_error"]
         said = f"Most places are within 3 sigma of Monte Carlo: Eq. 7 {which} (largest error {off:.3g})."
-        out.append(Verdict(f"fig17-{name}", said, None, row.mean, row.error, row.runs, good, rule))
+        out.append(
+            Verdict(
+                f"fig17-{name}",
+                said,
+                paper=None,
+                measured=row.mean,
+                error_bar=row.error,
+                runs=row.runs,
+                verdict=good,
+                rule=rule,
+            )
+        )
     return out
 
 
 FIG17 = Experiment(
-    "fig17",
-    "Eq. 7 against Monte Carlo",
-    "tolerance [sigma of Monte Carlo]",
-    "share of places within it",
-    2,
-    16_000,
-    (2, 400),
-    fig17,
-    judge17,
+    item="fig17",
+    title="Eq. 7 against Monte Carlo",
+    x_label="tolerance [sigma of Monte Carlo]",
+    y_label="share of places within it",
+    runs=2,
+    steps=16_000,
+    quick=(2, 400),
+    compute=fig17,
+    judge=judge17,
     note="Steps are places: sigma 2, alpha 4, D 3.33.",
 )

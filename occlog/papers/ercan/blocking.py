@@ -33,20 +33,18 @@ from occlog.core.occlusion.priors import Priors
 
 PRINTED, IMPROVED, QUADRATURE = 0, 1, 2
 FORMS = ("printed", "improved", "quadrature")
-"""Names of the forms, in their order."""
+"""Names of the forms by number."""
 ROOT_2 = math.sqrt(2.0)
 
 
 def blocking(xy: Floats, camera_xy: Floats, priors: Priors, form: int) -> Floats:
-    """(L, M) probabilities q that occluder j hides a place from a camera.
-
-    ValueError for an unknown form.
+    """Return (L, M) probabilities q that occluder j hides a place from a camera; ValueError for an unknown form.
 
     Args:
         xy: (L, 2) places.
         camera_xy: (2,) the camera.
         priors: M priors.
-        form: PRINTED, IMPROVED or QUADRATURE; the first two only matter for normal priors with an area.
+        form: PRINTED, IMPROVED or QUADRATURE; they differ for normal priors with an area alone.
     """
     if form not in (PRINTED, IMPROVED, QUADRATURE):
         raise ValueError(f"form must be 0 to {len(FORMS) - 1}, not {form}")
@@ -63,7 +61,7 @@ def blocking(xy: Floats, camera_xy: Floats, priors: Priors, form: int) -> Floats
 
 
 def blocking_all(xy: Floats, cameras: Floats, priors: Priors, form: int) -> Floats:
-    """(L, N, M) probabilities q_ij for all N cameras (N, 2); see `blocking`."""
+    """Return (L, N, M) probabilities q_ij for all cameras (N, 2); see `blocking`."""
     out = np.zeros((len(xy), len(cameras), len(priors.sigma)))
     for i, camera in enumerate(cameras):
         out[:, i] = blocking(xy, camera, priors, form)
@@ -80,7 +78,7 @@ def _exact_into(out: Floats, xy: Floats, camera: Floats, priors: Priors, which: 
 
 
 def _eq_7(x: Floats, mean: Floats, priors: Priors, which: Bools, form: int) -> Floats:
-    """(L, m) q of Eq. 7, or its improved form; letters of [Ercan] Sec. 4.2 and App. C.
+    """Return (L, m) q of Eq. 7, or of its improved form, in the letters of [Ercan] Sec. 4.2 and App. C.
 
     Args:
         x: (L, 2) places, from the camera.
@@ -115,7 +113,7 @@ def _eq_7(x: Floats, mean: Floats, priors: Priors, which: Bools, form: int) -> F
 
 
 def _normal_between(low: Floats, high: Floats) -> Floats:
-    """Probability of a standard normal between low <= high, elementwise; keeps its digits in the tails."""
+    """Return the probability of a standard normal between low <= high, elementwise; precise in the tails, too."""
     low, high = np.broadcast_arrays(low / ROOT_2, high / ROOT_2)
     flip = high < 0.0
     low, high = np.where(flip, -high, low), np.where(flip, -low, high)

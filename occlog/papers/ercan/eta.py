@@ -1,4 +1,4 @@
-"""p(eta | u): probability of who sees a place among moving occluders ([Ercan] Sec. 4.2).
+"""p(eta | u): probability that exactly the cameras of eta see a place among moving occluders ([Ercan] Sec. 4.2).
 
 eta_i = 1 if no occluder hides the place from camera i.  Occluders are independent of each
 other.  p_Q, the probability that all cameras of a subset Q see the place, is
@@ -30,11 +30,11 @@ from occlog.core.occlusion.hidden_together import clear_exact
 from occlog.core.occlusion.priors import Priors
 
 MOST_CAMERAS = 16
-"""Of the forms with subsets; 2^16 of them."""
+"""Largest number of cameras of the forms with subsets, of which there are 2^16."""
 
 
 def recursion(q: Floats, eta: Bools, floor: float = 0.0) -> Floats:
-    """(L,) p(eta | u) by Eqs. 8-9, at least `floor`.
+    """Return (L,) p(eta | u) by Eqs. 8-9, at least `floor`.
 
     Args:
         q: (L, N, M) of `occlog.papers.ercan.blocking`.
@@ -45,13 +45,13 @@ def recursion(q: Floats, eta: Bools, floor: float = 0.0) -> Floats:
 
 
 def independent(q: Floats, eta: Bools) -> Floats:
-    """(L,) p(eta | u) with cameras independent of each other: q (L, N, M), eta (N,); never below 0."""
+    """Return (L,) p(eta | u) with cameras independent of each other, never below 0: q (L, N, M), eta (N,)."""
     seen = np.prod(1.0 - q, axis=2)
     return np.asarray(np.prod(np.where(eta, seen, 1.0 - seen), axis=1), dtype=np.float64)
 
 
 def exact(xy: Floats, cameras: Floats, priors: Priors, eta: Bools, floor: float = 0.0) -> Floats:
-    """(L,) p(eta | u) without an assumption about overlaps, at least `floor`.
+    """Return (L,) p(eta | u) without an assumption about overlaps, at least `floor`.
 
     Args:
         xy: (L, 2) places.
@@ -64,7 +64,7 @@ def exact(xy: Floats, cameras: Floats, priors: Priors, eta: Bools, floor: float 
 
 
 def seen_by_recursion(q: Floats) -> Floats:
-    """(L, 2^N) p_Q of Eq. 8 from q (L, N, M), 1 - sum q clipped at 0."""
+    """Return (L, 2^N) p_Q of Eq. 8 from q (L, N, M), with 1 - sum q clipped at 0."""
     L, N, M = q.shape
     _check(N)
     sums = np.zeros((1 << N, L, M))
@@ -75,7 +75,7 @@ def seen_by_recursion(q: Floats) -> Floats:
 
 
 def seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
-    """(L, 2^N) p_Q for places xy (L, 2) and cameras (N, 2), with unions of rectangles."""
+    """Return (L, 2^N) p_Q for places xy (L, 2) and cameras (N, 2), with unions of rectangles."""
     _check(len(cameras))
     return np.asarray(
         _seen_exactly(
@@ -85,7 +85,7 @@ def seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
 
 
 def pattern(seen: Floats, eta: Bools, floor: float = 0.0) -> Floats:
-    """(L,) p(eta) from p_Q (L, 2^N), Eq. 9 written out; at least `floor`."""
+    """Return (L,) p(eta) from p_Q (L, 2^N) by Eq. 9 written out, at least `floor`."""
     base, hidden = _number(eta), _number(~np.asarray(eta, dtype=np.bool_))
     total = np.zeros(len(seen))
     H = hidden
@@ -97,7 +97,7 @@ def pattern(seen: Floats, eta: Bools, floor: float = 0.0) -> Floats:
 
 
 def patterns(seen: Floats) -> Floats:
-    """(L, 2^N) p(eta) of all eta at once from p_Q, not floored; column = sum of eta_i 2^i.
+    """Return (L, 2^N) p(eta) of all eta at once from p_Q, not floored; column = sum of eta_i 2^i.
 
     They sum to p of the empty set, which is 1.
     """
@@ -120,7 +120,7 @@ def _seen_exactly(xy: Floats, cameras: Floats, priors: Priors) -> Floats:
 
 
 def _number(eta: Bools) -> int:
-    """The subset of the cameras that are true."""
+    """Return the number of the subset of cameras that are true."""
     return sum(1 << i for i, one in enumerate(eta) if one)
 
 

@@ -1,17 +1,17 @@
-"""[Ercan] Fig. 14: what priors are worth, in a simulated stand-in for the paper's lab."""
+"""[Ercan] Fig. 14: error with and without priors, in a simulated stand-in for the paper's lab."""
 
 from __future__ import annotations
 
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
-from occlog.papers.verdicts.trials import KNOWN, NONE, PRIOR, Point, kalman, run_points, worst_case
+from occlog.papers.verdicts.trials import KNOWN, NONE, PRIOR, Point, judge_worst_case, kalman, run_points, worst_case
 
 from .scenes import LAB_ORDER, lab, names
-from .selection import LAB_Q, LAB_SIGMA, LAB_WORLD, lab_trial, priors_error, worst
+from .selection import LAB_Q, LAB_SIGMA, LAB_WORLD, lab_trial, priors_error
 
 
 def fig14(size: Size, execute: Execute) -> Table:
-    """RMSE against the number of cameras, for known positions, priors and neither."""
+    """Compute the RMSE against the number of cameras, for known positions, priors and neither."""
     counts = (2, 5, 9) if size.quick else tuple(range(1, 10))
     kinds = {NONE: {"kind": "none"}, PRIOR: kalman(LAB_SIGMA, LAB_Q), KNOWN: kalman(0.0)}
     points = [
@@ -23,7 +23,7 @@ def fig14(size: Size, execute: Execute) -> Table:
 
 
 def judge14(table: Table) -> list[Verdict]:
-    """Statements about Fig. 14."""
+    """Judge the statements about Fig. 14."""
     known_none = v.matched(table, KNOWN, NONE)
     out = [
         v.pairs("fig14-known", "Known positions give a lower error than priors.", v.matched(table, KNOWN, PRIOR)),
@@ -33,18 +33,18 @@ def judge14(table: Table) -> list[Verdict]:
     for key, name in (("known", KNOWN), ("priors", PRIOR), ("none", NONE)):
         said = f"Every further camera lowers the error ({name})."
         out.append(v.pairs(f"fig14-cameras-{key}", said, v.neighbours(v.series(table, name))))
-    return [*out, *priors_error("fig14", table, 12.1), *worst("fig14", table, 77.5)]
+    return [*out, *priors_error("fig14", table, 12.1), *judge_worst_case(table, "fig14", 77.5)]
 
 
 FIG14 = Experiment(
-    "fig14",
-    "Error and number of cameras, stand-in for the lab",
-    "cameras",
-    "RMSE [in]",
-    50,
-    200,
-    (2, 60),
-    fig14,
-    judge14,
+    item="fig14",
+    title="Error and number of cameras, stand-in for the lab",
+    x_label="cameras",
+    y_label="RMSE [in]",
+    runs=50,
+    steps=200,
+    quick=(2, 60),
+    compute=fig14,
+    judge=judge14,
     note="Simulated: 16 cameras of 47 degrees, M = 20.",
 )

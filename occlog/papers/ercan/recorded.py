@@ -1,10 +1,8 @@
-"""[Ercan] Sec. 7 on recorded detections: virtual occluders are thrown over what cameras reported.
+"""[Ercan] Sec. 7 on recorded detections: virtual occluders hide the target of a recording, and a filter tracks it.
 
-Virtual people walk through the room, and a camera whose sight line to the target one of
-them crosses is made to report that it did not see it.  Where the target was, and which
-detections are its own, says `recorded_target`.
-
-One trial on recorded detections, described by plain values so that it can be stored and done by any process.
+Virtual people walk through the room.  A camera whose sight line to the target is crossed by one of
+them reports "not seen" instead of its detection.  `recorded_target` finds the target's own
+detections and its true path.  A trial is described by plain values, so that any process can run it.
 """
 
 from __future__ import annotations
@@ -35,36 +33,37 @@ from .recorded_target import SKIP, Recorded, recorded_target, unseen
 from .scenes import LAB_SIZE
 
 OCCLUDERS = 20
-"""Of the paper's lab.  A room that is known gets as many a square metre; otherwise this many."""
+"""Occluders of the paper's lab.  A room of known size gets as many a square metre, others this number."""
 MOST = 100
-"""Not more than these in a large room."""
+"""Largest number of virtual people."""
 INCH = 0.0254
+"""Metres in an inch; the paper's lab is measured in inches."""
 DIAMETER = 12 * INCH
 SIGMA, Q = 12.8 * INCH, 24 * INCH
-"""Virtual measurements of the occluders, as in the stand-in for the lab."""
+"""Deviation and motion noise of the occluders' virtual measurements [m], as in the stand-in for the lab."""
 DETECTION, FALSE = 0.9, 0.05
-"""Probabilities that the filter is told: recorded detectors miss and are wrong.
+"""Probabilities of detection and of a false report that the filter assumes of recorded detectors.
 
-Without priors it is told no probability of detection, as in the paper: "not seen" then says
+Without priors it assumes no probability of detection, as in the paper: "not seen" then says
 nothing.  With one it would take every hidden camera for a rare miss.
 """
 START_SIGMA = 0.5
-"""The filters are told the first place so well; with two cameras among people they would search for long."""
+"""Deviation of the filters' start about the first true place [m]; without a start they search for long."""
 CLEAR = "clear"
-"""Nobody hides anything, and nothing is known of people: what the cameras' geometry and noise cost alone."""
+"""Kind of a trial without virtual people: its error comes from the cameras' geometry and noise alone."""
 
 
 class Crowd(NamedTuple):
-    """The virtual people of a run, and what they do to the recording."""
+    """The virtual people of a run, and the recording that they leave."""
 
     people: Truth
-    gone: Bools  # rows of the bearings that are dropped
-    left: Bearings
-    priors: dict[str, Occluders | None]  # by what is known: none, known, kalman
+    gone: Bools  # rows of the bearings whose detection is dropped
+    left: Bearings  # all rows, "not seen" where the detection is dropped
+    priors: dict[str, Occluders | None]  # by kind: none, known, kalman
 
 
 def crowd_size(scene: Scene) -> int:
-    """How many virtual people there are."""
+    """Return the number of virtual people in a scene."""
     if scene.room is None:
         return OCCLUDERS
     x, y = scene.room.T
@@ -73,10 +72,10 @@ def crowd_size(scene: Scene) -> int:
 
 
 def occluders_of(recorded: Recorded, seed: int) -> Truth:
-    """Virtual people, as dense and as thick as in the paper's lab, from the recording's first time to its last."""
+    """Draw virtual people, as dense and as thick as in the paper's lab, from the recording's first to its last time."""
     t_ns, scene = recorded.places.t_ns, recorded.scene
     span = int(t_ns[-1] - t_ns[0])
-    # Of the mean step, so that regular frames have people at just their times
+    # Steps of equal length, close to the median: people of a recording of constant rate have the times of its frames.
     steps = max(1, round(span / float(np.median(np.diff(t_ns)))))
     config: WorldConfig = replace(
         world_config("m"),
@@ -91,7 +90,7 @@ def occluders_of(recorded: Recorded, seed: int) -> Truth:
 
 
 def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Bools:
-    """(n,) rows of the bearings whose sight line to the target somebody crosses: he is in A(x) of [Ercan] Fig. 3."""
+    """Return (n,) true for bearings whose sight line to the target a person crosses ([Ercan] Fig. 3, A(x))."""
     bearings, places = recorded.bearings, recorded.places
     times = np.unique(people.t_ns)
     crowd = np.column_stack([people.x, people.y]).reshape(len(times), -1, 2)
@@ -105,7 +104,7 @@ def hidden(recorded: Recorded, people: Truth, diameter: float = DIAMETER) -> Boo
 
 
 def crowd_of(recorded: Recorded, seed: int) -> Crowd:
-    """The virtual people of a seed; those of a seed are the same for all settings."""
+    """Draw the virtual people of a seed, the same for all settings, and drop the detections that they hide."""
     people = occluders_of(recorded, seed)
     gone = hidden(recorded, people)
     priors = {
@@ -125,19 +124,20 @@ def trial(
     seed: int,
     select: SelectConfig | None = None,
 ) -> dict[str, float]:
-    """Error of one track among virtual people, and what share of detections they took away.
+    """Track the target among virtual people and compare with its path.
 
     Args:
         recorded: the target.
         crowd: the people.
-        kind: what is known of them: none, known or kalman; or `CLEAR`.
-        cameras: names of those to use.
-        size: particles, and how many times of the recording are used.
+        kind: priors of the people: none, known or kalman; or `CLEAR`.
+        cameras: names of the cameras that are used.
+        size: particles, and number of the recording's times that are used.
         seed: of the filter.
-        select: how to select among the cameras.
+        select: policy of selection among the cameras; None: all are used.
 
     Returns:
-        `rmse` and `rmse_occ` (of the priors' means; NaN without priors) [m], `hidden` (share).
+        `rmse` [m], `rmse_occ` [m] (of the priors' means; NaN without priors), and `hidden`, the share of
+        the detections that are dropped.
     """
     last = recorded.places.t_ns[min(size.steps, len(recorded.places)) - 1]
     table = recorded.bearings if kind == CLEAR else crowd.left
@@ -159,7 +159,7 @@ def trial(
 
 
 def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
-    """What the filter of a trial is told."""
+    """Return the settings of a trial's filter."""
     return replace(
         apf_defaults("m"),
         particles=size.particles,
@@ -171,7 +171,7 @@ def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
 
 
 def _error(recorded: Recorded, tracks: Tracks) -> float:
-    """Root mean square distance from the stand-in for the truth, after the first estimates."""
+    """Return the root mean square distance from the stand-in for the truth, without the first `SKIP` estimates."""
     places, tracks = recorded.places, tracks.take(slice(SKIP, None))
     if not len(tracks):
         raise InputError(f"no more than {SKIP} estimates, which are left out; give more steps or more cameras")
@@ -180,7 +180,7 @@ def _error(recorded: Recorded, tracks: Tracks) -> float:
 
 
 def recorded_spec(source: Source, size: Size, run: int, kind: str, cameras: list[str], **more: Any) -> Spec:
-    """Description of a trial; see `recorded_trial`."""
+    """Describe a trial for `recorded_trial`."""
     return {
         "recording": {**source._asdict(), "content": list(source.content)},
         "seed": size.seed + run,
@@ -193,7 +193,7 @@ def recorded_spec(source: Source, size: Size, run: int, kind: str, cameras: list
 
 
 def recorded_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Figures of `recorded.trial`.
+    """Run the trial that `recorded_spec` describes; see `trial`.
 
     Args:
         spec: `recording` (fields of `Source`), `seed` (of the virtual people and of the
@@ -209,7 +209,7 @@ def recorded_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 @functools.lru_cache(maxsize=1)
 def target_of(source: Source) -> Recorded:
-    """The target of a recording."""
+    """Return the target of a recording; the last one is kept, as all trials of a process have the same."""
     return recorded_target(*read_source(source))
 
 

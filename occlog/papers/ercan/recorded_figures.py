@@ -1,4 +1,4 @@
-"""[Ercan] Figs. 14 and 15 on recorded detections with virtual occluders thrown over them."""
+"""[Ercan] Figs. 14 and 15 on recorded detections that virtual occluders hide."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Figures = dict[str, float]
 
 
 def recorded_experiments(source: Source, recorded: Recorded) -> tuple[Experiment, Experiment]:
-    """The two experiments on a recorded target; all of its times are used."""
+    """Make the two experiments on a recorded target; the full form uses all of its times."""
     steps, names = len(recorded.places), recorded.cameras
     quick = (2, min(60, steps))
     note = (
@@ -35,36 +35,36 @@ def recorded_experiments(source: Source, recorded: Recorded) -> tuple[Experiment
     )
     return (
         Experiment(
-            ITEMS[0],
-            "Error and number of cameras, recorded detections",
-            "cameras",
-            "RMSE [m]",
-            RUNS,
-            steps,
-            quick,
-            partial(fig14, source, names),
-            judge14,
-            note,
-            recorded_trial,
+            item=ITEMS[0],
+            title="Error and number of cameras, recorded detections",
+            x_label="cameras",
+            y_label="RMSE [m]",
+            runs=RUNS,
+            steps=steps,
+            quick=quick,
+            compute=partial(fig14, source, names),
+            judge=judge14,
+            note=note,
+            trial=recorded_trial,
         ),
         Experiment(
-            ITEMS[1],
-            "Policies of selection, recorded detections",
-            "selected cameras",
-            "RMSE [m]",
-            RUNS,
-            steps,
-            quick,
-            partial(fig15, source, names),
-            judge15,
-            note,
-            recorded_trial,
+            item=ITEMS[1],
+            title="Policies of selection, recorded detections",
+            x_label="selected cameras",
+            y_label="RMSE [m]",
+            runs=RUNS,
+            steps=steps,
+            quick=quick,
+            compute=partial(fig15, source, names),
+            judge=judge15,
+            note=note,
+            trial=recorded_trial,
         ),
     )
 
 
 def fig14(source: Source, names: Sequence[str], size: Size, execute: Execute) -> Table:
-    """RMSE against the number of cameras, each the root mean square over all sets of so many."""
+    """Compute the RMSE against the number of cameras, the root mean square over all sets of that number."""
     counts = range(2, len(names) + 1)
     sets = [list(some) for n in counts for some in combinations(names, n)]
     trials = [(run, name, cameras) for run in range(size.runs) for name in KINDS for cameras in sets]
@@ -78,13 +78,13 @@ def fig14(source: Source, names: Sequence[str], size: Size, execute: Execute) ->
 
 
 def _over(found: Sequence[Figures]) -> Figures:
-    """Figures of one run over several sets of cameras: the root of the mean square, and means."""
+    """Combine the figures of one run over several sets of cameras: root of the mean square, and means."""
     mean = {name: math.fsum(f[name] for f in found) / len(found) for name in ("rmse_occ", "hidden")}
     return {"rmse": math.sqrt(math.fsum(f["rmse"] ** 2 for f in found) / len(found)), **mean}
 
 
 def fig15(source: Source, names: Sequence[str], size: Size, execute: Execute) -> Table:
-    """RMSE against the number of selected cameras, with priors and the weak-perspective model."""
+    """Compute the RMSE against the number of selected cameras, with priors and the weak-perspective model."""
     points = list(_selections(len(names)))
     specs = [
         recorded_spec(source, size, run, "kalman", list(names), select=select)
@@ -112,7 +112,7 @@ def _row(name: str, x: float, runs: Sequence[Figures]) -> Row:
 
 
 def judge14(table: Table) -> list[Verdict]:
-    """Statements about Fig. 14."""
+    """Judge the statements about Fig. 14."""
     item = ITEMS[0]
     out = [
         v.pairs(f"{item}-known", "Known positions give a lower error than priors.", v.matched(table, KNOWN, PRIOR)),
@@ -125,7 +125,7 @@ def judge14(table: Table) -> list[Verdict]:
 
 
 def judge15(table: Table) -> list[Verdict]:
-    """Statements about Fig. 15."""
+    """Judge the statements about Fig. 15."""
     item, said = ITEMS[1], "Greedy selection is close to brute force."
     out = [v.close(f"{item}-brute-force", said, v.matched(table, GREEDY, BRUTE))]
     for name in HEURISTICS:

@@ -1,7 +1,7 @@
-"""Recordings from their files.
+"""Scene and bearings of a recording from its files.
 
-cmc_detections is read as it is shipped: boxes of a person detector in four views, and
-their calibration.  Of other recordings the bearings and the scene are given.
+The data set cmc_detections is read as it is shipped: boxes of a person detector in four views, and
+their calibration.  Other recordings come as a table of bearings and a scene.
 """
 
 from __future__ import annotations
@@ -25,46 +25,47 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes
 
 TABLE = "CMC1_detections.csv"
-"""Somebody walks about; in CMC2 too many people for one to be told from the others, in CMC4 a short path."""
+"""CMC1 has one walking target; in CMC2 people cannot be told apart, and CMC4 has a short path only."""
 CALIBRATION = "calibration"
 IMAGE = (1920, 1024)
 RATE = "6.5"
-"""Frames a second, which the recording does not state: at this rate its target walks at 1.2 m/s."""
+"""Frames a second.  The recording does not state it; at this rate its target walks at 1.2 m/s."""
 ROOM = ((0.0, 0.0), (7.67, 0.0), (7.67, 3.41), (0.0, 3.41))
-"""[m], from the recording's description."""
+"""Corners of the room [m], from the recording's description."""
 
 
 class Source(NamedTuple):
-    """Files of a recording, which other processes can read, and what their content is."""
+    """Files of a recording by absolute paths, and hashes of their content."""
 
-    data: str  # folder of cmc_detections; empty: the two others
+    data: str  # folder of cmc_detections; empty: `bearings` and `scene` are given
     bearings: str
     scene: str
     content: tuple[str, ...]  # SHA-256 of each file
 
 
-def source_of(data: Path | None, bearings: Path | None, scene: Path | None) -> Source:
-    """The files that were given: a folder, or bearings and a scene; InputError for files that are missing."""
-    if data is not None:
-        return Source(str(data.resolve()), "", "", tuple(hash_file(p) for p in _files(data)))
-    if bearings is None or scene is None:
-        raise UsageError("--scene goes with --bearings; give both")
+def cmc_files(data: Path) -> Source:
+    """Name the files of a folder of cmc_detections; InputError for missing ones."""
+    return Source(str(data.resolve()), "", "", tuple(hash_file(p) for p in _files(data)))
+
+
+def files_of(bearings: Path, scene: Path) -> Source:
+    """Name the files of a recording given as bearings and a scene; InputError for missing ones."""
     return Source("", str(bearings.resolve()), str(scene.resolve()), (hash_file(bearings), hash_file(scene)))
 
 
 def read_source(source: Source) -> tuple[Scene, Bearings]:
-    """Scene and bearings of a recording."""
+    """Read scene and bearings of a recording; UsageError if its scene is a recording without one."""
     if source.data:
         return read_cmc(Path(source.data))
     path = Path(source.scene)
     scene = open_recording(path).scene if path.suffix.lower() == ".mcap" else read_scene(path)
     if scene is None:
-        raise UsageError(f"{path}: this recording holds no scene; give a scene file with --scene")
+        raise UsageError(f"{path}: this recording holds no scene; give a scene file instead")
     return scene, read_table(Path(source.bearings), Bearings)
 
 
 def read_cmc(folder: Path) -> tuple[Scene, Bearings]:
-    """Scene and unlabelled bearings, as `ingest` and `detect` make them of CMC1; InputError if files are missing."""
+    """Read CMC1 as `ingest` and `detect` do: scene and unlabelled bearings; InputError for missing files."""
     table, *calibration = _files(folder)
     cameras = read_calibration(calibration, "projection", CalibrationOptions(None, IMAGE)).cameras
     scene = replace(Scene(), cameras=cameras, room=np.array(ROOM))
@@ -76,7 +77,7 @@ def read_cmc(folder: Path) -> tuple[Scene, Bearings]:
 
 
 def _files(folder: Path) -> list[Path]:
-    """The files of cmc_detections that are read."""
+    """Return the table and the calibration files of cmc_detections; InputError if one of them is missing."""
     table, calibration = folder / TABLE, folder / CALIBRATION
     for path, there in ((table, table.is_file()), (calibration, calibration.is_dir())):
         if not there:

@@ -1,9 +1,8 @@
-"""The target of a recording without ground truth: its own detections, and a stand-in for where it truly was.
+"""The target of a recording without ground truth: its own detections, and a stand-in for its true path.
 
-A filter over the detections of all cameras says who the target is: of each camera's
-detections the one nearest to its track is the target's.  Where it was is then found
-without any filter: where the sight lines of its detections meet, smoothed over the
-meetings before and after.
+A filter over the detections of all cameras finds the target; of each camera's detections the one
+nearest to its track is the target's own.  The stand-in for the true path uses no filter: it is the
+points at which the sight lines of these detections meet, smoothed over the meetings before and after.
 """
 
 from __future__ import annotations
@@ -25,18 +24,18 @@ from occlog.track.drivers.stage import track
 
 TARGET = 0
 GATE = 3.0
-"""Standard deviations within which the detection nearest to the track is the target's."""
+"""Largest distance of the target's own detection from its track, in standard deviations."""
 SKIP = 10
 """Estimates left out at the start, while a filter finds the target."""
 LINES = 3
 """Sight lines that must meet (two, where a recording has no more cameras)."""
 MEETINGS = 7
-"""Meetings, the nearest in time, to which a parabola is fitted; it says where the target was."""
+"""Meetings, the nearest in time, to which a parabola is fitted."""
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recorded target: what each camera said of it, and where all of them together say that it was."""
+    """A recorded target: its own bearings, and the stand-in for its true path."""
 
     scene: Scene
     bearings: Bearings  # of the target alone, labelled
@@ -55,11 +54,11 @@ class Recorded:
 
 
 def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
-    """The target of a recording in metres; InputError if there is none, or no two cameras that see it.
+    """Find the target of a recording in metres; InputError if there is none, or fewer than two cameras see it.
 
     Args:
         scene: cameras with poses.
-        bearings: labelled or not; of labelled ones those of the first target count.
+        bearings: labelled or not; of labelled ones only those of the first target are used.
     """
     if scene.length_unit != "m":
         raise InputError(f"the recording is in {scene.length_unit}, the experiment wants metres")
@@ -79,9 +78,9 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
 
 
 def assign(scene: Scene, bearings: Bearings, tracks: Tracks) -> Bearings:
-    """One row of every camera and frame: its detection nearest to a track, or "not seen" where none is near.
+    """Return one row of every camera and frame: its detection nearest to a track, or "not seen" where none is near.
 
-    Labels that detections have do not count; microphone arrays are left out, for they hear and do not see.
+    Labels of the detections are not used.  Microphone arrays are left out, since they see nothing.
     """
     own = bearings.take(np.isin(bearings.sensor, [c.name for c in scene.cameras]))
     free = replace(own, target_id=np.full(len(own), UNLABELLED, dtype=np.int32))
@@ -90,7 +89,7 @@ def assign(scene: Scene, bearings: Bearings, tracks: Tracks) -> Bearings:
 
 
 def unseen(bearings: Bearings, rows: Bools) -> Bearings:
-    """The bearings, with "not seen" in some rows."""
+    """Return the bearings with "not seen" in some rows, (n,) true."""
     nothing = {
         n: np.where(rows, np.nan, getattr(bearings, n)) for n in ("bearing", "sigma", "u_px", "sigma_px", "score")
     }
@@ -98,12 +97,12 @@ def unseen(bearings: Bearings, rows: Bools) -> Bearings:
 
 
 def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
-    """Where the target was at each time of its bearings from the first meeting of sight lines to the last.
+    """Place the target at each time of its bearings, from the first meeting of sight lines to the last.
 
     Args:
         scene: cameras with poses.
         mine: the target's own bearings.
-        lines: sight lines that must meet, at least 2.
+        lines: number of sight lines that must meet, at least 2.
 
     Raises:
         InputError: too few meetings to smooth.
@@ -129,7 +128,7 @@ def stand_in(scene: Scene, mine: Bearings, lines: int) -> Truth:
 
 
 def smoothed(at: Ints, xy: Floats, weight: Floats, times: Ints) -> Floats:
-    """(n, 2) places at `times` on parabolas through the nearest points, weighted least squares.
+    """Return (n, 2) places at `times` on parabolas fitted to the nearest points by weighted least squares.
 
     Args:
         at: (S,) times of the points, rising, at least `MEETINGS` of them.

@@ -1,4 +1,7 @@
-"""The rooms of [Ercan] Secs. 6 and 7 as scene files; their figures are lost, these are this project's references."""
+"""The rooms of [Ercan] Secs. 6 and 7 as scene files.
+
+The scan of the paper has no figures: the places of cameras and occluders are this project's reference.
+"""
 
 from __future__ import annotations
 
@@ -40,24 +43,24 @@ LAB_SIZE = (264.0, 228.0)
 
 
 def names(numbers: Sequence[int]) -> list[str]:
-    """Names of cameras with these numbers."""
+    """Return the names of the cameras with these numbers."""
     return [f"cam{n}" for n in numbers]
 
 
 def square_room(*, pillar: bool) -> str:
-    """The room of Fig. 5: 100 x 100 with eight cameras, with or without its static occluder."""
+    """Write the room of Fig. 5: 100 x 100 with eight cameras, with or without its static occluder."""
     box = [(40, 40), (60, 40), (60, 60), (40, 60)] if pillar else None
-    return _scene("unit", [(0, 0), (100, 0), (100, 100), (0, 100)], box, SQUARE, 70.0, 90.0, 0.01)
+    return _scene("unit", [(0, 0), (100, 0), (100, 100), (0, 100)], box, cameras=SQUARE, focal=70.0, fov=90.0, yaw=0.01)
 
 
 def l_room() -> str:
-    """The L-shaped room of Fig. 11: 160 x 160 without [53, 160]^2, twelve cameras."""
+    """Write the L-shaped room of Fig. 11: 160 x 160 without [53, 160]^2, twelve cameras."""
     room = [(0, 0), (160, 0), (160, 53), (53, 53), (53, 160), (0, 160)]
-    return _scene("unit", room, None, L_SHAPE, 70.0, 90.0, 0.01)
+    return _scene("unit", room, None, cameras=L_SHAPE, focal=70.0, fov=90.0, yaw=0.01)
 
 
 def lab() -> str:
-    """A stand-in for the lab of Fig. 13, in inches.
+    """Write a stand-in for the lab of Fig. 13, in inches.
 
     Sixteen cameras of 47 degrees counter-clockwise along the walls, four to a wall from
     corner 1 on, which look at the middle of the room; images 640 px wide; one static
@@ -72,7 +75,7 @@ def lab() -> str:
         cameras.append((x, y, math.degrees(math.atan2(0.5 * h - y, 0.5 * w - x))))
     box = [(150, 96), (174, 96), (174, 120), (150, 120)]
     focal = 320.0 / math.tan(math.radians(23.5))
-    return _scene("in", corners, box, cameras, focal, 47.0, 0.068)
+    return _scene("in", corners, box, cameras=cameras, focal=focal, fov=47.0, yaw=0.068)
 
 
 def _scene(
@@ -84,7 +87,7 @@ def _scene(
     fov: float,
     yaw: float,
 ) -> str:
-    """The scene file; sigma_pos 1 and sigma_read 2 px everywhere."""
+    """Write a scene file, with sigma_pos 1 and sigma_read 2 px of every camera."""
     lines = ["occlog_scene: 1", f"length_unit: {unit}", f"room: {_points(room)}"]
     if box is not None:
         lines += ["static_occluders:", f"- {{name: pillar, polygon: {_points(box)}}}"]

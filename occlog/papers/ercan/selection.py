@@ -1,4 +1,4 @@
-"""[Ercan] Figs. 12 and 15: what selecting cameras is worth, by each policy."""
+"""[Ercan] Figs. 12 and 15: tracking with selected cameras, by each policy of selection."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
-from occlog.papers.verdicts.trials import WORST, Point, kalman, run_points, trial, worst_case
+from occlog.papers.verdicts.trials import Point, judge_worst_case, kalman, run_points, trial, worst_case
 
 from .scenes import L_ORDER, LAB_ORDER, l_room, lab, names
 
@@ -17,14 +17,15 @@ WEAK = ", weak perspective"
 HEURISTICS = (FIXED, RANDOM, CLOSEST)
 L_WORLD = {"occluders": 40}
 L_SIGMA = 16.0
-"""Deviation of the virtual measurements that gives an RMSE_occ of 11.5 in the L-shaped room."""
+"""Deviation of the virtual measurements that gives the paper's RMSE_occ of 11.5 in the L-shaped room."""
 LAB_WORLD: dict[str, Any] = {"occluders": 20, "step_s": 1.0 / 7.5, "diameter": 12.0}
 LAB_TRACK = {"occluder_diameter": 12.0}
 LAB_SIGMA, LAB_Q = 12.8, 24.0
-"""The same for 12.1 inches in the lab, 20 occluders at 7.5 steps a second."""
+"""Deviation and motion noise that give the paper's RMSE_occ of 12.1 inches in the lab, at 7.5 steps a second."""
 LAB_SKIP = 5
+"""Steps at the start that the RMSE leaves out."""
 EVERY, LAB_EVERY = 5.0, 5.0 / 7.5
-"""Five steps; settings of the selection count the tracker's reference steps of a second."""
+"""Five steps between selections, in the tracker's reference steps of a second."""
 
 
 def _select(policy: str, count: int, order: Sequence[int], every: float, model: str = "perspective") -> dict[str, Any]:
@@ -32,7 +33,7 @@ def _select(policy: str, count: int, order: Sequence[int], every: float, model: 
 
 
 def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, dict[str, Any]]:
-    """Series and settings of the selection of k cameras; `both` camera models, or the weak one only."""
+    """Return the settings of the selection of k cameras by series; `both`: with both camera models, or the weak one."""
     out, every = {}, EVERY if both else LAB_EVERY
     for name, policy in ((GREEDY, "greedy"), (BRUTE, "brute-force")):
         if both:
@@ -42,7 +43,7 @@ def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, dict[str, A
 
 
 def fig12(size: Size, execute: Execute) -> Table:
-    """RMSE against the number of selected cameras in the L-shaped room."""
+    """Compute the RMSE against the number of selected cameras in the L-shaped room."""
     counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6)
     scene, priors = l_room(), kalman(L_SIGMA)
     points = [
@@ -55,7 +56,7 @@ def fig12(size: Size, execute: Execute) -> Table:
 
 
 def judge12(table: Table) -> list[Verdict]:
-    """Statements about Fig. 12."""
+    """Judge the statements about Fig. 12."""
     six, everything = v.find(table, GREEDY, 6), v.find(table, ALL)
     out = [
         v.close("fig12-brute-force", "Greedy selection is close to brute force.", v.matched(table, GREEDY, BRUTE)),
@@ -75,7 +76,7 @@ def judge12(table: Table) -> list[Verdict]:
     if six is not None and everything is not None:
         said = "Six cameras selected greedily do as well as all twelve."
         out.append(v.close("fig12-six", said, [(everything, six)]))
-    return [*out, *priors_error("fig12", table, 11.5), *worst("fig12", table, 47.9)]
+    return [*out, *priors_error("fig12", table, 11.5), *judge_worst_case(table, "fig12", 47.9)]
 
 
 def _worst_of(table: Table) -> Verdict:
@@ -96,12 +97,12 @@ def _heuristics(item: str, table: Table, only: Sequence[float] | None = None) ->
 
 
 def lab_trial(size: Size, priors: Mapping[str, Any], **more: Any) -> dict[str, Any]:
-    """A trial in the stand-in for the lab; the RMSE leaves the first steps out."""
+    """Describe a trial in the stand-in for the lab; the RMSE leaves the first steps out."""
     return trial(lab(), size, LAB_WORLD, priors, track=LAB_TRACK, skip=LAB_SKIP, **more)
 
 
 def fig15(size: Size, execute: Execute) -> Table:
-    """RMSE against the number of selected cameras in the lab; weak-perspective model."""
+    """Compute the RMSE against the number of selected cameras in the lab, with the weak-perspective model."""
     counts = (2, 4) if size.quick else (2, 3, 4, 5, 6)
     priors = kalman(LAB_SIGMA, LAB_Q)
     points = [
@@ -114,7 +115,7 @@ def fig15(size: Size, execute: Execute) -> Table:
 
 
 def judge15(table: Table) -> list[Verdict]:
-    """Statements about Fig. 15."""
+    """Judge the statements about Fig. 15."""
     said = "Greedy selection is close to brute force."
     out = [v.close("fig15-brute-force", said, v.matched(table, GREEDY, BRUTE)), *_heuristics("fig15", table)]
     points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
@@ -123,45 +124,36 @@ def judge15(table: Table) -> list[Verdict]:
 
 
 def priors_error(item: str, table: Table, paper: float) -> list[Verdict]:
-    """Verdict on the error of the priors, over all rows that have some."""
+    """Judge the error of the priors, the mean over all rows with priors."""
     rows: list[Row] = [r for r in table if r.extra.get("rmse_occ", 0.0) > 0.0]
     if not rows:
         return []
     mean = math.fsum(r.extra["rmse_occ"] for r in rows) / len(rows)
     said = "Error of the occluders' priors (set by the noise of the virtual measurements)."
-    return [v.number(f"{item}-rmse-occ", said, paper, mean, math.nan, rows[0].runs)]
-
-
-def worst(item: str, table: Table, paper: float) -> list[Verdict]:
-    """Verdict on the error without tracking."""
-    row = v.find(table, WORST)
-    if row is None:
-        return []
-    said = "Error without tracking, of the middle of the room."
-    return [v.number(f"{item}-rmse-max", said, paper, row.mean, row.error, row.runs)]
+    return [v.number(f"{item}-rmse-occ", said, paper=paper, measured=mean, error=math.nan, runs=rows[0].runs)]
 
 
 FIG12 = Experiment(
-    "fig12",
-    "Policies of selection, L-shaped room",
-    "selected cameras",
-    "RMSE",
-    10,
-    4000,
-    (2, 60),
-    fig12,
-    judge12,
+    item="fig12",
+    title="Policies of selection, L-shaped room",
+    x_label="selected cameras",
+    y_label="RMSE",
+    runs=10,
+    steps=4000,
+    quick=(2, 60),
+    compute=fig12,
+    judge=judge12,
     note="M = 40, selection every 5 steps.",
 )
 FIG15 = Experiment(
-    "fig15",
-    "Policies of selection, stand-in for the lab",
-    "selected cameras",
-    "RMSE [in]",
-    50,
-    200,
-    (2, 60),
-    fig15,
-    judge15,
+    item="fig15",
+    title="Policies of selection, stand-in for the lab",
+    x_label="selected cameras",
+    y_label="RMSE [in]",
+    runs=50,
+    steps=200,
+    quick=(2, 60),
+    compute=fig15,
+    judge=judge15,
     note="Simulated: 16 cameras of 47 degrees, M = 20.",
 )

@@ -32,38 +32,38 @@ from .scenes import SQUARE_ORDER, names, square_room
 
 RECURSION, INDEPENDENT = "priors, recursion", "priors, independent"
 SCATTER = 4.0
-"""Standard deviation of the particles about the target: about the tracker's error at 4 cameras."""
+"""Standard deviation of the particles around the target, about the tracker's error with 4 cameras."""
 LINEAR, NEARLY = 1.3, 1.6
 """Largest exponents of N that count as close to linear, and as in part."""
 
 
-class Step(NamedTuple):
-    """What a likelihood is computed of."""
+class LikelihoodInput(NamedTuple):
+    """Arguments of a likelihood at one step."""
 
     xy: Floats  # (L, 2) places of the particles
     looks: Looks
     priors: dict[str, Priors]  # by series
 
 
-class Setting(NamedTuple):
-    """One way to compute it."""
+class LikelihoodForm(NamedTuple):
+    """One form of the likelihood."""
 
     series: str
     config: ApfConfig
 
 
-SETTINGS = (
-    Setting(NONE, ApfConfig()),
-    Setting(KNOWN, ApfConfig()),
-    Setting(INDEPENDENT, ApfConfig(likelihood="independent")),
-    Setting(RECURSION, ApfConfig(likelihood="recursion", q="printed")),
+LIKELIHOOD_FORMS = (
+    LikelihoodForm(NONE, ApfConfig()),
+    LikelihoodForm(KNOWN, ApfConfig()),
+    LikelihoodForm(INDEPENDENT, ApfConfig(likelihood="independent")),
+    LikelihoodForm(RECURSION, ApfConfig(likelihood="recursion", q="printed")),
 )
 
 
 def fig10(size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """CPU time of the likelihoods of a step, relative to two cameras without priors.
+    """Measure the CPU time of the likelihoods of a step, relative to two cameras without priors.
 
-    All ways take turns at the same steps; a run is one pass over a world of its own.
+    All forms take turns at the same steps; a run is one pass over a world of its own.
     """
     scene = scene_from_yaml(square_room(pillar=True), "scene")
     counts = (2, 4, 8) if size.quick else tuple(range(1, 9))
@@ -80,7 +80,7 @@ def fig10(size: Size, execute: Execute) -> Table:  # noqa: ARG001
             tuple(t / u for t, u in zip(taken[s.series, n], unit, strict=True)),
             {"milliseconds": 1e3 * math.fsum(taken[s.series, n]) / size.runs / size.steps},
         )
-        for s in SETTINGS
+        for s in LIKELIHOOD_FORMS
         for n in counts
     ]
 
@@ -91,8 +91,8 @@ def _world(scene: Scene, size: Size, run: int) -> tuple[Truth, Bearings]:
     return truth, Bearings.concat(list(observe(scene, [truth], ObserveConfig(diameter=3.33), seed)))
 
 
-def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -> Iterator[Step]:
-    """Steps as the filter has them: what n cameras report, and particles about the target."""
+def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -> Iterator[LikelihoodInput]:
+    """Make the steps of a filter: reports of n cameras, and particles around the target."""
     known = OccluderFeed([Occluders.concat(list(known_positions([truth])))], 3.33, 10**10)
     guessed = OccluderFeed([Occluders.concat(list(virtual_priors([truth], 8.0, 1.2, size.seed)))], 3.33, 10**10)
     target = truth.take(truth.target_id == 0)
@@ -105,38 +105,38 @@ def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -
             continue
         middle = np.array([target.x[place], target.y[place]])
         xy = middle + SCATTER * rng.standard_normal((size.particles, 2))
-        yield Step(xy, pack_looks(scan, read, True), {KNOWN: exact, INDEPENDENT: prior, RECURSION: prior})
+        yield LikelihoodInput(xy, pack_looks(scan, read, True), {KNOWN: exact, INDEPENDENT: prior, RECURSION: prior})
 
 
-def _measure(taken: dict[tuple[str, int], list[float]], scene: Scene, n: int, steps: list[Step]) -> None:
-    """Append the CPU seconds of all steps for every setting."""
-    for setting in SETTINGS:
-        compute = _way(scene, setting)
-        compute(steps[0])  # compiled, if it was not
+def _measure(taken: dict[tuple[str, int], list[float]], scene: Scene, n: int, steps: list[LikelihoodInput]) -> None:
+    """Append the CPU seconds of all steps for every form."""
+    for form in LIKELIHOOD_FORMS:
+        compute = _likelihood(scene, form)
+        compute(steps[0])  # compiles the kernels before the time is taken
         start = time.process_time()
         for step in steps:
             compute(step)
-        taken.setdefault((setting.series, n), []).append(time.process_time() - start)
+        taken.setdefault((form.series, n), []).append(time.process_time() - start)
 
 
-def _way(scene: Scene, setting: Setting) -> Callable[[Step], Floats]:
-    informed = setting.series != NONE
+def _likelihood(scene: Scene, form: LikelihoodForm) -> Callable[[LikelihoodInput], Floats]:
+    informed = form.series != NONE
     sensors, noise = pack_sensors(scene), pack_noise(scene)
-    detection = pack_detection(scene, setting.config, informed=informed)
+    detection = pack_detection(scene, form.config, informed=informed)
 
-    def compute(step: Step) -> Floats:
+    def compute(step: LikelihoodInput) -> Floats:
         free = np.ones(len(step.xy), dtype=np.bool_)
         if not informed:
             return np.asarray(log_likelihood(step.xy, step.looks, sensors, noise, detection, free))
-        priors = step.priors[setting.series]
-        occlusion = setting.config.occlusion._replace(far=FINE)
+        priors = step.priors[form.series]
+        occlusion = form.config.occlusion._replace(far=FINE)
         return log_likelihood_among(step.xy, step.looks, sensors, noise, detection, free, priors, occlusion)
 
     return compute
 
 
 def exponent(rows: list[Row]) -> float:
-    """Slope of log time against log N, by least squares; NaN for fewer than two rows."""
+    """Fit the slope of log time against log N by least squares; NaN for fewer than two rows."""
     if len(rows) < 2:
         return math.nan
     x, y = np.log([r.x for r in rows]), np.log([r.mean for r in rows])
@@ -145,8 +145,8 @@ def exponent(rows: list[Row]) -> float:
 
 
 def judge10(table: Table) -> list[Verdict]:
-    """Statements about Fig. 10, from two cameras on."""
-    own = {s.series: [r for r in v.series(table, s.series) if r.x >= 2] for s in SETTINGS}
+    """Judge the statements about Fig. 10, from two cameras on."""
+    own = {s.series: [r for r in v.series(table, s.series) if r.x >= 2] for s in LIKELIHOOD_FORMS}
     none, out = own[NONE], []
     for key, name in (("recursion", RECURSION), ("independent", INDEPENDENT)):
         rows = own[name]
@@ -157,14 +157,40 @@ def judge10(table: Table) -> list[Verdict]:
         rule = f"exponent of N at most {LINEAR}; in part up to {NEARLY}"
         runs = rows[0].runs
         said = f"Time grows about linearly with the cameras ({name}): exponent of N."
-        out.append(Verdict(f"fig10-linear-{key}", said, 1.0, power, None, runs, good, rule))
+        out.append(
+            Verdict(
+                f"fig10-linear-{key}",
+                said,
+                paper=1.0,
+                measured=power,
+                error_bar=None,
+                runs=runs,
+                verdict=good,
+                rule=rule,
+            )
+        )
         most = 2.0 ** (rows[-1].x - rows[0].x)
         good = v.REPRODUCED if growth < 0.5 * most else v.IN_PART if growth < most else v.NOT
         said = f"Time grows much less than 2^N ({name}): from the fewest cameras to the most, by this factor."
         rule = "below half of 2^N; in part below 2^N"
-        out.append(Verdict(f"fig10-exponential-{key}", said, most, growth, None, runs, good, rule))
+        out.append(
+            Verdict(
+                f"fig10-exponential-{key}",
+                said,
+                paper=most,
+                measured=growth,
+                error_bar=None,
+                runs=runs,
+                verdict=good,
+                rule=rule,
+            )
+        )
         said = f"Time grows about as without priors ({name}): quotient of the two growths."
-        out.append(v.number(f"fig10-as-none-{key}", said, 1.0, growth / _growth(none), math.nan, runs))
+        out.append(
+            v.number(
+                f"fig10-as-none-{key}", said, paper=1.0, measured=growth / _growth(none), error=math.nan, runs=runs
+            )
+        )
     return out
 
 
@@ -173,14 +199,14 @@ def _growth(rows: list[Row]) -> float:
 
 
 FIG10 = Experiment(
-    "fig10",
-    "CPU time of the likelihood",
-    "cameras",
-    "time, relative",
-    5,
-    4000,
-    (2, 100),
-    fig10,
-    judge10,
+    item="fig10",
+    title="CPU time of the likelihood",
+    x_label="cameras",
+    y_label="time, relative",
+    runs=5,
+    steps=4000,
+    quick=(2, 100),
+    compute=fig10,
+    judge=judge10,
     note="M = 40, one static occluder; 1 is two cameras without priors.",
 )

@@ -1,4 +1,4 @@
-"""[Ercan] Figs. 6 to 9: what priors of the moving occluders are worth, in the square room."""
+"""[Ercan] Figs. 6 to 9: tracking in the square room with and without priors of the moving occluders."""
 
 from __future__ import annotations
 
@@ -7,7 +7,18 @@ from itertools import pairwise
 
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
-from occlog.papers.verdicts.trials import KNOWN, NONE, PRIOR, WORST, Point, kalman, run_points, trial, worst_case
+from occlog.papers.verdicts.trials import (
+    KNOWN,
+    NONE,
+    PRIOR,
+    WORST,
+    Point,
+    judge_worst_case,
+    kalman,
+    run_points,
+    trial,
+    worst_case,
+)
 
 from .scenes import SQUARE_ORDER, names, square_room
 
@@ -22,7 +33,7 @@ def _cameras(n: int) -> list[str]:
 
 
 def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) -> Table:
-    """RMSE against the number of cameras, for known positions, priors and neither."""
+    """Compute the RMSE against the number of cameras, for known positions, priors and neither."""
     scene = square_room(pillar=True)
     counts = counts or ((1, 2, 4, 6, 8) if size.quick else tuple(range(1, 9)))
     kinds = {NONE: {"kind": "none"}, PRIOR: kalman(8.0), KNOWN: kalman(0.0)}
@@ -35,7 +46,7 @@ def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) ->
 
 
 def judge6(table: Table) -> list[Verdict]:
-    """Statements about Fig. 6."""
+    """Judge the statements about Fig. 6."""
     middle = (3, 4, 5, 6)
     out = [
         v.pairs(
@@ -52,7 +63,7 @@ def judge6(table: Table) -> list[Verdict]:
     for key, name in (("known", KNOWN), ("priors", PRIOR), ("none", NONE)):
         falls = v.neighbours(v.series(table, name))
         out.append(v.pairs(f"fig6-cameras-{key}", f"Every further camera lowers the error ({name}).", falls))
-    out += _worst(table, "fig6", 24.4)
+    out += judge_worst_case(table, "fig6", 24.4)
     prior = v.series(table, PRIOR)
     if prior:
         occ = [r.extra["rmse_occ"] for r in prior]
@@ -60,17 +71,17 @@ def judge6(table: Table) -> list[Verdict]:
             v.number(
                 "fig6-rmse-occ",
                 "Virtual measurements with a deviation of 8 give priors of this error.",
-                6.67,
-                math.fsum(occ) / len(occ),
-                math.nan,
-                prior[0].runs,
+                paper=6.67,
+                measured=math.fsum(occ) / len(occ),
+                error=math.nan,
+                runs=prior[0].runs,
             )
         )
     return [*out, _spread("fig6", [r for _, r in v.matched(table, KNOWN, NONE)], v.series(table, KNOWN))]
 
 
 def fig7(size: Size, execute: Execute) -> Table:
-    """RMSE against the error of the priors, four cameras, no static occluder."""
+    """Compute the RMSE against the error of the priors, with four cameras and no static occluder."""
     scene = square_room(pillar=False)
     sigmas = (0.0, 4.0, 16.0) if size.quick else (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
     points = [Point(PRIOR, s, trial(scene, size, M40, kalman(s), cameras=_cameras(4))) for s in sigmas]
@@ -82,7 +93,7 @@ def fig7(size: Size, execute: Execute) -> Table:
 
 
 def crossing(rows: list[Row]) -> Row | None:
-    """Where the RMSE equals the error of the priors, between two rows; interpolated run by run."""
+    """Interpolate, run by run, where the RMSE equals the error of the priors; None: nowhere between two rows."""
     for a, b in pairwise(rows):
         if a.mean >= a.x and b.mean < b.x:
             share = (a.mean - a.x) / ((a.mean - a.x) + (b.x - b.mean))
@@ -92,7 +103,7 @@ def crossing(rows: list[Row]) -> Row | None:
 
 
 def judge7(table: Table) -> list[Verdict]:
-    """Statements about Fig. 7."""
+    """Judge the statements about Fig. 7."""
     rows, none = v.series(table, PRIOR), v.find(table, NONE)
     known = rows[0] if rows else None
     cross = crossing(rows)
@@ -111,16 +122,16 @@ def judge7(table: Table) -> list[Verdict]:
     ]
     if cross is not None:
         said = "The error of tracker and priors are equal at this one."
-        out.append(v.number("fig7-crossing", said, 3.72, cross.mean, cross.error, cross.runs))
+        out.append(v.number("fig7-crossing", said, paper=3.72, measured=cross.mean, error=cross.error, runs=cross.runs))
         if none is not None:
             out.append(_sd_factor("fig7-deviation", cross, none))
     if known is not None and none is not None:
         out.append(_spread("fig7", [none], [known]))
-    return [*out, *_worst(table, "fig7", 21.4)]
+    return [*out, *judge_worst_case(table, "fig7", 21.4)]
 
 
 def fig8(size: Size, execute: Execute) -> Table:
-    """Error of the priors that gives an RMSE of 3, for each number of cameras, by interpolation."""
+    """Compute the error of the priors that gives an RMSE of 3, for each number of cameras, by interpolation."""
     scene = square_room(pillar=False)
     sigmas = (0.0, 8.0) if size.quick else (0.0, 1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 32.0)
     counts = (2, 4, 6, 8) if size.quick else (2, 3, 4, 5, 6, 7, 8)
@@ -142,10 +153,10 @@ def fig8(size: Size, execute: Execute) -> Table:
 
 
 def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> float:
-    """Greatest error of the priors with which the RMSE is still `target`, by linear interpolation.
+    """Return the greatest error of the priors with which the RMSE is still `target`, by linear interpolation.
 
-    NaN if it is larger even with known positions; the last of the grid (no priors) if it is
-    smaller even then.
+    NaN if the RMSE is larger even with known positions; the last of the grid (no priors) if it is
+    smaller even there.
     """
     if rmse[-1] <= target:
         return grid[-1]
@@ -156,11 +167,11 @@ def needed(grid: list[float], rmse: list[float], target: float = TARGET) -> floa
 
 
 def judge8(table: Table) -> list[Verdict]:
-    """Statements about Fig. 8."""
+    """Judge the statements about Fig. 8."""
     rows = [r for r in v.series(table, NEEDED) if r.runs]
     said = "The more cameras, the less accurate the priors may be for an RMSE of 3."
     last, worst = (rows[-1] if rows else None), v.find(table, WORST)
-    # Once no priors are needed at all there is nothing left to gain.
+    # From the number of cameras on that need no priors, more cameras cannot lower the need.
     points = [(a, b) for a, b in pairwise(rows) if worst is None or min(a.values) < worst.mean]
     out = [v.pairs("fig8-trade-off", said, points)]
     if last is not None and worst is not None:
@@ -168,12 +179,23 @@ def judge8(table: Table) -> list[Verdict]:
         good = v.REPRODUCED if none <= TARGET else v.IN_PART if none <= 1.35 * TARGET else v.NOT
         rule = "RMSE without priors and with all cameras: at most 3; in part up to 35 % above"
         said = "With enough cameras no priors are needed."
-        out.append(Verdict("fig8-no-priors", said, TARGET, none, None, last.runs, good, rule))
+        out.append(
+            Verdict(
+                "fig8-no-priors",
+                said,
+                paper=TARGET,
+                measured=none,
+                error_bar=None,
+                runs=last.runs,
+                verdict=good,
+                rule=rule,
+            )
+        )
     return out
 
 
 def fig9(size: Size, execute: Execute) -> Table:
-    """RMSE against the number of occluders, four cameras, no static occluder."""
+    """Compute the RMSE against the number of occluders, with four cameras and no static occluder."""
     scene = square_room(pillar=False)
     counts = (1, 40, 80) if size.quick else (1, 5, 10, 20, 30, 40, 60, 80, 100, 120)
     points = [
@@ -185,7 +207,7 @@ def fig9(size: Size, execute: Execute) -> Table:
 
 
 def judge9(table: Table) -> list[Verdict]:
-    """Statements about Fig. 9."""
+    """Judge the statements about Fig. 9."""
     both = v.matched(table, KNOWN, NONE)
     if len(both) < 3:
         return []
@@ -207,16 +229,8 @@ def _gap(pair: v.Pair) -> Row:
     return Row("gap", low.x, tuple(b - a for a, b in zip(low.values, high.values, strict=True)))
 
 
-def _worst(table: Table, item: str, paper: float) -> list[Verdict]:
-    row = v.find(table, WORST)
-    if row is None:
-        return []
-    said = "Error without tracking, of the middle of the room."
-    return [v.number(f"{item}-rmse-max", said, paper, row.mean, row.error, row.runs)]
-
-
 def _spread(item: str, wide: list[Row], narrow: list[Row]) -> Verdict:
-    """The deviations over the runs are larger where less is known of the occluders: their quotient against 1.
+    """Judge that deviations over the runs are larger where less is known of the occluders: their quotient against 1.
 
     A deviation of n runs has a relative error of about 1 / sqrt(2 (n - 1)).
     """
@@ -228,7 +242,9 @@ def _spread(item: str, wide: list[Row], narrow: list[Row]) -> Verdict:
     good = v.REPRODUCED if ratio - 1.0 > error else v.IN_PART if ratio > 1.0 else v.NOT
     said = "The error differs more from run to run without priors than with known positions, by this factor."
     rule = "above 1 by more than its standard error; in part if only above 1"
-    return Verdict(f"{item}-variation", said, None, ratio, error, runs, good, rule)
+    return Verdict(
+        f"{item}-variation", said, paper=None, measured=ratio, error_bar=error, runs=runs, verdict=good, rule=rule
+    )
 
 
 def _sd_factor(key: str, narrow: Row, wide: Row) -> Verdict:
@@ -237,19 +253,56 @@ def _sd_factor(key: str, narrow: Row, wide: Row) -> Verdict:
     said = "From none to priors as good as the tracker, the deviation over the runs falls by this factor."
     good = v.REPRODUCED if abs(ratio - 3.4) <= 0.34 else v.IN_PART if ratio > 1.0 + error else v.NOT
     rule = "within 10 %; in part if above 1 by more than its standard error (sigma / sqrt(2 (n - 1)), both)"
-    return Verdict(key, said, 3.4, ratio, error, wide.runs, good, rule)
+    return Verdict(key, said, paper=3.4, measured=ratio, error_bar=error, runs=wide.runs, verdict=good, rule=rule)
 
 
 NOTE = "Priors by a Kalman filter on virtual measurements; M = 40 moving occluders, 1000 particles."
 EXPERIMENTS = (
-    Experiment("fig6", "Error and number of cameras", "cameras", "RMSE", 5, 4000, (2, 150), fig6, judge6, note=NOTE),
     Experiment(
-        "fig7", "Error and accuracy of the priors", "RMSE_occ", "RMSE", 5, 4000, (2, 150), fig7, judge7, note=NOTE
+        item="fig6",
+        title="Error and number of cameras",
+        x_label="cameras",
+        y_label="RMSE",
+        runs=5,
+        steps=4000,
+        quick=(2, 150),
+        compute=fig6,
+        judge=judge6,
+        note=NOTE,
     ),
     Experiment(
-        "fig8", "Priors needed for an RMSE of 3", "cameras", "RMSE_occ", 5, 4000, (2, 150), fig8, judge8, note=NOTE
+        item="fig7",
+        title="Error and accuracy of the priors",
+        x_label="RMSE_occ",
+        y_label="RMSE",
+        runs=5,
+        steps=4000,
+        quick=(2, 150),
+        compute=fig7,
+        judge=judge7,
+        note=NOTE,
     ),
     Experiment(
-        "fig9", "Error and number of moving occluders", "moving occluders", "RMSE", 5, 4000, (2, 100), fig9, judge9
+        item="fig8",
+        title="Priors needed for an RMSE of 3",
+        x_label="cameras",
+        y_label="RMSE_occ",
+        runs=5,
+        steps=4000,
+        quick=(2, 150),
+        compute=fig8,
+        judge=judge8,
+        note=NOTE,
+    ),
+    Experiment(
+        item="fig9",
+        title="Error and number of moving occluders",
+        x_label="moving occluders",
+        y_label="RMSE",
+        runs=5,
+        steps=4000,
+        quick=(2, 100),
+        compute=fig9,
+        judge=judge9,
     ),
 )

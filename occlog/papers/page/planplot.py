@@ -1,7 +1,4 @@
-"""Floor plans with a true path and its estimates, side by side.
-
-What a floor plan with several paths is made of; see `planplot`.
-"""
+"""Floor plans of one room side by side, each with a true path and its estimates."""
 
 from __future__ import annotations
 
@@ -19,24 +16,24 @@ from occlog.report.drawing.style import COLOURS, house_style, label, new_figure,
 from occlog.report.plots.planscene import draw_scene
 
 
-class Path(NamedTuple):
+class EstimatedPath(NamedTuple):
     """An estimated path."""
 
-    name: str  # as the legend has it
+    name: str  # in the legend
     xy: Floats  # (T, 2)
 
 
 class Panel(NamedTuple):
-    """One drawing of the room."""
+    """One drawing of the room, with T places of the target."""
 
     title: str
     truth: Floats  # (T, 2)
-    seen: Bools  # (T,) a camera saw the target; there estimates have dots
-    estimates: tuple[Path, ...]
+    seen: Bools  # (T,) true: a camera saw the target, and estimates have a dot
+    estimates: tuple[EstimatedPath, ...]
 
 
 class Plan(NamedTuple):
-    """A picture: the same room again and again, with a path and its estimates."""
+    """A picture of panels of equal size and limits."""
 
     title: str
     caption: str
@@ -46,14 +43,14 @@ class Plan(NamedTuple):
 
 
 WIDTH, HEIGHT = 3.4, 3.5
-"""Inches of a panel."""
+"""Size of a panel [inch]."""
 MOST = 1.3
-"""Paths are drawn up to so many times the room's extent from its middle."""
+"""Distance from the room's middle up to which paths are drawn, in halves of the room's extent."""
 TRUE_PATH: dict[str, Any] = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 4.0}
 
 
 def draw_plan(plan: Plan) -> Figure:
-    """All panels, with one legend for them below; all have the same limits."""
+    """Draw all panels with the same limits, and one legend below them."""
     columns = min(plan.columns, len(plan.panels))
     rows = math.ceil(len(plan.panels) / columns)
     figure = new_figure(WIDTH * columns, HEIGHT * rows + 0.4)
@@ -72,7 +69,7 @@ def draw_plan(plan: Plan) -> Figure:
 
 
 def plan_limits(plan: Plan) -> Floats:
-    """(2, 2) lower and upper corner: the room, and the paths as far as they are not too far out."""
+    """Return the lower and the upper corner (2, 2) of the room and its paths, these cut at `MOST`."""
     low, high = plan.scene.region.min(axis=0), plan.scene.region.max(axis=0)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     paths = [xy for p in plan.panels for xy in (p.truth, *(e.xy for e in p.estimates))]
@@ -91,7 +88,7 @@ def _frame(axes: Axes, limits: Floats, unit: str) -> None:
 
 
 def _paths(axes: Axes, panel: Panel) -> list[Line2D]:
-    """The true path with its start, and the estimates with dots where the target was seen."""
+    """Draw the true path with its start, and the estimates with dots where the target was seen."""
     handles = axes.plot(panel.truth[:, 0], panel.truth[:, 1], label="true path", **TRUE_PATH)
     handles += axes.plot(
         panel.truth[:1, 0],
@@ -104,7 +101,7 @@ def _paths(axes: Axes, panel: Panel) -> list[Line2D]:
         label="its start",
     )
     for i, estimate in enumerate(panel.estimates):
-        # What lies below is wider, so that paths that agree are both seen
+        # Earlier paths are wider, so that they show below later paths that agree with them.
         colour, width = target_colour(i), 1.2 + 2.0 * (len(panel.estimates) - 1 - i)
         handles += axes.plot(
             estimate.xy[:, 0], estimate.xy[:, 1], color=colour, linewidth=width, zorder=3.5, label=estimate.name
@@ -115,6 +112,6 @@ def _paths(axes: Axes, panel: Panel) -> list[Line2D]:
 
 
 def plan_png(plan: Plan) -> bytes:
-    """The picture as PNG."""
+    """Return the picture as PNG."""
     with house_style():
         return to_png(draw_plan(plan), 110.0, {"Title": plan.title})

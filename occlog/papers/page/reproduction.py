@@ -23,6 +23,7 @@ SIZE = (8.4, 4.3)
 LINES = ("t0", "t1", "t2", "t3", "t4", "t5", "moving", "muted", "ink")
 """Colours of the curves; the last two are those of lines across."""
 FAR = 1.6
+"""Lines across that are higher than this many times all curves are named in the legend and not drawn."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 KINDS = ("reproduced", "in part", "not reproduced")
 
@@ -38,7 +39,7 @@ class Curve(NamedTuple):
 
 
 class Chart(NamedTuple):
-    """One figure."""
+    """One figure: curves of means over runs."""
 
     item: str
     title: str
@@ -59,10 +60,7 @@ class Part(NamedTuple):
 
 
 def draw(chart: Chart) -> Figure:
-    """The chart: means with bars of one standard deviation; dotted lines across.
-
-    A line far above all curves is named with its value, but not drawn.
-    """
+    """Draw means with bars of one standard deviation, and dotted lines across."""
     figure = new_figure(*SIZE)
     axes = figure.add_subplot()
     top = max((y for curve in chart.curves for y in curve.y), default=math.inf)
@@ -109,13 +107,13 @@ def _scale(axes: Axes, chart: Chart) -> None:
 
 
 def chart_png(chart: Chart) -> bytes:
-    """The chart as a picture."""
+    """Return the chart as PNG."""
     with house_style():
         return to_png(draw(chart), 110.0, {"Title": f"{chart.item}: {chart.title}"})
 
 
 def build_reproduction(title: str, parts: Sequence[Part]) -> str:
-    """The page as HTML: self-contained, without scripts; the same input gives the same bytes."""
+    """Return the page as HTML: self-contained, without scripts; the same input gives the same bytes."""
     with house_style():
         plots = [Markup(_svg(part.chart)) for part in parts]
         plans = [[(p, Markup(_picture(part.chart.item, name, p))) for name, p in part.plans.items()] for part in parts]
@@ -143,7 +141,7 @@ def _svg(chart: Chart) -> str:
 
 
 def picture_png(picture: Plan | Shots) -> bytes:
-    """A floor plan or frames as PNG."""
+    """Return a floor plan, or frames, as PNG."""
     return plan_png(picture) if isinstance(picture, Plan) else shots_png(picture)
 
 
@@ -161,5 +159,5 @@ def _plan_svg(item: str, name: str, plan: Plan) -> str:
 
 
 def shown(value: float | None) -> str:
-    """A number with four digits; a dash for none."""
+    """Return a number with four digits, or a dash where there is none."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.4g}"

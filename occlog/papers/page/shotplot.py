@@ -1,7 +1,4 @@
-"""Frames of a video with trackers drawn on them, as a picture.
-
-What a picture of video frames with trackers drawn on them is made of; see `shotplot`.
-"""
+"""Frames of a video with trackers drawn on them, in rows and columns of one picture."""
 
 from __future__ import annotations
 
@@ -19,22 +16,22 @@ from occlog.report.drawing.style import house_style, label, new_figure, to_png
 
 
 class Mark(NamedTuple):
-    """A tracker."""
+    """Outline of a tracker."""
 
     target: int
-    ellipse: Floats  # (5,) centre, half axes, angle of the first
-    good: bool  # it is on its own target
+    ellipse: Floats  # (5,) centre [px], half axes [px], angle of the first axis [rad]
+    good: bool  # true: the tracker is on its own target
 
 
 class Line(NamedTuple):
-    """An epipolar line."""
+    """Epipolar line of a target's estimate in another view."""
 
-    target: int  # whose
+    target: int
     line: Floats  # (3,) points (x, y) with line . (x, y, 1) = 0
 
 
 class Shot(NamedTuple):
-    """One image."""
+    """One image with what is drawn on it."""
 
     title: str
     image: NDArray[np.uint8]  # (H, W, 3) BGR
@@ -48,24 +45,24 @@ class Shots(NamedTuple):
 
     title: str
     caption: str
-    rows: tuple[str, ...]  # names
+    rows: tuple[str, ...]  # names of the rows
     shots: tuple[tuple[Shot, ...], ...]  # by row
 
 
 WIDTH = 2.3
-"""Inches of an image."""
+"""Width of an image [inch]."""
 BRIGHT = ("#56b4e9", "#e69f00", "#33d17a", "#cc79a7", "#f0e442", "#ff6b4a", "#b19cff", "#9fe8e0")
-"""Colours of targets that are clear on photographs; they repeat."""
+"""Colours of targets that stand out on photographs; they repeat."""
 DPI = 110.0
 
 
 def bright(target: int) -> str:
-    """Colour of a target."""
+    """Return the colour of a target."""
     return BRIGHT[target % len(BRIGHT)]
 
 
 def draw_shots(shots: Shots) -> Figure:
-    """All images, named at the left of each row."""
+    """Draw all images, with the name of each row at its left."""
     rows, columns = len(shots.shots), max(len(r) for r in shots.shots)
     height, width = shots.shots[0][0].image.shape[:2]
     figure = new_figure(WIDTH * columns + 0.3, (WIDTH * height / width + 0.2) * rows)
@@ -100,7 +97,7 @@ def _line(axes: Axes, line: Line, width: int, height: int) -> None:
 
 
 def ends_of(line: Floats, width: int, height: int) -> Floats | None:
-    """(2, 2) where a line (3,) enters and leaves an image; None where it does not meet it."""
+    """Return the two points (2, 2) at which a line (3,) crosses the image's border; None for a line outside."""
     a, b, c = line.tolist()
     points = []
     for x in (-0.5, width - 0.5):
@@ -144,6 +141,6 @@ def _mark(axes: Axes, mark: Mark) -> None:
 
 
 def shots_png(shots: Shots) -> bytes:
-    """The picture as PNG."""
+    """Return the picture as PNG."""
     with house_style():
         return to_png(draw_shots(shots), DPI, {"Title": shots.title})

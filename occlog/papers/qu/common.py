@@ -1,4 +1,4 @@
-"""What the experiments on [Qu] have in common: videos, rows of rates, and how means of few wild runs are compared."""
+"""Videos, rows of rates, and comparisons of heavy-tailed means, shared by the experiments on [Qu]."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from occlog.papers.verdicts.model import Row, Size, Spec, Verdict
 from .trial import views_spec
 
 METHODS = ("mipf", "cmct", "idmot", "bmct")
-"""From the worst to the best of the paper."""
+"""The four methods, from the worst to the best of the paper."""
 RATES = {"fr_p": "false positions", "fr_l": "false labels"}
-"""Figures of trials, and what they are called."""
+"""The two failure rates: figures of trials, and their names."""
 PARTS = 20
-"""Of the video's length, for Fig. 7."""
+"""Parts of equal length of the video, for Fig. 7."""
 DRAWS = 4000
 """Bootstrap samples of the runs."""
 SURE = 0.84
-"""Share of them that must agree: as one standard error of a normal mean."""
+"""Share of the samples that must agree; that of a normal mean within one standard error above 0."""
 LITTLE = 1.0
 """Rate [%] below which there is nothing to gain."""
 KEPT = ("idf1", "hota", "mota", "frame_ms", "particles", "left", "lost")
@@ -31,12 +31,12 @@ KEPT = ("idf1", "hota", "mota", "frame_ms", "particles", "left", "lost")
 
 
 def seed_of(size: Size, run: int) -> int:
-    """Seed of a run's video: 1, 2, ... by default."""
+    """Return the seed of a run's video: 1, 2, ... by default."""
     return size.seed + run + 1
 
 
 def spec_of(size: Size, run: int, **balls: Any) -> Spec:
-    """The paper's video, or one with other balls, and the four methods on it."""
+    """Describe a trial of the four methods on the paper's video, or on one with other balls."""
     methods = {m: {"method": m} for m in METHODS}
     return views_spec(seed_of(size, run), methods, {"frames": size.steps, **balls}, parts=PARTS)
 
@@ -44,17 +44,17 @@ def spec_of(size: Size, run: int, **balls: Any) -> Spec:
 def rate_row(
     series: str, x: float, results: Sequence[Mapping[str, float]], label: str, rate: str, *, plotted: bool = True
 ) -> Row:
-    """A rate [%] of every run, with its median and the means of the other figures."""
+    """Make the row of a rate [%] of every run, with its median and the means of the other figures."""
     values = tuple(100.0 * r[f"{label}.{rate}"] for r in results)
     extra = {"median": float(np.median(values))}
     for name in KEPT:
         given = [r[f"{label}.{name}"] for r in results if not math.isnan(r[f"{label}.{name}"])]
         extra[name] = math.fsum(given) / len(given) if given else math.nan
-    return Row(series, x, values, extra, plotted)
+    return Row(series, x, values, extra, plotted=plotted)
 
 
 def ordered(key: str, statement: str, low: Row, high: Row) -> Verdict:
-    """Verdict that one mean is below another where runs may be far from normal: bootstrap over the runs."""
+    """Judge by bootstrap over the runs that one mean is below another, where runs may be far from normal."""
     gaps = np.subtract(high.values, low.values)
     sure = bootstrap_share(gaps)
     better, worse = int(np.sum(gaps > 0)), int(np.sum(gaps < 0))
@@ -64,15 +64,15 @@ def ordered(key: str, statement: str, low: Row, high: Row) -> Verdict:
         f"above 0 in at least {SURE:.0%} of bootstrap samples of the runs (here {sure:.0%}); in part if above 0; "
         f"lower in {better} runs, higher in {worse}"
     )
-    return Verdict(key, statement, None, gap, error, low.runs, word, rule)
+    return Verdict(key, statement, paper=None, measured=gap, error_bar=error, runs=low.runs, verdict=word, rule=rule)
 
 
 def everywhere(key: str, statement: str, points: Sequence[tuple[Row, Row]]) -> Verdict | None:
-    """Verdict that one mean is below another at several points; None where nothing can be gained at any of them.
+    """Judge that one mean is below another at several points; None where nothing can be gained at any of them.
 
     Args:
-        key: of the verdict.
-        statement: what it is about.
+        key: id of the verdict.
+        statement: its text.
         points: the lower and the higher row [%] of each; those whose higher mean is below `LITTLE` are left out.
     """
     open_ones = [(low, high) for low, high in points if high.mean >= LITTLE]
@@ -87,12 +87,19 @@ def everywhere(key: str, statement: str, points: Sequence[tuple[Row, Row]]) -> V
     mean = math.fsum(gap for gap, _ in found) / len(found)
     runs = min(low.runs for low, _ in open_ones)
     return Verdict(
-        key, statement, None, mean, error, runs, v.share(held), rule + (left if len(points) > len(found) else "")
+        key,
+        statement,
+        paper=None,
+        measured=mean,
+        error_bar=error,
+        runs=runs,
+        verdict=v.share(held),
+        rule=rule + (left if len(points) > len(found) else ""),
     )
 
 
 def bootstrap_share(gaps: Floats) -> float:
-    """Share of samples of the runs, with repetition, whose mean is above 0."""
+    """Return the share of samples of the runs, drawn with repetition, whose mean is above 0."""
     rng = np.random.default_rng(len(gaps))
     drawn = rng.integers(0, len(gaps), (DRAWS, len(gaps)))
     return float(np.mean(gaps[drawn].mean(axis=1) > 0.0))

@@ -1,7 +1,7 @@
-"""Trackers that run on the synthetic video of [Qu], drawn while they run.
+"""Runs any number of methods on one synthetic video of [Qu].
 
-Nothing is stored: every frame is drawn once and given to all trackers in turn, so that any
-number of methods on one video costs one rendering, and memory does not grow.
+Every frame is drawn once and given to all methods in turn, and no image is kept: several methods
+cost one rendering, and memory does not grow with the video.
 """
 
 from __future__ import annotations
@@ -34,26 +34,28 @@ class Runner(NamedTuple):
     geometry: Geometry
     births: tuple[Birth, ...]
     seed: int
-    use: int  # it gets the first so many views
-    exchange: tuple[int, int, int, int] | None = None  # view, two targets and the frame before which they are exchanged
-    timed: bool = False  # also how long the parts of its likelihood take; for `bmct`
+    use: int  # number of views, the first ones of the video
+    exchange: tuple[int, int, int, int] | None = (
+        None  # view, two targets, and the frame before which they are exchanged
+    )
+    timed: bool = False  # true: measure the time of each part of the likelihood; for `bmct` alone
 
 
 class Followed(NamedTuple):
-    """What came of a method: a row for each tracker and frame, the first frame with the ellipses that were given.
+    """Output of a method on a video: a row for each tracker and frame; the first frame has the initial ellipses.
 
     Attributes:
         frame: (n,) number of the frame.
         view: (n,) number of the view.
         target: (n,) identity of the tracker.
-        ellipse: (n, 5).
-        mode: (n,) place in `MODES`; -1 in the first frame.
+        ellipse: (n, 5) centre [px], half axes [px], angle of the first axis [rad].
+        mode: (n,) index in `MODES`; -1 in the first frame.
         counterpart: (n,) see `Outlines`.
         event: (n,) see `Outlines`.
         ess: (n,) see `Outlines`; NaN in the first frame.
-        seconds: CPU time of each step of the method.
-        parts: (n, 3) CPU time of the local, the interaction and the collaboration likelihood in some of the
-            steps [s]; (0, 3) where they were not asked for.
+        seconds: (steps,) CPU time of each step of the method.
+        parts: (k, 3) CPU time of the local, the interaction and the collaboration likelihood in some of the
+            steps [s]; (0, 3) for a method that is not `timed`.
     """
 
     frame: Ints
@@ -69,13 +71,13 @@ class Followed(NamedTuple):
 
 
 EVERY, REPEATS = 5, 3
-"""Frames in which the parts of the likelihood are timed, and how often in each."""
+"""The parts of the likelihood are timed in every fifth frame, three times each."""
 PLACED = ("particles", "estimate", "velocity", "path", "axes", "likeness", "weak")
-"""What of a tracker goes with its place."""
+"""Columns of the trackers' state that move when two trackers are exchanged."""
 
 
-class Rows(NamedTuple):
-    """Columns of `Followed` in one frame, and what pictures want besides."""
+class TrackerRows(NamedTuple):
+    """Columns of `Followed` in one frame, and the method's whole output, which pictures show."""
 
     frame: Ints
     view: Ints
@@ -88,28 +90,28 @@ class Rows(NamedTuple):
     outlines: Outlines | None
 
 
-class Step(NamedTuple):
-    """A frame, and the rows of each method."""
+class FollowedFrame(NamedTuple):
+    """A frame of the video with the trackers of each method."""
 
     frame: BallsFrame
-    rows: Mapping[str, Rows]
+    rows: Mapping[str, TrackerRows]
 
 
 def follow(
-    config: BallsConfig, seed: int, runners: Mapping[str, Runner], seen: Callable[[Step], None] | None = None
+    config: BallsConfig, seed: int, runners: Mapping[str, Runner], watch: Callable[[FollowedFrame], None] | None = None
 ) -> tuple[dict[str, Followed], Objects, Floats]:
-    """All methods on one video.
+    """Run all methods on one video.
 
     Args:
         config: the video.
         seed: of the video.
         runners: methods by label.
-        seen: is told of each frame, and of what each method made of it.
+        watch: called with each frame after all methods have done their step.
 
     Returns:
-        What came of each method; the truth as boxes, with `view`; and the radius of each true row [px].
+        The output of each method by label; the truth as boxes, with `view`; and the radius of each true row [px].
     """
-    done: dict[str, list[Rows]] = {label: [] for label in runners}
+    done: dict[str, list[TrackerRows]] = {label: [] for label in runners}
     seconds: dict[str, list[float]] = {label: [] for label in runners}
     parts: dict[str, list[tuple[float, float, float]]] = {label: [] for label in runners}
     states, rngs = {}, {label: generator(r.seed, Stage.TRACK) for label, r in runners.items()}
@@ -132,15 +134,15 @@ def follow(
             states[label], outlines = r.visual.step(states[label], looks, rngs[label])
             seconds[label].append(time.thread_time() - start)
             done[label].append(_rows(frame.frame, outlines))
-        if seen is not None:
-            seen(Step(frame, {label: rows[-1] for label, rows in done.items()}))
+        if watch is not None:
+            watch(FollowedFrame(frame, {label: rows[-1] for label, rows in done.items()}))
         frames.append(frame._replace(images=()))
     truth, radius = truth_of(frames)
     return {label: _joined(done[label], seconds[label], parts[label]) for label in runners}, truth, radius
 
 
-def exchanged(state: Any, view: int, one: int, other: int) -> Any:
-    """The state with two trackers of a view in each other's place; InputError where it has no such trackers."""
+def exchanged(state: object, view: int, one: int, other: int) -> State:
+    """Return the state with two trackers of a view exchanged; InputError where it has no such trackers."""
     if not isinstance(state, State):
         raise InputError("trial: trackers of this method cannot be exchanged")
     t = state.trackers
@@ -152,21 +154,42 @@ def exchanged(state: Any, view: int, one: int, other: int) -> Any:
     return state._replace(trackers=t._replace(**{name: getattr(t, name)[order] for name in PLACED}))
 
 
-def _first(births: Sequence[Birth]) -> Rows:
+def _first(births: Sequence[Birth]) -> TrackerRows:
     n = len(births)
     view = np.array([b.view for b in births], dtype=np.int64)
     target = np.array([b.target_id for b in births], dtype=np.int64)
     zero = np.zeros(n, dtype=np.int64)
     ellipse, none = np.stack([b.ellipse for b in births]), np.full(n, np.nan)
-    return Rows(zero, view, target, ellipse, zero - 1, zero, zero + START, none, None)
+    return TrackerRows(
+        frame=zero,
+        view=view,
+        target=target,
+        ellipse=ellipse,
+        mode=zero - 1,
+        counterpart=zero,
+        event=zero + START,
+        ess=none,
+        outlines=None,
+    )
 
 
-def _rows(frame: int, o: Outlines) -> Rows:
+def _rows(frame: int, o: Outlines) -> TrackerRows:
     at = np.full(len(o.view), frame, dtype=np.int64)
-    return Rows(at, o.view, o.target_id, o.ellipse, o.mode, o.counterpart, o.event, o.ess, o._replace())
+    return TrackerRows(
+        frame=at,
+        view=o.view,
+        target=o.target_id,
+        ellipse=o.ellipse,
+        mode=o.mode,
+        counterpart=o.counterpart,
+        event=o.event,
+        ess=o.ess,
+        outlines=o,
+    )
 
 
-def _joined(rows: Sequence[Rows], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]) -> Followed:
-    columns: list[Any] = [np.concatenate(column) for column in zip(*(r[:-1] for r in rows), strict=True)]
-    columns += [np.array(seconds), np.array(parts).reshape(-1, 3)]
-    return Followed(*columns)
+def _joined(
+    rows: Sequence[TrackerRows], seconds: Sequence[float], parts: Sequence[tuple[float, float, float]]
+) -> Followed:
+    columns = {name: np.concatenate([getattr(r, name) for r in rows]) for name in TrackerRows._fields[:-1]}
+    return Followed(**columns, seconds=np.array(seconds), parts=np.array(parts).reshape(-1, 3))

@@ -1,4 +1,4 @@
-"""How good the loop check of [Qu] Sec. 3.4.2 is: what it says of trackers, against where they truly are."""
+"""Quality of the loop check of [Qu] Sec. 3.4.2: its answers against the trackers' true distances from their targets."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .follow import Followed
 
 
 def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int] | None = None) -> dict[str, float]:
-    """What the loop check said.
+    """Compare the answers of the loop check with the truth.
 
     A target is sound in a frame if all its trackers are on it.
 
     Args:
         truth: boxes by view and frame.
-        followed: what a method gave.
-        tau: (n,) for each true row, how far from the target a tracker may be [px].
-        wrong: (view, target, other) of a tracker that was put on another target in the first frame, or with the
-            frame behind in which that was.
+        followed: output of a method.
+        tau: (n,) largest distance of a tracker on its target, for each true row [px].
+        wrong: (view, target, other) of a tracker that starts on another target, or (view, target, other, frame)
+            of one that is put on it before that frame.
 
     Returns:
         `checked`: share of the rows that were checked; `bad`: share of those that is `bad`; `false_alarm`: of those
@@ -52,7 +52,7 @@ def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int]
 
 
 def timeline(truth: Objects, followed: Followed, tau: Floats, parts: int) -> dict[str, float]:
-    """Share of the true rows whose tracker is not on them: `off_0` to `off_<parts - 1>` of the video, `off_end`."""
+    """Return the share of true rows without their tracker: `off_0`, ... of the video's parts, `off_end` of its end."""
     f = followed
     last = int(truth.frame.max())
     on = on_own(truth, followed, tau)
@@ -64,7 +64,7 @@ def timeline(truth: Objects, followed: Followed, tau: Floats, parts: int) -> dic
 
 
 def on_own(truth: Objects, followed: Followed, tau: Floats) -> Bools:
-    """(n,) whether each tracker is within tau of its own target."""
+    """Return (n,) whether each tracker is within tau of its own target."""
     f = followed
     assert truth.view is not None
     place = {key: i for i, key in enumerate(zip(truth.frame, truth.view, truth.label, strict=True))}
@@ -75,7 +75,7 @@ def on_own(truth: Objects, followed: Followed, tau: Floats) -> Bools:
 
 
 def _sound(followed: Followed, on: Bools) -> Bools:
-    """(n,) whether all trackers of the row's target in its frame are on it."""
+    """Return (n,) whether all trackers of the row's target in its frame are on it."""
     _, cell = np.unique(np.column_stack([followed.frame, followed.target]), axis=0, return_inverse=True)
     off = np.bincount(cell.ravel(), weights=~on)
     return np.asarray(off[cell.ravel()] == 0)
@@ -90,7 +90,7 @@ def _first(followed: Followed, rows: Bools) -> float:
 
 
 def _for_good(followed: Followed, rows: Bools, on: Bools) -> float:
-    """First frame from which a tracker stays on its target to its end."""
+    """Return the first frame from which a tracker stays on its target to the end; inf: there is none."""
     frames, held = followed.frame[rows], on[rows]
     off = frames[~held]
     after = frames[frames > off.max()] if len(off) else frames

@@ -1,7 +1,7 @@
-"""One trial of trackers in the images: draw a video, track with one or several methods, score against the truth.
+"""One trial of tracking in images: draw a video, track with one or several methods, score against the truth.
 
-A trial is described by plain values; several methods share the drawing, which costs as much
-as a method or two.
+A trial is described by plain values.  Several methods share the drawing, which costs as much as one
+or two of them.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ WARM = {"frames": 8, "balls": 3, "radius": 12.0, "width": 96, "height": 96, "sta
 
 
 def views_spec(seed: int, methods: Mapping[str, Mapping[str, Any]], balls: Mapping[str, Any], **more: Any) -> Spec:
-    """Description of a trial of several methods, see `run_views_trial`."""
+    """Describe a trial of several methods for `run_views_trial`."""
     return {
         "kind": KIND,
         "seed": seed,
@@ -63,7 +63,7 @@ def views_spec(seed: int, methods: Mapping[str, Mapping[str, Any]], balls: Mappi
 
 
 def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Figures of a trial.
+    """Run a trial.
 
     Args:
         spec: `seed` of the video, and of the trackers where they have no `track_seed`; `balls` (fields of
@@ -108,14 +108,14 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def visual_of(name: str) -> Visual:
-    """A method by name; InputError for none."""
+    """Return a method by name; InputError for an unknown name."""
     if name not in VISUAL:
         raise InputError(f"trial: no method {name!r} that tracks in images; there are: {', '.join(VISUAL)}")
     return VISUAL[name]
 
 
 def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, Any]) -> Runner:
-    """One method of a trial, see `run_views_trial`; InputError, UsageError for what does not fit."""
+    """Make one method of a trial from its description; InputError or UsageError for values that do not fit."""
     _check(own, OWN)
     visual = visual_of(str(own.get("method")))
     settings = configure(visual.config(), dict(own.get("set", {})), str(own["method"]))
@@ -129,7 +129,16 @@ def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, An
     seed = own.get("track_seed", spec.get("track_seed", spec["seed"]))
     geometry = geometry_of(config, use, kind, float(amount))
     exchange = (int(wrong[0]), int(wrong[1]), int(wrong[2]), int(wrong[3])) if len(wrong) == 4 else None
-    return Runner(visual, settings, geometry, births, int(seed), use, exchange, bool(own.get("timed")))
+    return Runner(
+        visual=visual,
+        config=settings,
+        geometry=geometry,
+        births=births,
+        seed=int(seed),
+        use=use,
+        exchange=exchange,
+        timed=bool(own.get("timed")),
+    )
 
 
 def _check(spec: Mapping[str, Any], keys: tuple[str, ...]) -> None:
@@ -146,16 +155,24 @@ def warm(method: str) -> None:
     config = balls_config(WARM)
     visual = visual_of(method)
     births = births_of(first_frame(config, 0), 2)
-    follow(config, 0, {method: Runner(visual, visual.config(), geometry_of(config, 2), births, 0, 2)})
+    follow(
+        config,
+        0,
+        {
+            method: Runner(
+                visual=visual, config=visual.config(), geometry=geometry_of(config, 2), births=births, seed=0, use=2
+            )
+        },
+    )
 
 
 def scores(truth: Objects, followed: Followed, tau: Floats) -> dict[str, float]:
-    """Figures of merit and of cost.
+    """Score a method's output against the truth, and sum its cost.
 
     Args:
         truth: boxes by view and frame.
-        followed: what a method gave.
-        tau: (n,) for each true row, how far from the target a tracker may be [px].
+        followed: output of the method.
+        tau: (n,) largest distance of a tracker on its target, for each true row [px].
     """
     f = followed
     place = truth.place[:, :2] + 0.5 * truth.place[:, 2:]

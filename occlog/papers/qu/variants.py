@@ -16,7 +16,7 @@ MOST_VIEWS = 4
 
 
 class Variant(NamedTuple):
-    """What varies, and its values."""
+    """A property of the video that is varied, with its values in the full and in the quick form."""
 
     item: str
     label: str
@@ -26,23 +26,30 @@ class Variant(NamedTuple):
     note: str
 
 
-BALLS = Variant("balls", "balls", "More and fewer balls", (3, 4, 6, 8, 10), (3, 6), "Radius 22 px, two views.")
+BALLS = Variant(
+    item="balls",
+    label="balls",
+    title="More and fewer balls",
+    values=(3, 4, 6, 8, 10),
+    quick=(3, 6),
+    note="Radius 22 px, two views.",
+)
 RADIUS = Variant(
-    "radius",
-    "radius of the balls [px]",
-    "Smaller and larger balls",
-    (12, 15, 18, 22, 25, 28),
-    (15, 25),
-    "Six balls, two views.",
+    item="radius",
+    label="radius of the balls [px]",
+    title="Smaller and larger balls",
+    values=(12, 15, 18, 22, 25, 28),
+    quick=(15, 25),
+    note="Six balls, two views.",
 )
 VIEWS = Variant(
-    "views",
-    "views that are used",
-    "More views",
-    (1, 2, 3, 4),
-    (1, 3),
-    "Six balls of radius 22 px in a video of four views, of which the methods get the first ones; rates are those of "
-    "the views that they get.",
+    item="views",
+    label="views that are used",
+    title="More views",
+    values=(1, 2, 3, 4),
+    quick=(1, 3),
+    note="Six balls of radius 22 px in a video of four views, of which the methods get the first ones; rates are those "
+    "of the views that they get.",
 )
 
 
@@ -78,12 +85,12 @@ def _of_views(points: Sequence[float], size: Size, execute: Execute) -> Found:
 
 
 def _renamed(result: Mapping[str, float], ending: str) -> dict[str, float]:
-    """The figures of labels that end so, without the ending."""
+    """Return the figures whose labels have this ending, with the ending removed from the keys."""
     return {k.replace(f"{ending}.", "."): value for k, value in result.items() if f"{ending}." in k}
 
 
 def judge(variant: Variant, table: Table) -> list[Verdict]:
-    """Whether cooperation pays everywhere; and what more views do."""
+    """Judge whether BMCT is better than IDMOT at every value, and whether more views lower its rates."""
     out = []
     for rate, name in RATES.items():
         own = v.series(table, f"BMCT, {name}")
@@ -99,15 +106,15 @@ def judge(variant: Variant, table: Table) -> list[Verdict]:
 
 def _experiment(variant: Variant) -> Experiment:
     return Experiment(
-        variant.item,
-        f"{variant.title} (of this project)",
-        variant.label,
-        "rate of false positions [%]",
-        6,
-        400,
-        (2, 40),
-        functools.partial(compute, variant),
-        functools.partial(judge, variant),
+        item=variant.item,
+        title=f"{variant.title} (of this project)",
+        x_label=variant.label,
+        y_label="rate of false positions [%]",
+        runs=6,
+        steps=400,
+        quick=(2, 40),
+        compute=functools.partial(compute, variant),
+        judge=functools.partial(judge, variant),
         trial=run_views_trial,
         note=f"{variant.note} Rates of false labels are in the table.",
     )

@@ -22,15 +22,13 @@ from occlog.simulate.balls.video import BallsFrame, render_balls
 from occlog.track.images.interface import Birth, Looks
 
 FRAME_NS = 40_000_000
-"""Between frames: 25 a second."""
-
-
+"""Time between frames; there are 25 a second."""
 WRONG = ("true", "none", "shift", "turn", "swap")
-"""What a method may be told of how the views see each other; see `geometry_of`."""
+"""Kinds of fundamental matrices that a method may be given, right and wrong ones; see `geometry_of`."""
 
 
 def balls_config(values: Mapping[str, Any]) -> BallsConfig:
-    """What is rendered: fields of `BallsConfig`; `views` may be a number of them. InputError for what cannot be."""
+    """Make the video's settings from fields of `BallsConfig`; `views` may be a number.  InputError for others."""
     own = dict(values)
     views = own.pop("views", 2)
     if isinstance(views, int):
@@ -42,15 +40,15 @@ def balls_config(values: Mapping[str, Any]) -> BallsConfig:
 
 
 def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float = 0.0) -> Geometry:
-    """How the first views see each other, as a method is told.
+    """Make the fundamental matrices between the first views that a method is given.
 
     Args:
         config: the views.
         use: number of them.
-        kind: `true`; `none`: nothing is known; wrong ones: `shift`: every line is `amount` px lower,
-            `turn`: the images are taken for turned by `amount` degrees against each other,
-            `swap`: the matrix of the opposite direction.
-        amount: how wrong.
+        kind: `true`: the right ones.  `none`: none at all.  `shift`: with every line `amount` px lower.
+            `turn`: as if the images were turned by `amount` degrees against each other.
+            `swap`: those of the opposite direction.
+        amount: size of the error [px or degrees].
 
     Raises:
         InputError: a kind that is none of `WRONG`.
@@ -89,12 +87,12 @@ def first_frame(config: BallsConfig, seed: int) -> BallsFrame:
 
 
 def births_of(frame: BallsFrame, use: int, wrong: Sequence[int] | None = None) -> tuple[Birth, ...]:
-    """Trackers for all targets in the first views, on their true outlines.
+    """Place a tracker on the true outline of every target in the first views.
 
     Args:
-        frame: the first one.
+        frame: the first frame.
         use: number of views.
-        wrong: (view, target, other): there the tracker of `target` is put on `other`.
+        wrong: (view, target, other): in this view the tracker of `target` is put on `other`.
     """
     out = []
     for view, ellipses in enumerate(frame.ellipses[:use]):
@@ -105,17 +103,17 @@ def births_of(frame: BallsFrame, use: int, wrong: Sequence[int] | None = None) -
 
 
 def views_of(config: BallsConfig) -> tuple[View, ...]:
-    """The cameras."""
+    """Return name and image size of each view."""
     return tuple(View(c.name, config.width, config.height) for c in ball_cameras(config))
 
 
 def looks_of(frame: BallsFrame, use: int) -> Looks:
-    """The first views of a frame as methods take it."""
+    """Return the first views of a frame in the form that methods take."""
     return Looks(frame.frame * FRAME_NS, np.full(use, frame.frame, dtype=np.int64), frame.images[:use])
 
 
 def truth_of(frames: Sequence[BallsFrame]) -> tuple[Objects, Floats]:
-    """True boxes of all targets in all frames and views, hidden ones too, and the radius of each [px]."""
+    """Return the true boxes of all targets in all frames and views, hidden ones too, and the radius of each [px]."""
     ellipses = np.stack([f.ellipses for f in frames])
     T, V, n = ellipses.shape[:3]
     t, view, target = (a.ravel() for a in np.meshgrid(np.arange(T), np.arange(V), np.arange(n), indexing="ij"))
@@ -125,13 +123,13 @@ def truth_of(frames: Sequence[BallsFrame]) -> tuple[Objects, Floats]:
 
 
 def of_views(truth: Objects, radius: Floats, use: int) -> tuple[Objects, Floats]:
-    """The rows of the first views of what `truth_of` gives."""
+    """Return the rows of the first views from the output of `truth_of`."""
     assert truth.view is not None
     kept = truth.view < use
     return Objects(truth.frame[kept], truth.label[kept], truth.place[kept], truth.view[kept]), radius[kept]
 
 
 def boxes_of(ellipses: Floats) -> Floats:
-    """(n, 4) left, top, width, height of the boxes about ellipses (n, 5)."""
+    """Return (n, 4) left, top, width, height of the boxes around ellipses (n, 5)."""
     half = np.column_stack([support_radius(ellipses, 0.0), support_radius(ellipses, 0.5 * math.pi)])
     return np.column_stack([ellipses[:, :2] - half, 2.0 * half])

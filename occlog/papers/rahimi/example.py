@@ -1,6 +1,6 @@
 """The example of [Rahimi] Sec. 6: a room with eight cameras that do not overlap, and a target that the walls reflect.
 
-The paper's figures are lost and its text gives few numbers; this is the project's reference for it.
+The scan of the paper has no figures and its text gives few numbers: this is the project's reference for the example.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ STEP_S, SPEED = 0.5, 0.5
 SMOOTHING = 5.0
 """Standard deviation of the Gaussian that smooths a path [steps]."""
 PATH, NOISE, FALSE, TRAINING = 0, 1, 2, 3
-"""What random numbers are for: last part of their key."""
+"""Purpose of random numbers, the last part of their key."""
 TRAINING_PATHS, TRAINING_STEPS, TRAINING_NOISE = 40, 200, 1e-3
 
 
@@ -56,10 +56,10 @@ class Example(NamedTuple):
 
 @functools.cache
 def sparse_scene(*, known_range: bool) -> Scene:
-    """The room with its cameras.
+    """Make the room with its cameras.
 
     Args:
-        known_range: as the world is; otherwise as the paper's method is told, which knows no range.
+        known_range: true: cameras with their range, as in the world; false: without, as in the paper's method.
     """
     reach = f", range: {RANGE:g}" if known_range else ""
     lines = ["occlog_scene: 1", "length_unit: m", f"room: {[[a * HALF, b * HALF] for a, b in CORNERS]}", "cameras:"]
@@ -72,7 +72,7 @@ def sparse_scene(*, known_range: bool) -> Scene:
 
 
 def reflected_path(steps: int, rng: np.random.Generator, smoothing: float = SMOOTHING) -> Floats:
-    """(steps, 2) places of a target that goes straight at a constant speed, is reflected by the walls, and smoothed.
+    """Draw (steps, 2) places of a target that moves straight at constant speed, is reflected by walls, and smoothed.
 
     Args:
         steps: number of places, `STEP_S` apart.
@@ -82,20 +82,20 @@ def reflected_path(steps: int, rng: np.random.Generator, smoothing: float = SMOO
     rest = math.ceil(4.0 * smoothing)
     first, angle = rng.uniform(-HALF, HALF, 2), rng.uniform(-math.pi, math.pi)
     way = SPEED * STEP_S * np.arange(steps + 2 * rest)[:, None] * np.array([math.cos(angle), math.sin(angle)])
-    # A path in the unfolded plane, folded back at every wall
+    # Reflect: fold the straight path of the unfolded plane back at every wall
     folded = np.abs((first + way + HALF) % (4.0 * HALF) - 2.0 * HALF)
     path = gaussian_filter1d(HALF - folded, smoothing, axis=0)
     return np.asarray(path[rest : rest + steps])
 
 
 def example(seed: int, run: int, steps: int, false: float = 0.0, smoothing: float = SMOOTHING) -> Example:
-    """A random problem: what the target did, and what the cameras say of it.
+    """Draw a random problem: the target's path, and the cameras' bearings.
 
     Args:
         seed: of all problems.
         run: number of the problem.
-        steps: times.
-        false: share of the measurements replaced by one anywhere in the camera's field of view.
+        steps: number of times.
+        false: share of the measurements that are replaced by one drawn uniformly from the field of view.
         smoothing: as in `reflected_path`.
     """
     xy = reflected_path(steps, _rng(seed, run, PATH), smoothing)
@@ -107,7 +107,7 @@ def example(seed: int, run: int, steps: int, false: float = 0.0, smoothing: floa
 
 
 def truth_of(xy: Floats) -> Truth:
-    """(T, 2) places as a table, `STEP_S` apart."""
+    """Return (T, 2) places as a table, `STEP_S` apart."""
     n = len(xy)
     return Truth.of(
         t_ns=times(n),
@@ -120,7 +120,7 @@ def truth_of(xy: Floats) -> Truth:
 
 
 def with_false(bearings: Bearings, scene: Scene, share: float, rng: np.random.Generator) -> Bearings:
-    """The bearings with a share of the measurements replaced by one drawn uniformly from the field of view.
+    """Replace a share of the measurements by ones drawn uniformly from the field of view.
 
     Each measurement has its own draws, used or not, so that a larger share only adds to the false ones.
     """
@@ -141,14 +141,14 @@ def with_false(bearings: Bearings, scene: Scene, share: float, rng: np.random.Ge
 
 @functools.lru_cache(maxsize=8)
 def identified(seed: int, fit_step_s: float = STEP_S, smoothing: float = SMOOTHING) -> tuple[float, float]:
-    """Acceleration and jitter of constant-velocity motion (see `MapConfig`), fitted to paths that are no problem's.
+    """Fit acceleration and jitter of constant-velocity motion (see `MapConfig`) to paths that belong to no problem.
 
-    The paths' places are known to a millimetre.  They turn over several steps, and a fit at the paper's
-    step takes what happens in these for independent; one at a longer step sees the whole turn as one.
+    The paths' places are known to a millimetre.  A turn takes several steps: a fit at the paper's step
+    assumes that these are independent, one at a longer step sees the whole turn as one change.
 
     Args:
         seed: of the problems.
-        fit_step_s: step at which the paths are looked at [s], a multiple of `STEP_S`.
+        fit_step_s: step at which the paths are sampled [s], a multiple of `STEP_S`.
         smoothing: as in `reflected_path`.
     """
     rng, every = _rng(seed, 0, TRAINING), round(fit_step_s / STEP_S)
@@ -160,7 +160,7 @@ def identified(seed: int, fit_step_s: float = STEP_S, smoothing: float = SMOOTHI
 
 
 def times(steps: int) -> Ints:
-    """(steps,) ns."""
+    """Return (steps,) times [ns]."""
     return np.asarray(np.rint(np.arange(steps) * STEP_S * 1e9), dtype=np.int64)
 
 

@@ -1,4 +1,4 @@
-"""[Rahimi] Figs. 4 and 5: how close trajectories come to the truth, and what the constraints are worth."""
+"""[Rahimi] Figs. 4 and 5: errors along the trajectories, with and without the field-of-view constraints."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from occlog.papers.page.planplot import Path, Plan
+from occlog.array_types import Floats
+from occlog.papers.page.planplot import EstimatedPath, Plan
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 
@@ -23,15 +24,15 @@ KINDS = {
     ROOM: {"front": True, "walls": True, "known_range": True},
 }
 CLOSE = 0.1
-"""Share of the room's side that counts as close."""
+"""Median error, as a share of the room's side, up to which an estimate counts as close."""
 CRITICAL = 0.1
-"""Share of the error from which what it is lower by counts as critical."""
+"""Reduction of the error, as a share of it, from which the constraints count as critical."""
 
 
 def fig4(size: Size, execute: Execute) -> Table:
-    """RMSE of tenths of the trajectories, of the whole, of what was seen and of what was not.
+    """Compute the RMSE of tenths of the trajectories, of the whole, and of its seen and unseen parts.
 
-    The last two have only the problems that have both.
+    The rows `BETWEEN` and `BEYOND` have the problems with both kinds of unseen parts only.
     """
     results = execute([sparse_spec(size, run) for run in range(size.runs)])
     whole = tuple(r["rmse"] for r in results)
@@ -47,7 +48,7 @@ def fig4(size: Size, execute: Execute) -> Table:
 
 
 def median_of(values: Sequence[float]) -> tuple[float, float]:
-    """Median, and half the width of its 68 % interval by order statistics."""
+    """Return the median, and half the width of its 68 % interval by order statistics."""
     n, ordered = len(values), sorted(values)
     off = 0.5 * math.sqrt(n)
     low, high = max(0, math.floor(0.5 * n - off)), min(n - 1, math.ceil(0.5 * n + off) - 1)
@@ -55,7 +56,7 @@ def median_of(values: Sequence[float]) -> tuple[float, float]:
 
 
 def judge4(table: Table) -> list[Verdict]:
-    """Statements about Fig. 4."""
+    """Judge the statements about Fig. 4."""
     whole = _mean_row(table, ALL)
     parts = np.array([r.values for r in v.series(table, ALL)])
     ends = Row("ends", math.nan, _rms(parts[[0, -1]]))
@@ -68,7 +69,16 @@ def judge4(table: Table) -> list[Verdict]:
         f"The estimated trajectory is close to the true one: median RMSE [m] of the problems (mean {whole.mean:.3g})."
     )
     out = [
-        Verdict("fig4-close", said, None, median, whole.extra["median_error"], whole.runs, good, rule),
+        Verdict(
+            "fig4-close",
+            said,
+            paper=None,
+            measured=median,
+            error_bar=whole.extra["median_error"],
+            runs=whole.runs,
+            verdict=good,
+            rule=rule,
+        ),
         v.pairs("fig4-ends", "The first and last tenth are worse than the rest, by this much [m].", [(middle, ends)]),
     ]
     if between is not None and beyond is not None and between.runs:
@@ -77,12 +87,12 @@ def judge4(table: Table) -> list[Verdict]:
     return out
 
 
-def _rms(parts: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, ...]:
+def _rms(parts: Floats) -> tuple[float, ...]:
     return tuple(np.sqrt(np.mean(parts**2, axis=0)).tolist())
 
 
 def problems_plan(size: Size) -> Plan:
-    """Problems from the best to the worst."""
+    """Draw problems from the best to the worst."""
     solved = ranked(size)
     ranks = sorted({round(q * (len(solved) - 1)) for q in (0.05, 0.25, 0.5, 0.75, 0.9, 1.0)})
     panels = tuple(panel(f"{k + 1} of {len(solved)}: RMSE {error(solved[k]):.2f} m", solved[k]) for k in ranks)
@@ -91,7 +101,7 @@ def problems_plan(size: Size) -> Plan:
 
 
 def fig5(size: Size, execute: Execute) -> Table:
-    """RMSE of every problem with the constraints and without them, by rising error without; and their means."""
+    """Compute the RMSE of every problem with the constraints and without, by rising error without; and the means."""
     results = execute([sparse_spec(size, run, **kind) for kind in KINDS.values() for run in range(size.runs)])
     order = sorted(range(size.runs), key=lambda run: results[run]["rmse"])
     rows = []
@@ -109,7 +119,7 @@ def _mean_row(table: Table, name: str) -> Row:
 
 
 def judge5(table: Table) -> list[Verdict]:
-    """Statements about Fig. 5."""
+    """Judge the statements about Fig. 5."""
     low, high, room = (_mean_row(table, name) for name in (WITH, WITHOUT, ROOM))
     behind = {name: [r.extra["behind"] for r in v.series(table, name)] for name in (WITH, WITHOUT)}
     n, (kept, lost) = low.runs, (sum(b > 0 for b in behind[name]) for name in (WITH, WITHOUT))
@@ -120,43 +130,43 @@ def judge5(table: Table) -> list[Verdict]:
             "fig5-behind",
             "Without the constraints the dynamics pull trajectories behind cameras that saw the "
             f"target: problems ({points:.0f} of {of:.0f} measurements).",
-            None,
-            float(lost),
-            None,
-            n,
-            v.REPRODUCED if lost >= 0.05 * n else v.IN_PART if lost else v.NOT,
-            "at least 5 % of the problems; in part if any",
+            paper=None,
+            measured=float(lost),
+            error_bar=None,
+            runs=n,
+            verdict=v.REPRODUCED if lost >= 0.05 * n else v.IN_PART if lost else v.NOT,
+            rule="at least 5 % of the problems; in part if any",
         ),
         Verdict(
             "fig5-front",
             "With them no trajectory is behind a camera that saw the target: problems in which one is.",
-            0.0,
-            float(kept),
-            None,
-            n,
-            v.REPRODUCED if kept == 0 else v.NOT,
-            "none",
+            paper=0.0,
+            measured=float(kept),
+            error_bar=None,
+            runs=n,
+            verdict=v.REPRODUCED if kept == 0 else v.NOT,
+            rule="none",
         ),
         Verdict(
             "fig5-no-worse",
             "The error is no worse with the constraints: lower by so much [m].",
-            None,
-            gap,
-            sure,
-            n,
-            v.REPRODUCED if gap >= -sure else v.IN_PART if gap >= -2.0 * sure else v.NOT,
-            "not below 0 by more than a standard error, run by run; in part: two",
+            paper=None,
+            measured=gap,
+            error_bar=sure,
+            runs=n,
+            verdict=v.REPRODUCED if gap >= -sure else v.IN_PART if gap >= -2.0 * sure else v.NOT,
+            rule="not below 0 by more than a standard error, run by run; in part: two",
         ),
         Verdict(
             "fig5-critical",
             "The constraints are critical in recovering the trajectories: share by which the mean "
             "RMSE is lower with them.",
-            None,
-            gap / high.mean,
-            sure / high.mean,
-            n,
-            v.REPRODUCED if gap - sure > CRITICAL * high.mean else v.IN_PART if gap > sure else v.NOT,
-            f"above {CRITICAL:.0%} by more than a standard error, run by run; in part if above one",
+            paper=None,
+            measured=gap / high.mean,
+            error_bar=sure / high.mean,
+            runs=n,
+            verdict=v.REPRODUCED if gap - sure > CRITICAL * high.mean else v.IN_PART if gap > sure else v.NOT,
+            rule=f"above {CRITICAL:.0%} by more than a standard error, run by run; in part if above one",
         ),
         v.pairs(
             "fig5-room",
@@ -168,14 +178,14 @@ def judge5(table: Table) -> list[Verdict]:
 
 
 def constraints_plan(size: Size) -> Plan:
-    """The problems that have most points behind cameras without the constraints."""
+    """Draw the problems that have most points behind cameras without the constraints."""
     free = [solve_problem(sparse_spec(size, run, front=False)) for run in range(size.runs)]
     worst = sorted(range(size.runs), key=lambda run: -_behind(free[run]))[:3]
     panels = []
     for run in [r for r in worst if _behind(free[r])] or worst[:1]:
         held = solve_problem(sparse_spec(size, run))
         title = f"problem {run + 1}: {_behind(free[run])} points behind"
-        panels.append(panel(title, held, Path(WITH, held.xy), Path(WITHOUT, free[run].xy)))
+        panels.append(panel(title, held, EstimatedPath(WITH, held.xy), EstimatedPath(WITHOUT, free[run].xy)))
     caption = "the problems that have most points behind a camera that saw the target, if nothing keeps them before it."
     return Plan("With the constraints and without them", caption, sparse_scene(known_range=True), tuple(panels))
 
@@ -186,29 +196,29 @@ def _behind(solved: Solved) -> int:
 
 
 FIG4 = Experiment(
-    "fig4",
-    "Error along the trajectory",
-    "part of the trajectory",
-    "RMSE [m]",
-    50,
-    200,
-    (3, 80),
-    fig4,
-    judge4,
+    item="fig4",
+    title="Error along the trajectory",
+    x_label="part of the trajectory",
+    y_label="RMSE [m]",
+    runs=50,
+    steps=200,
+    quick=(3, 80),
+    compute=fig4,
+    judge=judge4,
     note="Steps of 0.5 s; the room is 10 m wide.",
     trial=sparse_trial,
     plans={"problems": problems_plan},
 )
 FIG5 = Experiment(
-    "fig5",
-    "With the field-of-view constraints and without",
-    "problem, by rising error",
-    "RMSE [m]",
-    50,
-    200,
-    (3, 80),
-    fig5,
-    judge5,
+    item="fig5",
+    title="With the field-of-view constraints and without",
+    x_label="problem, by rising error",
+    y_label="RMSE [m]",
+    runs=50,
+    steps=200,
+    quick=(3, 80),
+    compute=fig5,
+    judge=judge5,
     note="Lines across are means.",
     trial=sparse_trial,
     plans={"constraints": constraints_plan},

@@ -1,4 +1,4 @@
-"""[Rahimi] Fig. 3: how the search refines a trajectory, and in how many iterations."""
+"""[Rahimi] Fig. 3: refinement of a trajectory by the search, and its number of iterations."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from occlog.papers.page.planplot import Panel, Path, Plan
+from occlog.papers.page.planplot import EstimatedPath, Panel, Plan
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
 
@@ -20,11 +20,11 @@ SHOWN = (0, 1, 3, 9, 11, 17)
 """Iterations that the paper shows."""
 PAPER_ITERATIONS = 17.0
 LEFT = 0.1
-"""Share of the way to the last value within which a figure has settled."""
+"""A figure has settled when this share of its whole change, or less, is left."""
 
 
 def fig3(size: Size, execute: Execute) -> Table:
-    """What is left after every iteration, relative to the start: of the residuals, of the errors; and who goes on."""
+    """Compute residuals and errors after every iteration, over those of the start, and the problems that go on."""
     results = execute([sparse_spec(size, run) for run in range(size.runs)])
     last = int(max(r["iterations"] for r in results))
     rows = []
@@ -39,19 +39,19 @@ def fig3(size: Size, execute: Execute) -> Table:
 
 
 def _moving(results: Sequence[Mapping[str, float]], k: int) -> list[bool]:
-    """Whether each problem goes on after iteration k; for ever, if it did not converge."""
+    """Return whether each problem goes on after iteration k; one that does not converge goes on for ever."""
     return [k < r["iterations"] or not r["converged"] for r in results]
 
 
 def settled(values: Sequence[float]) -> int:
-    """First iteration from which on values stay within LEFT of their whole change from the last one."""
+    """Return the first iteration from which on values stay within `LEFT` of their whole change from the last one."""
     change = abs(values[0] - values[-1])
     late = [k for k, x in enumerate(values) if abs(x - values[-1]) > LEFT * change]
     return late[-1] + 1 if late else 0
 
 
 def judge3(table: Table) -> list[Verdict]:
-    """Statements about Fig. 3 and of Secs. 5 and 6 about the search."""
+    """Judge the statements about Fig. 3, and those of Secs. 5 and 6 about the search."""
     ray, distance, place = (np.array([r.values for r in v.series(table, n)]) for n in (RAY, DISTANCE, PLACE))
     runs = ray.shape[1]
     lined, placed = ([settled(column.tolist()) for column in x.T] for x in (ray, distance))
@@ -83,11 +83,20 @@ def judge3(table: Table) -> list[Verdict]:
 def _start(off: float, runs: int) -> Verdict:
     said = "The search starts with seen points 1 m along the axes and unseen ones at the origin: largest deviation [m]."
     good = v.REPRODUCED if off < 1e-6 else v.NOT
-    return Verdict("fig3-start", said, 0.0, off, None, runs, good, "below 1e-6 m in every problem")
+    return Verdict(
+        "fig3-start",
+        said,
+        paper=0.0,
+        measured=off,
+        error_bar=None,
+        runs=runs,
+        verdict=good,
+        rule="below 1e-6 m in every problem",
+    )
 
 
 def _iterations(moving: Sequence[Row]) -> list[Verdict]:
-    """That every problem converges, and after how many iterations."""
+    """Judge that every problem converges, and after how many iterations."""
     open_ = moving[-1].mean
     runs = moving[-1].runs
     counts = [math.fsum(values) for values in zip(*(r.values for r in moving), strict=True)]
@@ -99,36 +108,47 @@ def _iterations(moving: Sequence[Row]) -> list[Verdict]:
     rule = "all; in part: at least 95 %"
     good = v.REPRODUCED if open_ == 0 else v.IN_PART if open_ <= 0.05 else v.NOT
     return [
-        Verdict("fig3-converges", "Every problem converges: share of them.", None, 1.0 - open_, None, runs, good, rule),
-        v.number("fig3-iterations", said, PAPER_ITERATIONS, math.fsum(counts) / runs, error, runs),
+        Verdict(
+            "fig3-converges",
+            "Every problem converges: share of them.",
+            paper=None,
+            measured=1.0 - open_,
+            error_bar=None,
+            runs=runs,
+            verdict=good,
+            rule=rule,
+        ),
+        v.number(
+            "fig3-iterations", said, paper=PAPER_ITERATIONS, measured=math.fsum(counts) / runs, error=error, runs=runs
+        ),
     ]
 
 
 @functools.lru_cache(maxsize=4)
 def ranked(size: Size) -> tuple[Solved, ...]:
-    """All problems solved, by their errors."""
+    """Solve all problems; return them by rising error."""
     solved = [solve_problem(sparse_spec(size, run)) for run in range(size.runs)]
     return tuple(sorted(solved, key=error))
 
 
 def error(solved: Solved) -> float:
-    """RMSE [m]."""
+    """Return the RMSE of an estimate [m]."""
     return float(np.sqrt(np.mean(np.sum((solved.xy - solved.true_xy) ** 2, axis=1))))
 
 
-def panel(title: str, solved: Solved, *estimates: Path) -> Panel:
-    """A drawing of a problem; without estimates that of the solution."""
+def panel(title: str, solved: Solved, *estimates: EstimatedPath) -> Panel:
+    """Make the drawing of a problem with these estimates; without any, with the solution."""
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
     seen = np.isin(np.arange(len(solved.tracks)), at.state)
-    return Panel(title, solved.true_xy, seen, estimates or (Path("estimate", solved.xy),))
+    return Panel(title, solved.true_xy, seen, estimates or (EstimatedPath("estimate", solved.xy),))
 
 
 def iterations_plan(size: Size) -> Plan:
-    """The problem of median error after some iterations."""
+    """Draw the problem of median error after some iterations."""
     solved = ranked(size)[size.runs // 2]
     last = len(solved.iterates) - 1
     shown = [k for k in SHOWN if k < last] + [last]
-    panels = [panel(f"iteration {k}", solved, Path("estimate", solved.iterates[k])) for k in shown]
+    panels = [panel(f"iteration {k}", solved, EstimatedPath("estimate", solved.iterates[k])) for k in shown]
     panels[-1] = panels[-1]._replace(title=f"iteration {last}, the last one")
     caption = (
         f"the problem of median error ({error(solved):.2f} m RMSE) after some iterations; dots are times at which a "
@@ -138,15 +158,15 @@ def iterations_plan(size: Size) -> Plan:
 
 
 FIG3 = Experiment(
-    "fig3",
-    "Refinement of a trajectory",
-    "iteration",
-    "share of the start's value",
-    50,
-    200,
-    (3, 80),
-    fig3,
-    judge3,
+    item="fig3",
+    title="Refinement of a trajectory",
+    x_label="iteration",
+    y_label="share of the start's value",
+    runs=50,
+    steps=200,
+    quick=(3, 80),
+    compute=fig3,
+    judge=judge3,
     note="Residuals of the bearings, errors of the distances from the cameras, errors of all places.",
     trial=sparse_trial,
     plans={"iterations": iterations_plan},

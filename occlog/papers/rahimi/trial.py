@@ -1,4 +1,4 @@
-"""One problem of the example of [Rahimi] solved: described by plain values, so that any process can do it."""
+"""One trial: a problem of the example of [Rahimi], its estimate by method `map`, and figures of both."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ PAPER: Mapping[str, Any] = {
     "estimate": "mode",
     "covariance": "hessian",
 }
-"""Settings of `map` that make it the paper's method: its start, and in front of the cameras as the only constraint."""
+"""Settings that make `map` the paper's method: its start; places in front of the cameras as the only constraint."""
 ENDS = 0.1
-"""Share of the times that is an end, on each side."""
+"""Share of the times in each of the trajectory's two ends."""
 KNOWN = 0.5
 """A distance counts as known if its standard deviation is at most this share of it."""
 BINS = 10
@@ -76,14 +76,14 @@ class Sightings(NamedTuple):
 def sparse_spec(
     size: Size, run: int, *, false: float = 0.0, fit_step_s: float = STEP_S, known_range: bool = False, **track: Any
 ) -> Spec:
-    """Description of a trial; see `sparse_trial`.
+    """Describe a trial for `sparse_trial`.
 
     Args:
-        size: its seed and steps.
+        size: seed and steps.
         run: number of the problem.
         false: share of false bearings.
-        fit_step_s: step at which the motion was identified [s].
-        known_range: the ranges of the cameras are told to the method.
+        fit_step_s: step at which the motion is identified [s].
+        known_range: true: the method knows the ranges of the cameras.
         track: settings of `map` besides those of the paper.
     """
     acceleration, jitter = identified(size.seed, fit_step_s)
@@ -100,7 +100,7 @@ def sparse_spec(
 
 
 def solve_problem(spec: Mapping[str, Any]) -> Solved:
-    """The estimate of a problem by the code of `occlog track --method map`, with its iterates."""
+    """Solve a problem by the code of `occlog track --method map`, and keep the iterates."""
     problem = example(int(spec["seed"]), int(spec["run"]), int(spec["steps"]), float(spec["false"]))
     scene = sparse_scene(known_range=bool(spec["known_range"]))
     config: MapConfig = configure(map_defaults("m"), spec["track"], "map")
@@ -120,7 +120,7 @@ def solve_problem(spec: Mapping[str, Any]) -> Solved:
 
 
 def sightings(bearings: Bearings, t_ns: Ints) -> Sightings:
-    """The rows that saw the target."""
+    """Return the measurements: rows in which a camera saw the target."""
     seen = bearings.take(bearings.seen)
     cameras = [sparse_scene(known_range=False).camera(name) for name in seen.sensor.tolist()]
     return Sightings(
@@ -132,12 +132,14 @@ def sightings(bearings: Bearings, t_ns: Ints) -> Sightings:
 
 
 def sparse_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Figures of one problem: see `errors`, `consistency`, `refinement`; iterations, and whether they converged.
-
-    `behind` counts measurements whose camera has the estimate behind it (or beside it).
+    """Run a trial.
 
     Args:
         spec: `seed`, `run`, `steps`, `false` (share of false bearings), `known_range` and `track` (settings of `map`).
+
+    Returns:
+        Figures of `errors`, `consistency` and `refinement`; `iterations`; `converged` (0 or 1); `measurements`;
+        and `behind`, the measurements whose camera has the estimate behind it or beside it.
     """
     solved = solve_problem(spec)
     at = sightings(solved.problem.bearings, solved.tracks.t_ns)
@@ -154,9 +156,10 @@ def sparse_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def errors(solved: Solved, at: Sightings) -> dict[str, float]:
-    """RMSE [m] of the trajectory and of its parts; NaN for a part that there is none of.
+    """Return the RMSE of the trajectory and of its parts [m]; NaN for a part without times.
 
-    seen, between and beyond (before the first or after the last sighting); ends and middle; BINS parts by time.
+    Parts: `seen`, `between` sightings, `beyond` (before the first or after the last); `ends` and `middle`;
+    and `part_0`, ..., `BINS` parts of equal length.
     """
     square = np.sum((solved.xy - solved.true_xy) ** 2, axis=1)
     T = len(square)
@@ -177,10 +180,10 @@ def errors(solved: Solved, at: Sightings) -> dict[str, float]:
 
 
 def consistency(solved: Solved, at: Sightings) -> dict[str, float]:
-    """Mean normalised squared error, 2 if the covariance is right, and the share of the times that it is the mean of.
+    """Return the mean normalised squared error, 2 for a right covariance, and the share of times behind the mean.
 
-    `nees`: times that are not flagged.  `nees_known`: of those the ones at which no camera that sees the target has
-    a standard deviation along the sight line above `KNOWN` of the distance.
+    `nees` (`unflagged`): over times that are not flagged.  `nees_known` (`known`): over those of them at which the
+    standard deviation along the sight line of each camera that sees the target is at most `KNOWN` of the distance.
     """
     t = solved.tracks
     P = np.stack([t.cov_xx, t.cov_xy, t.cov_xy, t.cov_yy], axis=1).reshape(-1, 2, 2)
@@ -200,11 +203,11 @@ def consistency(solved: Solved, at: Sightings) -> dict[str, float]:
 
 
 def refinement(solved: Solved, at: Sightings) -> dict[str, float]:
-    """How the iterates get there: figures `ray_k`, `distance_k` and `place_k` after iteration k.
+    """Return errors of the iterates: figures `ray_k`, `distance_k` and `place_k` after iteration k, and `start_off`.
 
-    ray: root mean square of the residuals, in standard deviations.  distance: that of the errors of distances from
-    the cameras [m], of seen states.  place: RMSE of all [m].  Besides `start_off`: largest distance of a state
-    of the start from where the paper has it [m].
+    ray: root mean square of the residuals, in standard deviations.  distance: that of the errors of the distances
+    from the cameras, over seen states [m].  place: RMSE of all states [m].  start_off: largest distance of a state
+    of the start from its place in the paper [m].
     """
     true = np.sum((solved.true_xy[at.state] - at.place) * at.axis, axis=1)
     out = {}

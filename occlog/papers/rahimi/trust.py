@@ -1,4 +1,4 @@
-"""What the paper does not ask of its example: false bearings, and whether the covariance is right."""
+"""Experiments of this project on the example of [Rahimi]: false bearings, and consistency of the covariance."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ WAYS: dict[str, dict[str, Any]] = {
     CAUCHY_ROOM: {"loss": "cauchy", **ROOM},
 }
 CLEAN = {HUBER: SQUARE, CAUCHY: SQUARE, LINEAR: SQUARE, SQUARE: SQUARE, CAUCHY_ROOM: SQUARE_ROOM}
-"""What is compared with whose error with clean data."""
+"""Each way with false bearings, and the way whose error with clean data is its measure."""
 SHARES = (0.0, 10.0, 20.0)
-"""Per cent of the measurements."""
+"""False bearings in per cent of the measurements."""
 LOSES = 0.15
 """Share of the error that false bearings may add."""
 SAME = 1e-4
-"""Largest difference of errors that are equal but for the tolerance of the search [m]."""
+"""Largest difference of two errors that count as equal, by the tolerance of the search [m]."""
 
 HESSIAN, KNOWN, MOMENT = "mode, hessian", "mode, hessian; distances known", "mode, moment"
 INVARIANT, INVARIANT_ROOM, RIGHT = "invariant", "invariant; room and ranges", "consistent"
@@ -42,16 +42,16 @@ ESTIMATES: dict[str, tuple[str, dict[str, Any]]] = {
     INVARIANT: ("nees", {"estimate": "invariant"}),
     INVARIANT_ROOM: ("nees", {"estimate": "invariant", **ROOM}),
 }
-"""Figure of the trial, and settings."""
+"""Figure of the trial, and settings of `map`, by kind of estimate and covariance."""
 FIT_STEPS = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Steps at which the motion is identified [s]."""
 LONGEST = FIT_STEPS[-1]
 LARGE = 1.0
-"""A 95 % range of a larger half width agrees with anything."""
+"""Half width of a 95 % range above which nothing can be concluded."""
 
 
 def false(size: Size, execute: Execute) -> Table:
-    """RMSE against the share of false bearings, for each loss, start and set of constraints."""
+    """Compute the RMSE against the share of false bearings, for each loss, start and set of constraints."""
     points = [(name, share) for name in WAYS for share in (SHARES[:2] if size.quick else SHARES)]
     specs = [
         sparse_spec(size, run, false=share / 100.0, **WAYS[name]) for name, share in points for run in range(size.runs)
@@ -67,7 +67,7 @@ def false(size: Size, execute: Execute) -> Table:
 
 
 def judge_false(table: Table) -> list[Verdict]:
-    """Statements about false bearings, of this project: what 10 % of them add to the error of squares without any."""
+    """Judge this project's statements about false bearings: what 10 % of them add to the error with clean data."""
     clean = v.find(table, SQUARE, 0.0)
     out = []
     for name, base in CLEAN.items():
@@ -83,12 +83,23 @@ def judge_false(table: Table) -> list[Verdict]:
         said = "For squares and clean data the start does not matter: largest difference of the RMSE [m]."
         good = v.REPRODUCED if off < SAME else v.NOT
         rule = f"below {SAME:g} m in every problem"
-        out.append(Verdict("false-start-squares", said, None, off, None, clean.runs, good, rule))
+        out.append(
+            Verdict(
+                "false-start-squares",
+                said,
+                paper=None,
+                measured=off,
+                error_bar=None,
+                runs=clean.runs,
+                verdict=good,
+                rule=rule,
+            )
+        )
     return out
 
 
 def _adds(key: str, name: str, clean: Row, row: Row) -> Verdict:
-    """What false bearings add, as a share of the clean error; the error bar is that of a quotient of paired means."""
+    """Judge what false bearings add, as a share of the clean error; error bar of a quotient of paired means."""
     ratio = row.mean / clean.mean
     left = [b - ratio * a for a, b in zip(clean.values, row.values, strict=True)]
     error = deviation(left) / math.sqrt(len(left)) / clean.mean
@@ -96,13 +107,13 @@ def _adds(key: str, name: str, clean: Row, row: Row) -> Verdict:
     good = v.REPRODUCED if added + error < LOSES else v.IN_PART if added - error < LOSES else v.NOT
     said = f"10 % of false bearings add less than {LOSES:.0%} to the mean RMSE with clean data ({name}): share added."
     rule = f"below {LOSES:.0%} by more than a standard error; in part within one of it"
-    return Verdict(key, said, None, added, error, row.runs, good, rule)
+    return Verdict(key, said, paper=None, measured=added, error_bar=error, runs=row.runs, verdict=good, rule=rule)
 
 
 def covariance(size: Size, execute: Execute) -> Table:
-    """Mean normalised squared error against the step at which the motion was identified.
+    """Compute the mean normalised squared error against the step at which the motion is identified.
 
-    Errors with the inverse Hessian at the mode are too large for a plot; they are a line across, at the longest step.
+    Errors with the inverse Hessian at the mode are too large for a plot: that of the longest step is a line across.
     """
     steps = (FIT_STEPS[0], LONGEST) if size.quick else FIT_STEPS
     points = [(name, s) for name in ESTIMATES for s in steps]
@@ -126,7 +137,7 @@ def _finite(values: Iterable[float]) -> tuple[float, ...]:
 
 
 def judge_covariance(table: Table) -> list[Verdict]:
-    """Statements about the covariance, of this project: the mean normalised squared error is 2."""
+    """Judge this project's statement about the covariance: the mean normalised squared error is 2."""
     out = []
     for name in ESTIMATES:
         for row in table:
@@ -138,37 +149,39 @@ def judge_covariance(table: Table) -> list[Verdict]:
 
 
 def _consistent(key: str, what: str, row: Row) -> Verdict:
-    """Errors within a problem depend on each other, so that the error bar is that of the problems' means."""
+    """Judge a mean against 2; the error bar is that of the problems' means, as errors within a problem depend."""
     right = abs(row.mean - 2.0) <= 1.96 * row.error <= LARGE
     good = v.REPRODUCED if right else v.IN_PART if 1.0 <= row.mean <= 4.0 else v.NOT
     said = f"The normalised squared error is 2 in the mean, as the covariance says ({what})."
     rule = f"within 1.96 standard errors of the problems' means, if that is at most {LARGE:g}; in part: a factor of 2"
-    return Verdict(key, said, None, row.mean, row.error, row.runs, good, rule)
+    return Verdict(
+        key, said, paper=None, measured=row.mean, error_bar=row.error, runs=row.runs, verdict=good, rule=rule
+    )
 
 
 FALSE = Experiment(
-    "false",
-    "False bearings",
-    "false bearings [%]",
-    "RMSE [m]",
-    50,
-    200,
-    (3, 80),
-    false,
-    judge_false,
+    item="false",
+    title="False bearings",
+    x_label="false bearings [%]",
+    y_label="RMSE [m]",
+    runs=50,
+    steps=200,
+    quick=(3, 80),
+    compute=false,
+    judge=judge_false,
     note="False bearings are drawn uniformly from the camera's field of view.",
     trial=sparse_trial,
 )
 COVARIANCE = Experiment(
-    "covariance",
-    "Consistency of the covariance",
-    "step at which the motion is identified [s]",
-    "mean normalised squared error",
-    50,
-    200,
-    (3, 80),
-    covariance,
-    judge_covariance,
+    item="covariance",
+    title="Consistency of the covariance",
+    x_label="step at which the motion is identified [s]",
+    y_label="mean normalised squared error",
+    runs=50,
+    steps=200,
+    quick=(3, 80),
+    compute=covariance,
+    judge=judge_covariance,
     note="Times that are not flagged; distances known: their standard deviation is at most half of them.",
     trial=sparse_trial,
 )

@@ -1,1 +1,1 @@
-"""Experiments, trials and the rules by which statements are judged."""
+"""Experiments, their trials, and the rules by which statements are judged."""

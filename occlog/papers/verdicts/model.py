@@ -1,4 +1,4 @@
-"""What an experiment is made of: rows of a table, verdicts, and how large it is."""
+"""The parts of an experiment: its size, trials, table of rows, and verdicts on the paper's statements."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from occlog.papers.page.shotplot import Shots
 from occlog.pipeline.sweep.trial import run_trial
 
 Spec = dict[str, Any]
+"""Description of a trial by plain values (as JSON has them), so that any process can run and store it."""
 Execute = Callable[[list[Spec]], list[dict[str, float]]]
-"""Runs trials and gives their figures in the order of the trials; see `occlog.pipeline.sweep.engine.run_all`."""
+"""Runs trials and returns their figures in the order of the trials; see `occlog.pipeline.sweep.engine.run_all`."""
 
 EXTRAS = ("rmse_occ", "hidden", "sir", "restart", "lost", "mean_ess", "messages", "bytes", "track_seconds")
-"""Figures of trials that the table has besides the RMSE: means over the runs."""
+"""Figures of trials that the table has besides the RMSE, as means over the runs."""
 
 
 class Size(NamedTuple):
-    """How large an experiment is."""
+    """Numbers that set the cost of an experiment, and the seed of its random numbers."""
 
     runs: int
     steps: int
@@ -31,7 +32,7 @@ class Size(NamedTuple):
 
 @dataclass(frozen=True)
 class Row:
-    """One point of a figure: the value of every run."""
+    """One point of a figure, with the value of every run."""
 
     series: str
     x: float  # NaN: a line across the figure
@@ -65,7 +66,7 @@ Table = list[Row]
 
 @dataclass(frozen=True)
 class Verdict:
-    """A statement of the paper, and what was found of it."""
+    """A statement of the paper and the measurement that confirms it, in whole or in part, or does not."""
 
     id: str
     statement: str
@@ -77,26 +78,26 @@ class Verdict:
     rule: str  # how the verdict was reached
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON; what is not a finite number is null."""
+        """Return the fields as plain values for JSON; NaN and infinities become None."""
         out = asdict(self)
         return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in out.items()}
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A figure of a paper."""
+    """A figure or table of a paper: how its rows are computed, and how its statements are judged."""
 
     item: str
     title: str
     x_label: str
     y_label: str
-    runs: int  # of the paper
-    steps: int
+    runs: int  # in the paper
+    steps: int  # of a run, in the paper
     quick: tuple[int, int]  # runs and steps of the small form
     compute: Callable[[Size, Execute], Table]
     judge: Callable[[Table], list[Verdict]]
     note: str = ""
-    trial: Callable[[Mapping[str, Any]], dict[str, float]] = run_trial  # what `compute` has executed
+    trial: Callable[[Mapping[str, Any]], dict[str, float]] = run_trial  # runs one of the trials of `compute`
     plans: Mapping[str, Callable[[Size], Plan | Shots]] = field(default_factory=dict)  # further pictures by name
 
 

@@ -1,4 +1,4 @@
-"""Trials of the tracker to rows of a table."""
+"""Trials of the auxiliary particle filter, and the rows of a table made of them."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from occlog.io.scenes.scene import scene_from_yaml
 from occlog.settings import configure
 from occlog.simulate.stage import WorldConfig, simulate_truth, world_config
 
-from .model import EXTRAS, Execute, Row, Size, Spec, Table
+from .model import EXTRAS, Execute, Row, Size, Spec, Table, Verdict
+from .verdicts import find, number
 
 WORST = "no tracking (middle of the room)"
 NONE, KNOWN, PRIOR = "no priors", "positions known", "priors"
 
 
 class Point(NamedTuple):
-    """One point of a figure: a trial without its run."""
+    """One point of a figure: the description of its trials, without the number of the run."""
 
     series: str
     x: float
@@ -33,7 +34,16 @@ def trial(
     cameras: Sequence[str] | None = None,
     **more: Any,
 ) -> Spec:
-    """Description of a trial: [Ercan]'s number of particles, and what is given."""
+    """Describe a trial of `occlog.pipeline.sweep.trial.run_trial`.
+
+    Args:
+        scene: scene file as text.
+        size: steps, particles and seed.
+        simulate: settings of the simulated world besides its steps.
+        priors: kind and settings of the occluders' priors.
+        cameras: names of the cameras that are used; None: all.
+        more: further entries; those of `track` are settings of the filter.
+    """
     spec: Spec = {
         "scene": scene,
         "seed": size.seed,
@@ -48,7 +58,7 @@ def trial(
 
 
 def run_points(points: Sequence[Point], size: Size, execute: Execute) -> Table:
-    """A row for every point, with the RMSE of each run; trials of equal run share the world."""
+    """Run all trials and return a row for every point, with the RMSE of each run; equal runs share the world."""
     specs = [{**p.spec, "run": run} for run in range(size.runs) for p in points]
     results = execute(specs)
     return [_row(p, results[i :: len(points)]) for i, p in enumerate(points)]
@@ -63,9 +73,9 @@ def _row(point: Point, results: Sequence[Mapping[str, float]]) -> Row:
 
 
 def worst_case(scene_text: str, simulate: Mapping[str, Any], size: Size) -> Row:
-    """RMSE of the middle of the room's bounding box as the estimate: RMSE_max of [Ercan] Sec. 6.1.
+    """Return RMSE_max of [Ercan] Sec. 6.1: the error of the middle of the room's bounding box as the estimate.
 
-    Over worlds of their own, drawn as those of the trials.
+    The targets are drawn as those of the trials, without moving occluders.
     """
     scene = scene_from_yaml(scene_text, "scene")
     few = {**simulate, "steps": size.steps, "occluders": 0}
@@ -81,6 +91,15 @@ def worst_case(scene_text: str, simulate: Mapping[str, Any], size: Size) -> Row:
     return Row(WORST, math.nan, tuple(values))
 
 
+def judge_worst_case(table: Table, item: str, paper: float) -> list[Verdict]:
+    """Judge the error without tracking, the row of `worst_case`, against that of the paper."""
+    row = find(table, WORST)
+    if row is None:
+        return []
+    said = "Error without tracking, of the middle of the room."
+    return [number(f"{item}-rmse-max", said, paper=paper, measured=row.mean, error=row.error, runs=row.runs)]
+
+
 def kalman(sigma: float, q: float = 1.2) -> dict[str, Any]:
-    """Priors of a Kalman filter on virtual measurements; `sigma` 0 means known positions."""
+    """Describe priors by a Kalman filter on virtual measurements of deviation `sigma`; 0 means known positions."""
     return {"kind": "kalman", "sigma": sigma, "q": q} if sigma > 0 else {"kind": "known"}

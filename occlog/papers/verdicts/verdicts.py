@@ -1,4 +1,4 @@
-"""Rules by which statements are judged; every verdict says which one it used.
+"""Rules by which statements are judged; every verdict names its rule.
 
 number   a stated number: `reproduced` within 10 % of it, or within two standard errors if the standard error
          is at most 10 % of it; `in part` within 35 %, or, where the number is a factor by which something
@@ -25,7 +25,7 @@ Pair = tuple[Row, Row]
 
 
 def find(table: Table, series: str, x: float | None = None) -> Row | None:
-    """The row of a series at x (None: the first one), or None."""
+    """Return the row of a series at x (None: its first row), or None where there is none."""
     for row in table:
         if row.series == series and (x is None or row.x == x):
             return row
@@ -33,12 +33,12 @@ def find(table: Table, series: str, x: float | None = None) -> Row | None:
 
 
 def series(table: Table, name: str) -> list[Row]:
-    """Rows of a series that have an x, by rising x."""
+    """Return the rows of a series that have an x, by rising x."""
     return sorted((r for r in table if r.series == name and not math.isnan(r.x)), key=lambda r: r.x)
 
 
 def matched(table: Table, low: str, high: str, only: Iterable[float] | None = None) -> list[Pair]:
-    """Rows of two series at the same x; `only` keeps some x."""
+    """Return the pairs of rows of two series at the same x; `only`: at these x alone."""
     kept = None if only is None else set(only)
     pairs = []
     for row in series(table, low):
@@ -49,12 +49,12 @@ def matched(table: Table, low: str, high: str, only: Iterable[float] | None = No
 
 
 def neighbours(rows: Sequence[Row]) -> list[Pair]:
-    """Each row with the one before it, so that `pairs` says that the series falls."""
+    """Pair each row with the one before it, so that `pairs` states that the series falls."""
     return [(after, before) for before, after in pairwise(rows)]
 
 
 def difference(low: Row, high: Row) -> tuple[float, float]:
-    """Mean of high - low and its standard error, run by run where the runs match."""
+    """Return the mean of high - low and its standard error, run by run where the numbers of runs are equal."""
     if low.runs == high.runs:
         values = [b - a for a, b in zip(low.values, high.values, strict=True)]
         return math.fsum(values) / len(values), deviation(values) / math.sqrt(len(values))
@@ -62,64 +62,82 @@ def difference(low: Row, high: Row) -> tuple[float, float]:
 
 
 def share(held: Sequence[bool]) -> str:
-    """All: reproduced; at least half: in part; fewer, or nothing to judge: not reproduced."""
+    """Return `reproduced` if all points hold, `in part` if at least half do, else (or without points) `not`."""
     if held and all(held):
         return REPRODUCED
     return IN_PART if held and 2 * sum(held) >= len(held) else NOT
 
 
 def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None = None) -> Verdict:
-    """Verdict of rule `pairs`: low below high at every point; measured is the mean difference."""
+    """Judge by rule `pairs` that low is below high at every point; `measured` is the mean difference."""
     found = [difference(low, high) for low, high in points]
     held = [gap > error for gap, error in found]
     rule = f"pairs: {sum(held)} of {len(held)} differences above one standard error"
-    return _verdict(key, statement, paper, found, points, share(held), rule)
+    return _verdict(key, statement, paper=paper, found=found, points=points, verdict=share(held), rule=rule)
 
 
 def close(key: str, statement: str, points: Sequence[Pair]) -> Verdict:
-    """Verdict of rule `close`; measured is the mean difference."""
+    """Judge by rule `close` that low and high are equal at every point; `measured` is the mean difference."""
     found = [difference(low, high) for low, high in points]
     held = [abs(gap) <= max(low.sd, high.sd) for (gap, _), (low, high) in zip(found, points, strict=True)]
     rule = f"close: {sum(held)} of {len(held)} differences within one standard deviation"
-    return _verdict(key, statement, None, found, points, share(held), rule)
+    return _verdict(key, statement, paper=None, found=found, points=points, verdict=share(held), rule=rule)
 
 
 def number(key: str, statement: str, paper: float, measured: float, error: float, runs: int) -> Verdict:
-    """Verdict of rule `number` on a quantity as such."""
+    """Judge a quantity by rule `number`."""
     fair = abs(measured - paper) <= FAR * abs(paper)
     good = _near(measured, error, paper)
     rule = f"number: within {NEAR:.0%} or 2 (small) standard errors; in part within {FAR:.0%}"
-    return Verdict(key, statement, paper, measured, error, runs, REPRODUCED if good else IN_PART if fair else NOT, rule)
+    return Verdict(
+        key,
+        statement,
+        paper=paper,
+        measured=measured,
+        error_bar=error,
+        runs=runs,
+        verdict=REPRODUCED if good else IN_PART if fair else NOT,
+        rule=rule,
+    )
 
 
 def factor(key: str, statement: str, paper: float, low: Row | None, high: Row | None) -> Verdict:
-    """Verdict of rule `number` on the quotient of two means; without error if they are not from the same runs."""
+    """Judge the quotient high / low of two means by rule `number`; without both rows it is not reproduced."""
     rule = f"number: within {NEAR:.0%} or 2 (small) standard errors; in part if at least half of the excess over 1"
     if low is None or high is None:
-        return Verdict(key, statement, paper, None, None, 0, NOT, rule + "; it could not be measured")
+        return Verdict(
+            key,
+            statement,
+            paper=paper,
+            measured=None,
+            error_bar=None,
+            runs=0,
+            verdict=NOT,
+            rule=rule + "; it could not be measured",
+        )
     measured, error = quotient(high, low)
     good = _near(measured, error, paper)
     fair = measured - 1.0 >= 0.5 * (paper - 1.0)
     return Verdict(
         key,
         statement,
-        paper,
-        measured,
-        error,
-        min(low.runs, high.runs),
-        REPRODUCED if good else IN_PART if fair else NOT,
-        rule,
+        paper=paper,
+        measured=measured,
+        error_bar=error,
+        runs=min(low.runs, high.runs),
+        verdict=REPRODUCED if good else IN_PART if fair else NOT,
+        rule=rule,
     )
 
 
 def _near(measured: float, error: float, paper: float) -> bool:
-    """Whether a measured number agrees with a stated one; a large error bar is no agreement."""
+    """Return whether a measured number agrees with a stated one; within a large error bar alone it does not."""
     near = NEAR * abs(paper)
     return abs(measured - paper) <= (max(near, 2.0 * error) if error <= near else near)
 
 
 def quotient(above: Row, below: Row) -> tuple[float, float]:
-    """Quotient of two means and its standard error by the delta method; NaN over a mean of 0."""
+    """Return the quotient of two means and its standard error by the delta method; NaN if `below` has mean 0."""
     if not below.mean:
         return math.nan, math.nan
     if not above.mean:
@@ -141,4 +159,4 @@ def _verdict(
     mean = math.fsum(gap for gap, _ in found) / n if n else None
     error = math.sqrt(math.fsum(e * e for _, e in found)) / n if n else None
     runs = min((min(a.runs, b.runs) for a, b in points), default=0)
-    return Verdict(key, statement, paper, mean, error, runs, verdict, rule)
+    return Verdict(key, statement, paper=paper, measured=mean, error_bar=error, runs=runs, verdict=verdict, rule=rule)

@@ -31,7 +31,7 @@ from occlog.papers.ercan.recorded import (
     trial,
 )
 from occlog.papers.ercan.recorded_figures import ITEMS
-from occlog.papers.ercan.recorded_files import ROOM, source_of
+from occlog.papers.ercan.recorded_files import ROOM, files_of
 from occlog.papers.ercan.recorded_target import Recorded, recorded_target
 from occlog.papers.verdicts.model import Size
 from occlog.pipeline.sweep.engine import TrialError, run_all
@@ -122,7 +122,7 @@ def test_any_number_of_workers_gives_the_same_and_a_stopped_run_goes_on(tmp_path
     paths = tmp_path / "b.parquet", tmp_path / "s.yaml"
     write_table(paths[0], table, Provenance("detect"))
     paths[1].write_text(scene_to_yaml(scene))
-    source, size, names = source_of(None, *paths), Size(1, 25, particles=200), ["cam1", "cam3", "cam4"]
+    source, size, names = files_of(*paths), Size(1, 25, particles=200), ["cam1", "cam3", "cam4"]
     specs = [recorded_spec(source, size, run, kind, names) for run in range(2) for kind in ("known", "kalman")]
     greedy = {"policy": "greedy", "count": 2, "every": 2.0, "model": "weak"}
     specs.append(recorded_spec(source, size, 0, "kalman", names, select=greedy))
@@ -143,7 +143,7 @@ def test_a_changed_recording_is_another_trial(tmp_path: Path) -> None:
     keys = set()
     for name in ("m", "ft"):
         paths[1].write_text(scene_to_yaml(replace(scene, length_unit=name)))
-        keys.add(key_of(recorded_spec(source_of(None, *paths), Size(1, 25), 0, "known", ["cam1"])))
+        keys.add(key_of(recorded_spec(files_of(*paths), Size(1, 25), 0, "known", ["cam1"])))
     assert len(keys) == 2
 
 

@@ -7,14 +7,14 @@ import pytest
 
 from occlog.papers.catalogue import PAPERS
 from occlog.papers.lee.cooperation import field
-from occlog.papers.lee.cooperation import field as cooperation_field
-from occlog.papers.lee.cooperation import room as cooperation_room
 from occlog.papers.lee.cooperation import room as walls
+from occlog.papers.lee.cooperation.environments import environment
+from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS
+from occlog.papers.lee.cooperation.room import ROOM_EXPERIMENTS
 from occlog.papers.lee.cooperation.trial import cooperation_spec, cooperation_trial
-from occlog.papers.lee.cooperation.world import world
 from occlog.papers.verdicts.model import Row, Size
 
-EXPERIMENTS = (*cooperation_field.EXPERIMENTS, *cooperation_room.EXPERIMENTS)
+EXPERIMENTS = (*FIELD_EXPERIMENTS, *ROOM_EXPERIMENTS)
 
 
 SIZE = Size(2, 60, True)
@@ -25,7 +25,7 @@ def execute(specs):
 
 
 def test_the_field_is_that_of_the_figure():
-    made = world("field", 0, 0)
+    made = environment("field", 0, 0)
     heard = made.heard[0] > 0
     first = heard.argmax(axis=0)
     last = heard.shape[0] - 1 - heard[::-1].argmax(axis=0)
@@ -37,7 +37,7 @@ def test_the_field_is_that_of_the_figure():
 
 
 def test_the_room_is_silent_when_it_should_be():
-    made = world("room", 0, 0)
+    made = environment("room", 0, 0)
     assert not made.heard[:, 501:699, 0].any()
     assert not made.heard[:, :1299, 2].any()
     assert made.heard[0, 0, 0] == 1.0
@@ -48,8 +48,9 @@ def test_the_room_is_silent_when_it_should_be():
 
 
 def test_runs_of_equal_number_share_the_noise_and_others_do_not():
-    assert np.array_equal(world("field", 0, 1).bearings.bearing, world("field", 0, 1).bearings.bearing, equal_nan=True)
-    one, other = (world("field", 0, r).bearings for r in (0, 1))
+    first, again = (environment("field", 0, 1).bearings.bearing for _ in range(2))
+    assert np.array_equal(first, again, equal_nan=True)
+    one, other = (environment("field", 0, r).bearings for r in (0, 1))
     assert not np.array_equal(one.bearing[:40], other.bearing[:40])
 
 

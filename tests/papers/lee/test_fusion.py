@@ -11,13 +11,12 @@ import pytest
 
 from occlog.papers.catalogue import PAPERS
 from occlog.papers.ercan.scenes import names, square_room
-from occlog.papers.lee.fusion import cases as fusion_cases
-from occlog.papers.lee.fusion import trial as fusion_rates
-from occlog.papers.lee.fusion.trial import fusion_trial
+from occlog.papers.lee.fusion.cases import DECISION_EXPERIMENTS, ITEMS, PRINTED, declaration_trial
+from occlog.papers.lee.fusion.detection_rates import FUSION_EXPERIMENTS, fusion_trial
 from occlog.papers.verdicts.model import Size
 from occlog.papers.verdicts.verdicts import find
 
-EXPERIMENTS = (*fusion_cases.EXPERIMENTS, *fusion_rates.EXPERIMENTS)
+EXPERIMENTS = (*DECISION_EXPERIMENTS, *FUSION_EXPERIMENTS)
 
 
 Trial = Callable[[Mapping[str, Any]], dict[str, float]]
@@ -38,7 +37,7 @@ def test_case_studies_are_computed_to_the_known_values(name: str):
     size = Size(1, 1)
     table = experiment.compute(size, lambda specs: [{} for _ in specs])
     known = {"case1": (6.495, 2.787), "case2": (2.490, 0.131), "case3": (-6.095, -6.1015)}[name]
-    for series, value in zip(fusion_cases.ITEMS[4:6], known, strict=True):
+    for series, value in zip(ITEMS[4:6], known, strict=True):
         row = find(table, series)
         assert row is not None
         assert row.mean == pytest.approx(value, abs=1e-3)
@@ -54,8 +53,8 @@ def test_case_studies_are_computed_to_the_known_values(name: str):
 
 def test_declarations_fall_with_the_variance_and_rise_with_the_sensors():
     experiment = EXPERIMENTS[0]
-    table = experiment.compute(Size(2, 400, quick=True), with_trial(fusion_cases.declaration_trial))
-    shares = {n: [r.mean for r in table if r.series == f"N = {n}, (4.13)"] for n in fusion_cases.PRINTED}
+    table = experiment.compute(Size(2, 400, quick=True), with_trial(declaration_trial))
+    shares = {n: [r.mean for r in table if r.series == f"N = {n}, (4.13)"] for n in PRINTED}
     for row in shares.values():
         # Standard error of a difference of two shares of 800 trials is below 0.025.
         assert all(b <= a + 0.1 for a, b in itertools.pairwise(row))
@@ -105,7 +104,7 @@ def test_rates_are_judged_run_by_run():
         }
 
     judged = {}
-    for experiment in fusion_rates.EXPERIMENTS:
+    for experiment in FUSION_EXPERIMENTS:
         table = experiment.compute(Size(3, 10, quick=True), with_trial(trial))
         judged |= {v.id: v for v in experiment.judge(table)}
     assert list(judged) == ["detection-4", "false-4", "fused-4", "twice-4"]

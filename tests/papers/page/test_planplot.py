@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from occlog.papers.page.planplot import Panel, Path, Plan, draw_plan, plan_limits, plan_png
+from occlog.papers.page.planplot import EstimatedPath, Panel, Plan, draw_plan, plan_limits, plan_png
 from occlog.papers.rahimi.example import sparse_scene
 from occlog.report.drawing.style import house_style
 
@@ -13,7 +13,9 @@ def made_up(panels: int, far: float = 4.0) -> Plan:
     truth = np.column_stack([np.linspace(-3.0, 3.0, 20), np.zeros(20)])
     seen = np.arange(20) % 2 == 0
     own = tuple(
-        Panel(f"number {k}", truth, seen, (Path("one", truth + 0.1), Path("other", far * truth / 3.0)))
+        Panel(
+            f"number {k}", truth, seen, (EstimatedPath("one", truth + 0.1), EstimatedPath("other", far * truth / 3.0))
+        )
         for k in range(panels)
     )
     return Plan("Title", "caption", sparse_scene(known_range=True), own)

@@ -1,1 +1,1 @@
-"""Chapter 3: cameras that are asked when it matters."""
+"""[Lee] Ch. 3: acoustic tracking with cameras that are asked on demand."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import Floats, Ints
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
 
@@ -28,12 +28,16 @@ RESAMPLES = 1000
 TABLE = {1: (7.54, 1.38), 2: (3.70, 0.24), 3: (5.54, 0.32)}
 """RMS errors of Table 3.1 [m] without cameras and with the printed triggers."""
 AVERAGE = 5.59
+"""Average RMS error without cameras, Table 3.1 [m]."""
 
 
 def trials(size: Size, execute: Execute, points: Sequence[tuple[str, str, float, dict[str, Any]]]) -> Table:
-    """A row for every point (series, form, x, settings), with the RMSE of each run and the means of its figures.
+    """Run all trials and return a row for every point, with the RMSE of each run and the means of its figures.
 
-    An x of NaN stands for the mean number of frames.
+    Args:
+        size: runs and steps.
+        execute: runs the trials.
+        points: (series, form of the filter, x, settings); an x of NaN becomes the mean number of frames.
     """
     specs = [cooperation_spec(size, r, "field", form, **s) for _, form, _, s in points for r in range(size.runs)]
     results = execute(specs)
@@ -53,7 +57,7 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def by_period(size: Size, execute: Execute) -> Table:
-    """RMSE against the visual period."""
+    """Compute the RMSE against the visual period."""
     periods = QUICK_PERIODS if size.quick else PERIODS
     return trials(
         size,
@@ -63,7 +67,7 @@ def by_period(size: Size, execute: Execute) -> Table:
 
 
 def judge_period(table: Table) -> list[Verdict]:
-    """Statements of Fig. 3-6."""
+    """Judge the statements about Fig. 3-6."""
     out = []
     for name, key in FORMS.items():
         rows = v.series(table, name)
@@ -73,7 +77,7 @@ def judge_period(table: Table) -> list[Verdict]:
 
 
 def by_policy(size: Size, execute: Execute) -> Table:
-    """RMSE against the frames that were asked for, for every policy."""
+    """Compute the RMSE against the frames that are asked for, for every policy."""
     grid = QUICK_GRID if size.quick else GRID
     points: list[tuple[str, str, float, dict[str, Any]]] = []
     for name, form in FORMS.items():
@@ -86,12 +90,12 @@ def by_policy(size: Size, execute: Execute) -> Table:
 
 
 def judge_policy(table: Table) -> list[Verdict]:
-    """Statements of Fig. 3-14 and what is said of spread."""
+    """Judge the statements about Fig. 3-14, and whether each policy is cheaper than a period."""
     out = []
     none = v.find(table, f"{NONE}, {THESIS}")
     if none is not None:
         said = "Without cameras the average error is 5.59 m."
-        out.append(v.number("fig3.14-none", said, AVERAGE, none.mean, none.error, none.runs))
+        out.append(v.number("fig3.14-none", said, paper=AVERAGE, measured=none.mean, error=none.error, runs=none.runs))
     for name, key in FORMS.items():
         period = v.series(table, f"{PERIODIC}, {name}")
         for policy, code in ((PRINTED, "printed"), (EDGE, "count"), (SPREAD, "spread")):
@@ -104,21 +108,39 @@ def judge_policy(table: Table) -> list[Verdict]:
 
 
 def _cheaper(key: str, which: str, row: Row, period: list[Row]) -> Verdict:
-    """Whether a policy asks for no more frames than the period of equal error: bootstrap over the runs."""
+    """Judge by bootstrap over the runs whether a policy asks for fewer frames than the period of equal error."""
     said = f"Asks for fewer frames than the period of equal error: {which}; frames saved."
     rule = "95 % range of the frames saved (bootstrap over runs): above 0: reproduced; holds 0: in part"
     saved = saved_frames(row, period)
     if saved is None:
-        return Verdict(key, said, None, None, None, row.runs, v.NOT, rule + "; the error is beyond all periods'")
+        return Verdict(
+            key,
+            said,
+            paper=None,
+            measured=None,
+            error_bar=None,
+            runs=row.runs,
+            verdict=v.NOT,
+            rule=rule + "; the error is beyond all periods'",
+        )
     mean, low, high, error = saved
     good = v.REPRODUCED if low > 0 else v.NOT if high < 0 else v.IN_PART
-    return Verdict(key, said, None, mean, error, row.runs, good, rule + f"; it is {low:.1f} to {high:.1f}")
+    return Verdict(
+        key,
+        said,
+        paper=None,
+        measured=mean,
+        error_bar=error,
+        runs=row.runs,
+        verdict=good,
+        rule=rule + f"; it is {low:.1f} to {high:.1f}",
+    )
 
 
 def saved_frames(row: Row, period: list[Row]) -> tuple[float, float, float, float] | None:
-    """Frames of the period of equal error less those of a policy: mean, 95 % range and standard error.
+    """Return the frames of the period of equal error less those of a policy: mean, 95 % range, standard error.
 
-    Runs are drawn anew together, for the policy and all periods.  None: no period has such an error.
+    A bootstrap sample takes the same runs of the policy and of all periods.  None: no period has such an error.
     """
     n = row.runs
     errors = np.array([r.values for r in period])
@@ -137,8 +159,8 @@ def _frames(row: Row) -> Floats:
     return np.array([row.extra[f"frames_{k}"] for k in range(row.runs)])
 
 
-def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats, runs: Any) -> float:
-    """Frames saved for some runs; between two periods both logarithms are taken for linear in each other."""
+def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats, runs: Ints) -> float:
+    """Return the frames saved in a sample of runs; between two periods log frames is linear in log error."""
     wanted = math.log(errors[runs].mean())
     known, cost = np.log(of_periods[:, runs].mean(axis=1)), np.log(np.maximum(frames_of[:, runs].mean(axis=1), 0.5))
     order = np.argsort(known)
@@ -148,7 +170,7 @@ def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats
 
 
 def by_object(size: Size, execute: Execute) -> Table:
-    """RMSE of each object, without cameras and with the printed triggers."""
+    """Compute the RMSE of each object, without cameras and with the printed triggers."""
     ways: list[tuple[str, dict[str, Any]]] = [(NONE, {}), (PRINTED, {"cooperate": "printed"})]
     specs = [cooperation_spec(size, r, "field", "thesis", **s) for _, s in ways for r in range(size.runs)]
     results = execute(specs)
@@ -161,14 +183,18 @@ def by_object(size: Size, execute: Execute) -> Table:
 
 
 def judge_object(table: Table) -> list[Verdict]:
-    """Table 3.1."""
+    """Judge the numbers of Table 3.1."""
     out = []
     for n, (name, text) in enumerate(((NONE, "without cameras"), (PRINTED, "with the printed triggers"))):
         for k, values in TABLE.items():
             row = v.find(table, name, float(k))
             if row is not None and row.values and not math.isnan(row.mean):
                 said = f"RMS error of object {k} {text} [m]."
-                out.append(v.number(f"table3.1-{k}-{n}", said, values[n], row.mean, row.error, row.runs))
+                out.append(
+                    v.number(
+                        f"table3.1-{k}-{n}", said, paper=values[n], measured=row.mean, error=row.error, runs=row.runs
+                    )
+                )
     return out
 
 
@@ -177,42 +203,42 @@ NOTE = (
     "turns go) is stated in the documentation. A frame is one picture of one camera."
 )
 FIG3_6 = Experiment(
-    "fig3.6",
-    "Error against the period of asking cameras",
-    "period [s]",
-    "RMSE [m]",
-    100,
-    201,
-    (4, 80),
-    by_period,
-    judge_period,
-    NOTE,
-    cooperation_trial,
+    item="fig3.6",
+    title="Error against the period of asking cameras",
+    x_label="period [s]",
+    y_label="RMSE [m]",
+    runs=100,
+    steps=201,
+    quick=(4, 80),
+    compute=by_period,
+    judge=judge_period,
+    note=NOTE,
+    trial=cooperation_trial,
 )
 FIG3_14 = Experiment(
-    "fig3.14",
-    "Error against frames asked for",
-    "frames asked for in 200 s",
-    "RMSE [m]",
-    30,
-    201,
-    (4, 80),
-    by_policy,
-    judge_policy,
-    NOTE,
-    cooperation_trial,
+    item="fig3.14",
+    title="Error against frames asked for",
+    x_label="frames asked for in 200 s",
+    y_label="RMSE [m]",
+    runs=30,
+    steps=201,
+    quick=(4, 80),
+    compute=by_policy,
+    judge=judge_policy,
+    note=NOTE,
+    trial=cooperation_trial,
 )
 TABLE3_1 = Experiment(
-    "table3.1",
-    "Errors of the objects",
-    "object",
-    "RMSE [m]",
-    100,
-    201,
-    (4, 80),
-    by_object,
-    judge_object,
-    NOTE,
-    cooperation_trial,
+    item="table3.1",
+    title="Errors of the objects",
+    x_label="object",
+    y_label="RMSE [m]",
+    runs=100,
+    steps=201,
+    quick=(4, 80),
+    compute=by_object,
+    judge=judge_object,
+    note=NOTE,
+    trial=cooperation_trial,
 )
-EXPERIMENTS = (FIG3_6, FIG3_14, TABLE3_1)
+FIELD_EXPERIMENTS = (FIG3_6, FIG3_14, TABLE3_1)

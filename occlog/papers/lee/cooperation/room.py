@@ -1,4 +1,4 @@
-"""When two sensors in a room ask cameras, and what they know in the end: [Lee] Figs. 3-18 to 3-21."""
+"""[Lee] Figs. 3-18 to 3-21: times at which two sensors in a room ask cameras, and errors of the final positions."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ NAMES = ("A1", "A2")
 RATE = 100.0
 """Steps a second."""
 CERTAIN = 0.9
-"""Share of requests from which a trigger counts as there all the time."""
+"""Share of the steps with a request from which a trigger counts as permanent."""
 
 
 def shares(first: int, last: int) -> Callable[[Size, Execute], Table]:
-    """Experiment: share of the steps in which cameras are asked, between two steps, for both sensors."""
+    """Make the experiment on the share of steps in which cameras are asked, from step `first` to `last`."""
 
     def compute(size: Size, execute: Execute) -> Table:
         table = []
@@ -41,7 +41,7 @@ def _specs(size: Size, array: int, way: str) -> list[dict[str, object]]:
 
 
 def finals(size: Size, execute: Execute) -> Table:
-    """Errors at the last step, of each target that a sensor hears then."""
+    """Compute the errors at the last step, of each target that a sensor hears then."""
     table = []
     for a, name in enumerate(NAMES):
         for way in (WITH, WITHOUT):
@@ -54,7 +54,7 @@ def finals(size: Size, execute: Execute) -> Table:
 
 
 def _average(table: Table, series: str, since: float, until: float) -> Row | None:
-    """One row of the mean over a stretch of time, run by run."""
+    """Return a row of the means over a stretch of time, run by run; None without points in it."""
     rows = [r for r in v.series(table, series) if since <= r.x < until]
     if not rows:
         return None
@@ -63,7 +63,7 @@ def _average(table: Table, series: str, since: float, until: float) -> Row | Non
 
 
 def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list[Verdict]]:
-    """Statement: cameras are asked less often if their answers are used."""
+    """Make the judge of the statement that cameras are asked less often if their answers are used."""
 
     def judge(table: Table) -> list[Verdict]:
         out = []
@@ -78,7 +78,7 @@ def judge_shares(key: str, since: float, until: float) -> Callable[[Table], list
 
 
 def judge_silence(table: Table) -> list[Verdict]:
-    """Statements of Fig. 3-19: besides the above, silence makes A1 ask."""
+    """Judge the statements about Fig. 3-19: that of `judge_shares`, and that silence makes A1 ask."""
     out = judge_shares("fig3.19", 7.0, 11.0)(table)
     row = _average(table, f"A1, {WITH}", 5.0, 7.0)
     if row is not None:
@@ -90,11 +90,20 @@ def judge_silence(table: Table) -> list[Verdict]:
 def _certain(key: str, said: str, row: Row) -> Verdict:
     good = v.REPRODUCED if row.mean >= CERTAIN else v.IN_PART if row.mean >= 0.5 else v.NOT
     rule = f"share of at least {CERTAIN:g}; in part from 0.5"
-    return Verdict(key, said, None, row.mean, deviation(row.values) / math.sqrt(row.runs), row.runs, good, rule)
+    return Verdict(
+        key,
+        said,
+        paper=None,
+        measured=row.mean,
+        error_bar=deviation(row.values) / math.sqrt(row.runs),
+        runs=row.runs,
+        verdict=good,
+        rule=rule,
+    )
 
 
 def judge_final(table: Table) -> list[Verdict]:
-    """Statement of Fig. 3-21: with cameras the last positions are nearer to the truth."""
+    """Judge the statement of Fig. 3-21 that with cameras the last positions are nearer to the truth."""
     out = []
     for name in NAMES:
         points = v.matched(table, f"{name}, {WITH}", f"{name}, {WITHOUT}")
@@ -111,35 +120,35 @@ NOTE = (
 
 def _figure(item: str, title: str, first: int, last: int, judge: Callable[[Table], list[Verdict]]) -> Experiment:
     return Experiment(
-        item,
-        title,
-        "time [s]",
-        "share of steps with a request",
-        30,
-        last + 1,
-        (2, min(last, first + 200) + 1),
-        shares(first, last),
-        judge,
-        NOTE,
-        cooperation_trial,
+        item=item,
+        title=title,
+        x_label="time [s]",
+        y_label="share of steps with a request",
+        runs=30,
+        steps=last + 1,
+        quick=(2, min(last, first + 200) + 1),
+        compute=shares(first, last),
+        judge=judge,
+        note=NOTE,
+        trial=cooperation_trial,
     )
 
 
-EXPERIMENTS = (
+ROOM_EXPERIMENTS = (
     _figure("fig3.18", "Requests from 0 to 5 s", 0, 500, judge_shares("fig3.18", 0.0, 5.0)),
     _figure("fig3.19", "Requests from 5 to 11 s", 500, 1100, judge_silence),
     _figure("fig3.20", "Requests from 11 to 19 s", 1100, 1900, judge_shares("fig3.20", 11.0, 19.0)),
     Experiment(
-        "fig3.21",
-        "Errors of the final positions",
-        "object",
-        "error [m]",
-        30,
-        1901,
-        (2, 101),
-        finals,
-        judge_final,
-        NOTE,
-        cooperation_trial,
+        item="fig3.21",
+        title="Errors of the final positions",
+        x_label="object",
+        y_label="error [m]",
+        runs=30,
+        steps=1901,
+        quick=(2, 101),
+        compute=finals,
+        judge=judge_final,
+        note=NOTE,
+        trial=cooperation_trial,
     ),
 )

@@ -1,9 +1,9 @@
-"""One run in an environment of [Lee] Ch. 3: the filter, cameras asked by a policy, errors and cost.
+"""One run in an environment of [Lee] Ch. 3: a filter that asks cameras by a policy, its errors and its cost.
 
-As in the thesis it is known which targets a sensor hears: a target's track begins with its true
-state when it is first heard, and ends when it has left the range.  (The thesis says that initial
-states are known; for targets that come in later it does not say what the filter without cameras
-starts from.)  What changes between trials is the policy, the association, and the noise.
+As in the thesis, the targets in a sensor's range are known: a track begins with the target's true
+state when the sensor first hears it, and ends when the target has left the range.  (The thesis states
+that initial states are known; how the filter without cameras starts tracks of later targets it does
+not say.)  Trials differ in the policy, the association, and the noise.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ from occlog.track.imm.listening import Listener
 from occlog.track.imm.tracks import known
 from occlog.track.imm.when_to_ask import CAUSES, Memory, asks, located, others
 
-from .world import World, world
+from .environments import Environment, environment
 
 BIN = 50
-"""Steps that a share of requests is taken over."""
+"""Steps over which a share of requests is taken."""
 START_SIGMA, START_SIGMA_V = 0.1, 0.01
+"""Deviation of a track's start from the true place [m] and velocity [m/s]."""
 FIELD_ALPHA, ROOM_ALPHA = 0.01, 0.2
 THESIS = {
     "association": "any",
@@ -41,7 +42,7 @@ THESIS = {
     "sound_s": 10.0,
     "silent_s": 5.0,
 }
-"""The filter as the thesis has it, with the weights put right."""
+"""Settings of the thesis' filter, with its weights corrected (Eqs. 3.7 to 3.11 as printed are no mean of x)."""
 FORMS: dict[str, dict[str, Any]] = {
     "thesis": THESIS,
     "joint": {**THESIS, "association": "joint", "fix": "update", "hold_s": 50.0},
@@ -50,28 +51,28 @@ SCENES: dict[str, dict[str, Any]] = {
     "field": {"alpha": FIELD_ALPHA, "sigma_v": 0.01, "speed": 0.2, "frame_age_s": 0.5},
     "room": {"alpha": ROOM_ALPHA, "sigma_v": 0.1, "speed": 0.3, "frame_age_s": 0.2},
 }
-"""Motion: the manoeuvres' acceleration, and as much noise of the velocity in a second (half as much in the room)."""
+"""Motion models: the manoeuvres' acceleration alpha, and a noise of the velocity of alpha a second (room: half)."""
 
 
-class Told(NamedTuple):
-    """What one array's filter, or that of all arrays, said at each step."""
+class FilterOutput(NamedTuple):
+    """Estimates and requests of one array's filter at T steps, for K targets."""
 
-    xy: Floats  # (T, K, 2) NaN: no track
-    asked: Floats  # (T,) 1: cameras were asked
+    xy: Floats  # (T, K, 2) [m]; NaN: no track
+    asked: Floats  # (T,) 1 where cameras were asked, else 0
     requests: list[Request]
 
 
 def cooperation_spec(
     size: Size, run: int, scene: str, form: str, array: int = 0, answer: bool = True, **settings: Any
 ) -> Spec:
-    """Description of a trial.
+    """Describe a trial for `cooperation_trial`.
 
     Args:
         size: steps, and the seed of all runs.
-        run: its number.
+        run: number of the run.
         scene: `field` or `room`.
-        form: of the filter, a key of `FORMS`.
-        array: which of the scene's arrays is listened to.
+        form: form of the filter, a key of `FORMS`.
+        array: index of the scene's array that the filter listens to.
         answer: false: cameras are asked, but their answers are not used.
         settings: fields of `ImmConfig`.
     """
@@ -88,10 +89,10 @@ def cooperation_spec(
 
 
 def cooperation_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Figures of a run.
+    """Run a trial.
 
     Args:
-        spec: see `cooperation_spec`; `settings` are those of `ImmConfig`.
+        spec: from `cooperation_spec`.
 
     Returns:
         `rmse_K` of each target while it is heard, their mean `rmse`, `requests`, `frames`,
@@ -99,7 +100,7 @@ def cooperation_trial(spec: Mapping[str, Any]) -> dict[str, float]:
         (requests of each cause), `final_K` (error at the last step, of those heard then) and
         `share_N` (share of the steps of the N-th `BIN` in which cameras were asked).
     """
-    made = world(spec["scene"], spec["seed"], spec["run"])
+    made = environment(spec["scene"], spec["seed"], spec["run"])
     told = follow(made, spec)
     heard = made.heard[spec["array"], : len(told.xy)] > 0
     error2 = ((told.xy - made.truth.xyz[: len(told.xy), :, :2]) ** 2).sum(axis=2)
@@ -123,8 +124,8 @@ def cooperation_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def follow(made: World, spec: Mapping[str, Any]) -> Told:
-    """The filter of one array (`array`), with cameras, through the whole run."""
+def follow(made: Environment, spec: Mapping[str, Any]) -> FilterOutput:
+    """Run the filter of one array, with cameras, over all steps."""
     values = {**SCENES[spec["scene"]], **FORMS[spec["form"]], **spec["settings"]}
     config: ImmConfig = configure(ImmConfig(), values, "imm")
     scene, array = made.scene, spec["array"]
@@ -134,7 +135,7 @@ def follow(made: World, spec: Mapping[str, Any]) -> Told:
         generator(spec["seed"], Stage.COOPERATE, array, run=spec["run"]),
     )
     T, K = min(spec["steps"], len(made.truth.t_ns)), made.truth.xyz.shape[1]
-    out = Told(np.full((T, K, 2), np.nan), np.zeros(T), [])
+    out = FilterOutput(np.full((T, K, 2), np.nan), np.zeros(T), [])
     state, memory = init(scene, config, rng), Memory()
     listener, desk = Listener(scene, 1e6), Desk(scene, config)
     place = {int(t): n for n, t in enumerate(made.truth.t_ns[:T].tolist())}
@@ -146,7 +147,7 @@ def follow(made: World, spec: Mapping[str, Any]) -> Told:
             n = place[min(place, key=lambda t: abs(t - t_ns))] if t_ns not in place else place[t_ns]
             state, report = step(state, t_ns, looks, rng)
             asked, memory = asks(state, report, memory, helping)
-            # Nobody is new but those whose tracks begin below.
+            # Requests for new tracks (numbers below 0) are dropped: the roster starts all tracks.
             asked = [a for a in asked if a.number >= 0]
             answers = desk.ask(asked, others(state, report, asked), t_ns)
             out.requests.extend(answers)
@@ -158,8 +159,8 @@ def follow(made: World, spec: Mapping[str, Any]) -> Told:
     return out
 
 
-def _roster(state: State, made: World, config: ImmConfig, array: int, n: int, rng: np.random.Generator) -> State:
-    """The state with tracks of those who are heard now for the first time, and without those who have gone."""
+def _roster(state: State, made: Environment, config: ImmConfig, array: int, n: int, rng: np.random.Generator) -> State:
+    """Start tracks of targets that are heard for the first time, and end those of targets that are heard no more."""
     heard, ids = made.heard[array] > 0, made.truth.ids.tolist()
     there = {t.number for t in state.tracks}
     tracks = [t for t in state.tracks if heard[n:, ids.index(t.number)].any()]
@@ -175,7 +176,7 @@ def _roster(state: State, made: World, config: ImmConfig, array: int, n: int, rn
     return state._replace(tracks=tuple(sorted(tracks, key=lambda t: t.number)))
 
 
-def _note(out: Told, report: Report, made: World, n: int) -> None:
+def _note(out: FilterOutput, report: Report, made: Environment, n: int) -> None:
     ids = made.truth.ids.tolist()
     for belief in report.beliefs:
         out.xy[n, ids.index(belief.number)] = belief.estimate.mean[::2]

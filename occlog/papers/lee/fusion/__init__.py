@@ -1,1 +1,1 @@
-"""Chapter 4: fused detections."""
+"""[Lee] Ch. 4: fusion of detections."""

@@ -1,4 +1,4 @@
-"""[Lee] Fig. 4-3 and the three case studies: the decision of Eq. 4.13 on detections that are given."""
+"""[Lee] Fig. 4-3 and the three case studies of Sec. 4.4.2: the decision of Eq. 4.13 on given detections."""
 
 from __future__ import annotations
 
@@ -33,7 +33,11 @@ CROSSINGS = ((2, 0.55), (3, 1.74))
 
 
 def declaration_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Share of trials in which an object is declared, by rule; `spec` has detecting, variance, trials, seed and run."""
+    """Return the share of trials in which an object is declared, by rule.
+
+    Args:
+        spec: `detecting` (number of sensors), `variance` (of their detections), `trials`, `seed` and `run`.
+    """
     n, trials = int(spec["detecting"]), int(spec["trials"])
     rng = np.random.default_rng(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]), n)))
     positions = np.full((trials, SENSORS, 2), np.nan)
@@ -53,7 +57,10 @@ RULES = {"printed": "(4.13)", "half": "(4.13), P_1 = 1/2", "cases": "the sum of 
 
 
 def curves(size: Size, execute: Execute) -> Table:
-    """Share declared against the variance, for each number of detecting sensors and each rule; steps are trials."""
+    """Compute the share declared against the variance, for each number of detecting sensors and each rule.
+
+    Steps are trials.
+    """
     variances = VARIANCES[::3] if size.quick else VARIANCES
     points = [(n, x) for n in PRINTED for x in variances]
     specs: list[Spec] = [
@@ -65,13 +72,13 @@ def curves(size: Size, execute: Execute) -> Table:
     for i, (n, x) in enumerate(points):
         own = results[i * size.runs : (i + 1) * size.runs]
         for key, name in RULES.items():
-            # Fifteen curves in one figure cannot be told apart.
+            # Of the fifteen curves the plot has the five of the printed rule; the others are in the table.
             rows.append(Row(f"N = {n}, {name}", x, tuple(r[key] for r in own), plotted=key == "printed"))
     return rows
 
 
 def judge_curves(table: Table) -> list[Verdict]:
-    """The printed thresholds, under each rule, and the crossings."""
+    """Judge the printed thresholds and crossings, under each rule."""
     out = []
     for n, limits in PRINTED.items():
         for level, limit in zip((0.99, 0.50), limits, strict=True):
@@ -89,7 +96,7 @@ def judge_curves(table: Table) -> list[Verdict]:
 
 
 def _threshold(key: str, said: str, limit: float, rows: list[Row], level: float) -> Verdict:
-    """Where the share declared falls below a level, between the points by straight lines."""
+    """Judge at which variance the share declared falls below a level, by linear interpolation."""
     measured = math.nan
     for before, after in itertools.pairwise(rows):
         if before.mean > level >= after.mean:
@@ -99,7 +106,16 @@ def _threshold(key: str, said: str, limit: float, rows: list[Row], level: float)
     part = math.isfinite(measured) and abs(measured - limit) <= v.FAR * limit
     verdict = v.REPRODUCED if good else v.IN_PART if part else v.NOT
     rule = f"number: within {v.NEAR:.0%}; in part within {v.FAR:.0%}; not: also where no point is above the level"
-    return Verdict(key, said, limit, measured, None, rows[0].runs if rows else 0, verdict, rule)
+    return Verdict(
+        key,
+        said,
+        paper=limit,
+        measured=measured,
+        error_bar=None,
+        runs=rows[0].runs if rows else 0,
+        verdict=verdict,
+        rule=rule,
+    )
 
 
 class Case(NamedTuple):
@@ -118,46 +134,46 @@ class Case(NamedTuple):
 NOTHING = (math.nan, math.nan)
 CASES = {
     "case1": Case(
-        np.array([NOTHING, (5.2, 5.2), (4.9, 5.0)]),
-        (5.0, 5.0),
-        {1: 0.9608, 2: 0.9950},
-        (5.05, 5.10),
-        0.9938,
-        2.78,
-        True,
+        detections=np.array([NOTHING, (5.2, 5.2), (4.9, 5.0)]),
+        predicted=(5.0, 5.0),
+        qualities={1: 0.9608, 2: 0.9950},
+        fused=(5.05, 5.10),
+        prior=0.9938,
+        value=2.78,
+        declared=True,
     ),
     "case2": Case(
-        np.array([(13.0, 7.0), (15.2, 7.4), (15.8, 6.9)]),
-        (13.1, 7.0),
-        {0: 0.9950, 1: 0.1018, 2: 0.026},
-        (13.55, 7.18),
-        0.8892,
-        0.13,
-        True,
+        detections=np.array([(13.0, 7.0), (15.2, 7.4), (15.8, 6.9)]),
+        predicted=(13.1, 7.0),
+        qualities={0: 0.9950, 1: 0.1018, 2: 0.026},
+        fused=(13.55, 7.18),
+        prior=0.8892,
+        value=0.13,
+        declared=True,
     ),
     "case3": Case(
-        np.array([(7.3, 5.1), (7.1, 6.3), NOTHING]),
-        (4.9, 3.4),
-        {0: 0.0132, 1: 0.0013},
-        (7.28, 5.21),
-        0.0114,
-        -6.101,
-        False,
-        0.4,
+        detections=np.array([(7.3, 5.1), (7.1, 6.3), NOTHING]),
+        predicted=(4.9, 3.4),
+        qualities={0: 0.0132, 1: 0.0013},
+        fused=(7.28, 5.21),
+        prior=0.0114,
+        value=-6.101,
+        declared=False,
+        value_plain=0.4,
     ),
 }
 ITEMS = ("quality", "x", "y", "prior", "value (4.13)", "value, sum of log10 W", "value (4.3)")
 
 
 def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
-    """Quantities of a case study; x counts the sensors of `quality`, and is 0 elsewhere."""
+    """Compute the quantities of a case study; x counts the sensors of `quality`, and is 0 elsewhere."""
     c = CASES[name]
     positions, predicted = c.detections[None], np.array([c.predicted])
     weight = quality(positions, predicted, 1.0)
     xy = fused_position(positions, predicted, 1.0)
     prior = prior_present(xy, predicted, 1.0)
     detected = np.isfinite(weight)
-    # The decision is looked at with the printed W and P_1, as rounding and slips in them are other statements.
+    # The decision is computed from the printed W and P_1, since errors in these are statements of their own.
     printed = np.array([[c.qualities.get(j, math.nan) for j in range(len(c.detections))]])
     given = (detected, printed, c.prior, CHANCE, CHANCE)
     rows = [Row("quality", j + 1.0, (float(weight[0, j]),)) for j in c.qualities]
@@ -174,7 +190,7 @@ def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def judge_case(name: str, table: Table) -> list[Verdict]:
-    """Each printed number of a case study."""
+    """Judge each printed number of a case study."""
     c = CASES[name]
     out = [
         _printed(
@@ -194,7 +210,18 @@ def judge_case(name: str, table: Table) -> list[Verdict]:
     said = f"The object is declared {'present' if c.declared else 'absent'} by (4.13)."
     good = found is not None and (found.mean > 0.0) == c.declared
     measured = None if found is None else found.mean
-    out.append(Verdict(f"{name}-declared", said, None, measured, None, 1, v.REPRODUCED if good else v.NOT, "sign"))
+    out.append(
+        Verdict(
+            f"{name}-declared",
+            said,
+            paper=None,
+            measured=measured,
+            error_bar=None,
+            runs=1,
+            verdict=v.REPRODUCED if good else v.NOT,
+            rule="sign",
+        )
+    )
     if c.value_plain is not None:
         said = "Value of the decision by (4.3) without prior, by which the false object would be declared."
         out.append(_printed(f"{name}-value-plain", said, c.value_plain, v.find(table, ITEMS[6])))
@@ -202,34 +229,53 @@ def judge_case(name: str, table: Table) -> list[Verdict]:
 
 
 def _printed(key: str, said: str, number: float, row: Row | None) -> Verdict:
-    """A printed number: reproduced to its digits, two units of the last for what is computed from rounded numbers."""
+    """Judge a printed number to its digits: within two units of the last, as its inputs are rounded too."""
     if row is None:
-        return Verdict(key, said, number, None, None, 0, v.NOT, "printed digits; it could not be computed")
+        return Verdict(
+            key,
+            said,
+            paper=number,
+            measured=None,
+            error_bar=None,
+            runs=0,
+            verdict=v.NOT,
+            rule="printed digits; it could not be computed",
+        )
     off = abs(row.mean - number)
     digits = len(f"{number}".split(".")[1])
     near, fair = 2.0 * 10.0**-digits, v.NEAR * abs(number)
     verdict = v.REPRODUCED if off <= near else v.IN_PART if off <= fair else v.NOT
     rule = f"printed digits: off by at most two units of the last; in part within {v.NEAR:.0%}"
-    return Verdict(key, said, number, row.mean, None, 1, verdict, rule)
+    return Verdict(key, said, paper=number, measured=row.mean, error_bar=None, runs=1, verdict=verdict, rule=rule)
 
 
 def _case(name: str, title: str) -> Experiment:
     compute: Callable[[Size, Execute], Table] = partial(case, name)
     judge: Callable[[Table], list[Verdict]] = partial(judge_case, name)
-    return Experiment(name, title, "sensor", "value", 1, 1, (1, 1), compute, judge)
+    return Experiment(
+        item=name,
+        title=title,
+        x_label="sensor",
+        y_label="value",
+        runs=1,
+        steps=1,
+        quick=(1, 1),
+        compute=compute,
+        judge=judge,
+    )
 
 
-EXPERIMENTS = (
+DECISION_EXPERIMENTS = (
     Experiment(
-        "fig4.3",
-        "Declarations against the spread of the detections",
-        "variance",
-        "share declared",
-        10,
-        10_000,
-        (2, 2000),
-        curves,
-        judge_curves,
+        item="fig4.3",
+        title="Declarations against the spread of the detections",
+        x_label="variance",
+        y_label="share declared",
+        runs=10,
+        steps=10_000,
+        quick=(2, 2000),
+        compute=curves,
+        judge=judge_curves,
         trial=declaration_trial,
         note="Six sensors with P_M = P_F = 0.2; the thesis does not say which formula its curves are from.",
     ),

@@ -1,1 +1,1 @@
-"""Chapter 2: tracking in space, directly and by projected planes."""
+"""[Lee] Ch. 2: tracking in space, directly and by projected planes."""

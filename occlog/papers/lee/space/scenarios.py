@@ -1,4 +1,4 @@
-"""[Lee] Sec. 2.4: errors of both methods in scenarios 1 to 4 against the bounds, and how many particles it takes."""
+"""[Lee] Sec. 2.4: errors of both methods in scenarios 1 to 4 against their bounds, and against the particles."""
 
 from __future__ import annotations
 
@@ -32,33 +32,38 @@ COUNTED_WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     DIRECT_COPIES: ("direct3d", {"kernel": 0.0}),
     PPS_COPIES: ("pps", {"kernel": 0.0}),
 }
-"""Copies: resampled particles are mere copies, as in the thesis."""
+"""Ways of the experiment on particles; `copies`: resampled particles are not moved, as in the thesis."""
 DIRECT_BOUND, PLANES_BOUND = "bound", "bound of the planes"
 PARTICLES, FEW = 10_000, 300
-"""In the full form and in the quick one."""
+"""Particles of a filter in the full form and in the quick one."""
 COUNTS = (100, 300, 1000, 3000, 10_000)
 NEAR = 1.35
 """Largest ratio of an error to its bound that counts as reaching it."""
 EVERY = 5
 """Instants between points of the plots."""
+# Printed ranges of the angles [deg], by scenario
 PRINTED_PHI = {1: (45.36, 76.74), 2: (25.24, 36.26), 3: (28.07, 48.24)}
 PRINTED_THETA = {1: (45.00, 49.04), 2: (45.00, 50.28)}
 
 
 def root_mean(squares: Sequence[float] | Floats) -> tuple[float, ...]:
-    """One value a run whose mean is the root of the mean square, and whose standard error is that root's."""
+    """Return one value a run whose mean is the root of the mean square, and whose standard error is that root's."""
     x = np.asarray(squares, dtype=np.float64)
     root = math.sqrt(float(x.mean()))
     return tuple((root + (x - root**2) / (2.0 * root)).tolist()) if root > 0 else tuple(np.zeros(len(x)).tolist())
 
 
 def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
-    """RMSE in space and of each axis at every fifth instant, and the bounds; at x NaN the RMSE over all instants.
+    """Compute RMSE and bounds at every fifth instant, in space and of each axis; at x NaN over all instants.
 
-    The plot shows those in space; the axes are in the table.
+    The plot shows those in space; those of the axes are in the table.
     """
     n = FEW if size.quick else PARTICLES
-    specs = [space_spec(size, r, scenario, WAYS[w][0], n, **WAYS[w][1]) for w in WAYS for r in range(size.runs)]
+    specs = [
+        space_spec(size, r, scenario, method=WAYS[w][0], particles=n, **WAYS[w][1])
+        for w in WAYS
+        for r in range(size.runs)
+    ]
     results = execute(specs)
     rows, T = [], size.steps
     for i, way in enumerate(WAYS):
@@ -72,17 +77,17 @@ def scenario_table(scenario: int, size: Size, execute: Execute) -> Table:
 
 
 def _rows(name: str, square: Floats, extra: dict[str, float]) -> Table:
-    """Of one way, from squared errors (3, runs, T)."""
+    """Make the rows of one way from squared errors (3, runs, T)."""
     T = square.shape[2]
     rows = [Row(name, _time(k), root_mean(square[:, :, k].sum(axis=0)), extra) for k in _instants(T)]
     for a, own in zip(AXIS_NAMES, square, strict=True):
-        rows += [Row(f"{name} {a}", _time(k), root_mean(own[:, k]), extra, False) for k in _instants(T)]
-        rows.append(Row(f"{name} {a} overall", math.nan, root_mean(own.mean(axis=1)), extra, False))
+        rows += [Row(f"{name} {a}", _time(k), root_mean(own[:, k]), extra, plotted=False) for k in _instants(T)]
+        rows.append(Row(f"{name} {a} overall", math.nan, root_mean(own.mean(axis=1)), extra, plotted=False))
     return rows
 
 
 def judge_scenario(scenario: int, table: Table) -> list[Verdict]:
-    """Statements of Secs. 2.4 and 2.5 about one scenario."""
+    """Judge the statements of Secs. 2.4 and 2.5 about one scenario."""
     overall = {
         name: [v.find(table, f"{name} {a} overall") for a in AXIS_NAMES] for name in (*WAYS, DIRECT_BOUND, PLANES_BOUND)
     }
@@ -104,25 +109,27 @@ def judge_scenario(scenario: int, table: Table) -> list[Verdict]:
 
 
 def _reaches(key: str, said: str, rows: Sequence[Row], bound: Sequence[Row]) -> Verdict:
-    """Worst ratio of an axis."""
+    """Judge the ratio of error and bound on the axis where it is largest."""
     ratios = [(r.mean / b.mean, r.error / b.mean, r.runs) for r, b in zip(rows, bound, strict=True)]
     worst, error, runs = max(ratios)
     good = v.REPRODUCED if worst - error <= NEAR else v.IN_PART if min(ratios)[0] <= NEAR else v.NOT
     statement = f"{said}: RMSE over all instants to it, on the axis where that is most ({PARTICLES} particles)."
     rule = f"at most {NEAR:g} up to a standard error on every axis; in part: on one"
-    return Verdict(key, statement, None, worst, error, runs, good, rule)
+    return Verdict(key, statement, paper=None, measured=worst, error_bar=error, runs=runs, verdict=good, rule=rule)
 
 
 def _below(key: str, planes: Sequence[Row], direct: Sequence[Row]) -> Verdict:
-    """The bound of a plane is above the direct one."""
+    """Judge whether a bound of the planes is below the direct one."""
     ratio = min(p.mean / d.mean for p, d in zip(planes, direct, strict=True))
     said = "PPS has the lower bound (the thesis' figures): bound of the planes to the direct one, where that is least."
     good = v.REPRODUCED if ratio < 1.0 - 1e-9 else v.NOT
-    return Verdict(key, said, None, ratio, None, 1, good, "below 1 on some axis")
+    return Verdict(
+        key, said, paper=None, measured=ratio, error_bar=None, runs=1, verdict=good, rule="below 1 on some axis"
+    )
 
 
 def _angles(scenario: int) -> list[Verdict]:
-    """The printed ranges of the angles, to the printed digits, in the full form of 50 instants."""
+    """Judge the printed ranges of the angles, to the printed digits, in the full form of 50 instants."""
     xyz = world(scenario, 50).states[:, :3]
     theta, phi = (np.rad2deg(a) for a in sight_angles(xyz, np.zeros(3), np.eye(3)))
     out = []
@@ -132,24 +139,46 @@ def _angles(scenario: int) -> list[Verdict]:
             low, high = printed[scenario]
             said = f"{name} is between {low:g} and {high:g} degrees: largest difference of an end."
             good = v.REPRODUCED if off < 0.00501 else v.NOT
-            out.append(Verdict(f"scenario{scenario}-{name}", said, 0.0, off, None, 1, good, "to the printed digits"))
+            out.append(
+                Verdict(
+                    f"scenario{scenario}-{name}",
+                    said,
+                    paper=0.0,
+                    measured=off,
+                    error_bar=None,
+                    runs=1,
+                    verdict=good,
+                    rule="to the printed digits",
+                )
+            )
     if scenario == 3:
         count = int(np.sum(select_as_printed(np.deg2rad(phi)[:, None])[:, 0, 1] == YZ))
         said = (
             "By the printed rule, xy and yz are selected in the first instants, xy and zx later: number of the first."
         )
         good = v.REPRODUCED if count == 13 else v.NOT
-        out.append(Verdict("scenario3-switch", said, 13.0, float(count), None, 1, good, "the same number"))
+        out.append(
+            Verdict(
+                "scenario3-switch",
+                said,
+                paper=13.0,
+                measured=float(count),
+                error_bar=None,
+                runs=1,
+                verdict=good,
+                rule="the same number",
+            )
+        )
     return out
 
 
 def particles_table(size: Size, execute: Execute) -> Table:
-    """RMSE in space over that of the direct bound, of all four scenarios, against the number of particles."""
+    """Compute the RMSE in space over the direct bound, of all four scenarios, against the number of particles."""
     counts = COUNTS[:2] if size.quick else COUNTS
     points = [(way, n) for way in COUNTED_WAYS for n in counts]
     numbers = (1, 2, 3, 4)
     specs = [
-        space_spec(size, r, s, COUNTED_WAYS[way][0], n, **COUNTED_WAYS[way][1])
+        space_spec(size, r, s, method=COUNTED_WAYS[way][0], particles=n, **COUNTED_WAYS[way][1])
         for way, n in points
         for s in numbers
         for r in range(size.runs)
@@ -168,7 +197,7 @@ def particles_table(size: Size, execute: Execute) -> Table:
 
 
 def judge_particles(table: Table) -> list[Verdict]:
-    """Where PPS helps: the thesis says everywhere, this project where the filter in space has few particles."""
+    """Judge where PPS helps: everywhere ([Lee]), or where the filter in space has few particles (this project)."""
     few, many = (100.0, 300.0), (3000.0, 10_000.0)
     said = "PPS has the lower error, relative to the direct bound"
     out = [
@@ -192,16 +221,31 @@ def judge_particles(table: Table) -> list[Verdict]:
     if last is not None:
         good = v.REPRODUCED if last.mean - last.error <= NEAR else v.NOT
         said = "The direct method is near its bound at 10000 particles: RMSE in space to it, all scenarios."
-        out.append(Verdict("particles-bound", said, None, last.mean, last.error, last.runs, good, f"at most {NEAR:g}"))
+        out.append(
+            Verdict(
+                "particles-bound",
+                said,
+                paper=None,
+                measured=last.mean,
+                error_bar=last.error,
+                runs=last.runs,
+                verdict=good,
+                rule=f"at most {NEAR:g}",
+            )
+        )
     return out
 
 
 def sensors_table(size: Size, execute: Execute) -> Table:
-    """RMSE over all instants with one array (scenario 3) and with two (scenario 4)."""
+    """Compute the RMSE over all instants with one array (scenario 3) and with two (scenario 4)."""
     n = FEW if size.quick else PARTICLES
     rows = []
     points = [(way, s) for way in WAYS for s in (3, 4)]
-    specs = [space_spec(size, r, s, WAYS[w][0], n, **WAYS[w][1]) for w, s in points for r in range(size.runs)]
+    specs = [
+        space_spec(size, r, s, method=WAYS[w][0], particles=n, **WAYS[w][1])
+        for w, s in points
+        for r in range(size.runs)
+    ]
     results = execute(specs)
     for i, (way, s) in enumerate(points):
         own = results[i * size.runs : (i + 1) * size.runs]
@@ -211,7 +255,7 @@ def sensors_table(size: Size, execute: Execute) -> Table:
 
 
 def judge_sensors(table: Table) -> list[Verdict]:
-    """Sec. 2.4.5: several sensors are better than one."""
+    """Judge the statement of Sec. 2.4.5 that several sensors are better than one."""
     out = []
     for way in WAYS:
         one, two = v.find(table, way, 1.0), v.find(table, way, 2.0)
@@ -231,15 +275,15 @@ def _time(k: int) -> float:
 
 def _scenario(number: int) -> Experiment:
     return Experiment(
-        f"scenario{number}",
-        f"Errors and bounds in scenario {number}",
-        "time [s]",
-        "RMSE in space [m]",
-        100,
-        50,
-        (3, 20),
-        functools.partial(scenario_table, number),
-        functools.partial(judge_scenario, number),
+        item=f"scenario{number}",
+        title=f"Errors and bounds in scenario {number}",
+        x_label="time [s]",
+        y_label="RMSE in space [m]",
+        runs=100,
+        steps=50,
+        quick=(3, 20),
+        compute=functools.partial(scenario_table, number),
+        judge=functools.partial(judge_scenario, number),
         note=f"{PARTICLES} particles, for PPS in each plane. Errors along x, y and z are in the table.",
         trial=space_trial,
     )
@@ -247,27 +291,27 @@ def _scenario(number: int) -> Experiment:
 
 SCENARIOS = tuple(_scenario(number) for number in (1, 2, 3, 4))
 COUNTED = Experiment(
-    "particles",
-    "Particles against error, scenarios 1 to 4",
-    "particles of a filter",
-    "RMSE to the direct bound",
-    100,
-    50,
-    (3, 20),
-    particles_table,
-    judge_particles,
+    item="particles",
+    title="Particles against error, scenarios 1 to 4",
+    x_label="particles of a filter",
+    y_label="RMSE to the direct bound",
+    runs=100,
+    steps=50,
+    quick=(3, 20),
+    compute=particles_table,
+    judge=judge_particles,
     note="PPS has so many in each plane. Copies: resampled particles are not moved (`kernel=0`).",
     trial=space_trial,
 )
 SENSORS = Experiment(
-    "sensors",
-    "One array and two",
-    "arrays",
-    "RMSE in space [m]",
-    100,
-    50,
-    (3, 20),
-    sensors_table,
-    judge_sensors,
+    item="sensors",
+    title="One array and two",
+    x_label="arrays",
+    y_label="RMSE in space [m]",
+    runs=100,
+    steps=50,
+    quick=(3, 20),
+    compute=sensors_table,
+    judge=judge_sensors,
     trial=space_trial,
 )

@@ -1,4 +1,4 @@
-"""[Lee] Tables 2.1 and 2.2: ways to combine two planes, with right models and with a wrong one for a time."""
+"""[Lee] Tables 2.1 and 2.2: ways to combine two planes, with right models and with a wrong one for 50 s."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ PRINTED = {
 }
 PARTICLES = 1000
 MEAN = 4.0
-"""Place of the average of the three components on the x axis."""
+"""x of the average over the three components."""
 
 
 def table_of(name: str, size: Size, execute: Execute) -> Table:
-    """RMSE of each component, in all runs, and their average; the planes are those of the printed rule."""
+    """Compute the RMSE of each component and their average; the printed rule selects the planes."""
     rule = {"selection": "printed"}
     specs = []
     for method, settings in WAYS.values():
         own = {**rule, **settings, "wrong": name == "2.2"} if method == "pps" else settings
-        specs += [space_spec(size, r, TABLE, method, PARTICLES, **own) for r in range(size.runs)]
+        specs += [space_spec(size, r, TABLE, method=method, particles=PARTICLES, **own) for r in range(size.runs)]
     results, rows = execute(specs), []
     for i, way in enumerate(WAYS):
         own_results = results[i * size.runs : (i + 1) * size.runs]
@@ -48,7 +48,7 @@ def table_of(name: str, size: Size, execute: Execute) -> Table:
 
 
 def judge_table(name: str, table: Table) -> list[Verdict]:
-    """The statement, and the figures."""
+    """Judge the thesis' statement about the table, and its numbers."""
     key = f"table{name}"
     out = []
     y = [(v.find(table, WEIGHTED, 2.0), v.find(table, EQUAL, 2.0))]
@@ -72,21 +72,30 @@ def judge_table(name: str, table: Table) -> list[Verdict]:
                 said = (
                     f"RMSE of {AXIS_NAMES[j]} [m], {way} (the thesis does not say what spread the filters start with)."
                 )
-                out.append(v.number(f"{key}-{way}-{AXIS_NAMES[j]}", said, value, row.mean, row.error, row.runs))
+                out.append(
+                    v.number(
+                        f"{key}-{way}-{AXIS_NAMES[j]}",
+                        said,
+                        paper=value,
+                        measured=row.mean,
+                        error=row.error,
+                        runs=row.runs,
+                    )
+                )
     return out
 
 
 def _experiment(name: str, title: str) -> Experiment:
     return Experiment(
-        f"table{name}",
-        title,
-        "component: 1 x, 2 y, 3 z, 4 their average",
-        "RMSE [m]",
-        100,
-        166,
-        (2, 80),
-        functools.partial(table_of, name),
-        functools.partial(judge_table, name),
+        item=f"table{name}",
+        title=title,
+        x_label="component: 1 x, 2 y, 3 z, 4 their average",
+        y_label="RMSE [m]",
+        runs=100,
+        steps=166,
+        quick=(2, 80),
+        compute=functools.partial(table_of, name),
+        judge=functools.partial(judge_table, name),
         note="The plane yz takes its target for straight from 50 to 100 s." if name == "2.2" else "",
         trial=space_trial,
     )

@@ -1,9 +1,11 @@
-"""[Lee] Figs. 2-2 and 2-3: variances of projected angles, and where the printed formulas and rule are wrong."""
+"""[Lee] Figs. 2-2 and 2-3: variances of projected angles, and the errors of the printed formulas and rule.
+
+`printed_projection` has Eqs. 2.1 and 2.2 as printed; the verdicts measure where they are wrong.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +26,7 @@ from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 
 SIGMA = math.radians(1.0)
-"""The figures' variances are 1, in degrees squared."""
+"""Standard deviation of both measured angles; their variances in the figures are 1 degree squared."""
 PHIS, THETAS = (15, 30, 60, 75, 90), tuple(range(0, 181, 15))
 SHOWN = (30, 60)
 """Polar angles in the plot."""
@@ -63,7 +65,7 @@ def _blind(theta: float, phi: float, plane: int) -> bool:
 
 
 def _sampled(theta: float, phi: float, plane: int, draws: int, rng: np.random.Generator) -> float:
-    """Variance of the projected angle of noisy measurements over that of the measurements."""
+    """Draw measurements and return the variance of their projected angle over that of the measurements."""
     noisy = direction(theta + SIGMA * rng.standard_normal(draws), phi + SIGMA * rng.standard_normal(draws))
     true = projected_angles(direction(np.asarray(theta), np.asarray(phi)))[plane]
     return float(np.mean(wrap_angle(projected_angles(noisy)[:, plane] - true) ** 2)) / SIGMA**2
@@ -95,10 +97,10 @@ def printed_projection(theta: Floats, phi: Floats) -> Floats:
 
 
 def _wrong_shares(rng: np.random.Generator) -> dict[str, float]:
-    """Shares of random directions for which what is printed is wrong.
+    """Return shares of random directions for which a printed statement is wrong.
 
-    yz, zx: projected angles.  rule: the plane beside xy is not the better one of yz and zx.
-    band: of those with phi from 45 to 135 degrees, the variance of yz is not below that of the measurement.
+    yz, zx: the projected angles of Eqs. 2.1 and 2.2.  rule: the plane beside xy is not the better one of yz and zx.
+    band: for phi from 45 to 135 degrees the variance of yz is not below that of the measurement.
     """
     theta = rng.uniform(-math.pi, math.pi, DIRECTIONS)
     phi = np.arccos(rng.uniform(-1.0, 1.0, DIRECTIONS))
@@ -116,12 +118,12 @@ def _wrong_shares(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _variances(theta: Floats, phi: Floats) -> Floats:
-    """(N, 3) over the variance of the measurements."""
+    """Return (N, 3) variances of the projected angles over that of the measurements."""
     return np.diagonal(projected_covariance(theta, phi, 1.0, 1.0, EYE), axis1=1, axis2=2)
 
 
 def xy_is_worst(seed: int) -> float:
-    """Share of random directions for which xy is not among the two planes of least variance."""
+    """Return the share of random directions for which xy is not among the two planes of least variance."""
     rng = np.random.default_rng(seed)
     theta = rng.uniform(-math.pi, math.pi, DIRECTIONS)
     variance = _variances(theta, np.arccos(rng.uniform(-1.0, 1.0, DIRECTIONS)))
@@ -130,8 +132,8 @@ def xy_is_worst(seed: int) -> float:
 
 
 def judge(table: Table) -> list[Verdict]:
-    """First order against Monte Carlo, and the statements of Secs. 2.1.2 and 2.2.1."""
-    ratios: list[Any] = []
+    """Judge first order against Monte Carlo, and the statements of Secs. 2.1.2 and 2.2.1."""
+    ratios: list[tuple[float, float, int]] = []
     for row in table:
         if row.series.endswith(FIRST):
             drawn = v.find(table, row.series.replace(FIRST, MONTE_CARLO), row.x)
@@ -142,7 +144,18 @@ def judge(table: Table) -> list[Verdict]:
     good = v.REPRODUCED if share == 1.0 else v.IN_PART if share >= 0.5 else v.NOT
     said = f"First-order variances agree with Monte Carlo where they hold: largest deviation of {len(ratios)} points."
     rule = f"within {SAME:.0%} or two standard errors more, everywhere; in part: at half of the points"
-    out = [Verdict("variances-first-order", said, None, worst, error, runs, good, rule)]
+    out = [
+        Verdict(
+            "variances-first-order",
+            said,
+            paper=None,
+            measured=worst,
+            error_bar=error,
+            runs=runs,
+            verdict=good,
+            rule=rule,
+        )
+    ]
     statements = {
         WRONG_YZ: ("Eq. 2.1 and 2.2 project on yz: share of directions where they are wrong.", 0.001),
         WRONG_ZX: ("Eq. 2.1 and 2.2 project on zx: share of directions where they are wrong.", 0.001),
@@ -158,24 +171,46 @@ def judge(table: Table) -> list[Verdict]:
             wrong = share_row.mean
             good = v.REPRODUCED if wrong <= limit else v.IN_PART if wrong <= 0.35 else v.NOT
             rule = f"at most {limit:g}; in part: at most 0.35 (chance is 0.5)"
-            out.append(Verdict(f"variances-{name}", text, 0.0, wrong, share_row.error, share_row.runs, good, rule))
+            out.append(
+                Verdict(
+                    f"variances-{name}",
+                    text,
+                    paper=0.0,
+                    measured=wrong,
+                    error_bar=share_row.error,
+                    runs=share_row.runs,
+                    verdict=good,
+                    rule=rule,
+                )
+            )
     never = xy_is_worst(0)
     good = v.REPRODUCED if never <= 0.01 else v.IN_PART if never <= 0.35 else v.NOT
     said = "xy always is the second best plane: share of directions where it is the worst one."
-    out.append(Verdict("variances-xy", said, 0.0, never, None, 1, good, "at most 0.01; in part: at most 0.35"))
+    out.append(
+        Verdict(
+            "variances-xy",
+            said,
+            paper=0.0,
+            measured=never,
+            error_bar=None,
+            runs=1,
+            verdict=good,
+            rule="at most 0.01; in part: at most 0.35",
+        )
+    )
     return out
 
 
 VARIANCES = Experiment(
-    "variances",
-    "Variances of projected angles",
-    "theta [deg]",
-    "variance to that of the measurement",
-    20,
-    10,
-    (3, 10),
-    variances,
-    judge,
+    item="variances",
+    title="Variances of projected angles",
+    x_label="theta [deg]",
+    y_label="variance to that of the measurement",
+    runs=20,
+    steps=10,
+    quick=(3, 10),
+    compute=variances,
+    judge=judge,
     note="Angles with a standard deviation of 1 degree; not where a plane is blind. More polar "
     "angles, and the shares of directions for which what is printed is wrong, are in the table.",
 )

@@ -1,7 +1,7 @@
 """The worlds of [Lee] Ch. 2: one or two arrays, a target with known motion, and a trial of a filter on them.
 
-The thesis gives the filters the initial state; what spread they start with is not said.  Here the
-prior is finite, as its bound needs it, and its mean is drawn around the truth in every run.
+In the thesis the filters know the initial state; it does not state their initial spread.  Here the
+prior is finite, as the bound needs it, and its mean is drawn around the truth in every run.
 """
 
 from __future__ import annotations
@@ -33,15 +33,18 @@ from occlog.track.in_space import direct3d, projected_planes
 from occlog.track.in_space.config import Direct3dConfig, PpsConfig
 
 SIGMA = math.radians(math.sqrt(3.0))
-"""Of both angles; the thesis says that their variances are 3, which are degrees squared."""
+"""Standard deviation of both angles; the thesis states variances of 3, in degrees squared."""
 STARTS = {
     1: (3.0, 3.0, 1.0, 1.0, 1.0, 1.0),
     2: (1.0, 1.0, 3.0, 1.0, 1.0, 1.0),
     3: (2.0, 1.0, 2.0, 0.3, 0.3, 0.3),
     4: (2.0, 1.0, 2.0, 0.3, 0.3, 0.3),
 }
+"""Initial place [m] and velocity [m/s] by scenario."""
 ACCELERATION = (0.0, 0.1, 0.5)
+"""Known acceleration in scenarios 1 to 4 [m/s^2]."""
 SECOND_ARRAY = (10.0, 10.0, 10.0)
+"""Place of the second array, of scenario 4 [m]; the first is at the origin."""
 STEP_S = 0.1
 PRIOR = (0.3, 0.1)
 """Standard deviations of the prior in scenarios 1 to 4: of a position [m] and of a velocity [m/s]."""
@@ -51,19 +54,19 @@ TABLE_TURN = -0.01
 """Lateral acceleration [m/s^2], from z towards y; only this sense gives the printed ranges of the angles."""
 TABLE_PRIOR = (1.0, 0.05)
 WRONG_FROM, WRONG_FOR = 50, 50
-"""Steps during which the filter of the yz plane has a wrong model; the thesis says how long, not when."""
+"""First step and number of steps with a wrong model of the plane yz; the thesis states how long, not when."""
 AXIS_NAMES = ("x", "y", "z")
 NOISE, FILTER = 0, 1
-"""What random numbers are for: last part of their key."""
+"""Purpose of random numbers, the last part of their key."""
 
 
 class World(NamedTuple):
-    """A path, and who listens."""
+    """A path of T instants, and S upright arrays."""
 
-    states: Floats  # (T, 6)
-    dt: Floats  # (T,) the first is 0
-    places: Floats  # (S, 3) of upright arrays
-    prior: tuple[float, float]
+    states: Floats  # (T, 6) x, y, z [m], then their velocities [m/s]
+    dt: Floats  # (T,) time since the instant before [s]; the first is 0
+    places: Floats  # (S, 3) of the arrays [m]
+    prior: tuple[float, float]  # standard deviations of a position [m] and of a velocity [m/s]
 
     @property
     def P0(self) -> Floats:  # noqa: N802 - the paper's letter
@@ -72,12 +75,12 @@ class World(NamedTuple):
 
     @property
     def sensors(self) -> tuple[Floats, Floats]:
-        """Places and rotations."""
+        """Places (S, 3) and rotations (S, 3, 3) of the arrays."""
         return self.places, np.tile(np.eye(3), (len(self.places), 1, 1))
 
 
 def world(scenario: int, steps: int) -> World:
-    """Scenario 1 to 4 of Sec. 2.4, or `TABLE`: that of Tables 2.1 and 2.2."""
+    """Make scenario 1 to 4 of Sec. 2.4, or `TABLE`, the world of Tables 2.1 and 2.2."""
     if scenario == TABLE:
         return _table_world(steps)
     dt = np.full(steps, STEP_S)
@@ -101,7 +104,7 @@ def _table_world(steps: int) -> World:
 
 
 def scans(w: World, rng: Generator) -> list[Scan]:
-    """What the arrays report: both angles with noise, labelled."""
+    """Draw the arrays' reports: both angles with noise, labelled, at every instant."""
     T, S = len(w.states), len(w.places)
     angles = [sight_angles(w.states[:, :3], p, np.eye(3)) for p in w.places]
     theta = np.stack([a for a, _ in angles], axis=1) + SIGMA * rng.standard_normal((T, S))
@@ -110,15 +113,15 @@ def scans(w: World, rng: Generator) -> list[Scan]:
     sigma = np.full(S, SIGMA)
     return [
         Scan(
-            int(times[k]),
-            np.arange(S),
-            yes,
-            yes,
-            theta[k],
-            sigma,
-            none,
-            none,
-            none,
+            t_ns=int(times[k]),
+            sensor=np.arange(S),
+            labelled=yes,
+            seen=yes,
+            bearing=theta[k],
+            sigma=sigma,
+            u_px=none,
+            sigma_px=none,
+            score=none,
             elevation=0.5 * math.pi - phi[k],
             sigma_elevation=sigma,
         )
@@ -127,13 +130,13 @@ def scans(w: World, rng: Generator) -> list[Scan]:
 
 
 def scene_of(w: World) -> Scene:
-    """The arrays, in no room."""
+    """Return a scene of the arrays, without a room."""
     arrays = tuple(MicrophoneArray(f"array{i}", p, sigma=SIGMA) for i, p in enumerate(w.places))
     return Scene(arrays=arrays, length_unit="m")
 
 
 def space_spec(size: Size, run: int, scenario: int, method: str, particles: int, **settings: Any) -> Spec:
-    """Description of a trial; `wrong` among the settings: the yz plane's model is wrong for a time."""
+    """Describe a trial for `space_trial`; `wrong` in the settings: the plane yz has a wrong model for a time."""
     return {
         "paper": "lee2",
         "seed": size.seed,
@@ -147,9 +150,11 @@ def space_spec(size: Size, run: int, scenario: int, method: str, particles: int,
 
 
 def space_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Squared errors [m^2] of one run: `x_k`, `y_k`, `z_k` at instant k; share of estimates with xy and yz, `xy_yz`.
+    """Run a trial; equal seed, run and scenario have equal noise and prior for every method.
 
-    Equal seed, run and scenario: equal noise and prior for every method.
+    Returns:
+        Squared errors `x_k`, `y_k`, `z_k` at instant k [m^2], and `xy_yz`, the share of estimates from the
+        planes xy and yz (NaN for the direct method).
     """
     w = world(spec["scenario"], spec["steps"])
     key = (spec["run"], 2009, spec["scenario"])
@@ -166,31 +171,47 @@ def space_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 def _track(
     w: World, given: list[Scan], start: tuple[float, ...], spec: Mapping[str, Any], rng: Generator
 ) -> tuple[Floats, list[list[int]]]:
-    """(T, 3) estimates, and the planes of each."""
-    settings = dict(spec["settings"])
+    """Run the filter; return (T, 3) estimates, and the planes of each (none for the direct method)."""
+    table, settings = spec["scenario"] == TABLE, dict(spec["settings"])
     wrong = settings.pop("wrong", False)
-    common = {"particles": spec["particles"], "start": start, "start_factor": 1, "q": 0.0, "lost_after": 0}
-    table = spec["scenario"] == TABLE
+    common: dict[str, Any] = {"particles": spec["particles"], "start": start, "start_factor": 1}
+    common |= {"q": 0.0, "lost_after": 0}
     if not table:
         common["acceleration"] = ACCELERATION
-    method: Any = direct3d if spec["method"] == "direct3d" else projected_planes
-    if table and method is direct3d:
-        common |= {"turn": TABLE_TURN, "turn_plane": "yz"}
-    config = (Direct3dConfig if method is direct3d else PpsConfig)(**common, **settings)
-    state = method.init(scene_of(w), config, rng)
-    places, pairs = np.empty((len(given), 3)), []
+    if spec["method"] == "direct3d":
+        turn: dict[str, Any] = {"turn": TABLE_TURN, "turn_plane": "yz"} if table else {}
+        return _track_directly(w, given, Direct3dConfig(**common, **turn, **settings), rng), []
+    models = [_table_motions(w, k, wrong and WRONG_FROM <= k < WRONG_FROM + WRONG_FOR) for k in range(len(given))]
+    return _track_by_planes(w, given, PpsConfig(**common, **settings), models if table else None, rng)
+
+
+def _track_directly(w: World, given: list[Scan], config: Direct3dConfig, rng: Generator) -> Floats:
+    state, places = direct3d.init(scene_of(w), config, rng), np.empty((len(given), 3))
     for k, scan in enumerate(given):
-        if table and method is projected_planes:
-            state = state._replace(motions=_table_motions(w, k, wrong and WRONG_FROM <= k < WRONG_FROM + WRONG_FOR))
-        state, estimate = method.step(state, scan, rng)
+        state, estimate = direct3d.step(state, scan, rng)
+        assert estimate.height is not None
         places[k] = *estimate.xy, estimate.height.z
-        if method is projected_planes:
-            pairs.append([p for _, p in state.pair])
+    return places
+
+
+def _track_by_planes(
+    w: World, given: list[Scan], config: PpsConfig, models: list[tuple[Motion, ...]] | None, rng: Generator
+) -> tuple[Floats, list[list[int]]]:
+    """Run PPS; `models`: each plane's motion on the way to every instant, None: that of the settings."""
+    state, places = projected_planes.init(scene_of(w), config, rng), np.empty((len(given), 3))
+    pairs = []
+    for k, scan in enumerate(given):
+        if models is not None:
+            state = state._replace(motions=models[k])
+        state, estimate = projected_planes.step(state, scan, rng)
+        assert estimate.height is not None
+        places[k] = *estimate.xy, estimate.height.z
+        pairs.append([p for _, p in state.pair])
     return places, pairs
 
 
 def _table_motions(w: World, k: int, wrong: bool) -> tuple[Motion, ...]:
-    """Each plane's model on its way to instant k: a turn in yz, the known acceleration of its one axis elsewhere."""
+    """Return each plane's model on the way to instant k: a turn in yz, the known acceleration of one axis elsewhere."""
     change = (w.states[k] - w.states[max(k - 1, 0)])[3:] / TABLE_STEP_S
     still = np.zeros(2)
     parts = [Motion(change[list(axes)], still) for axes in AXES]
@@ -200,10 +221,10 @@ def _table_motions(w: World, k: int, wrong: bool) -> tuple[Motion, ...]:
 
 @functools.lru_cache(maxsize=16)
 def bounds(scenario: int, steps: int) -> tuple[Floats, Floats]:
-    """(T, 3) standard deviations [m] of x, y and z: the direct bound, and the planes'.
+    """Return (T, 3) standard deviations of x, y and z [m]: the direct bound, and that of the planes.
 
-    The planes' is of the two with the least variances of their angles at the true place, all arrays; for the axis that
-    both have, the lower one.
+    At each instant the planes are the two with the least variances of their angles at the true place, over
+    all arrays; on the axis that both have, the lower bound counts.
     """
     w = world(scenario, steps)
     xyz, sigmas = w.states[:, :3], (SIGMA, SIGMA)

@@ -1,1 +1,1 @@
-"""One file a figure or table of the paper."""
+"""The figures and tables of [Qu], one file each."""

@@ -1,7 +1,4 @@
-"""[Qu] Fig. 7: what happens to the trackers of MIPF, IDMOT and BMCT on the synthetic video.
-
-[Qu] Fig. 7: frames of one synthetic video with the trackers of MIPF, IDMOT and BMCT.
-"""
+"""[Qu] Fig. 7: trackers of MIPF, IDMOT and BMCT that leave their targets, counted and drawn in frames of one video."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from occlog.core.sight.fundamental import epipolar_lines
 from occlog.measure.epipolar.views import Geometry
 from occlog.papers.page.shotplot import Line, Mark, Shot, Shots
 from occlog.papers.qu.common import PARTS, ordered, spec_of
-from occlog.papers.qu.follow import Rows, Step, follow
+from occlog.papers.qu.follow import FollowedFrame, TrackerRows, follow
 from occlog.papers.qu.trial import run_views_trial, runner_of
 from occlog.papers.qu.world import balls_config, geometry_of
 from occlog.papers.verdicts import verdicts as v
@@ -27,26 +24,26 @@ SHOWN = ("mipf", "idmot", "bmct")
 COLUMNS = 4
 
 
-class Kept(NamedTuple):
-    """The frame of one part of the video in which most of the balls is hidden."""
+class MostHidden(NamedTuple):
+    """The frame of one quarter of the video in which most of the balls is hidden."""
 
-    step: Step
-    visible: float
+    step: FollowedFrame
+    visible: float  # sum of the balls' visible shares
 
 
 def fig7_shots(size: Size) -> Shots:
-    """The first video; of each quarter the frame in which most is hidden, for each method and view."""
+    """Draw the first video: of each quarter the frame in which most is hidden, for each method and view."""
     config = balls_config({"frames": size.steps})
     seed = size.seed + 1
     spec = {"seed": seed}
-    kept: dict[int, Kept] = {}
+    kept: dict[int, MostHidden] = {}
 
-    def seen(step: Step) -> None:
+    def keep(step: FollowedFrame) -> None:
         quarter, visible = step.frame.frame * COLUMNS // config.frames, float(step.frame.share.sum())
         if step.frame.frame and (quarter not in kept or visible < kept[quarter].visible):
-            kept[quarter] = Kept(step, visible)
+            kept[quarter] = MostHidden(step, visible)
 
-    follow(config, seed, {m: runner_of(config, spec, {"method": m}) for m in SHOWN}, seen)
+    follow(config, seed, {m: runner_of(config, spec, {"method": m}) for m in SHOWN}, keep)
     steps = [kept[q].step for q in sorted(kept)]
     geometry = geometry_of(config, len(config.views))
     rows = [(m, view) for m in SHOWN for view in range(len(config.views))]
@@ -59,24 +56,26 @@ def fig7_shots(size: Size) -> Shots:
     )
 
 
-def shot_of(frame: BallsFrame, rows: Rows, view: int, geometry: Geometry) -> Shot:
-    """One view of a frame with a method's trackers."""
+def shot_of(frame: BallsFrame, rows: TrackerRows, view: int, geometry: Geometry) -> Shot:
+    """Make the picture of one view of a frame with a method's trackers."""
     own = np.flatnonzero(rows.view == view)
     marks = tuple(Mark(int(rows.target[i]), rows.ellipse[i], _good(frame, rows, int(i))) for i in own)
     o = rows.outlines
     touching: Bools = np.zeros((len(rows.view),) * 2, dtype=np.bool_) if o is None else o.touching
     links = tuple((rows.ellipse[i, :2], rows.ellipse[j, :2]) for i in own for j in own if i < j and touching[i, j])
-    return Shot(f"frame {frame.frame}", frame.images[view], marks, links, _lines(rows, view, geometry))
+    return Shot(
+        f"frame {frame.frame}", frame.images[view], marks=marks, links=links, lines=_lines(rows, view, geometry)
+    )
 
 
-def _good(frame: BallsFrame, rows: Rows, i: int) -> bool:
+def _good(frame: BallsFrame, rows: TrackerRows, i: int) -> bool:
     true: Floats = frame.ellipses[rows.view[i], rows.target[i]]
     radius = float(np.sqrt(true[2] * true[3]))
     return bool(np.hypot(*(rows.ellipse[i, :2] - true[:2])) <= radius)
 
 
-def _lines(rows: Rows, view: int, geometry: Geometry) -> tuple[Line, ...]:
-    """The lines of the views that helped."""
+def _lines(rows: TrackerRows, view: int, geometry: Geometry) -> tuple[Line, ...]:
+    """Return the epipolar lines of the views whose estimates help a tracker in this frame."""
     o, out = rows.outlines, []
     if o is None:
         return ()
@@ -90,7 +89,7 @@ def _lines(rows: Rows, view: int, geometry: Geometry) -> tuple[Line, ...]:
 
 
 def fig7(size: Size, execute: Execute) -> Table:
-    """Share of the trackers that are not on their target [%], in twentieths of the video and at its end."""
+    """Compute the share of trackers that are not on their target [%], in twentieths of the video and at its end."""
     results = execute([spec_of(size, run) for run in range(size.runs)])
     rows = []
     for m in SHOWN:
@@ -111,7 +110,7 @@ def fig7(size: Size, execute: Execute) -> Table:
 
 
 def judge7(table: Table) -> list[Verdict]:
-    """What is said about the three methods."""
+    """Judge the paper's statements about the three methods."""
     end = {m: next(r for r in table if r.series == f"{m.upper()}, last frame") for m in SHOWN}
     hijacked, n = end["mipf"], end["mipf"].runs
     word = v.REPRODUCED if hijacked.mean - hijacked.error > 100 / 3 else v.IN_PART if hijacked.mean > 10 else v.NOT
@@ -125,48 +124,48 @@ def judge7(table: Table) -> list[Verdict]:
         Verdict(
             "fig7-hijacked",
             "MIPF: many trackers are hijacked and lose their target: share at the end [%].",
-            None,
-            hijacked.mean,
-            hijacked.error,
-            n,
-            word,
-            "above a third by a standard error; in part above 10 %",
+            paper=None,
+            measured=hijacked.mean,
+            error_bar=hijacked.error,
+            runs=n,
+            verdict=word,
+            rule="above a third by a standard error; in part above 10 %",
         ),
         ordered("fig7-idmot", said, end["idmot"], end["mipf"]),
         Verdict(
             "fig7-idmot-fails",
             "IDMOT still has failures: videos at whose end a tracker is off its target.",
-            None,
-            float(failed),
-            None,
-            n,
-            v.share([x > 0 for x in end["idmot"].values]),
-            "all of the videos; in part at least half",
+            paper=None,
+            measured=float(failed),
+            error_bar=None,
+            runs=n,
+            verdict=v.share([x > 0 for x in end["idmot"].values]),
+            rule="all of the videos; in part at least half",
         ),
         ordered("fig7-bmct", better, end["bmct"], end["idmot"]),
         Verdict(
             "fig7-all",
             "BMCT tracks all targets: videos at whose end all trackers are on their targets.",
-            float(n),
-            float(whole),
-            None,
-            n,
-            v.share([x == 0 for x in end["bmct"].values]),
-            "all of the videos; in part at least half",
+            paper=float(n),
+            measured=float(whole),
+            error_bar=None,
+            runs=n,
+            verdict=v.share([x == 0 for x in end["bmct"].values]),
+            rule="all of the videos; in part at least half",
         ),
     ]
 
 
 FIG7 = Experiment(
-    "fig7",
-    "What happens to the trackers",
-    "frame",
-    "trackers off their target [%]",
-    12,
-    400,
-    (2, 50),
-    fig7,
-    judge7,
+    item="fig7",
+    title="What happens to the trackers",
+    x_label="frame",
+    y_label="trackers off their target [%]",
+    runs=12,
+    steps=400,
+    quick=(2, 50),
+    compute=fig7,
+    judge=judge7,
     trial=run_views_trial,
     plans={"frames": fig7_shots},
     note="The same videos; balls that nobody can see count, too.",

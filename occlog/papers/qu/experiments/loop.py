@@ -1,7 +1,7 @@
 """The loop check of [Qu] Sec. 3.4.2: trackers put on a wrong target, and wrong epipolar lines.
 
-In every video one set of trackers is sound, in some two trackers of a view are exchanged after a
-while, and some are told wrong epipolar lines.
+BMCT runs several times on every video: sound, with two trackers of a view exchanged after a while,
+and with wrong epipolar lines.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ OTHERS = {"turned by 20 degrees": ["turn", 20], "turned by 90 degrees": ["turn",
 INJECTED = 3
 """Pairs of trackers that are exchanged in each video, one at a time."""
 AT = 0.1
-"""When: this far into the video."""
+"""Share of the video after which they are exchanged."""
 WITHIN = 60
 """Frames within which a wrong tracker should be noticed, or be back on its target."""
 BMCT, IDMOT = "BMCT", "IDMOT"
@@ -41,7 +41,7 @@ def _methods(quick: bool, frames: int, balls: int = 6) -> dict[str, dict[str, An
 
 
 def loop(size: Size, execute: Execute) -> Table:
-    """Rates [%] of BMCT against the shift of the lines; rows of other wrong lines and of injected failures."""
+    """Compute rates [%] of BMCT against the shift of the lines, with other wrong lines, and with injected failures."""
     methods = _methods(size.quick, size.steps)
     specs = [views_spec(seed_of(size, run), methods, {"frames": size.steps}) for run in range(size.runs)]
     results = execute(specs)
@@ -59,12 +59,12 @@ def loop(size: Size, execute: Execute) -> Table:
 
 
 def _alarmed(row: Row, results: Sequence[Mapping[str, float]], label: str) -> Row:
-    """The row with what the loop check said."""
+    """Return the row with the mean figures of the loop check."""
     extra = dict(row.extra)
     for name in ("checked", "bad", "false_alarm", "missed"):
         given = [r[f"{label}.{name}"] for r in results if not math.isnan(r[f"{label}.{name}"])]
         extra[name] = math.fsum(given) / len(given) if given else math.nan
-    return Row(row.series, row.x, row.values, extra, row.plotted)
+    return Row(row.series, row.x, row.values, extra, plotted=row.plotted)
 
 
 def _injected(methods: Mapping[str, Any], results: Sequence[Mapping[str, float]]) -> list[Row]:
@@ -75,21 +75,24 @@ def _injected(methods: Mapping[str, Any], results: Sequence[Mapping[str, float]]
         for key, name in columns.items()
     ]
     over = tuple(min(a, b) for a, b in zip(rows[0].values, rows[1].values, strict=True))
-    return [*(_finite(r) for r in rows), Row(OVER, math.nan, tuple(float(x <= WITHIN) for x in over), {}, False)]
+    return [
+        *(_finite(r) for r in rows),
+        Row(OVER, math.nan, tuple(float(x <= WITHIN) for x in over), {}, plotted=False),
+    ]
 
 
 OVER = f"noticed or back within {WITHIN} frames"
 
 
 def _finite(row: Row) -> Row:
-    """The row of those that came to it, with their share and median."""
+    """Return the row of its finite values, with their share and median."""
     kept = tuple(x for x in row.values if math.isfinite(x))
     extra = {"share": len(kept) / row.runs, "median": float(np.median(kept)) if kept else math.nan}
-    return Row(row.series, row.x, kept, extra, row.plotted)
+    return Row(row.series, row.x, kept, extra, plotted=row.plotted)
 
 
 def judge_loop(table: Table) -> list[Verdict]:
-    """What the check notices, how often it is wrong, and that BMCT is not inferior to IDMOT."""
+    """Judge what the check notices, how often it is wrong, and whether BMCT is inferior to IDMOT."""
     out = [*_noticed(table), *_alarms(table)]
     for rate, name in RATES.items():
         idmot, right = v.find(table, f"{IDMOT}, {name}"), v.find(table, f"{BMCT}, {name}", 0.0)
@@ -113,7 +116,18 @@ def _noticed(table: Table) -> list[Verdict]:
         f"A tracker that was put on another target is noticed, or finds back, within {WITHIN} frames: share of them "
         f"(noticed: {noticed.extra['share']:.0%}, those after a median of {noticed.extra['median']:.3g} frames)."
     )
-    return [Verdict("loop-noticed", said, None, over.mean, over.error, over.runs, word, "at least 90 %; in part half")]
+    return [
+        Verdict(
+            "loop-noticed",
+            said,
+            paper=None,
+            measured=over.mean,
+            error_bar=over.error,
+            runs=over.runs,
+            verdict=word,
+            rule="at least 90 %; in part half",
+        )
+    ]
 
 
 def _alarms(table: Table) -> list[Verdict]:
@@ -124,38 +138,67 @@ def _alarms(table: Table) -> list[Verdict]:
         word = v.REPRODUCED if false <= 0.01 else v.IN_PART if false <= 0.05 else v.NOT
         said = "False alarms are rare: share of the checks of sound targets that say bad, with the right lines."
         out.append(
-            Verdict("loop-false-alarms", said, None, false, None, rows[0].runs, word, "at most 1 %; in part 5 %")
+            Verdict(
+                "loop-false-alarms",
+                said,
+                paper=None,
+                measured=false,
+                error_bar=None,
+                runs=rows[0].runs,
+                verdict=word,
+                rule="at most 1 %; in part 5 %",
+            )
         )
     far = [r for r in rows if r.x >= 45.0]
     if far:
         bad = math.fsum(r.extra["bad"] for r in far) / len(far)
         word = v.REPRODUCED if bad >= 0.5 else v.IN_PART if bad >= 0.2 else v.NOT
         said = "Wrong lines are noticed: share of the checks that say bad, with lines 45 px and more away."
-        out.append(Verdict("loop-wrong-lines", said, None, bad, None, far[0].runs, word, "at least half; in part 20 %"))
+        out.append(
+            Verdict(
+                "loop-wrong-lines",
+                said,
+                paper=None,
+                measured=bad,
+                error_bar=None,
+                runs=far[0].runs,
+                verdict=word,
+                rule="at least half; in part 20 %",
+            )
+        )
     return out
 
 
 def _not_inferior(rate: str, name: str, idmot: Row, wrong: Sequence[Row]) -> Verdict:
-    """Not worse by more than chance: the reverse order does not hold by the rule of `ordered`."""
+    """Judge that no rate is higher by more than chance: the reverse order does not hold by the rule of `ordered`."""
     gaps = [np.subtract(r.values, idmot.values) for r in wrong]
     held = [bootstrap_share(gap) < SURE for gap in gaps]
     worst = max(range(len(gaps)), key=lambda i: float(np.mean(gaps[i]))) if gaps else None
     gap, error = (None, None) if worst is None else v.difference(idmot, wrong[worst])
     said = f"BMCT is never inferior to IDMOT, even with wrong lines: rate of {name} higher at worst by [%]."
     rule = f"not above it in {SURE:.0%} of bootstrap samples: {sum(held)} of {len(held)} kinds of wrong lines"
-    return Verdict(f"loop-{rate}-not-inferior", said, 0.0, gap, error, idmot.runs, v.share(held), rule)
+    return Verdict(
+        f"loop-{rate}-not-inferior",
+        said,
+        paper=0.0,
+        measured=gap,
+        error_bar=error,
+        runs=idmot.runs,
+        verdict=v.share(held),
+        rule=rule,
+    )
 
 
 LOOP = Experiment(
-    "loop",
-    "Wrong trackers and wrong epipolar lines (of this project)",
-    "shift of the epipolar lines [px]",
-    "rate [%]",
-    8,
-    400,
-    (2, 40),
-    loop,
-    judge_loop,
+    item="loop",
+    title="Wrong trackers and wrong epipolar lines (of this project)",
+    x_label="shift of the epipolar lines [px]",
+    y_label="rate [%]",
+    runs=8,
+    steps=400,
+    quick=(2, 40),
+    compute=loop,
+    judge=judge_loop,
     trial=run_views_trial,
     note="The synthetic video; lines across: IDMOT, which uses no other view.",
 )

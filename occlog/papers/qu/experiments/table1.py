@@ -1,4 +1,4 @@
-"""[Qu] Table 1: what the three likelihoods of BMCT cost."""
+"""[Qu] Table 1: CPU time of the three likelihoods of BMCT."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SMALL, SOME = 0.2, 0.5
 
 
 def table1(size: Size, execute: Execute) -> Table:
-    """Mean CPU time of a frame of both views [ms], of each likelihood and of all that a step does."""
+    """Compute the mean CPU time of a frame of both views [ms], for each likelihood and for the whole step."""
     methods = {"bmct": {"method": "bmct", "timed": True}}
     results = execute([views_spec(seed_of(size, run), methods, {"frames": size.steps}) for run in range(size.runs)])
     rows = []
@@ -30,7 +30,7 @@ def table1(size: Size, execute: Execute) -> Table:
 
 
 def judge1(table: Table) -> list[Verdict]:
-    """What is negligible."""
+    """Judge the costs of collaboration and interaction against that of the local likelihood."""
     local, interaction, collaboration = (v.find(table, name) for name in (LOCAL, INTERACTION, COLLABORATION))
     if local is None or interaction is None or collaboration is None:
         return []
@@ -42,21 +42,32 @@ def judge1(table: Table) -> list[Verdict]:
         said = f"The {name} likelihood {what}: its time over that of the local likelihood."
         rule = f"at most {SMALL:g}; in part {SOME:g}"
         printed = PRINTED_MS[name] / PRINTED_MS[LOCAL]
-        out.append(Verdict(f"table1-{name}", said, printed, measured, error, row.runs, word, rule))
+        out.append(
+            Verdict(
+                f"table1-{name}",
+                said,
+                paper=printed,
+                measured=measured,
+                error_bar=error,
+                runs=row.runs,
+                verdict=word,
+                rule=rule,
+            )
+        )
     said = "Collaboration costs less than interaction, by [ms] a frame."
     return [*out, ordered("table1-order", said, collaboration, interaction)]
 
 
 TABLE1 = Experiment(
-    "table1",
-    "Time of the likelihoods of BMCT",
-    "1 local, 2 interaction, 3 collaboration, 4 whole step",
-    "CPU time of a frame [ms]",
-    5,
-    400,
-    (2, 30),
-    table1,
-    judge1,
+    item="table1",
+    title="Time of the likelihoods of BMCT",
+    x_label="1 local, 2 interaction, 3 collaboration, 4 whole step",
+    y_label="CPU time of a frame [ms]",
+    runs=5,
+    steps=400,
+    quick=(2, 30),
+    compute=table1,
+    judge=judge1,
     trial=run_views_trial,
     note="Six balls, two views, 60 particles. The printed times sum to 65.7 ms, 15 frames a second; the printed "
     "speed is 9 to 10.",

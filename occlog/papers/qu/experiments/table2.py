@@ -1,16 +1,18 @@
-"""[Qu] Table 2: particles and time that the joint-state filters and BMCT need, against the number of targets.
+"""[Qu] Table 2: particles and time that joint-state filters and BMCT need, and how they grow with the targets.
 
-Verdicts on the growth with the number of targets, [Qu] Table 2.
+Each filter runs with several numbers of particles.  It needs as many as give every target
+`ENOUGH` effective samples while the trackers stay on their targets (`ROBUST`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from occlog.array_types import Floats
 from occlog.papers.qu.common import seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
 from occlog.papers.verdicts import verdicts as v
@@ -22,13 +24,13 @@ TOTAL, TIME = "total particles", "CPU ms a frame"
 LINEAR, NEARLY = 1.3, 1.6
 """Largest exponents of the number of targets that count as linear, and as in part; as in `speed`."""
 PRINTED = {"MCMC": {4: 500.0, 5: 1100.0, 6: 2800.0}, "BMCT": {4: 400.0, 5: 500.0, 6: 600.0}}
-"""Total particles of Table 2."""
+"""Total particles by number of targets, as printed."""
 FPS = {"MCMC": {4: 8.75, 5: 2.55, 6: 0.4}, "BMCT": {4: 14.4, 5: 11.5, 6: 9.75}}
-"""Its speeds, the middles of the ranges."""
+"""Frames a second by number of targets, the middles of the printed ranges."""
 
 
 def exponents(rows: Sequence[Row]) -> tuple[float, float]:
-    """Exponent of the number of targets, by least squares in every run: mean and standard error."""
+    """Fit the exponent of the number of targets by least squares in every run: mean and standard error."""
     if len(rows) < 2:
         return math.nan, math.nan
     x = np.log([row.x for row in rows])
@@ -61,7 +63,9 @@ def judge2(table: Table) -> list[Verdict]:
         row = v.find(table, f"MCMC, {TOTAL}", n)
         if row is not None and row.runs:
             said = f"Total particles of MCMC-PF for {n} targets."
-            out.append(v.number(f"table2-mcmc-{n}", said, paper, row.mean, row.error, row.runs))
+            out.append(
+                v.number(f"table2-mcmc-{n}", said, paper=paper, measured=row.mean, error=row.error, runs=row.runs)
+            )
     quicker = v.matched(table, f"BMCT, {TIME}", f"MCMC, {TIME}", (4, 5, 6))
     said = "BMCT is faster than MCMC-PF: CPU time of a frame lower, by [ms]."
     return [*out, v.pairs("table2-faster", said, quicker)]
@@ -71,7 +75,7 @@ def _linear(key: str, said: str, paper: float, rows: Sequence[Row]) -> Verdict:
     power, error = exponents(rows)
     word = v.REPRODUCED if power <= LINEAR else v.IN_PART if power <= NEARLY else v.NOT
     rule = f"exponent at most {LINEAR}; in part up to {NEARLY}"
-    return Verdict(key, said, paper, power, error, _runs(rows), word, rule)
+    return Verdict(key, said, paper=paper, measured=power, error_bar=error, runs=_runs(rows), verdict=word, rule=rule)
 
 
 def _faster(key: str, said: str, paper: float, rows: Sequence[Row], bmct: Sequence[Row]) -> Verdict:
@@ -81,17 +85,35 @@ def _faster(key: str, said: str, paper: float, rows: Sequence[Row], bmct: Sequen
     more = power - own > 2.0 * math.hypot(*(0.0 if math.isnan(e) else e for e in (error, own_error)))
     word = v.REPRODUCED if power - doubt > LINEAR else v.IN_PART if more else v.NOT
     rule = f"exponent above {LINEAR} by two standard errors; in part above that of BMCT by as much"
-    return Verdict(key, said, paper if math.isfinite(paper) else None, power, error, _runs(rows), word, rule)
+    return Verdict(
+        key,
+        said,
+        paper=paper if math.isfinite(paper) else None,
+        measured=power,
+        error_bar=error,
+        runs=_runs(rows),
+        verdict=word,
+        rule=rule,
+    )
 
 
 def _exponential(rows: Sequence[Row]) -> Verdict:
-    """Whether the numbers grow by the same factor with every target, rather than as a power."""
+    """Judge whether the numbers grow by the same factor with every target, rather than as a power."""
     said = "Joint-state methods grow exponentially with the targets (joint SIR): particles, factor for one target more."
     rule = (
         "a factor fits the growth better than a power, and is above 1 by two standard errors; in part without the first"
     )
     if len(rows) < 3:
-        return Verdict("table2-sir-exponential", said, None, None, None, _runs(rows), v.NOT, rule + "; too few points")
+        return Verdict(
+            "table2-sir-exponential",
+            said,
+            paper=None,
+            measured=None,
+            error_bar=None,
+            runs=_runs(rows),
+            verdict=v.NOT,
+            rule=rule + "; too few points",
+        )
     x, factors, left = np.array([row.x for row in rows]), [], np.zeros(2)
     for k in range(rows[0].runs):
         y = np.log([row.values[k] for row in rows])
@@ -103,7 +125,16 @@ def _exponential(rows: Sequence[Row]) -> Verdict:
     mean, error = math.fsum(factors) / len(factors), deviation(factors) / math.sqrt(len(factors))
     sure = mean - 2.0 * (0.0 if math.isnan(error) else error) > 1.0
     word = v.NOT if not sure else v.REPRODUCED if left[0] < left[1] else v.IN_PART
-    return Verdict("table2-sir-exponential", said, None, mean, error, _runs(rows), word, rule)
+    return Verdict(
+        "table2-sir-exponential",
+        said,
+        paper=None,
+        measured=mean,
+        error_bar=error,
+        runs=_runs(rows),
+        verdict=word,
+        rule=rule,
+    )
 
 
 def _runs(rows: Sequence[Row]) -> int:
@@ -118,49 +149,51 @@ ROBUST = 0.10
 
 
 class Filter(NamedTuple):
-    """One way to track, and how many particles it is tried with."""
+    """A filter, and the numbers of particles that it is tried with."""
 
     name: str
     method: str
     settings: Mapping[str, Any]
-    each: bool  # whether every target has particles of its own
-    grid: tuple[float, ...]  # particles of a tracker, or of a view and target; `sir`: see `tried`
+    joint: bool  # one state of all targets in a view; false: every target has particles of its own
+    tried: Callable[[int], Sequence[int]]  # values of the setting `particles`, about those needed, by number of targets
+
+    def total(self, targets: int, particles: float) -> float:
+        """Particles of all trackers in all views."""
+        return VIEWS * particles * (1 if self.joint else targets)
 
 
 class Tried(NamedTuple):
-    """What came of one number of particles."""
+    """Cost and benefit of one number of particles."""
 
     ess: Row  # effective samples of a target
     ms: Row  # CPU time of a frame
 
 
-BMCT_FILTER = Filter(BMCT, "bmct", {}, True, (24, 48, 96))
-MCMC_FILTER = Filter(MCMC, "mcmc", {}, False, (45, 90, 180))
-SIR_FILTER = Filter(SIR, "mcmc", {"sampler": "sir"}, False, (1, 2, 4))
-FILTERS = (BMCT_FILTER, MCMC_FILTER, SIR_FILTER)
-
-
-def tried(f: Filter, targets: int) -> tuple[int, ...]:
-    """Values of the setting `particles` that a filter is tried with; what is needed lies between or near them."""
-    if f is SIR_FILTER:
-        return tuple(round(20.0 * 1.45**targets * k) for k in f.grid)
-    return tuple(round(k if f.each else k * targets) for k in f.grid)
-
-
-def total(f: Filter, targets: int, particles: float) -> float:
-    """Particles of all trackers in all views."""
-    return VIEWS * particles * (targets if f.each else 1)
+FILTERS = {
+    BMCT: Filter(BMCT, method="bmct", settings={}, joint=False, tried=lambda targets: (24, 48, 96)),  # noqa: ARG005
+    MCMC: Filter(
+        MCMC, method="mcmc", settings={}, joint=True, tried=lambda targets: [k * targets for k in (45, 90, 180)]
+    ),
+    SIR: Filter(
+        SIR,
+        method="mcmc",
+        settings={"sampler": "sir"},
+        joint=True,
+        tried=lambda targets: [round(20.0 * 1.45**targets * k) for k in (1, 2, 4)],
+    ),
+}
+"""The filters by name."""
 
 
 def table2(size: Size, execute: Execute) -> Table:
-    """What each filter needs at each number of targets; the trials behind it are in the table only."""
+    """Compute what each filter needs at each number of targets; the trials behind it are in the table only."""
     counts = (2, 4, 6) if size.quick else (2, 3, 4, 5, 6, 8)
     specs = [_spec(size, run, n) for n in counts for run in range(size.runs)]
     results, table, raw = execute(specs), [], []
-    for f in FILTERS:
+    for f in FILTERS.values():
         needs, times = [], []
         for i, n in enumerate(counts):
-            trials = [_trial(f, n, k, results[i * size.runs : (i + 1) * size.runs]) for k in tried(f, n)]
+            trials = [_trial(f, n, k, results[i * size.runs : (i + 1) * size.runs]) for k in f.tried(n)]
             raw += [row for trial in trials for row in trial]
             need, spent = needed(trials)
             needs.append(Row(f"{f.name}, {TOTAL}", n, need, _extra(f, n, trials, need), plotted=False))
@@ -170,26 +203,26 @@ def table2(size: Size, execute: Execute) -> Table:
 
 
 def _printed(counts: Sequence[int]) -> list[Row]:
-    """The particles of the paper's joint filter over those at 4 targets."""
+    """Return the printed particles of the paper's joint filter over those at 4 targets."""
     unit, name = PRINTED[MCMC][4], "MCMC-PF as printed, particles"
     return [Row(name, n, (value / unit,)) for n, value in PRINTED[MCMC].items() if n in counts]
 
 
 def _spec(size: Size, run: int, targets: int) -> Spec:
-    """One video with all filters at all numbers of particles."""
+    """Describe a trial of all filters with all numbers of particles on one video."""
     methods = {
         f"{f.name}-{k}": {"method": f.method, "set": {**f.settings, "particles": k}}
-        for f in FILTERS
-        for k in tried(f, targets)
+        for f in FILTERS.values()
+        for k in f.tried(targets)
     }
     return views_spec(seed_of(size, run), methods, {"frames": size.steps, "balls": targets, "views": VIEWS})
 
 
 def _trial(f: Filter, targets: int, particles: int, results: Sequence[Mapping[str, float]]) -> Tried:
-    """Effective samples and time in every run; x is the total number of particles."""
+    """Collect effective samples and time of every run; x is the total number of particles."""
     found = {q: tuple(r[f"{f.name}-{particles}.{q}"] for r in results) for q in ("ess", "fr_p", "fr_l", "frame_ms")}
     rates = {q: math.fsum(found[q]) / len(results) for q in ("fr_p", "fr_l")}
-    name, x = f"{f.name}, {targets} targets", total(f, targets, particles)
+    name, x = f"{f.name}, {targets} targets", f.total(targets, particles)
     return Tried(
         Row(f"{name}: effective samples", x, found["ess"], rates, plotted=False),
         Row(f"{name}: {TIME}", x, found["frame_ms"], plotted=False),
@@ -197,10 +230,10 @@ def _trial(f: Filter, targets: int, particles: int, results: Sequence[Mapping[st
 
 
 def needed(trials: Sequence[Tried]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Total particles of which `ENOUGH` are effective, in every run, and the time that they take.
+    """Return the total particles of which `ENOUGH` are effective, in every run, and the time that they take.
 
-    Between the numbers tried, and beyond, both are powers of the number.  No fewer than the number
-    from which on targets are followed (`ROBUST`); nothing where that is never so.
+    Between the numbers tried, and beyond, both are taken as powers of the number.  The result is at least
+    the number from which on targets are followed (`ROBUST`), and empty where there is no such number.
 
     Args:
         trials: by rising number of particles.
@@ -219,7 +252,7 @@ def needed(trials: Sequence[Tried]) -> tuple[tuple[float, ...], tuple[float, ...
 
 
 def _robust(trials: Sequence[Tried]) -> float:
-    """The least number tried from which on the rate of false positions is low; 0: it always is, inf: it is not."""
+    """Return the least number tried from which on the rate of false positions is low; 0: all, inf: none."""
     low = [t.ess.extra["fr_p"] <= ROBUST for t in trials]
     if all(low):
         return 0.0
@@ -227,15 +260,15 @@ def _robust(trials: Sequence[Tried]) -> float:
     return trials[first].ess.x if first < len(low) else math.inf
 
 
-def _line(x: Any, y: Any, at: float) -> float:
-    """Height, at a place, of the straight line through the two points about it, or nearest to it; x rises."""
+def _line(x: Floats, y: Floats, at: float) -> float:
+    """Interpolate y at a place, or extrapolate from the two nearest points; x (n,) rises."""
     k = int(np.clip(np.searchsorted(x, at), 1, len(x) - 1))
     step = max(x[k] - x[k - 1], 1e-9)
     return float(y[k - 1] + (y[k] - y[k - 1]) * (at - x[k - 1]) / step)
 
 
 def _extra(f: Filter, targets: int, trials: Sequence[Tried], need: Sequence[float]) -> dict[str, float]:
-    """Rates at the number tried that is nearest to what is needed, and what the paper has."""
+    """Return the rates at the number tried that is nearest to the one needed, and the printed number."""
     if not need:
         return {}
     middle = math.fsum(need) / len(need)
@@ -245,14 +278,14 @@ def _extra(f: Filter, targets: int, trials: Sequence[Tried], need: Sequence[floa
 
 
 def _fps(f: Filter, targets: int, spent: Sequence[float]) -> dict[str, float]:
-    """Frames (of all views) a second, and those of the paper."""
+    """Return frames (of all views) a second, and the printed ones."""
     if not spent:
         return {}
     return {"fps": 1e3 * len(spent) / math.fsum(spent), "printed": FPS.get(f.name, {}).get(targets, math.nan)}
 
 
 def _relative(name: str, rows: Sequence[Row]) -> list[Row]:
-    """Rows over their mean at 4 targets."""
+    """Return the rows divided by their mean at 4 targets."""
     unit = find(list(rows), rows[0].series, 4)
     if unit is None or not unit.runs:
         return []
@@ -260,15 +293,15 @@ def _relative(name: str, rows: Sequence[Row]) -> list[Row]:
 
 
 TABLE2 = Experiment(
-    "table2",
-    "Particles and time that are needed",
-    "targets",
-    "needed, 1: at 4 targets",
-    6,
-    100,
-    (2, 15),
-    table2,
-    judge2,
+    item="table2",
+    title="Particles and time that are needed",
+    x_label="targets",
+    y_label="needed, 1: at 4 targets",
+    runs=6,
+    steps=100,
+    quick=(2, 15),
+    compute=table2,
+    judge=judge2,
     note=f"As many particles as give each target {ENOUGH:g} effective ones and at most {ROBUST:.0%} false positions.",
     trial=run_views_trial,
 )

@@ -1,12 +1,13 @@
 """[Qu] Table 3: false position and false label rates of the four methods on the synthetic video.
 
-The printed rates are those of the video UnionStation, which is not available; they are kept beside
-those of the synthetic video, and nothing is judged by them as such.
+The printed rates are those of the video UnionStation, which is not available.  The table has them
+beside those of the synthetic video; no verdict rests on their values.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from occlog.papers.qu.common import METHODS, RATES, ordered, rate_row, spec_of
 from occlog.papers.qu.trial import run_views_trial
@@ -25,7 +26,7 @@ GOAL = {"fr_p": (5.0, 1.0), "fr_l": (8.0, 2.0)}
 
 
 def table3(size: Size, execute: Execute) -> Table:
-    """Both rates of every method in every video [%]; x is the place in `METHODS`."""
+    """Compute both rates of every method in every video [%]; x is the place in `METHODS`, from 1."""
     results = execute([spec_of(size, run) for run in range(size.runs)])
     rows = []
     for rate, name in RATES.items():
@@ -37,11 +38,11 @@ def table3(size: Size, execute: Execute) -> Table:
 
 
 def _with(row: Row, **more: float) -> Row:
-    return Row(row.series, row.x, row.values, {**row.extra, **more}, row.plotted)
+    return replace(row, extra={**row.extra, **more})
 
 
 def judge3(table: Table) -> list[Verdict]:
-    """Order, how much lower, and what it costs."""
+    """Judge the order of the methods, how much lower BMCT's rates are, and its speed."""
     out = []
     for rate, name in RATES.items():
         own = {m: v.find(table, name, x) for x, m in enumerate(METHODS, start=1)}
@@ -58,14 +59,23 @@ def judge3(table: Table) -> list[Verdict]:
 
 
 def _much_lower(rate: str, name: str, rows: Mapping[str, Row]) -> Verdict:
-    """The best of the other methods is the measure."""
+    """Judge the rate of BMCT against that of the best other method."""
     best = min((m for m in METHODS if m != "bmct"), key=lambda m: rows[m].mean)
     measured, error = v.quotient(rows["bmct"], rows[best])
     printed = PRINTED[rate]["bmct"] / PRINTED[rate]["idmot"]
     word = v.REPRODUCED if measured <= 0.5 else v.IN_PART if measured < 1.0 else v.NOT
     said = f"BMCT has a much lower rate of {name} than the others: its rate over that of the best of them ({best})."
     rule = "at most a half; in part below 1; the printed one is of another video"
-    return Verdict(f"table3-{rate}-much-lower", said, printed, measured, error, rows["bmct"].runs, word, rule)
+    return Verdict(
+        f"table3-{rate}-much-lower",
+        said,
+        paper=printed,
+        measured=measured,
+        error_bar=error,
+        runs=rows["bmct"].runs,
+        verdict=word,
+        rule=rule,
+    )
 
 
 def _goals(rate: str, name: str, row: Row) -> list[Verdict]:
@@ -75,22 +85,22 @@ def _goals(rate: str, name: str, row: Row) -> list[Verdict]:
         Verdict(
             f"table3-{rate}-mean",
             f"Goal of this project: mean rate of {name} of BMCT at most [%].",
-            mean,
-            row.mean,
-            row.error,
-            row.runs,
-            _at_most(row.mean, mean),
-            rule,
+            paper=mean,
+            measured=row.mean,
+            error_bar=row.error,
+            runs=row.runs,
+            verdict=_at_most(row.mean, mean),
+            rule=rule,
         ),
         Verdict(
             f"table3-{rate}-median",
             f"Goal of this project: median rate of {name} of BMCT at most [%].",
-            median,
-            row.extra["median"],
-            None,
-            row.runs,
-            _at_most(row.extra["median"], median),
-            rule,
+            paper=median,
+            measured=row.extra["median"],
+            error_bar=None,
+            runs=row.runs,
+            verdict=_at_most(row.extra["median"], median),
+            rule=rule,
         ),
     ]
 
@@ -108,25 +118,48 @@ def _speed(rows: Mapping[str, Row]) -> list[Verdict]:
         said = f"BMCT is nearly as fast as {other.upper()}: its speed over that of {other.upper()}."
         rule = "CPU time of a frame, drawing left out; at least 0.75; in part 0.5"
         printed = PRINTED_FPS["bmct"] / PRINTED_FPS[other]
-        out.append(Verdict(f"table3-speed-{other}", said, printed, share, None, rows["bmct"].runs, word, rule))
+        out.append(
+            Verdict(
+                f"table3-speed-{other}",
+                said,
+                paper=printed,
+                measured=share,
+                error_bar=None,
+                runs=rows["bmct"].runs,
+                verdict=word,
+                rule=rule,
+            )
+        )
     times = ms["cmct"] / ms["bmct"]
     word = v.REPRODUCED if times > 1.1 else v.IN_PART if times > 1.0 else v.NOT
     said = "BMCT (60 particles) is faster than CMCT (100, as in the paper): by this factor."
     rule = "CPU time of a frame, drawing left out; above 1.1; in part above 1"
     printed = PRINTED_FPS["bmct"] / PRINTED_FPS["cmct"]
-    return [*out, Verdict("table3-speed-cmct", said, printed, times, None, rows["bmct"].runs, word, rule)]
+    return [
+        *out,
+        Verdict(
+            "table3-speed-cmct",
+            said,
+            paper=printed,
+            measured=times,
+            error_bar=None,
+            runs=rows["bmct"].runs,
+            verdict=word,
+            rule=rule,
+        ),
+    ]
 
 
 TABLE3 = Experiment(
-    "table3",
-    "False positions and false labels",
-    "method: 1 MIPF, 2 CMCT, 3 IDMOT, 4 BMCT",
-    "rate [%]",
-    12,
-    400,
-    (2, 50),
-    table3,
-    judge3,
+    item="table3",
+    title="False positions and false labels",
+    x_label="method: 1 MIPF, 2 CMCT, 3 IDMOT, 4 BMCT",
+    y_label="rate [%]",
+    runs=12,
+    steps=400,
+    quick=(2, 50),
+    compute=table3,
+    judge=judge3,
     trial=run_views_trial,
     note="Synthetic video of two views, six balls of radius 22 px; a tracker is on a target within its radius. "
     "The printed rates, in the table, are of the video UnionStation, which is not available.",

@@ -5,11 +5,8 @@ import math
 import pytest
 
 from occlog.papers.qu.experiments.table2 import (
-    BMCT_FILTER,
     ENOUGH,
     FILTERS,
-    MCMC_FILTER,
-    SIR_FILTER,
     TABLE2,
     TIME,
     TOTAL,
@@ -17,8 +14,6 @@ from occlog.papers.qu.experiments.table2 import (
     exponents,
     judge2,
     needed,
-    total,
-    tried,
 )
 from occlog.papers.qu.trial import run_views_trial
 from occlog.papers.verdicts.model import Row, Size
@@ -94,10 +89,11 @@ def test_verdicts_follow_the_growth():
 
 
 def test_totals_count_all_trackers_of_both_views():
-    assert total(BMCT_FILTER, 4, 50) == 400
-    assert total(MCMC_FILTER, 4, 250) == 500
-    assert tried(SIR_FILTER, 6)[0] < tried(SIR_FILTER, 8)[0]
-    assert tried(MCMC_FILTER, 6) == (270, 540, 1080)
+    bmct, mcmc, sir = FILTERS.values()
+    assert bmct.total(4, 50) == 400
+    assert mcmc.total(4, 250) == 500
+    assert sir.tried(6)[0] < sir.tried(8)[0]
+    assert mcmc.tried(6) == [270, 540, 1080]
 
 
 @pytest.mark.jit

@@ -1,7 +1,4 @@
-"""One simulated recording before and after the fusion of detections, as figures; described by plain values.
-
-[Lee] Ch. 4 on simulated cameras: detection and false rates before and after the fusion, and what a tracker gains.
-"""
+"""[Lee] Ch. 4 on simulated cameras: detection and false rates before and after the fusion, and a tracker's gain."""
 
 from __future__ import annotations
 
@@ -32,17 +29,17 @@ from occlog.track.catalogue import tracker
 from occlog.track.drivers.stage import track
 
 DIAMETER = 3.33
-"""Of everybody in the room, in units."""
+"""Diameter of all people in the room, in units of the scene."""
 START = 10
 """Estimates left out at the start of a track."""
 
 
 def fusion_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Figures of a trial.
+    """Run a trial: one simulated recording before and after the fusion of its detections.
 
     Args:
-        spec: `scene` (YAML text), `seed`, `run`, `steps`, `occluders`, `cameras` (names), `miss`, `false` (of every
-            camera; the fusion is told both), `fuse` (fields of `FuseConfig`) and `track` (also track what came out).
+        spec: `scene` (YAML text), `seed`, `run`, `steps`, `occluders`, `cameras` (names), `miss` and `false` (of
+            every camera; the fusion assumes both), `fuse` (fields of `FuseConfig`) and `track` (true: also track).
 
     Returns:
         For `before` and `after` the fusion: `detection_` rate of visible targets, `false_` reports a frame, `hidden_`
@@ -85,7 +82,7 @@ def _rates(c: Counts, when: str) -> dict[str, float]:
 
 
 def _rmse(rows: Iterable[Bearings], truth: Truth, scene: Scene, seed: int) -> float:
-    """Of the auxiliary particle filter with its defaults."""
+    """Track with the defaults of the auxiliary particle filter, and return the RMSE."""
     config = tracker("apf").defaults(scene.length_unit)
     parts = track(rows, scene, config, seed, method="apf", sensors=choose_sensors(scene, ()))
     tracks = Tracks.concat([p.tracks for p in parts])
@@ -93,8 +90,11 @@ def _rmse(rows: Iterable[Bearings], truth: Truth, scene: Scene, seed: int) -> fl
 
 
 MISS = 0.2
+"""Probability that a camera misses a visible target."""
 FALSE = (0.05, 0.1, 0.2)
+"""Probabilities of a false report of a camera in a frame."""
 CAMERAS = (3, 4, 8)
+"""Numbers of cameras."""
 DETECTED, REPORTED = "detected", "false"
 RATES = {"detection": DETECTED, "false": REPORTED}
 RAW, IGNORE, USE = "not fused", "fused", "fused, all used"
@@ -103,7 +103,7 @@ NOTE = f"Reference room of 100 x 100; series: number of cameras, each of which m
 
 
 def rates(size: Size, execute: Execute) -> Table:
-    """Rates of all cameras against the probability of a false report, before and after."""
+    """Compute the rates of all cameras against the probability of a false report, before and after."""
     rows = []
     for n, x, own in _done(size, execute, track=False):
         extra = {key: math.fsum(r[key] for r in own) / size.runs for key in ("hidden_before", "hidden_after")}
@@ -115,7 +115,7 @@ def rates(size: Size, execute: Execute) -> Table:
 
 
 def errors(size: Size, execute: Execute) -> Table:
-    """RMSE of the auxiliary particle filter against the probability of a false report."""
+    """Compute the RMSE of the auxiliary particle filter against the probability of a false report."""
     return [
         Row(f"{n}, {what}", x, tuple(r[key] for r in own))
         for n, x, own in _done(size, execute, track=True)
@@ -124,7 +124,7 @@ def errors(size: Size, execute: Execute) -> Table:
 
 
 def _done(size: Size, execute: Execute, *, track: bool) -> list[tuple[int, float, list[dict[str, float]]]]:
-    """Cameras, probability of a false report, and the figures of all runs."""
+    """Run all trials; return number of cameras, probability of a false report, and the figures of all runs."""
     cameras = CAMERAS[1:2] if size.quick else CAMERAS
     points = [(n, x) for n in cameras for x in (FALSE[::2] if size.quick else FALSE)]
     results = execute([_spec(size, run, n, x, track) for n, x in points for run in range(size.runs)])
@@ -147,7 +147,7 @@ def _spec(size: Size, run: int, cameras: int, false: float, track: bool) -> Spec
 
 
 def judge_rates(table: Table) -> list[Verdict]:
-    """Statements of the thesis about the fusion."""
+    """Judge the statements of the thesis about the fusion."""
     missed = "Missed detections are recovered: detection rate higher by this"
     false = "False detections do not spread: fewer false reports a frame, by this"
     return [
@@ -157,42 +157,42 @@ def judge_rates(table: Table) -> list[Verdict]:
 
 
 def judge_errors(table: Table) -> list[Verdict]:
-    """Statements of this project about tracking with fused bearings."""
+    """Judge this project's statements about tracking with fused bearings."""
     gains = "A filter gains by the fusion, recovered rows as not seen (of this project): RMSE lower by this"
     twice = "Recovered rows as measured count the same twice (of this project): RMSE higher by this"
     return [*_judged(table, "fused", gains, IGNORE, RAW), *_judged(table, "twice", twice, IGNORE, USE)]
 
 
 def _judged(table: Table, key: str, said: str, low: str, high: str) -> list[Verdict]:
-    """That one series is below another, for each number of cameras."""
+    """Judge that one series is below another, for each number of cameras."""
     found = [(n, v.matched(table, f"{n}, {low}", f"{n}, {high}")) for n in CAMERAS]
     return [v.pairs(f"{key}-{n}", f"{said}; {n} cameras.", points) for n, points in found if points]
 
 
-EXPERIMENTS = (
+FUSION_EXPERIMENTS = (
     Experiment(
-        "detection",
-        "Detections before and after the fusion",
-        "probability of a false report",
-        "rate",
-        12,
-        400,
-        (2, 60),
-        rates,
-        judge_rates,
+        item="detection",
+        title="Detections before and after the fusion",
+        x_label="probability of a false report",
+        y_label="rate",
+        runs=12,
+        steps=400,
+        quick=(2, 60),
+        compute=rates,
+        judge=judge_rates,
         trial=fusion_trial,
         note=f"{NOTE} Detected: share of the looks at a visible target; false: a frame.",
     ),
     Experiment(
-        "fused-track",
-        "A particle filter on fused bearings",
-        "probability of a false report",
-        "RMSE",
-        6,
-        300,
-        (2, 60),
-        errors,
-        judge_errors,
+        item="fused-track",
+        title="A particle filter on fused bearings",
+        x_label="probability of a false report",
+        y_label="RMSE",
+        runs=6,
+        steps=300,
+        quick=(2, 60),
+        compute=errors,
+        judge=judge_errors,
         trial=fusion_trial,
         note=f"{NOTE} Recovered rows are taken as not seen, or (all used) as measured.",
     ),

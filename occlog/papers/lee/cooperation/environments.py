@@ -1,9 +1,9 @@
-"""The two environments of [Lee] Ch. 3: the field of Fig. 3-7 and the room of Sec. 3.4, with what sensors say.
+"""The two environments of [Lee] Ch. 3, the field of Fig. 3-7 and the room of Sec. 3.4, with simulated bearings.
 
 The room's ranges are those on the ground, so its sensors are at the height of the objects.
 
-What the thesis does not print (which way the turns go, where the cameras of the field stand,
-the ranges of the room's sensors) is as in the files of the same names in `examples/`.
+The thesis does not print which way the turns go, where the cameras of the field stand, and the
+ranges of the room's sensors.  They are chosen as in the files of the same names in `examples/`.
 """
 
 from __future__ import annotations
@@ -102,12 +102,12 @@ targets:
   - {from_s: 13, velocity: [0, -1.3]}
 """
 HEIGHT = 0.9
-"""Of everything that sounds [m]."""
+"""Height of the sound sources [m]."""
 TEXTS = {"field": (FIELD, FIELD_PATHS), "room": (ROOM, ROOM_PATHS)}
 
 
-class World(NamedTuple):
-    """What really happens, and what sensors say of it."""
+class Environment(NamedTuple):
+    """A scene, the true paths of A arrays' K targets at T times, and all bearings."""
 
     scene: Scene
     truth: Grid
@@ -116,8 +116,8 @@ class World(NamedTuple):
 
 
 @functools.lru_cache(maxsize=4)
-def world(name: str, seed: int, run: int) -> World:
-    """One of the environments, with the noise of a run."""
+def environment(name: str, seed: int, run: int) -> Environment:
+    """Simulate `field` or `room` with the noise of a run."""
     scene, script = scene_from_yaml(TEXTS[name][0], name), paths_from_yaml(TEXTS[name][1], name)
     assert script.rate_hz is not None
     assert script.seconds is not None
@@ -131,7 +131,7 @@ def world(name: str, seed: int, run: int) -> World:
     looks = ObserveConfig(diameter=0.0)
     cameras, sounds = observe(scene, grids, looks, own), observe_arrays(scene, grids, looks, own, silent=silent)
     bearings = Bearings.concat(list(in_time([list(cameras), list(bearings_of_doa(sounds, scene))])))
-    return World(scene, truth, bearings, _heard(scene, truth, silent))
+    return Environment(scene, truth, bearings, _heard(scene, truth, silent))
 
 
 def _heard(scene: Scene, truth: Grid, silent: dict[int, Ints]) -> Floats:
