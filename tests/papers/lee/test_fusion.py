@@ -7,11 +7,19 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 import pytest
 
 from occlog.papers.catalogue import PAPERS
 from occlog.papers.ercan.scenes import names, square_room
-from occlog.papers.lee.fusion.cases import DECISION_EXPERIMENTS, ITEMS, PRINTED, declaration_trial
+from occlog.papers.lee.fusion.cases import (
+    CASES,
+    DECISION_EXPERIMENTS,
+    ITEMS,
+    PRINTED,
+    decision_value_of_case_studies,
+    declaration_trial,
+)
 from occlog.papers.lee.fusion.detection_rates import FUSION_EXPERIMENTS, fusion_trial
 from occlog.papers.verdicts.model import Size
 from occlog.papers.verdicts.verdicts import find
@@ -49,6 +57,16 @@ def test_case_studies_are_computed_to_the_known_values(name: str):
         assert (judged["case2-x"], judged["case2-prior"]) == ("in part", "not reproduced")
     if name == "case3":
         assert judged["case3-value-plain"] == "not reproduced"
+
+
+@pytest.mark.parametrize("name", ["case1", "case2", "case3"])
+def test_case_studies_print_the_sum_of_log_w(name: str):
+    """From the thesis' own rounded W and P_1; its digits are cut off (2.787, 0.131, -6.1015), not rounded."""
+    case = CASES[name]
+    w = np.array([[case.qualities.get(j, math.nan) for j in range(3)]])
+    value = decision_value_of_case_studies(~np.isnan(w), w, case.prior)[0]
+    digits = 3 if name == "case3" else 2
+    assert math.trunc(value * 10**digits) == round(case.value * 10**digits)
 
 
 def test_declarations_fall_with_the_variance_and_rise_with_the_sensors():

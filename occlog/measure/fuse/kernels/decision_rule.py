@@ -134,36 +134,30 @@ def decision_value(
         edge: distance kept from 0 and 1.
     """
     weight = _log_odds(np.where(detected, qualities, 0.5), edge)
-    return _value(detected, weight, prior, p_miss, p_false, looked, edge) / math.log(base)
+    return weighted_value(detected, weight, prior, p_miss, p_false, looked=looked, edge=edge) / math.log(base)
 
 
-def decision_value_without_quality(
+def weighted_value(
     detected: Bools,
+    weight: Floats,
     prior: ArrayLike,
     p_miss: ArrayLike,
     p_false: ArrayLike,
+    *,
     looked: Bools | None = None,
-    base: float = math.e,
     edge: float = EDGE,
 ) -> Floats:
-    """(N,) log-likelihood ratio of the rule that knows no quality ([Lee] Eq. 4.3).
+    """(N,) prior log odds plus each camera's term, natural log; `weight` (N, J) is added to that of a detection.
 
-    Arguments as in `decision_value`, with which it agrees where every W is 1/2.
+    Without weights it is [Lee] Eq. 4.3, with log W/(1 - W) it is Eq. 4.13.  Other arguments as in `decision_value`.
     """
-    weight = np.zeros(np.shape(detected))
-    return _value(detected, weight, prior, p_miss, p_false, looked, edge) / math.log(base)
-
-
-def decision_value_of_case_studies(
-    detected: Bools, qualities: Floats, prior: ArrayLike, p_miss: ArrayLike, p_false: ArrayLike, edge: float = EDGE
-) -> Floats:
-    """(N,) number that the case studies of [Lee] Sec. 4.4.2 print; only to reproduce them.
-
-    log10 throughout, and log W where Eq. 4.13 has log W/(1 - W).  It is no likelihood ratio: a
-    detection can only lose by its quality.  Arguments as in `decision_value`.
-    """
-    weight = np.log(np.clip(np.where(detected, qualities, 1.0), edge, 1.0))
-    return _value(detected, weight, prior, p_miss, p_false, None, edge) / math.log(10.0)
+    miss, false = (np.clip(np.asarray(p, dtype=np.float64), edge, 1.0 - edge) for p in (p_miss, p_false))
+    hit_term = np.log1p(-miss) - np.log(false) + weight
+    miss_term = np.log(miss) - np.log1p(-false)
+    term = np.where(detected, hit_term, miss_term)
+    if looked is not None:
+        term = np.where(looked, term, 0.0)
+    return np.asarray(_log_odds(np.asarray(prior, dtype=np.float64), edge) + term.sum(axis=-1))
 
 
 def fuse(
@@ -214,25 +208,6 @@ def _causes(positions: Floats, xy: Floats, declared: Bools, looked: Bools, gate:
     if_not = np.where(_detected(positions), REMOVED_FALSE, NOTHING)
     cause = np.where(declared[:, None], if_declared, if_not)
     return np.where(looked, cause, NOT_LOOKING).astype(np.int8)
-
-
-def _value(
-    detected: Bools,
-    weight: Floats,
-    prior: ArrayLike,
-    p_miss: ArrayLike,
-    p_false: ArrayLike,
-    looked: Bools | None,
-    edge: float,
-) -> Floats:
-    """(N,) prior log odds plus each camera's term, natural log; `weight` is added where detected."""
-    miss, false = (np.clip(np.asarray(p, dtype=np.float64), edge, 1.0 - edge) for p in (p_miss, p_false))
-    hit_term = np.log1p(-miss) - np.log(false) + weight
-    miss_term = np.log(miss) - np.log1p(-false)
-    term = np.where(detected, hit_term, miss_term)
-    if looked is not None:
-        term = np.where(looked, term, 0.0)
-    return np.asarray(_log_odds(np.asarray(prior, dtype=np.float64), edge) + term.sum(axis=-1))
 
 
 def _log_odds(p: Floats, edge: float) -> Floats:

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import Bools, Floats
 from occlog.measure.fuse.kernels.decision_rule import (
+    EDGE,
     decision_value,
-    decision_value_of_case_studies,
-    decision_value_without_quality,
     fused_position,
     prior_present,
     quality,
+    weighted_value,
 )
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Spec, Table, Verdict
@@ -49,8 +49,23 @@ def declaration_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     return {
         "printed": float(np.mean(decision_value(detected, weight, prior, CHANCE, CHANCE) > 0.0)),
         "half": float(np.mean(decision_value(detected, weight, 0.5, CHANCE, CHANCE) > 0.0)),
-        "cases": float(np.mean(decision_value_of_case_studies(detected, weight, prior, CHANCE, CHANCE) > 0.0)),
+        "cases": float(np.mean(decision_value_of_case_studies(detected, weight, prior) > 0.0)),
     }
+
+
+def decision_value_of_case_studies(detected: Bools, qualities: Floats, prior: Floats | float) -> Floats:
+    """Return (N,) the number that the case studies of Sec. 4.4.2 print, with `CHANCE` for P_M and P_F.
+
+    They take log10 throughout, and log W where Eq. 4.13 has log W/(1 - W).  It is no likelihood ratio:
+    a detection can only lose by its quality.
+
+    Args:
+        detected: (N, J) the camera detected an object.
+        qualities: (N, J) W; not used (may be NaN) where nothing was detected.
+        prior: P_1, one number or (N,).
+    """
+    weight = np.log(np.clip(np.where(detected, qualities, 1.0), EDGE, 1.0))
+    return weighted_value(detected, weight, prior, CHANCE, CHANCE) / math.log(10.0)
 
 
 RULES = {"printed": "(4.13)", "half": "(4.13), P_1 = 1/2", "cases": "the sum of the case studies"}
@@ -175,16 +190,16 @@ def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
     detected = np.isfinite(weight)
     # The decision is computed from the printed W and P_1, since errors in these are statements of their own.
     printed = np.array([[c.qualities.get(j, math.nan) for j in range(len(c.detections))]])
-    given = (detected, printed, c.prior, CHANCE, CHANCE)
     rows = [Row("quality", j + 1.0, (float(weight[0, j]),)) for j in c.qualities]
     rows += [
         Row("x", 0.0, (float(xy[0, 0]),)),
         Row("y", 0.0, (float(xy[0, 1]),)),
         Row("prior", 0.0, (float(prior[0]),)),
     ]
-    rows.append(Row(ITEMS[4], 0.0, (float(decision_value(*given, base=10.0)[0]),)))
-    rows.append(Row(ITEMS[5], 0.0, (float(decision_value_of_case_studies(*given)[0]),)))
-    plain = decision_value_without_quality(detected, 0.5, CHANCE, CHANCE, base=10.0)
+    rows.append(Row(ITEMS[4], 0.0, (float(decision_value(detected, printed, c.prior, CHANCE, CHANCE, base=10.0)[0]),)))
+    rows.append(Row(ITEMS[5], 0.0, (float(decision_value_of_case_studies(detected, printed, c.prior)[0]),)))
+    # Eq. 4.3 is Eq. 4.13 with every W at 1/2.
+    plain = decision_value(detected, np.full(detected.shape, 0.5), 0.5, CHANCE, CHANCE, base=10.0)
     rows.append(Row(ITEMS[6], 0.0, (float(plain[0]),)))
     return rows
 

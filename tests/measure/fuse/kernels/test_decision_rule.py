@@ -21,8 +21,6 @@ from occlog.measure.fuse.kernels.decision_rule import (
     REMOVED_FAR,
     Fusion,
     decision_value,
-    decision_value_of_case_studies,
-    decision_value_without_quality,
     fuse,
     fused_position,
     prior_present,
@@ -88,13 +86,12 @@ def test_decision_is_bayes_rule_with_weighted_evidence() -> None:
     miss=st.floats(0.01, 0.99),
     false=st.floats(0.01, 0.99),
 )
-def test_rule_without_quality_is_that_with_quality_one_half(
+def test_rule_with_every_quality_one_half_is_4_3_by_plain_arithmetic(
     detected: list[bool], prior: float, miss: float, false: float
 ) -> None:
     seen = np.array([detected])
-    plain = decision_value_without_quality(seen, prior, miss, false)
-    assert plain == pytest.approx(decision_value(seen, np.full(seen.shape, 0.5), prior, miss, false), abs=1e-9)
-    hits = sum(detected)  # (4.3) by plain arithmetic
+    plain = decision_value(seen, np.full(seen.shape, 0.5), prior, miss, false)
+    hits = sum(detected)
     by_hand = math.log(prior / (1 - prior)) + hits * math.log((1 - miss) / false)
     by_hand += (len(detected) - hits) * math.log(miss / (1 - false))
     assert plain == pytest.approx([by_hand], abs=1e-9)
@@ -141,16 +138,6 @@ def test_case_studies_by_4_13_from_the_positions(number: int, value: float) -> N
     assert result.value / math.log(10.0) == pytest.approx([value], abs=5e-4)
 
 
-@pytest.mark.parametrize(("number", "printed"), [(1, 2.78), (2, 0.13), (3, -6.101)])
-def test_case_studies_print_the_sum_of_log_w(number: int, printed: float) -> None:
-    """From the thesis' own rounded W and P_1; its digits are cut off (2.787, 0.131, -6.1015), not rounded."""
-    _, _, weights, prior = CASES[number]
-    w = np.array([weights])
-    value = decision_value_of_case_studies(~np.isnan(w), w, prior, 0.2, 0.2)[0]
-    digits = 3 if number == 3 else 2
-    assert math.trunc(value * 10**digits) == round(printed * 10**digits)
-
-
 def test_case_studies_what_becomes_of_the_detections() -> None:
     one, two, three = (fuse(*case(k), 1.0, 0.2, 0.2, 1.5) for k in (1, 2, 3))
     assert one.declared[0]
@@ -159,7 +146,8 @@ def test_case_studies_what_becomes_of_the_detections() -> None:
     assert two.cause.tolist() == [[KEPT, REMOVED_FAR, REMOVED_FAR]]
     assert not three.declared[0]
     assert three.cause.tolist() == [[REMOVED_FALSE, REMOVED_FALSE, NOTHING]]
-    assert decision_value_without_quality(np.array([[True, True, False]]), 0.5, 0.2, 0.2)[0] > 0.0  # (4.3) propagates
+    plain = decision_value(np.array([[True, True, False]]), np.full((1, 3), 0.5), 0.5, 0.2, 0.2)
+    assert plain[0] > 0.0  # by (4.3) the false object would be declared
 
 
 # Bookkeeping
@@ -277,7 +265,7 @@ def test_all_miss_and_all_detect() -> None:
     ],
 )
 def test_rates_of_zero_and_one_stay_finite(detected: list[bool], miss: float, false: float, sign: int) -> None:
-    value = decision_value_without_quality(np.array([detected]), 0.5, miss, false)[0]
+    value = decision_value(np.array([detected]), np.full((1, len(detected)), 0.5), 0.5, miss, false)[0]
     assert math.isfinite(value)
     assert abs(value) < 1e-3 if sign == 0 else value * sign > 20.0
 

@@ -56,10 +56,10 @@ def test_exponents_are_those_of_powers():
 def table(bmct, mcmc, sir):
     """Rows of three filters by what is needed at n targets, with some noise."""
     rows = []
-    for f, need in zip(FILTERS, (bmct, mcmc, sir), strict=True):
+    for name, need in zip(FILTERS, (bmct, mcmc, sir), strict=True):
         for n in COUNTS:
             values = tuple(need(n) * (1.0 + 0.01 * k) for k in (-1, 0, 1))
-            rows += [Row(f"{f.name}, {TOTAL}", n, values), Row(f"{f.name}, {TIME}", n, tuple(0.01 * x for x in values))]
+            rows += [Row(f"{name}, {TOTAL}", n, values), Row(f"{name}, {TIME}", n, tuple(0.01 * x for x in values))]
     return rows
 
 
@@ -99,11 +99,11 @@ def test_totals_count_all_trackers_of_both_views():
 @pytest.mark.jit
 def test_experiment_runs_and_tells_all_that_it_measured():
     rows = TABLE2.compute(Size(1, 4, quick=True, seed=5), lambda specs: [run_views_trial(s) for s in specs])
-    for f in FILTERS:
-        need = [r for r in rows if r.series == f"{f.name}, {TOTAL}"]
+    for name in FILTERS:
+        need = [r for r in rows if r.series == f"{name}, {TOTAL}"]
         assert [r.x for r in need] == [2, 4, 6]
         assert all(r.mean > 0 for r in need)
-        relative = [r for r in rows if r.series == f"{f.name}, particles"]
+        relative = [r for r in rows if r.series == f"{name}, particles"]
         assert relative[1].mean == pytest.approx(1.0)
     assert sum("effective" in r.series for r in rows) == 3 * 3 * 3
     assert len(TABLE2.judge(rows)) >= 8
