@@ -13,7 +13,8 @@ import numpy as np
 
 from occlog.cli.options import load_scene
 from occlog.errors import InputError, UsageError
-from occlog.io.calibration import CalibrationOptions, describe, read_calibration
+from occlog.io.calibration.common import CalibrationOptions
+from occlog.io.calibration.reader import describe, read_calibration
 from occlog.io.files.sensor_names import match_sensor, safe_name
 from occlog.io.frames.process import Decoder
 from occlog.io.sound.author_formats import read_arrays

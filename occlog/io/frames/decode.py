@@ -21,7 +21,7 @@ from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
 from occlog.io.video.container import Container
-from occlog.io.video.containers import read_container
+from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
 

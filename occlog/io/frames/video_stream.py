@@ -14,7 +14,7 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.io.files.frame_times import FrameTimes, as_rate
 from occlog.io.video.container import Container
-from occlog.io.video.containers import read_container
+from occlog.io.video.reader import read_container
 
 STAMPS = "container time stamps"
 

@@ -13,7 +13,7 @@ import cv2
 from occlog.errors import OutputError
 from occlog.io.files.atomic import Together, check_writable, open_output
 from occlog.io.files.provenance import hash_file
-from occlog.io.video.containers import read_container
+from occlog.io.video.reader import read_container
 from occlog.records.frames import Image
 
 SHOWN = {".avi": "MJPG", ".mp4": "mp4v"}

@@ -28,8 +28,8 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 
 from .guard import open_mcap, read_attachment
-from .rows import RECORDED, RowCollector, schema_of
-from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA, RecordingWriter
+from .rows import RowCollector, schema_of
+from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA
 
 
 @dataclass
@@ -265,6 +265,3 @@ def _with_scene(recording: Recording) -> Recording:
         return recording
     scene = scene_from_yaml(raw.decode("utf-8", "replace"), f"{recording.path}: {SCENE_ATTACHMENT}")
     return Recording(**{**recording.__dict__, "scene": scene})
-
-
-__all__ = ["RECORDED", "Recording", "RecordingWriter", "open_recording"]

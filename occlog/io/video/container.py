@@ -1,8 +1,9 @@
 """What a video file itself says about its frames, read without a decoder.
 
 OpenCV never tells that a video was cut or damaged, and its frame count is an estimate for
-some containers.  The parsers here (`video_mp4`, `video_avi`, `video_mkv`) read the tables
+some containers.  The parsers beside this file (`mp4`, `avi`, `mkv`) read the tables
 and marks of the container, so that lost frames are counted and the rest keep their place.
+This file has what they share: the result, checked reading, and common faults.
 """
 
 from __future__ import annotations

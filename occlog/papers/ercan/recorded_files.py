@@ -14,7 +14,8 @@ import numpy as np
 
 from occlog.errors import InputError, UsageError
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
-from occlog.io.calibration import CalibrationOptions, read_calibration
+from occlog.io.calibration.common import CalibrationOptions
+from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.frame_times import FrameTimes, as_rate
 from occlog.io.files.parquet import read_table
 from occlog.io.files.provenance import hash_file

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from occlog.core.plane.polygons import sight_blocked
-from occlog.core.sight.sight import in_view
+from occlog.core.sight.line_of_sight import in_view
 from occlog.core.sight.visibility import assigned, make_sensors, seen_from
 
 WALLS = {

@@ -12,9 +12,10 @@ import pytest
 
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError
-from occlog.io.calibration import IMPORTERS, CalibrationOptions, describe, meeting_point, read_calibration
+from occlog.io.calibration.common import CalibrationOptions
 from occlog.io.calibration.opencv_toml import rotation_from_vector
 from occlog.io.calibration.projection import take_apart
+from occlog.io.calibration.reader import IMPORTERS, describe, meeting_point, read_calibration
 from occlog.io.calibration.tsai import rotation_zyx
 from occlog.records.scene import Camera
 

@@ -9,7 +9,7 @@ import pytest
 from occlog.io.frames.process import start_decoder
 from occlog.io.frames.sizes import size_changes
 from occlog.io.frames.video_stream import video_times
-from occlog.io.video.containers import read_container
+from occlog.io.video.reader import read_container
 
 FILES = {
     "pose2sim_demo/single/videos/cam01.mp4": (100, (1080, 1920), 60),

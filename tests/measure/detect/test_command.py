@@ -15,7 +15,7 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.errors import ExitCode
 from occlog.io.files.parquet import describe, read_provenance, read_table
 from occlog.io.files.provenance import Provenance
-from occlog.io.recording.reader import RecordingWriter
+from occlog.io.recording.writer import RecordingWriter
 from occlog.measure.detect.command import NAMES, SETTINGS, command
 from occlog.measure.detect.config import DetectConfig
 from occlog.measure.regions.appearance import histogram

@@ -13,7 +13,7 @@ from view_scenes import view_tracks, walks
 from occlog.cli.main import run
 from occlog.core.sight.fundamental import epipolar_distances
 from occlog.errors import ExitCode
-from occlog.io.calibration import read_calibration
+from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.models.fundamental_matrices import read_epipolar

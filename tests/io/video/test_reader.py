@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from video_samples import FRAMES, KINDS, avi, faststart, fragmented, jpeg, write_video
 
 from occlog.io.video.container import Container
-from occlog.io.video.containers import read_container
+from occlog.io.video.reader import read_container
 
 STEP = 50_000_000
 

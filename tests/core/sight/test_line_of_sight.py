@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from shapely.geometry import LineString, Point
 
-from occlog.core.sight.sight import behind_objects, behind_walls, in_view
+from occlog.core.sight.line_of_sight import behind_objects, behind_walls, in_view
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,4 +1,4 @@
-"""What kind of container a video file is, and what it says about its frames."""
+"""Reads what a video file itself says about its frames: MP4, AVI or Matroska, found out from the content."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from .container import Container
 
 
 def read_container(path: Path) -> Container | None:
-    """What the file says about its frames; None for a container that we do not know.
+    """Return what the file says about its frames; None for a container that is neither MP4, AVI nor Matroska.
 
-    Raises InputError only where the file cannot be read; faults of its content are
-    listed in `problems`.
+    Faults of the content are listed in `Container.problems`.
+
+    Raises:
+        InputError: the file cannot be read at all, or it is empty.
     """
     from . import avi, mkv, mp4
 

@@ -1,0 +1,127 @@
+"""Camera calibrations of other programs to cameras of a scene.
+
+One file a format; `IMPORTERS` lists them.  A new format needs a module with `detect` and
+`read`, and a line here.  What an importer understood is told by `describe`: units, centres,
+and where the optical axes meet, so that a wrong convention is seen at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError, UsageError
+from occlog.records.scene import Camera
+
+from . import opencv_storage, opencv_toml, projection, qualisys, tsai
+from .common import CalibrationOptions, read_text
+
+
+class Importer(NamedTuple):
+    """One calibration format."""
+
+    detect: Callable[[str], bool]
+    read: Callable[[list[Path], CalibrationOptions], tuple[Camera, ...]]
+    unit: str
+    doc: str
+
+
+IMPORTERS: dict[str, Importer] = {
+    "qualisys": Importer(qualisys.detect, qualisys.read, "mm", "Qualisys Track Manager (.qca.txt)"),
+    "tsai": Importer(tsai.detect, tsai.read, "mm", "Tsai, as in the PETS data sets (XML, one file a camera)"),
+    "opencv-toml": Importer(opencv_toml.detect, opencv_toml.read, "m", "TOML of caliscope, anipose, Pose2Sim"),
+    "opencv-storage": Importer(opencv_storage.detect, opencv_storage.read, "m", "OpenCV FileStorage (YAML or XML)"),
+    "projection": Importer(
+        projection.detect, projection.read, "m", "3 x 4 projection matrices (text, one file a camera)"
+    ),
+}
+"""Every format that can be read; the order is that of detection, from the most to the least particular."""
+
+
+class Calibration(NamedTuple):
+    """Cameras of a calibration, the format they were read as, and the unit of its lengths."""
+
+    cameras: tuple[Camera, ...]
+    format: str
+    unit: str
+
+
+def read_calibration(
+    paths: Sequence[Path], format: str = "auto", options: CalibrationOptions | None = None
+) -> Calibration:
+    """The cameras of one or more calibration files of one format.
+
+    Args:
+        paths: files; a folder stands for all files in it, by name.
+        format: a key of `IMPORTERS`, or `auto`: found out from the content.
+        options: what the format does not state itself.
+
+    Raises:
+        InputError: the files are not of a known format, or do not describe cameras.
+    """
+    files = [file for path in paths for file in _files(path)]
+    if not files:
+        raise UsageError("no calibration file is given; name one with --calibration")
+    name = _detect(files[0]) if format == "auto" else format
+    if name not in IMPORTERS:
+        raise UsageError(f"calibration format {name!r} is not known; known: auto, {', '.join(IMPORTERS)}")
+    options = options or CalibrationOptions()
+    cameras = IMPORTERS[name].read(files, options)
+    if not cameras:
+        raise InputError(f"{files[0]}: describes no camera ({IMPORTERS[name].doc})")
+    names = [c.name for c in cameras]
+    double = next((n for n in names if names.count(n) > 1), None)
+    if double is not None:
+        raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ")
+    return Calibration(cameras, name, options.unit or IMPORTERS[name].unit)
+
+
+def _files(path: Path) -> list[Path]:
+    if path.is_dir():
+        return sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+    return [path]
+
+
+def _detect(path: Path) -> str:
+    text = read_text(path)
+    for name, importer in IMPORTERS.items():
+        if importer.detect(text):
+            return name
+    formats = "; ".join(f"{name}: {importer.doc}" for name, importer in IMPORTERS.items())
+    raise InputError(f"{path}: not a calibration of a known format ({formats}); state it with --calibration-format")
+
+
+def describe(calibration: Calibration) -> str:
+    """One line: format, unit, cameras with their centres in metres, and where their optical axes meet."""
+    cameras = calibration.cameras
+    centres = ", ".join(f"{c.name} ({c.position[0]:.2f}, {c.position[1]:.2f}, {c.position[2]:.2f})" for c in cameras)
+    unit = calibration.unit if calibration.unit == "m" else f"{calibration.unit} -> m"
+    text = f"calibration: {calibration.format}, {unit}, {len(cameras)} cameras at {centres}"
+    if len(cameras) < 2:
+        return text
+    point, distance = meeting_point(cameras)
+    return text + (
+        f"; optical axes meet near ({point[0]:.2f}, {point[1]:.2f}, {point[2]:.2f}) and pass it at "
+        f"{distance.mean():.2f} m on average"
+    )
+
+
+def meeting_point(cameras: Sequence[Camera]) -> tuple[Floats, Floats]:
+    """The point (3,) nearest to all optical axes (least squares), and how far each axis (n,) passes it.
+
+    NaN where the axes are parallel.
+    """
+    centres = np.array([c.position for c in cameras])
+    axes = np.array([c.rotation[:, 2] for c in cameras])
+    # Projectors onto the planes across the axes: the distance of X to axis i is |A_i (X - c_i)|.
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    normal = across.sum(axis=0)
+    if np.linalg.cond(normal) > 1e9:
+        return np.full(3, np.nan), np.full(len(centres), np.nan)
+    point = np.linalg.solve(normal, (across @ centres[:, :, None]).sum(axis=0)[:, 0])
+    off = (across @ (point - centres)[:, :, None])[:, :, 0]
+    return point, np.linalg.norm(off, axis=1)
