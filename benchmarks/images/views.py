@@ -19,7 +19,7 @@ from occlog.records.scene import Camera
 from occlog.simulate.balls.motion import BallsConfig, ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
 from occlog.track.images.catalogue import VISUAL
-from occlog.track.images.interface import Birth, Looks
+from occlog.track.images.interface import Birth, FrameSet
 from occlog.track.images.methods.timing import likelihood_seconds
 
 NAME = "views"
@@ -49,20 +49,20 @@ def geometry(config: BallsConfig) -> Geometry:
     return Geometry(out, (None, None))
 
 
-def looks(frame: BallsFrame) -> Looks:
-    return Looks(frame.frame * 40_000_000, np.full(2, frame.frame), frame.images)
+def frame_set(frame: BallsFrame) -> FrameSet:
+    return FrameSet(frame.frame * 40_000_000, np.full(2, frame.frame), frame.images)
 
 
-def states(frames: list[BallsFrame], config: BallsConfig, **settings: Any) -> list[tuple[Any, Looks, Any]]:
+def states(frames: list[BallsFrame], config: BallsConfig, **settings: Any) -> list[tuple[Any, FrameSet, Any]]:
     """The state before each frame, the frame, and the state of the generator."""
     method, rng = VISUAL["bmct"], np.random.default_rng(SEED)
     views = [View(c.name, *c.image_size) for c in ball_cameras(config)]
     state = method.init(views, geometry(config), method.config(**settings), rng)
     births = [Birth(v, k, e) for v, row in enumerate(frames[0].ellipses) for k, e in enumerate(row)]
-    state, out = method.born(state, looks(frames[0]), births), []
+    state, out = method.born(state, frame_set(frames[0]), births), []
     for frame in frames[1:]:
-        out.append((state, looks(frame), rng.bit_generator.state))
-        state, _ = method.step(state, looks(frame), rng)
+        out.append((state, frame_set(frame), rng.bit_generator.state))
+        state, _ = method.step(state, frame_set(frame), rng)
     return out
 
 
@@ -72,7 +72,7 @@ def generator(bits: Any) -> np.random.Generator:
     return rng
 
 
-def ours(cases: list[tuple[Any, Looks, Any]]) -> float:
+def ours(cases: list[tuple[Any, FrameSet, Any]]) -> float:
     """CPU milliseconds a frame of all views."""
     step, rngs = VISUAL["bmct"].step, [generator(bits) for _, _, bits in cases]
     start = time.thread_time()
@@ -81,7 +81,7 @@ def ours(cases: list[tuple[Any, Looks, Any]]) -> float:
     return 1e3 * (time.thread_time() - start) / len(cases)
 
 
-def plain(cases: list[tuple[Any, Looks, Any]], ref: ModuleType) -> float:
+def plain(cases: list[tuple[Any, FrameSet, Any]], ref: ModuleType) -> float:
     """The same of the plain form, its random numbers and maps of bins included."""
     rngs = [generator(bits) for _, _, bits in cases]
     start = time.thread_time()
@@ -93,7 +93,7 @@ def plain(cases: list[tuple[Any, Looks, Any]], ref: ModuleType) -> float:
     return 1e3 * (time.thread_time() - start) / len(cases)
 
 
-def shares(cases: list[tuple[Any, Looks, Any]]) -> dict[str, float]:
+def shares(cases: list[tuple[Any, FrameSet, Any]]) -> dict[str, float]:
     """CPU milliseconds a frame of each likelihood, as in [Qu] Table 1."""
     rows = [likelihood_seconds(state, frame, generator(bits), 3) for state, frame, bits in cases]
     names = ("local likelihood ms", "interaction likelihood ms", "collaboration likelihood ms")

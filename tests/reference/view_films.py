@@ -14,7 +14,7 @@ from occlog.measure.epipolar.views import Geometry, View
 from occlog.simulate.balls.motion import BallsConfig, ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
 from occlog.track.images.catalogue import VISUAL
-from occlog.track.images.interface import Birth, Looks, Outlines
+from occlog.track.images.interface import Birth, FrameSet, Outlines
 
 PERIOD_NS = 40_000_000
 SMALL = BallsConfig(frames=40, width=120, height=90, balls=3, radius=9.0, speed=2.0, clutter=2)
@@ -47,10 +47,10 @@ def _inner(camera: Any) -> np.ndarray:
     return np.array([[f[0], 0.0, p[0]], [0.0, f[1], p[1]], [0.0, 0.0, 1.0]])
 
 
-def looks_of(frame: BallsFrame, without: Iterable[int] = ()) -> Looks:
+def frame_set(frame: BallsFrame, without: Iterable[int] = ()) -> FrameSet:
     """A frame of all views but some."""
     images = tuple(None if v in set(without) else image for v, image in enumerate(frame.images))
-    return Looks(frame.frame * PERIOD_NS, np.array([-1 if i is None else frame.frame for i in images]), images)
+    return FrameSet(frame.frame * PERIOD_NS, np.array([-1 if i is None else frame.frame for i in images]), images)
 
 
 def births_of(frame: BallsFrame) -> list[Birth]:
@@ -64,7 +64,7 @@ def begun(
     """State with trackers on all balls of the first frame, and the generator."""
     visual, rng = VISUAL[method], np.random.default_rng(seed)
     state = visual.init(views_of(config), geometry_of(config), visual.config(**settings), rng)
-    return visual.born(state, looks_of(frames[0]), births_of(frames[0])), rng
+    return visual.born(state, frame_set(frames[0]), births_of(frames[0])), rng
 
 
 def tracked(
@@ -83,7 +83,7 @@ def tracked(
     state, rng = begun(method, frames, config, seed, **settings)
     out = []
     for t, frame in enumerate(frames[1:], 1):
-        state, said = VISUAL[method].step(between(t, state), looks_of(frame, without(t)), rng)
+        state, said = VISUAL[method].step(between(t, state), frame_set(frame, without(t)), rng)
         out.append(said)
     return out, state
 

@@ -131,7 +131,7 @@ def moved(t: Any, c: Any, normals: Array) -> Array:
 def helping(t: Any, i: int, ready: Array, ratio: Array, c: Any) -> list[int]:
     """Counterparts that help a tracker: good, ready and clear; those alone in their view before others."""
     nearest = ratio.min(axis=1)
-    found = [j for v, j in enumerate(t.twin[i]) if j >= 0 and t.good[i, v] and ready[j]]
+    found = [j for v, j in enumerate(t.counterpart[i]) if j >= 0 and t.good[i, v] and ready[j]]
     alone = [j for j in found if nearest[j] > c.close]
     return [j for j in alone or found if nearest[j] >= min(c.clear, nearest[i])]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,14 @@ import numpy as np
 
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.reader import RecordingWriter
+from occlog.measure.epipolar.views import Geometry
 from occlog.records.frames import Image
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes
 from occlog.simulate.balls.motion import BallsConfig, ball_cameras
 from occlog.simulate.balls.stage import balls_boxes, balls_scene
 from occlog.simulate.balls.video import BallsFrame, render_balls
-from occlog.track.images.interface import LEFT, Looks, Outlines, Visual
+from occlog.track.images.interface import LEFT, Collaboration, FrameSet, Outlines, Visual
 
 SMALL = BallsConfig(frames=16, width=160, height=120, balls=3, radius=11.0, speed=2.0)
 STEP_NS = 40_000_000
@@ -99,49 +100,57 @@ class StillConfig:
 class Still:
     """State of `still`."""
 
-    config: Any
+    config: StillConfig
+    geometry: Geometry
     ellipses: dict[tuple[int, int], np.ndarray]
     ages: dict[tuple[int, int], int]
 
 
-def _born(state: Still, looks: Looks, births: Any) -> Still:
+def _born(state: Still, frames: FrameSet, births: Any) -> Still:
     new = {(b.view, b.target_id): b.ellipse for b in births}
-    return Still(state.config, state.ellipses | new, state.ages | dict.fromkeys(new, 0))
+    return replace(state, ellipses=state.ellipses | new, ages=state.ages | dict.fromkeys(new, 0))
 
 
 def _ended(state: Still, keys: Any) -> Still:
     kept = {k: e for k, e in state.ellipses.items() if k not in keys}
-    return Still(state.config, kept, {k: state.ages[k] for k in kept})
+    return replace(state, ellipses=kept, ages={k: state.ages[k] for k in kept})
 
 
-def _step(state: Still, looks: Looks, rng: Any) -> tuple[Still, Outlines]:
-    here = [k for k in sorted(state.ellipses) if looks.images[k[0]] is not None]
+def _step(state: Still, frames: FrameSet, rng: Any) -> tuple[Still, Outlines]:
+    here = [k for k in sorted(state.ellipses) if frames.images[k[0]] is not None]
     step = np.array([state.config.drift_px, 0.0, 0.0, 0.0, 0.0])
     ages = {k: state.ages[k] + (k in here) for k in state.ellipses}
     moved = {k: e + step * (k in here) for k, e in state.ellipses.items()}
     gone = [k for k in here if ages[k] == state.config.leaves]
     n = len(here)
     outlines = Outlines(
-        np.array([k[0] for k in here], dtype=np.int64),
-        np.array([k[1] for k in here], dtype=np.int64),
-        np.array([moved[k] for k in here]).reshape(-1, 5),
-        np.tile([1.0, 0.0, 1.0], (n, 1)),
-        np.full(n, 0.9),
-        np.full(n, 1.0),
-        np.zeros(n, dtype=np.int64),
-        np.zeros(n, dtype=np.int64),
-        np.zeros((n, n), dtype=bool),
-        np.zeros((n, len(looks.images)), dtype=bool),
-        np.array([LEFT if k in gone else 0 for k in here], dtype=np.int64),
+        view=np.array([k[0] for k in here], dtype=np.int64),
+        target_id=np.array([k[1] for k in here], dtype=np.int64),
+        ellipse=np.array([moved[k] for k in here]).reshape(-1, 5),
+        covariance=np.tile([1.0, 0.0, 1.0], (n, 1)),
+        likeness=np.full(n, 0.9),
+        ess=np.full(n, 1.0),
+        mode=np.zeros(n, dtype=np.int64),
+        counterpart=np.zeros(n, dtype=np.int64),
+        touching=np.zeros((n, n), dtype=bool),
+        helpers=np.zeros((n, len(frames.images)), dtype=bool),
+        event=np.array([LEFT if k in gone else 0 for k in here], dtype=np.int64),
     )
-    return _ended(Still(state.config, moved, ages), gone), outlines
+    return _ended(replace(state, ellipses=moved, ages=ages), gone), outlines
 
 
-STILL = Visual(
-    "trackers that do not look: they stay, or drift to the right",
-    StillConfig,
-    lambda views, geometry, config, rng: Still(config, {}, {}),
-    _born,
-    _step,
-    _ended,
+def _with_geometry(state: Still, geometry: Geometry) -> Still:
+    """Keeps the geometry, for a test to see."""
+    return replace(state, geometry=geometry)
+
+
+STILL: Visual[Still, StillConfig] = Visual(
+    summary="trackers that do not look: they stay, or drift to the right",
+    config=StillConfig,
+    init=lambda views, geometry, config, rng: Still(config, geometry, {}, {}),
+    born=_born,
+    step=_step,
+    ended=_ended,
 )
+STILL_TOGETHER = STILL._replace(collaboration=Collaboration("does the same", lambda config: False, _with_geometry))
+"""The same, as a method whose views help each other."""

@@ -19,8 +19,9 @@ from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry
 from occlog.simulate.balls.motion import BallsConfig
 from occlog.simulate.balls.video import BallsFrame, render_balls
-from occlog.track.images.interface import START, Birth, Outlines, Visual
-from occlog.track.images.methods.state import State
+from occlog.track.images.interface import START, AnyVisual, Birth, Outlines
+from occlog.track.images.methods.config import MipfConfig
+from occlog.track.images.methods.state import VisualState
 from occlog.track.images.methods.timing import likelihood_seconds
 
 from .world import looks_of, truth_of, views_of
@@ -29,7 +30,7 @@ from .world import looks_of, truth_of, views_of
 class Runner(NamedTuple):
     """A method on a video."""
 
-    visual: Visual
+    visual: AnyVisual
     config: Any
     geometry: Geometry
     births: tuple[Birth, ...]
@@ -141,9 +142,9 @@ def follow(
     return {label: _joined(done[label], seconds[label], parts[label]) for label in runners}, truth, radius
 
 
-def exchanged(state: object, view: int, one: int, other: int) -> State:
+def exchanged(state: object, view: int, one: int, other: int) -> VisualState[MipfConfig]:
     """Return the state with two trackers of a view exchanged; InputError where it has no such trackers."""
-    if not isinstance(state, State):
+    if not isinstance(state, VisualState):
         raise InputError("trial: trackers of this method cannot be exchanged")
     t = state.trackers
     rows = [np.flatnonzero((t.view == view) & (t.target == k)) for k in (one, other)]

@@ -24,7 +24,7 @@ from occlog.papers.verdicts.model import Spec
 from occlog.settings import configure
 from occlog.simulate.balls.motion import BallsConfig
 from occlog.track.images.catalogue import VISUAL
-from occlog.track.images.interface import LEFT, LOST, MODES, Visual
+from occlog.track.images.interface import LEFT, LOST, MODES, AnyVisual
 
 from .follow import Followed, Runner, follow
 from .loop_alarms import alarms, timeline
@@ -107,7 +107,7 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     return out
 
 
-def visual_of(name: str) -> Visual:
+def visual_of(name: str) -> AnyVisual:
     """Return a method by name; InputError for an unknown name."""
     if name not in VISUAL:
         raise InputError(f"trial: no method {name!r} that tracks in images; there are: {', '.join(VISUAL)}")

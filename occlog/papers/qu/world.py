@@ -19,7 +19,7 @@ from occlog.measure.epipolar.views import Geometry, View
 from occlog.settings import configure
 from occlog.simulate.balls.motion import VIEWS, BallsConfig, ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
-from occlog.track.images.interface import Birth, Looks
+from occlog.track.images.interface import Birth, FrameSet
 
 FRAME_NS = 40_000_000
 """Time between frames; there are 25 a second."""
@@ -107,9 +107,9 @@ def views_of(config: BallsConfig) -> tuple[View, ...]:
     return tuple(View(c.name, config.width, config.height) for c in ball_cameras(config))
 
 
-def looks_of(frame: BallsFrame, use: int) -> Looks:
+def looks_of(frame: BallsFrame, use: int) -> FrameSet:
     """Return the first views of a frame in the form that methods take."""
-    return Looks(frame.frame * FRAME_NS, np.full(use, frame.frame, dtype=np.int64), frame.images[:use])
+    return FrameSet(frame.frame * FRAME_NS, np.full(use, frame.frame, dtype=np.int64), frame.images[:use])
 
 
 def truth_of(frames: Sequence[BallsFrame]) -> tuple[Objects, Floats]:

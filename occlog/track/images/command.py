@@ -100,8 +100,8 @@ def run(context: click.Context, window_ns: int | None) -> int:
         window_ns: frames at most so far apart make one moment; None: as the frame rates suggest.
     """
     from occlog.cli.parse import parse_names, parse_setting
-    from occlog.track.images.run.request import ViewsOutputs, ViewsRequest
-    from occlog.track.images.run.run import run_track_views
+    from occlog.track.images.run.inputs import ViewsRequest
+    from occlog.track.images.run.run import ViewsOutputs, run_track_views
 
     p = context.params
     outputs = ViewsOutputs(p["output"], p["world"])
@@ -111,17 +111,17 @@ def run(context: click.Context, window_ns: int | None) -> int:
     if p["particles"] is not None:
         values["particles"] = str(p["particles"])
     request = ViewsRequest(
-        p["bearings"],
-        p["scene"],
-        p["method"],
-        values,
-        p["initial"],
-        p["detections"],
-        p["fundamental"],
-        parse_names(p["only"]),
-        parse_names(p["without"]),
-        window_ns,
-        p["seed"],
+        recording=p["bearings"],
+        scene=p["scene"],
+        method=p["method"],
+        settings=values,
+        initial=p["initial"],
+        detections=p["detections"],
+        fundamental=p["fundamental"],
+        only=parse_names(p["only"]),
+        without=parse_names(p["without"]),
+        window_ns=window_ns,
+        seed=p["seed"],
     )
     summary, losses = run_track_views(request, outputs, p["overwrite"], p["quiet"])
     return options.finish(summary, losses, p["as_json"])

@@ -22,7 +22,6 @@ from occlog.records.views import ViewTracks
 from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.command import VIEW_METHODS
 from occlog.track.images.run.inputs import first_free
-from occlog.track.images.run.run import ALONE
 
 FRAMES = SMALL.frames
 HEADER = "sensor,target_id,x_px,y_px,a_px,b_px,rho_deg"
@@ -63,7 +62,6 @@ def refused(capsys, code: ExitCode, wanted: ExitCode = ExitCode.BAD_INPUT) -> st
 
 def test_names_are_those_of_the_methods():
     assert tuple(VISUAL) == VIEW_METHODS
-    assert set(ALONE) <= set(VISUAL)
 
 
 @pytest.mark.parametrize("method", VIEW_METHODS)

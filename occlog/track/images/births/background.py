@@ -22,14 +22,16 @@ MOST = 0.6
 """Share of the image above which it is the light that changed, or the camera that moved, and nothing is masked."""
 
 
-class Watch(NamedTuple):
+class BackgroundModel(NamedTuple):
     """Background model of one camera; `mask` advances it."""
 
     subtractor: Subtractor
     shape: tuple[int, int]  # of the empty scene's image
 
 
-def watches(frames: Iterable[Frame], scene: Scene, views: Sequence[View], workers: int = 1) -> tuple[Watch | None, ...]:
+def background_models(
+    frames: Iterable[Frame], scene: Scene, views: Sequence[View], workers: int = 1
+) -> tuple[BackgroundModel | None, ...]:
     """A model for each view, from what its images show when nobody is there; None for one without images.
 
     Args:
@@ -40,18 +42,18 @@ def watches(frames: Iterable[Frame], scene: Scene, views: Sequence[View], worker
     """
     config = DetectConfig()
     learned, _ = learn(frames, scene, config, (), workers)
-    out: list[Watch | None] = []
+    out: list[BackgroundModel | None] = []
     for view in views:
         empty = learned.empty.get(view.name)
         if empty is None:
             out.append(None)
             continue
         model = make_subtractor("mog2", HISTORY, None, True, empty)
-        out.append(Watch(model, (empty.shape[0], empty.shape[1])))
+        out.append(BackgroundModel(model, (empty.shape[0], empty.shape[1])))
     return tuple(out)
 
 
-def mask(watch: Watch | None, image: Image, number: int) -> Image | None:
+def foreground_mask(watch: BackgroundModel | None, image: Image, number: int) -> Image | None:
     """(H, W) 255 on what is not background, 0 elsewhere; None where that cannot be told.
 
     Args:

@@ -17,13 +17,11 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.image.ellipse import nearness
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.track.images.interface import Birth
+from occlog.track.images.interface import Birth, TrackerKey
 
 from .config import ViewsConfig
 from .loop_distances import loop_distances
 
-Key = tuple[int, int]
-"""View and target."""
 Trail = tuple[tuple[int, Floats], ...]
 """Moments and ellipses of the latest frames."""
 
@@ -47,31 +45,31 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Nursery:
+class BirthCandidates:
     """What is remembered from moment to moment."""
 
     next_id: int
     candidates: tuple[tuple[Candidate, ...], ...]  # of each view
-    trails: Mapping[Key, Trail] = field(default_factory=dict)  # of trackers
-    alone: Mapping[Key, int] = field(default_factory=dict)  # frames in a row without a region at a tracker
+    trails: Mapping[TrackerKey, Trail] = field(default_factory=dict)  # of trackers
+    alone: Mapping[TrackerKey, int] = field(default_factory=dict)  # frames in a row without a region at a tracker
     moment: int = 0
 
 
-def nursery(n_views: int, next_id: int = 0) -> Nursery:
+def no_candidates(n_views: int, next_id: int = 0) -> BirthCandidates:
     """One that has seen nothing; new targets are numbered from `next_id`."""
-    return Nursery(next_id, ((),) * n_views)
+    return BirthCandidates(next_id, ((),) * n_views)
 
 
-def attend(
-    state: Nursery,
+def births_and_ends(
+    state: BirthCandidates,
     regions: Sequence[Floats | None],
-    trackers: Mapping[Key, Floats],
+    trackers: Mapping[TrackerKey, Floats],
     views: Sequence[View],
     geometry: Geometry,
     config: ViewsConfig,
     bottom: bool = False,
-    gone: Collection[Key] = (),
-) -> tuple[Nursery, tuple[Birth, ...], tuple[Key, ...]]:
+    gone: Collection[TrackerKey] = (),
+) -> tuple[BirthCandidates, tuple[Birth, ...], tuple[TrackerKey, ...]]:
     """What the regions of one moment begin and end.
 
     Args:
@@ -101,7 +99,7 @@ def attend(
     alive = {key: trail for key, trail in state.trails.items() if key not in ended}
     state = replace(state, trails=alive)
     if config.birth_frames == 0:
-        return replace(state, candidates=nursery(len(views)).candidates), (), ended
+        return replace(state, candidates=no_candidates(len(views)).candidates), (), ended
     state, births = _births(state, geometry, config, bottom, {*gone, *ended})
     return state, births, ended
 
@@ -147,11 +145,11 @@ def _follow(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -
 
 
 def _ends(
-    state: Nursery, regions: Sequence[Floats | None], trackers: Mapping[Key, Floats], config: ViewsConfig
-) -> tuple[Nursery, tuple[Key, ...]]:
+    state: BirthCandidates, regions: Sequence[Floats | None], trackers: Mapping[TrackerKey, Floats], config: ViewsConfig
+) -> tuple[BirthCandidates, tuple[TrackerKey, ...]]:
     """Counts of frames without support, and the trackers that have had none for too long."""
     before = {key: state.alone.get(key, 0) for key in trackers}
-    alone: dict[Key, int] = {}
+    alone: dict[TrackerKey, int] = {}
     for v, found in enumerate(regions):
         mine = [key for key in trackers if key[0] == v]
         supported = [] if found is None else _supported(mine, trackers, found, before)
@@ -162,8 +160,8 @@ def _ends(
 
 
 def _supported(
-    mine: Sequence[Key], trackers: Mapping[Key, Floats], regions: Floats, before: Mapping[Key, int]
-) -> list[Key]:
+    mine: Sequence[TrackerKey], trackers: Mapping[TrackerKey, Floats], regions: Floats, before: Mapping[TrackerKey, int]
+) -> list[TrackerKey]:
     """Trackers that touch a region, each with a region of its own; the one with the latest support goes first."""
     if not mine or not len(regions):
         return []
@@ -177,8 +175,8 @@ def _supported(
 
 
 def _births(
-    state: Nursery, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[Key]
-) -> tuple[Nursery, tuple[Birth, ...]]:
+    state: BirthCandidates, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
+) -> tuple[BirthCandidates, tuple[Birth, ...]]:
     births: list[Birth] = []
     for v in range(len(state.candidates)):
         state, born = _births_in(state, v, geometry, config, bottom, gone)
@@ -187,8 +185,8 @@ def _births(
 
 
 def _births_in(
-    state: Nursery, v: int, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[Key]
-) -> tuple[Nursery, list[Birth]]:
+    state: BirthCandidates, v: int, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
+) -> tuple[BirthCandidates, list[Birth]]:
     """Births in one view."""
     candidates = _apart(state.candidates[v], config.birth_apart)
     free = _free_targets(state.trails, v)
@@ -224,13 +222,15 @@ def _apart(candidates: Sequence[Candidate], apart: float) -> tuple[Candidate, ..
     return tuple(candidates[c] for c in sorted(kept))
 
 
-def _free_targets(trails: Mapping[Key, Trail], v: int) -> list[int]:
+def _free_targets(trails: Mapping[TrackerKey, Trail], v: int) -> list[int]:
     """Targets that are tracked in other views and not in this one."""
     mine = {target for view, target in trails if view == v}
     return sorted({target for _, target in trails} - mine)
 
 
-def _misfit(trail: Trail, v: int, target: int, trails: Mapping[Key, Trail], geometry: Geometry, bottom: bool) -> float:
+def _misfit(
+    trail: Trail, v: int, target: int, trails: Mapping[TrackerKey, Trail], geometry: Geometry, bottom: bool
+) -> float:
     """Largest over the other views of the mean distance from epipolar lines in radii; inf: none known, or above 1."""
     worst = -np.inf
     for (w, other), theirs in trails.items():

@@ -43,7 +43,7 @@ def regions_of_views(chunks: Iterable[Views]) -> Iterator[Regions]:
 
 
 @dataclass
-class Feed:
+class RegionStream:
     """Regions given out moment by moment.
 
     Attributes:

@@ -71,14 +71,16 @@ def add_band(
 
 
 @kernel
-def loop_check(estimate: Floats, affine: Floats, view: Ints, twin: Ints, fundamental: Floats, bottom: bool) -> Ints:
+def loop_check(
+    estimate: Floats, affine: Floats, view: Ints, counterpart: Ints, fundamental: Floats, bottom: bool
+) -> Ints:
     """Whether each tracker and its counterparts lie on each other's epipolar band.
 
     Args:
         estimate: (n, 5).
         affine: (n, 2, 3).
         view: (n,).
-        twin: (n, V) tracker of the same target in each other view; -1: none.
+        counterpart: (n, V) tracker of the same target in each other view; -1: none.
         fundamental: (V, V, 3, 3), [a, b] from view a to lines in view b.
         bottom: of `anchor`.
 
@@ -86,12 +88,12 @@ def loop_check(estimate: Floats, affine: Floats, view: Ints, twin: Ints, fundame
         (n, V): `TOGETHER` when both points are within the ellipse's reach of their lines, `APART`,
         `UNKNOWN` without counterpart, matrix or line.
     """
-    n, views = twin.shape
+    n, views = counterpart.shape
     out = np.full((n, views), UNKNOWN, dtype=np.int64)
     for i in range(n):
         xi, yi = anchor(estimate[i], affine[i], bottom)
         for v in range(views):
-            j = twin[i, v]
+            j = counterpart[i, v]
             if j < 0:
                 continue
             xj, yj = anchor(estimate[j], affine[j], bottom)

@@ -1,6 +1,7 @@
-"""Particles of ellipses: how they move, what they say together, how they are drawn anew, [Qu] Sec. 3.
+"""Particles of ellipses, [Qu] Sec. 3: their motion, weights, means and resampling.
 
-Arrays hold n trackers of N particles each; an ellipse is (cx, cy, a, b, rho) as in `ellipse`.
+Arrays hold n trackers of N particles each; an ellipse is (cx, cy, a, b, rho) as in
+`occlog.core.image.ellipse`, the state of [Qu] Sec. 3.1.
 """
 
 from __future__ import annotations
@@ -15,11 +16,14 @@ from occlog.core.filter.resampling import systematic_ancestors
 from occlog.core.numerics.jit import kernel
 
 SHORTEST = 0.5
-"""Half axes are not below this [px]."""
+"""Least half axis [px]."""
 
 
-class Motion(NamedTuple):
-    """How an ellipse changes from frame to frame."""
+class EllipseMotion(NamedTuple):
+    """Motion model of an ellipse from frame to frame: p(x_t | x_t-1) of [Qu] Eq. 1.
+
+    [Qu] leaves the dynamics open; the forms here are those of the project's notes.
+    """
 
     sigma: float  # of the centre, each axis [px]
     keep: float  # share of the difference from the first half axes that stays
@@ -30,11 +34,13 @@ class Motion(NamedTuple):
 
 
 @kernel
-def moved(particles: Floats, velocity: Floats, axes: Floats, gap: Floats, normals: Floats, motion: Motion) -> Floats:
-    """Particles in the next frame.
+def moved(
+    particles: Floats, velocity: Floats, axes: Floats, gap: Floats, normals: Floats, motion: EllipseMotion
+) -> Floats:
+    """Move particles to the next frame.
 
-    The centre moves by the tracker's velocity and noise; the half axes go back towards the
-    first ones and stay near them, and so does the angle.  A gap of several frames adds up their noise.
+    The centre moves by the tracker's velocity and Gaussian noise.  The half axes and the angle
+    return towards those at the start and stay near them.  The variances grow with the gap.
 
     Args:
         particles: (n, N, 5).
@@ -67,13 +73,13 @@ def moved(particles: Floats, velocity: Floats, axes: Floats, gap: Floats, normal
 @kernel
 def turned(rho: float) -> float:
     """The same direction of an axis [rad] in [-pi/2, pi/2)."""
-    out = (rho + 0.5 * math.pi) % math.pi - 0.5 * math.pi
+    out = (rho + 0.5 * math.pi) % math.pi - 0.5 * math.pi  # may round up to pi/2
     return out if out < 0.5 * math.pi else -0.5 * math.pi
 
 
 @kernel
 def normalise_into(weights: Floats, log_weights: Floats) -> None:
-    """Weights (N,) that sum to 1 from their logarithms (N,); equal ones where all are 0."""
+    """Normalise: weights (N,) that sum to 1 from their logarithms (N,); equal ones where all weights are 0."""
     top = -np.inf
     for p in range(log_weights.shape[0]):
         top = max(top, log_weights[p])
@@ -90,7 +96,7 @@ def normalise_into(weights: Floats, log_weights: Floats) -> None:
 
 @kernel
 def mean_into(out: Floats, particles: Floats, weights: Floats) -> None:
-    """Mean (5,) of particles (N, 5); the angle as that of doubled angles, of which pi makes no difference."""
+    """Mean (5,) of particles (N, 5); that of the angle is half the mean direction of the doubled angles."""
     cx, cy, a, b, c, s = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for p in range(particles.shape[0]):
         w, x = weights[p], particles[p]
@@ -104,7 +110,7 @@ def mean_into(out: Floats, particles: Floats, weights: Floats) -> None:
 
 
 @kernel
-def summed(particles: Floats, log_weights: Floats) -> tuple[Floats, Floats]:
+def weights_and_means(particles: Floats, log_weights: Floats) -> tuple[Floats, Floats]:
     """Weights (n, N) from their logarithms (n, N), and the mean ellipses (n, 5)."""
     weights, mean = np.empty(log_weights.shape), np.empty((particles.shape[0], 5))
     for i in range(particles.shape[0]):
@@ -114,7 +120,7 @@ def summed(particles: Floats, log_weights: Floats) -> tuple[Floats, Floats]:
 
 
 @kernel
-def spreads(particles: Floats, weights: Floats, mean: Floats) -> tuple[Floats, Floats]:
+def covariance_and_ess(particles: Floats, weights: Floats, mean: Floats) -> tuple[Floats, Floats]:
     """Covariances (n, 3) of the centres (xx, xy, yy) about the mean (n, 5), and effective sample sizes (n,)."""
     n = particles.shape[0]
     out, ess = np.zeros((n, 3)), np.empty(n)
@@ -145,7 +151,7 @@ def resampled(particles: Floats, weights: Floats, u: Floats) -> Floats:
 
 @kernel
 def boxes_of(particles: Floats) -> Ints:
-    """(n, 4) left, top, right, bottom, half-open: all pixels in any ellipse of (n, N, 5), and of those between them."""
+    """(n, 4) left, top, right, bottom, half-open: boxes that hold all pixels of the ellipses (n, N, 5) of a tracker."""
     out = np.empty((particles.shape[0], 4), dtype=np.int64)
     for i in range(particles.shape[0]):
         left, top, right, bottom, reach = np.inf, np.inf, -np.inf, -np.inf, 0.0

@@ -18,7 +18,7 @@ def drawn_on_lines(
     estimate: Floats,
     affine: Floats,
     view: Ints,
-    twin: Ints,
+    counterpart: Ints,
     fundamental: Floats,
     bottom: bool,
     count: Ints,
@@ -34,9 +34,9 @@ def drawn_on_lines(
     Args:
         particles: (n, N, 5).
         estimate: (n, 5) where the targets should be now.
-        affine: (n, 2, 3), see `view_bands`.
+        affine: (n, 2, 3), see `bands`.
         view: (n,).
-        twin: (n, V) tracker of the same target in another view; -1: none.
+        counterpart: (n, V) tracker of the same target in another view; -1: none.
         fundamental: (V, V, 3, 3).
         bottom: which point of an ellipse stands for the target.
         count: (n,) how many of the particles are moved, 0 to N.
@@ -48,9 +48,9 @@ def drawn_on_lines(
         (n, N, 5).
     """
     out = particles.copy()
-    lines = np.empty((twin.shape[1], 3))
+    lines = np.empty((counterpart.shape[1], 3))
     for i in range(particles.shape[0]):
-        known = lines_into(lines, i, estimate, affine, view, twin, fundamental, bottom)
+        known = lines_into(lines, i, estimate, affine, view, counterpart, fundamental, bottom)
         x0, y0 = anchor(estimate[i], affine[i], bottom)
         for p in range(count[i] if known > 0 else 0):
             l1, l2, l3 = lines[p % known]
@@ -67,12 +67,19 @@ def drawn_on_lines(
 
 @kernel
 def lines_into(
-    lines: Floats, i: int, estimate: Floats, affine: Floats, view: Ints, twin: Ints, fundamental: Floats, bottom: bool
+    lines: Floats,
+    i: int,
+    estimate: Floats,
+    affine: Floats,
+    view: Ints,
+    counterpart: Ints,
+    fundamental: Floats,
+    bottom: bool,
 ) -> int:
     """Number of epipolar lines of a tracker's counterparts, which are set in the first rows of `lines` (V, 3)."""
     known = 0
-    for v in range(twin.shape[1]):
-        j = twin[i, v]
+    for v in range(counterpart.shape[1]):
+        j = counterpart[i, v]
         if j < 0:
             continue
         x, y = anchor(estimate[j], affine[j], bottom)

@@ -1,4 +1,9 @@
-"""Weights of all trackers in one frame of all views: repulsion within views, bands between them, [Qu] Alg. 1."""
+"""Weights of all trackers in one frame of all views: interaction within views, collaboration between them, [Qu] Alg. 1.
+
+Trackers that are close to others are worked out view by view.  Where a target is close to
+others in all views, none of its trackers can help the others in the first place: the views
+are then taken in turn, several times ([Qu] Sec. 3.2).
+"""
 
 from __future__ import annotations
 
@@ -15,35 +20,44 @@ from .motion import mean_into, normalise_into
 from .repulsion import Interaction, add_inertia, half_reach, repel_into
 
 
-class Near(NamedTuple):
-    """Who is near whom, by the estimates without neighbours and other views."""
+class Neighbours(NamedTuple):
+    """Which of n trackers are near each other, by the estimates of the local likelihood."""
 
     busy: Bools  # (n,) close to another tracker of its view
     touching: Bools  # (n, n)
-    ratio: Floats  # (n,) distance to the nearest over the sum of their radii
+    ratio: Floats  # (n,) distance to the nearest over the sum of their radii; inf: alone in its view
 
 
-class Past(NamedTuple):
-    """Where the trackers were and how they moved."""
+class PastMotion(NamedTuple):
+    """Places and displacements of n trackers before the frame."""
 
-    centre: Floats  # (n, 2) in the last frame
-    step: Floats  # (n, 2) v_ref, to the next one
+    centre: Floats  # (n, 2) in the last frame [px]
+    step: Floats  # (n, 2) v_ref, the displacement to expect to this frame [px]
 
 
-class Rig(NamedTuple):
-    """What the views know of each other."""
+class CameraCollaboration(NamedTuple):
+    """How n trackers in V views may help each other, [Qu] Sec. 3.2."""
 
     camera: Ints  # (n,) view of each tracker
     helper: Ints  # (n, V) tracker of the same target in another view that may help; -1: none
     fundamental: Floats  # (V, V, 3, 3)
-    affine: Floats  # (n, 2, 3)
-    bottom: bool  # which point of an ellipse stands for the target
+    affine: Floats  # (n, 2, 3) see `bands`
+    bottom: bool  # whether the lowest point of an ellipse stands for the target; else its centre
     band: float  # Sigma of Eq. 5 over the reach of the ellipse across the line
     clear: float  # a counterpart helps when its ratio is at least this, or that of the tracker
 
 
+class WeighingModel(NamedTuple):
+    """What besides the local likelihood decides the weights of a frame."""
+
+    near: Neighbours
+    past: PastMotion
+    cameras: CameraCollaboration
+    interaction: Interaction
+
+
 @kernel
-def nearby(estimate: Floats, camera: Ints, touch: float, close: float) -> Near:
+def neighbours(estimate: Floats, camera: Ints, touch: float, close: float) -> Neighbours:
     """Neighbours of ellipses (n, 5) within their views (n,).
 
     Two touch when their distance is at most `touch` times the sum of their radii along the
@@ -61,58 +75,51 @@ def nearby(estimate: Floats, camera: Ints, touch: float, close: float) -> Near:
             touching[i, j] = touching[j, i] = over <= touch
     for i in range(n):
         busy[i] = ratio[i] <= close
-    return Near(busy, touching, ratio)
+    return Neighbours(busy, touching, ratio)
 
 
 @kernel
-def settle(
-    particles: Floats,
-    log_local: Floats,
-    near: Near,
-    past: Past,
-    rig: Rig,
-    order: Ints,
-    sweeps: int,
-    model: Interaction,
-    here: Bools,
+def reweighted(
+    particles: Floats, log_local: Floats, here: Bools, model: WeighingModel, order: Ints, sweeps: int
 ) -> tuple[Floats, Floats, Bools]:
-    """Weights, estimates and helpers of all trackers.
+    """Weights, estimates and helpers of n trackers.
 
-    Trackers that are far from others keep their own weights.  The rest are worked out view by
-    view, in several sweeps; in the first, views that come later do not help yet.
+    Trackers that are not close to others keep their local weights.  The rest are worked out
+    view by view, in several sweeps; in the first, views that come later do not help yet.
 
     Args:
         particles: (n, N, 5).
         log_local: (n, N) logarithms of the local likelihood.
-        near: neighbours.
-        past: of the trackers.
-        rig: of the views.
+        here: (n,) trackers whose view has a frame; the estimate of the others is where their particles are.
+        model: what else counts.
         order: (V,) in which views are worked out.
         sweeps: >= 1.
-        model: of the interaction.
-        here: (n,) trackers whose view has a frame; the estimate of the others is where their particles are.
 
     Returns:
-        Weights (n, N), estimates (n, 5) and helpers (n, V).
+        Weights (n, N), estimates (n, 5) and views that helped (n, V).
     """
+    near, past, cameras, interaction = model.near, model.past, model.cameras, model.interaction
     n = particles.shape[0]
     log_own = log_local.copy()
     weights, estimate = np.empty(log_local.shape), np.empty((n, 5))
+    # Temporary estimate ([Qu] Alg. 1), with the inertia of trackers that touch
     for i in range(n):
         if near.touching[i].any():
-            add_inertia(log_own[i], particles[i], past.centre[i], past.step[i], model)
+            add_inertia(log_own[i], particles[i], past.centre[i], past.step[i], interaction)
         normalise_into(weights[i], log_own[i])
         mean_into(estimate[i], particles[i], weights[i])
-    ready, helped = ~(near.busy & here), np.zeros(rig.helper.shape, dtype=np.bool_)
+    ready, helped = ~(near.busy & here), np.zeros(cameras.helper.shape, dtype=np.bool_)
     for _ in range(sweeps):
         for v in order:
-            rows = np.flatnonzero(near.busy & here & (rig.camera == v))
+            rows = np.flatnonzero(near.busy & here & (cameras.camera == v))
+            # Collaboration weighting of trackers that are close to others ([Qu] Eq. 5)
             for k in rows:
                 log_w = log_own[k].copy()
-                collaborate(log_w, helped[k], k, particles[k], estimate, ready, near, rig)
+                collaborate(log_w, helped[k], k, particles[k], estimate, ready, near, cameras)
                 normalise_into(weights[k], log_w)
                 mean_into(estimate[k], particles[k], weights[k])
-            repel_into(weights, estimate, particles, rows, near.touching, model)
+            # Interaction weighting of trackers that touch ([Qu] Eq. 8), and the estimates with it
+            repel_into(weights, estimate, particles, rows, near.touching, interaction)
             ready[rows] = True
     return weights, estimate, helped
 
@@ -125,12 +132,14 @@ def collaborate(
     particles: Floats,
     estimate: Floats,
     ready: Bools,
-    near: Near,
-    rig: Rig,
+    near: Neighbours,
+    cameras: CameraCollaboration,
 ) -> None:
-    """Add the bands of the counterparts to a tracker's log weights: of those alone in their view, or else of others.
+    """Add the bands of a tracker's counterparts to its log weights, [Qu] Eq. 5.
 
-    A counterpart that is more hidden than the tracker would rather mislead it.
+    Counterparts that are close to no other in their view help; where there is none of these,
+    the others do.  A counterpart that is more hidden than the tracker would mislead it, and
+    does not help.
 
     Args:
         log_w: (N,) changed in place.
@@ -140,23 +149,24 @@ def collaborate(
         estimate: (n, 5).
         ready: (n,) whose estimates can be used.
         near: neighbours.
-        rig: of the views.
+        cameras: of the views.
     """
     alone = False
     for v in range(helped.shape[0]):
-        j = rig.helper[i, v]
+        j = cameras.helper[i, v]
         alone = alone or (j >= 0 and ready[j] and not near.busy[j])
     for v in range(helped.shape[0]):
-        j = rig.helper[i, v]
+        j = cameras.helper[i, v]
         helped[v] = False
         if j < 0 or not ready[j] or (alone and near.busy[j]):
             continue
-        if near.ratio[j] < min(rig.clear, near.ratio[i]):
+        if near.ratio[j] < min(cameras.clear, near.ratio[i]):
             continue
-        x, y = anchor(estimate[j], rig.affine[j], rig.bottom)
-        line = line_of(rig.fundamental[v, rig.camera[i]], x, y)
+        # The counterpart's point maps to the middle line of a band in this view
+        x, y = anchor(estimate[j], cameras.affine[j], cameras.bottom)
+        line = line_of(cameras.fundamental[v, cameras.camera[i]], x, y)
         if math.isnan(line[0]):
             continue
         helped[v] = True
-        sigma = rig.band * reach_across(estimate[i], line[0], line[1])
-        add_band(log_w, particles, rig.affine[i], rig.bottom, line, sigma)
+        sigma = cameras.band * reach_across(estimate[i], line[0], line[1])
+        add_band(log_w, particles, cameras.affine[i], cameras.bottom, line, sigma)

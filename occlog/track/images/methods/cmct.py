@@ -1,7 +1,8 @@
-"""Method `cmct`: particles are drawn on the epipolar lines, and the target's colours are learnt anew.
+"""Method `cmct`: particles on epipolar lines, and colours that adapt.
 
-A simple form of Nummiaro's tracker as [Qu] Sec. 4.2 has it: an estimate in every view, the
-first colours of the target in that view, no interaction between targets.
+This is a simple form of Nummiaro's colour-based multicamera tracker, as [Qu] Sec. 4.2 compares
+with it: an estimate in every view, the first colours of the target in that view as its model,
+and no interaction between targets.
 """
 
 from __future__ import annotations
@@ -14,60 +15,75 @@ from occlog.track.images.interface import MODES
 from occlog.track.images.kernels.on_lines import drawn_on_lines
 
 from .colours import colours_in
-from .loop_check import affine_maps
+from .config import CmctConfig
+from .loop_check import affine_maps, at_bottom
 from .restart import APART, nearest
-from .state import LEAST, State, Trackers
-from .step import Moment, Weighed
-from .weigh import alone
+from .state import LEAST, Trackers, VisualState
+from .step import LocalWeights, Weighed
+from .weigh import weigh_mipf
 
 CMCT = MODES.index("cmct")
 
 
-def on_lines(state: State, particles: Floats, gap: Floats, rng: Generator) -> Floats:
-    """Particles (n, N, 5) of which a share, or all after a loss, lie on the lines of the last estimates.
+def propose_on_lines(state: VisualState[CmctConfig], particles: Floats, gap: Floats, rng: Generator) -> Floats:
+    """Move a share of the particles, or all after a loss, to the epipolar lines of the last estimates in other views.
 
-    A loss is an estimate that does not look like the target, or one on the place of another
-    tracker while a counterpart is bad: of two targets that look alike it has the wrong one.
+    A target counts as lost when the likeness of its estimate is below `search_below`, or when
+    its estimate is nearer than `APART` to another tracker while a counterpart is bad: of two
+    targets that look alike the tracker then has the wrong one.  Only counterparts that had a
+    frame in the last frame period give a line.
+
+    Args:
+        state: before the frame.
+        particles: (n, N, 5) after the motion.
+        gap: (n,) frames since the last one.
+        rng: draws (n, N, 2) standard normal numbers.
+
+    Returns:
+        (n, N, 5); a tracker without a line keeps its particles.
     """
     t, c = state.trackers, state.config
     expected = t.estimate.copy()
     expected[:, :2] += gap[:, None] * t.velocity
-    maps = affine_maps(state, expected)
     many = particles.shape[1]
-    bad = ((t.twin >= 0) & t.checked & ~t.good).any(axis=1)
+    bad = ((t.counterpart >= 0) & t.checked & ~t.good).any(axis=1)
     lost = (t.likeness < c.search_below) | (bad & (nearest(t) < APART))
-    count = np.where(lost, many, round(c.on_line * many))
-    twin = np.where((t.twin >= 0) & (gap <= 1.0)[t.twin], t.twin, -1)
-    normals = rng.standard_normal((*particles.shape[:2], 2))
     return drawn_on_lines(
         particles,
         expected,
-        maps,
+        affine_maps(state, expected),
         t.view,
-        twin,
+        np.where((t.counterpart >= 0) & (gap <= 1.0)[t.counterpart], t.counterpart, -1),
         state.geometry.fundamental,
-        c.anchor == "bottom",
-        count,
+        at_bottom(c),
+        np.where(lost, many, round(c.on_line * many)),
         c.along_px,
         c.across,
-        normals,
+        rng.standard_normal((*particles.shape[:2], 2)),
     )
 
 
-def by_colours(state: State, moment: Moment, rng: Generator) -> Weighed:
-    """Weights of the colours only."""
-    weighed = alone(state, moment, rng)
-    return weighed._replace(mode=np.full(len(moment.here), CMCT))
+def weigh_cmct(state: VisualState[CmctConfig], local: LocalWeights, rng: Generator) -> Weighed:
+    """Weigh by the local likelihood only."""
+    weighed = weigh_mipf(state, local, rng)
+    return weighed._replace(mode=np.full(len(local.here), CMCT))
 
 
-def adapted(state: State, weighed: Weighed, likeness: Floats, here: Bools) -> Trackers:
-    """Trackers whose colours follow those in estimates that are alike enough."""
+def adapt_colours(state: VisualState[CmctConfig], weighed: Weighed, likeness: Floats, here: Bools) -> Trackers:
+    """Move the colours of trackers towards those in their estimates: new = (1 - adapt) old + adapt found.
+
+    Args:
+        state: after the frame.
+        weighed: with the estimates.
+        likeness: (n,) of the estimates; only from `adapt_above` on they count.
+        here: (n,) trackers whose view has a frame; the others keep their colours.
+    """
     t, c = state.trackers, state.config
     colours = t.colours.copy()
     for v, bins in enumerate(state.bins):
         rows = np.flatnonzero((t.view == v) & here & (likeness >= c.adapt_above))
-        new = colours_in(bins, weighed.estimate[rows], t.split[rows], c.pixel_step)
-        # Where a part is hidden by the edge of the image or a mask, the colours are those of the rest.
-        new *= colours[rows].sum(axis=1, keepdims=True) / np.maximum(new.sum(axis=1, keepdims=True), LEAST)
-        colours[rows] = (1.0 - c.adapt) * colours[rows] + c.adapt * new
+        found = colours_in(bins, weighed.estimate[rows], t.split[rows], c.pixel_step)
+        # Where the edge of the image or a mask hides a part, the colours of the rest stand for all.
+        found *= colours[rows].sum(axis=1, keepdims=True) / np.maximum(found.sum(axis=1, keepdims=True), LEAST)
+        colours[rows] = (1.0 - c.adapt) * colours[rows] + c.adapt * found
     return t._replace(colours=colours)

@@ -1,4 +1,4 @@
-"""Whether trackers of one target in several views agree: the loop check of [Qu] Sec. 3.4.2 from frame to frame."""
+"""Loop check of the trackers of one target in several views, [Qu] Sec. 3.4.2, and its outcome from frame to frame."""
 
 from __future__ import annotations
 
@@ -8,29 +8,37 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.track.images.interface import BAD, GOOD, NONE
 from occlog.track.images.kernels.bands import TOGETHER, UNKNOWN, hysteresis, loop_check
 
-from .state import State, Trackers
+from .config import BmctConfig, CmctConfig, MipfConfig
+from .state import Trackers, VisualState
 
-_SAME = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+IDENTITY = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+LoopState = VisualState[BmctConfig] | VisualState[CmctConfig]
+"""State of a method that checks the loop of views."""
 
 
-def affine_maps(state: State, estimate: Floats) -> Floats:
-    """(n, 2, 3) maps from recorded pixels to those without distortion, good near the estimates (n, 5)."""
+def affine_maps(state: VisualState[MipfConfig], estimate: Floats) -> Floats:
+    """(n, 2, 3) maps from recorded pixels to those without distortion, linearised at the estimates (n, 5)."""
     t = state.trackers
-    out = np.repeat(_SAME[None], len(t.view), axis=0)
+    out = np.repeat(IDENTITY[None], len(t.view), axis=0)
     for v, ideal in enumerate(state.geometry.ideal):
         rows = np.flatnonzero(t.view == v)
         if ideal is None or not len(rows):
             continue
+        # Differences over one pixel to the right and one down are the columns of the linear part.
         centre = estimate[rows, :2]
         around = centre + np.array([[[0.0, 0.0]], [[1.0, 0.0]], [[0.0, 1.0]]])
         p, right, down = ideal(around.reshape(-1, 2)).reshape(3, -1, 2)
-        turn = np.stack([right - p, down - p], axis=-1)
-        out[rows] = np.concatenate([turn, (p - np.einsum("nij,nj->ni", turn, centre))[..., None]], axis=-1)
+        linear = np.stack([right - p, down - p], axis=-1)
+        out[rows] = np.concatenate([linear, (p - np.einsum("nij,nj->ni", linear, centre))[..., None]], axis=-1)
     return out
 
 
-def looped(state: State, fresh: Bools) -> Trackers:
-    """The trackers after a loop check of their estimates.
+def check_loops(state: LoopState, fresh: Bools) -> Trackers:
+    """Check the estimates of all counterparts against each other, and say which counterparts are good.
+
+    The first check of a pair decides at once.  After that a good counterpart becomes bad when
+    `bad_after` checks in a row fail, and a bad one good when `good_after` in a row hold.
 
     Args:
         state: after the frame.
@@ -38,36 +46,48 @@ def looped(state: State, fresh: Bools) -> Trackers:
     """
     t, config = state.trackers, state.config
     check = _check(state, fresh)
-    good, run = hysteresis(check, t.good, t.run, config.bad_after, config.good_after)
-    good, run, checked = _first(t, check, good, run)
-    return t._replace(good=good, run=run, checked=checked)
+    good, streak = hysteresis(check, t.good, t.streak, config.bad_after, config.good_after)
+    good, streak, checked = _first(t, check, good, streak)
+    return t._replace(good=good, streak=streak, checked=checked)
 
 
-def paired_anew(state: State) -> Trackers:
-    """The trackers, those with new counterparts checked for the first time."""
+def check_new_pairs(state: LoopState) -> Trackers:
+    """Check for the first time the pairs that have never been checked; the others stay as they are."""
     t = state.trackers
-    good, run, checked = _first(t, _check(state, np.ones(len(t.view), dtype=np.bool_)), t.good, t.run)
-    return t._replace(good=good, run=run, checked=checked)
+    good, streak, checked = _first(t, _check(state, np.ones(len(t.view), dtype=np.bool_)), t.good, t.streak)
+    return t._replace(good=good, streak=streak, checked=checked)
 
 
-def _check(state: State, fresh: Bools) -> Ints:
+def _check(state: LoopState, fresh: Bools) -> Ints:
+    """(n, V) outcomes of `loop_check`; unknown where an estimate is old."""
     t = state.trackers
-    maps = affine_maps(state, t.estimate)
-    found = loop_check(t.estimate, maps, t.view, t.twin, state.geometry.fundamental, state.config.anchor == "bottom")
-    return np.where(fresh[:, None] & fresh[t.twin], found, UNKNOWN)
+    found = loop_check(
+        t.estimate,
+        affine_maps(state, t.estimate),
+        t.view,
+        t.counterpart,
+        state.geometry.fundamental,
+        at_bottom(state.config),
+    )
+    return np.where(fresh[:, None] & fresh[t.counterpart], found, UNKNOWN)
 
 
-def _first(t: Trackers, check: Ints, good: Bools, run: Ints) -> tuple[Bools, Ints, Bools]:
-    """The first check of a pair decides at once."""
+def _first(t: Trackers, check: Ints, good: Bools, streak: Ints) -> tuple[Bools, Ints, Bools]:
+    """`good`, `streak` and `checked` where the first check of a pair decides at once."""
     first = ~t.checked & (check != UNKNOWN)
-    return np.where(first, check == TOGETHER, good), np.where(first, 0, run), t.checked | first
+    return np.where(first, check == TOGETHER, good), np.where(first, 0, streak), t.checked | first
 
 
-def counterparts(t: Trackers) -> Ints:
-    """(n,) whether a tracker has a good counterpart, only bad ones, or none that can be checked."""
+def counterpart_status(t: Trackers) -> Ints:
+    """(n,) `GOOD` with a good counterpart, `BAD` with bad ones only, `NONE` without one that can be checked."""
     return np.where(t.good.any(axis=1), GOOD, np.where(t.checked.any(axis=1), BAD, NONE))
 
 
 def helpers(t: Trackers, fresh: Bools) -> Ints:
-    """(n, V) trackers that may help: good counterparts whose estimates are not old; -1: none."""
-    return np.where(t.good & (t.twin >= 0) & fresh[t.twin], t.twin, -1)
+    """(n, V) rows of the trackers that may help: good counterparts whose estimates are fresh (n,); -1: none."""
+    return np.where(t.good & (t.counterpart >= 0) & fresh[t.counterpart], t.counterpart, -1)
+
+
+def at_bottom(config: BmctConfig | CmctConfig) -> bool:
+    """Whether the lowest point of an ellipse stands for its target; else its centre."""
+    return config.anchor == "bottom"

@@ -1,9 +1,9 @@
-"""What a detector's regions of a frame tell the trackers of it, beside where trackers begin and end.
+"""Influence of a detector's regions on the trackers of a frame, besides births and ends.
 
-Without them nothing here has an effect.  Colours count inside regions only, as [Qu] Sec. 4.2
-uses background subtraction; and a tracker that has one region to itself, as that has the
-tracker, is drawn to it and takes its size.  Where people merge into one region nothing
-draws them: then it is the method that keeps them apart.
+Without regions nothing here has an effect.  Colours count inside regions only, as [Qu]
+Sec. 4.2 uses background subtraction.  Where a tracker and a region have only each other
+within reach, the tracker is drawn to the region and takes its size.  Where people merge into
+one region nothing draws their trackers: the method has to keep them apart.
 """
 
 from __future__ import annotations
@@ -14,26 +14,32 @@ import numpy as np
 
 from occlog.array_types import Bools, Bytes, Floats, Ints
 from occlog.core.image.ellipse import nearness_between
-from occlog.track.images.interface import Looks
+from occlog.track.images.interface import FrameSet
 
 OUTSIDE = 255
-"""Bin of pixels that are of no target."""
+"""Bin of pixels that belong to no target."""
 
 
-class Held(NamedTuple):
-    """The regions that n trackers have to themselves."""
+class OwnRegions(NamedTuple):
+    """The regions that belong to one of n trackers each."""
 
-    has: Bools  # (n,)
+    has: Bools  # (n,) whether the tracker has one
     region: Floats  # (n, 5) NaN: none
 
 
-def mask_outside(bins: Bytes, boxes: Ints, looks: Looks, view: int) -> None:
-    """Take the colours away from those pixels of a view's map that are in the boxes (n, 4), but of no target.
+def mask_outside(bins: Bytes, boxes: Ints, frames: FrameSet, view: int) -> None:
+    """Set the pixels of a view's map that belong to no target to `OUTSIDE`.
 
-    They are background by the view's mask, or in no region's box.
+    These are the pixels that the view's mask calls background, and those in no region's box.
+
+    Args:
+        bins: (H, W) changed in place, inside the boxes only.
+        boxes: (n, 4) left, top, right, bottom, half-open.
+        frames: with the masks and regions.
+        view: whose map it is.
     """
-    regions = looks.regions[view] if looks.regions else None
-    mask = looks.masks[view] if looks.masks else None
+    regions = frames.regions[view] if frames.regions else None
+    mask = frames.masks[view] if frames.masks else None
     if mask is not None:
         _clear(bins, boxes, mask > 0)
     if regions is None:
@@ -46,30 +52,30 @@ def mask_outside(bins: Bytes, boxes: Ints, looks: Looks, view: int) -> None:
     _clear(bins, boxes, inside)
 
 
-def masked(looks: Looks, view: int) -> bool:
-    """Whether `mask_outside` may take colours away in a view."""
-    regions = bool(looks.regions) and looks.regions[view] is not None
-    return regions or (bool(looks.masks) and looks.masks[view] is not None)
+def is_masked(frames: FrameSet, view: int) -> bool:
+    """Whether `mask_outside` may change a view's map."""
+    regions = bool(frames.regions) and frames.regions[view] is not None
+    return regions or (bool(frames.masks) and frames.masks[view] is not None)
 
 
 def _clear(bins: Bytes, boxes: Ints, inside: Bools) -> None:
-    """Set the bins in the boxes, outside of what is inside, to `OUTSIDE`."""
+    """Set the bins that are in the boxes and not `inside` (H, W) to `OUTSIDE`."""
     for left, top, right, bottom in boxes.tolist():
         part = slice(max(top, 0), max(bottom, 0)), slice(max(left, 0), max(right, 0))
         bins[part][~inside[part]] = OUTSIDE
 
 
-def held(looks: Looks, view: Ints, expected: Floats, reach: float) -> Held:
-    """Regions and trackers that have only each other within reach.
+def own_regions(frames: FrameSet, view: Ints, expected: Floats, reach: float) -> OwnRegions:
+    """Find the regions and trackers that have only each other within reach.
 
     Args:
-        looks: the frames.
+        frames: with the regions.
         view: (n,) of the trackers.
         expected: (n, 5) ellipses where they should be now.
-        reach: distance of the centres in sums of radii.
+        reach: largest distance of the centres in sums of radii.
     """
     out = np.full((len(view), 5), np.nan)
-    for v, regions in enumerate(looks.regions):
+    for v, regions in enumerate(frames.regions):
         mine = np.flatnonzero(view == v)
         if regions is None or not len(regions) or not len(mine):
             continue
@@ -77,26 +83,40 @@ def held(looks: Looks, view: Ints, expected: Floats, reach: float) -> Held:
         only = near & (near.sum(axis=1) == 1)[:, None] & (near.sum(axis=0) == 1)[None, :]
         row, column = np.nonzero(only)
         out[mine[row]] = regions[column]
-    return Held(np.isfinite(out[:, 0]), out)
+    return OwnRegions(np.isfinite(out[:, 0]), out)
 
 
-def drawn(particles: Floats, found: Held, normals: Floats, share: float, spread: float) -> Floats:
-    """Particles (n, N, 5) of which a share starts anew at the tracker's region; normals (n, N, 5) from N(0, 1)."""
+def drawn_at_regions(particles: Floats, own: OwnRegions, normals: Floats, share: float, spread: float) -> Floats:
+    """Draw a share of each tracker's particles anew at its own region.
+
+    Args:
+        particles: (n, N, 5).
+        own: regions of the trackers; one without keeps its particles.
+        normals: (n, N, 5) from N(0, 1).
+        share: of the particles, 0 to 1.
+        spread: standard deviation of their centres over the region's radius.
+    """
     count = round(share * particles.shape[1])
-    if not found.has.any():
+    if not own.has.any():
         return particles
-    out, rows = particles.copy(), found.has
-    radius = np.sqrt(found.region[rows, 2] * found.region[rows, 3])[:, None, None]
-    fresh = np.repeat(found.region[rows][:, None], count, axis=1)
+    out, rows = particles.copy(), own.has
+    radius = np.sqrt(own.region[rows, 2] * own.region[rows, 3])[:, None, None]
+    fresh = np.repeat(own.region[rows][:, None], count, axis=1)
     fresh[..., :2] += spread * radius * normals[rows, :count, :2]
     out[rows, :count] = fresh
     return out
 
 
-def pull(particles: Floats, found: Held, spread: float) -> Floats:
-    """(n, N) log-likelihood of particles by how far they are from the tracker's region; 0 without one."""
-    if not found.has.any():
+def log_region_likelihood(particles: Floats, own: OwnRegions, spread: float) -> Floats:
+    """(n, N) log likelihood, without its constant, of the distance of particles from their tracker's own region.
+
+    Args:
+        particles: (n, N, 5).
+        own: regions of the trackers; 0 without one.
+        spread: standard deviation of the distance over the region's radius.
+    """
+    if not own.has.any():
         return np.zeros(particles.shape[:2])
-    region = found.region[:, None]
+    region = own.region[:, None]
     away = (particles[..., :2] - region[..., :2]) / np.sqrt(region[..., 2] * region[..., 3])[..., None]
-    return np.asarray(np.where(found.has[:, None], -0.5 * (away**2).sum(axis=-1) / spread**2, 0.0))
+    return np.asarray(np.where(own.has[:, None], -0.5 * (away**2).sum(axis=-1) / spread**2, 0.0))

@@ -1,9 +1,11 @@
-"""Trackers that start again on an epipolar line, after which a bad counterpart may be good, [Qu] Sec. 3.4.2.
+"""Restart of trackers on an epipolar line, after which a bad counterpart may be good again, [Qu] Sec. 3.4.2.
 
-[Qu] leaves open when and how.  Here a tracker starts again when the loop check has said that
-its counterparts are bad, it sits on another tracker or on nothing, and a counterpart is in
-the clear on something that looks right: then it is this one that is wrong.  It goes to the
-place on the line that looks most like its target, unless others are there or nothing does.
+[Qu] lets the status of a counterpart change back "after reinitialization" and leaves open when
+and how.  Here a tracker restarts when all of its counterparts that were checked are bad, when
+its estimate is on another tracker or on something of other colours, and when one of its
+counterparts is clear of others and looks right: then it is this tracker that is wrong.  It
+moves to the place on the epipolar line that looks most like its target, unless another tracker
+is there or no place looks like it.
 """
 
 from __future__ import annotations
@@ -15,26 +17,32 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.image.ellipse import nearness, nearness_between
 from occlog.core.image.histogram_bins import update_bins
-from occlog.track.images.interface import Looks
+from occlog.track.images.interface import FrameSet
 from occlog.track.images.kernels.bands import anchor, line_of
 
-from .colours import alike
-from .loop_check import affine_maps
+from .colours import colour_likeness
+from .config import BmctConfig
+from .loop_check import affine_maps, at_bottom
 from .regions import mask_outside
-from .state import State, Trackers
+from .state import Trackers, VisualState
 
 APART = 0.5
 """Nearer than this many times the sum of their radii, two trackers are on the same target."""
 CLEAR = 0.75
-"""Farther than this, a tracker hardly hides another one."""
+"""Farther than this many times the sum of their radii, one target hardly hides another."""
 STEP_PX = 2.0
-"""Between the places on a line that are tried."""
-TRIED = 5
-"""Places are tried in frames whose number is a multiple of this: most often none is good, and the next is no better."""
+"""Distance of the places on a line that are tried."""
+EVERY = 5
+"""Places are tried in frames whose number is a multiple of this: mostly none is good, and the next frame is alike."""
 
 
-def restarted(state: State, looks: Looks) -> State:
-    """The state after the frame, with some trackers in new places."""
+def restart_one(state: VisualState[BmctConfig], frames: FrameSet) -> VisualState[BmctConfig]:
+    """Restart the first tracker that is wrong and for which there is a place.
+
+    Args:
+        state: after the frame.
+        frames: of this time.
+    """
     t, config = state.trackers, state.config
     bad = t.checked.any(axis=1) & ~t.good.any(axis=1)
     if not (config.restart and bad.any()):
@@ -43,12 +51,12 @@ def restarted(state: State, looks: Looks) -> State:
     wrong = bad & ((ratio < APART) | (t.likeness < config.restart_likeness))
     clear = (ratio > CLEAR) & (t.likeness >= config.restart_likeness)
     for i in np.flatnonzero(wrong).tolist():
-        guides = [j for j in t.twin[i].tolist() if j >= 0 and clear[j] and _agreed(t, i, j)]
-        if not guides or looks.frame[t.view[i]] % TRIED:
+        guides = [j for j in t.counterpart[i].tolist() if j >= 0 and clear[j] and _views_agree(t, i, j)]
+        if not guides or frames.number[t.view[i]] % EVERY:
             continue
-        place = _place(state, i, guides[0], looks)
+        place = _best_place(state, i, guides[0], frames)
         if place is not None:
-            return state._replace(trackers=_moved(t, i, place))
+            return state._replace(trackers=_moved_to(t, i, place))
     return state
 
 
@@ -59,39 +67,41 @@ def nearest(t: Trackers) -> Floats:
     )
 
 
-def _agreed(t: Trackers, i: int, j: int) -> bool:
-    """Whether at least half of the targets of two views agree, so that it is not their geometry that is wrong."""
+def _views_agree(t: Trackers, i: int, j: int) -> bool:
+    """Whether at least half of the pairs of the two trackers' views are good, so that their geometry is not wrong."""
     pairs = (t.view == t.view[i]) & t.checked[:, t.view[j]]
     return bool(2 * (pairs & t.good[:, t.view[j]]).sum() >= pairs.sum())
 
 
-def _place(state: State, i: int, guide: int, looks: Looks) -> Floats | None:
-    """(5,) where tracker i should start again on the line of its counterpart; None: nowhere."""
-    t, config, number = state.trackers, state.config, int(state.trackers.view[i])
-    view, image, bins = state.views[number], looks.images[number], state.bins[number]
+def _best_place(state: VisualState[BmctConfig], i: int, guide: int, frames: FrameSet) -> Floats | None:
+    """(5,) ellipse on the line of counterpart `guide` that is most like the target of tracker i; None: no good one."""
+    t, config, v = state.trackers, state.config, int(state.trackers.view[i])
+    view, image, bins = state.views[v], frames.images[v], state.bins[v]
     if image is None:
         return None
-    tried = _tried(state, i, guide)
+    # Try places all along the line, those inside the image at which there is no other tracker
+    tried = _places_on_line(state, i, guide)
+    tried = tried[((tried[:, :2] >= 0) & (tried[:, :2] < [view.width, view.height])).all(axis=1)]
     others = np.flatnonzero((t.view == t.view[i]) & (np.arange(len(t.view)) != i))
-    inside = ((tried[:, :2] >= 0) & (tried[:, :2] < [view.width, view.height])).all(axis=1)
-    tried = tried[inside]
     tried = tried[(nearness_between(t.estimate[others], tried) >= APART).all(axis=0)]
+    # Weigh them by the colours
     whole = np.array([[0, 0, view.width, view.height]])
     update_bins(bins, image, whole, config.pixel_step)
-    mask_outside(bins, whole, looks, number)
+    mask_outside(bins, whole, frames, v)
     owner, one = np.zeros(len(tried), dtype=np.int64), slice(i, i + 1)
-    found = alike(bins, tried, owner, t.colours[one], t.split[one], config.pixel_step)
+    found = colour_likeness(bins, tried, owner, t.colours[one], t.split[one], config.pixel_step)
     if not len(tried) or found.max() < config.restart_likeness:
         return None
     return np.asarray(tried[int(np.argmax(found))])
 
 
-def _tried(state: State, i: int, guide: int) -> Floats:
-    """(K, 5) ellipses of tracker i along the line of its counterpart, through the whole image."""
-    t, bottom = state.trackers, state.config.anchor == "bottom"
+def _places_on_line(state: VisualState[BmctConfig], i: int, guide: int) -> Floats:
+    """(K, 5) ellipses of tracker i, as large as at its start, along the epipolar line of its counterpart."""
+    t, bottom = state.trackers, at_bottom(state.config)
     maps, view = affine_maps(state, t.estimate), state.views[int(t.view[i])]
     x, y = anchor(t.estimate[guide], maps[guide], bottom)
     line = line_of(state.geometry.fundamental[t.view[guide], t.view[i]], x, y)
+    # From the point of the line nearest to the estimate in both directions, as far as the image is wide and high
     x, y = anchor(t.estimate[i], maps[i], bottom)
     off, reach = line[0] * x + line[1] * y + line[2], math.hypot(view.width, view.height)
     along = np.arange(-reach, reach + STEP_PX, STEP_PX)
@@ -102,13 +112,13 @@ def _tried(state: State, i: int, guide: int) -> Floats:
     return out
 
 
-def _moved(t: Trackers, i: int, place: Floats) -> Trackers:
-    """The trackers with one in a new place, at rest; its counterparts are bad until checks in a row say otherwise."""
+def _moved_to(t: Trackers, i: int, place: Floats) -> Trackers:
+    """Put tracker i in another place, at rest; its counterparts stay bad until checks in a row say otherwise."""
     out = Trackers._make(field.copy() for field in t)
     out.particles[i], out.estimate[i] = place, place
     out.velocity[i], out.path[i], out.weak[i] = 0.0, 0.0, 0
-    others = t.twin[i][t.twin[i] >= 0]
-    for field in (out.good, out.run):
+    others = t.counterpart[i][t.counterpart[i] >= 0]
+    for field in (out.good, out.streak):
         field[i] = 0
         field[others, t.view[i]] = 0
     return out

@@ -1,204 +1,240 @@
-"""What is kept of trackers in images from frame to frame: one tracker for each target and view, [Qu] Sec. 2.2.
+"""State of the methods that track in images: one tracker for each target and view, [Qu] Sec. 2.2.
 
-What is left of a tracking state when matrices between its views turn out to be wrong.
+Trackers are rows of arrays, ordered by view and target.  This module makes the state,
+adds and removes trackers, keeps the views' clocks, and pairs each tracker with its
+counterparts: the trackers of the same target in the other views.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.random import Generator
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Bools, Bytes, Floats, Ints
 from occlog.core.image.histogram_bins import update_bins
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.track.images.interface import Birth, Looks
+from occlog.track.images.interface import Birth, FrameSet, TrackerKey
 from occlog.track.images.kernels.motion import boxes_of
 
-from .appearance import Memories, remembered
+from .appearance import AppearanceModels, learn_appearance
 from .colours import WIDTH, colours_in, level, upright
-from .regions import mask_outside, masked
+from .config import IdmotConfig, MipfConfig
+from .regions import is_masked, mask_outside
 
 INTERVALS = 9
-"""Frames whose distance in time tells how often a view delivers one."""
+"""Last intervals between frames of a view from whose median its frame period is taken."""
 LONGEST = 10.0
-"""A longer gap [frames] counts as this one."""
+"""A gap [frames] longer than this counts as this one."""
 LEAST = 1e-9
-"""A histogram of less than this is empty."""
-NOTHING: Memories = {}
+"""A histogram whose sum is below this is empty."""
+NO_APPEARANCE: AppearanceModels = {}
+
+C = TypeVar("C", bound=MipfConfig)
+Idmot = TypeVar("Idmot", bound=IdmotConfig)
+C_co = TypeVar("C_co", bound=MipfConfig, covariant=True)
 
 
 class Trackers(NamedTuple):
-    """n trackers, by view and target."""
+    """n trackers, ordered by view and target."""
 
     view: Ints  # (n,)
     target: Ints  # (n,)
     particles: Floats  # (n, N, 5) of equal weight
     estimate: Floats  # (n, 5)
     velocity: Floats  # (n, 2) [px a frame]
-    path: Floats  # (n, M, 2) the last displacements [px]
-    axes: Floats  # (n, 3) half axes and angle at the start
-    colours: Floats  # (n, WIDTH) see `views_colours`
-    weak: Ints  # (n,) frames in a row in which no particle looked like the target
+    path: Floats  # (n, M, 2) the last M displacements, oldest first [px a frame]
+    axes: Floats  # (n, 3) half axes [px] and angle [rad] at the start
+    colours: Floats  # (n, WIDTH) see `colours`
+    weak: Ints  # (n,) frames in a row in which no particle had the target's colours
     likeness: Floats  # (n,) of the last estimate
-    twin: Ints  # (n, V) row of the tracker of the same target in each other view; -1: none
-    good: Bools  # (n, V) counterparts that pass the loop check
-    run: Ints  # (n, V) loop checks in a row that said otherwise
+    counterpart: Ints  # (n, V) row of the tracker of the same target in each other view; -1: none
+    good: Bools  # (n, V) whether the counterpart is good, [Qu] Sec. 3.4.2
+    streak: Ints  # (n, V) loop checks in a row that contradict `good`
     checked: Bools  # (n, V) whether there was a loop check since the younger of both was born
-    split: Bools  # (n,) whether the colours are of halves
+    split: Bools  # (n,) whether the colours are those of the upper and the lower half
 
 
 class Clock(NamedTuple):
-    """When each view's last frames were."""
+    """Times of the last frames of V views."""
 
-    t_ns: Ints  # (V,) -1: none yet
-    interval_ns: Floats  # (V, INTERVALS) NaN: not known
+    t_ns: Ints  # (V,) of the last one; -1: none yet
+    interval_ns: Floats  # (V, INTERVALS) between the last ones; NaN: not known
 
 
-class State(NamedTuple):
-    """The state of a method: see `occlog.track.images.interface`."""
+class VisualState(NamedTuple, Generic[C_co]):
+    """State of a method, see `occlog.track.images.interface`."""
 
     views: tuple[View, ...]
     geometry: Geometry
-    config: Any
+    config: C_co
     clock: Clock
-    bins: tuple[Any, ...]  # (V,) maps of bins, (H, W); only what the latest frame's trackers look at is up to date
+    bins: tuple[Bytes, ...]  # (V,) maps of bins (H, W); only what the latest frame's trackers look at is up to date
     trackers: Trackers
-    memories: Memories = NOTHING  # what is known of targets besides colours; empty for `model=colour`
+    appearance: AppearanceModels = NO_APPEARANCE  # models of the targets' patches; empty for `model=colour`
 
 
-def empty(views: Sequence[View], geometry: Geometry, config: Any, rng: Generator) -> State:
-    """The state without trackers."""
+def initial_state(
+    views: Sequence[View], geometry: Geometry, config: C, rng: Generator, memory: int = 1
+) -> VisualState[C]:
+    """Make a state without trackers.
+
+    Args:
+        views: V views.
+        geometry: between them.
+        config: settings of the method.
+        rng: not drawn from.
+        memory: M, displacements in the path of a tracker, >= 1.
+    """
     del rng
     n = len(views)
-    clock = Clock(np.full(n, -1), np.full((n, INTERVALS), np.nan))
+    clock = Clock(t_ns=np.full(n, -1), interval_ns=np.full((n, INTERVALS), np.nan))
     bins = tuple(np.zeros((view.height, view.width), dtype=np.uint8) for view in views)
-    return State(tuple(views), completed(geometry), config, clock, bins, _none(n, config))
+    trackers = _no_trackers(n, config.particles, memory)
+    return VisualState(tuple(views), both_directions(geometry), config, clock, bins, trackers)
 
 
-def completed(geometry: Geometry) -> Geometry:
-    """The geometry with each unknown matrix replaced by the transposed one of the other direction."""
+def initial_state_with_paths(
+    views: Sequence[View], geometry: Geometry, config: Idmot, rng: Generator
+) -> VisualState[Idmot]:
+    """Make a state without trackers for a method whose trackers remember how their targets moved."""
+    return initial_state(views, geometry, config, rng, config.memory)
+
+
+def both_directions(geometry: Geometry) -> Geometry:
+    """Replace each unknown fundamental matrix by the transposed matrix of the other direction, F_ba = F_ab^T."""
     given = np.array(geometry.fundamental, dtype=np.float64)
     back = given.transpose(1, 0, 3, 2)
     return geometry._replace(fundamental=np.where(np.isnan(given).any(axis=(2, 3), keepdims=True), back, given))
 
 
-def _none(views: int, config: Any) -> Trackers:
-    z, memory = np.zeros, getattr(config, "memory", 1)
-    whole, flags = np.int64, np.bool_
+def _no_trackers(views: int, particles: int, memory: int) -> Trackers:
     return Trackers(
-        z(0, whole),
-        z(0, whole),
-        z((0, config.particles, 5)),
-        z((0, 5)),
-        z((0, 2)),
-        z((0, memory, 2)),
-        z((0, 3)),
-        z((0, WIDTH)),
-        z(0, whole),
-        z(0),
-        z((0, views), whole),
-        z((0, views), flags),
-        z((0, views), whole),
-        z((0, views), flags),
-        z(0, flags),
+        view=np.zeros(0, dtype=np.int64),
+        target=np.zeros(0, dtype=np.int64),
+        particles=np.zeros((0, particles, 5)),
+        estimate=np.zeros((0, 5)),
+        velocity=np.zeros((0, 2)),
+        path=np.zeros((0, memory, 2)),
+        axes=np.zeros((0, 3)),
+        colours=np.zeros((0, WIDTH)),
+        weak=np.zeros(0, dtype=np.int64),
+        likeness=np.zeros(0),
+        counterpart=np.zeros((0, views), dtype=np.int64),
+        good=np.zeros((0, views), dtype=np.bool_),
+        streak=np.zeros((0, views), dtype=np.int64),
+        checked=np.zeros((0, views), dtype=np.bool_),
+        split=np.zeros(0, dtype=np.bool_),
     )
 
 
-def born(state: State, looks: Looks, births: Sequence[Birth]) -> State:
-    """The state with new trackers; one that replaces a tracker of its target and view ends that."""
+def add_trackers(state: VisualState[C], frames: FrameSet, births: Sequence[Birth]) -> VisualState[C]:
+    """Add trackers whose colours are those in the frames; one of the same view and target is replaced.
+
+    Raises:
+        ValueError: the view of a birth has no frame.
+    """
     if not births:
         return state
     new = {(birth.view, birth.target_id) for birth in births}
-    old = state.trackers
-    pairs = zip(old.view.tolist(), old.target.tolist(), strict=True)
-    kept = chosen(state, np.array([pair not in new for pair in pairs], dtype=np.bool_))
-    fresh = _newborn(state, looks, births)
-    joined = Trackers._make(np.concatenate(parts) for parts in zip(kept.trackers, fresh, strict=True))
+    kept = keep_trackers(state, np.array([key not in new for key in keys_of(state.trackers)], dtype=np.bool_))
+    parts = zip(kept.trackers, _newborn(state, frames, births), strict=True)
+    joined = Trackers._make(np.concatenate(fields) for fields in parts)
     order = np.lexsort((joined.target, joined.view))
     trackers = _paired(Trackers._make(field[order] for field in joined), len(state.views))
-    known = remembered(state.memories, _pairs(kept.trackers), looks, births, state.config)
-    return seen(state._replace(trackers=trackers, memories=known), looks)
+    appearance = learn_appearance(state.appearance, keys_of(kept.trackers), frames, births, state.config)
+    return advance_clock(state._replace(trackers=trackers, appearance=appearance), frames)
 
 
-def _pairs(trackers: Trackers) -> list[tuple[int, int]]:
+def keys_of(trackers: Trackers) -> list[TrackerKey]:
+    """View and target of each tracker."""
     return list(zip(trackers.view.tolist(), trackers.target.tolist(), strict=True))
 
 
-def _newborn(state: State, looks: Looks, births: Sequence[Birth]) -> Trackers:
+def _newborn(state: VisualState[MipfConfig], frames: FrameSet, births: Sequence[Birth]) -> Trackers:
+    """The new trackers: all particles at the given ellipse, at rest, without counterparts yet."""
     n, views, config = len(births), len(state.views), state.config
     ellipse = level(np.array([birth.ellipse for birth in births], dtype=np.float64))
     split = upright(ellipse, config.halves)
     view = np.array([birth.view for birth in births], dtype=np.int64)
     colours = np.empty((n, WIDTH))
     for v in np.unique(view).tolist():
-        image, mine = looks.images[v], view == v
+        image, mine = frames.images[v], view == v
         if image is None:
             raise ValueError(f"a tracker is born in view {v}, which has no frame")
         boxes = boxes_of(ellipse[mine][:, None])
         update_bins(state.bins[v], image, boxes, config.pixel_step)
-        mask_outside(state.bins[v], boxes, looks, v)
+        mask_outside(state.bins[v], boxes, frames, v)
         found = colours_in(state.bins[v], ellipse[mine], split[mine], config.pixel_step)
-        if masked(looks, v):  # of full likeness is what fills as much of the ellipse, not what fills it wholly
+        if is_masked(frames, v):
+            # The masks leave a share s of the ellipse.  Colours that sum to 1/s give a likeness of 1 to an ellipse of
+            # which as much is left, and of sqrt(r/s) to one of which a smaller share r is left.
             found /= np.maximum(found.sum(axis=1, keepdims=True), LEAST) ** 2
         colours[mine] = found
-    blank = _none(views, config)
+    blank = _no_trackers(views, config.particles, state.trackers.path.shape[1])
     return Trackers(
-        view,
-        np.array([birth.target_id for birth in births], dtype=np.int64),
-        np.repeat(ellipse[:, None], config.particles, axis=1),
-        ellipse,
-        np.zeros((n, 2)),
-        np.zeros((n, *blank.path.shape[1:])),
-        ellipse[:, 2:].copy(),
-        colours,
-        np.zeros(n, dtype=np.int64),
-        np.ones(n),
-        np.full((n, views), -1),
-        np.zeros((n, views), dtype=np.bool_),
-        np.zeros((n, views), dtype=np.int64),
-        np.zeros((n, views), dtype=np.bool_),
-        split,
+        view=view,
+        target=np.array([birth.target_id for birth in births], dtype=np.int64),
+        particles=np.repeat(ellipse[:, None], config.particles, axis=1),
+        estimate=ellipse,
+        velocity=np.zeros((n, 2)),
+        path=np.zeros((n, *blank.path.shape[1:])),
+        axes=ellipse[:, 2:].copy(),
+        colours=colours,
+        weak=np.zeros(n, dtype=np.int64),
+        likeness=np.ones(n),
+        counterpart=np.full((n, views), -1),
+        good=np.zeros((n, views), dtype=np.bool_),
+        streak=np.zeros((n, views), dtype=np.int64),
+        checked=np.zeros((n, views), dtype=np.bool_),
+        split=split,
     )
 
 
 def _paired(trackers: Trackers, views: int) -> Trackers:
-    """The trackers with each other's places; where a counterpart came or went the loop check starts anew."""
-    row = {pair: i for i, pair in enumerate(zip(trackers.view.tolist(), trackers.target.tolist(), strict=True))}
-    twin = np.full((len(trackers.view), views), -1)
+    """Find the counterparts of all trackers; the loop check starts anew for a pair that has changed."""
+    row = {key: i for i, key in enumerate(keys_of(trackers))}
+    counterpart = np.full((len(trackers.view), views), -1)
     for (view, target), i in row.items():
         for v in range(views):
             if v != view:
-                twin[i, v] = row.get((v, target), -1)
-    both = (twin >= 0) & trackers.checked & trackers.checked[twin, trackers.view[:, None]]
-    return trackers._replace(twin=twin, good=trackers.good & both, run=np.where(both, trackers.run, 0), checked=both)
+                counterpart[i, v] = row.get((v, target), -1)
+    both = (counterpart >= 0) & trackers.checked & trackers.checked[counterpart, trackers.view[:, None]]
+    return trackers._replace(
+        counterpart=counterpart,
+        good=trackers.good & both,
+        streak=np.where(both, trackers.streak, 0),
+        checked=both,
+    )
 
 
-def chosen(state: State, keep: Bools) -> State:
-    """The state with some of its trackers only."""
+def keep_trackers(state: VisualState[C], keep: Bools) -> VisualState[C]:
+    """Remove the trackers for which `keep` (n,) is false."""
     if keep.all():
         return state
     trackers = _paired(Trackers._make(field[keep] for field in state.trackers), len(state.views))
     return state._replace(trackers=trackers)
 
 
-def ended(state: State, pairs: Sequence[tuple[int, int]]) -> State:
-    """The state without the trackers of these views and targets."""
-    gone, t = set(pairs), state.trackers
-    have = zip(t.view.tolist(), t.target.tolist(), strict=True)
-    return chosen(state, np.array([pair not in gone for pair in have], dtype=np.bool_))
+def end_trackers(state: VisualState[C], keys: Sequence[TrackerKey]) -> VisualState[C]:
+    """Remove the trackers of these views and targets; keys without a tracker change nothing."""
+    gone = set(keys)
+    return keep_trackers(state, np.array([key not in gone for key in keys_of(state.trackers)], dtype=np.bool_))
 
 
-def seen(state: State, looks: Looks) -> State:
-    """The state whose clock knows of the frames; the same frames a second time change nothing."""
+def advance_clock(state: VisualState[C], frames: FrameSet) -> VisualState[C]:
+    """Put the time of the frames on the clocks of their views; the same frames a second time change nothing."""
     clock = state.clock
-    have = np.array([image is not None for image in looks.images]) & (clock.t_ns != looks.t_ns)
-    gap = np.where(clock.t_ns >= 0, looks.t_ns - clock.t_ns, np.nan)
-    later = np.column_stack([clock.interval_ns[:, 1:], gap])
+    have = np.array([image is not None for image in frames.images]) & (clock.t_ns != frames.t_ns)
+    interval = np.where(clock.t_ns >= 0, frames.t_ns - clock.t_ns, np.nan)
+    later = np.column_stack([clock.interval_ns[:, 1:], interval])
     return state._replace(
-        clock=Clock(np.where(have, looks.t_ns, clock.t_ns), np.where(have[:, None], later, clock.interval_ns))
+        clock=Clock(
+            t_ns=np.where(have, frames.t_ns, clock.t_ns),
+            interval_ns=np.where(have[:, None], later, clock.interval_ns),
+        )
     )
 
 
@@ -208,7 +244,10 @@ def gaps(clock: Clock, t_ns: int) -> Floats:
 
 
 def ages(clock: Clock, t_ns: int) -> Floats:
-    """(V,) time since each view's last frame over the median of its last intervals; 1 where that is not known."""
+    """(V,) time since each view's last frame over the median of its last intervals; 1 where that is not known.
+
+    Of an even number of intervals the upper one of the two in the middle counts.
+    """
     out = np.ones(len(clock.t_ns))
     for v, (last, row) in enumerate(zip(clock.t_ns.tolist(), clock.interval_ns.tolist(), strict=True)):
         known = sorted(interval for interval in row if interval == interval)
@@ -217,15 +256,13 @@ def ages(clock: Clock, t_ns: int) -> Floats:
     return out
 
 
-def doubted(state: State, geometry: Geometry) -> State:
-    """The state with another geometry; counterparts in views whose matrix is gone are neither good nor checked.
+def with_geometry(state: VisualState[C], geometry: Geometry) -> VisualState[C]:
+    """Replace the geometry by one of the same views with fewer matrices.
 
-    Args:
-        state: of any method that has trackers of its own.
-        geometry: the same views, with fewer matrices.
+    Counterparts in views whose matrices are gone in both directions are neither good nor checked any more.
     """
     known: Bools = np.asarray(np.isfinite(geometry.fundamental).all(axis=(2, 3)))
     t = state.trackers
     kept = (known | known.T)[t.view]
-    trackers = t._replace(good=t.good & kept, run=np.where(kept, t.run, 0), checked=t.checked & kept)
-    return state._replace(geometry=completed(geometry), trackers=trackers)
+    trackers = t._replace(good=t.good & kept, streak=np.where(kept, t.streak, 0), checked=t.checked & kept)
+    return state._replace(geometry=both_directions(geometry), trackers=trackers)

@@ -1,25 +1,29 @@
-"""How long the parts of a frame of method `bmct` take, as [Qu] Table 1 has them."""
+"""CPU time of the parts of a frame of method `bmct`, as [Qu] Table 1 lists them."""
 
 from __future__ import annotations
 
 import copy
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 
-from occlog.track.images.interface import Looks
-from occlog.track.images.kernels.sweeps import Near, settle
+from occlog.array_types import Ints
+from occlog.track.images.interface import FrameSet
+from occlog.track.images.kernels.sweeps import Neighbours, reweighted
 
-from .loop_check import helpers
-from .state import State
-from .step import Scheme, moment_of
-from .weigh import setting, together
+from .config import BmctConfig
+from .state import VisualState
+from .step import Scheme, local_weights
+from .weigh import collaboration_of, weigh_bmct
+
+LOCAL_ONLY: Scheme[BmctConfig] = Scheme(weigh_bmct)
 
 
-def likelihood_seconds(state: State, looks: Looks, rng: Generator, repeats: int = 5) -> tuple[float, float, float]:
+def likelihood_seconds(
+    state: VisualState[BmctConfig], frames: FrameSet, rng: Generator, repeats: int = 5
+) -> tuple[float, float, float]:
     """CPU seconds of the local, the interaction and the collaboration likelihood of all particles in one frame.
 
     The local one holds the map of bins and the motion of the particles.  The others are the
@@ -27,30 +31,29 @@ def likelihood_seconds(state: State, looks: Looks, rng: Generator, repeats: int 
 
     Args:
         state: of method `bmct` before the frame; it is not changed.
-        looks: the frame.
-        rng: drawn from a copy of it.
+        frames: the frame.
+        rng: a copy of it is drawn from.
         repeats: of each part, of which the median counts.
     """
-    moment = moment_of(Scheme(together, True), state, looks, copy.deepcopy(rng))
-    s = setting(state, moment, helpers(state.trackers, moment.fresh))
+    local = local_weights(LOCAL_ONLY, state, frames, copy.deepcopy(rng))
+    model = collaboration_of(state, local)
     order, sweeps = np.arange(len(state.views)), state.config.sweeps
-    apart = Near(np.zeros_like(s.near.busy), np.zeros_like(s.near.touching), s.near.ratio)
+    near = model.near
+    apart = Neighbours(busy=np.zeros_like(near.busy), touching=np.zeros_like(near.touching), ratio=near.ratio)
 
-    def weigh(near: Near, helper: Any) -> Callable[[], object]:
-        rig = s.rig._replace(helper=helper)
-        return lambda: settle(
-            moment.particles, moment.log_local, near, s.past, rig, order, sweeps, s.model, moment.here
-        )
+    def weigh(close: Neighbours, helper: Ints) -> Callable[[], object]:
+        trial = model._replace(near=close, cameras=model.cameras._replace(helper=helper))
+        return lambda: reweighted(local.particles, local.log_local, local.here, trial, order, sweeps)
 
-    nobody = np.full_like(s.rig.helper, -1)
+    nobody = np.full_like(model.cameras.helper, -1)
     parts = [
-        lambda: moment_of(Scheme(together, True), state, looks, copy.deepcopy(rng)),
+        lambda: local_weights(LOCAL_ONLY, state, frames, copy.deepcopy(rng)),
         weigh(apart, nobody),
-        weigh(s.near, nobody),
-        weigh(s.near, s.rig.helper),
+        weigh(near, nobody),
+        weigh(near, model.cameras.helper),
     ]
-    local, base, touching, helped = (_median_seconds(part, repeats) for part in parts)
-    return local, max(touching - base, 0.0), max(helped - touching, 0.0)
+    whole, base, touching, helped = (_median_seconds(part, repeats) for part in parts)
+    return whole, max(touching - base, 0.0), max(helped - touching, 0.0)
 
 
 def _median_seconds(work: Callable[[], object], repeats: int) -> float:

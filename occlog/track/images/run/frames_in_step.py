@@ -22,8 +22,8 @@ from occlog.measure.detect.one_camera import check_size, plain_image
 from occlog.measure.epipolar.views import View
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera
-from occlog.track.images.births.background import Watch, mask
-from occlog.track.images.interface import Looks
+from occlog.track.images.births.background import BackgroundModel, foreground_mask
+from occlog.track.images.interface import FrameSet
 
 STAMPS = 64
 """Frames of a camera from which its period is told."""
@@ -32,7 +32,7 @@ MOST_AHEAD = 8
 """Moments decoded at a time, at most."""
 
 
-class Surveyed(NamedTuple):
+class CameraSurvey(NamedTuple):
     """What is known of a camera before its frames are tracked in."""
 
     view: View
@@ -42,7 +42,7 @@ class Surveyed(NamedTuple):
     missing: tuple[int, ...]  # frames asked for that there are not
 
 
-class Seen(NamedTuple):
+class MaskedImage(NamedTuple):
     """A frame's image, and where it shows no background; None: not told."""
 
     image: Image
@@ -52,7 +52,7 @@ class Seen(NamedTuple):
 class Moment(NamedTuple):
     """The frames of one time."""
 
-    looks: Looks
+    frames: FrameSet
     t_ns: Ints  # (V,) each frame's own time; -1: no frame
     lost: tuple[tuple[int, int, str], ...]  # (view, frame, why) of those that cannot be used
 
@@ -63,7 +63,7 @@ def survey(
     camera: Camera | None = None,
     wanted: Iterable[int] = (),
     bits: int | None = None,
-) -> Surveyed:
+) -> CameraSurvey:
     """Image size, frame period and first frame of a camera.
 
     Args:
@@ -95,13 +95,13 @@ def survey(
         if view is not None and len(stamps) == STAMPS and not missing:
             break
     if view is None:
-        raise InputError(f"camera {name}: not one frame can be decoded ({why}); leave it out with --without {name}")
+        raise InputError(f"camera {name}: not one frame can be decoded ({why}); leave this camera out")
     if camera is not None:
         check_size(camera, (view.width, view.height))
     # Numbers leave gaps where frames were lost
     steps = np.diff(stamps) / np.maximum(np.diff(numbers), 1)
     period = int(np.median(steps)) if len(stamps) > 1 else 0
-    return Surveyed(view, period, first, last, tuple(sorted(missing)))
+    return CameraSurvey(view, period, first, last, tuple(sorted(missing)))
 
 
 def step_window(periods: Iterable[int]) -> int:
@@ -116,7 +116,7 @@ def in_step(
     window_ns: int,
     workers: int = 1,
     bits: int | None = None,
-    background: Sequence[Watch | None] = (),
+    background: Sequence[BackgroundModel | None] = (),
 ) -> Iterator[Moment]:
     """Moments in the order of time, decoded a little ahead; the result does not depend on `workers`.
 
@@ -134,8 +134,8 @@ def in_step(
     place = {view.name: v for v, view in enumerate(views)}
     size = sum(3 * view.width * view.height for view in views)
     ahead = int(np.clip(READ_AHEAD_BYTES // max(size, 1), 1, MOST_AHEAD))
-    last: dict[str, Future[list[Seen | str]]] = {}
-    waiting: deque[tuple[tuple[dict[str, Frame], ...], dict[str, Future[list[Seen | str]]]]] = deque()
+    last: dict[str, Future[list[MaskedImage | str]]] = {}
+    waiting: deque[tuple[tuple[dict[str, Frame], ...], dict[str, Future[list[MaskedImage | str]]]]] = deque()
     with ThreadPoolExecutor(max(1, min(workers, len(views)))) as pool:
         try:
             groups = _groups(frames, place, window_ns)
@@ -179,13 +179,20 @@ def _groups(frames: Iterable[Frame], place: dict[str, int], window_ns: int) -> I
 
 
 def _decode(
-    frames: list[Frame], view: View, bits: int | None, before: Future[list[Seen | str]] | None, watch: Watch | None
-) -> list[Seen | str]:
+    frames: list[Frame],
+    view: View,
+    bits: int | None,
+    before: Future[list[MaskedImage | str]] | None,
+    watch: BackgroundModel | None,
+) -> list[MaskedImage | str]:
     """Images of a camera's frames, or why they cannot be used; those before must be done."""
     if before is not None:
         before.exception()  # waits; it is told where its own result is taken
     images = ((frame.index, _image(frame.decode, view, bits)) for frame in frames)
-    return [image if isinstance(image, str) else Seen(image, mask(watch, image, number)) for number, image in images]
+    return [
+        image if isinstance(image, str) else MaskedImage(image, foreground_mask(watch, image, number))
+        for number, image in images
+    ]
 
 
 def _image(decode: Callable[[], Image], view: View, bits: int | None) -> Image | str:
@@ -205,14 +212,14 @@ def _image(decode: Callable[[], Image], view: View, bits: int | None) -> Image |
 
 
 def _moments(
-    groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[Seen | str]]], place: dict[str, int]
+    groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], place: dict[str, int]
 ) -> Iterator[Moment]:
     decoded = {name: iter(job.result()) for name, job in jobs.items()}
     for group in groups:
         yield _moment(group, {name: next(decoded[name]) for name in place if name in group}, place)
 
 
-def _moment(group: dict[str, Frame], decoded: dict[str, Seen | str], place: dict[str, int]) -> Moment:
+def _moment(group: dict[str, Frame], decoded: dict[str, MaskedImage | str], place: dict[str, int]) -> Moment:
     number, t_ns = np.full(len(place), -1), np.full(len(place), -1, dtype=np.int64)
     images: list[Image | None] = [None] * len(place)
     masks: list[Image | None] = [None] * len(place)
@@ -224,12 +231,12 @@ def _moment(group: dict[str, Frame], decoded: dict[str, Seen | str], place: dict
         elif seen is not None:
             images[v], masks[v], number[v], t_ns[v] = seen.image, seen.mask, group[name].index, group[name].t_ns
     time = max(frame.t_ns for frame in group.values())
-    looks = Looks(time, number.astype(np.int64), tuple(images))
+    frames = FrameSet(time, number.astype(np.int64), tuple(images))
     if any(m is not None for m in masks):
-        looks = looks._replace(masks=tuple(masks))
-    return Moment(looks, t_ns, tuple(lost))
+        frames = frames._replace(masks=tuple(masks))
+    return Moment(frames, t_ns, tuple(lost))
 
 
 def there(moment: Moment) -> Bools:
     """(V,) views that have a frame."""
-    return np.array([image is not None for image in moment.looks.images])
+    return np.array([image is not None for image in moment.frames.images])

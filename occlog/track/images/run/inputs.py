@@ -1,12 +1,12 @@
-"""What methods that track in images read: frames, first ellipses, detections, epipolar geometry."""
+"""Inputs of tracking in images: frames, first ellipses, detections, epipolar geometry."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
@@ -15,34 +15,59 @@ from occlog.io.models.ellipses import FIRST, MOST_ID, GivenEllipse, read_ellipse
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.epipolar.matrices import known_geometry
 from occlog.measure.scans.scans import nearest
+from occlog.records.losses import Loss
+from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Boxes, TruthBoxes, Views
 from occlog.records.views import ViewTracks
-from occlog.track.images.births.background import Watch, watches
+from occlog.track.images.births.background import BackgroundModel, background_models
+from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.moving import moving_regions, with_cameras
-from occlog.track.images.births.regions import Feed, Regions, regions_of_boxes, regions_of_views
+from occlog.track.images.births.regions import Regions, RegionStream, regions_of_boxes, regions_of_views
 from occlog.track.images.ground.config import GroundConfig
 from occlog.track.images.ground.stage import GroundPart, ground_tracks
 
 from .frames_in_step import step_window, survey
 from .stage import Start
 
-if TYPE_CHECKING:
-    from occlog.records.losses import Loss
-    from occlog.records.scene import Camera, Scene
-    from occlog.track.images.births.config import ViewsConfig
-
-    from .request import ViewsRequest
-
-
 LARGE_ID = 2**30
-"""Identities from here on leave less room for new ones than there may be below."""
+"""Identities from here on leave few free numbers above them, fewer than there may be between others."""
+
+
+@dataclass(frozen=True)
+class ViewsRequest:
+    """What to track in images, and how, as the user asks for it."""
+
+    recording: Path
+    scene: Path | None
+    method: str
+    settings: dict[str, str]
+    initial: Path | None
+    detections: Path | None
+    fundamental: Path | None
+    only: tuple[str, ...]  # cameras; empty: all
+    without: tuple[str, ...]
+    window_ns: int | None
+    seed: int
+
+    @property
+    def paths(self) -> list[Path]:
+        """All inputs, each once."""
+        given = (self.recording, self.scene, self.initial, self.detections, self.fundamental)
+        return list(dict.fromkeys(p for p in given if p is not None))
+
+    @property
+    def births(self) -> str:
+        """Where trackers come from: `initial`, `detections` or `both`."""
+        if self.initial is None:
+            return "detections"
+        return "initial" if self.detections is None else "both"
 
 
 class ViewsInput:
-    """The recording with everything that tracking in its images needs to know beforehand."""
+    """The recording, and everything that tracking in its images needs to know beforehand."""
 
     def __init__(self, request: ViewsRequest, stage: ViewsConfig) -> None:
-        """Look at the first frames of every camera."""
+        """Open the recording and look at the first frames of every camera."""
         self.request, self.stage = request, stage
         self.given = 0  # first ellipses
         self.recording = open_video(request)
@@ -60,12 +85,12 @@ class ViewsInput:
 
     @property
     def length_unit(self) -> str:
-        """Of the scene."""
+        """Unit of lengths in the scene."""
         return "m" if self.scene is None else self.scene.length_unit
 
     @property
     def frames(self) -> int:
-        """How many the recording announces."""
+        """Number of frames that the recording announces."""
         wanted = {f"/camera/{name}/{kind}" for name in self.names for kind in ("image", "video")}
         return sum(t.messages for t in self.recording.topics if t.name in wanted)
 
@@ -73,17 +98,17 @@ class ViewsInput:
         return next((c for c in self.scene.cameras if c.name == name), None) if self.scene is not None else None
 
     def _placed(self) -> list[str]:
-        """Cameras with a pose."""
+        """Names of the cameras with a pose."""
         return [c.name for c in map(self._camera, self.names) if c is not None and c.placed]
 
     def on_ground(self, tracks: Iterable[ViewTracks], window_ns: int) -> Iterator[GroundPart]:
-        """Where targets are in the world, from their tracks in the images."""
+        """Tracks in the world from tracks in the images; none without a scene."""
         if self.scene is None:
             return iter(())
         return ground_tracks(tracks, self.scene, GroundConfig(window_s=window_ns / 1e9), self._placed())
 
     def check_world(self) -> None:
-        """InputError unless cameras have poses to see the ground with."""
+        """Raise InputError where no camera has a pose, so that no place in the world can be found."""
         if not self._placed():
             raise InputError(
                 f"{self.request.recording}: no camera has a pose, so nothing can be told of the ground; give a scene "
@@ -91,7 +116,7 @@ class ViewsInput:
             )
 
     def starts(self) -> tuple[tuple[Start, ...], int]:
-        """Trackers to begin, and the first number that is free for others."""
+        """Trackers to begin from the file of first ellipses, and the first identity that is free for others."""
         if self.request.initial is None:
             return (), 0
         sizes = {view.name: (view.width, view.height) for view in self.views}
@@ -105,7 +130,7 @@ class ViewsInput:
         return tuple(starts), first_free([s.target_id for s in starts])
 
     def _check_frames(self, given: tuple[GivenEllipse, ...]) -> None:
-        """InputError for a frame that a camera does not have."""
+        """Raise InputError for a frame that a camera does not have."""
         for name, known in zip(self.names, self.surveyed, strict=True):
             asked = [g for g in given if g.sensor == name and g.frame not in (FIRST, known.first)]
             if not asked:
@@ -118,14 +143,14 @@ class ViewsInput:
                         f"frame; it has {known.first} to {found.last}; correct it"
                     )
 
-    def background(self, quiet: bool) -> tuple[Watch | None, ...]:
-        """Models of the empty scene, where they are wanted."""
+    def background(self, quiet: bool) -> tuple[BackgroundModel | None, ...]:
+        """Background models of the views; none unless they are wanted."""
         if not self.stage.background:
             return ()
         frames = options.progress(self.recording.frames(self.names), "first look", self.frames, quiet=quiet)
-        return watches(frames, with_cameras(self.scene, self.views), self.views, os.cpu_count() or 1)
+        return background_models(frames, with_cameras(self.scene, self.views), self.views, os.cpu_count() or 1)
 
-    def feed(self) -> Feed | None:
+    def region_stream(self) -> RegionStream | None:
         """Regions of a detector; None where trackers begin from a file only."""
         path = self.request.detections
         if path is not None:
@@ -133,12 +158,12 @@ class ViewsInput:
         if self.request.initial is not None:
             return None
         if self.recording.has(Boxes):
-            return Feed(regions_of_boxes(self.recording.tables(Boxes), self.stage.birth_confidence), False)
+            return RegionStream(regions_of_boxes(self.recording.tables(Boxes), self.stage.birth_confidence), False)
         regions = moving_regions(lambda: self.recording.frames(self.names), self.scene, self.views, os.cpu_count() or 1)
-        return Feed(regions, True)
+        return RegionStream(regions, True)
 
-    def _given(self, path: Path) -> Feed:
-        """Those of a file."""
+    def _given(self, path: Path) -> RegionStream:
+        """Regions of a file of detections."""
         if path.suffix.lower() == ".mcap":
             recording = open_recording(path)
             if not recording.has(Boxes):
@@ -148,19 +173,19 @@ class ViewsInput:
         name = schema_name(path)
         self.losses |= dict.fromkeys(read_provenance(path).losses)
         if name == Views.NAME:
-            return Feed(regions_of_views(iter_table(path, Views)), True)
+            return RegionStream(regions_of_views(iter_table(path, Views)), True)
         for table in (Boxes, TruthBoxes):
             if name == table.NAME:
                 return self._of_boxes(iter_table(path, table))
         raise InputError(f"{path}: holds {name}; want {Boxes.NAME}, or {Views.NAME} of `occlog detect`")
 
-    def _of_boxes(self, chunks: Iterator[Boxes]) -> Feed:
+    def _of_boxes(self, chunks: Iterator[Boxes]) -> RegionStream:
         regions: Iterator[Regions] = regions_of_boxes(chunks, self.stage.birth_confidence)
-        return Feed(regions, False)
+        return RegionStream(regions, False)
 
 
 def first_free(taken: Sequence[int]) -> int:
-    """A number from which on many are free: after the largest one, or where that is too large after another.
+    """First of many free identities: after the largest one, or where that is too large after another one.
 
     Args:
         taken: identities of targets, from 0 to 2^31 - 1.
@@ -173,7 +198,7 @@ def first_free(taken: Sequence[int]) -> int:
 
 
 def open_video(request: ViewsRequest) -> Recording:
-    """The recording; InputError unless it holds images."""
+    """Open the recording; InputError unless it holds images."""
     path, method = request.recording, request.method
     if path.suffix.lower() != ".mcap":
         raise InputError(
@@ -190,7 +215,7 @@ def open_video(request: ViewsRequest) -> Recording:
 
 
 def choose_views(recording: Recording, only: tuple[str, ...], without: tuple[str, ...]) -> tuple[str, ...]:
-    """The cameras to track in; UsageError names one that has no images."""
+    """Names of the cameras to track in; UsageError for one that has no images."""
     for name in (*only, *without):
         if name not in recording.cameras:
             raise UsageError(f"{recording.path}: no images of camera {name!r}; {nearest(name, recording.cameras)}")

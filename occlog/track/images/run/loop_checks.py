@@ -1,7 +1,7 @@
-"""Whether the views' fundamental matrices fit what is tracked: the loop check on targets that stand free in both views.
+"""Check of the fundamental matrices against what is tracked: the loop check of [Qu] Sec. 3.4.2 on free targets.
 
-Only those count: a target that others hide is not where its tracker is, which is no fault
-of the geometry.
+Only targets that touch no other in both views count: the tracker of a hidden target may be
+off it, which is no fault of the geometry.
 """
 
 from __future__ import annotations
@@ -16,36 +16,37 @@ from occlog.array_types import Floats, Ints
 from occlog.core.image.ellipse import touching
 from occlog.measure.epipolar.views import Geometry
 from occlog.track.images.births.loop_distances import loop_distances, radius
-from occlog.track.images.interface import Birth, Outlines
+from occlog.track.images.interface import Birth, Outlines, TrackerKey
 
-Key = tuple[int, int]
-"""View and target."""
-NOBODY: Mapping[Key, Floats] = MappingProxyType({})
+NO_TRACKERS: Mapping[TrackerKey, Floats] = MappingProxyType({})
 FEWEST = 3
-"""Targets below which their starts say nothing about a fundamental matrix."""
+"""Checked starts of targets below which they say nothing about a fundamental matrix."""
+
+StartCounts = Mapping[tuple[int, int], tuple[int, int]]
+"""For pairs of views the number of checked starts of targets, and how many of these failed."""
 
 
 class Checks(NamedTuple):
-    """N loop checks; a check fails above 1 radius."""
+    """N loop checks of a target in two views; a check fails above 1 radius."""
 
-    first: Floats  # (N,) views, as whole numbers; the lower one
-    second: Floats
-    radii: Floats  # larger distance from a line, in radii of the target in that view
-    px: Floats  # the same in pixels, by the mean of the two radii
+    first: Floats  # (N,) the lower view of the two, a whole number
+    second: Floats  # (N,) the higher view
+    radii: Floats  # (N,) larger one of the two distances from a line, in radii of the target in that view
+    px: Floats  # (N,) the same in pixels, by the mean of the two radii
 
 
 def no_checks() -> Checks:
-    """None."""
+    """No loop check."""
     return Checks(*(np.zeros(0) for _ in range(4)))
 
 
 def gather(parts: Sequence[Checks]) -> Checks:
-    """All of them."""
+    """Join loop checks."""
     return Checks(*(np.concatenate(columns) for columns in zip(*parts, strict=True))) if parts else no_checks()
 
 
 def check_outlines(outlines: Outlines, geometry: Geometry, bottom: bool = False) -> Checks:
-    """Loop checks of the targets that touch no other in either view.
+    """Check the targets that touch no other in either view.
 
     Args:
         outlines: of one moment.
@@ -56,15 +57,18 @@ def check_outlines(outlines: Outlines, geometry: Geometry, bottom: bool = False)
 
 
 def check_births(
-    births: Sequence[Birth], geometry: Geometry, trackers: Mapping[Key, Floats] = NOBODY, bottom: bool = False
+    births: Sequence[Birth],
+    geometry: Geometry,
+    trackers: Mapping[TrackerKey, Floats] = NO_TRACKERS,
+    bottom: bool = False,
 ) -> Checks:
-    """The same of ellipses that trackers start with, with one another and with trackers that there are.
+    """Check the ellipses that trackers start with, against one another and against trackers of other views.
 
     Args:
         births: of one moment.
         geometry: of the views.
-        trackers: ellipses of others that are as new, by view and target.
-        bottom: as above.
+        trackers: ellipses of the same time of trackers that there are.
+        bottom: see `check_outlines`.
     """
     if not births:
         return no_checks()
@@ -75,8 +79,8 @@ def check_births(
     )
 
 
-def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[Key, Floats]:
-    """Ellipses that touch no other of their view, by view and target."""
+def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[TrackerKey, Floats]:
+    """The ellipses (n, 5) that touch no other of their view (n,), by view and target."""
     rows = {}
     for v in np.unique(view).tolist():
         mine = np.flatnonzero(view == v)
@@ -86,9 +90,9 @@ def _free(view: Ints, target: Ints, ellipses: Floats) -> dict[Key, Floats]:
 
 
 def _checks(
-    rows: Mapping[Key, Floats], geometry: Geometry, bottom: bool, born: Collection[Key] | None = None
+    rows: Mapping[TrackerKey, Floats], geometry: Geometry, bottom: bool, born: Collection[TrackerKey] | None = None
 ) -> Checks:
-    """Of pairs of rows of one target; of those of which one is in `born`."""
+    """Check each target in each pair of views; with `born` only those with a tracker in it."""
     parts = []
     known = np.isfinite(geometry.fundamental).all(axis=(2, 3))
     for a, b in zip(*(places.tolist() for places in np.nonzero(np.triu(known, 1))), strict=True):
@@ -104,27 +108,24 @@ def _checks(
     return gather(parts)
 
 
-Tried = Mapping[tuple[int, int], tuple[int, int]]
-"""For pairs of views how many starts there were that could be checked, and how many failed."""
+def without_contradicted(
+    geometry: Geometry, checks: Checks, counts: StartCounts
+) -> tuple[Geometry, StartCounts, tuple[tuple[int, int], ...]]:
+    """Drop the matrices of pairs of views that more than half of the first targets contradict.
 
-
-def trusted(geometry: Geometry, checks: Checks, tried: Tried) -> tuple[Geometry, Tried, tuple[tuple[int, int], ...]]:
-    """The geometry without matrices that most of the first targets contradict.
-
-    Three starts of targets that stand free in both views are the fewest that can say so.
-    What they say is final.
+    `FEWEST` checked starts decide, and those of the same moment; later ones change nothing.
 
     Args:
         geometry: that is in use.
         checks: of the births of one moment.
-        tried: those before.
+        counts: of the moments before.
 
     Returns:
-        The geometry; `tried` with the checks; the pairs of views that lost their matrix now.
+        The geometry; the counts with the checks; the pairs of views that lost their matrix now.
     """
-    matrices, after, dropped = geometry.fundamental.copy(), dict(tried), []
+    matrices, after, dropped = geometry.fundamental.copy(), dict(counts), []
     for a, b in sorted(set(zip(checks.first.astype(int).tolist(), checks.second.astype(int).tolist(), strict=True))):
-        n, failed = tried.get((a, b), (0, 0))
+        n, failed = counts.get((a, b), (0, 0))
         if n >= FEWEST:
             continue
         mine = checks.radii[(checks.first == a) & (checks.second == b)]

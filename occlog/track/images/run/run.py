@@ -1,6 +1,7 @@
-"""What `occlog track` does with methods that track in images: read, track, write.
+"""Run of `occlog track` with a method that tracks in images: read, track, write, and sum up.
 
-What `occlog track` says of tracks in images when it is done.
+Tracks and losses are counted while they stream past; the summary and the warnings are made of
+the counts.
 """
 
 from __future__ import annotations
@@ -9,9 +10,10 @@ import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,38 +28,36 @@ from occlog.records.tables import Boxes, Tracks
 from occlog.records.views import ViewTracks
 from occlog.settings import configure
 from occlog.track.images.births.config import ViewsConfig
+from occlog.track.images.births.regions import RegionStream
 from occlog.track.images.catalogue import VISUAL
-from occlog.track.images.methods.state import doubted
+from occlog.track.images.interface import AnyVisual
 
 from .frames_in_step import in_step
-from .inputs import ViewsInput
-from .request import ViewsOutputs, ViewsRequest
-from .stage import Setup, ViewsPart, track_views
-
-if TYPE_CHECKING:
-    from occlog.records.losses import Loss
-    from occlog.track.images.births.regions import Feed
-
-    from .inputs import ViewsInput
-    from .loop_checks import Checks
-    from .stage import ViewsPart
-
+from .inputs import ViewsInput, ViewsRequest
+from .loop_checks import Checks
+from .stage import TrackingSetup, ViewsPart, track_views
 
 FEWEST_CHECKS = 20
-"""Loop checks below which nothing is said about a fundamental matrix."""
+"""Loop checks below which the summary does not judge a fundamental matrix."""
 BIN_PX, BINS = 0.1, 20_001
-"""Of the histogram of distances; the last bin holds all that are farther."""
+"""Width and number of the bins of the histogram of distances; the last bin holds all that are farther."""
 EARLY_PERIODS = 3
 """A view ends early when others go on for more of its frame periods than this."""
-ALONE = {"bmct": "does what idmot does", "cmct": "does what mipf does, with colours that adapt"}
-"""What methods do without another view's help; the others never have any."""
 
 
-class ViewsTally:
-    """Figures of the summary, gathered while streaming."""
+@dataclass(frozen=True)
+class ViewsOutputs:
+    """Files to write."""
+
+    tracks: Path
+    world: Path | None = None
+
+
+class ViewsSummary:
+    """Figures of the summary, counted while streaming."""
 
     def __init__(self, method: str, inputs: ViewsInput) -> None:
-        """Nothing yet."""
+        """Begin with all counts at 0."""
         self.method, self.inputs = method, inputs
         n = len(inputs.views)
         self.rows = 0
@@ -89,6 +89,7 @@ class ViewsTally:
         self.dropped += part.dropped
 
     def _check(self, checks: Checks) -> None:
+        """Count loop checks by pair of views."""
         for a, b, radii, px in zip(*(column.tolist() for column in checks), strict=True):
             self.failed[int(a), int(b)] += radii > 1.0
             self.distances[int(a), int(b)][int(min(px / BIN_PX, BINS - 1))] += 1
@@ -100,7 +101,7 @@ class ViewsTally:
         ]
 
     def summary(self) -> dict[str, Any]:
-        """The figures."""
+        """The figures of the summary."""
         names = self.inputs.names
         total = max(sum(self.modes.values()), 1)
         checks = {
@@ -121,7 +122,7 @@ class ViewsTally:
         }
 
     def warnings(self) -> list[str]:
-        """What whoever uses the tracks should know."""
+        """Lines on what makes the tracks doubtful."""
         lines = [*self._alone(), *self._ends(), *(self._misfit(a, b) for a, b in self._misfits())]
         if (late := self.inputs.given - self.events["start"]) > 0:
             lines.append(f"{late} of {self.inputs.given} first ellipses began no tracker: the video ends before them")
@@ -136,9 +137,11 @@ class ViewsTally:
         return lines
 
     def _alone(self) -> list[str]:
-        if self.method not in ALONE:
+        """A line where the views cannot help each other."""
+        collaboration = VISUAL[self.method].collaboration
+        if collaboration is None:
             return []
-        does = f"--method {self.method} {ALONE[self.method]}"
+        does = f"--method {self.method} {collaboration.alone}"
         if len(self.inputs.views) == 1:
             return [f"there is one view, {self.inputs.names[0]}, and none to help it: {does}"]
         if not np.isfinite(self.inputs.geometry.fundamental).any():
@@ -149,7 +152,7 @@ class ViewsTally:
         return []
 
     def _ends(self) -> list[str]:
-        """Views that end before the others."""
+        """Lines on views that end before the others."""
         latest = int(self.last_ns.max(initial=-1))
         lines = []
         for s, last, n in zip(self.inputs.surveyed, self.last_ns.tolist(), self.frames.tolist(), strict=True):
@@ -160,7 +163,7 @@ class ViewsTally:
         return lines
 
     def _misfits(self) -> list[tuple[int, int]]:
-        """Pairs of views that most loop checks contradict."""
+        """Pairs of views whose fundamental matrix most loop checks contradict."""
         most = [
             pair
             for pair, distances in self.distances.items()
@@ -169,6 +172,7 @@ class ViewsTally:
         return sorted({*most, *self.dropped})
 
     def _misfit(self, a: int, b: int) -> str:
+        """A line on the fundamental matrix of two views, with the median distance of their loop checks."""
         distances = self.distances[a, b]
         n = int(distances.sum())
         median = BIN_PX * (int(np.searchsorted(np.cumsum(distances), 0.5 * n)) + 0.5)
@@ -184,33 +188,31 @@ class ViewsTally:
 def run_track_views(
     request: ViewsRequest, wanted: ViewsOutputs, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, Any], list[Loss]]:
-    """Track and write; the summary, and what was lost."""
-    config, stage = view_settings(request)
+    """Track and write; return the summary, and what was lost."""
+    visual = VISUAL[request.method]
+    config, stage = view_settings(request, visual)
     inputs = ViewsInput(request, stage)
     if wanted.world is not None:
         inputs.check_world()
     starts, next_id = inputs.starts()
-    helped, periods = request.method in ALONE, tuple(s.period_ns for s in inputs.surveyed)
-    setup = Setup(
-        inputs.views,
-        inputs.geometry,
-        VISUAL[request.method],
-        config,
-        stage,
-        starts,
-        next_id,
-        helped,
-        periods,
-        doubted if helped else None,
+    setup = TrackingSetup(
+        views=inputs.views,
+        geometry=inputs.geometry,
+        method=visual,
+        config=config,
+        stage=stage,
+        starts=starts,
+        next_id=next_id,
+        period_ns=tuple(s.period_ns for s in inputs.surveyed),
     )
-    feed = inputs.feed()
+    stream = inputs.region_stream()
     if request.initial is None and request.detections is None:
         source = "the boxes in the recording" if inputs.recording.has(Boxes) else "what moves in the images"
         options.note(f"no --initial and no --detections: trackers begin from {source}", quiet)
     window = request.window_ns if request.window_ns is not None else inputs.window_ns
     frames = options.progress(inputs.recording.frames(inputs.names), "track", inputs.frames, quiet=quiet)
     moments = in_step(frames, inputs.views, window, os.cpu_count() or 1, stage.bits, inputs.background(quiet))
-    parts = track_views(moments, setup, request.seed, feed)
+    parts = track_views(moments, setup, request.seed, stream)
     parameters = {
         "method": request.method,
         "births": request.births,
@@ -222,33 +224,33 @@ def run_track_views(
     }
     earlier = tuple(inputs.losses)
     made = Provenance("track", parameters, request.seed, hash_inputs(request.paths), earlier)
-    tally = ViewsTally(request.method, inputs)
+    summary = ViewsSummary(request.method, inputs)
     with ExitStack() as stack:
         rows, places = _writers(stack, wanted, made, {"overwrite": overwrite, "length_unit": inputs.length_unit})
-        passed = _passed(parts, rows, tally)
+        passed = _passed(parts, rows, summary)
         if places is not None:
             for part in inputs.on_ground(passed, window):
                 places.write(part.tracks)
-                tally.places += part.counts
+                summary.places += part.counts
         for _ in passed:
             pass
-        _check_met(feed, request, inputs)
-        losses = [*earlier, *tally.losses()]
+        _check_met(stream, request, inputs)
+        losses = [*earlier, *summary.losses()]
         for writer in (rows, places):
             if writer is not None:
                 writer.annotate(replace(made, losses=tuple(losses)))
     for line in inputs.known.notes:
         options.note(line, quiet)
-    for line in tally.warnings():
+    for line in summary.warnings():
         options.note(f"warning: {line}", quiet)
     world = {} if wanted.world is None else {"world": str(wanted.world)}
-    return {"tracks": str(wanted.tracks), **world, "method": request.method, **tally.summary()}, losses
+    return {"tracks": str(wanted.tracks), **world, "method": request.method, **summary.summary()}, losses
 
 
 def _writers(
     stack: ExitStack, wanted: ViewsOutputs, made: Provenance, how: dict[str, Any]
 ) -> tuple[TableWriter, TableWriter | None]:
-    """Of the tracks in the images and, if that is wanted, of those in the world, which then appear together."""
+    """Writers of the tracks in the images and, where wanted, in the world; the two files then appear together."""
     if wanted.world is None:
         return stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, **how)), None
     how = {**how, "together": stack.enter_context(Together())}
@@ -256,31 +258,31 @@ def _writers(
     return rows, stack.enter_context(TableWriter(wanted.world, Tracks, made, **how))
 
 
-def _check_met(feed: Feed | None, request: ViewsRequest, inputs: ViewsInput) -> None:
-    """InputError for detections of other times than the frames."""
-    if feed is not None and feed.read and not feed.met:
+def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: ViewsInput) -> None:
+    """Raise InputError where no detection is of the time of a frame."""
+    if stream is not None and stream.read and not stream.met:
         raise InputError(
-            f"{request.detections or request.recording}: none of its {feed.read} regions is of the time of a frame "
+            f"{request.detections or request.recording}: none of its {stream.read} regions is of the time of a frame "
             f"of {', '.join(inputs.names)}; give detections that were made from this recording"
         )
 
 
-def _passed(parts: Iterator[ViewsPart], rows: TableWriter, tally: ViewsTally) -> Iterator[ViewTracks]:
-    """The tables, written and counted on their way."""
+def _passed(parts: Iterator[ViewsPart], rows: TableWriter, summary: ViewsSummary) -> Iterator[ViewTracks]:
+    """Write, count and pass on the tables."""
     for part in parts:
         rows.write(part.tracks)
-        tally.add(part)
+        summary.add(part)
         yield part.tracks
 
 
-def view_settings(request: ViewsRequest) -> tuple[Any, ViewsConfig]:
-    """Settings of the method and of what is around it; UsageError for what neither has."""
+def view_settings(request: ViewsRequest, visual: AnyVisual) -> tuple[Any, ViewsConfig]:
+    """Settings of the method, and of births and ends; UsageError for a setting of neither."""
     around = {f.name for f in fields(ViewsConfig)}
     own = {name: value for name, value in request.settings.items() if name not in around}
     others = {name: value for name, value in request.settings.items() if name in around}
     try:
-        method = VISUAL[request.method].config
-        config, stage = configure(method(), own, request.method), configure(ViewsConfig(), others, request.method)
+        config = configure(visual.config(), own, request.method)
+        stage = configure(ViewsConfig(), others, request.method)
     except InputError as error:  # here the values are options
         raise UsageError(str(error)) from error
     if stage.birth_frames == 0 and request.initial is None:

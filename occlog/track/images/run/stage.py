@@ -1,35 +1,43 @@
-"""Tracking in the images of several views: moments in, tables of ellipses out, streaming."""
+"""Tracking in the images of several views as a stream: moments in, tables of ellipses out.
+
+Around the method's step stand the births and ends of trackers, from a file or from a
+detector's regions, and the checks whether the fundamental matrices fit what is tracked.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.records.views import COUNTERPARTS, EVENTS, ViewTracks
-from occlog.track.images.births.births import Key, Nursery, attend, nursery
+from occlog.track.images.births.births import BirthCandidates, births_and_ends, no_candidates
 from occlog.track.images.births.config import ViewsConfig
-from occlog.track.images.births.regions import Feed
-from occlog.track.images.interface import LEFT, LOST, MODES, START, Birth, Looks, Outlines, Visual
+from occlog.track.images.births.regions import RegionStream
+from occlog.track.images.interface import LEFT, LOST, MODES, START, Birth, FrameSet, Outlines, TrackerKey, Visual
 
 from .frames_in_step import Moment, there
-from .loop_checks import Checks, Tried, check_births, check_outlines, gather, no_checks, trusted
+from .loop_checks import Checks, StartCounts, check_births, check_outlines, gather, no_checks, without_contradicted
 
 MOMENTS = 64
 """Moments in a part."""
 START_VARIANCE = 1.0
-"""Of a centre that was given or detected [px^2]."""
+"""Variance of a centre that was given or detected [px^2], each axis."""
 RECENT = 1.5
-"""Frame periods for which a tracker's ellipse is where its target is, for one that starts in another view."""
+"""Age [frame periods] to which a tracker's ellipse is compared with that of a tracker born in another view."""
+
+S = TypeVar("S")
+C = TypeVar("C")
 
 
 class Start(NamedTuple):
-    """A tracker to begin in the first frame from `frame` on that can be used."""
+    """A tracker to begin in the first usable frame whose number is at least `frame`."""
 
     view: int
     frame: int
@@ -38,38 +46,34 @@ class Start(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Setup:
-    """What tracks, where, and from what.
+class TrackingSetup(Generic[S, C]):
+    """Method, views and starts of a run.
 
     Attributes:
         views: V views.
         geometry: between them.
         method: a tracking method.
         config: its settings.
-        stage: settings around it.
+        stage: settings of births and ends.
         starts: trackers to begin.
         next_id: number of the first target that detections begin.
-        helped: the method uses other views.  The trackers of one that does not may be on different targets in
-            two views, which is no fault of the geometry.
         period_ns: of the frames of each view; 0 or none: not known.
-        doubted: the method's state with fewer matrices, from one with more; None: it has no use for matrices.
     """
 
     views: tuple[View, ...]
     geometry: Geometry
-    method: Visual
-    config: Any
+    method: Visual[S, C]
+    config: C
     stage: ViewsConfig = field(default_factory=ViewsConfig)
     starts: tuple[Start, ...] = ()
     next_id: int = 0
-    helped: bool = True
     period_ns: tuple[int, ...] = ()
-    doubted: Callable[[Any, Geometry], Any] | None = None
 
     @property
     def bottom(self) -> bool:
         """Whether the lowest points of ellipses are compared with epipolar lines; else their centres."""
-        return getattr(self.config, "anchor", "centre") == "bottom"
+        collaboration = self.method.collaboration
+        return collaboration is not None and collaboration.at_bottom(self.config)
 
 
 class ViewsPart(NamedTuple):
@@ -79,96 +83,115 @@ class ViewsPart(NamedTuple):
     frames: Ints  # (V,) frames that could be used
     last_ns: Ints  # (V,) time of the latest one of the part, -1: none
     lost: tuple[tuple[int, int, str], ...]  # (view, frame, why) of the others
-    checks: Checks  # loop checks of targets that stand free
-    start_checks: Checks  # the same of what trackers started with
+    checks: Checks  # loop checks of targets that touch no other
+    start_checks: Checks  # the same of the ellipses that trackers started with
     dropped: tuple[tuple[int, int], ...]  # pairs of views whose fundamental matrix is not used any more
 
 
 @dataclass(frozen=True)
-class _Run:
-    """State between moments."""
+class _RunState(Generic[S]):
+    """State of a run between moments."""
 
-    state: Any  # of the method; None until the first birth
-    geometry: Geometry
-    nursery: Nursery
+    state: S | None  # of the method; None until the first birth
+    geometry: Geometry  # without the matrices that were dropped
+    candidates: BirthCandidates
     last_ns: Ints  # (V,) time of each view's latest frame; -1: none yet
-    tried: Tried  # starts that told of matrices
-    waiting: tuple[Start, ...]
-    trackers: Mapping[Key, Floats]  # ellipses of the trackers there are, by view and target
+    start_counts: StartCounts
+    waiting: tuple[Start, ...]  # starts whose frame has not come yet
+    trackers: Mapping[TrackerKey, Floats]  # latest ellipse of each tracker
 
 
-class _Step(NamedTuple):
+class _MomentResult(NamedTuple):
     """What one moment gave."""
 
     moment: Moment
     outlines: Outlines | None
     births: tuple[Birth, ...]
-    ended: tuple[Key, ...]
+    ended: tuple[TrackerKey, ...]
     checks: Checks
     start_checks: Checks
     dropped: tuple[tuple[int, int], ...]
 
 
-def track_views(moments: Iterable[Moment], setup: Setup, seed: int, feed: Feed | None = None) -> Iterator[ViewsPart]:
-    """View tracks in the order of time, with what happened.
+def track_views(
+    moments: Iterable[Moment], setup: TrackingSetup[S, C], seed: int, stream: RegionStream | None = None
+) -> Iterator[ViewsPart]:
+    """Track, and yield view tracks in the order of time, with what happened.
 
     A tracker's first row is its birth, with the ellipse that was given.  Where most of the
-    first targets that two views share contradict their fundamental matrix it is not used, so
-    that they are tracked without each other's help.
+    first targets that two views share contradict their fundamental matrix, the matrix is not
+    used: the views are tracked without each other's help.
 
     Args:
         moments: frames of the views.
-        setup: what tracks.
+        setup: method, views and starts.
         seed: of all random numbers.
-        feed: regions of a detector, from which trackers begin too and by which they are ended.
+        stream: regions of a detector, from which trackers begin too and by which they are ended.
     """
     rng = generator(seed, Stage.TRACK)
-    unseen = np.full(len(setup.views), -1, dtype=np.int64)
-    run = _Run(None, setup.geometry, nursery(len(setup.views), setup.next_id), unseen, {}, setup.starts, {})
-    steps: list[_Step] = []
+    run = _RunState[S](
+        state=None,
+        geometry=setup.geometry,
+        candidates=no_candidates(len(setup.views), setup.next_id),
+        last_ns=np.full(len(setup.views), -1, dtype=np.int64),
+        start_counts={},
+        waiting=setup.starts,
+        trackers={},
+    )
+    results: list[_MomentResult] = []
     for moment in moments:
-        run, step = _advance(run, moment, setup, rng, feed)
-        steps.append(step)
-        if len(steps) == MOMENTS:
-            yield _part(steps, setup.views)
-            steps = []
-    if steps:
-        yield _part(steps, setup.views)
+        run, result = _advance(run, moment, setup, rng, stream)
+        results.append(result)
+        if len(results) == MOMENTS:
+            yield _part(results, setup.views)
+            results = []
+    if results:
+        yield _part(results, setup.views)
 
 
 def _advance(
-    run: _Run, moment: Moment, setup: Setup, rng: np.random.Generator, feed: Feed | None
-) -> tuple[_Run, _Step]:
-    outlines, checks, gone = None, no_checks(), frozenset[Key]()
+    run: _RunState[S], moment: Moment, setup: TrackingSetup[S, C], rng: np.random.Generator, stream: RegionStream | None
+) -> tuple[_RunState[S], _MomentResult]:
+    """Take in the frames of one moment."""
+    outlines, checks, gone = None, no_checks(), frozenset[TrackerKey]()
     found: tuple[Floats | None, ...] = ()
-    if feed is not None:
-        found = tuple(feed.at([view.name for view in setup.views], moment.t_ns))
-        moment = moment._replace(looks=moment.looks._replace(regions=found))
+    if stream is not None:
+        found = tuple(stream.at([view.name for view in setup.views], moment.t_ns))
+        moment = moment._replace(frames=moment.frames._replace(regions=found))
     run = replace(run, last_ns=np.where(there(moment), moment.t_ns, run.last_ns))
-    if run.trackers and there(moment).any():
-        state, outlines = setup.method.step(run.state, moment.looks, rng)
-        outlines = outlines._replace(event=np.where(outlines.event == START, 0, outlines.event))
+    # Step of the method
+    if run.state is not None and run.trackers and there(moment).any():
+        state, outlines = setup.method.step(run.state, moment.frames, rng)
         survivors = _survivors(run.trackers, outlines)
         gone = frozenset(run.trackers) - frozenset(survivors)
         run = replace(run, state=state, trackers=survivors)
-        checks = check_outlines(outlines, setup.geometry, setup.bottom) if setup.helped else checks
-    run, births = _due(run, moment.looks, gone)
-    ended: tuple[Key, ...] = ()
-    if feed is not None:
+        if setup.method.collaboration is not None:
+            checks = check_outlines(outlines, setup.geometry, setup.bottom)
+    # Births that were given, and births and ends by regions
+    run, births = _due(run, moment.frames, gone)
+    ended: tuple[TrackerKey, ...] = ()
+    if stream is not None:
         trackers = {**run.trackers, **{(b.view, b.target_id): b.ellipse for b in births}}
-        kept, born, ended = attend(
-            run.nursery, found, trackers, setup.views, run.geometry, setup.stage, setup.bottom, gone
+        candidates, born, ended = births_and_ends(
+            run.candidates,
+            found,
+            trackers,
+            views=setup.views,
+            geometry=run.geometry,
+            config=setup.stage,
+            bottom=setup.bottom,
+            gone=gone,
         )
-        births, run = (*births, *born), replace(run, nursery=kept)
-        # Without `ended` a method's trackers end on their own
-        ended = () if setup.method.ended is None else tuple(key for key in ended if key in run.trackers)
+        births, run = (*births, *born), replace(run, candidates=candidates)
+        ended = tuple(key for key in ended if key in run.trackers)
+    # Drop matrices that births contradict, then begin and end
     start_checks = check_births(births, setup.geometry, _recent(run, moment, setup), setup.bottom)
-    run, dropped = _doubt(run, start_checks, setup)
-    run = _begin(run, moment.looks, births, ended, setup, rng)
-    return run, _Step(moment, outlines, births, ended, checks, start_checks, dropped)
+    run, dropped = _without_contradicted(run, start_checks, setup)
+    run = _begun(run, moment.frames, births, ended, setup, rng)
+    return run, _MomentResult(moment, outlines, births, ended, checks, start_checks, dropped)
 
 
-def _survivors(trackers: Mapping[Key, Floats], outlines: Outlines) -> dict[Key, Floats]:
+def _survivors(trackers: Mapping[TrackerKey, Floats], outlines: Outlines) -> dict[TrackerKey, Floats]:
     """The trackers after a step, with their latest ellipses."""
     out = dict(trackers)
     rows = zip(
@@ -182,12 +205,12 @@ def _survivors(trackers: Mapping[Key, Floats], outlines: Outlines) -> dict[Key, 
     return out
 
 
-def _due(run: _Run, looks: Looks, gone: frozenset[Key]) -> tuple[_Run, tuple[Birth, ...]]:
-    """Births that were asked for and whose frame is here, or was lost; none where a tracker of the target is there.
+def _due(run: _RunState[S], frames: FrameSet, gone: frozenset[TrackerKey]) -> tuple[_RunState[S], tuple[Birth, ...]]:
+    """The starts whose frame has come, or was lost, as births; none where the target has a tracker in the view.
 
-    Where one has ended in this frame they wait for the next, as a frame has one row of a target.
+    A start whose tracker has ended in this frame waits for the next: a frame has one row of a target.
     """
-    here = [s for s in run.waiting if looks.images[s.view] is not None and looks.frame[s.view] >= s.frame]
+    here = [s for s in run.waiting if frames.images[s.view] is not None and frames.number[s.view] >= s.frame]
     due = [s for s in here if (s.view, s.target_id) not in gone]
     if not due:
         return run, ()
@@ -195,9 +218,13 @@ def _due(run: _Run, looks: Looks, gone: frozenset[Key]) -> tuple[_Run, tuple[Bir
     return replace(run, waiting=tuple(s for s in run.waiting if s not in due)), births
 
 
-def _recent(run: _Run, moment: Moment, setup: Setup) -> dict[Key, Floats]:
-    """Ellipses of trackers that births of other views may be compared with; none where no view helps another."""
-    if not setup.helped:
+def _recent(run: _RunState[S], moment: Moment, setup: TrackingSetup[S, C]) -> dict[TrackerKey, Floats]:
+    """Ellipses of trackers with which births of other views may be compared.
+
+    There are none without collaboration: the trackers of two views may then be on different
+    targets, which is no fault of the geometry.
+    """
+    if setup.method.collaboration is None:
         return {}
     period = np.array(setup.period_ns or (0,) * len(setup.views))
     age = moment.t_ns.max() - run.last_ns
@@ -205,59 +232,63 @@ def _recent(run: _Run, moment: Moment, setup: Setup) -> dict[Key, Floats]:
     return {(view, target): ellipse for (view, target), ellipse in run.trackers.items() if fresh[view]}
 
 
-def _doubt(run: _Run, checks: Checks, setup: Setup) -> tuple[_Run, tuple[tuple[int, int], ...]]:
-    """The run without matrices that starts contradict, and the pairs of views that lost theirs."""
-    geometry, tried, dropped = trusted(run.geometry, checks, run.tried)
+def _without_contradicted(
+    run: _RunState[S], checks: Checks, setup: TrackingSetup[S, C]
+) -> tuple[_RunState[S], tuple[tuple[int, int], ...]]:
+    """The run without the matrices that births contradict, and the pairs of views that lost theirs now."""
+    geometry, counts, dropped = without_contradicted(run.geometry, checks, run.start_counts)
     state = run.state
-    if dropped and state is not None and setup.doubted is not None:
-        state = setup.doubted(state, geometry)
-    return replace(run, state=state, geometry=geometry, tried=tried), dropped
+    if dropped and state is not None and setup.method.collaboration is not None:
+        state = setup.method.collaboration.with_geometry(state, geometry)
+    return replace(run, state=state, geometry=geometry, start_counts=counts), dropped
 
 
-def _begin(
-    run: _Run,
-    looks: Looks,
+def _begun(
+    run: _RunState[S],
+    frames: FrameSet,
     births: tuple[Birth, ...],
-    ended: tuple[Key, ...],
-    setup: Setup,
+    ended: tuple[TrackerKey, ...],
+    setup: TrackingSetup[S, C],
     rng: np.random.Generator,
-) -> _Run:
-    """The run with trackers that begin and without those that end."""
+) -> _RunState[S]:
+    """The run with the trackers that begin and without those that end."""
     state = run.state
     if births and state is None:
         state = setup.method.init(setup.views, run.geometry, setup.config, rng)
-    if ended and setup.method.ended is not None:
+    if ended and state is not None:
         state = setup.method.ended(state, ended)
-    if births:
-        state = setup.method.born(state, looks, births)
+    if births and state is not None:
+        state = setup.method.born(state, frames, births)
     trackers = {key: ellipse for key, ellipse in run.trackers.items() if key not in ended}
     trackers |= {(b.view, b.target_id): b.ellipse for b in births}
     return replace(run, state=state, trackers=trackers)
 
 
-def _part(steps: Sequence[_Step], views: Sequence[View]) -> ViewsPart:
-    seen = np.array([there(step.moment) for step in steps])
-    times = np.array([step.moment.t_ns for step in steps])
+def _part(results: Sequence[_MomentResult], views: Sequence[View]) -> ViewsPart:
+    """What some moments gave, in one."""
+    seen = np.array([there(result.moment) for result in results])
+    times = np.array([result.moment.t_ns for result in results])
     return ViewsPart(
-        ViewTracks.concat([_table(step, views) for step in steps]),
-        seen.sum(axis=0),
-        times.max(axis=0),
-        tuple(lost for step in steps for lost in step.moment.lost),
-        gather([step.checks for step in steps]),
-        gather([step.start_checks for step in steps]),
-        tuple(pair for step in steps for pair in step.dropped),
+        tracks=ViewTracks.concat([_table(result, views) for result in results]),
+        frames=seen.sum(axis=0),
+        last_ns=times.max(axis=0),
+        lost=tuple(lost for result in results for lost in result.moment.lost),
+        checks=gather([result.checks for result in results]),
+        start_checks=gather([result.start_checks for result in results]),
+        dropped=tuple(pair for result in results for pair in result.dropped),
     )
 
 
-def _table(step: _Step, views: Sequence[View]) -> ViewTracks:
-    """Rows of one moment: births, and what the trackers there were have done."""
-    parts = [] if step.outlines is None else [_tracked(step.outlines, step.moment, views, step.ended)]
-    if step.births:
-        parts.append(_born(step.births, step.moment, views))
+def _table(result: _MomentResult, views: Sequence[View]) -> ViewTracks:
+    """Rows of one moment: the births, and the outlines of the trackers there were."""
+    parts = [] if result.outlines is None else [_tracked(result.outlines, result.moment, views, result.ended)]
+    if result.births:
+        parts.append(_born(result.births, result.moment, views))
     return ViewTracks.merge(parts)
 
 
 def _born(births: Sequence[Birth], moment: Moment, views: Sequence[View]) -> ViewTracks:
+    """Rows of births."""
     n = len(births)
     view = np.array([birth.view for birth in births])
     ellipse = np.array([birth.ellipse for birth in births])
@@ -277,7 +308,8 @@ def _born(births: Sequence[Birth], moment: Moment, views: Sequence[View]) -> Vie
     ).sorted()
 
 
-def _tracked(o: Outlines, moment: Moment, views: Sequence[View], ended: Sequence[Key]) -> ViewTracks:
+def _tracked(o: Outlines, moment: Moment, views: Sequence[View], ended: Sequence[TrackerKey]) -> ViewTracks:
+    """Rows of outlines; trackers that regions ended are lost."""
     keys = list(zip(o.view.tolist(), o.target_id.tolist(), strict=True))
     event = np.where(np.array([key in ended for key in keys], dtype=np.bool_), LOST, o.event)
     names = np.array([view.name for view in views])
@@ -296,13 +328,15 @@ def _tracked(o: Outlines, moment: Moment, views: Sequence[View], ended: Sequence
     ).sorted()
 
 
-def _places(view: Ints, target: Ints, ellipse: Floats, moment: Moment, views: Sequence[View]) -> dict[str, Any]:
-    """Columns that say where."""
+def _places(
+    view: Ints, target: Ints, ellipse: Floats, moment: Moment, views: Sequence[View]
+) -> dict[str, NDArray[Any]]:
+    """Columns of time, camera, frame, target and ellipse."""
     rho = (ellipse[:, 4] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
     return {
         "t_ns": moment.t_ns[view],
         "sensor": np.array([v.name for v in views])[view],
-        "frame": moment.looks.frame[view],
+        "frame": moment.frames.number[view],
         "target_id": target.astype(np.int32),
         "x_px": ellipse[:, 0],
         "y_px": ellipse[:, 1],
@@ -312,6 +346,6 @@ def _places(view: Ints, target: Ints, ellipse: Floats, moment: Moment, views: Se
     }
 
 
-def _listed(marks: Bools, names: Any) -> list[str]:
-    """For each row the names of its marks, with commas."""
+def _listed(marks: Bools, names: Strings) -> list[str]:
+    """For each row of marks (n, K) the names (K,) that are marked, with commas."""
     return [",".join(names[row].tolist()) for row in marks]

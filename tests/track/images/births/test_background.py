@@ -8,7 +8,7 @@ import pytest
 from occlog.measure.epipolar.views import View
 from occlog.measure.regions.background import make_subtractor
 from occlog.records.frames import Frame
-from occlog.track.images.births.background import MOST, Watch, mask, watches
+from occlog.track.images.births.background import MOST, BackgroundModel, background_models, foreground_mask
 from occlog.track.images.births.moving import with_cameras
 from occlog.track.images.run.frames_in_step import in_step
 
@@ -27,10 +27,10 @@ def picture(k: int) -> np.ndarray:
 def test_what_moves_is_not_background_and_the_rest_is():
     pictures = [picture(k) for k in range(20)]
     frames = [Frame(40 * k, "a", k, lambda p=p: p) for k, p in enumerate(pictures)]
-    models = watches(frames, with_cameras(None, VIEWS), VIEWS)
+    models = background_models(frames, with_cameras(None, VIEWS), VIEWS)
     moments = list(in_step(frames, VIEWS, 0, background=models))
     for k, moment in enumerate(moments):
-        found = moment.looks.masks[0] > 0
+        found = moment.frames.masks[0] > 0
         true = np.zeros((60, 80), dtype=bool)
         true[20:40, 5 + 3 * k : 17 + 3 * k] = True
         assert np.mean(found[true]) > 0.85  # corners are rounded
@@ -39,28 +39,28 @@ def test_what_moves_is_not_background_and_the_rest_is():
 
 def test_without_a_model_there_is_no_mask():
     frames = [Frame(0, "a", 0, lambda: WALL)]
-    assert next(in_step(frames, VIEWS, 0)).looks.masks == ()
-    assert next(in_step(frames, VIEWS, 0, background=(None,))).looks.masks == ()
+    assert next(in_step(frames, VIEWS, 0)).frames.masks == ()
+    assert next(in_step(frames, VIEWS, 0, background=(None,))).frames.masks == ()
 
 
 @pytest.mark.parametrize("grey", [False, True])
 def test_light_that_changes_masks_nothing(grey):
     wall = WALL[..., 0].copy() if grey else WALL
-    watch = Watch(make_subtractor("mog2", 500, None, True, wall), (60, 80))
-    assert not mask(watch, wall, 0).any()
-    assert mask(watch, 255 - wall, 1) is None
+    model = BackgroundModel(make_subtractor("mog2", 500, None, True, wall), (60, 80))
+    assert not foreground_mask(model, wall, 0).any()
+    assert foreground_mask(model, 255 - wall, 1) is None
     half = wall.copy()
     half[: round(60 * (MOST - 0.2))] = 255
-    assert mask(watch, half, 2) is not None
+    assert foreground_mask(model, half, 2) is not None
 
 
 def test_a_model_of_shrunk_images_gives_masks_of_whole_ones():
     small = np.full((30, 40, 3), 90, np.uint8)
-    watch = Watch(make_subtractor("mog2", 500, None, True, small), (30, 40))
+    model = BackgroundModel(make_subtractor("mog2", 500, None, True, small), (30, 40))
     image = np.full((61, 81, 3), 90, np.uint8)
     image[20:40, 30:50] = 250
-    found = mask(watch, image, 0)
+    found = foreground_mask(model, image, 0)
     assert found.shape == (61, 81)
     assert found[30, 40] == 255
     assert found[5, 5] == 0
-    assert mask(watch, image[:20], 1) is None
+    assert foreground_mask(model, image[:20], 1) is None

@@ -7,10 +7,10 @@ import pytest
 
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.records.tables import Boxes
-from occlog.track.images.births.births import attend, nursery
+from occlog.track.images.births.births import births_and_ends, no_candidates
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.loop_distances import anchors, loop_distances
-from occlog.track.images.births.regions import Feed, Regions, regions_of_boxes
+from occlog.track.images.births.regions import Regions, RegionStream, regions_of_boxes
 
 VIEWS = (View("a", 320, 240), View("b", 320, 240))
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -31,10 +31,10 @@ def rows(*ellipses):
 
 def live(regions, config=None, geometry=ROWS, trackers=None, moments=10):
     """Births by moment, where trackers stay where they were born."""
-    config, trackers, state = config or ViewsConfig(), dict(trackers or {}), nursery(2)
+    config, trackers, state = config or ViewsConfig(), dict(trackers or {}), no_candidates(2)
     births, ends = [], []
     for k in range(moments):
-        state, born, ended = attend(state, regions(k), trackers, VIEWS, geometry, config)
+        state, born, ended = births_and_ends(state, regions(k), trackers, VIEWS, geometry, config)
         births += [(k, b.view, b.target_id, b.ellipse[0]) for b in born]
         ends += [(k, key) for key in ended]
         trackers |= {(b.view, b.target_id): b.ellipse for b in born}
@@ -82,11 +82,11 @@ def test_a_view_that_sees_it_later_joins_its_target():
 
 
 def test_a_target_whose_tracker_ended_in_this_moment_begins_in_the_next():
-    state, there = nursery(2, 1), {(0, 0): disc(50, 60)}
+    state, there = no_candidates(2, 1), {(0, 0): disc(50, 60)}
     for k in range(4):
         gone = {(1, 0)} if k == 2 else ()
         both = [rows(disc(50, 60)), rows(disc(90, 60))]
-        state, born, _ = attend(state, both, there, VIEWS, ROWS, ViewsConfig(), gone=gone)
+        state, born, _ = births_and_ends(state, both, there, VIEWS, ROWS, ViewsConfig(), gone=gone)
         assert [(b.view, b.target_id) for b in born] == ([(1, 0)] if k == 3 else [])
 
 
@@ -159,23 +159,23 @@ def test_feed_gives_the_regions_of_a_frame_and_knows_who_looked():
         (30, "c", 0, 4.0, 0.9),
         (40, "a", 0, 5.0, 0.9),
     )
-    feed = Feed(regions_of_boxes(iter([table.take(slice(0, 2)), table.take(slice(2, 6))]), 0.3), False)
-    first, second = feed.at(("a", "b"), np.array([10, 10]))
+    stream = RegionStream(regions_of_boxes(iter([table.take(slice(0, 2)), table.take(slice(2, 6))]), 0.3), False)
+    first, second = stream.at(("a", "b"), np.array([10, 10]))
     np.testing.assert_allclose(first, [[3.0, 8.0, 2.0, 3.0, 0.0]])
     assert second.shape == (0, 5)
-    assert feed.at(("a", "b"), np.array([30, -1])) == [None, None]
-    assert feed.at(("a", "b"), np.array([40, 41]))[0].shape == (1, 5)
-    assert feed.at(("a", "b"), np.array([99, 99])) == [None, None]
-    assert (feed.read, feed.met) == (4, 2)
+    assert stream.at(("a", "b"), np.array([30, -1])) == [None, None]
+    assert stream.at(("a", "b"), np.array([40, 41]))[0].shape == (1, 5)
+    assert stream.at(("a", "b"), np.array([99, 99])) == [None, None]
+    assert (stream.read, stream.met) == (4, 2)
 
 
 def test_a_sparse_feed_takes_frames_without_rows_for_looked_at():
     region = Regions(np.array([10]), np.array(["a"]), rows(disc(1, 2)), np.array([True]))
-    feed = Feed(iter([region]), True)
-    found = feed.at(("a", "b"), np.array([10, -1]))
+    stream = RegionStream(iter([region]), True)
+    found = stream.at(("a", "b"), np.array([10, -1]))
     assert found[0].shape == (1, 5)
     assert found[1] is None
-    assert feed.at(("a", "b"), np.array([20, 20]))[1].shape == (0, 5)
+    assert stream.at(("a", "b"), np.array([20, 20]))[1].shape == (0, 5)
 
 
 @pytest.mark.parametrize(("name", "value"), [("birth_frames", -1), ("birth_confidence", 1.5), ("birth_apart", 0.0)])
@@ -206,7 +206,7 @@ def test_people_are_joined_by_their_feet():
     short, tall = np.array([50.0, 100.0, 5.0, 10.0, 0.0]), np.array([80.0, 70.0, 8.0, 40.0, 0.0])
     assert loop_distances(ROWS, 0, 1, short[None], tall[None], True)[0] < 1e-9
     for bottom, targets in ((False, 2), (True, 1)):
-        state, born = nursery(2), ()
+        state, born = no_candidates(2), ()
         for _ in range(3):
-            state, born, _ = attend(state, [rows(short), rows(tall)], {}, VIEWS, ROWS, ViewsConfig(), bottom)
+            state, born, _ = births_and_ends(state, [rows(short), rows(tall)], {}, VIEWS, ROWS, ViewsConfig(), bottom)
         assert len({b.target_id for b in born}) == targets

@@ -23,13 +23,20 @@ from occlog.track.images.kernels.ellipse_colour import (
     histograms,
     likenesses,
 )
-from occlog.track.images.kernels.motion import Motion, boxes_of, moved, resampled, spreads, summed
+from occlog.track.images.kernels.motion import (
+    EllipseMotion,
+    boxes_of,
+    covariance_and_ess,
+    moved,
+    resampled,
+    weights_and_means,
+)
 from occlog.track.images.kernels.on_lines import drawn_on_lines
 from occlog.track.images.kernels.repulsion import Interaction, repel_into
-from occlog.track.images.kernels.sweeps import nearby
+from occlog.track.images.kernels.sweeps import neighbours
 
 SAME = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-MOTION = Motion(3.0, 0.9, 0.3, 0.15, 0.05, 0.8)
+MOTION = EllipseMotion(3.0, 0.9, 0.3, 0.15, 0.05, 0.8)
 MODEL = Interaction(1.2, 0.6, 4, 5.0, 0.6, 2.0)
 
 
@@ -56,14 +63,14 @@ def test_moments_of_the_motion(gap):
 def test_angles_are_averaged_as_axes():
     particles = np.zeros((1, 2, 5))
     particles[0, :, 2:4], particles[0, :, 4] = [8.0, 4.0], [-np.pi / 2 + 0.1, np.pi / 2 - 0.3]
-    weights, mean = summed(particles, np.zeros((1, 2)))
+    weights, mean = weights_and_means(particles, np.zeros((1, 2)))
     np.testing.assert_allclose(weights, 0.5)
     assert mean[0, 4] == pytest.approx(np.pi / 2 - 0.1)
 
 
 def test_weights_without_any_likelihood_are_equal():
     particles = ellipses(np.random.default_rng(2), 1, 4)
-    weights, mean = summed(particles, np.full((1, 4), -np.inf))
+    weights, mean = weights_and_means(particles, np.full((1, 4), -np.inf))
     np.testing.assert_allclose(weights, 0.25)
     np.testing.assert_allclose(mean[0, :4], particles[0, :, :4].mean(axis=0))
 
@@ -71,8 +78,8 @@ def test_weights_without_any_likelihood_are_equal():
 def test_spreads_are_those_of_weighted_samples():
     rng = np.random.default_rng(3)
     particles, log_weights = ellipses(rng, 2, 30), rng.standard_normal((2, 30))
-    weights, mean = summed(particles, log_weights)
-    covariance, ess = spreads(particles, weights, mean)
+    weights, mean = weights_and_means(particles, log_weights)
+    covariance, ess = covariance_and_ess(particles, weights, mean)
     for i in range(2):
         want = np.cov(particles[i, :, :2].T, aweights=weights[i], ddof=0)
         np.testing.assert_allclose(covariance[i], want[[0, 0, 1], [0, 1, 1]])
@@ -168,7 +175,7 @@ def test_hysteresis_by_hand():
 def test_repulsion_by_the_printed_formula():
     rng = np.random.default_rng(8)
     particles, log_w = ellipses(rng, 3, 20), rng.standard_normal((3, 20))
-    base, mean = summed(particles, log_w)
+    base, mean = weights_and_means(particles, log_w)
     touching = np.array([[False, True, True], [True, False, False], [True, False, False]])
     weights, estimate = base.copy(), mean.copy()
     repel_into(weights, estimate, particles, np.arange(3), touching, MODEL)
@@ -180,14 +187,14 @@ def test_repulsion_by_the_printed_formula():
             sigma = 0.6 * (support_radius(now[i], theta) + support_radius(now[j], theta)) / 2
             d2 = ((particles[i, :, :2] - now[j, :2]) ** 2).sum(axis=1)
             phi[i] *= 1 - np.exp(-d2 / sigma**2) / 1.2
-        want, now = summed(particles, np.log(base * phi))
+        want, now = weights_and_means(particles, np.log(base * phi))
     np.testing.assert_allclose(weights, want)
     np.testing.assert_allclose(estimate, now)
 
 
 def test_neighbours_are_within_a_view():
     e = np.array([[0.0, 0, 5, 5, 0], [9.0, 0, 5, 5, 0], [21.0, 0, 5, 5, 0], [9.0, 0, 5, 5, 0]])
-    near = nearby(e, np.array([0, 0, 0, 1]), 1.0, 1.5)
+    near = neighbours(e, np.array([0, 0, 0, 1]), 1.0, 1.5)
     assert np.argwhere(near.touching).tolist() == [[0, 1], [1, 0]]
     assert near.busy.tolist() == [True, True, True, False]
     np.testing.assert_allclose(near.ratio, [0.9, 0.9, 1.2, np.inf])

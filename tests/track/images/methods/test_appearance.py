@@ -5,9 +5,9 @@ import pytest
 
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.track.images.catalogue import VISUAL
-from occlog.track.images.interface import Birth, Looks
+from occlog.track.images.interface import Birth, FrameSet
 from occlog.track.images.kernels.patch_pca import disc_points, learn_target, patch_log_likelihood
-from occlog.track.images.methods.appearance import COMPONENTS, PATCHES, log_appearance, remembered
+from occlog.track.images.methods.appearance import COMPONENTS, PATCHES, learn_appearance, log_appearance
 from occlog.track.images.methods.config import MipfConfig
 
 W, H = 100, 80
@@ -22,23 +22,23 @@ def scene(seed):
     return np.kron(blocks, np.ones((4, 4, 1))).astype(np.uint8)
 
 
-def looks(frame, *images):
-    return Looks(40_000_000 * frame, np.full(len(images), frame), images)
+def frame_set(frame, *images):
+    return FrameSet(40_000_000 * frame, np.full(len(images), frame), images)
 
 
 def test_it_is_the_density_of_each_patch_to_a_power():
     images = scene(1), scene(2)
     births = [Birth(0, 3, E), Birth(1, 3, E), Birth(1, 8, E + np.array([20, 10, 0, 0, 0]))]
-    memories = remembered({}, [], looks(0, *images), births, PCA)
+    models = learn_appearance({}, [], frame_set(0, *images), births, PCA)
     view, target = np.array([0, 1, 1]), np.array([3, 3, 8])
     particles = np.array([b.ellipse for b in births])[:, None] + np.random.default_rng(3).normal(0, 1, (3, 4, 5))
-    got = log_appearance(looks(1, *images), particles, view, target, memories, PCA)
+    got = log_appearance(frame_set(1, *images), particles, view, target, models, PCA)
     jitter = np.random.default_rng(0).standard_normal((PATCHES, 5))
     for i, birth in enumerate(births):
         model = learn_target(images[birth.view], birth.ellipse, jitter, COMPONENTS)
         want = patch_log_likelihood(images[birth.view], particles[i], np.zeros(4, dtype=np.int64), model)
         assert got[i] == pytest.approx(2.0 / len(disc_points()) * want, rel=1e-9)
-    waiting = log_appearance(looks(1, images[0], None), particles, view, target, memories, PCA)
+    waiting = log_appearance(frame_set(1, images[0], None), particles, view, target, models, PCA)
     assert np.array_equal(waiting[0], got[0])
     assert not waiting[1:].any()
 
@@ -49,23 +49,27 @@ def test_patches_lie_as_the_trackers_do():
     visual, found = VISUAL["mipf"], []
     for ellipse in (E, turned):
         state = visual.init(VIEWS, NOWHERE, PCA, np.random.default_rng(0))
-        state = visual.born(state, looks(0, image, image), [Birth(0, 1, ellipse)])
+        state = visual.born(state, frame_set(0, image, image), [Birth(0, 1, ellipse)])
         t = state.trackers
-        found.append(log_appearance(looks(0, image, image), t.particles, t.view, t.target, state.memories, PCA)[0, 0])
+        found.append(
+            log_appearance(frame_set(0, image, image), t.particles, t.view, t.target, state.appearance, PCA)[0, 0]
+        )
     assert found[1] == pytest.approx(found[0], rel=1e-6)
 
 
 def test_only_trackers_that_are_left_are_remembered():
     image = scene(1)
-    first = remembered({}, [], looks(0, image, image), [Birth(0, 1, E), Birth(1, 2, E)], PCA)
-    later = remembered(first, [(1, 2)], looks(5, image, image), [Birth(1, 4, E)], PCA)
+    first = learn_appearance({}, [], frame_set(0, image, image), [Birth(0, 1, E), Birth(1, 2, E)], PCA)
+    later = learn_appearance(first, [(1, 2)], frame_set(5, image, image), [Birth(1, 4, E)], PCA)
     assert sorted(later) == [(1, 2), (1, 4)]
     assert later[1, 2] is first[1, 2]
-    assert remembered({}, [], looks(0, image, image), [Birth(0, 1, E)], MipfConfig()) == {}
+    assert learn_appearance({}, [], frame_set(0, image, image), [Birth(0, 1, E)], MipfConfig()) == {}
 
 
 def test_colours_alone_are_the_default():
-    assert log_appearance(looks(0, None, None), np.zeros((2, 3, 5)), np.zeros(2), np.zeros(2), {}, MipfConfig()) == 0.0
+    assert (
+        log_appearance(frame_set(0, None, None), np.zeros((2, 3, 5)), np.zeros(2), np.zeros(2), {}, MipfConfig()) == 0.0
+    )
     assert all(visual.config().model == "colour" for visual in VISUAL.values())
 
 
@@ -85,10 +89,10 @@ def test_every_method_takes_it_and_holds_a_target_by_it(method):
             centre = np.array([29.5 + 3 * t, 29.5])
             if t == 0:
                 state = visual.born(
-                    state, looks(0, image, image), [Birth(v, 1, np.array([*centre, 9, 9, 0])) for v in (0, 1)]
+                    state, frame_set(0, image, image), [Birth(v, 1, np.array([*centre, 9, 9, 0])) for v in (0, 1)]
                 )
                 continue
-            state, outlines = visual.step(state, looks(t, image, image), rng)
+            state, outlines = visual.step(state, frame_set(t, image, image), rng)
             errors.append(np.hypot(*(outlines.ellipse[:, :2] - centre).T))
         found[model] = np.array(errors)
     assert found["pca"].max() < 9.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from view_films import PERIOD_NS, SMALL, begun, births_of, film, geometry_of, looks_of, off, tracked, views_of
+from view_films import PERIOD_NS, SMALL, begun, births_of, film, frame_set, geometry_of, off, tracked, views_of
 
 from occlog.core.sight.fundamental import scaled
 from occlog.errors import InputError
@@ -11,7 +11,7 @@ from occlog.settings import configure
 from occlog.simulate.balls.motion import BallPaths, BallsConfig, ball_paths
 from occlog.simulate.balls.video import render_balls
 from occlog.track.images.catalogue import VISUAL
-from occlog.track.images.interface import BAD, GOOD, LEFT, LOST, MODES, NONE, Birth, Looks
+from occlog.track.images.interface import BAD, GOOD, LEFT, LOST, MODES, NONE, Birth, FrameSet
 from occlog.track.images.methods.config import BmctConfig
 
 METHODS = ("mipf", "idmot", "cmct", "bmct")
@@ -89,7 +89,7 @@ def test_a_counterpart_that_is_moved_away_becomes_bad_and_good_again():
             state = injected(state, 24.0 - (state.trackers.estimate[1, 1] - frame.ellipses[1, 0, 1]))
         if t == 30:
             state = injected(state, -24.0)
-        state, said = visual.step(state, looks_of(frame), rng)
+        state, said = visual.step(state, frame_set(frame), rng)
         states.append(said.counterpart.tolist())
     words = [GOOD if s == [GOOD, GOOD] else BAD if s == [BAD, BAD] else None for s in states]
     # Bad after 15 checks that fail, from frame 10 on; good after 5 that hold.
@@ -104,9 +104,9 @@ def test_no_help_from_a_bad_counterpart():
     frames = film(SMALL, 1, 2)
     state, rng = begun("bmct", frames, particles=10, clear=0.0)
     t = state.trackers
-    assert t.good[t.twin >= 0].all()
+    assert t.good[t.counterpart >= 0].all()
     bad = state._replace(trackers=t._replace(good=np.zeros_like(t.good)))
-    bad = VISUAL["bmct"].step(bad, looks_of(frames[1]), rng)[1]
+    bad = VISUAL["bmct"].step(bad, frame_set(frames[1]), rng)[1]
     assert not bad.helpers.any()
     assert (bad.counterpart == BAD).all()
 
@@ -117,8 +117,8 @@ def test_a_wrong_matrix_is_noticed():
     wrong[1, 0] = wrong[0, 1].T
     visual = VISUAL["bmct"]
     state = visual.init(views_of(), Geometry(wrong, (None, None)), BmctConfig(particles=5), np.random.default_rng(0))
-    state = visual.born(state, looks_of(frames[0]), births_of(frames[0]))
-    _, said = visual.step(state, looks_of(frames[1]), np.random.default_rng(0))
+    state = visual.born(state, frame_set(frames[0]), births_of(frames[0]))
+    _, said = visual.step(state, frame_set(frames[1]), np.random.default_rng(0))
     assert (said.counterpart == BAD).all()
 
 
@@ -126,8 +126,8 @@ def test_without_geometry_nobody_is_a_counterpart():
     frames, unknown = film(SMALL, 1, 2), np.full((2, 2, 3, 3), np.nan)
     visual = VISUAL["bmct"]
     state = visual.init(views_of(), Geometry(unknown, (None, None)), BmctConfig(particles=5), np.random.default_rng(0))
-    state = visual.born(state, looks_of(frames[0]), births_of(frames[0]))
-    _, said = visual.step(state, looks_of(frames[1]), np.random.default_rng(0))
+    state = visual.born(state, frame_set(frames[0]), births_of(frames[0]))
+    _, said = visual.step(state, frame_set(frames[1]), np.random.default_rng(0))
     assert (said.counterpart == NONE).all()
     assert not said.helpers.any()
 
@@ -159,8 +159,8 @@ def test_the_seed_decides_all_and_arguments_are_left_alone(method):
     kept = [np.array(field) for field in state.trackers]
     twin = np.random.default_rng()
     twin.bit_generator.state = rng.bit_generator.state
-    first = VISUAL[method].step(state, looks_of(frames[1]), rng)[1]
-    again = VISUAL[method].step(state, looks_of(frames[1]), twin)[1]
+    first = VISUAL[method].step(state, frame_set(frames[1]), rng)[1]
+    again = VISUAL[method].step(state, frame_set(frames[1]), twin)[1]
     for one, other in zip(first, again, strict=True):
         np.testing.assert_array_equal(one, other)
     for one, other in zip(kept, state.trackers, strict=True):
@@ -196,11 +196,11 @@ def test_a_tracker_whose_target_leaves_the_image_ends():
     for t in range(40):
         image = ground.copy()
         image[(x - 40 - 2 * t) ** 2 + (y - 30) ** 2 < 64] = (20, 30, 200)
-        looks = Looks(t * PERIOD_NS, np.array([t]), (image,))
+        now = FrameSet(t * PERIOD_NS, np.array([t]), (image,))
         if t == 0:
-            state = visual.born(state, looks, [Birth(0, 7, np.array([40.0, 30.0, 8.0, 8.0, 0.0]))])
+            state = visual.born(state, now, [Birth(0, 7, np.array([40.0, 30.0, 8.0, 8.0, 0.0]))])
             continue
-        state, said = visual.step(state, looks, rng)
+        state, said = visual.step(state, now, rng)
         if said.event.any():
             event = int(said.event[0])
             break
@@ -231,10 +231,10 @@ def test_pixels_with_distortion_are_taken_to_those_without():
     visual = VISUAL["bmct"]
     geometry = geometry_of()._replace(ideal=(ideal, ideal))
     state = visual.init(views_of(), geometry, BmctConfig(particles=20), np.random.default_rng(0))
-    state = visual.born(state, looks_of(turned[0]), births_of(turned[0]))
+    state = visual.born(state, frame_set(turned[0]), births_of(turned[0]))
     helped = 0
     for frame in turned[1:20]:
-        state, said = visual.step(state, looks_of(frame), np.random.default_rng(frame.frame))
+        state, said = visual.step(state, frame_set(frame), np.random.default_rng(frame.frame))
         assert (said.counterpart == GOOD).all()
         helped += said.helpers.sum()
     assert helped > 0
@@ -252,7 +252,7 @@ def test_ended_trackers_are_forgotten_by_their_counterparts():
     t = after.trackers
     assert sorted(zip(t.view.tolist(), t.target.tolist(), strict=True)) == [(0, 0), (0, 2), (1, 0), (1, 1), (1, 2)]
     lonely = (t.view == 1) & (t.target == 1)
-    assert (t.twin[lonely] == -1).all()
+    assert (t.counterpart[lonely] == -1).all()
     assert not t.good[lonely].any()
 
 
@@ -268,7 +268,7 @@ def test_a_hijacked_tracker_starts_again_on_the_line():
     state = state._replace(trackers=t._replace(particles=particles, estimate=estimate))
     gone = []
     for frame in frames[1:]:
-        state, _ = VISUAL["bmct"].step(state, looks_of(frame), rng)
+        state, _ = VISUAL["bmct"].step(state, frame_set(frame), rng)
         gone.append(np.linalg.norm(state.trackers.estimate[0, :2] - frame.ellipses[0, 0, :2]))
     assert gone[0] > 20.0
     assert gone[-1] < 4.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import view_reference as ref
-from view_films import begun, film, geometry_of, looks_of
+from view_films import begun, film, frame_set, geometry_of
 
 from occlog.core.image.histogram_bins import update_bins
 from occlog.simulate.balls.motion import VIEWS, BallsConfig
@@ -30,7 +30,7 @@ def test_frames_are_those_of_the_plain_form(config, settings):
         before = state.trackers
         normals = twin.standard_normal(before.particles.shape)
         order, u = twin.permutation(len(state.views)), twin.random(len(before.view))
-        state, said = VISUAL["bmct"].step(state, looks_of(frame), rng)
+        state, said = VISUAL["bmct"].step(state, frame_set(frame), rng)
         bins = [ref.bins_of(image).astype(int) for image in frame.images]
         want = ref.frame(before, state.config, geometry_of(config).fundamental, bins, normals, order, u)
         np.testing.assert_allclose(said.ellipse, want.estimate, rtol=1e-8, atol=1e-8)

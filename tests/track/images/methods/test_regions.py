@@ -8,17 +8,23 @@ import pytest
 from occlog.core.image.histogram_bins import N_BINS
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.track.images.catalogue import VISUAL
-from occlog.track.images.interface import Birth, Looks
+from occlog.track.images.interface import Birth, FrameSet
 from occlog.track.images.kernels.ellipse_colour import histograms
 from occlog.track.images.methods.config import MipfConfig
-from occlog.track.images.methods.regions import OUTSIDE, drawn, held, mask_outside, pull
+from occlog.track.images.methods.regions import (
+    OUTSIDE,
+    drawn_at_regions,
+    log_region_likelihood,
+    mask_outside,
+    own_regions,
+)
 
 SIZE = (120, 90)
 ROW = np.array([[30.0, 40.0, 6.0, 15.0, 0.0]])
 
 
-def looks(regions: tuple[np.ndarray | None, ...], image: np.ndarray | None = None) -> Looks:
-    return Looks(0, np.zeros(1, dtype=np.int64), (image,), regions)
+def frame_set(regions: tuple[np.ndarray | None, ...], image: np.ndarray | None = None) -> FrameSet:
+    return FrameSet(0, np.zeros(1, dtype=np.int64), (image,), regions)
 
 
 def at(*places: tuple[float, float]) -> np.ndarray:
@@ -28,7 +34,7 @@ def at(*places: tuple[float, float]) -> np.ndarray:
 
 def test_colours_count_inside_boxes_only() -> None:
     bins = np.full((90, 120), 7, dtype=np.uint8)
-    mask_outside(bins, np.array([[0, 0, 120, 60]]), looks((at((30.0, 40.0), (116.0, 2.0)),)), 0)
+    mask_outside(bins, np.array([[0, 0, 120, 60]]), frame_set((at((30.0, 40.0), (116.0, 2.0)),)), 0)
     y, x = np.mgrid[:90, :120]
     first = (abs(x - 30.0) <= 6.0) & (abs(y - 40.0) <= 15.0)
     second = (abs(x - 116.0) <= 6.0) & (abs(y - 2.0) <= 15.0)
@@ -42,20 +48,20 @@ def test_colours_count_inside_boxes_only() -> None:
 @pytest.mark.parametrize("regions", [(), (None,)])
 def test_without_a_detector_nothing_is_masked(regions: tuple[None, ...]) -> None:
     bins = np.full((90, 120), 7, dtype=np.uint8)
-    mask_outside(bins, np.array([[0, 0, 120, 90]]), looks(regions), 0)
+    mask_outside(bins, np.array([[0, 0, 120, 90]]), frame_set(regions), 0)
     assert (bins == 7).all()
 
 
 def test_without_regions_all_is_masked() -> None:
     bins = np.full((90, 120), 7, dtype=np.uint8)
-    mask_outside(bins, np.array([[-5, -5, 500, 500]]), looks((at(),)), 0)
+    mask_outside(bins, np.array([[-5, -5, 500, 500]]), frame_set((at(),)), 0)
     assert (bins == OUTSIDE).all()
 
 
 def test_a_region_is_held_where_no_other_tracker_or_region_is_near() -> None:
     expected = at((30.0, 40.0), (80.0, 40.0), (84.0, 40.0), (30.0, 200.0))
     regions = at((33.0, 42.0), (82.0, 40.0), (31.0, 201.0), (29.0, 198.0))
-    found = held(looks((regions,)), np.zeros(4, dtype=np.int64), expected, 0.6)
+    found = own_regions(frame_set((regions,)), np.zeros(4, dtype=np.int64), expected, 0.6)
     # Two trackers share a region; two regions are at the last tracker.
     assert found.has.tolist() == [True, False, False, False]
     np.testing.assert_array_equal(found.region[0], regions[0])
@@ -63,8 +69,8 @@ def test_a_region_is_held_where_no_other_tracker_or_region_is_near() -> None:
 
 
 def test_regions_of_another_view_are_none_of_ones_own() -> None:
-    both = Looks(0, np.zeros(2, dtype=np.int64), (None, None), (None, at((30.0, 40.0))))
-    found = held(both, np.array([0, 1]), at((30.0, 40.0), (30.0, 40.0)), 0.6)
+    both = FrameSet(0, np.zeros(2, dtype=np.int64), (None, None), (None, at((30.0, 40.0))))
+    found = own_regions(both, np.array([0, 1]), at((30.0, 40.0), (30.0, 40.0)), 0.6)
     assert found.has.tolist() == [False, True]
 
 
@@ -72,13 +78,13 @@ def test_particles_are_drawn_to_the_region() -> None:
     rng = np.random.default_rng(3)
     particles = np.repeat(at((30.0, 40.0), (80.0, 40.0))[:, None], 50, axis=1)
     region = np.array([[36.0, 42.0, 8.0, 18.0, 0.0]])
-    found = held(looks((region,)), np.zeros(2, dtype=np.int64), particles[:, 0], 0.6)
-    out = drawn(particles, found, rng.standard_normal(particles.shape), 0.4, 0.1)
+    found = own_regions(frame_set((region,)), np.zeros(2, dtype=np.int64), particles[:, 0], 0.6)
+    out = drawn_at_regions(particles, found, rng.standard_normal(particles.shape), 0.4, 0.1)
     np.testing.assert_array_equal(out[1], particles[1])
     np.testing.assert_array_equal(out[0, 20:], particles[0, 20:])
     assert np.abs(out[0, :20, :2] - region[0, :2]).max() < 4.0 * 0.1 * 12.0
     np.testing.assert_array_equal(out[0, :20, 2:], np.repeat(region[:, 2:], 20, axis=0))
-    log_weights = pull(particles, found, 0.25)
+    log_weights = log_region_likelihood(particles, found, 0.25)
     assert (log_weights[1] == 0.0).all()
     np.testing.assert_allclose(log_weights[0], -0.5 * (36.0 + 4.0) / (8.0 * 18.0) / 0.25**2)
 
@@ -88,10 +94,10 @@ def test_tracker_follows_a_region_in_place_and_size_where_colours_tell_nothing()
     method, rng = VISUAL["mipf"], np.random.default_rng(5)
     image = np.full((90, 120, 3), 90, dtype=np.uint8)
     state = method.init((View("cam", *SIZE),), geometry, MipfConfig(), rng)
-    state = method.born(state, looks((ROW,), image), [Birth(0, 4, ROW[0])])
+    state = method.born(state, frame_set((ROW,), image), [Birth(0, 4, ROW[0])])
     for k in range(1, 26):
         region = np.array([[30.0 + 2.0 * k, 40.0, 6.0 + 0.1 * k, 15.0 + 0.2 * k, 0.0]])
-        now = Looks(40_000_000 * k, np.array([k]), (image,), (region,))
+        now = FrameSet(40_000_000 * k, np.array([k]), (image,), (region,))
         state, outlines = method.step(state, now, rng)
     assert outlines.target_id.tolist() == [4]
     np.testing.assert_allclose(outlines.ellipse[0, :2], region[0, :2], atol=2.5)
@@ -109,7 +115,7 @@ def test_a_target_that_fills_half_of_its_ellipse_is_alike_and_not_lost(method: s
     state = chosen.init((View("cam", *SIZE),), geometry, config, rng)
     first = np.array([30.0, 40.0, 10.0, 10.0, 0.0])
     for k in range(25):
-        now = Looks(40_000_000 * k, np.array([k]), (image,), (), (mask,))
+        now = FrameSet(40_000_000 * k, np.array([k]), (image,), (), (mask,))
         if not k:
             state = chosen.born(state, now, [Birth(0, 4, first)])
             continue

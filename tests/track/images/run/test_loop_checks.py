@@ -6,7 +6,7 @@ import numpy as np
 
 from occlog.measure.epipolar.views import Geometry
 from occlog.track.images.interface import Birth, Outlines
-from occlog.track.images.run.loop_checks import check_births, check_outlines, gather, no_checks, trusted
+from occlog.track.images.run.loop_checks import check_births, check_outlines, gather, no_checks, without_contradicted
 
 LEVEL = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 NOTHING = np.full((3, 3), np.nan)
@@ -63,22 +63,25 @@ def wrong(*targets):
 
 def test_a_matrix_that_most_starts_contradict_is_not_used():
     good = births(*[(v, k, 50 * k + 20, 40 * k + 30) for k in range(4) for v in (0, 1)])
-    kept, tried, dropped = trusted(ROWS, check_births(good, ROWS), {})
+    kept, counts, dropped = without_contradicted(ROWS, check_births(good, ROWS), {})
     assert not dropped
-    assert tried == {(0, 1): (4, 0)}
+    assert counts == {(0, 1): (4, 0)}
     np.testing.assert_array_equal(kept.fundamental, ROWS.fundamental)
-    kept, tried, dropped = trusted(ROWS, check_births(wrong(0, 1, 2), ROWS), {})
+    kept, counts, dropped = without_contradicted(ROWS, check_births(wrong(0, 1, 2), ROWS), {})
     assert dropped == ((0, 1),)
     assert np.isnan(kept.fundamental).all()
     assert np.isfinite(ROWS.fundamental[0, 1]).all()  # as it was
 
 
 def test_fewer_than_three_targets_do_not_say_that_a_matrix_is_wrong_but_are_remembered():
-    _, tried, dropped = trusted(ROWS, check_births(wrong(0, 1), ROWS), {})
-    assert (tried, dropped) == ({(0, 1): (2, 2)}, ())
-    assert trusted(ROWS, check_births(wrong(2), ROWS), tried)[1:] == ({(0, 1): (3, 3)}, ((0, 1),))
+    _, counts, dropped = without_contradicted(ROWS, check_births(wrong(0, 1), ROWS), {})
+    assert (counts, dropped) == ({(0, 1): (2, 2)}, ())
+    assert without_contradicted(ROWS, check_births(wrong(2), ROWS), counts)[1:] == ({(0, 1): (3, 3)}, ((0, 1),))
     # Three that are right have decided
-    assert trusted(ROWS, check_births(wrong(2, 3, 4), ROWS), {(0, 1): (3, 1)})[1:] == ({(0, 1): (3, 1)}, ())
+    assert without_contradicted(ROWS, check_births(wrong(2, 3, 4), ROWS), {(0, 1): (3, 1)})[1:] == (
+        {(0, 1): (3, 1)},
+        (),
+    )
 
 
 def test_a_birth_is_checked_with_the_tracker_of_another_view():

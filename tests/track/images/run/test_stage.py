@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from view_videos import STILL, StillConfig
+from view_videos import STILL, STILL_TOGETHER, StillConfig
 
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.records.views import ViewTracks
 from occlog.track.images.births.config import ViewsConfig
-from occlog.track.images.births.regions import Feed, Regions
-from occlog.track.images.interface import Looks
+from occlog.track.images.births.regions import Regions, RegionStream
+from occlog.track.images.interface import FrameSet
 from occlog.track.images.run.frames_in_step import Moment
-from occlog.track.images.run.stage import MOMENTS, Setup, Start, track_views
+from occlog.track.images.run.stage import MOMENTS, Start, TrackingSetup, track_views
 
 VIEWS = (View("b", 80, 60), View("a", 80, 60))
 BLIND = Geometry(np.full((2, 2, 3, 3), np.nan), (None, None))
@@ -25,7 +25,9 @@ def moments(n, missing=()):
     for k in range(n):
         there = [(k, v) not in missing for v in range(2)]
         yield Moment(
-            Looks(100 * k + 5, np.array([k if t else -1 for t in there]), tuple(IMAGE if t else None for t in there)),
+            FrameSet(
+                100 * k + 5, np.array([k if t else -1 for t in there]), tuple(IMAGE if t else None for t in there)
+            ),
             np.array([100 * k + 5 * v if t else -1 for v, t in enumerate(there)]),
             tuple((v, k, "gone") for v in range(2) if not there[v]),
         )
@@ -35,9 +37,9 @@ def start(view, frame, target, x=20.0, y=30.0):
     return Start(view, frame, target, np.array([x, y, 5.0, 4.0, 2.0]))
 
 
-def tracked(n=6, starts=(), config=None, feed=None, missing=(), stage=None, **more):
-    setup = Setup(VIEWS, BLIND, STILL, config or StillConfig(), stage or ViewsConfig(), tuple(starts), **more)
-    parts = list(track_views(moments(n, missing), setup, 1, feed))
+def tracked(n=6, starts=(), config=None, stream=None, missing=(), stage=None, **more):
+    setup = TrackingSetup(VIEWS, BLIND, STILL, config or StillConfig(), stage or ViewsConfig(), tuple(starts), **more)
+    parts = list(track_views(moments(n, missing), setup, 1, stream))
     return parts, ViewTracks.concat([part.tracks for part in parts])
 
 
@@ -99,8 +101,8 @@ def regions(where):
 
 
 def test_trackers_are_born_and_ended_by_regions():
-    feed = Feed(iter([regions([(k, 40.0) for k in range(5)])]), True)
-    _, table = tracked(10, feed=feed, stage=ViewsConfig(support_frames=3), next_id=6)
+    stream = RegionStream(iter([regions([(k, 40.0) for k in range(5)])]), True)
+    _, table = tracked(10, stream=stream, stage=ViewsConfig(support_frames=3), next_id=6)
     assert rows(table, "frame", "target_id", "event") == [
         (2, 6, "start"),
         (3, 6, ""),
@@ -112,8 +114,8 @@ def test_trackers_are_born_and_ended_by_regions():
 
 
 def test_a_tracker_ends_in_a_frame_of_its_view():
-    feed = Feed(iter([regions([(k, 40.0) for k in range(5)])]), True)
-    _, table = tracked(10, feed=feed, stage=ViewsConfig(support_frames=3), missing={(7, 0)})
+    stream = RegionStream(iter([regions([(k, 40.0) for k in range(5)])]), True)
+    _, table = tracked(10, stream=stream, stage=ViewsConfig(support_frames=3), missing={(7, 0)})
     assert rows(table, "frame", "event") == [(2, "start"), (3, ""), (4, ""), (5, ""), (6, ""), (8, "lost")]
 
 
@@ -123,15 +125,19 @@ ROWS = Geometry(np.stack([np.stack([NOTHING, LEVEL]), np.stack([LEVEL.T, NOTHING
 """Rows of the images are epipolar lines."""
 
 
-def dropped(starts, missing=(), **more):
-    """Whether the matrix was dropped, and what the method was told."""
+def dropped(starts, missing=(), method=STILL_TOGETHER, **more):
+    """Pairs of views whose matrix was dropped, and whether the method was told."""
     told = []
 
-    def doubted(state, geometry):
+    def with_geometry(state, geometry):
         told.append(bool(np.isnan(geometry.fundamental).all()))
-        return state
+        return method.collaboration.with_geometry(state, geometry)
 
-    setup = Setup(VIEWS, ROWS, STILL, StillConfig(), starts=tuple(starts), doubted=doubted, **more)
+    if method.collaboration is not None:
+        seen = method._replace(collaboration=method.collaboration._replace(with_geometry=with_geometry))
+    else:
+        seen = method
+    setup = TrackingSetup(VIEWS, ROWS, seen, StillConfig(), starts=tuple(starts), **more)
     parts = list(track_views(moments(12, missing), setup, 1))
     return [pair for part in parts for pair in part.dropped], told
 
@@ -144,7 +150,7 @@ def test_starts_one_after_the_other_tell_of_a_matrix():
     assert dropped(places + wrong[:2]) == ([], [])
     right = [s._replace(ellipse=places[0].ellipse) for s in wrong]
     assert dropped(places + right) == ([], [])
-    assert dropped(places + wrong, helped=False) == ([], [])
+    assert dropped(places + wrong, method=STILL) == ([], [])
     # A view without a frame for long tells nothing of the births of another
     old = {(k, 0) for k in range(1, 12)}
     assert dropped(places + wrong, old) == ([], [])
@@ -152,8 +158,8 @@ def test_starts_one_after_the_other_tell_of_a_matrix():
 
 
 def test_a_region_at_a_tracker_begins_no_other():
-    feed = Feed(iter([regions([(k, 22.0) for k in range(9)])]), True)
-    _, table = tracked(9, [start(0, 0, 1)], feed=feed, next_id=2)
+    stream = RegionStream(iter([regions([(k, 22.0) for k in range(9)])]), True)
+    _, table = tracked(9, [start(0, 0, 1)], stream=stream, next_id=2)
     assert set(table.target_id.tolist()) == {1}
 
 
