@@ -23,13 +23,13 @@ from occlog.io.scenes.scene import read_scene
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.measure.scans.occluder_priors import OccluderFeed
 from occlog.measure.scans.scan import Scan
-from occlog.measure.scans.scans import Rows, groups, scan_of
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.sensing import pack_looks
+from occlog.track.apf.sensing import pack_scan
 
 NAME = "occlusion"
 SUMMARY = "APF step, 1000 particles, 8 cameras, a static occluder, 40 priors: time to that of plain vectorised NumPy"
@@ -71,8 +71,8 @@ def _scans(scene: Scene) -> list[Scan]:
     truth = Truth.concat(simulate_truth(scene, WorldConfig(steps=STEPS, occluders=40), SEED))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(diameter=DIAMETER), SEED))
     feed = OccluderFeed([Occluders.concat(list(virtual_priors([truth], 8.0, 1.2, SEED)))], DIAMETER, 10**10)
-    found = groups([bearings], scene, Rows({c.name for c in scene.cameras}))
-    scans = [(group.t_ns, scan) for group in found if (scan := scan_of(group, 0)) is not None]
+    found = scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))
+    scans = [(group.t_ns, scan) for group in found if (scan := group.of_target(0)) is not None]
     return [scan._replace(occluders=feed.at(t)) for t, scan in scans]
 
 
@@ -183,7 +183,7 @@ def _floor(at: Moment, step: float, repeats: int) -> dict[str, float]:
     """How far the step is from the time of its error functions alone."""
     counts, ns = erf_counts(at), erf_ns()
     model = at.state.model
-    looks, xy = pack_looks(at.scan, model.read_px, True), at.state.particles.xy
+    looks, xy = pack_scan(at.scan, model.read_px, True), at.state.particles.xy
     free, occlusion = on_floor(xy, *model.floor), model.occlusion._replace(far=apf.FINE)
     packed = model.sensors, model.noise, model.informed
     work = median(

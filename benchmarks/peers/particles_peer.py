@@ -21,7 +21,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.io.scenes.scene import read_scene
 from occlog.measure.scans.scan import Scan
-from occlog.measure.scans.scans import Rows, groups, scan_of
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
@@ -64,8 +64,8 @@ def recording(scene: Scene) -> tuple[Floats, list[Scan]]:
     """True places (T, 2) of the target and what the cameras report."""
     truth = Truth.concat(simulate_truth(scene, WorldConfig(steps=STEPS), SEED))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(), SEED))
-    found = groups([bearings], scene, Rows({c.name for c in scene.cameras}))
-    scans = [scan for group in found if (scan := scan_of(group, 0)) is not None]
+    found = scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))
+    scans = [scan for group in found if (scan := group.of_target(0)) is not None]
     target = truth.take(truth.target_id == 0)
     return np.column_stack([target.x, target.y]), scans
 

@@ -55,17 +55,13 @@ def scene() -> Scene:
 def scan_of(r: Recording, k: int) -> Scan:
     """What is said at step k."""
     n = len(PLACES)
-    none, yes, sigma = np.full(n, np.nan), np.ones(n, dtype=np.bool_), np.full(n, SIGMA)
-    return Scan(
+    sigma = np.full(n, SIGMA)
+    return Scan.of(
         round(k * STEP_S * 1e9),
         np.arange(n),
-        yes,
-        yes,
-        r.theta[k],
-        sigma,
-        none,
-        none,
-        none,
+        target_id=np.zeros(n, dtype=np.int32),
+        bearing=r.theta[k],
+        sigma=sigma,
         elevation=0.5 * math.pi - r.phi[k],
         sigma_elevation=sigma,
     )

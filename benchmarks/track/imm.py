@@ -29,6 +29,7 @@ from benchmarks.track._imm_problem import (
 from occlog.array_types import Floats
 from occlog.core.motion.turns import acceleration_root, three_models
 from occlog.io.scenes.scene import scene_from_yaml
+from occlog.measure.scans.scan import Scan
 from occlog.track.imm import filter as imm_filter
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.config import ImmConfig
@@ -70,8 +71,8 @@ def kernel(given: Recording) -> tuple[float, Floats]:
     for k in range(STEPS):
         dt = STEP_S * (k > 0)
         motion = imm.Motion(models, acceleration_root(problem.SIGMA_V**2, dt))
-        bearings = imm.Bearings(given.angle[k], sigma, problem.PLACE)
-        found = imm.step(cloud, motion, dt, bearings, imm.draw(rng, 3, PARTICLES))
+        draws = imm.draw(rng, 3, PARTICLES)
+        found = imm.step(cloud, motion, dt, draws, bearing=given.angle[k], sigma=sigma, position=problem.PLACE)
         cloud = found.cloud
         means.append(found.estimate.mean)
     return 1e6 * (time.process_time() - begin) / STEPS, np.array(means)
@@ -89,11 +90,11 @@ def whole(given: Recording) -> tuple[float, Floats]:
         sigma_v=problem.SIGMA_V,
     )
     state = imm_filter.init(scene_from_yaml(SCENE, "scene"), config, rng)
-    sigma, label = np.full(3, SIGMA), np.full(3, -1)
+    array, sigma = np.zeros(3, dtype=np.int64), np.full(3, SIGMA)
     begin = time.process_time()
     for k in range(STEPS):
-        look = imm_filter.Look(0, given.angle[k], sigma, label)
-        state, report = imm_filter.step(state, round(k * STEP_S * 1e9), (look,), rng)
+        scan = Scan.of(round(k * STEP_S * 1e9), array, bearing=given.angle[k], sigma=sigma)
+        state, report = imm_filter.step(state, scan, rng)
         means.append(report.beliefs[0].estimate.mean)
     return 1e6 * (time.process_time() - begin) / STEPS, np.array(means)
 

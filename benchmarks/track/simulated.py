@@ -12,7 +12,7 @@ from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.io.scenes.scene import read_scene
 from occlog.measure.scans.scan import Scan
-from occlog.measure.scans.scans import Rows, groups, scan_of
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
@@ -44,8 +44,8 @@ def record(scene: Scene, world: WorldConfig, how: ObserveConfig, seed: int) -> R
     """One simulated recording with a scan at every step."""
     truth = Truth.concat(simulate_truth(scene, world, seed))
     bearings = Bearings.concat(observe(scene, [truth], how, seed))
-    found = groups([bearings], scene, Rows({c.name for c in scene.cameras}))
-    scans = [scan for group in found if (scan := scan_of(group, TARGET)) is not None]
+    found = scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))
+    scans = [scan for group in found if (scan := group.of_target(TARGET)) is not None]
     own = truth.target_id == TARGET
     at = np.searchsorted(truth.t_ns[own], [s.t_ns for s in scans])
     return Recording(truth, scans, np.column_stack([truth.x[own], truth.y[own]])[at])

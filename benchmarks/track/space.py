@@ -20,7 +20,7 @@ from occlog.track.in_space import direct3d, projected_planes
 from occlog.track.in_space.config import Direct3dConfig, PpsConfig
 from occlog.track.in_space.kernels.resampling import best_width, moments, redraw
 from occlog.track.in_space.planes import log_likelihood, plane_angles
-from occlog.track.in_space.sensing import pack_scan
+from occlog.track.in_space.sensing import pack_directions
 from occlog.track.in_space.start import make_space
 
 NAME = "space"
@@ -92,7 +92,7 @@ def ours_in_plane(given: Recording) -> tuple[float, Floats]:
     scans, means, width = [scan_of(given, k) for k in range(STEPS)], [], best_width(PARTICLES, 4)
     begin = time.process_time()
     for k, scan in enumerate(scans):
-        heard = pack_scan(scan, space.ears, given.start[:2], use_score=True)
+        heard = pack_directions(scan, space.ears, given.start[:2], use_score=True)
         cloud = moved(cloud, motion, problem.STEP_S, rng) if k else cloud
         log_weights = np.log(weights) + log_likelihood(cloud, XY, heard, plane_angles(heard), chances)
         weights, _ = normalise(log_weights)

@@ -17,14 +17,14 @@ from occlog.core.filter.likelihood import log_likelihood
 from occlog.core.plane.floor import on_floor
 from occlog.io.scenes.scene import read_scene
 from occlog.measure.scans.scan import Scan
-from occlog.measure.scans.scans import Rows, groups, scan_of
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.kernels import waypoint
-from occlog.track.apf.sensing import pack_looks
+from occlog.track.apf.sensing import pack_scan
 
 NAME = "track"
 SUMMARY = "APF step, 1000 particles, 8 cameras, a static occluder: time to that of plain vectorised NumPy"
@@ -46,8 +46,8 @@ def simulated_scans(scene: Scene) -> list[Scan]:
     world = WorldConfig(steps=STEPS)
     truth = Truth.concat(simulate_truth(scene, world, SEED))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(), SEED))
-    found = groups([bearings], scene, Rows({c.name for c in scene.cameras}))
-    return [scan for group in found if (scan := scan_of(group, 0)) is not None]
+    found = scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))
+    return [scan for group in found if (scan := group.of_target(0)) is not None]
 
 
 def per_call(work: Callable[[], Any], calls: int = 20) -> float:
@@ -87,7 +87,7 @@ def baseline_step(ref: ModuleType, scene: Scene, state: apf.State, scan: Scan, r
 def parts_of(state: apf.State, scan: Scan, rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
     """The dearer parts of a step."""
     model, particles = state.model, state.particles
-    looks = pack_looks(scan, model.read_px, True)
+    looks = pack_scan(scan, model.read_px, True)
     free = on_floor(particles.xy, *model.floor)
     arrived = waypoint.reached(particles, model.motion, model.floor)
     packed = model.sensors, model.noise, model.detection
@@ -95,7 +95,7 @@ def parts_of(state: apf.State, scan: Scan, rng: np.random.Generator) -> dict[str
         "likelihood (twice a step) us": lambda: log_likelihood(particles.xy, looks, *packed, free),
         "on the floor (3 times a step) us": lambda: on_floor(particles.xy, *model.floor),
         "draw and move us": lambda: apf._move(model, particles, arrived, 1.0, rng),
-        "scan to arrays us": lambda: pack_looks(scan, model.read_px, True),
+        "scan to arrays us": lambda: pack_scan(scan, model.read_px, True),
     }
 
 

@@ -10,12 +10,12 @@ seen enough of what comes after them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from numpy.random import Generator
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Floats, Ints
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 
@@ -58,22 +58,6 @@ class Estimate(NamedTuple):
     height: Height | None = None  # None: the method tracks on the ground
 
 
-class Record(NamedTuple):
-    """What all sensors say about a target at T times.
-
-    R rows as in `occlog.records.tables.Bearings`, by time and sensor.
-    """
-
-    t_ns: Ints  # (T,) rising
-    state: Ints  # (R,) which time each row is of, rising
-    sensor: Ints  # (R,) place in `sensor_names`
-    seen: Bools  # (R,)
-    bearing: Floats  # (R,) [rad]
-    sigma: Floats  # (R,) [rad]
-    u_px: Floats  # (R,)
-    sigma_px: Floats  # (R,)
-
-
 class Smoothed(NamedTuple):
     """T states of one target, estimated from what was seen before and after them."""
 
@@ -97,7 +81,7 @@ class Batch(NamedTuple):
     config: type  # frozen dataclass of its settings, validated; see `settings.configure`
     defaults: Callable[[str], Any]  # settings that suit a scene's length unit
     begin: Callable[[Scene, Any], Any]  # the state of one target before anything is known
-    advance: Callable[[Any, Record, bool], tuple[Any, Smoothed]]  # one more block, and whether it is the last
+    advance: Callable[[Any, Sequence[Scan], bool], tuple[Any, Smoothed]]  # more scans; whether none will follow
 
 
 class Online(NamedTuple):
@@ -121,5 +105,5 @@ class Joint(NamedTuple):
     config: type  # frozen dataclass of its settings, validated; see `settings.configure`
     defaults: Callable[[str], Any]  # settings that suit a scene's length unit
     init: Callable[[Scene, Any, Generator], Any]
-    step: Callable[[Any, int, Any, Generator], tuple[Any, Any]]  # state, time, looks of arrays -> state, report
+    step: Callable[[Any, Scan, Generator], tuple[Any, Any]]  # state and rows of arrays -> state, report
     estimates: Callable[[Any, Scene], list[tuple[int, Estimate]]]  # of a report, by target

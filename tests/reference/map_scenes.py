@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from tracker_scenes import SECOND, camera
 
+from occlog.measure.scans.scan import Scan
 from occlog.records.scene import MicrophoneArray, Scene
-from occlog.track.interface import Record, Smoothed
+from occlog.track.interface import Smoothed
+from occlog.track.map.record import Record
 
 FOCAL = 500.0
 CLEAN = {"focal": FOCAL, "sigma_position": 0.0, "sigma_yaw": 0.0, "sigma_read_px": 0.5, "fov": np.radians(60.0)}
@@ -54,13 +56,14 @@ def record(scene: Scene, t_s, xy, *, noise=None, blind=()) -> Record:
                 rows.append((t, s, True, c.yaw + angle + c.sigma * error, c.sigma, np.nan, np.nan))
     state, sensor, seen, *numbers = (np.array(column) for column in zip(*rows, strict=True))
     numbers[0] = (numbers[0] + np.pi) % (2 * np.pi) - np.pi
-    return Record(np.round(t_s * SECOND).astype(np.int64), state, sensor, seen.astype(bool), *numbers)
+    columns = dict(zip(("bearing", "sigma", "u_px", "sigma_px"), numbers, strict=True))
+    rows = Scan.of(0, sensor, target_id=np.zeros(len(state)), seen=seen, **columns)
+    return Record(np.round(t_s * SECOND).astype(np.int64), state, rows)
 
 
-def cut(r: Record, first: int, last: int) -> Record:
-    """States first .. last - 1 of a record."""
-    rows = (r.state >= first) & (r.state < last)
-    return Record(r.t_ns[first:last], r.state[rows] - first, *(column[rows] for column in r[2:]))
+def scans_of(made: Record) -> list[Scan]:
+    """The scans of a record."""
+    return [made.rows.take(made.state == k)._replace(t_ns=t_ns) for k, t_ns in enumerate(made.t_ns.tolist())]
 
 
 def joined(parts: list[Smoothed]) -> Smoothed:

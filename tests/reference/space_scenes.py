@@ -23,17 +23,14 @@ def room(places=PLACES, **options) -> Scene:
 def scan(scene: Scene, t_s: float, sensors, xyz=SOURCE, labelled=True, elevation=True) -> Scan:
     """Exact directions of a source."""
     to = xyz - np.array([scene.arrays[i].position for i in sensors])
-    n, none = len(sensors), np.full(len(sensors), np.nan)
-    return Scan(
+    n = len(sensors)
+    none = np.full(n, np.nan)
+    return Scan.of(
         round(t_s * 1e9),
-        np.array(sensors),
-        np.full(n, labelled),
-        np.ones(n, dtype=bool),
-        np.arctan2(to[:, 1], to[:, 0]),
-        np.full(n, SIGMA),
-        none,
-        none,
-        none,
+        sensors,
+        target_id=np.full(n, 0 if labelled else -1),
+        bearing=np.arctan2(to[:, 1], to[:, 0]),
+        sigma=np.full(n, SIGMA),
         elevation=np.arctan2(to[:, 2], np.hypot(to[:, 0], to[:, 1])) if elevation else none,
         sigma_elevation=np.full(n, SIGMA) if elevation else none,
     )

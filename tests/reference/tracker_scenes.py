@@ -59,16 +59,16 @@ def scan(t_s: float, rows, labelled=True) -> Scan:
     seen = np.array([value is not None for value in u])
     u = np.array([np.nan if value is None else value for value in u], dtype=float)
     n = len(rows)
-    return Scan(
+    return Scan.of(
         round(t_s * SECOND),
-        np.array(sensor, dtype=np.int64),
-        np.full(n, labelled),
-        seen,
-        np.where(seen, 0.0, np.nan),
-        np.where(seen, 1.0, np.nan),
-        u,
-        np.array(sigma, dtype=float),
-        np.array(score, dtype=float),
+        sensor,
+        target_id=np.full(n, 0 if labelled else -1),
+        seen=seen,
+        bearing=np.where(seen, 0.0, np.nan),
+        sigma=np.where(seen, 1.0, np.nan),
+        u_px=u,
+        sigma_px=sigma,
+        score=score,
     )
 
 

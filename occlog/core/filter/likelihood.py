@@ -44,8 +44,13 @@ class Noise(NamedTuple):
     width: Floats  # (S,) angle that bearings can come from [rad]
 
 
-class Scan(NamedTuple):
-    """n looks with m measurements in all."""
+class PackedScan(NamedTuple):
+    """A scan as the kernels read it: n looks with m measurements in all.
+
+    Numba wants a tuple of arrays of one kind each, and a look's measurements side by side: rows that
+    saw nothing are gone, pixels and bearings share a column, and every measurement has a variance.
+    `occlog.track.apf.sensing.pack_scan` makes it of an `occlog.measure.scans.scan.Scan`.
+    """
 
     sensor: Ints  # (n,) rows of the sensors
     labelled: Bools  # (n,)
@@ -105,7 +110,7 @@ def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, v
 
 
 @kernel
-def densities(xy: Floats, k: int, scan: Scan, sensors: Sensors, noise: Noise) -> Floats:
+def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Noise) -> Floats:
     """(L,) sum over the measurements of look k of share times density, for targets at (L, 2) places."""
     out = np.zeros(xy.shape[0])
     i = scan.sensor[k]
@@ -119,7 +124,7 @@ def densities(xy: Floats, k: int, scan: Scan, sensors: Sensors, noise: Noise) ->
 
 @kernel
 def factors(
-    xy: Floats, k: int, scan: Scan, sensors: Sensors, noise: Noise, model: Detection, seen: Bools
+    xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection, seen: Bools
 ) -> tuple[Floats, float]:
     """Factors of look k, as above, for targets at (L, 2) places.
 
@@ -150,7 +155,7 @@ def factors(
 
 
 @kernel
-def image_width(k: int, scan: Scan, noise: Noise) -> float:
+def image_width(k: int, scan: PackedScan, noise: Noise) -> float:
     """Range of values of the measurements of look k, which must have one: W, in pixels or radians."""
     widths = noise.width_px if scan.pixel[scan.first[k]] else noise.width
     width: float = widths[scan.sensor[k]]
@@ -158,7 +163,9 @@ def image_width(k: int, scan: Scan, noise: Noise) -> float:
 
 
 @kernel
-def log_likelihood(xy: Floats, scan: Scan, sensors: Sensors, noise: Noise, model: Detection, free: Bools) -> Floats:
+def log_likelihood(
+    xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection, free: Bools
+) -> Floats:
     """(L,) log-likelihoods of a scan for targets at (L, 2) places; -inf where it is impossible.
 
     Nothing is known about moving occluders; with priors of them: `occlog.core.filter.likelihood_occluded`.
@@ -196,7 +203,7 @@ def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
 
 
 @kernel
-def agreement(xy: Floats, scan: Scan, sensors: Sensors, noise: Noise, model: Detection) -> Bools:
+def agreement(xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection) -> Bools:
     """(n,) bool: which looks hold a measurement that is more likely the target's than anything else's.
 
     Args:

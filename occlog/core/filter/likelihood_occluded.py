@@ -26,7 +26,7 @@ from occlog.core.occlusion.hidden_together import add_joint
 from occlog.core.occlusion.priors import Priors
 from occlog.core.sight.visibility import Sensors, seen_from
 
-from .likelihood import Detection, Noise, Scan, factors, multiply_into
+from .likelihood import Detection, Noise, PackedScan, factors, multiply_into
 
 
 class Occlusion(NamedTuple):
@@ -43,7 +43,7 @@ INDEPENDENT, RECURSION, EXACT = 1, 2, 3
 
 def log_likelihood_among(
     xy: Floats,
-    scan: Scan,
+    scan: PackedScan,
     sensors: Sensors,
     noise: Noise,
     model: Detection,
@@ -87,7 +87,7 @@ def log_likelihood_among(
 @kernel
 def _independent(
     xy: Floats,
-    scan: Scan,
+    scan: PackedScan,
     sensors: Sensors,
     noise: Noise,
     model: Detection,
@@ -117,7 +117,7 @@ def _independent(
 
 @kernel
 def _apart(
-    xy: Floats, scan: Scan, sensors: Sensors, noise: Noise, model: Detection, free: Bools
+    xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection, free: Bools
 ) -> tuple[Floats, Floats, Floats, Bools]:
     """Log-likelihoods (L,) of what occluders cannot hide; and a (n, L), b (n,) and which looks (n, L) they can."""
     n, L = scan.sensor.shape[0], xy.shape[0]

@@ -9,28 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints, Ints32
+from occlog.array_types import Ints
 from occlog.errors import InputError, UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings
 
-from .scan import Scan, sensor_names
-
-
-class Group(NamedTuple):
-    """R rows of `Bearings` that form one scan, of all targets; ordered by sensor, then target."""
-
-    t_ns: int
-    sensor: Ints  # (R,) place in `sensor_names`
-    target: Ints32
-    seen: Bools
-    bearing: Floats
-    sigma: Floats
-    u_px: Floats
-    sigma_px: Floats
-    score: Floats
-    elevation: Floats
-    sigma_elevation: Floats
+from .scan import COLUMNS, Scan, sensor_names
 
 
 class Rows(NamedTuple):
@@ -41,7 +25,7 @@ class Rows(NamedTuple):
     unlabelled: bool = True
 
 
-def groups(chunks: Iterable[Bearings], scene: Scene, use: Rows, window_ns: int = 0) -> Iterator[Group]:
+def scans_of(chunks: Iterable[Bearings], scene: Scene, use: Rows, window_ns: int = 0) -> Iterator[Scan]:
     """Scans in the order of time; where chunks are cut does not matter.
 
     Args:
@@ -71,7 +55,7 @@ def groups(chunks: Iterable[Bearings], scene: Scene, use: Rows, window_ns: int =
         table = Bearings.concat([rest, _chosen(chunk, use)])
         starts = _starts(table, window_ns)
         yield from _split(table, starts, names)
-        # The last group may go on in the next chunk.
+        # The last scan may go on in the next chunk.
         rest = table.take(slice(starts[-1], None)) if len(table) else table
     if len(rest):
         yield from _split(rest, [0, len(rest)], names)
@@ -116,7 +100,7 @@ def _chosen(chunk: Bearings, use: Rows) -> Bearings:
 
 
 def _starts(table: Bearings, window_ns: int) -> list[int]:
-    """First rows of the groups; the last group may go on in the next chunk."""
+    """First rows of the scans; the last scan may go on in the next chunk."""
     if window_ns == 0 or not len(table):
         return [0, *(np.flatnonzero(np.diff(table.t_ns)) + 1).tolist()]
     starts = [0]
@@ -129,54 +113,27 @@ def _starts(table: Bearings, window_ns: int) -> list[int]:
     return starts
 
 
-def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterator[Group]:
-    """The groups between consecutive starts; rows after the last start are left."""
+def _split(table: Bearings, starts: list[int], names: tuple[str, ...]) -> Iterator[Scan]:
+    """The scans between consecutive starts; rows after the last start are left."""
     n = starts[-1]
     if n == 0:
         return
     place = {name: i for i, name in enumerate(names)}
     found, inverse = np.unique(table.sensor[:n], return_inverse=True)
     sensor = np.array([place[name] for name in found.tolist()], dtype=np.int64)[inverse]
-    group = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    order = np.lexsort((table.target_id[:n], sensor, group))
-    _check_single(table, sensor, group, order)
-    ordered = Group(
-        0,
-        sensor[order],
-        table.target_id[order],
-        table.seen[order],
-        table.bearing[order],
-        table.sigma[order],
-        table.u_px[order],
-        table.sigma_px[order],
-        table.score[order],
-        table.elevation[order],
-        table.sigma_elevation[order],
-    )
+    scan = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    order = np.lexsort((table.target_id[:n], sensor, scan))
+    _check_single(table, sensor, scan, order)
+    columns = {name: getattr(table, name)[order] for name in COLUMNS if name != "sensor"}
+    whole = Scan(t_ns=0, sensor=sensor[order], **columns)
     for first, last in pairwise(starts):
-        yield _part(ordered, int(table.t_ns[last - 1]), slice(first, last))
+        yield whole.take(slice(first, last))._replace(t_ns=int(table.t_ns[last - 1]))
 
 
-def _part(g: Group, t_ns: int, s: slice) -> Group:
-    return Group(
-        t_ns,
-        g.sensor[s],
-        g.target[s],
-        g.seen[s],
-        g.bearing[s],
-        g.sigma[s],
-        g.u_px[s],
-        g.sigma_px[s],
-        g.score[s],
-        g.elevation[s],
-        g.sigma_elevation[s],
-    )
-
-
-def _check_single(table: Bearings, sensor: Ints, group: Ints, order: Ints) -> None:
-    """InputError where a sensor has two rows for a target in one group."""
+def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> None:
+    """InputError where a sensor has two rows for a target in one scan."""
     target = table.target_id[order]
-    same = (np.diff(group) == 0) & (np.diff(sensor[order]) == 0) & (np.diff(target) == 0)
+    same = (np.diff(scan) == 0) & (np.diff(sensor[order]) == 0) & (np.diff(target) == 0)
     same &= target[1:] != UNLABELLED
     if same.any():
         row = int(order[1:][same][0])
@@ -185,31 +142,6 @@ def _check_single(table: Bearings, sensor: Ints, group: Ints, order: Ints) -> No
             f"{table.t_ns[row]} ns; a sensor has one row a target and time (candidates that may be of any object "
             "have target_id -1)"
         )
-
-
-def scan_of(group: Group, target: int) -> Scan | None:
-    """What a scan says about one target: its own rows, and candidates of sensors that have none; None for nothing."""
-    own = group.target == target
-    take = own
-    free = group.target == UNLABELLED
-    if free.any():
-        take = own | (free & ~np.isin(group.sensor, group.sensor[own]))
-    if not take.any():
-        return None
-    rows = slice(None) if take.all() else take
-    return Scan(
-        group.t_ns,
-        group.sensor[rows],
-        own[rows],
-        group.seen[rows],
-        group.bearing[rows],
-        group.sigma[rows],
-        group.u_px[rows],
-        group.sigma_px[rows],
-        group.score[rows],
-        elevation=group.elevation[rows],
-        sigma_elevation=group.sigma_elevation[rows],
-    )
 
 
 def choose_sensors(scene: Scene, only: Iterable[str] = (), without: Iterable[str] = ()) -> frozenset[str]:

@@ -10,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.filter.likelihood import Scan as Looks
-from occlog.core.filter.likelihood import log_likelihood
+from occlog.core.filter.likelihood import PackedScan, log_likelihood
 from occlog.core.filter.likelihood_occluded import log_likelihood_among
 from occlog.core.occlusion.priors import Priors
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.measure.scans.occluder_priors import OccluderFeed, known_positions
-from occlog.measure.scans.scans import Rows, choose_sensors, groups, scan_of
+from occlog.measure.scans.scans import Rows, choose_sensors, scans_of
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.papers.verdicts.trials import KNOWN, NONE
@@ -26,7 +25,7 @@ from occlog.records.tables import Bearings, Occluders, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
 from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.filter import FINE
-from occlog.track.apf.sensing import pack_detection, pack_looks, pack_noise, pack_sensors, read_noise
+from occlog.track.apf.sensing import pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
 
 from .scenes import SQUARE_ORDER, names, square_room
 
@@ -41,7 +40,7 @@ class LikelihoodInput(NamedTuple):
     """Arguments of a likelihood at one step."""
 
     xy: Floats  # (L, 2) places of the particles
-    looks: Looks
+    looks: PackedScan
     priors: dict[str, Priors]  # by series
 
 
@@ -99,13 +98,13 @@ def _steps(scene: Scene, truth: Truth, bearings: Bearings, n: int, size: Size) -
     rng = np.random.default_rng(size.seed)
     read = read_noise(scene)
     use = Rows(choose_sensors(scene, names(SQUARE_ORDER[:n])))
-    for place, group in enumerate(groups([bearings], scene, use)):
-        scan, exact, prior = scan_of(group, 0), known.at(group.t_ns), guessed.at(group.t_ns)
+    for place, group in enumerate(scans_of([bearings], scene, use)):
+        scan, exact, prior = group.of_target(0), known.at(group.t_ns), guessed.at(group.t_ns)
         if scan is None or exact is None or prior is None:
             continue
         middle = np.array([target.x[place], target.y[place]])
         xy = middle + SCATTER * rng.standard_normal((size.particles, 2))
-        yield LikelihoodInput(xy, pack_looks(scan, read, True), {KNOWN: exact, INDEPENDENT: prior, RECURSION: prior})
+        yield LikelihoodInput(xy, pack_scan(scan, read, True), {KNOWN: exact, INDEPENDENT: prior, RECURSION: prior})
 
 
 def _measure(taken: dict[tuple[str, int], list[float]], scene: Scene, n: int, steps: list[LikelihoodInput]) -> None:

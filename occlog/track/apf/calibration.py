@@ -21,8 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Floats
-from occlog.core.filter.likelihood import Noise
-from occlog.core.filter.likelihood import Scan as Looks
+from occlog.core.filter.likelihood import Noise, PackedScan
 from occlog.core.filter.log_weights import mean_and_covariance
 from occlog.core.plane.polygons import inside_polygon
 from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
@@ -135,8 +134,8 @@ def corrected(calibration: Calibration, xy: Floats, weights: Floats) -> tuple[Se
     return calibration.sensors, left
 
 
-def corrected_looks(calibration: Calibration, looks: Looks) -> Looks:
-    """Looks with bearings turned by the errors of yaw, and readings as noisy as they turned out to be."""
+def corrected_looks(calibration: Calibration, looks: PackedScan) -> PackedScan:
+    """PackedScan with bearings turned by the errors of yaw, and readings as noisy as they turned out to be."""
     if not calibration.believed:
         return looks
     sensor = np.repeat(looks.sensor, np.diff(looks.first))

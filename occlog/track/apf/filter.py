@@ -23,8 +23,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats
-from occlog.core.filter.likelihood import Detection, Noise, agreement, log_likelihood
-from occlog.core.filter.likelihood import Scan as Looks
+from occlog.core.filter.likelihood import Detection, Noise, PackedScan, agreement, log_likelihood
 from occlog.core.filter.likelihood_occluded import Occlusion, log_likelihood_among
 from occlog.core.filter.log_weights import effective_size, log_of, mean_and_covariance, normalise
 from occlog.core.filter.resampling import systematic_ancestors
@@ -40,7 +39,7 @@ from occlog.track.interface import Cloud, Estimate
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .config import ApfConfig
 from .kernels import waypoint
-from .sensing import pack_detection, pack_looks, pack_noise, pack_sensors, read_noise
+from .sensing import pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
 
 FINE, ROUGH = 5.5, 3.5
 """Standard deviations at which a prior of an occluder counts as over; stage 1 only has to be near."""
@@ -111,7 +110,7 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     """The state after a scan, and what it says; the scan must not be earlier than the last."""
     base = model = state.model
     config = model.config
-    looks = pack_looks(scan, model.read_px, config.use_score)
+    looks = pack_scan(scan, model.read_px, config.use_score)
     calibration = state.calibration
     if calibration is not None:
         sensors, noise = corrected(calibration, state.particles.xy, state.weights)
@@ -164,7 +163,7 @@ def _drift(model: Model, particles: Particles, dt: float, rng: Generator) -> Par
     return particles
 
 
-def _take_in(state: State, t_ns: int, looks: Looks, rng: Generator) -> Draw:
+def _take_in(state: State, t_ns: int, looks: PackedScan, rng: Generator) -> Draw:
     model = state.model
     if state.t_ns is None:
         return _weigh_start(model, state.particles, looks, "", rng)
@@ -182,7 +181,7 @@ def _take_in(state: State, t_ns: int, looks: Looks, rng: Generator) -> Draw:
 
 
 def _auxiliary_step(
-    model: Model, particles: Particles, weights: Floats, looks: Looks, dt: float, rng: Generator
+    model: Model, particles: Particles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
 ) -> Draw:
     """Alg. 1; the log-likelihood is -inf if no particle agrees with the scan."""
     config = model.config
@@ -213,7 +212,7 @@ def _move(model: Model, particles: Particles, arrived: Bools, dt: float, rng: Ge
     return waypoint.move(particles, regime, places, rng.standard_normal((L, 2)), dt, model.motion)
 
 
-def _log_likelihood(model: Model, xy: Floats, looks: Looks, far: float = FINE) -> Floats:
+def _log_likelihood(model: Model, xy: Floats, looks: PackedScan, far: float = FINE) -> Floats:
     free = on_floor(xy, *model.floor)
     packed = looks, model.sensors, model.noise, model.detection, free
     if model.priors is None:
@@ -232,7 +231,7 @@ def _fresh(model: Model, start: tuple[float, ...] | None, rng: Generator) -> Par
     return waypoint.start_particles(xy, model.floor, config.speed, config.speed_spread, rng)
 
 
-def _weigh_start(model: Model, fresh: Particles, looks: Looks, fallback: str, rng: Generator) -> Draw:
+def _weigh_start(model: Model, fresh: Particles, looks: PackedScan, fallback: str, rng: Generator) -> Draw:
     """As many of the fresh particles as the filter has, drawn by how well they agree with the scan."""
     n = model.config.particles
     log_prior = np.full(len(fresh.speed), -math.log(len(fresh.speed)))
@@ -241,11 +240,11 @@ def _weigh_start(model: Model, fresh: Particles, looks: Looks, fallback: str, rn
     return Draw(waypoint.take(fresh, rows), np.full(n, 1.0 / n), log_sum, fallback)
 
 
-def _restart(model: Model, looks: Looks, reason: str, rng: Generator) -> Draw:
+def _restart(model: Model, looks: PackedScan, reason: str, rng: Generator) -> Draw:
     return _weigh_start(model, _fresh(model, None, rng), looks, reason, rng)
 
 
-def _astray(state: State, draw: Draw, looks: Looks) -> int:
+def _astray(state: State, draw: Draw, looks: PackedScan) -> int:
     """How many more reports spoke against where the target is thought to be than for it, since they last were even.
 
     A report speaks against it if the target should be elsewhere; a scan counts for two
@@ -264,7 +263,7 @@ def _astray(state: State, draw: Draw, looks: Looks) -> int:
     return max(0, state.astray + max(-2, min(2, 2 * against - count)))
 
 
-def _estimate(model: Model, draw: Draw, looks: Looks) -> Estimate:
+def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
     mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
     seen = np.diff(looks.first) > 0
     seen &= looks.labelled | agreement(mean[None], looks, model.sensors, model.noise, model.detection)

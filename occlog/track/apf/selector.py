@@ -65,18 +65,4 @@ class Selector:
         if own.selected is None:
             return scan
         keep = np.isin(scan.sensor, own.selected.choice.cameras) | (scan.sensor >= self._cameras)
-        if not keep.any():
-            return None
-        return Scan(
-            scan.t_ns,
-            scan.sensor[keep],
-            scan.labelled[keep],
-            scan.seen[keep],
-            scan.bearing[keep],
-            scan.sigma[keep],
-            scan.u_px[keep],
-            scan.sigma_px[keep],
-            scan.score[keep],
-            elevation=None if scan.elevation is None else scan.elevation[keep],
-            sigma_elevation=None if scan.sigma_elevation is None else scan.sigma_elevation[keep],
-        )
+        return scan.take(keep) if keep.any() else None

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.filter.likelihood import Detection, Noise
-from occlog.core.filter.likelihood import Scan as Looks
+from occlog.core.filter.likelihood import Detection, Noise, PackedScan
 from occlog.core.sight.visibility import Sensors, make_sensors
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
@@ -63,7 +62,7 @@ def read_noise(scene: Scene) -> Floats:
     return np.array([c.sigma_read_px for c in scene.cameras] + [0.0] * len(scene.arrays), dtype=np.float64)
 
 
-def pack_looks(scan: Scan, read_px: Floats, use_score: bool) -> Looks:
+def pack_scan(scan: Scan, read_px: Floats, use_score: bool) -> PackedScan:
     """The looks of a scan.
 
     Cameras count by pixels, with Eq. 2's variance; a bearing without pixels by its own sigma,
@@ -81,7 +80,7 @@ def pack_looks(scan: Scan, read_px: Floats, use_score: bool) -> Looks:
     sigma_px = scan.sigma_px[seen]
     sigma_px = np.where(np.isfinite(sigma_px), sigma_px, read_px[scan.sensor[seen]])
     weigh = np.isfinite(scan.score[seen]) & ~scan.labelled[seen] & use_score
-    return Looks(
+    return PackedScan(
         sensor=scan.sensor[start],
         labelled=scan.labelled[start],
         first=np.concatenate([before[start], before[-1:]]),

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.measure.scans.scan import sensor_names
-from occlog.measure.scans.scans import Group, Rows, groups
+from occlog.measure.scans.scan import Scan, sensor_names
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.scene import Scene
-from occlog.records.tables import UNLABELLED, Bearings, Calibration, Diagnostics, Tracks
-from occlog.track.interface import Batch, Record, Smoothed
+from occlog.records.tables import Bearings, Calibration, Diagnostics, Tracks
+from occlog.track.interface import Batch, Smoothed
 
 from .rows import Solve, Tracked, check_start
 
@@ -21,8 +21,6 @@ FOREVER_NS = 2**62
 """No two times are further apart."""
 PATIENCE = 4
 """A pause of a target lets the others wait for so many times the lag besides, at most."""
-COLUMNS = ("sensor", "seen", "bearing", "sigma", "u_px", "sigma_px")
-EMPTY = (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.bool_), *(np.empty(0) for _ in range(4)))
 
 
 class _Gathered(NamedTuple):
@@ -31,8 +29,7 @@ class _Gathered(NamedTuple):
     state: Any
     due_ns: int  # when the method is called next
     given_ns: int  # everything up to here is given out
-    times: list[int]
-    rows: list[tuple[Any, ...]]  # of each scan: the columns of `COLUMNS`
+    scans: list[Scan]
 
 
 def track_batch(
@@ -57,15 +54,14 @@ def track_batch(
     hop_ns = max(1, lag_ns // 2)
     met: dict[int, tuple[int, int]] = {}  # latest time of each target, and the step that led there
     unlabelled, now = 0, 0
-    for group in groups(bearings, scene, use, window_ns):
-        now = group.t_ns
-        own = group.target != UNLABELLED
-        unlabelled += int(np.count_nonzero(~own))
+    for scan in scans_of(bearings, scene, use, window_ns):
+        now = scan.t_ns
+        unlabelled += int(np.count_nonzero(~scan.labelled))
         # What ends or settles a target depends on its own rows only, so that it does not matter who else is there.
         over = [k for k in targets if now - met[k][0] > lag_ns + met[k][1]]
         waiting += [_advance(targets.pop(k), k, method, names, last=True)[1] for k in over]
         due = []
-        for target in np.unique(group.target[own]).tolist():
+        for target in np.unique(scan.target_id[scan.labelled]).tolist():
             if target not in met:
                 check_start(config, target, met)
             step_ns = min(now - met[target][0], PATIENCE * lag_ns) if target in met else 0
@@ -73,9 +69,9 @@ def track_batch(
                 # Who comes back does so anywhere.
                 begun = replace(config, start=None) if target in met and hasattr(config, "start") else config
                 state = method.begin(scene, begun)
-                targets[target] = _Gathered(state, now + lag_ns + hop_ns, now - 1, [], [])
+                targets[target] = _Gathered(state, now + lag_ns + hop_ns, now - 1, [])
             met[target] = (now, step_ns)
-            _gather(targets[target], group, target)
+            targets[target].scans.append(scan.take(scan.target_id == target))
             if now >= targets[target].due_ns:
                 due.append(target)
         for target in due:
@@ -97,23 +93,13 @@ def track_batch(
     yield from _until(waiting, FOREVER_NS)[0]
 
 
-def _gather(own: _Gathered, group: Group, target: int) -> None:
-    """Add what a scan says of a target."""
-    rows = group.target == target
-    own.times.append(group.t_ns)
-    own.rows.append(tuple(getattr(group, name)[rows] for name in COLUMNS))
-
-
 def _advance(
     own: _Gathered, target: int, method: Batch, names: tuple[str, ...], *, last: bool
 ) -> tuple[_Gathered, Tracked]:
     """The method's next call, and what it gave out."""
-    counts = [len(r[0]) for r in own.rows]
-    columns = [np.concatenate(c) for c in zip(EMPTY, *own.rows, strict=True)]
-    record = Record(np.array(own.times, dtype=np.int64), np.repeat(np.arange(len(counts)), counts), *columns)
-    state, smoothed = method.advance(own.state, record, last)
+    state, smoothed = method.advance(own.state, own.scans, last)
     given = int(smoothed.t_ns[-1]) if len(smoothed.t_ns) else own.given_ns
-    return own._replace(state=state, given_ns=given, times=[], rows=[]), as_tables(smoothed, target, names)
+    return own._replace(state=state, given_ns=given, scans=[]), as_tables(smoothed, target, names)
 
 
 def _until(waiting: list[Tracked], horizon_ns: int) -> tuple[list[Tracked], list[Tracked]]:

@@ -10,11 +10,11 @@ import numpy as np
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError, UsageError
 from occlog.measure.scans.scan import sensor_names
-from occlog.measure.scans.scans import Rows, groups
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation
 from occlog.track.imm import when_to_ask
-from occlog.track.imm.ask_cameras import Desk, Request
+from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests
 from occlog.track.imm.listening import Listener
 from occlog.track.interface import Joint
 
@@ -42,15 +42,16 @@ def track_joint(
         )
     rng, helping = generator(seed, Stage.TRACK, 0), generator(seed, Stage.COOPERATE, 0)
     state, memory = method.init(scene, config, rng), when_to_ask.Memory()
-    listener, desk = Listener(scene, config.forget_s), Desk(scene, config)
+    listener, desk = Listener(scene, config.forget_s), CameraRequests(scene, config)
     rows: list[Row] = []
-    requests: list[tuple[int, Request]] = []
+    requests: list[tuple[int, CameraRequest]] = []
     heard, told, offered = False, 0, 0
-    for group in groups(bearings, scene, use, window_ns):
-        desk.put(group)
-        heard = heard or bool((group.sensor >= cameras).any())
-        for t_ns, looks in listener.scans(group):
-            state, report = method.step(state, t_ns, looks, rng)
+    for scan in scans_of(bearings, scene, use, window_ns):
+        desk.put(scan)
+        heard = heard or bool((scan.sensor >= cameras).any())
+        for sounds in listener.scans(scan):
+            t_ns = sounds.t_ns
+            state, report = method.step(state, sounds, rng)
             if asking:
                 asked, memory = when_to_ask.asks(state, report, memory, helping)
                 answered = desk.ask(asked, when_to_ask.others(state, report, asked), t_ns)
@@ -71,11 +72,13 @@ def track_joint(
     yield _tracked(rows, requests, desk.offered - told, names)
 
 
-def _tracked(rows: list[Row], requests: list[tuple[int, Request]], offered: int, names: tuple[str, ...]) -> Tracked:
+def _tracked(
+    rows: list[Row], requests: list[tuple[int, CameraRequest]], offered: int, names: tuple[str, ...]
+) -> Tracked:
     return tables(rows, names)._replace(cooperation=cooperation_of(requests), offered=offered)
 
 
-def cooperation_of(requests: list[tuple[int, Request]]) -> Cooperation:
+def cooperation_of(requests: list[tuple[int, CameraRequest]]) -> Cooperation:
     """The table of requests and their times, by time and target."""
     ordered = sorted(requests, key=lambda r: (r[0], r[1].answer.ask.number))
     if not ordered:

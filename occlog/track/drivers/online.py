@@ -10,10 +10,9 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.core.occlusion.priors import Priors
 from occlog.measure.scans.occluder_priors import OccluderFeed
 from occlog.measure.scans.scan import Scan, sensor_names
-from occlog.measure.scans.scans import Group, Rows, groups, scan_of
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Hulls, Occluders
 from occlog.track.apf.selection_policies import SelectConfig
@@ -42,16 +41,17 @@ def track_online(
     selector = None if selection is None else Selector(method, scene, selection, frozenset(use.sensors), config)
     names, filters = sensor_names(scene), dict[int, Filter]()
     rows: list[Row] = []
-    for group in groups(bearings, scene, use, window_ns):
-        priors = None if feed is None else feed.at(group.t_ns)
-        for target in _targets(group, filters, use.targets):
-            scan = scan_of(group, target)
+    for whole in scans_of(bearings, scene, use, window_ns):
+        if feed is not None:
+            whole = whole._replace(occluders=feed.at(whole.t_ns))
+        for target in _targets(whole, filters, use.targets):
+            scan = whole.of_target(target)
             if scan is None:
                 continue
             if target not in filters:
                 check_start(config, target, filters)
                 filters[target] = _started(method, scene, config, seed, target)
-            filters[target], row = _stepped(filters[target], method, selector, scan, priors, target)
+            filters[target], row = _stepped(filters[target], method, selector, scan, target)
             rows += [] if row is None else [row]
         if len(rows) >= ROWS_PER_CHUNK:
             yield tables(rows, names)
@@ -72,17 +72,17 @@ def _started(method: Online, scene: Scene, config: Any, seed: int, target: int) 
 
 
 def _stepped(
-    own: Filter, method: Online, selector: Selector | None, scan: Scan, priors: Priors | None, target: int
+    own: Filter, method: Online, selector: Selector | None, scan: Scan, target: int
 ) -> tuple[Filter, Row | None]:
     """The filter after a scan, and its row; None where the scan gives none: the next row tells of it."""
     t_ns, offered = scan.t_ns, own.offered + len(np.unique(scan.sensor))
     asked: Scan | None = scan
     if selector is not None:
-        own = selector.update(own, t_ns, priors)
+        own = selector.update(own, t_ns, scan.occluders)
         asked = selector.asked(own, scan)
     if asked is None:  # none of the cameras that are asked had a frame
         return own._replace(offered=offered), None
-    state, estimate = method.step(own.state, asked._replace(occluders=priors), own.rng)
+    state, estimate = method.step(own.state, asked, own.rng)
     if estimate is None:
         return own._replace(state=state, offered=offered), None
     cameras = () if own.selected is None else own.selected.choice.cameras
@@ -90,7 +90,7 @@ def _stepped(
     return own._replace(state=state, offered=0, mse=math.nan), row
 
 
-def _targets(group: Group, filters: dict[int, Filter], wanted: Collection[int] | None) -> list[int]:
+def _targets(scan: Scan, filters: dict[int, Filter], wanted: Collection[int] | None) -> list[int]:
     """Targets that a scan may be about, rising."""
-    labelled = {k for k in group.target.tolist() if k != UNLABELLED}
+    labelled = {k for k in scan.target_id.tolist() if k != UNLABELLED}
     return sorted(labelled | set(filters)) or [next(iter(wanted)) if wanted else FIRST_TARGET]

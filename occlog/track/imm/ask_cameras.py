@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import combinations, product
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Floats, Ints
+from occlog.array_types import NS, Floats, Ints32
 from occlog.core.numerics.assignment import assign
 from occlog.core.plane.polygons import inside_polygon
 from occlog.core.sight.locate_sources import distance2
 from occlog.core.sight.triangulate import MET, sight_lines_meet
 from occlog.core.sight.visibility import Sensors, seen_from
-from occlog.measure.scans.scans import Group
+from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED
 from occlog.track.apf.sensing import pack_sensors
@@ -36,16 +36,7 @@ LEAST = 1e-18
 Pair = tuple[int, int]
 
 
-class Frame(NamedTuple):
-    """What a camera saw at its last frame."""
-
-    t_ns: int
-    label: Ints  # (R,)
-    bearing: Floats  # (R,) [rad]
-    sigma: Floats  # (R,) [rad]
-
-
-class Request(NamedTuple):
+class CameraRequest(NamedTuple):
     """One row of `Cooperation`, with the answer."""
 
     answer: Answer
@@ -58,10 +49,10 @@ class _Found(NamedTuple):
 
     xy: Floats  # (C, 2)
     covariance: Floats  # (C, 2, 2)
-    label: Ints  # (C,)
+    label: Ints32  # (C,)
 
 
-class Desk:
+class CameraRequests:
     """The cameras' frames, of which only those that are asked for are looked at."""
 
     def __init__(self, scene: Scene, config: ImmConfig) -> None:
@@ -69,18 +60,16 @@ class Desk:
         self._cameras, self._config = scene.cameras, config
         self._sensors: Sensors | None = pack_sensors(scene) if scene.cameras else None
         self._room = None if scene.room is None else np.ascontiguousarray(scene.room)
-        self._frames: dict[int, Frame] = {}
+        self._frames: dict[int, Scan] = {}  # the last of each camera: its rows that are seen
         self.offered = 0  # frames that could have been asked for
 
-    def put(self, group: Group) -> None:
-        """Keep the last frame of every camera."""
-        for camera in np.unique(group.sensor[group.sensor < len(self._cameras)]).tolist():
-            rows = (group.sensor == camera) & group.seen
-            target = np.where(group.target[rows] >= 0, group.target[rows], UNLABELLED).astype(np.int64)
-            self._frames[camera] = Frame(group.t_ns, target, group.bearing[rows], group.sigma[rows])
+    def put(self, scan: Scan) -> None:
+        """Keep the last frame of every camera; labels below 0 are none."""
+        for camera, frame in scan.take(scan.sensor < len(self._cameras)).by_sensor():
+            self._frames[camera] = frame._replace(target_id=np.maximum(frame.target_id, UNLABELLED))
             self.offered += 1
 
-    def ask(self, asks: Sequence[Ask], others: Sequence[Ask], t_ns: int) -> list[Request]:
+    def ask(self, asks: Sequence[Ask], others: Sequence[Ask], t_ns: int) -> list[CameraRequest]:
         """Answers to all questions of one time, in their order, and then of who else is found; frames count once.
 
         Args:
@@ -93,7 +82,7 @@ class Desk:
         for ask in asks:
             pairs.append(self._pair(ask, sorted(fresh), [p for p in pairs if p is not None]))
         answers: dict[int, Answer] = {}
-        more: dict[int, Request] = {}
+        more: dict[int, CameraRequest] = {}
         for pair in sorted({p for p in pairs if p is not None}):
             mine = [n for n, p in enumerate(pairs) if p == pair]
             rest = [k for k in range(len(others)) if k not in more]
@@ -101,13 +90,13 @@ class Desk:
             answers |= zip(mine, found[: len(mine)], strict=True)
             for k, answer in zip(rest, found[len(mine) :], strict=True):
                 if answer.place is not None:
-                    more[k] = Request(answer, self._names(pair), 0)
+                    more[k] = CameraRequest(answer, self._names(pair), 0)
         out, used = [], set[int]()
         for n, (ask, cameras) in enumerate(zip(asks, pairs, strict=True)):
             new = set(cameras or ()) - used
             used |= new
             answer = answers.get(n, Answer(ask, None, None, UNLABELLED))
-            out.append(Request(answer, self._names(cameras or ()), len(new)))
+            out.append(CameraRequest(answer, self._names(cameras or ()), len(new)))
         return _once([*out, *(more[k] for k in sorted(more))])
 
     def _names(self, cameras: Sequence[int]) -> tuple[str, ...]:
@@ -144,17 +133,14 @@ class Desk:
     def _cross(self, pair: Pair, t_ns: int) -> _Found:
         """Where lines of two frames cross: equal labels, and every two candidates without."""
         one, other = (self._frames[c] for c in pair)
-        ways = [
-            (i, j) for i, j in product(range(len(one.label)), range(len(other.label))) if one.label[i] == other.label[j]
-        ]
-        if not ways:
-            return _Found(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0, dtype=np.int64))
-        i, j = np.array(ways).T
-        label = one.label[i]
-        origins = np.tile(np.array([self._cameras[c].position[:2] for c in pair]), (len(ways), 1))
+        i, j = np.nonzero(one.target_id[:, None] == other.target_id)
+        if not len(i):
+            return _Found(np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0, dtype=np.int32))
+        label = one.target_id[i]
+        origins = np.tile(np.array([self._cameras[c].position[:2] for c in pair]), (len(i), 1))
         azimuths = np.column_stack([one.bearing[i], other.bearing[j]]).ravel()
         sigmas = np.maximum(np.column_stack([one.sigma[i], other.sigma[j]]).ravel(), 1e-9)
-        met = sight_lines_meet(origins, azimuths, sigmas, 2 * np.arange(len(ways) + 1))
+        met = sight_lines_meet(origins, azimuths, sigmas, 2 * np.arange(len(i) + 1))
         good = met.status == MET
         if self._room is not None:
             inside = inside_polygon(np.where(good[:, None], met.xy, 0.0), self._room)
@@ -202,7 +188,7 @@ def _answer(ask: Ask, found: _Found, c: int) -> Answer:
     return Answer(ask, found.xy[c], found.covariance[c], int(found.label[c]))
 
 
-def _once(requests: list[Request]) -> list[Request]:
+def _once(requests: list[CameraRequest]) -> list[CameraRequest]:
     """The requests; who was found by two of them is the first one's."""
     seen: set[tuple[float, ...]] = set()
     out = []

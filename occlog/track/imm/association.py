@@ -21,8 +21,6 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 from occlog.core.sight.camera import wrap_angle
 
-from .kernel import Bearings
-
 MOST_EVENTS = 50_000
 """Beyond so many events of targets that share bearings, the least likely bearings of a target are not thought of."""
 NEGLIGIBLE = 1e-9
@@ -32,7 +30,7 @@ NEAR_SIGMAS = 3.0
 ROOT_2PI = math.sqrt(2.0 * math.pi)
 
 
-class Heard(NamedTuple):
+class BearingFit(NamedTuple):
     """How the bearings of an array fit the particles of one target."""
 
     each: Floats  # (N, J, L) density of each bearing for each particle [1/rad]; 0 out of the array's range
@@ -58,19 +56,23 @@ class Association(NamedTuple):
     log_evidence: float  # log density of all bearings [1/rad^N]
 
 
-def hear(predicted: Floats, weights: Floats, bearings: Bearings, reach: float) -> Heard:
+def hear(
+    predicted: Floats, weights: Floats, *, bearing: Floats, sigma: Floats, position: Floats, reach: float
+) -> BearingFit:
     """How one array's bearings fit one target.
 
     Args:
         predicted: (J, L, 4) particles [x, vx, y, vy].
         weights: (J, L) of them, sum 1.
-        bearings: what the array heard; may be none.
+        bearing: (N,) that the array heard [rad]; may be none.
+        sigma: (N,) their standard deviations [rad], > 0.
+        position: (2,) of the array.
         reach: range of the array [length]; may be infinite.
     """
-    within, reached = in_range(predicted, weights, bearings.position, reach)
-    at = np.arctan2(predicted[..., 2] - bearings.position[1], predicted[..., 0] - bearings.position[0])
-    each = density(at, within, bearings.angle, bearings.sigma)
-    return Heard(each, within, each.reshape(len(each), at.size) @ weights.ravel(), reached, at)
+    within, reached = in_range(predicted, weights, position, reach)
+    at = np.arctan2(predicted[..., 2] - position[1], predicted[..., 0] - position[0])
+    each = density(at, within, bearing, sigma)
+    return BearingFit(each, within, each.reshape(len(each), at.size) @ weights.ravel(), reached, at)
 
 
 def in_range(predicted: Floats, weights: Floats, position: Floats, reach: float) -> tuple[Bools, float]:
@@ -82,17 +84,17 @@ def in_range(predicted: Floats, weights: Floats, position: Floats, reach: float)
     return within, float(weights[within].sum())
 
 
-def direction(heard: Heard, weights: Floats) -> Direction:
+def direction(heard: BearingFit, weights: Floats) -> Direction:
     """Mean and standard deviation of the bearings of (J, L) weighted particles."""
     c, s = float(np.vdot(weights, np.cos(heard.at))), float(np.vdot(weights, np.sin(heard.at)))
     length = min(math.hypot(c, s), 1.0)
     return Direction(math.atan2(s, c), math.sqrt(-2.0 * math.log(max(length, 1e-12))))
 
 
-def density(at: Floats, within: Bools, angle: Floats, sigma: Floats) -> Floats:
+def density(at: Floats, within: Bools, bearing: Floats, sigma: Floats) -> Floats:
     """(N, J, L) normal densities of N bearings at particles of bearings `at` in [-pi, pi], 0 where not `within`."""
-    out = np.empty((len(angle), *at.shape))
-    for i, (a, s) in enumerate(zip(wrap_angle(angle).tolist(), sigma.tolist(), strict=True)):
+    out = np.empty((len(bearing), *at.shape))
+    for i, (a, s) in enumerate(zip(wrap_angle(bearing).tolist(), sigma.tolist(), strict=True)):
         off = np.abs(a - at)
         np.minimum(off, 2.0 * math.pi - off, out=off)
         off *= off
@@ -103,7 +105,9 @@ def density(at: Floats, within: Bools, angle: Floats, sigma: Floats) -> Floats:
     return out
 
 
-def both(one: Heard, mine: Direction, other: Direction, bearings: Bearings, resolution: float) -> Floats:
+def both(
+    one: BearingFit, mine: Direction, other: Direction, *, bearing: Floats, sigma: Floats, resolution: float
+) -> Floats:
     """(N, J, L) density of a bearing of two targets heard as one, for each particle of `one`.
 
     The bearing is taken for the middle of the two, the other for a Gaussian in bearing: the
@@ -116,8 +120,8 @@ def both(one: Heard, mine: Direction, other: Direction, bearings: Bearings, reso
         return np.zeros_like(one.each)
     off = wrap_angle(other.centre - one.at)
     near = close_by(np.ascontiguousarray(off), max(other.spread, 1e-9), resolution)
-    sigma = np.sqrt(bearings.sigma**2 + resolution**2 / 12.0)
-    return density(one.at, one.within, bearings.angle, sigma) * near
+    widened = np.sqrt(sigma**2 + resolution**2 / 12.0)
+    return density(one.at, one.within, bearing, widened) * near
 
 
 @kernel
@@ -280,7 +284,7 @@ def _event(choice: Ints, alone: Floats, unheard: Floats, shared: Floats, apart: 
 
 def reweigh(
     weights: Floats,
-    heard: Heard,
+    heard: BearingFit,
     detection: float,
     alone: Floats,
     unheard: float,

@@ -20,18 +20,19 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.filter.log_weights import effective_size
+from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.interface import Estimate
 
 from . import kernel as imm
-from .association import Association, Direction, Heard, associate, both, direction, hear, in_range, reweigh
+from .association import Association, BearingFit, Direction, associate, both, direction, hear, in_range, reweigh
 from .config import ImmConfig
 from .tracks import (
     UNLABELLED,
     UNNUMBERED,
+    ImmWorld,
     Moved,
     Track,
-    World,
     after,
     given,
     make_world,
@@ -45,19 +46,10 @@ FREE = 0.5
 """A bearing that is of nobody with more than this probability may be a new target's."""
 
 
-class Look(NamedTuple):
-    """What one array heard at a time; no bearings: it listened in vain."""
-
-    array: int  # place in `scene.arrays`
-    angle: Floats  # (N,) [rad], rising
-    sigma: Floats  # (N,) [rad]
-    label: Ints  # (N,) target, or UNLABELLED
-
-
 class State(NamedTuple):
     """All targets at the time of the last scan; `t_ns` is None before the first."""
 
-    world: World
+    world: ImmWorld
     tracks: tuple[Track, ...]  # confirmed ones first, by number
     t_ns: int | None
     free: int  # least number that no track has had
@@ -86,7 +78,7 @@ class Report(NamedTuple):
 
     beliefs: tuple[Belief, ...]  # by number
     counts: tuple[Count, ...]
-    looks: tuple[Look, ...]
+    scan: Scan
     log_evidence: float  # of all bearings
 
 
@@ -96,19 +88,27 @@ def init(scene: Scene, config: ImmConfig, rng: Generator) -> State:
     return State(make_world(scene, config), tracks, None, len(tracks))
 
 
-def step(state: State, t_ns: int, looks: tuple[Look, ...], rng: Generator) -> tuple[State, Report]:
-    """The state after a scan of any arrays, and what came of it; not earlier than the last."""
-    world = state.world
+def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Report]:
+    """The state after a scan of any arrays, and what came of it.
+
+    Args:
+        state: before.
+        scan: rows of arrays alone, not earlier than the last ones; an array that has rows but none
+            that is seen listened in vain.
+        rng: draws of all targets.
+    """
+    world, t_ns = state.world, scan.t_ns
     dt = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
     known = state.tracks if state.t_ns is not None else tuple(t._replace(met_ns=t_ns) for t in state.tracks)
     moved = [move(world, track, dt, rng) for track in known]
     counts, evidence = [], 0.0
-    for look in looks:
-        expected = sum(_in_range(world, m, look.array) for m in moved if m.track.number != UNNUMBERED)
-        moved, free, fit = _listen(world, moved, look)
+    for sensor, heard in scan.by_sensor():
+        array = sensor - world.cameras
+        expected = sum(_in_range(world, m, array) for m in moved if m.track.number != UNNUMBERED)
+        moved, free, fit = _listen(world, moved, array, heard)
         evidence += fit
-        counts.append(Count(look.array, len(look.angle), expected, free))
-        moved += _births(world, look, free, {m.track.number for m in moved}, t_ns, rng)
+        counts.append(Count(array, len(heard.bearing), expected, free))
+        moved += _births(world, array, heard.take(free), {m.track.number for m in moved}, rng)
     moved = [m._replace(track=_met(m, t_ns)) for m in moved]
     moved = [m for m in moved if _alive(m.track, t_ns, world.config)]
     moved, least = _numbered(moved, state.free, world.config)
@@ -118,10 +118,10 @@ def step(state: State, t_ns: int, looks: tuple[Look, ...], rng: Generator) -> tu
         for m in moved
         if m.track.number != UNNUMBERED
     )
-    return State(world, tracks, t_ns, least), Report(beliefs, tuple(counts), looks, evidence)
+    return State(world, tracks, t_ns, least), Report(beliefs, tuple(counts), scan, evidence)
 
 
-def _in_range(world: World, moved: Moved, array: int) -> bool:
+def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
     """Whether the middle of a track is in an array's range."""
     if math.isinf(world.reach[array]):
         return True
@@ -129,82 +129,90 @@ def _in_range(world: World, moved: Moved, array: int) -> bool:
     return math.hypot(x, y) <= float(world.reach[array])
 
 
-def _listen(world: World, moved: list[Moved], look: Look) -> tuple[list[Moved], Ints, float]:
+def _listen(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> tuple[list[Moved], Ints, float]:
     """Tracks after an array's bearings, which of these are of nobody, and the log density of all."""
-    bearings = imm.Bearings(look.angle, look.sigma, world.places[look.array])
-    if (look.label != UNLABELLED).any():
-        moved = _labelled(world, moved, look, bearings)
+    if heard.labelled.any():
+        moved = _labelled(world, moved, array, heard)
     take = _take_any if world.config.association == "any" else _take_jointly
-    found, moved = take(world, moved, look, bearings, _allowed(moved, look))
+    found, moved = take(world, moved, array, heard, _allowed(moved, heard))
     taken = found.alone.sum(axis=0) + 0.5 * found.shared.sum(axis=(0, 1))
     return moved, np.flatnonzero(taken < 1.0 - FREE), found.log_evidence
 
 
-def _labelled(world: World, moved: list[Moved], look: Look, bearings: imm.Bearings) -> list[Moved]:
+def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[BearingFit]:
+    """How an array's bearings fit each track."""
+    position, reach = world.places[array], float(world.reach[array])
+    return [
+        hear(m.predicted, m.weights, bearing=heard.bearing, sigma=heard.sigma, position=position, reach=reach)
+        for m in moved
+    ]
+
+
+def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[Moved]:
     """The tracks with labels that are new given to those who fit them best."""
-    reach = float(world.reach[look.array])
-    fits = np.array([hear(m.predicted, m.weights, bearings, reach).fit for m in moved])
-    fits = fits.reshape(len(moved), len(look.angle))
-    for i in np.flatnonzero(look.label != UNLABELLED).tolist():
-        if any(m.track.label == look.label[i] for m in moved):
+    fits = np.array([f.fit for f in _fits(world, moved, array, heard)]).reshape(len(moved), len(heard.bearing))
+    for i in np.flatnonzero(heard.labelled).tolist():
+        label = int(heard.target_id[i])
+        if any(m.track.label == label for m in moved):
             continue
         fit = [f if m.track.label == UNLABELLED else 0.0 for m, f in zip(moved, fits[:, i].tolist(), strict=True)]
         if fit and max(fit) > 1.0 / (2.0 * math.pi):
             k = int(np.argmax(fit))
-            moved[k] = moved[k]._replace(track=moved[k].track._replace(label=int(look.label[i])))
+            moved[k] = moved[k]._replace(track=moved[k].track._replace(label=label))
     return moved
 
 
-def _allowed(moved: list[Moved], look: Look) -> Bools:
+def _allowed(moved: list[Moved], heard: Scan) -> Bools:
     """(K, N) whether bearing i can be of track k: labels must agree, and a track's own label excludes others."""
-    if (look.label == UNLABELLED).all():
-        return np.ones((len(moved), len(look.label)), dtype=np.bool_)
+    if not heard.labelled.any():
+        return np.ones((len(moved), len(heard.bearing)), dtype=np.bool_)
     own = np.array([m.track.label for m in moved], dtype=np.int64)[:, None]
-    same = own == look.label
+    same = own == heard.target_id
     spoken = (same & (own != UNLABELLED)).any(axis=1, keepdims=True)  # its own bearing is among them
-    return np.asarray(np.where(spoken, same, look.label == UNLABELLED))
+    return np.asarray(np.where(spoken, same, ~heard.labelled))
 
 
-def _clutter(world: World, angle: Floats) -> Floats:
-    return np.full(len(angle), world.config.clutter / (2.0 * math.pi))
+def _clutter(world: ImmWorld, bearing: Floats) -> Floats:
+    """(N,) density of each bearing if it is of nobody [1/rad]."""
+    return np.full(len(bearing), world.config.clutter / (2.0 * math.pi))
 
 
 def _take_jointly(
-    world: World, moved: list[Moved], look: Look, bearings: imm.Bearings, allowed: Bools
+    world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
 ) -> tuple[Association, list[Moved]]:
     """Joint association, and what it does to the tracks."""
-    K, N, config = len(moved), len(look.angle), world.config
-    heard = [hear(m.predicted, m.weights, bearings, float(world.reach[look.array])) for m in moved]
+    K, N, config = len(moved), len(heard.bearing), world.config
+    fits = _fits(world, moved, array, heard)
     exists = np.array([m.track.exists for m in moved])
     chance = np.array([m.track.sounds for m in moved]) * config.detection
-    fit = np.array([h.fit for h in heard]).reshape(K, N)
+    fit = np.array([f.fit for f in fits]).reshape(K, N)
     alone = (exists * chance)[:, None] * fit * allowed
-    unheard = 1.0 - exists * chance * np.array([h.reached for h in heard])
+    unheard = 1.0 - exists * chance * np.array([f.reached for f in fits])
     # Nobody else can be heard with a label.
-    unheard = np.where((allowed & (look.label != UNLABELLED)).any(axis=1), 1e-6 * unheard, unheard)
-    shared, apart, pairs = _together(world, moved, look, bearings, heard)
+    unheard = np.where((allowed & heard.labelled).any(axis=1), 1e-6 * unheard, unheard)
+    shared, apart, pairs = _together(world, moved, array, heard, fits)
     shared *= (exists * chance)[:, None, None] * (exists * chance)[:, None] * allowed[:, None] * allowed
-    found = associate(alone, unheard, shared, apart, _clutter(world, look.angle))
+    found = associate(alone, unheard, shared, apart, _clutter(world, heard.bearing))
     out = []
     for k, m in enumerate(moved):
         mine = [(found.shared[k, b], pairs[k, b]) for b in range(K) if (k, b) in pairs]
-        weights = reweigh(m.weights, heard[k], float(chance[k]), found.alone[k], float(found.unheard[k]), mine)
-        out.append(_after(m, weights, heard[k].reached, config, float(found.unheard[k]), look.array))
+        weights = reweigh(m.weights, fits[k], float(chance[k]), found.alone[k], float(found.unheard[k]), mine)
+        out.append(_after(m, weights, fits[k].reached, config, float(found.unheard[k]), array))
     return found, out
 
 
 def _together(
-    world: World, moved: list[Moved], look: Look, bearings: imm.Bearings, heard: list[Heard]
+    world: ImmWorld, moved: list[Moved], array: int, heard: Scan, fits: list[BearingFit]
 ) -> tuple[Floats, Floats, dict[tuple[int, int], Floats]]:
     """Two targets heard as one: (K, K, N) densities, (K, K) probabilities to be heard apart, and those by particle."""
-    K, N, resolution = len(moved), len(look.angle), float(world.resolution[look.array])
+    K, N, resolution = len(moved), len(heard.bearing), float(world.resolution[array])
     shared, apart = np.zeros((K, K, N)), np.ones((K, K))
     pairs: dict[tuple[int, int], Floats] = {}
     if K < 2 or not N or resolution <= 0.0:
         return shared, apart, pairs
-    at = [direction(h, m.weights) for h, m in zip(heard, moved, strict=True)]
+    at = [direction(f, m.weights) for f, m in zip(fits, moved, strict=True)]
     for k, b in permutations(range(K), 2):
-        each = both(heard[k], at[k], at[b], bearings, resolution)
+        each = both(fits[k], at[k], at[b], bearing=heard.bearing, sigma=heard.sigma, resolution=resolution)
         if each.any():
             pairs[k, b] = each
             mean = 0.5 * np.einsum("nml,ml->n", each, moved[k].weights)  # the two ways to see it are averaged
@@ -222,19 +230,19 @@ def _apart(one: Direction, other: Direction, resolution: float) -> float:
 
 
 def _take_any(
-    world: World, moved: list[Moved], look: Look, bearings: imm.Bearings, allowed: Bools
+    world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
 ) -> tuple[Association, list[Moved]]:
     """Every track takes any bearing, [Lee] Eq. 3.6; silence says nothing of where it is."""
-    K, N, config = len(moved), len(look.angle), world.config
+    K, N, config = len(moved), len(heard.bearing), world.config
+    position, reach = world.places[array], float(world.reach[array])
     alone, unheard, out, evidence = np.zeros((K, N)), np.ones(K), [], 0.0
     for k, m in enumerate(moved):
         some = np.flatnonzero(allowed[k])
-        reached = in_range(m.predicted, m.weights, bearings.position, float(world.reach[look.array]))[1]
+        reached = in_range(m.predicted, m.weights, position, reach)[1]
         weights, fit = m.weights, np.zeros(len(some))
         chance = m.track.exists * m.track.sounds * config.detection
         if len(some):
-            own = imm.Bearings(bearings.angle[some], bearings.sigma[some], bearings.position)
-            found = imm.weigh(m.predicted, m.weights, own)
+            found = imm.weigh(m.predicted, m.weights, heard.bearing[some], heard.sigma[some], position)
             weights, evidence = found.total, evidence + found.log_evidence
             # The mean density of each bearing is its share of that of all.
             share = found.each.reshape(len(some), -1).sum(axis=1)
@@ -242,7 +250,7 @@ def _take_any(
         missed = 1.0 - chance * reached
         alone[k, some] = fit / (fit.sum() + missed)
         unheard[k] = missed / (fit.sum() + missed)
-        out.append(_after(m, weights, reached, config, float(unheard[k]), look.array))
+        out.append(_after(m, weights, reached, config, float(unheard[k]), array))
     return Association(alone, unheard, np.zeros((K, K, N)), evidence), out
 
 
@@ -252,19 +260,18 @@ def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard
     return m._replace(track=track, weights=weights, heard=m.heard or unheard < FREE, arrays=arrays)
 
 
-def _births(world: World, look: Look, free: Ints, numbers: set[int], t_ns: int, rng: Generator) -> list[Moved]:
+def _births(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Generator) -> list[Moved]:
     """New tracks on the sight lines of bearings that are of nobody; a label that is a track's number gets another."""
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
     config, born = world.config, []
     unaided = config.birth > 0.0 and config.association == "joint"
-    for i in free.tolist():
-        label = int(look.label[i])
+    for label, bearing, sigma in zip(free.target_id.tolist(), free.bearing.tolist(), free.sigma.tolist(), strict=True):
         if unaided or label != UNLABELLED:
-            track = on_line(world, look.array, float(look.angle[i]), float(look.sigma[i]), t_ns, label, rng)
+            track = on_line(world, array, bearing, sigma, free.t_ns, label, rng)
             if track.number in numbers:
                 track = track._replace(number=UNNUMBERED)
             numbers.add(track.number)
-            born.append(standing(world, track)._replace(arrays=(look.array,)))
+            born.append(standing(world, track)._replace(arrays=(array,)))
     return born
 
 
@@ -305,7 +312,7 @@ def _estimate(belief: Belief, report: Report, cameras: int) -> Estimate:
         covariance=np.ascontiguousarray(e.covariance[::2, ::2]),
         ess=belief.ess,
         log_likelihood=evidence if math.isfinite(evidence) else math.nan,
-        n_looked=len(report.looks),
+        n_looked=len(report.counts),
         n_seen=int(m.heard),
         fallback="",
         used=tuple(cameras + a for a in m.arrays),

@@ -50,14 +50,6 @@ class Motion(NamedTuple):
     switching: Floats | None = None  # (J, J) P(now v | before u), rows sum to 1; None: every model alike
 
 
-class Bearings(NamedTuple):
-    """Bearings of one sensor at one time, in any order; N = 0 is silence."""
-
-    angle: Floats  # (N,) [rad]
-    sigma: Floats  # (N,) standard deviations [rad], > 0
-    position: Floats  # (2,) of the sensor
-
-
 class Draws(NamedTuple):
     """The random numbers of one step."""
 
@@ -102,19 +94,26 @@ def draw(rng: np.random.Generator, models: int, particles: int) -> Draws:
     return Draws(rng.standard_normal((models, particles, 4)), float(rng.random()), rng.random(particles))
 
 
-def step(cloud: Cloud, motion: Motion, dt: float, bearings: Bearings, draws: Draws) -> Step:
-    """One step of the filter: move, weigh, estimate, draw anew; [Lee] Eqs. 3.3-3.6.
+def step(
+    cloud: Cloud, motion: Motion, dt: float, draws: Draws, *, bearing: Floats, sigma: Floats, position: Floats
+) -> Step:
+    """One step of the filter for one target and one sensor: [Lee] Eqs. 3.3-3.6.
 
     Args:
         cloud: the particles after the step before.
         motion: models and noise.
         dt: time since the step before [s].
-        bearings: what the sensor heard; nothing leaves the weights as they are.
         draws: see `draw`.
+        bearing: see `weigh`, as the other two.
+        sigma: (N,)
+        position: (2,)
     """
+    # Propose: every particle under every model (Eq. 3.3)
     predicted = move_under_all(cloud.states, motion.models, dt, motion.root, draws.normals)
     prior = prior_weights(cloud.models, len(motion.models), motion.switching)
-    weights = weigh(predicted, prior, bearings)
+    # Weigh by every bearing (Eqs. 3.4-3.6)
+    weights = weigh(predicted, prior, bearing, sigma, position)
+    # Resample: systematic
     rows, models = resample(weights.total, draws.u, draws.picks)
     cloud = Cloud(taken(predicted, models, rows), models)
     return Step(cloud, moments(predicted, weights.total), predicted, prior, weights)
@@ -133,14 +132,22 @@ def prior_weights(models: Ints, count: int, switching: Floats | None) -> Floats:
     return np.ascontiguousarray(switching[models].T) / len(models)
 
 
-def weigh(predicted: Floats, prior: Floats, bearings: Bearings) -> Weights:
-    """Weights of (J, L, 4) particles with (J, L) weights before; [Lee] Eqs. 3.4-3.6 in the log domain."""
-    if len(bearings.angle) == 0:
+def weigh(predicted: Floats, prior: Floats, bearing: Floats, sigma: Floats, position: Floats) -> Weights:
+    """Weights of particles after the bearings of one sensor; [Lee] Eqs. 3.4-3.6 in the log domain.
+
+    Args:
+        predicted: (J, L, 4) particles.
+        prior: (J, L) weights before.
+        bearing: (N,) [rad], in any order; none is silence, which leaves the weights as they are.
+        sigma: (N,) standard deviations [rad], > 0.
+        position: (2,) of the sensor.
+    """
+    if len(bearing) == 0:
         return Weights(np.zeros((0, *prior.shape)), prior, 0.0)
-    x0, y0 = bearings.position
+    x0, y0 = position
     # NumPy's arctan2 is several times as fast as that of a compiled loop.
     at = np.arctan2(predicted[..., 2] - y0, predicted[..., 0] - x0)
-    each, top = _log_weights(at, prior, wrap_angle(bearings.angle), bearings.sigma, np.log(bearings.sigma))
+    each, top = _log_weights(at, prior, wrap_angle(bearing), sigma, np.log(sigma))
     total, mass = _times_prior(each, top, prior)
     each /= mass
     return Weights(each, total / mass, top + math.log(mass) - 0.5 * math.log(2.0 * math.pi))
@@ -284,14 +291,14 @@ def count_differs(bearings: int, objects: int) -> bool:
     return bearings != objects
 
 
-def outside_ranges(mean: Floats, bearings: Bearings) -> bool:
+def outside_ranges(mean: Floats, bearing: Floats, sigma: Floats, position: Floats) -> bool:
     """True if the bearing of the (4,) estimate is in no bearing's 95 % range; [Lee] Eq. 3.15, wrapped.
 
-    In silence there is no range, and it is True.
+    In silence there is no range, and it is True.  `bearing`, `sigma` and `position` are those of `weigh`.
     """
-    bearing = math.atan2(mean[2] - bearings.position[1], mean[0] - bearings.position[0])
-    off = np.abs(wrap_angle(bearings.angle - bearing))
-    return bool(np.all(off > RANGE_SIGMAS * bearings.sigma))
+    expected = math.atan2(mean[2] - position[1], mean[0] - position[0])
+    off = np.abs(wrap_angle(bearing - expected))
+    return bool(np.all(off > RANGE_SIGMAS * sigma))
 
 
 def outside_ellipses(mean: Floats, means: Floats, covariances: Floats) -> bool:

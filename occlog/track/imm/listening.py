@@ -14,17 +14,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.measure.scans.scans import Group
+from occlog.measure.scans.scan import Scan, concat, in_vain
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED
-
-from .filter import Look
 
 INTERVALS = 15
 """Intervals of which the shortest counts as an array's period."""
 ENOUGH = 3
 """With fewer intervals than this an array's rate is not known."""
-NOTHING = Look(0, np.empty(0), np.empty(0), np.empty(0, dtype=np.int64))
 LATE = 0.5
 """A row may be late by this share of the period before it counts as missing."""
 
@@ -78,42 +75,43 @@ class Listener:
         self._clocks = [Clock(a) for a in scene.arrays]
         self._forget_ns = round(forget_s * NS)
 
-    def scans(self, group: Group) -> Iterator[tuple[int, tuple[Look, ...]]]:
-        """What arrays heard, up to the time of the rows: times in vain first, then the rows themselves."""
-        looks = self._looks(group)
-        yield from self._in_vain(group.t_ns)
-        if not looks:
+    def scans(self, scan: Scan) -> Iterator[Scan]:
+        """What arrays heard, up to the time of a scan: times in vain first, then the arrays' rows themselves.
+
+        An array that listened in vain has a row that is not `seen`.  Rows of an array come by label and
+        bearing; labels below 0 are none.
+        """
+        rows = scan.take(scan.sensor >= self._cameras)
+        yield from self._in_vain(scan.t_ns)
+        if not len(rows.sensor):
             return
-        for look in looks:
-            self._clocks[look.array].heard(group.t_ns)
-        spoke = {look.array for look in looks}
+        spoke = {sensor - self._cameras for sensor in rows.sensor.tolist()}
+        for a in spoke:
+            self._clocks[a].heard(scan.t_ns)
         # Others whose next scan is now: not before its time, for a row of theirs may be about to come.
+        silent = []
         for a, clock in enumerate(self._clocks):
             period = clock.period_ns
             if a in spoke or clock.last_ns is None or period is None:
                 continue
-            if group.t_ns - clock.last_ns >= period:
-                looks.append(NOTHING._replace(array=a))
+            if scan.t_ns - clock.last_ns >= period:
+                silent.append(self._cameras + a)
                 clock.last_ns += period
-        yield group.t_ns, tuple(sorted(looks, key=lambda k: k.array))
+        yield _ordered(concat([in_vain(scan.t_ns, silent), rows]))
 
-    def _in_vain(self, t_ns: int) -> Iterator[tuple[int, tuple[Look, ...]]]:
+    def _in_vain(self, t_ns: int) -> Iterator[Scan]:
         """Times before t_ns at which arrays listened in vain."""
         silent: dict[int, list[int]] = {}
         for a, clock in enumerate(self._clocks):
             period = clock.period_ns or 1
             for at in clock.due(t_ns, max(1, self._forget_ns // period)):
-                silent.setdefault(at, []).append(a)
+                silent.setdefault(at, []).append(self._cameras + a)
         for at in sorted(silent):
-            yield at, tuple(NOTHING._replace(array=a) for a in silent[at])
+            yield in_vain(at, silent[at])
 
-    def _looks(self, group: Group) -> list[Look]:
-        """Rows of arrays, in an order of their own."""
-        looks = []
-        for sensor in np.unique(group.sensor[group.sensor >= self._cameras]).tolist():
-            rows = np.flatnonzero((group.sensor == sensor) & group.seen)
-            label = np.where(group.target[rows] >= 0, group.target[rows].astype(np.int64), UNLABELLED)
-            order = np.lexsort((group.sigma[rows], group.bearing[rows], label))
-            rows, label = rows[order], label[order]
-            looks.append(Look(int(sensor) - self._cameras, group.bearing[rows], group.sigma[rows], label))
-        return looks
+
+def _ordered(scan: Scan) -> Scan:
+    """The rows by array, label, bearing and standard deviation, whatever order they came in."""
+    label = np.maximum(scan.target_id, UNLABELLED)
+    order = np.lexsort((scan.sigma, scan.bearing, label, scan.sensor))
+    return scan._replace(target_id=label).take(order)

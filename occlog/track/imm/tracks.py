@@ -50,7 +50,7 @@ class Moved(NamedTuple):
     arrays: tuple[int, ...] = ()  # that listened
 
 
-class World(NamedTuple):
+class ImmWorld(NamedTuple):
     """What does not change with time."""
 
     config: ImmConfig
@@ -61,16 +61,17 @@ class World(NamedTuple):
     region: Floats  # (P, 2) where new targets can be
     walls: bool  # and where all must stay
     longest: float  # no sight line in the region is longer
+    cameras: int  # of the scene: array a is sensor `cameras` + a
 
 
-def make_world(scene: Scene, config: ImmConfig) -> World:
+def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
     """The scene's arrays and room, for the filter."""
     arrays = scene.arrays
     places = np.array([a.position[:2] for a in arrays], dtype=np.float64).reshape(-1, 2)
     region = np.ascontiguousarray(scene.region)
     corners = np.concatenate([region, places])
     longest = float(np.hypot(*(corners.max(axis=0) - corners.min(axis=0))))
-    return World(
+    return ImmWorld(
         config,
         three_models(config.alpha),
         places,
@@ -79,6 +80,7 @@ def make_world(scene: Scene, config: ImmConfig) -> World:
         region,
         config.walls and scene.room is not None,
         longest,
+        len(scene.cameras),
     )
 
 
@@ -102,7 +104,7 @@ def known(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng
     return Track(number, UNLABELLED, _cloud(states), 1.0, 1.0, config.confirm_hits, t_ns)
 
 
-def on_line(world: World, array: int, angle: float, sigma: float, t_ns: int, label: int, rng: Generator) -> Track:
+def on_line(world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, label: int, rng: Generator) -> Track:
     """A track somewhere on the sight line of a bearing: as far as the array hears, and in the room.
 
     Places are equally likely per length of the line; where none is in the room any will do.
@@ -129,7 +131,7 @@ def on_line(world: World, array: int, angle: float, sigma: float, t_ns: int, lab
 
 
 def at_place(
-    world: World, place: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
+    world: ImmWorld, place: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
 ) -> Track:
     """A confirmed track of somebody whom cameras found."""
     config = world.config
@@ -144,7 +146,7 @@ def _cloud(states: Floats) -> imm.Cloud:
     return imm.Cloud(np.ascontiguousarray(states), np.zeros(len(states), dtype=np.int64))
 
 
-def move(world: World, track: Track, dt: float, rng: Generator) -> Moved:
+def move(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Moved:
     """The track after a time [s] under every motion model, by [Lee] Eq. 3.3; nobody leaves the room."""
     config, cloud = world.config, track.cloud
     J, L = len(world.models), len(cloud.states)
@@ -165,7 +167,7 @@ def move(world: World, track: Track, dt: float, rng: Generator) -> Moved:
     return Moved(track._replace(sounds=sounds), predicted, prior, prior)
 
 
-def standing(world: World, track: Track) -> Moved:
+def standing(world: ImmWorld, track: Track) -> Moved:
     """A new track at its own time, under all models alike."""
     J, L = len(world.models), len(track.cloud.states)
     prior = np.full((J, L), 1.0 / (J * L))

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Floats
+from occlog.measure.scans.scan import Scan
 
 from . import kernel as imm
 from .after_fix import moved_to, updated
 from .config import ImmConfig
-from .filter import Belief, Count, Look, Report, State
+from .filter import Belief, Count, Report, State
 from .tracks import UNLABELLED, UNNUMBERED, Track, at_place, on_line
 
 CAUSES = ("periodic", "count", "bearing", "ellipse", "spread")
@@ -112,9 +113,12 @@ def _own_causes(state: State, report: Report, belief: Belief) -> list[str]:
     """Causes that lie in one track."""
     config, estimate, found = state.world.config, belief.estimate, []
     if "printed" in config.policies and "bearing" in config.printed:
-        near = [look for look in report.looks if _reaches(state, look.array, belief)]
-        places = state.world.places
-        if any(imm.outside_ranges(estimate.mean, imm.Bearings(k.angle, k.sigma, places[k.array])) for k in near):
+        arrays = ((sensor - state.world.cameras, heard) for sensor, heard in report.scan.by_sensor())
+        if any(
+            imm.outside_ranges(estimate.mean, heard.bearing, heard.sigma, state.world.places[a])
+            for a, heard in arrays
+            if _reaches(state, a, belief)
+        ):
             found.append("bearing")
     if "printed" in config.policies and "ellipse" in config.printed:
         predicted = imm.moments(belief.moved.predicted, belief.moved.prior)
@@ -138,14 +142,15 @@ def _leads(state: State, report: Report, unknown: Iterable[Count], rng: Generato
     """Questions who is there: for tracks that are not confirmed, or else for bearings of nobody."""
     waiting = [t for t in state.tracks if t.number == UNNUMBERED]
     if not waiting:
-        waiting = [_lead(state, report.looks, count.array, i, rng) for count in unknown for i in count.free.tolist()]
+        waiting = [_lead(state, report.scan, count.array, i, rng) for count in unknown for i in count.free.tolist()]
     return [Ask(UNNUMBERED, ("count",), t.label, *_middle(t)) for t in waiting]
 
 
-def _lead(state: State, looks: tuple[Look, ...], array: int, i: int, rng: Generator) -> Track:
-    look = next(k for k in looks if k.array == array)
+def _lead(state: State, scan: Scan, array: int, i: int, rng: Generator) -> Track:
+    """A track on the sight line of bearing i of an array."""
+    heard = dict(scan.by_sensor())[state.world.cameras + array]
     assert state.t_ns is not None
-    return on_line(state.world, array, float(look.angle[i]), float(look.sigma[i]), state.t_ns, UNLABELLED, rng)
+    return on_line(state.world, array, float(heard.bearing[i]), float(heard.sigma[i]), state.t_ns, UNLABELLED, rng)
 
 
 def _middle(track: Track) -> tuple[Floats, Floats]:

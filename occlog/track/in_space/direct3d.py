@@ -28,7 +28,7 @@ from occlog.track.in_space.kernels.resampling import best_width, moments, redraw
 from occlog.track.interface import Cloud, Estimate, Height
 
 from .config import Direct3dConfig, SpaceConfig
-from .sensing import Heard, agrees, pack_scan
+from .sensing import Heard, agrees, pack_directions
 from .start import Space, around, found, log_likelihood, make_space
 
 LEAST = 12.0
@@ -71,7 +71,7 @@ def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> State:
 def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     """The state after a scan, and what it says; the scan must not be earlier than the last."""
     space, config = state.space, state.space.config
-    heard = pack_scan(scan, space.ears, state.near, use_score=config.use_score)
+    heard = pack_directions(scan, space.ears, state.near, use_score=config.use_score)
     draw = _take_in(state, scan.t_ns, heard, rng)
     mean, covariance = moments(draw.cloud, draw.weights)
     best = draw.cloud[:3, int(np.argmax(draw.weights))]

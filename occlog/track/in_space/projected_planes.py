@@ -35,7 +35,7 @@ from occlog.track.interface import Cloud, Estimate, Height
 from .config import PpsConfig
 from .direct3d import Draw, begin, contradicted, elapsed
 from .planes import NOTHING, Angles, Flat, Joined, Pair, choose_pair, combine, log_likelihood, plane_angles
-from .sensing import Heard, agrees, pack_scan
+from .sensing import Heard, agrees, pack_directions
 from .start import Space, around, make_space
 from .start import log_likelihood as space_log_likelihood
 
@@ -78,7 +78,7 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     """The state after a scan, and what it says; the scan must not be earlier than the last."""
     space, config = state.space, state.space.config
     near = 0.5 * (space.low + space.high) if state.joined is None else state.joined.mean[:3]
-    heard = pack_scan(scan, space.ears, near[:2], use_score=config.use_score)
+    heard = pack_directions(scan, space.ears, near[:2], use_score=config.use_score)
     angles = plane_angles(heard)
     dt = 0.0 if state.t_ns is None else elapsed(state.t_ns, scan.t_ns)
     if state.joined is None or dt > config.max_gap_s:

@@ -50,7 +50,7 @@ def pack_ears(scene: Scene) -> Ears:
     )
 
 
-def pack_scan(scan: Scan, ears: Ears, near: Floats, *, use_score: bool) -> Heard:
+def pack_directions(scan: Scan, ears: Ears, near: Floats, *, use_score: bool) -> Heard:
     """The directions of a scan in the frames of their sensors; those not seen tell nothing and have no row.
 
     Args:
@@ -64,9 +64,7 @@ def pack_scan(scan: Scan, ears: Ears, near: Floats, *, use_score: bool) -> Heard
     first = np.concatenate([before[start], before[-1:]])
     keep = np.asarray(scan.seen)
     sensor, bearing = scan.sensor[keep], scan.bearing[keep]
-    none = np.full(len(sensor), np.nan)
-    up = none if scan.elevation is None else scan.elevation[keep]
-    sigma_up = none if scan.sigma_elevation is None else scan.sigma_elevation[keep]
+    up, sigma_up = scan.elevation[keep], scan.sigma_elevation[keep]
     flat = np.isnan(up) | np.isnan(sigma_up)
     rotation = np.where(flat[:, None, None], np.eye(3), ears.rotation[sensor])
     world = direction(bearing, polar_from_elevation(np.where(flat, 0.0, up)))

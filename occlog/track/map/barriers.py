@@ -10,11 +10,11 @@ from occlog.array_types import Bools, Floats
 from occlog.core.plane.convex_pieces import convex_pieces
 from occlog.core.plane.polygons import counter_clockwise
 from occlog.core.plane.separating_lines import offset
-from occlog.track.interface import Record
 from occlog.track.map.kernels.obstacles import Obstacle
 
 from .config import MapConfig
 from .measurements import Stations
+from .record import Record
 
 ARC = math.radians(10.0)
 """The far end of a view is a polygon with such sides."""
@@ -37,10 +37,11 @@ def obstacles(record: Record, at: Stations, config: MapConfig, extent: float, T:
 def _unseen(record: Record, at: Stations, config: MapConfig, T: int) -> list[tuple[int, Bools]]:
     """Cameras with a known probability of detection, and at which states each did not see the target."""
     found = []
-    for s in np.unique(record.sensor[~record.seen]).tolist():
+    unseen = ~record.rows.seen
+    for s in np.unique(record.rows.sensor[unseen]).tolist():
         if at.focal_px[s] > 0.0 and not math.isnan(_detection(s, at, config)):
             when = np.zeros(T, dtype=np.bool_)
-            when[record.state[~record.seen & (record.sensor == s)]] = True
+            when[record.state[unseen & (record.rows.sensor == s)]] = True
             found.append((s, when))
     return found
 

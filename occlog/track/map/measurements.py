@@ -12,12 +12,13 @@ from occlog.core.plane.convex_pieces import convex_pieces
 from occlog.core.plane.polygons import counter_clockwise
 from occlog.core.plane.room_pockets import pockets
 from occlog.core.sight.camera import wrap_angle
+from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.apf.sensing import LEAST_SIGMA
-from occlog.track.interface import Record
 from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, SightLines, join_planes
 
 from .config import MapConfig
+from .record import Record
 
 BESIDE = math.radians(89.0)
 """A bearing farther off the optical axis cannot be read off a picture; it counts as a direction."""
@@ -85,29 +86,29 @@ def convex_hull(polygon: Floats) -> Floats:
 
 def sight_lines(record: Record, at: Stations) -> SightLines:
     """The sight lines of the rows that saw the target; readings of cameras with the noise of [Ercan] Eq. 2."""
-    rows = np.flatnonzero(record.seen)
-    sensor, u = record.sensor[rows], record.u_px[rows]
-    off_axis = np.abs(wrap_angle(record.bearing[rows] - at.yaw[sensor]))
+    seen = record.rows.take(record.rows.seen)
+    sensor, u = seen.sensor, seen.u_px
+    off_axis = np.abs(wrap_angle(seen.bearing - at.yaw[sensor]))
     pixel = np.isfinite(u) & (off_axis < BESIDE)
     f = np.where(pixel, at.focal_px[sensor], 1.0)
     z = np.where(pixel, -u, 0.0)
-    angle = np.where(pixel, at.yaw[sensor], record.bearing[rows])
-    sigma_px = np.where(np.isfinite(record.sigma_px[rows]), record.sigma_px[rows], at.read_px[sensor])
-    sigma = np.maximum(np.where(pixel, sigma_px, record.sigma[rows]), LEAST_SIGMA)
+    angle = np.where(pixel, at.yaw[sensor], seen.bearing)
+    sigma_px = np.where(np.isfinite(seen.sigma_px), seen.sigma_px, at.read_px[sensor])
+    sigma = np.maximum(np.where(pixel, sigma_px, seen.sigma), LEAST_SIGMA)
     # The poses' part of Eq. 2, at the reading itself; the distance stays.
     ratio2 = 1.0 + (z / f) ** 2
     yaw2 = np.where(pixel, f**2 * ratio2**2 * at.sigma_yaw[sensor] ** 2, 0.0)
     place2 = np.where(pixel, f**2 * ratio2 * at.sigma_position[sensor] ** 2, 0.0)
     return SightLines(
-        record.state[rows],
-        np.ascontiguousarray(at.place[sensor]),
-        np.column_stack([np.cos(angle), np.sin(angle)]),
-        f,
-        z,
-        sigma**2 + yaw2,
-        place2,
-        ~pixel,
-        np.zeros(len(rows)),
+        step=record.state[record.rows.seen],
+        place=np.ascontiguousarray(at.place[sensor]),
+        axis=np.column_stack([np.cos(angle), np.sin(angle)]),
+        focal=f,
+        reading=z,
+        c0=sigma**2 + yaw2,
+        c1=place2,
+        direction=~pixel,
+        volume=np.zeros(len(sensor)),
     )
 
 
@@ -121,11 +122,12 @@ def constraints(lines: SightLines, record: Record, at: Stations, config: MapConf
     ahead = lines.direction | config.front
     parts = [HalfPlanes(lines.step[ahead], lines.axis[ahead], along[ahead] + config.near)]
     if config.front:
-        sensor = record.sensor[record.seen]
-        far = np.isfinite(at.range[sensor])
+        seen = record.rows.take(record.rows.seen)
+        reach = at.range[seen.sensor]
+        far = np.isfinite(reach)
         parts += [
-            HalfPlanes(lines.step[far], -lines.axis[far], -along[far] - at.range[sensor][far]),
-            _before_walls(lines, sensor, record, at),
+            HalfPlanes(lines.step[far], -lines.axis[far], -along[far] - reach[far]),
+            _before_walls(lines, seen, at),
         ]
     if at.hull is not None:
         edges = np.roll(at.hull, -1, axis=0) - at.hull
@@ -136,19 +138,18 @@ def constraints(lines: SightLines, record: Record, at: Stations, config: MapConf
     return join_planes(NO_PLANES, *parts)
 
 
-def _before_walls(lines: SightLines, sensor: Ints, record: Record, at: Stations) -> HalfPlanes:
+def _before_walls(lines: SightLines, seen: Scan, at: Stations) -> HalfPlanes:
     """Half-planes on the camera's side of the first wall that each sight line meets.
 
     A sight line that may also pass beside that wall, by its standard deviation, says nothing.
     """
-    bearing = record.bearing[record.seen]
     focal2 = lines.focal * (1.0 + (lines.reading / lines.focal) ** 2)
-    away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, record.sigma[record.seen])
+    away = BESIDE_WALL * np.maximum(np.sqrt(lines.c0) / focal2, seen.sigma)
     rows, normals, offsets = [np.empty(0, dtype=np.int64)], [np.empty((0, 2))], [np.empty(0)]
-    for s in np.unique(sensor).tolist():
+    for s in np.unique(seen.sensor).tolist():
         if at.blockers[s]:
-            own = np.flatnonzero(sensor == s)
-            kept, normal, offset = _before(at.place[s], bearing[own], away[own], at.blockers[s])
+            own = np.flatnonzero(seen.sensor == s)
+            kept, normal, offset = _before(at.place[s], seen.bearing[own], away[own], at.blockers[s])
             rows.append(own[kept])
             normals.append(normal)
             offsets.append(offset)

@@ -8,13 +8,11 @@ Departures from the paper: times are those of the measurements, at any intervals
 hold the errors of the cameras' poses ([Ercan] Eq. 2); the quadratic programs are replaced by
 Newton's method inside the constraints (`occlog.track.map.kernels.newton_search`); room, walls and the cameras'
 ranges are constraints besides.
-
-A target's record as it grows and is given out: joined, cut, filled.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -22,8 +20,9 @@ import numpy as np
 
 from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.errors import InputError
+from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.interface import Record, Smoothed
+from occlog.track.interface import Smoothed
 from occlog.track.map.kernels.detours import Detours, find_detours, settle
 from occlog.track.map.kernels.feasible import move_inside
 from occlog.track.map.kernels.invariant import invariant, second_moment
@@ -39,62 +38,7 @@ from .barriers import obstacles
 from .config import BEND, LOSSES, MapConfig
 from .measurements import Stations, constraints, sight_lines, stations
 from .qp_solvers import program_solver
-
-MOST_STATES = 10_000_000
-"""States that `fill_s` may make."""
-
-
-def fill(record: Record, longest_s: float | None) -> Record:
-    """The record with times added where there is none for a longer time than `longest_s` [s]; None: nowhere."""
-    if longest_s is None or len(record.t_ns) < 2:
-        return record
-    gaps = np.diff(record.t_ns)
-    # Pieces of whole ns may be a little longer, and must not be filled again with the next block.
-    pieces = np.maximum(1.0, np.ceil((gaps - 2) / (longest_s * NS) - 1e-9))
-    if pieces.sum() > MOST_STATES:
-        raise InputError(
-            f"map: fill_s {longest_s:g} would make {pieces.sum():.3g} states of {len(record.t_ns)} times, "
-            f"at most {MOST_STATES:.0e} are possible; raise it"
-        )
-    pieces = pieces.astype(np.int64)
-    if not (pieces > 1).any():
-        return record
-    first = np.concatenate([[0], np.cumsum(pieces)])
-    inside = np.arange(first[-1]) - np.repeat(first[:-1], pieces)
-    # inside * gap // pieces, in two parts: the product alone may be above what 64 bits hold.
-    whole, rest = np.repeat(gaps // pieces, pieces), np.repeat(gaps % pieces, pieces)
-    t_ns = np.repeat(record.t_ns[:-1], pieces) + inside * whole + inside * rest // np.repeat(pieces, pieces)
-    return record._replace(t_ns=np.append(t_ns, record.t_ns[-1]), state=first[record.state])
-
-
-def join(a: Record, b: Record) -> Record:
-    """One record and what came after it."""
-    if not len(a.t_ns):
-        return b
-    b = b._replace(state=b.state + len(a.t_ns))
-    return Record(*(np.concatenate(pair) for pair in zip(a, b, strict=True)))
-
-
-def after(record: Record, state: int) -> Record:
-    """What the record has from a state on."""
-    rows = record.state >= state
-    return Record(
-        record.t_ns[state:],
-        record.state[rows] - state,
-        record.sensor[rows],
-        record.seen[rows],
-        record.bearing[rows],
-        record.sigma[rows],
-        record.u_px[rows],
-        record.sigma_px[rows],
-    )
-
-
-def empty_record() -> Record:
-    """A record of no times."""
-    no, none = np.empty(0, dtype=np.int64), np.empty(0)
-    return Record(no, no, no, np.empty(0, dtype=np.bool_), none, none, none, none)
-
+from .record import EMPTY, Record, after, fill, join, record_of
 
 UNOBSERVABLE, CONTRADICTION, WALL, UNFINISHED = "unobservable", "contradiction", "wall", "unfinished"
 ROUGH = 1e-3
@@ -134,7 +78,7 @@ def begin(scene: Scene, config: MapConfig) -> Pending:
     mean[::2] = place - origin
     spread = np.diag([sigma**2, config.speed**2, sigma**2, config.speed**2])
     at = stations(scene, origin, walls=config.walls)
-    return Pending(config, at, origin, extent, Knowledge(mean, spread), empty_record(), np.empty((0, 4)))
+    return Pending(config, at, origin, extent, Knowledge(mean, spread), EMPTY, np.empty((0, 4)))
 
 
 def _moves_freely(config: MapConfig) -> bool:
@@ -142,18 +86,18 @@ def _moves_freely(config: MapConfig) -> bool:
     return bool(np.allclose(config.motion.A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
 
 
-def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -> tuple[Pending, Smoothed]:
+def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = None) -> tuple[Pending, Smoothed]:
     """One more block of a target's record, and the states that are settled by it.
 
     Args:
         pending: from `begin` or the call before.
-        record: what came after the last call.
+        scans: of this target, after those of the last call; only labelled rows.
         last: nothing will follow, so that everything is given out.
         watch: called with each iterate of the search for the whole (not of windows that only start it);
             its positions count from `pending.origin`.
     """
     config = pending.config
-    whole = fill(join(pending.record, record), config.fill_s)
+    whole = fill(join(pending.record, record_of(scans)), config.fill_s)
     T = len(whole.t_ns)
     keep = T if last else _settled(whole.t_ns, config.lag_ns)
     problem = problem_of(pending, whole)
@@ -179,7 +123,7 @@ def advance(pending: Pending, record: Record, last: bool, watch: Watch = None) -
     through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
     out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through)
     if last:
-        return pending._replace(record=empty_record(), X=np.empty((0, 4))), out
+        return pending._replace(record=EMPTY, X=np.empty((0, 4))), out
     before = summary(problem, solution, keep) if keep else pending.before
     return pending._replace(before=before, record=after(whole, keep), X=solution.X[keep:]), out
 
@@ -297,7 +241,7 @@ def _smoothed(
     """The first states, as many as there are covariances, as they are given out."""
     X = solution.X
     T, keep = len(X), len(spread)
-    looked, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.seen], minlength=T)
+    looked, seen = np.bincount(record.state, minlength=T), np.bincount(record.state[record.rows.seen], minlength=T)
     sigma = np.sqrt(np.linalg.eigvalsh(spread[:, ::2, ::2])[:, -1])
     vague = sigma > pending.config.vague * pending.extent
     flags = np.select([stuck[:keep], through[:keep], vague], [CONTRADICTION, WALL, UNOBSERVABLE], "")
@@ -305,7 +249,7 @@ def _smoothed(
         flags = np.where(flags == "", UNFINISHED, flags)
     order = np.array([0, 2, 1, 3])
     bounds = np.searchsorted(record.state, np.arange(keep + 1)).tolist()
-    sensors = record.sensor.tolist()
+    sensors = record.rows.sensor.tolist()
     return Smoothed(
         record.t_ns[:keep],
         X[:keep, ::2] + pending.origin,

@@ -12,7 +12,7 @@ from tracker_scenes import room100, scan, true_u, with_array, wrap
 
 from occlog.core.filter.likelihood import Detection, agreement, factors, log_likelihood
 from occlog.core.sight.visibility import seen_from
-from occlog.track.apf.sensing import pack_looks, pack_noise, pack_sensors, read_noise
+from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
 
 PAPER = Detection(hit=1.0, miss=1.0, false=0.0, soften=0.0, candidate=0.9, clutter=1.0)
 SCENE = room100()
@@ -25,7 +25,7 @@ def packed_scene(scene):
 
 
 def factors_of(scene, given, xy, model=PAPER, use_score=True):
-    looks = pack_looks(given, read_noise(scene), use_score)
+    looks = pack_scan(given, read_noise(scene), use_score)
     xy, (sensors, noise) = np.atleast_2d(xy), packed_scene(scene)
     columns = []
     for k, i in enumerate(looks.sensor):
@@ -40,7 +40,7 @@ def spread(model, scene):
 
 
 def loglik_of(scene, given, xy, model=PAPER, free=None):
-    looks = pack_looks(given, read_noise(scene), True)
+    looks = pack_scan(given, read_noise(scene), True)
     free = np.ones(len(xy), dtype=np.bool_) if free is None else free
     packed = pack_sensors(scene), pack_noise(scene), spread(model, scene)
     return log_likelihood(xy, looks, *packed, free)
@@ -214,8 +214,8 @@ def test_a_scan_without_looks_changes_nothing():
 def test_agreement_tells_which_looks_support_a_place():
     xy = np.array([[30.0, 30.0]])
     u = true_u(SCENE, xy[0])
-    looks = pack_looks(scan(0, [(0, u[0] + 2.0), (2, u[2] + 60.0), (6, None)]), read_noise(SCENE), True)
+    looks = pack_scan(scan(0, [(0, u[0] + 2.0), (2, u[2] + 60.0), (6, None)]), read_noise(SCENE), True)
     packed = pack_sensors(SCENE), pack_noise(SCENE), spread(PAPER._replace(false=1e-4), SCENE)
     assert agreement(xy, looks, *packed).tolist() == [True, False, False]
     candidates = scan(0, [(0, u[0] + 2.0), (0, 50.0), (2, u[2] + 60.0)], labelled=False)
-    assert agreement(xy, pack_looks(candidates, read_noise(SCENE), True), *packed).tolist() == [True, False]
+    assert agreement(xy, pack_scan(candidates, read_noise(SCENE), True), *packed).tolist() == [True, False]

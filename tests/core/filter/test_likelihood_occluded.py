@@ -15,7 +15,7 @@ from occlog.core.filter.likelihood_occluded import EXACT, INDEPENDENT, RECURSION
 from occlog.core.occlusion.hidden import IMPROVED, PRINTED, QUADRATURE
 from occlog.core.occlusion.priors import gaussian_priors, no_priors
 from occlog.core.sight.visibility import seen_from
-from occlog.track.apf.sensing import pack_looks, pack_noise, pack_sensors, read_noise
+from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
 
 pytestmark = pytest.mark.jit
 FLOOR = 1e-4
@@ -47,7 +47,7 @@ def looks_of(scene, rng, cameras):
     u[rng.random(cameras) < 0.3] = np.nan
     if cameras > 4:
         u[4] = 44.0
-    return pack_looks(scan(0, [(i, None if np.isnan(v) else v) for i, v in enumerate(u)]), read_noise(scene), True)
+    return pack_scan(scan(0, [(i, None if np.isnan(v) else v) for i, v in enumerate(u)]), read_noise(scene), True)
 
 
 def people(rng, M, kind="general"):
@@ -145,7 +145,7 @@ def test_who_certainly_hides_the_target_leaves_the_floor():
     scene, model = room100(), detection(room100())
     camera = scene.cameras[0].ground
     xy = TARGET[None]
-    looks = pack_looks(scan(0, [(0, true_u(scene, TARGET)[0])]), read_noise(scene), True)
+    looks = pack_scan(scan(0, [(0, true_u(scene, TARGET)[0])]), read_noise(scene), True)
     a, b, assigned = parts_of(scene, looks, xy, model)
     assert assigned[0, 0]
     priors = gaussian_priors((camera + 0.5 * (TARGET - camera))[None], np.zeros((1, 2, 2)), 3.33)
@@ -163,7 +163,7 @@ def test_candidates_count_as_a_mixture_too(probability):
     model, xy = detection(scene, rng), near(6, 3.0, 60)
     true = true_u(scene, TARGET)
     rows = [(0, true[0], np.nan, 0.7), (0, 12.0, np.nan, 0.2), (5, true[5], np.nan, 0.9), (7, None)]
-    looks = pack_looks(scan(0, rows, labelled=False), read_noise(scene), True)
+    looks = pack_scan(scan(0, rows, labelled=False), read_noise(scene), True)
     mean, covariance = people(rng, 20)
     a, assigned = np.ones((60, 3)), np.zeros((60, 3), dtype=bool)
     plain = reference_scene(scene)
@@ -186,7 +186,7 @@ def test_candidates_count_as_a_mixture_too(probability):
 def test_too_many_cameras_for_subsets_are_refused(probability):
     scene = room100()
     many = type(scene)(scene.cameras[:1] * 17, (), (), (), scene.room, length_unit="unit")
-    looks = pack_looks(scan(0, [(i, None) for i in range(17)]), read_noise(many), True)
+    looks = pack_scan(scan(0, [(i, None) for i in range(17)]), read_noise(many), True)
     priors = gaussian_priors(np.array([[10.0, 10.0]]), 4.0 * np.eye(2)[None], 3.33)
     with pytest.raises(ValueError, match="likelihood=independent"):
         among(many, looks, TARGET[None], detection(many), priors, probability)

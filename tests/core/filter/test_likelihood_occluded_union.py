@@ -20,7 +20,7 @@ from occlog.core.filter.likelihood_occluded import EXACT, INDEPENDENT, RECURSION
 from occlog.core.occlusion.hidden import IMPROVED, PRINTED, QUADRATURE
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
 from occlog.records.scene import Occluder, Scene
-from occlog.track.apf.sensing import pack_looks, pack_noise, pack_sensors, read_noise
+from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
 
 pytestmark = pytest.mark.jit
 D, FLOOR, SOFTEN = 3.33, 1e-3, 0.02
@@ -93,7 +93,7 @@ class Case:
         luck = rng.random(N)
         z = np.where(luck < 0.55, -np.array(true_u(self.scene, TARGET)), rng.uniform(-60, 60, N))
         z[luck > 0.75] = np.nan
-        self.looks = pack_looks(
+        self.looks = pack_scan(
             scan(0, [(i, None if np.isnan(v) else -v) for i, v in enumerate(z)]), read_noise(self.scene), True
         )
         cameras = [

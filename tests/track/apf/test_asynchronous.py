@@ -11,7 +11,7 @@ from tracker_scenes import room100
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.measure.scans.occluder_priors import OccluderFeed
-from occlog.measure.scans.scans import Rows, groups, scan_of
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
 from occlog.track.apf import filter as apf
@@ -63,8 +63,8 @@ def tracked(bearings, truth, seed, priors=None, skip_s=20.0, use=range(1, 9)):
     rng = generator(seed, Stage.TRACK, 0)
     state, times, places = apf.init(scene, config, rng), [], []
     feed = None if priors is None else OccluderFeed(priors, config.occluder_diameter, 5 * SECOND)
-    for group in groups([bearings], scene, Rows({f"cam{i}" for i in use})):
-        scan = scan_of(group, 0)
+    for scan in scans_of([bearings], scene, Rows({f"cam{i}" for i in use})):
+        scan = scan.of_target(0)
         if feed is not None:
             scan = scan._replace(occluders=feed.at(scan.t_ns))
         state, estimate = apf.step(state, scan, rng)

@@ -9,7 +9,7 @@ from tracker_scenes import room100, scan, true_u, with_array
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.sight.visibility import seen_from
 from occlog.errors import InputError
-from occlog.measure.scans.scans import Rows, groups, scan_of
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.scene import Occluder, Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
@@ -24,8 +24,8 @@ def recorded(scene, noise, seed, steps):
     """Bearings, scans and true places of one target."""
     truth = Truth.concat(simulate_truth(scene, WorldConfig(steps=steps), seed))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(noise=noise), seed))
-    found = groups([bearings], scene, Rows({c.name for c in scene.cameras}))
-    return bearings, [scan_of(g, 0) for g in found], np.column_stack([truth.x, truth.y])
+    found = scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))
+    return bearings, [g.of_target(0) for g in found], np.column_stack([truth.x, truth.y])
 
 
 def true_errors(scene, seed):

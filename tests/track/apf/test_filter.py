@@ -13,7 +13,7 @@ from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.sensing import pack_looks
+from occlog.track.apf.sensing import pack_scan
 from occlog.track.drivers.stage import track
 
 
@@ -71,7 +71,7 @@ def test_the_posterior_is_that_of_a_grid_filter():
             density = np.apply_along_axis(np.convolve, 0, density, kernel, mode="same")
             density = np.apply_along_axis(np.convolve, 1, density, kernel, mode="same")
         density /= density.sum()
-        loglik = apf._log_likelihood(model, places, pack_looks(given, model.read_px, True)).reshape(x.shape)
+        loglik = apf._log_likelihood(model, places, pack_scan(given, model.read_px, True)).reshape(x.shape)
         density = density * np.exp(loglik)
         log_evidence.append(math.log(density.sum()))
         density /= density.sum()
@@ -280,7 +280,7 @@ def test_microphones_and_cameras_work_together():
         given = scan(t, [(0, true_u(scene, truth)[0]), (1, np.nan), (1, np.nan)])
         both.append(
             given._replace(
-                labelled=np.array([True, False, False]),
+                target_id=np.array([0, -1, -1], dtype=np.int32),
                 bearing=np.array([0.0, azimuth, stray]),
                 sigma=np.array([1.0, 0.03, 0.03]),
             )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tracker_scenes import room100
 
-from occlog.measure.scans.scans import Rows, groups, scan_of
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
 from occlog.track.apf import filter as apf
@@ -25,7 +25,7 @@ def recorded(scene, seed):
     truth = Truth.concat(simulate_truth(scene, WorldConfig(steps=130, occluders=40), seed))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(), seed))
     own = truth.target_id == 0
-    scans = [scan_of(g, 0) for g in groups([bearings], scene, Rows({c.name for c in scene.cameras}))]
+    scans = [g.of_target(0) for g in scans_of([bearings], scene, Rows({c.name for c in scene.cameras}))]
     return scans, np.column_stack([truth.x[own], truth.y[own]])
 
 

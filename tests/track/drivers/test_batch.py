@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,12 +12,13 @@ from hypothesis import strategies as st
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.errors import InputError, UsageError
+from occlog.measure.scans.scan import Scan
 from occlog.measure.scans.scans import Rows
 from occlog.records.columns import Table
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
 from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.stage import track
-from occlog.track.interface import Batch, Record, Smoothed
+from occlog.track.interface import Batch, Smoothed
 from occlog.track.map.config import map_defaults
 from occlog.track.map.method import begin
 
@@ -63,9 +65,10 @@ class Calls:
         self.longest = 0
         self.method = Batch("", type(CONFIG), map_defaults, lambda *_: np.empty(0, np.int64), self.advance)
 
-    def advance(self, state, record: Record, last: bool):
-        self.blocks.append(((record.t_ns // SECOND).tolist(), last))
-        times = np.concatenate([state, record.t_ns])
+    def advance(self, state, scans: Sequence[Scan], last: bool):
+        t_ns = np.array([scan.t_ns for scan in scans], dtype=np.int64)
+        self.blocks.append(((t_ns // SECOND).tolist(), last))
+        times = np.concatenate([state, t_ns])
         self.longest = max(self.longest, len(times))
         assert (np.diff(times) > 0).all()
         T = len(times)

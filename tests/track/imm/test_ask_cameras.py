@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from heard_scenes import ROOM, line, room, rows, table
 
-from occlog.measure.scans.scans import Rows, groups
-from occlog.track.imm.ask_cameras import Desk
+from occlog.measure.scans.scans import Rows, scans_of
+from occlog.track.imm.ask_cameras import CameraRequests
 from occlog.track.imm.config import imm_defaults
 from occlog.track.imm.when_to_ask import Ask
 
@@ -18,10 +18,10 @@ NS = 1_000_000_000
 HERE, THERE = (9.0, 6.0), (12.0, 9.0)
 
 
-def desk(bearings, scene=SCENE, config=CONFIG):
-    made = Desk(scene, config)
-    for group in groups([bearings], scene, Rows(frozenset(c.name for c in scene.cameras))):
-        made.put(group)
+def requests(bearings, scene=SCENE, config=CONFIG):
+    made = CameraRequests(scene, config)
+    for scan in scans_of([bearings], scene, Rows(frozenset(c.name for c in scene.cameras))):
+        made.put(scan)
     return made
 
 
@@ -36,7 +36,7 @@ def ask(number, place, *, label=-1, sigma=1.0, cause="spread"):
 
 
 def test_the_best_pair_is_asked_and_finds_the_target():
-    (request,) = desk(standing()).ask([ask(0, HERE)], [], 0)
+    (request,) = requests(standing()).ask([ask(0, HERE)], [], 0)
     assert request.frames == 2
     np.testing.assert_allclose(request.answer.place, HERE, atol=1e-9)
     assert request.answer.label == 0
@@ -57,66 +57,66 @@ def variance(pair, place):
 
 def test_a_camera_that_cannot_see_the_place_is_not_asked():
     hidden = room(ROOM.replace("yaw_deg: 45", "yaw_deg: 225"))
-    (request,) = desk(standing(), hidden).ask([ask(0, HERE)], [], 0)
+    (request,) = requests(standing(), hidden).ask([ask(0, HERE)], [], 0)
     assert request.cameras == ("c2", "c3")
 
 
 def test_frames_of_one_time_are_counted_once():
-    found = desk(standing()).ask([ask(0, HERE), ask(1, (9.3, 6.2))], [], 0)
+    found = requests(standing()).ask([ask(0, HERE), ask(1, (9.3, 6.2))], [], 0)
     assert [r.frames for r in found] == [2, 0]
     assert found[0].cameras == found[1].cameras
 
 
 def test_whom_else_the_frames_show_is_told_too():
-    found = desk(standing()).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
+    found = requests(standing()).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
     assert [(r.answer.ask.number, r.frames) for r in found] == [(0, 2), (4, 0)]
     np.testing.assert_allclose(found[1].answer.place, THERE, atol=1e-9)
-    nobody = desk(standing(places=(HERE,))).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
+    nobody = requests(standing(places=(HERE,))).ask([ask(0, HERE)], [ask(4, THERE, cause="shared")], 0)
     assert [r.answer.ask.number for r in nobody] == [0]
 
 
 def test_labels_go_before_distance():
-    found = desk(standing()).ask([ask(0, THERE, label=0), ask(1, HERE, label=1)], [], 0)
+    found = requests(standing()).ask([ask(0, THERE, label=0), ask(1, HERE, label=1)], [], 0)
     np.testing.assert_allclose(found[0].answer.place, HERE, atol=1e-9)
     np.testing.assert_allclose(found[1].answer.place, THERE, atol=1e-9)
 
 
 def test_another_ones_label_is_nobody_elses_place():
-    found = desk(standing(places=(HERE,))).ask([ask(1, HERE), ask(0, THERE, label=0)], [], 0)
+    found = requests(standing(places=(HERE,))).ask([ask(1, HERE), ask(0, THERE, label=0)], [], 0)
     assert found[0].answer.place is None
     np.testing.assert_allclose(found[1].answer.place, HERE, atol=1e-9)
 
 
 def test_candidates_without_labels_are_matched_by_distance():
-    found = desk(standing(labels=False)).ask([ask(0, (12.3, 8.7)), ask(1, (8.8, 6.3))], [], 0)
+    found = requests(standing(labels=False)).ask([ask(0, (12.3, 8.7)), ask(1, (8.8, 6.3))], [], 0)
     np.testing.assert_allclose(found[0].answer.place, THERE, atol=1e-9)
     np.testing.assert_allclose(found[1].answer.place, HERE, atol=1e-9)
 
 
 def test_nobody_near_is_no_answer():
-    (request,) = desk(standing(labels=False)).ask([ask(0, (3.0, 13.0), sigma=0.3)], [], 0)
+    (request,) = requests(standing(labels=False)).ask([ask(0, (3.0, 13.0), sigma=0.3)], [], 0)
     assert request.answer.place is None
     assert request.frames == 2
 
 
 @pytest.mark.parametrize(("age_s", "frames"), [(0.4, 2), (0.6, 0)])
 def test_old_frames_are_none(age_s, frames):
-    (request,) = desk(standing()).ask([ask(0, HERE)], [], round(age_s * NS))
+    (request,) = requests(standing()).ask([ask(0, HERE)], [], round(age_s * NS))
     assert request.frames == frames
     assert (request.answer.place is not None) == (frames == 2)
 
 
 def test_older_frames_tell_a_place_less_well():
-    fresh, old = (desk(standing()).ask([ask(0, HERE)], [], round(s * NS))[0].answer.covariance for s in (0.0, 0.4))
+    fresh, old = (requests(standing()).ask([ask(0, HERE)], [], round(s * NS))[0].answer.covariance for s in (0.0, 0.4))
     np.testing.assert_allclose(old - fresh, (CONFIG.speed * 0.4) ** 2 * np.eye(2), atol=1e-12)
 
 
 def test_with_one_camera_nothing_is_asked():
-    (request,) = desk(standing(only=("c1",))).ask([ask(0, HERE)], [], 0)
+    (request,) = requests(standing(only=("c1",))).ask([ask(0, HERE)], [], 0)
     assert (request.cameras, request.frames, request.answer.place) == ((), 0, None)
 
 
 def test_who_is_found_twice_is_the_first_ones():
     looks = [(0, c.name, 3, math.atan2(HERE[1] - c.position[1], HERE[0] - c.position[0]), 0.01) for c in SCENE.cameras]
-    found = desk(table(looks)).ask([ask(0, HERE), ask(1, (9.2, 6.1))], [], 0)
+    found = requests(table(looks)).ask([ask(0, HERE), ask(1, (9.2, 6.1))], [], 0)
     assert [r.answer.place is not None for r in found].count(True) == 1

@@ -8,14 +8,13 @@ import pytest
 
 from occlog.track.imm import association
 from occlog.track.imm.association import Direction, associate, both, close_by, direction, hear, reweigh
-from occlog.track.imm.kernel import Bearings
 
 CLUTTER = 0.05
 
 
 def bearings(*degrees, sigma=3.0):
     angle = np.radians(np.array(degrees, dtype=float))
-    return Bearings(angle, np.full(len(degrees), math.radians(sigma)), np.zeros(2))
+    return {"bearing": angle, "sigma": np.full(len(degrees), math.radians(sigma)), "position": np.zeros(2)}
 
 
 def cloud(rng, x, y, L=4, extent=1.0):
@@ -101,7 +100,7 @@ def test_weights_are_those_of_the_joint_posterior(seed, reach):
     heard = bearings(30.0, 45.0, 200.0, sigma=10.0)
     clouds = [cloud(rng, 4.0, 2.0), cloud(rng, 3.0, 4.0)]
     detection, N = np.array([0.9, 0.7]), 3
-    each = [hear(x, w, heard, reach) for x, w in clouds]
+    each = [hear(x, w, **heard, reach=reach) for x, w in clouds]
     fit = np.array([h.fit for h in each])
     alone = detection[:, None] * fit
     unheard = 1.0 - detection * np.array([h.reached for h in each])
@@ -129,7 +128,7 @@ def test_weights_are_those_of_the_joint_posterior(seed, reach):
 def test_densities_wrap_and_end_at_the_range():
     x = np.zeros((1, 2, 4))
     x[0, :, 0], x[0, :, 2] = (-4.0, -40.0), (0.05, 0.5)
-    heard = hear(x, np.full((1, 2), 0.5), bearings(-179.0), 10.0)
+    heard = hear(x, np.full((1, 2), 0.5), **bearings(-179.0), reach=10.0)
     sigma = math.radians(3.0)
     off = math.radians(181.0) - math.atan2(0.05, -4.0)
     expected = math.exp(-0.5 * (off / sigma) ** 2) / (sigma * math.sqrt(2 * math.pi))
@@ -153,15 +152,19 @@ def test_two_targets_heard_as_one_by_drawing_them():
     other[0, :, 0], other[0, :, 2] = 10 * np.cos(angle2[:4000]), 10 * np.sin(angle2[:4000])
     for at in (8.0, 10.0, 12.0):
         look = bearings(at, sigma=2.0)
-        a, b = hear(one, np.ones((1, 1)), look, math.inf), hear(other, np.full((1, 4000), 1 / 4000), look, math.inf)
+        a, b = (
+            hear(one, np.ones((1, 1)), **look, reach=math.inf),
+            hear(other, np.full((1, 4000), 1 / 4000), **look, reach=math.inf),
+        )
+        heard = {"bearing": look["bearing"], "sigma": look["sigma"]}
         middle = 0.5 * (angle1 + angle2)
         z = (math.radians(at) - middle) / sigma
         exact = float(np.mean(np.exp(-0.5 * z * z) / (sigma * math.sqrt(2 * math.pi)) * near))
         pair = direction(a, np.ones((1, 1))), direction(b, np.full((1, 4000), 1 / 4000))
-        assert both(a, *pair, look, resolution)[0, 0, 0] == pytest.approx(exact, rel=0.15)
+        assert both(a, *pair, **heard, resolution=resolution)[0, 0, 0] == pytest.approx(exact, rel=0.15)
     far = Direction(math.radians(60.0), 0.01)
-    assert not both(a, pair[0], far, bearings(10.0), resolution).any()
-    assert not both(a, *pair, bearings(10.0), 0.0).any()
+    assert not both(a, pair[0], far, **heard, resolution=resolution).any()
+    assert not both(a, *pair, **heard, resolution=0.0).any()
 
 
 def test_directions_are_means_around_the_circle():
@@ -170,7 +173,7 @@ def test_directions_are_means_around_the_circle():
     x = np.zeros((1, 20_000, 4))
     x[0, :, 0], x[0, :, 2] = np.cos(angle), np.sin(angle)
     weights = np.full((1, 20_000), 1 / 20_000)
-    found = direction(hear(x, weights, bearings(), math.inf), weights)
+    found = direction(hear(x, weights, **bearings(), reach=math.inf), weights)
     assert abs(math.remainder(found.centre - math.pi, 2 * math.pi)) < 0.01
     assert found.spread == pytest.approx(0.3, rel=0.02)
 
@@ -187,7 +190,7 @@ def test_nothing_heard_pushes_particles_out_of_range():
     x = np.zeros((1, 2, 4))
     x[0, :, 0] = 5.0, 15.0
     weights = np.full((1, 2), 0.5)
-    silent = hear(x, weights, bearings(), 10.0)
+    silent = hear(x, weights, **bearings(), reach=10.0)
     got = reweigh(weights, silent, 0.9, np.empty(0), 1.0, ())
     np.testing.assert_allclose(got, [[0.1 / 1.1, 1.0 / 1.1]])
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from heard_scenes import NS, ROOM, room
 
+from occlog.measure.scans.scan import Scan, concat, in_vain
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.association import hear
 from occlog.track.imm.config import ImmConfig, imm_defaults
-from occlog.track.imm.filter import Look, init, step
+from occlog.track.imm.filter import init, step
 from occlog.track.imm.tracks import UNLABELLED, UNNUMBERED, after, make_world, move, on_line, switching
 
 SCENE = room(ROOM.replace("position: [2, 2, 1], sigma_deg: 2", "position: [2, 2, 1], sigma_deg: 2, range: 9"))
@@ -31,9 +32,17 @@ SIGMA = math.radians(2.0)
 
 
 def look(*degrees, array=0):
+    """What one array hears; no bearings: it listens in vain."""
+    sensor = len(SCENE.cameras) + array
+    if not degrees:
+        return in_vain(0, [sensor])
     n = len(degrees)
-    label = np.full(n, UNLABELLED, dtype=np.int64)
-    return Look(array, np.radians(np.array(degrees, dtype=float)), np.full(n, SIGMA), label)
+    return Scan.of(0, [sensor] * n, bearing=np.radians(degrees), sigma=np.full(n, SIGMA))
+
+
+def at(t_ns, *looks):
+    """A scan of looks of several arrays."""
+    return concat(looks)._replace(t_ns=t_ns)
 
 
 def by_grid(x, y, s, looks, detection, reach):
@@ -42,10 +51,11 @@ def by_grid(x, y, s, looks, detection, reach):
     X, Y = np.meshgrid(x + u, y + u, indexing="ij")
     p = np.exp(-0.5 * ((X - x) ** 2 + (Y - y) ** 2) / s**2)
     for k in looks:
-        dx, dy = X - SCENE.arrays[k.array].position[0], Y - SCENE.arrays[k.array].position[1]
-        heard = detection * (np.hypot(dx, dy) <= reach[k.array])
-        if len(k.angle):
-            p = p * heard * np.exp(-0.5 * ((np.arctan2(dy, dx) - k.angle[0]) / SIGMA) ** 2)
+        array = int(k.sensor[0]) - len(SCENE.cameras)
+        dx, dy = X - SCENE.arrays[array].position[0], Y - SCENE.arrays[array].position[1]
+        heard = detection * (np.hypot(dx, dy) <= reach[array])
+        if k.seen.any():
+            p = p * heard * np.exp(-0.5 * ((np.arctan2(dy, dx) - k.bearing[0]) / SIGMA) ** 2)
         else:
             p = p * (1.0 - heard)
     p /= p.sum()
@@ -71,7 +81,7 @@ def test_one_target_is_where_a_grid_has_it(looks, seed):
     rng = np.random.default_rng(seed)
     state = init(SCENE, config, rng)
     for n, heard in enumerate(looks):
-        state, report = step(state, n * NS, (heard,), rng)
+        state, report = step(state, at(n * NS, heard), rng)
     mean, variance = by_grid(x, y, s, looks, 0.8, [9.0, np.inf])
     estimate = report.beliefs[0].estimate
     # 60,000 particles drawn anew at every step: standard errors are below 0.006 m and 0.012 of a variance.
@@ -88,7 +98,7 @@ def test_arrays_in_one_scan_are_as_good_as_one_after_the_other(seed):
         rng = np.random.default_rng(seed)
         state = init(SCENE, config, rng)
         for heard in looks:
-            state, report = step(state, 0, heard, rng)
+            state, report = step(state, at(0, *heard), rng)
         found.append(report.beliefs[0].estimate.mean[::2])
     np.testing.assert_allclose(found[0], found[1], atol=0.03)
 
@@ -100,13 +110,13 @@ def test_association_any_is_the_filter_of_the_kernel():
     )
     state = init(SCENE, config, np.random.default_rng(3))
     heard, cloud = look(40.0, 60.0), state.tracks[0].cloud
-    state, _ = step(state, 0, (), np.random.default_rng(1))
+    state, _ = step(state, Scan.of(0, []), np.random.default_rng(1))
     cloud = state.tracks[0].cloud
-    _, report = step(state, NS, (heard,), np.random.default_rng(2))
+    _, report = step(state, at(NS, heard), np.random.default_rng(2))
     world = make_world(SCENE, config)
     moved = move(world, state.tracks[0], 1.0, np.random.default_rng(2))
-    bearings = imm.Bearings(heard.angle, heard.sigma, world.places[0])
-    weights = imm.weigh(moved.predicted, imm.prior_weights(cloud.models, 3, None), bearings)
+    prior = imm.prior_weights(cloud.models, 3, None)
+    weights = imm.weigh(moved.predicted, prior, heard.bearing, heard.sigma, world.places[0])
     expected = imm.moments(moved.predicted, weights.total)
     np.testing.assert_allclose(report.beliefs[0].estimate.mean, expected.mean, rtol=1e-12)
 
@@ -118,7 +128,8 @@ def test_existence_and_sound_follow_bayes(unheard):
     rng = np.random.default_rng(0)
     track = on_line(world, 0, 0.7, 0.05, 0, UNLABELLED, rng)._replace(exists=0.6, sounds=0.7)
     states = track.cloud.states[None]
-    silent = hear(states, np.full((1, 1000), 1e-3), imm.Bearings(np.empty(0), np.empty(0), world.places[0]), 9.0)
+    none = np.empty(0)
+    silent = hear(states, np.full((1, 1000), 1e-3), bearing=none, sigma=none, position=world.places[0], reach=9.0)
     d = 0.9 * silent.reached
     states = {"none": 0.4, "silent": 0.6 * 0.3, "missed": 0.6 * 0.7 * (1 - d)}
     total = sum(states.values())
@@ -151,8 +162,8 @@ def test_no_two_tracks_have_a_number():
     rng = np.random.default_rng(1)
     state = init(SCENE, config, rng)  # the known target has number 0, and is heard with label 5
     for k in range(5):
-        heard = Look(0, np.array([0.0, 1.0]), np.array([0.02, 0.02]), np.array([5, 0]))
-        state, report = step(state, int(k * 1e9), (heard,), rng)
+        heard = look(0.0, math.degrees(1.0))._replace(target_id=np.array([5, 0], dtype=np.int32))
+        state, report = step(state, at(int(k * 1e9), heard._replace(sigma=np.array([0.02, 0.02]))), rng)
         numbers = [belief.number for belief in report.beliefs]
         assert len(set(numbers)) == len(numbers)
     assert {t.label: t.number for t in state.tracks} == {5: 0, 0: 1}
@@ -163,7 +174,7 @@ def test_nobody_leaves_the_room():
     rng = np.random.default_rng(0)
     state = init(SCENE, config, rng)
     for n in range(6):
-        state, report = step(state, n * NS // 5, (look(array=1),), rng)
+        state, report = step(state, at(n * NS // 5, look(array=1)), rng)
     assert report.beliefs[0].estimate.mean[0] < 20.0
 
 

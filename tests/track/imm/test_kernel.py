@@ -1,21 +1,31 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
+from occlog.array_types import Floats
 from occlog.core.motion.turns import acceleration_root, move, three_models
 from occlog.core.sight.camera import wrap_angle
 from occlog.track.imm import kernel as imm
-from occlog.track.imm.kernel import Bearings, Cloud, Motion
+from occlog.track.imm.kernel import Cloud, Motion
 
 SENSOR = np.array([25.0, 22.0])
 
 
+class Heard(NamedTuple):
+    """Bearings of one sensor, in the order in which `weigh` takes them."""
+
+    bearing: Floats  # (N,) [rad]
+    sigma: Floats  # (N,) [rad]
+    position: Floats  # (2,)
+
+
 def bearings(*degrees, sigma=3.0, sensor=SENSOR):
     angle = np.radians(np.array(degrees, dtype=float))
-    return Bearings(angle, np.full(len(degrees), math.radians(sigma)), np.asarray(sensor, dtype=float))
+    return Heard(angle, np.full(len(degrees), math.radians(sigma)), np.asarray(sensor, dtype=float))
 
 
 def particles(rng, J, L, centre=(18.0, 31.0), extent=4.0):
@@ -35,13 +45,13 @@ def cloud(rng, L, J=3):
 
 def by_triple_loop(x, prior, heard):
     """Eqs. 3.4-3.6 letter by letter; the wrapped difference by the angle of a product of unit vectors."""
-    N, (J, L) = len(heard.angle), prior.shape
+    N, (J, L) = len(heard.bearing), prior.shape
     w = np.zeros((N, J, L))
     for i in range(N):
         for m in range(J):
             for j in range(L):
                 dx, dy = x[m, j, 0] - heard.position[0], x[m, j, 2] - heard.position[1]
-                turned = complex(math.cos(heard.angle[i]), math.sin(heard.angle[i])) * complex(dx, -dy)
+                turned = complex(math.cos(heard.bearing[i]), math.sin(heard.bearing[i])) * complex(dx, -dy)
                 off, s = math.atan2(turned.imag, turned.real), heard.sigma[i]
                 w[i, m, j] = prior[m, j] * math.exp(-0.5 * (off / s) ** 2) / (s * math.sqrt(2 * math.pi))
     return w / w.sum(), math.log(w.sum())
@@ -50,7 +60,7 @@ def by_triple_loop(x, prior, heard):
 def by_numpy(x, prior, heard):
     """The plain vectorised form."""
     angle = np.arctan2(x[..., 2] - heard.position[1], x[..., 0] - heard.position[0])
-    off = wrap_angle(heard.angle[:, None, None] - angle) / heard.sigma[:, None, None]
+    off = wrap_angle(heard.bearing[:, None, None] - angle) / heard.sigma[:, None, None]
     log_w = np.log(prior) - 0.5 * off**2 - np.log(heard.sigma)[:, None, None]
     top = log_w.max()
     w = np.exp(log_w - top)
@@ -63,8 +73,8 @@ def test_weights_are_those_of_a_triple_loop(seed, shape):
     N, J, L = shape
     rng = np.random.default_rng(seed)
     x, prior = particles(rng, J, L, centre=SENSOR), rng.dirichlet(np.ones(J * L)).reshape(J, L)
-    heard = Bearings(rng.uniform(-9.0, 9.0, N), rng.uniform(0.3, 1.0, N), SENSOR)
-    got = imm.weigh(x, prior, heard)
+    heard = Heard(rng.uniform(-9.0, 9.0, N), rng.uniform(0.3, 1.0, N), SENSOR)
+    got = imm.weigh(x, prior, *heard)
     for wanted, log_evidence in (by_triple_loop(x, prior, heard), by_numpy(x, prior, heard)):
         np.testing.assert_allclose(got.each, wanted, rtol=1e-9, atol=1e-15)
         assert got.log_evidence == pytest.approx(log_evidence, rel=1e-9)
@@ -76,7 +86,7 @@ def test_weights_survive_bearings_far_from_all_particles():
     """Here the plain exponentials are all 0."""
     x = particles(np.random.default_rng(1), 2, 50, centre=(60.0, 25.0), extent=1.0)
     heard = bearings(170.0, sigma=0.5)
-    got = imm.weigh(x, equal(2, 50), heard)
+    got = imm.weigh(x, equal(2, 50), *heard)
     wanted, log_evidence = by_numpy(x, equal(2, 50), heard)
     np.testing.assert_allclose(got.each, wanted, rtol=1e-9, atol=1e-300)
     assert got.log_evidence == pytest.approx(log_evidence, rel=1e-12)
@@ -87,7 +97,7 @@ def test_particles_that_cannot_be_do_not_drown_the_others():
     """The one of prior 0 fits by more than the range of floating point numbers better."""
     x = np.zeros((1, 3, 4))
     x[0, :, 0], x[0, :, 2] = SENSOR[0] + 10.0, SENSOR[1] + np.array([0.0, 1.0, 1.1])
-    got = imm.weigh(x, np.array([[0.0, 0.5, 0.5]]), bearings(0.0, sigma=0.05))
+    got = imm.weigh(x, np.array([[0.0, 0.5, 0.5]]), *bearings(0.0, sigma=0.05))
     offs = np.degrees(np.arctan([0.1, 0.11])) / 0.05
     ratio = math.exp(0.5 * (offs[0] ** 2 - offs[1] ** 2))
     np.testing.assert_allclose(got.total[0], [0.0, 1.0 / (1.0 + ratio), ratio / (1.0 + ratio)], rtol=1e-9)
@@ -101,7 +111,7 @@ def test_bearings_wrap_at_the_back_of_the_sensor(turns):
     at = np.radians([182.0, 180.0, 178.0])
     x[0, :, 0], x[0, :, 2] = SENSOR[0] + 10.0 * np.cos(at), SENSOR[1] + 10.0 * np.sin(at)
     for degrees, offs in ((179.0, [3.0, 1.0, 1.0]), (-179.0, [1.0, 1.0, 3.0])):
-        got = imm.weigh(x, equal(1, 3), bearings(degrees + 360.0 * turns)).total[0]
+        got = imm.weigh(x, equal(1, 3), *bearings(degrees + 360.0 * turns)).total[0]
         wanted = np.exp(-0.5 * (np.array(offs) / 3.0) ** 2)
         np.testing.assert_allclose(got, wanted / wanted.sum(), rtol=1e-9)
 
@@ -110,8 +120,8 @@ def test_the_order_of_bearings_does_not_matter():
     rng = np.random.default_rng(2)
     start, motion = cloud(rng, 200), Motion(three_models(0.05), acceleration_root(0.01, 1.0))
     draws = imm.draw(rng, 3, 200)
-    one = imm.step(start, motion, 1.0, bearings(130.0, 150.0, -20.0), draws)
-    other = imm.step(start, motion, 1.0, bearings(-20.0, 130.0, 150.0), draws)
+    one = imm.step(start, motion, 1.0, draws, **bearings(130.0, 150.0, -20.0)._asdict())
+    other = imm.step(start, motion, 1.0, draws, **bearings(-20.0, 130.0, 150.0)._asdict())
     np.testing.assert_allclose(one.estimate.mean, other.estimate.mean, rtol=1e-12)
     np.testing.assert_allclose(one.estimate.covariance, other.estimate.covariance, rtol=1e-9)
     np.testing.assert_array_equal(one.cloud.states, other.cloud.states)
@@ -123,12 +133,12 @@ def test_one_model_and_one_bearing_are_a_plain_particle_filter():
     root, L = acceleration_root(0.02, 0.7), 400
     start, draws = cloud(rng, L, 1), imm.draw(rng, 1, L)
     heard = bearings(140.0)
-    got = imm.step(start, Motion(np.zeros((1, 3)), root), 0.7, heard, draws)
+    got = imm.step(start, Motion(np.zeros((1, 3)), root), 0.7, draws, **heard._asdict())
     x = start.states.copy()
     x[:, 0] += 0.7 * x[:, 1]
     x[:, 2] += 0.7 * x[:, 3]
     x += np.concatenate([draws.normals[0, :, :2] @ root.T, draws.normals[0, :, 2:] @ root.T], axis=1)
-    off = heard.angle[0] - np.arctan2(x[:, 2] - 22.0, x[:, 0] - 25.0)
+    off = heard.bearing[0] - np.arctan2(x[:, 2] - 22.0, x[:, 0] - 25.0)
     w = np.exp(-0.5 * (off / heard.sigma[0]) ** 2)
     w /= w.sum()
     ancestors = np.searchsorted(np.cumsum(w), (np.arange(L) + draws.u) / L, side="right")
@@ -150,8 +160,8 @@ def test_far_targets_are_updated_as_by_a_kalman_filter(seed):
     H = np.array([-m[2], 0.0, m[0], 0.0]) / r2
     S = H @ P @ H + sigma**2
     innovation = math.sqrt(S) * [0.5, -1.0, 1.5, 0.0][seed]
-    heard = Bearings(np.array([math.atan2(m[2], m[0]) + innovation]), np.array([sigma]), np.zeros(2))
-    got = imm.step(start, Motion(np.zeros((1, 3)), root), dt, heard, imm.draw(rng, 1, L))
+    heard = Heard(np.array([math.atan2(m[2], m[0]) + innovation]), np.array([sigma]), np.zeros(2))
+    got = imm.step(start, Motion(np.zeros((1, 3)), root), dt, imm.draw(rng, 1, L), **heard._asdict())
     K = P @ H / S
     mean, covariance = m + K * innovation, P - np.outer(K, K) * S
     sd, size = np.sqrt(np.diag(covariance)), 1.0 / np.sum(got.weights.total**2)
@@ -192,7 +202,7 @@ def test_silence_moves_the_particles_and_keeps_every_one_of_them(L):
     rng = np.random.default_rng(7)
     start, draws = cloud(rng, L), imm.draw(rng, 3, L)
     motion = Motion(three_models(0.2), acceleration_root(0.01, 1.0))
-    got = imm.step(start, motion, 1.0, bearings(), draws)
+    got = imm.step(start, motion, 1.0, draws, **bearings()._asdict())
     np.testing.assert_array_equal(got.weights.total, np.full((3, L), 1 / (3 * L)))
     assert got.weights.each.shape == (0, 3, L)
     assert got.weights.log_evidence == 0.0
@@ -214,7 +224,7 @@ def test_switching_probabilities_weigh_the_models():
     start = Cloud(particles(rng, 1, 100)[0], np.ones(100, dtype=np.int64))
     motion = Motion(three_models(0.1)[:2], np.zeros((2, 2)), matrix)
     for heard in (bearings(140.0), bearings()):
-        got = imm.step(start, motion, 1.0, heard, imm.draw(rng, 2, 100))
+        got = imm.step(start, motion, 1.0, imm.draw(rng, 2, 100), **heard._asdict())
         assert np.all(got.cloud.models == 1)
         np.testing.assert_allclose(got.estimate.mu, [0.0, 1.0], atol=1e-12)
 
@@ -267,7 +277,7 @@ def test_count_trigger():
 def test_range_trigger(degrees, heard, wanted):
     a = math.radians(degrees)
     mean = np.array([25.0 + 8.0 * math.cos(a), 0.4, 22.0 + 8.0 * math.sin(a), -0.1])
-    assert imm.outside_ranges(mean, bearings(*heard)) is wanted
+    assert imm.outside_ranges(mean, *bearings(*heard)) is wanted
 
 
 def state_covariance(xx, xy, yy):

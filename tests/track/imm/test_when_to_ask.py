@@ -8,9 +8,10 @@ import pytest
 from heard_scenes import NS, room
 
 from occlog.errors import InputError
+from occlog.measure.scans.scan import Scan, concat, in_vain
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.config import ImmConfig, imm_defaults
-from occlog.track.imm.filter import Belief, Count, Look, Report, State
+from occlog.track.imm.filter import Belief, Count, Report, State
 from occlog.track.imm.tracks import UNNUMBERED, known, make_world, standing
 from occlog.track.imm.when_to_ask import Answer, Memory, asks, located, others
 
@@ -31,7 +32,7 @@ def at(policy, *places, t_s=0.0, config=None, counts=(), looks=(), predicted=Non
         moved = standing(world, track)
         shown = moved if predicted is None else moved._replace(predicted=moved.predicted + predicted)
         beliefs.append(Belief(track.number, shown, imm.moments(moved.predicted, moved.weights), 100.0))
-    return state, Report(tuple(beliefs), tuple(counts), tuple(looks), 0.0)
+    return state, Report(tuple(beliefs), tuple(counts), concat([Scan.of(0, []), *looks]), 0.0)
 
 
 def asked(state, report, memory=FRESH):
@@ -40,8 +41,10 @@ def asked(state, report, memory=FRESH):
 
 
 def look(*degrees, array=0, sigma=2.0):
-    n = len(degrees)
-    return Look(array, np.radians(np.array(degrees, dtype=float)), np.full(n, math.radians(sigma)), np.full(n, -1))
+    sensor, n = len(SCENE.cameras) + array, len(degrees)
+    if not n:
+        return in_vain(0, [sensor])
+    return Scan.of(0, [sensor] * n, bearing=np.radians(degrees), sigma=np.full(n, math.radians(sigma)))
 
 
 def test_none_never_asks():

@@ -15,7 +15,7 @@ from occlog.records.scene import Camera, Scene
 from occlog.track.in_space import projected_planes
 from occlog.track.in_space.config import PpsConfig
 from occlog.track.in_space.planes import Flat, choose_pair, combine, plane_angles, shared_axis
-from occlog.track.in_space.sensing import pack_ears, pack_scan
+from occlog.track.in_space.sensing import pack_directions, pack_ears
 
 NONE = np.full(3, np.nan)
 THESIS = {"selection": "printed", "running": "selected", "per_plane": "best", "combining": "planes-weighted"}
@@ -105,7 +105,7 @@ def test_planes_agree_about_the_common_axis_then_its_variance_is_theirs() -> Non
 
 
 def heard_at(scene: Scene, xyz):
-    heard = pack_scan(
+    heard = pack_directions(
         scan(scene, 0.0, range(len(scene.arrays)), xyz=np.array(xyz)), pack_ears(scene), np.zeros(2), use_score=True
     )
     return heard, plane_angles(heard)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from map_scenes import FOCAL, place, record
+from map_scenes import FOCAL, place, record, scans_of
 from numpy.testing import assert_allclose
 from shapely.geometry import Point, Polygon
 
@@ -90,7 +90,7 @@ def test_far_views_end_beyond_the_room() -> None:
 def test_arrays_have_no_view() -> None:
     scene = place((0, -9, 90), arrays=((5, 5, 0),))
     made = record(scene, np.arange(4), XY)
-    deaf = made._replace(seen=np.zeros_like(made.seen))
+    deaf = made._replace(rows=made.rows._replace(seen=np.zeros_like(made.rows.seen)))
     found = obstacles(deaf, stations(scene, np.zeros(2), walls=True), MapConfig(detection=0.9), EXTENT, 4)
     assert len(found) == 1
 
@@ -115,7 +115,7 @@ def test_walls_and_pockets_are_there_always_and_hide_places() -> None:
 def walk_past(scene, config, blind=()):
     t = np.arange(0.0, 16.0, 0.5)
     xy = np.column_stack([-7.0 + 14.0 * t / 15.5, np.full(len(t), -2.0)])
-    out = advance(begin(scene, config), record(scene, t, xy, blind=blind), last=True)[1]
+    out = advance(begin(scene, config), scans_of(record(scene, t, xy, blind=blind)), last=True)[1]
     assert out.converged
     return xy, out
 

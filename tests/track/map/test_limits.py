@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from map_scenes import place, record
+from map_scenes import place, record, scans_of
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
-from occlog.track.interface import Record, Smoothed
+from occlog.track.interface import Smoothed
 from occlog.track.map.config import MapConfig, map_defaults
 from occlog.track.map.method import advance, begin
+from occlog.track.map.record import Record
 
 NS = 1_000_000_000
 WALL = np.array([[-0.2, -10.0], [0.2, -10.0], [0.2, 4.0], [-0.2, 4.0]])
@@ -28,7 +29,7 @@ def walled() -> Scene:
 
 def estimate(scene: Scene, one: Record, **settings: object) -> Smoothed:
     config = replace(map_defaults("m"), **settings)
-    return advance(begin(scene, config), one, True)[1]
+    return advance(begin(scene, config), scans_of(one), True)[1]
 
 
 def around_the_wall(seed: int) -> Record:
@@ -99,11 +100,10 @@ def test_motion_that_grows_a_little_is_used() -> None:
 def test_readings_beyond_all_measure_are_an_error_or_finite(column: str) -> None:
     scene = place((-10, -10, 45))
     one = record(scene, np.arange(6.0), np.tile([[2.0, 3.0]], (6, 1)))
-    values = getattr(one, column).copy()
-    values[2] = 1e200
+    getattr(one.rows, column)[2] = 1e200
     with np.errstate(all="ignore"):
         try:
-            out = estimate(scene, one._replace(**{column: values}))
+            out = estimate(scene, one)
         except InputError as error:
             assert "too large or too small" in str(error)
         else:
@@ -135,11 +135,9 @@ def test_a_linear_start_survives_a_contradiction() -> None:
     scene = place((-10, 0, 0), (-10, 0.01, 180), (0, -10, 90))
     t = np.arange(12.0)
     one = record(scene, t, np.column_stack([-4.0 + 0.6 * t, np.zeros(12)]))
-    back = np.flatnonzero((one.sensor == 1) & (one.state == 5))
-    seen, bearing, u = one.seen.copy(), one.bearing.copy(), one.u_px.copy()
-    seen[back], bearing[back], u[back] = True, np.pi - 1e-3, 0.5
-    sigma, sigma_px = np.where(seen, 1e-3, np.nan), np.where(seen, 0.5, np.nan)
-    two_sided = one._replace(seen=seen, bearing=bearing, u_px=u, sigma=sigma, sigma_px=sigma_px)
-    axes, linear = (estimate(scene, two_sided, initial=start) for start in ("axes", "linear"))
+    back, rows = np.flatnonzero((one.rows.sensor == 1) & (one.state == 5)), one.rows
+    rows.seen[back], rows.bearing[back], rows.u_px[back] = True, np.pi - 1e-3, 0.5
+    rows.sigma[:], rows.sigma_px[:] = np.where(rows.seen, 1e-3, np.nan), np.where(rows.seen, 0.5, np.nan)
+    axes, linear = (estimate(scene, one, initial=start) for start in ("axes", "linear"))
     assert axes.fallback[5] == linear.fallback[5] == "contradiction"
     np.testing.assert_allclose(linear.xy, axes.xy, atol=1e-4)

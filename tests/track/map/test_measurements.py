@@ -78,7 +78,7 @@ def test_residuals_vanish_at_the_place_that_was_seen() -> None:
     made = record(scene, np.arange(3), xy)
     at = stations(scene, ORIGIN, walls=True)
     lines = sight_lines(made, at)
-    assert len(lines.step) == made.seen.sum() == 9
+    assert len(lines.step) == made.rows.seen.sum() == 9
     assert lines.direction.reshape(3, 3)[:, 2].all()
     assert_allclose(residuals(lines, states(xy)), 0.0, atol=1e-9)
     c = ~lines.direction
@@ -102,7 +102,7 @@ def test_in_front_of_a_camera_that_saw_it() -> None:
     scene = place((0, -5, 90))
     bare = MapConfig(walls=False)
     planes, _, made = planes_of(scene, np.array([[0.5, 0.0], [9.0, -5.0]]), bare)
-    assert made.seen.tolist() == [True, False]
+    assert made.rows.seen.tolist() == [True, False]
     assert planes.step.tolist() == [0]  # nothing of the state that was not seen
     gap = [slack(planes, states([p, p]))[0] for p in ([3.0, -4.0], [3.0, -5.0], [0.0, -6.0])]
     assert_allclose(gap, [1.0 - 0.01, -0.01, -1.01])
@@ -186,7 +186,7 @@ def test_no_half_plane_rules_out_where_a_target_was_seen(seed: int) -> None:
         if any(LineString([c.ground, xy[t]]).crosses(Polygon(b)) for b in scene.blockers(c.ground))
     }
     planes, _, made = planes_of(scene, xy, noise=rng, blind=hidden)
-    assert made.seen.sum() > 60
+    assert made.rows.seen.sum() > 60
     assert slack(planes, states(xy)).min() > 0.0
 
 

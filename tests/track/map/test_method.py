@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from map_scenes import FOCAL, cut, joined, place, record
+from map_scenes import FOCAL, joined, place, record, scans_of
 from numpy.testing import assert_allclose
 
 from occlog.errors import InputError
@@ -20,7 +20,7 @@ TWO_APART = ((-4, -3, 90), (4, -3, 90))  # side by side, looking the same way: t
 
 
 def solve(scene, config, made) -> Smoothed:
-    return advance(begin(scene, config), made, last=True)[1]
+    return advance(begin(scene, config), scans_of(made), last=True)[1]
 
 
 def line(t, start, velocity):
@@ -49,9 +49,9 @@ def test_unknown_speed_with_two_cameras_that_do_not_overlap() -> None:
     scene = place(*TWO_APART)
     t, xy = crossing()
     made = record(scene, t, xy)
-    count = np.bincount(made.sensor[made.seen])
+    count = np.bincount(made.rows.sensor[made.rows.seen])
     assert (count > 8).all()
-    assert np.bincount(made.state[made.seen]).max() == 1  # never seen by both
+    assert np.bincount(made.state[made.rows.seen]).max() == 1  # never seen by both
     out = solve(scene, STEADY, made)
     assert out.converged
     assert set(out.fallback) == {""}
@@ -66,10 +66,10 @@ def test_known_velocity_with_one_camera() -> None:
     t = np.arange(0.0, 4.0, 0.25)
     xy = line(t, (-1.7, 1.0), (0.9, 0.0))
     made = record(scene, t, xy)
-    assert made.seen.sum() > 10
+    assert made.rows.seen.sum() > 10
     pending = begin(scene, STEADY)
     known = Knowledge(np.array([0.0, 0.9, 0.0, 0.0]), np.diag([800.0, 1e-8, 800.0, 1e-8]))
-    out = advance(pending._replace(before=known), made, last=True)[1]
+    out = advance(pending._replace(before=known), scans_of(made), last=True)[1]
     assert set(out.fallback) == {""}
     assert_allclose(out.xy, xy, rtol=0, atol=0.02)
     vague = solve(scene, STEADY, made)
@@ -125,9 +125,9 @@ def test_covariance_is_that_of_the_errors() -> None:
 
 def blocks(scene, config, made, size):
     pending, parts = begin(scene, config), []
-    T = len(made.t_ns)
+    scans, T = scans_of(made), len(made.t_ns)
     for first in range(0, T, size):
-        pending, out = advance(pending, cut(made, first, min(first + size, T)), last=first + size >= T)
+        pending, out = advance(pending, scans[first : first + size], last=first + size >= T)
         parts.append(out)
     return parts
 
@@ -251,11 +251,10 @@ def test_cameras_back_to_back_that_both_see_it_contradict_each_other() -> None:
     t = np.arange(0.0, 5.0, 0.5)
     xy = line(t, (-1.0, 0.0), (0.3, 0.0))
     made = record(scene, t, xy)
-    state, sensor, seen, bearing, sigma, u, sigma_px = (column.copy() for column in made[1:])
-    lying = (state == 4) & (sensor < 2)
-    seen[lying], u[lying], sigma[lying], sigma_px[lying] = True, 0.0, 0.001, 0.5
-    bearing[lying] = np.radians([90.0, -90.0])
-    out = solve(scene, MapConfig(), made._replace(seen=seen, bearing=bearing, sigma=sigma, u_px=u, sigma_px=sigma_px))
+    lying, rows = (made.state == 4) & (made.rows.sensor < 2), made.rows
+    rows.seen[lying], rows.u_px[lying], rows.sigma[lying], rows.sigma_px[lying] = True, 0.0, 0.001, 0.5
+    rows.bearing[lying] = np.radians([90.0, -90.0])
+    out = solve(scene, MapConfig(), made)
     check_sane(out, len(t))
     assert out.fallback[4] == "contradiction"
     assert "contradiction" not in out.fallback[:4] + out.fallback[5:]
@@ -274,11 +273,11 @@ def wild(seed: int):
     xy = rng.uniform(-5, 5, 2) + np.cumsum(velocity * dt, axis=0)
     xy = 7.9 - np.abs((xy + 7.9) % 31.6 - 15.8)  # reflected by the walls
     made = record(scene, t, xy, noise=rng)
-    wrong = made.seen & (rng.uniform(size=len(made.seen)) < 0.1)
-    u, bearing = made.u_px.copy(), made.bearing.copy()
+    wrong = made.rows.seen & (rng.uniform(size=len(made.state)) < 0.1)
+    u, bearing = made.rows.u_px, made.rows.bearing
     pixel = wrong & np.isfinite(u)
     u[pixel] = rng.uniform(-280, 280, pixel.sum())
-    yaw = np.array([c.yaw for c in scene.cameras] + [0.0] * len(ears))[made.sensor[pixel]]
+    yaw = np.array([c.yaw for c in scene.cameras] + [0.0] * len(ears))[made.rows.sensor[pixel]]
     bearing[pixel] = (yaw - np.arctan(u[pixel] / FOCAL) + np.pi) % (2 * np.pi) - np.pi
     bearing[wrong & ~pixel] = rng.uniform(-np.pi, np.pi, (wrong & ~pixel).sum())
     config = MapConfig(
@@ -288,7 +287,7 @@ def wild(seed: int):
         window=int(rng.choice([16, 512])),
         lag_s=float(rng.choice([1.0, 10.0])),
     )
-    return scene, made._replace(u_px=u, bearing=bearing), config
+    return scene, made, config
 
 
 @pytest.mark.jit

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from map_scenes import place, record
+from map_scenes import place, record, scans_of
 from numpy.testing import assert_allclose
 from scipy import sparse
 
@@ -59,7 +59,7 @@ def test_the_setting_gives_the_same_track() -> None:
     made = record(scene, t, np.column_stack([-7.0 + 0.9 * t, 1.0 + 0.05 * t]))
     config = MapConfig(acceleration=0.05)
     newton, programs = (
-        advance(begin(scene, c), made, last=True)[1] for c in (config, replace(config, solver="clarabel"))
+        advance(begin(scene, c), scans_of(made), last=True)[1] for c in (config, replace(config, solver="clarabel"))
     )
     assert programs.converged
     assert_allclose(programs.xy, newton.xy, rtol=0, atol=1e-4)

@@ -15,10 +15,10 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.measure.scans.scans import Rows, groups
+from occlog.measure.scans.scans import Rows, scans_of
 from occlog.papers.verdicts.model import Size, Spec
 from occlog.settings import configure
-from occlog.track.imm.ask_cameras import Desk, Request
+from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests
 from occlog.track.imm.config import ImmConfig
 from occlog.track.imm.filter import Report, State, init, step
 from occlog.track.imm.listening import Listener
@@ -59,7 +59,7 @@ class FilterOutput(NamedTuple):
 
     xy: Floats  # (T, K, 2) [m]; NaN: no track
     asked: Floats  # (T,) 1 where cameras were asked, else 0
-    requests: list[Request]
+    requests: list[CameraRequest]
 
 
 def cooperation_spec(
@@ -137,15 +137,16 @@ def follow(made: Environment, spec: Mapping[str, Any]) -> FilterOutput:
     T, K = min(spec["steps"], len(made.truth.t_ns)), made.truth.xyz.shape[1]
     out = FilterOutput(np.full((T, K, 2), np.nan), np.zeros(T), [])
     state, memory = init(scene, config, rng), Memory()
-    listener, desk = Listener(scene, 1e6), Desk(scene, config)
+    listener, desk = Listener(scene, 1e6), CameraRequests(scene, config)
     place = {int(t): n for n, t in enumerate(made.truth.t_ns[:T].tolist())}
-    for group in groups([made.bearings], scene, use):
-        if group.t_ns > made.truth.t_ns[T - 1]:
+    for scan in scans_of([made.bearings], scene, use):
+        if scan.t_ns > made.truth.t_ns[T - 1]:
             break
-        desk.put(group)
-        for t_ns, looks in listener.scans(group):
+        desk.put(scan)
+        for sounds in listener.scans(scan):
+            t_ns = sounds.t_ns
             n = place[min(place, key=lambda t: abs(t - t_ns))] if t_ns not in place else place[t_ns]
-            state, report = step(state, t_ns, looks, rng)
+            state, report = step(state, sounds, rng)
             asked, memory = asks(state, report, memory, helping)
             # Requests for new tracks (numbers below 0) are dropped: the roster starts all tracks.
             asked = [a for a in asked if a.number >= 0]

@@ -109,19 +109,14 @@ def scans(w: World, rng: Generator) -> list[Scan]:
     angles = [sight_angles(w.states[:, :3], p, np.eye(3)) for p in w.places]
     theta = np.stack([a for a, _ in angles], axis=1) + SIGMA * rng.standard_normal((T, S))
     phi = np.stack([p for _, p in angles], axis=1) + SIGMA * rng.standard_normal((T, S))
-    times, none, yes = np.rint(1e9 * np.cumsum(w.dt)).astype(np.int64), np.full(S, np.nan), np.ones(S, dtype=np.bool_)
-    sigma = np.full(S, SIGMA)
+    times, sigma = np.rint(1e9 * np.cumsum(w.dt)).astype(np.int64), np.full(S, SIGMA)
     return [
-        Scan(
-            t_ns=int(times[k]),
-            sensor=np.arange(S),
-            labelled=yes,
-            seen=yes,
+        Scan.of(
+            int(times[k]),
+            np.arange(S),
+            target_id=np.zeros(S, dtype=np.int32),
             bearing=theta[k],
             sigma=sigma,
-            u_px=none,
-            sigma_px=none,
-            score=none,
             elevation=0.5 * math.pi - phi[k],
             sigma_elevation=sigma,
         )

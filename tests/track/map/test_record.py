@@ -8,15 +8,13 @@ from numpy.testing import assert_array_equal
 
 from occlog.array_types import NS
 from occlog.errors import InputError
-from occlog.track.interface import Record
 from occlog.track.map.config import MapConfig
-from occlog.track.map.method import fill
+from occlog.track.map.record import EMPTY, Record, fill
 
 
 def silent(t_ns) -> Record:
     """A record without rows."""
-    no, none = np.empty(0, dtype=np.int64), np.empty(0)
-    return Record(np.asarray(t_ns, dtype=np.int64), no, no, np.empty(0, dtype=np.bool_), none, none, none, none)
+    return EMPTY._replace(t_ns=np.asarray(t_ns, dtype=np.int64))
 
 
 @pytest.mark.parametrize(("gap_s", "longest_s"), [(86_400, 0.1), (10_000, 0.007), (10**9, 10_000.0)])

@@ -1,0 +1,72 @@
+"""A target's record as method `map` solves it: its scans in columns, joined, cut, and filled with more times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Ints
+from occlog.errors import InputError
+from occlog.measure.scans.scan import Scan, concat
+
+MOST_STATES = 10_000_000
+"""States that `fill_s` may make."""
+
+
+class Record(NamedTuple):
+    """The rows of T scans of one target, one scan after the other: a trajectory has a state at each time."""
+
+    t_ns: Ints  # (T,) rising
+    state: Ints  # (R,) which time each row is of, rising
+    rows: Scan  # R rows; the time of this scan means nothing
+
+
+EMPTY = Record(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), Scan.of(0, []))
+"""A record of no times."""
+
+
+def record_of(scans: Sequence[Scan]) -> Record:
+    """The record of scans in the order of time."""
+    counts = [len(scan.sensor) for scan in scans]
+    t_ns = np.array([scan.t_ns for scan in scans], dtype=np.int64)
+    return Record(t_ns, np.repeat(np.arange(len(scans)), counts), concat([EMPTY.rows, *scans]))
+
+
+def join(a: Record, b: Record) -> Record:
+    """One record and what came after it."""
+    state = np.concatenate([a.state, b.state + len(a.t_ns)])
+    return Record(np.concatenate([a.t_ns, b.t_ns]), state, concat([a.rows, b.rows]))
+
+
+def after(record: Record, state: int) -> Record:
+    """What the record has from a state on."""
+    rows = record.state >= state
+    return Record(record.t_ns[state:], record.state[rows] - state, record.rows.take(rows))
+
+
+def fill(record: Record, longest_s: float | None) -> Record:
+    """The record with times added where there is none for a longer time than `longest_s` [s]; None: nowhere.
+
+    InputError for more than `MOST_STATES` times.
+    """
+    if longest_s is None or len(record.t_ns) < 2:
+        return record
+    gaps = np.diff(record.t_ns)
+    # Pieces of whole ns may be a little longer, and must not be filled again with the next block.
+    pieces = np.maximum(1.0, np.ceil((gaps - 2) / (longest_s * NS) - 1e-9))
+    if pieces.sum() > MOST_STATES:
+        raise InputError(
+            f"map: fill_s {longest_s:g} would make {pieces.sum():.3g} states of {len(record.t_ns)} times, "
+            f"at most {MOST_STATES:.0e} are possible; raise it"
+        )
+    pieces = pieces.astype(np.int64)
+    if not (pieces > 1).any():
+        return record
+    first = np.concatenate([[0], np.cumsum(pieces)])
+    inside = np.arange(first[-1]) - np.repeat(first[:-1], pieces)
+    # inside * gap // pieces, in two parts: the product alone may be above what 64 bits hold.
+    whole, rest = np.repeat(gaps // pieces, pieces), np.repeat(gaps % pieces, pieces)
+    t_ns = np.repeat(record.t_ns[:-1], pieces) + inside * whole + inside * rest // np.repeat(pieces, pieces)
+    return record._replace(t_ns=np.append(t_ns, record.t_ns[-1]), state=first[record.state])
