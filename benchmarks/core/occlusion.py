@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
@@ -11,7 +10,8 @@ from typing import Any
 import numba
 import numpy as np
 
-from benchmarks.track.track import PARTICLES, ROOT, SEED, per_call, reference
+from benchmarks.references import reference
+from benchmarks.track.track import PARTICLES, ROOT, SEED, per_call
 from occlog.array_types import Floats
 from occlog.core.filter.likelihood_occluded import log_likelihood_among
 from occlog.core.numerics.special_functions import fast_erf
@@ -78,11 +78,11 @@ def _scans(scene: Scene) -> list[Scan]:
 
 def plain_step(at: Moment) -> Callable[[], Any]:
     """The same step in plain NumPy by Eq. 7, random numbers included."""
-    ref = reference()
+    ref = reference("apf_reference")
     people = at.scan.occluders
     assert people is not None
     covariance = people.sigma[:, None, None] ** 2 * np.eye(2)
-    priors = sys.modules["occlusion_reference"].RefPriors(people.mean, covariance, DIAMETER, improved=False)
+    priors = reference("occlusion_reference").RefPriors(people.mean, covariance, DIAMETER, improved=False)
     cameras = [
         ref.RefCamera(c.ground, c.yaw, c.focal_px[0], c.fov, c.range, c.sigma_position, c.sigma_yaw)
         for c in at.scene.cameras

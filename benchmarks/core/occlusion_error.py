@@ -1,6 +1,6 @@
 """Errors of the approximations of [Ercan] Eqs. 7-9: the tables of docs/occlusion.md.
 
-`python -m benchmarks.occlusion_error` prints them.  q: each form of Eq. 7 against
+`python -m benchmarks.core.occlusion_error` prints them.  q: each form of Eq. 7 against
 quadrature, over random priors of one shape around random sight lines.  p(eta | u):
 `recursion` and `independent` against `exact`, over random rooms full of people.
 Everything is drawn from fixed seeds, each row from its own, so that rows can be

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from statistics import median
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from benchmarks.references import reference
 from occlog.core.sight.fundamental import fundamental_from_poses
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.records.scene import Camera
@@ -25,15 +23,8 @@ from occlog.track.images.methods.timing import likelihood_seconds
 NAME = "views"
 SUMMARY = "bmct, 6 targets x 60 particles x 2 views of 320x240, map of bins included: time to that of plain NumPy"
 LIMIT = 0.5
-ROOT = Path(__file__).resolve().parents[2]
 FRAMES = 60
 SEED = 21
-
-
-def reference() -> ModuleType:
-    """The tests' plain form of a frame."""
-    sys.path.insert(0, str(ROOT / "tests" / "reference"))
-    return importlib.import_module("view_reference")
 
 
 def inner(camera: Camera) -> np.ndarray:
@@ -102,7 +93,7 @@ def shares(cases: list[tuple[Any, FrameSet, Any]]) -> dict[str, float]:
 
 def run(repeats: int = 5) -> dict[str, Any]:
     """Ratio of a frame's time to the plain form's, both measured in turn; median over repeats."""
-    config, ref = BallsConfig(frames=FRAMES), reference()
+    config, ref = BallsConfig(frames=FRAMES), reference("view_reference")
     frames = list(render_balls(config, SEED))
     cases, dense = states(frames, config), states(frames, config, pixel_step=1)
     timed: Callable[[], tuple[float, float]] = lambda: (ours(cases), plain(cases[:20], ref))  # noqa: E731

@@ -1,6 +1,6 @@
 """How good visual hulls are: people who walk in a room, seen as boxes, and where they truly were.
 
-`python -m benchmarks.hull_quality` prints a table: cameras, people, probability that a camera
+`python -m benchmarks.measure.hull_quality` prints a table: cameras, people, probability that a camera
 misses a person, recall, precision, median area and RMS error, means over seeds with the
 standard deviation between them.
 """

@@ -1,6 +1,6 @@
 """Detection on real video against true boxes: PETS 2009 S2.L1, view 1, frames 0 to 399.
 
-    python -m benchmarks.pets_detection FOLDER [--json]
+    python -m benchmarks.measure.pets_detection FOLDER [--json]
 
 FOLDER holds `vtest.avi`, `calibration/View_001.xml` and the annotations (it is not
 shipped).  For each method and background model: recall, precision and the horizontal
@@ -150,7 +150,7 @@ def show(name: str, got: dict[str, Any]) -> None:
 
 def main() -> None:
     """Run all combinations."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.pets_detection", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.measure.pets_detection", description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     options = parser.parse_args()

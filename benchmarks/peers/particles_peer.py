@@ -6,10 +6,6 @@ every run (`pip install particles==0.4 'numpy<2'`); both filters then track the 
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -18,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.peers._environments import environment, output_of
+from benchmarks.references import FORMS
 from occlog.array_types import Floats
 from occlog.io.scenes.scene import read_scene
 from occlog.measure.scans.scan import Scan
@@ -31,7 +29,7 @@ from occlog.track.apf.config import ApfConfig
 NAME = "particles"
 SUMMARY = "APF step, 1000 particles, 8 cameras, no moving occluders: time to that of the `particles` package"
 LIMIT = 1.0
-HERE = Path(__file__).resolve().parent
+SCENE = Path(__file__).resolve().parents[2] / "examples" / "room100.yaml"
 STEPS = 300
 SEED = 5
 SKIP = 20
@@ -39,16 +37,17 @@ SKIP = 20
 
 def run(repeats: int = 3) -> dict[str, Any]:
     """Ratio of median step times over the same recording; median over repeats, taken in turn."""
-    scene = read_scene(HERE.parents[1] / "examples" / "room100.yaml")
+    scene = read_scene(SCENE)
     truth, scans = recording(scene)
     with tempfile.TemporaryDirectory() as folder:
-        python, given = environment(Path(folder)), Path(folder) / "scans.npz"
+        python = environment(Path(folder) / "peer", "particles==0.4", "numpy<2")
+        given = Path(folder) / "scans.npz"
         save(given, scene, truth, scans)
         _ours(scene, truth, scans)
         ours, theirs = [], []
         for _ in range(repeats):
             ours.append(_ours(scene, truth, scans))
-            theirs.append(_theirs(python, given))
+            theirs.append(output_of(python, "_particles_peer.py", given, FORMS / "apf_reference.py"))
     ratio = median(a["step us"] / b["step us"] for a, b in zip(ours, theirs, strict=True))
     parts = {
         "step us": median(a["step us"] for a in ours),
@@ -70,20 +69,6 @@ def recording(scene: Scene) -> tuple[Floats, list[Scan]]:
     return np.column_stack([target.x, target.y]), scans
 
 
-def environment(folder: Path) -> Path:
-    """An environment with the package; its Python."""
-    subprocess.run([sys.executable, "-m", "venv", str(folder / "peer")], check=True)
-    python = folder / "peer" / "bin" / "python"
-    command = [python, "-m", "pip", "install", "--quiet", "particles==0.4", "numpy<2"]
-    subprocess.run(command, check=True, capture_output=True, env=alone())
-    return python
-
-
-def alone() -> dict[str, str]:
-    """Environment variables without a path to other packages."""
-    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-
-
 def save(path: Path, scene: Scene, truth: Floats, scans: list[Scan]) -> None:
     """What the other filter needs."""
     cameras = [(*c.ground, c.yaw, c.focal_px[0], c.fov, c.range, c.sigma_position, c.sigma_yaw) for c in scene.cameras]
@@ -100,12 +85,3 @@ def _ours(scene: Scene, truth: Floats, scans: list[Scan]) -> dict[str, Any]:
         times.append(1e6 * (time.perf_counter() - begin))
         errors.append(float(np.hypot(*(estimate.xy - truth[k]))))
     return {"step us": median(times[5:]), "rmse": float(np.sqrt(np.mean(np.square(errors[SKIP:]))))}
-
-
-def _theirs(python: Path, given: Path) -> dict[str, Any]:
-    step = HERE.parents[1] / "tests" / "reference" / "apf_reference.py"
-    done = subprocess.run(
-        [python, HERE / "_particles_peer.py", given, step], check=True, capture_output=True, text=True, env=alone()
-    )
-    result: dict[str, Any] = json.loads(done.stdout)
-    return result

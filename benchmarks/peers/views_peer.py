@@ -1,6 +1,6 @@
 """Tracking in images against trackers of other projects, from the same regions.
 
-    python -m benchmarks.views_peer [--pets FOLDER] [--seeds 1-3] [--only A,B,...] [--work DIR] [--json]
+    python -m benchmarks.peers.views_peer [--pets FOLDER] [--seeds 1-3] [--only A,B,...] [--work DIR] [--json]
 
 FOLDER holds PETS 2009 S2.L1 view 1 (`vtest.avi`, `calibration`, `annotations`; it is not shipped).  Without it
 only the simulated room is tracked: people who look alike in three views, a recording for each seed.
@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -28,7 +27,7 @@ import numpy as np
 from benchmarks.images import _views_cases as cases
 from benchmarks.images._views_cases import Case
 from benchmarks.images._views_score import FIGURES, Placed, around, figures, inside
-from benchmarks.peers.particles_peer import alone
+from benchmarks.peers._environments import environment, output_of
 from occlog.io.files.parquet import read_table
 from occlog.records.tables import Views
 from occlog.records.views import ViewTracks
@@ -58,18 +57,6 @@ class Outcome(NamedTuple):
     joint: bool  # labels are the same in all views
 
 
-def environment(package: str, folder: Path) -> Path:
-    """The Python of an environment with a package."""
-    named = os.environ.get(VARIABLE)
-    home = (Path(named) if named else folder) / package
-    python = home / "bin" / "python"
-    if not python.exists():
-        subprocess.run([sys.executable, "-m", "venv", str(home)], check=True)
-        command: list[str | Path] = [python, "-m", "pip", "install", "--quiet", PACKAGES[package]]
-        subprocess.run(command, check=True, capture_output=True, env=alone())
-    return python
-
-
 def save(path: Path, case: Case) -> None:
     """What a tracker of boxes needs."""
     found = read_table(case.detections, Views)
@@ -85,14 +72,11 @@ def save(path: Path, case: Case) -> None:
 
 def theirs(case: Case, name: str, python: Path, work: Path) -> Outcome:
     """Tracks of another project."""
-    peer = Path(__file__).resolve().parent / "_views_peer.py"
     given, out = work / "given.npz", work / "tracks.npz"
     save(given, case)
-    done = subprocess.run([python, peer, given, out, name], check=True, capture_output=True, text=True, env=alone())
+    seconds = output_of(python, "_views_peer.py", given, out, name)["seconds"]
     got = np.load(out)
-    return Outcome(
-        Placed._make(got[column] for column in Placed._fields), json.loads(done.stdout)["seconds"], joint=False
-    )
+    return Outcome(Placed._make(got[column] for column in Placed._fields), seconds, joint=False)
 
 
 def ours(case: Case, method: str, work: Path, *, true_start: bool) -> Outcome:
@@ -124,7 +108,8 @@ def contenders(views: int, only: list[str], folder: Path) -> Iterator[tuple[str,
         yield method, lambda c, w, m=method: ours(c, m, w, true_start=False)  # type: ignore[misc]
     for name in (n for n in PEERS if n in only):
         package = PEERS[name]
-        python = environment(package, folder)
+        home = Path(os.environ.get(VARIABLE) or folder) / package
+        python = environment(home, PACKAGES[package])
         yield name, lambda c, w, n=name, p=python: theirs(c, n, p, w)  # type: ignore[misc]
     for method in (m for m in TRUE_STARTS if m + TRUE_START in only):
         yield method + TRUE_START, lambda c, w, m=method: ours(c, m, w, true_start=True)  # type: ignore[misc]
@@ -169,7 +154,7 @@ def seeds(text: str) -> list[int]:
 def main() -> None:
     """Run all trackers on all cases."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.views_peer",
+        prog="python -m benchmarks.peers.views_peer",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.references import reference
 from occlog.core.filter.likelihood import log_likelihood
 from occlog.core.plane.floor import on_floor
 from occlog.io.scenes.scene import read_scene
@@ -33,12 +32,6 @@ ROOT = Path(__file__).resolve().parents[2]
 PARTICLES = 1000
 STEPS = 60
 SEED = 5
-
-
-def reference() -> ModuleType:
-    """The tests' plain form of a step."""
-    sys.path.insert(0, str(ROOT / "tests" / "reference"))  # it imports its neighbour
-    return importlib.import_module("apf_reference")
 
 
 def simulated_scans(scene: Scene) -> list[Scan]:
@@ -126,7 +119,7 @@ def run(repeats: int = 5) -> dict[str, Any]:
     state = apf.init(scene, config, rng)
     for scan in scans[:-1]:
         state, _ = apf.step(state, scan, rng)
-    plain = baseline_step(reference(), scene, state, scans[-1], rng)
+    plain = baseline_step(reference("apf_reference"), scene, state, scans[-1], rng)
     parts = parts_of(state, scans[-1], rng)
     apf.step(state, scans[-1], rng)
     ours, theirs = [], []
