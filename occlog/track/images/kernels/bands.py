@@ -1,7 +1,8 @@
-"""Epipolar bands on which particles of a target should lie, and the loop check, [Qu] Secs. 3.2 and 3.4.2.
+"""Epipolar bands on which the particles of a target should lie, and the loop check, [Qu] Secs. 3.2 and 3.4.2.
 
-The point of an ellipse that stands for the target is its centre or its bottom.  Each tracker has an
-affine map (2, 3) from recorded pixels to those of a camera without distortion, good near its target.
+The point of an ellipse that stands for the target is its centre, or its lowest point where
+people stand.  Each tracker has an affine map (2, 3) from recorded pixels to those of a camera
+without distortion, which is the distortion linearised at the target.
 """
 
 from __future__ import annotations
@@ -14,14 +15,21 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 UNKNOWN, APART, TOGETHER = -1, 0, 1
-"""Outcomes of `loop_check`."""
+"""Outcomes of `loop_check`: it cannot be made, it fails, it holds."""
 
 
 @kernel
 def anchor(ellipse: Floats, affine: Floats, bottom: bool) -> tuple[float, float]:
-    """The point of an ellipse (5,) that stands for its target, without distortion [px]."""
+    """The point of an ellipse that stands for its target, without distortion [px].
+
+    Args:
+        ellipse: (5,).
+        affine: (2, 3) of its tracker.
+        bottom: whether it is the lowest point; else the centre.
+    """
     x, y = ellipse[0], ellipse[1]
     if bottom:
+        # Where the tangent is horizontal
         a, b = ellipse[2], ellipse[3]
         s, c = math.sin(ellipse[4]), math.cos(ellipse[4])
         down = math.hypot(a * s, b * c)
@@ -32,7 +40,7 @@ def anchor(ellipse: Floats, affine: Floats, bottom: bool) -> tuple[float, float]
 
 @kernel
 def line_of(matrix: Floats, x: float, y: float) -> tuple[float, float, float]:
-    """Epipolar line (l1, l2, l3), l1^2 + l2^2 = 1, of a point; NaN for the epipole and an unknown matrix."""
+    """Epipolar line F (x, y, 1), scaled to l1^2 + l2^2 = 1; NaN for the epipole and an unknown matrix."""
     l1 = matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]
     l2 = matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]
     l3 = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
@@ -44,7 +52,7 @@ def line_of(matrix: Floats, x: float, y: float) -> tuple[float, float, float]:
 
 @kernel
 def reach_across(ellipse: Floats, l1: float, l2: float) -> float:
-    """How far an ellipse (5,) reaches from its centre along the unit vector (l1, l2): half the width of its band."""
+    """Half width of the band of an ellipse (5,): how far it reaches from its centre along the unit vector (l1, l2)."""
     turn = math.atan2(l2, l1) - ellipse[4]
     return math.hypot(ellipse[2] * math.cos(turn), ellipse[3] * math.sin(turn))
 
@@ -53,15 +61,17 @@ def reach_across(ellipse: Floats, l1: float, l2: float) -> float:
 def add_band(
     log_weights: Floats, particles: Floats, affine: Floats, bottom: bool, line: tuple[float, float, float], sigma: float
 ) -> None:
-    """Add the logarithms of the collaboration weights, [Qu] Eq. 5 without its constant.
+    """Add the logarithms of the collaboration weights of [Qu] Eq. 5, without its constant.
+
+    The distance of a particle from the band is that of its point from the middle line, as [Qu] simplifies it.
 
     Args:
         log_weights: (N,) changed in place.
         particles: (N, 5).
         affine: (2, 3) of the tracker.
         bottom: of `anchor`.
-        line: middle of the band.
-        sigma: > 0, of the distance from it [px].
+        line: middle of the band, see `line_of`.
+        sigma: Sigma_phi, the standard deviation of the distance from the line [px], > 0.
     """
     scale = 0.5 / (sigma * sigma)
     for p in range(particles.shape[0]):
@@ -74,7 +84,7 @@ def add_band(
 def loop_check(
     estimate: Floats, affine: Floats, view: Ints, counterpart: Ints, fundamental: Floats, bottom: bool
 ) -> Ints:
-    """Whether each tracker and its counterparts lie on each other's epipolar band.
+    """Check whether each tracker and its counterparts lie on each other's epipolar band, [Qu] Sec. 3.4.2.
 
     Args:
         estimate: (n, 5).
@@ -85,8 +95,8 @@ def loop_check(
         bottom: of `anchor`.
 
     Returns:
-        (n, V): `TOGETHER` when both points are within the ellipse's reach of their lines, `APART`,
-        `UNKNOWN` without counterpart, matrix or line.
+        (n, V): `TOGETHER` when both points are at most the reach of their ellipse from their line, `APART`
+        when one is farther, `UNKNOWN` without counterpart, matrix or line.
     """
     n, views = counterpart.shape
     out = np.full((n, views), UNKNOWN, dtype=np.int64)
@@ -106,21 +116,21 @@ def loop_check(
     return out
 
 
-def hysteresis(check: Ints, good: Bools, run: Ints, bad_after: int, good_after: int) -> tuple[Bools, Ints]:
-    """Whether counterparts are good after another loop check, and how long the checks have said otherwise.
+def hysteresis(check: Ints, good: Bools, streak: Ints, bad_after: int, good_after: int) -> tuple[Bools, Ints]:
+    """Change the status of counterparts when enough loop checks in a row contradict it.
 
     Args:
         check: outcomes of `loop_check`, of any shape.
-        good: the same shape, before it.
-        run: the same shape, checks in a row that said otherwise.
-        bad_after: checks in a row after which a good counterpart is bad.
-        good_after: checks in a row after which a bad counterpart is good.
+        good: the same shape, status before the check.
+        streak: the same shape, checks in a row that contradicted the status.
+        bad_after: failed checks in a row with which a good counterpart becomes bad.
+        good_after: checks in a row that hold with which a bad counterpart becomes good.
 
     Returns:
-        `good` and `run` after it; an unknown outcome changes neither.
+        `good` and `streak` after the check; an unknown outcome changes neither.
     """
     known = check != UNKNOWN
     against = known & ((check == TOGETHER) != good)
-    longer = np.where(against, run + 1, np.where(known, 0, run))
+    longer = np.where(against, streak + 1, np.where(known, 0, streak))
     flip = against & (longer >= np.where(good, bad_after, good_after))
     return np.where(flip, ~good, good), np.where(flip, 0, longer)

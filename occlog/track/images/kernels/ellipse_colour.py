@@ -1,4 +1,4 @@
-"""Colours inside many ellipses at once: weighted histograms and their likelihood, [Qu] Sec. 3.3.
+"""Colours inside many ellipses at once: weighted histograms and their likenesses, the p_c of [Qu] Sec. 3.3.
 
 The image comes as a map of bin numbers, made once a frame (`occlog.core.image.histogram_bins`).  A
 pixel at squared ellipse distance q weighs 1 - q (Epanechnikov).  The sums are divided by
@@ -17,14 +17,15 @@ from occlog.core.image.ellipse import column_limits, holds_pixels, quadratic, ro
 from occlog.core.numerics.jit import array_kernel, kernel
 
 SIGMA = 0.1
-"""Spread of the colour likelihood exp(-(1 - BC) / (2 sigma^2))."""
+"""Sigma of the colour likelihood p_c = exp(-(1 - BC) / (2 sigma^2)) of a Bhattacharyya coefficient BC."""
 
 TWO, THREE, FOUR = np.uint64(2), np.uint64(3), np.uint64(4)
 
 WHOLE, ABOVE, BELOW = 0, 1, 2
+"""Parts of an ellipse."""
 
 _SLOTS = 256
-"""Bin numbers are bytes, so that no number in a map is out of bounds."""
+"""Length of the sums: bin numbers are bytes, so that no number in a map is out of bounds."""
 
 
 @array_kernel
@@ -32,8 +33,8 @@ def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: in
     """Add the weights 1 - q of the pixels of an ellipse to the sums of their bins.
 
     Four neighbours at a time, which mostly share a bin, go to four sums: no addition waits
-    for another.  The weights of a row are worked out together before that.  It is one
-    function without slices of rows, which would take half of the time.
+    for another.  The weights of a row are worked out together before that.  Everything is in
+    one function, because slices of rows would take half of the time.
 
     Args:
         sums: (4, 256) added to.
@@ -49,7 +50,7 @@ def _weigh(sums: Floats, weights: Floats, bins: Bytes, ellipse: Floats, step: in
     mass = 0.0
     if not holds_pixels(ellipse):
         return mass
-    # In units of the step every whole number counts, and no row needs a division of whole numbers.
+    # In units of the step every whole number is a pixel that counts, and no row needs a division of whole numbers.
     unit, cx, cy = 1.0 / step, ellipse[0] / step, ellipse[1] / step
     highest, rightmost = (bins.shape[0] - 1) // step, (bins.shape[1] - 1) // step
     one, two, three, four = sums[0], sums[1], sums[2], sums[3]
@@ -117,7 +118,7 @@ def histograms(bins: Bytes, ellipses: Floats, n_bins: int, step: int) -> Floats:
 def likenesses(bins: Bytes, ellipses: Floats, owner: Ints, models: Floats, step: int) -> Floats:
     """Bhattacharyya coefficients between the colours in ellipses and those of their targets.
 
-    The same as `histograms` with `bhattacharyya`, without the tables in between.
+    The same as sum sqrt(h_k m_k) of `histograms` h and models m, without the tables in between.
 
     Args:
         bins: (H, W) bin number of each pixel.
@@ -163,14 +164,14 @@ def half_histograms(bins: Bytes, ellipses: Floats, n_bins: int, step: int) -> Fl
 
 @kernel
 def half_likenesses(bins: Bytes, ellipses: Floats, owner: Ints, models: Floats, split: Bools, step: int) -> Floats:
-    """As `likenesses`, for targets of which some know where their colours are.
+    """Bhattacharyya coefficients as `likenesses`, where some targets have a histogram for each half.
 
     Args:
         bins: (H, W).
         ellipses: (P, 5).
         owner: (P,).
         models: (M, 2 n_bins) of `half_histograms`, or of `histograms` with zeros behind.
-        split: (M,) which of them are of halves.
+        split: (M,) whether they are of halves.
         step: see `histograms`.
 
     Returns:

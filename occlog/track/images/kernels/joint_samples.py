@@ -1,4 +1,4 @@
-"""Kernels of filters whose samples hold all targets of a view: a Markov chain, and weights of whole samples.
+"""Filters whose samples hold all targets of a view: a Markov chain, and weights of whole samples.
 
 The joint posterior of n targets is that of Khan, Balch, Dellaert, "An MCMC-based particle filter
 for tracking multiple interacting targets" (ECCV 2004), the baseline of [Qu] Table 2:
@@ -6,9 +6,9 @@ for tracking multiple interacting targets" (ECCV 2004), the baseline of [Qu] Tab
     p(X | Z) ~ prod_i p(z | x_i) p(x_i | Z past) prod_{i<j} exp(-strength overlap(x_i, x_j))
 
 The last factor, a Markov random field between neighbours, keeps two targets from the same place.
-The chain changes one target at a time.  What it proposes for it is drawn from p(x_i | Z past),
-whatever the chain's state is, so that the likelihoods of all proposals can be computed at once
-before, and the acceptance ratio needs only likelihoods and overlaps.
+The chain changes one target at a time.  Its proposal is drawn from p(x_i | Z past), whatever
+the state of the chain: the likelihoods of all proposals can be computed at once before it
+runs, and the acceptance ratio needs only likelihoods and overlaps.
 """
 
 from __future__ import annotations
@@ -79,6 +79,7 @@ def run_chain(
     out = np.empty((max(whose.shape[0] - burn, 0) // thin, n), dtype=np.int64)
     for s in range(whose.shape[0]):
         i, new = whose[s], n + s
+        # Acceptance ratio: likelihoods and prior; the proposal cancels
         gain = log_likelihood[new] - log_likelihood[held[i]]
         if strength > 0.0:
             gain -= strength * (crowding(pool[new], pool, held, i) - crowding(pool[held[i]], pool, held, i))
@@ -104,7 +105,7 @@ def crowding_of_samples(samples: Floats) -> Floats:
 def distinct_size(rows: Ints) -> Floats:
     """Effective number of different samples of each target in a chain, 1 to N.
 
-    Equal samples are one with the weight of their number, so that it is 1 / sum w^2 as for weights.
+    Equal samples count as one sample with the weight w of their share, and the number is 1 / sum w^2.
 
     Args:
         rows: (N, n) from `run_chain`.

@@ -1,4 +1,4 @@
-"""Particles drawn on epipolar lines: the proposal of the colour-based multicamera tracker that [Qu] compares with."""
+"""Particles drawn on epipolar lines: the proposal of the colour-based multicamera tracker of [Qu] Sec. 4.2."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def drawn_on_lines(
     across: float,
     normals: Floats,
 ) -> Floats:
-    """Particles of which some are moved near the epipolar lines of the target's other views, taken in turn.
+    """Move some particles near the epipolar lines of the target's counterparts, to one line after the other in turn.
 
     They are spread about the point of the line that is nearest to the estimate.  A tracker
     without such a line keeps its particles.
@@ -40,8 +40,8 @@ def drawn_on_lines(
         fundamental: (V, V, 3, 3).
         bottom: which point of an ellipse stands for the target.
         count: (n,) how many of the particles are moved, 0 to N.
-        along: spread along the line [px].
-        across: spread across it over the ellipse's reach.
+        along: standard deviation along the line [px].
+        across: standard deviation across it, over the ellipse's reach across it.
         normals: (n, N, 2) standard normal numbers.
 
     Returns:
@@ -54,10 +54,12 @@ def drawn_on_lines(
         x0, y0 = anchor(estimate[i], affine[i], bottom)
         for p in range(count[i] if known > 0 else 0):
             l1, l2, l3 = lines[p % known]
+            # From the estimate's point to the line, off it by noise, and along it by noise
             off = across * reach_across(estimate[i], l1, l2) * normals[i, p, 1] - (l1 * x0 + l2 * y0 + l3)
             x, y = anchor(out[i, p], affine[i], bottom)
             dx = x0 + off * l1 - along * normals[i, p, 0] * l2 - x
             dy = y0 + off * l2 + along * normals[i, p, 0] * l1 - y
+            # Back through the affine map to recorded pixels
             a, b, c, d = affine[i, 0, 0], affine[i, 0, 1], affine[i, 1, 0], affine[i, 1, 1]
             area = a * d - b * c
             out[i, p, 0] += (d * dx - b * dy) / area
@@ -76,7 +78,7 @@ def lines_into(
     fundamental: Floats,
     bottom: bool,
 ) -> int:
-    """Number of epipolar lines of a tracker's counterparts, which are set in the first rows of `lines` (V, 3)."""
+    """Set the first rows of `lines` (V, 3) to the epipolar lines of a tracker's counterparts; return their number."""
     known = 0
     for v in range(counterpart.shape[1]):
         j = counterpart[i, v]

@@ -1,12 +1,12 @@
-"""How probable the looks inside ellipses are, by principal components of patches of the target.
+"""Likelihood of the grey patch inside an ellipse, by principal components of the target's patches, [Qu] Sec. 3.3.
 
 Moghaddam and Pentland, "Probabilistic visual learning for object representation" (PAMI 1997):
 the density of a patch is a Gaussian in the space of the first K components times one, of equal
 variance in all directions, in the rest.  The first is the distance in feature space (DIFS),
 the second the distance from it (DFFS).
 
-A patch is what is in an ellipse, turned and scaled to a disc, as grey values of mean 0 and
-variance 1, so that neither brightness nor contrast counts.
+A patch is the inside of an ellipse, turned and scaled to a disc, as grey values of mean 0 and
+variance 1: neither brightness nor contrast counts.
 """
 
 from __future__ import annotations
@@ -21,13 +21,14 @@ from occlog.array_types import Bytes, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 SIZE = 16
-"""Width and height [px] of the square about the disc that patches are turned to."""
+"""Width and height [px] of the square about the disc of a patch."""
 FLAT = 1.0
-"""Standard deviation [grey levels] below which a patch counts as flat: there is only noise in it."""
+"""Standard deviation [grey levels] below which a patch counts as flat, that is, as noise only."""
 LEAST = 0.01
-"""Least variance of the directions without a component, for learning from few patches."""
+"""Least variance in any direction; few patches would give variances near 0."""
 
 ROUNDING = 1e-12
+"""Share of a patch's square that counts as rounding."""
 
 
 class PatchModels(NamedTuple):
@@ -40,7 +41,7 @@ class PatchModels(NamedTuple):
 
 
 def disc_points(size: int = SIZE) -> Floats:
-    """(D, 2) the middles of a size x size square's pixels that are in the unit disc."""
+    """(D, 2) points in the unit disc: middles of the pixels of a size x size square about it."""
     middles = (np.arange(size) + 0.5) * (2.0 / size) - 1.0
     y, x = (m.ravel() for m in np.meshgrid(middles, middles, indexing="ij"))
     return np.ascontiguousarray(np.column_stack([x, y])[x * x + y * y <= 1.0])
@@ -48,7 +49,7 @@ def disc_points(size: int = SIZE) -> Floats:
 
 @kernel
 def warp_patches(image: Bytes, ellipses: Floats, points: Floats) -> Floats:
-    """Patches inside ellipses, read between pixels linearly; beyond the image its edge goes on.
+    """Read the patches inside ellipses, with linear interpolation; beyond the image its edge goes on.
 
     Args:
         image: (H, W, C), the mean of the C colours is what counts.
@@ -85,7 +86,7 @@ def warp_patches(image: Bytes, ellipses: Floats, points: Floats) -> Floats:
 
 
 def learn_patches(patches: Floats, components: int, least: float = LEAST) -> PatchModels:
-    """The density of one target's patches (M = 1), by principal components.
+    """Learn the density of one target's patches (M = 1) by principal components.
 
     Args:
         patches: (N, D) of the target, N >= 1.
@@ -106,9 +107,9 @@ def learn_patches(patches: Floats, components: int, least: float = LEAST) -> Pat
 
 
 def stack_models(models: Sequence[PatchModels]) -> PatchModels:
-    """Models of several targets as one, in this order.
+    """Stack the models of several targets, in this order.
 
-    Those with fewer components get directions of zeros, which add nothing, with the variance of their rest.
+    Models with fewer components get directions of zeros, which add nothing, with the variance of their rest.
     """
     k = max(m.basis.shape[1] for m in models)
     basis, variance = [], []
@@ -151,15 +152,15 @@ def log_density(patches: Floats, owner: Ints, mean: Floats, basis: Floats, varia
                 y += basis[m, k, i] * (patches[p, i] - mean[m, i])
             total += y * y / variance[m, k] + math.log(variance[m, k])
             over -= y * y
-        # Less than rounding leaves is nothing: with all D components there is no rest.
+        # With all D components nothing is left over but rounding.
         out[p] = -0.5 * (total + (over / rest[m] if over > ROUNDING * whole else 0.0))
     return out
 
 
 def patch_log_likelihood(image: Bytes, ellipses: Floats, owner: Ints, models: PatchModels) -> Floats:
-    """(P,) log densities of what is inside ellipses, under the models of their targets.
+    """(P,) log densities of the patches inside ellipses, under the models of their targets.
 
-    An ellipse says which way its axis lies but not where it points to: of both ways round the likelier one counts.
+    The angle of an ellipse is known up to pi: of both ways round the likelier one counts.
 
     Args:
         image: (H, W, C) or (H, W).
@@ -173,7 +174,7 @@ def patch_log_likelihood(image: Bytes, ellipses: Floats, owner: Ints, models: Pa
 
 
 def learn_target(image: Bytes, ellipse: Floats, jitter: Floats, components: int) -> PatchModels:
-    """The density of a target's patches (M = 1), learned from one image of it.
+    """Learn the density of a target's patches (M = 1) from one image of it.
 
     Args:
         image: (H, W, C) or (H, W).

@@ -1,6 +1,6 @@
-"""Targets that touch: magnetic repulsion and inertia, [Qu] Sec. 3.3, Eqs. 7-8.
+"""Interaction of targets that touch: magnetic repulsion and inertia, [Qu] Sec. 3.3, Eqs. 7 and 8.
 
-[Qu] leaves constants and the inertia model open; the forms here are those of the project's notes.
+[Qu] leaves the constants and the inertia model open; the forms here are those of the project's notes.
 """
 
 from __future__ import annotations
@@ -18,19 +18,22 @@ AT_REST = 0.5
 
 
 class Interaction(NamedTuple):
-    """What trackers that touch do to each other."""
+    """Constants of the interaction likelihood of trackers that touch."""
 
     alpha: float  # of Eq. 8, >= 1
     sigma: float  # Sigma of Eq. 8 over the mean of the two radii along the line between the centres
-    iterations: int  # K
-    inertia: float  # weight gained by moving as before
+    iterations: int  # K of Alg. 1
+    inertia: float  # g, weight gained by moving as before
     angle: float  # spread of directions [rad]
     speed: float  # spread of speeds [px a frame]
 
 
 @kernel
 def add_inertia(log_weights: Floats, particles: Floats, previous: Floats, before: Floats, model: Interaction) -> None:
-    """Add the logarithms of 1 + g exp(-dtheta^2 / angle^2) exp(-(|v| - |v_ref|)^2 / speed^2).
+    """Add the logarithms of the inertia weights 1 + g exp(-dtheta^2 / angle^2) exp(-(|v| - |v_ref|)^2 / speed^2).
+
+    dtheta is the angle between v, the displacement to a particle, and v_ref; it is 0 where one of
+    the two is at most `AT_REST`.
 
     Args:
         log_weights: (N,) changed in place.
@@ -51,11 +54,13 @@ def add_inertia(log_weights: Floats, particles: Floats, previous: Floats, before
 
 @kernel
 def repulsion(x: float, y: float, mine: Floats, estimate: Floats, touching: Bools, model: Interaction) -> float:
-    """Eq. 8 of a particle's centre: the product of its factors over all touching neighbours.
+    """Interaction weight of a particle, [Qu] Eq. 8: the product of 1 - exp(-l^2 / Sigma^2) / alpha over its neighbours.
+
+    l is the distance of the particle's centre from the neighbour's estimate.
 
     Args:
-        x: centre of the particle.
-        y: centre.
+        x: centre of the particle, to the right [px].
+        y: centre of the particle, down [px].
         mine: (5,) estimate of its tracker.
         estimate: (n, 5).
         touching: (n,) neighbours that touch its tracker.
@@ -84,16 +89,17 @@ def half_reach(one: Floats, other: Floats) -> float:
 def repel_into(
     weights: Floats, estimate: Floats, particles: Floats, rows: Ints, touching: Bools, model: Interaction
 ) -> None:
-    """K iterations of Eq. 8 among the trackers of a view, each with the neighbours' estimates of the one before.
+    """Iterate the interaction of the trackers of a view K times, each time with the estimates of the time before.
 
-    Only the factors of the last iteration stay in the weights.
+    Only the weights phi^K of the last iteration are applied ([Qu] Alg. 1).  Where they would
+    make all weights of a tracker 0, its weights stay as they were.
 
     Args:
         weights: (n, N) summing to 1; those of `rows` are changed in place.
         estimate: (n, 5) means by these weights; those of `rows` are changed in place.
         particles: (n, N, 5).
-        rows: trackers.
-        touching: (n, n).
+        rows: trackers of the view.
+        touching: (n, n) see `Neighbours`.
         model: the constants.
     """
     base = weights.copy()
