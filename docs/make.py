@@ -1,4 +1,4 @@
-"""Writes the reference pages that are made from the code: commands and tables."""
+"""Writes what the docs hold that is made from the code: commands, tables, folders and the picture of the rooms."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from docs.rooms import folders_page, picture
 from occlog.cli.main import COMMANDS, cli
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES
@@ -69,11 +70,14 @@ def tables_page() -> str:
 
 
 PAGES = {"commands.md": commands_page, "tables.md": tables_page}
+"""Reference pages of the program."""
+ROOMS = {"rooms.svg": picture, "folders.md": folders_page}
+"""How the code is laid out."""
 
 
 def main() -> None:
     """Write every page."""
-    for name, make in PAGES.items():
+    for name, make in {**PAGES, **ROOMS}.items():
         (FOLDER / name).write_text(make(), encoding="utf-8")
 
 
