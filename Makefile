@@ -4,7 +4,14 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 RUN ?= run
 
-.PHONY: demo test test-fast lint golden schemas docs clean
+# constraints.txt states the exact version of everything that is installed, for the Python versions it was made for;
+# on another Python the newest releases that fit are taken.
+LOCKED = 3.11 3.12 3.13
+VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+CONSTRAINTS ?= $(if $(filter $(VERSION),$(LOCKED)),--constraint constraints.txt)
+INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINTS) --editable
+
+.PHONY: demo test test-fast lint golden schemas docs lock clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -35,15 +42,22 @@ schemas: $(VENV)/installed-dev
 docs: $(VENV)/installed-dev
 	$(BIN)/python -m docs.make
 
+# The newest releases of everything, and the oldest that pyproject.toml allows, which CI tries.
+COMPILE = $(BIN)/uv pip compile pyproject.toml --quiet --upgrade --no-annotate --custom-compile-command "make lock"
+lock: $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet uv
+	$(COMPILE) --extra dev --universal --python-version 3.11 -o constraints.txt
+	$(COMPILE) --extra test --resolution lowest-direct --python-version 3.11 -o .ci/lowest.txt
+
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/installed: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable .
+$(VENV)/installed: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(INSTALL) .
 	touch $@
 
-$(VENV)/installed-dev: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+$(VENV)/installed-dev: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(INSTALL) ".[dev]"
 	touch $@ $(VENV)/installed
 
 clean:

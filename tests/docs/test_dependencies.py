@@ -1,0 +1,64 @@
+"""The files of versions agree with the bounds that pyproject.toml states."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+from places import ROOT
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+LOCK, LOWEST = ROOT / "constraints.txt", ROOT / ".ci" / "lowest.txt"
+
+
+def direct(*extras: str) -> list[Requirement]:
+    """Stated requirements of the package and of some of its extras, those of other projects only."""
+    stated = list(PROJECT["dependencies"])
+    for extra in extras:
+        stated += PROJECT["optional-dependencies"][extra]
+    return [found for found in map(Requirement, stated) if found.name != PROJECT["name"]]
+
+
+def pinned(path: Path) -> dict[str, list[Version]]:
+    """The exact versions in a file; one for each Python where they differ."""
+    versions: dict[str, list[Version]] = {}
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            found = Requirement(line)
+            (only,) = found.specifier
+            assert only.operator == "=="
+            versions.setdefault(canonicalize_name(found.name), []).append(Version(only.version))
+    return versions
+
+
+@pytest.mark.parametrize("requirement", direct(*PROJECT["optional-dependencies"]), ids=lambda r: r.name)
+def test_lock_has_a_version_that_the_bounds_allow(requirement: Requirement) -> None:
+    versions = pinned(LOCK)[canonicalize_name(requirement.name)]
+    assert all(requirement.specifier.contains(version) for version in versions), "run `make lock`"
+
+
+@pytest.mark.parametrize("requirement", direct("test", "cluster", "qp", "sound"), ids=lambda r: r.name)
+def test_lowest_versions_are_the_stated_bounds(requirement: Requirement) -> None:
+    (version,) = pinned(LOWEST)[canonicalize_name(requirement.name)]
+    (bound,) = [part.version for part in requirement.specifier if part.operator == ">="]
+    # The bound 8 stands for 8.0.0; where 8.0.0 was never released, for the first release that follows it.
+    assert requirement.specifier.contains(version)
+    assert version.release[: len(Version(bound).release)] == Version(bound).release, "run `make lock`"
+
+
+@pytest.mark.parametrize("path", [LOCK, LOWEST], ids=lambda path: path.name)
+def test_versions_name_no_package_host(path: Path) -> None:
+    assert "://" not in path.read_text(encoding="utf-8")
+
+
+def test_makefile_locks_every_python_that_is_promised() -> None:
+    prefix = "Programming Language :: Python :: 3."
+    promised = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if line.startswith(prefix)]
+    locked = next(
+        line for line in (ROOT / "Makefile").read_text(encoding="utf-8").splitlines() if line.startswith("LOCKED")
+    )
+    assert locked.partition("=")[2].split() == promised
