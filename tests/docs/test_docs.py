@@ -12,7 +12,8 @@ from places import ROOT
 from docs.make import PAGES
 from occlog.cli.main import COMMANDS, cli
 
-TEXTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+FRONT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+TEXTS = [*FRONT, *sorted((ROOT / "docs").glob("*.md"))]
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -1,0 +1,69 @@
+"""Docs agree with the code: the picture of the rooms, the list of folders, every path and commit that is named."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from places import ROOT
+
+from docs.make import ROOMS
+from docs.rooms import GROUND, rooms
+
+TEXTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PATH = re.compile(r"`((?:[a-z0-9_.-]+/)+(?:[a-z0-9_.-]+\.(?:py|md|yaml|toml|txt|json|j2|svg|sh|cff)|run)?)`")
+"""A path in backticks: a file in a folder, or a folder with a slash at its end. Placeholders have capitals."""
+COMMIT = re.compile(r"git show (?:--stat )?([0-9a-f]{7,40})(?: --((?: [\w./]+)+))?")
+"""A commit that is shown, and the paths in it."""
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_made_pages_are_up_to_date(name: str) -> None:
+    assert (ROOT / "docs" / name).read_text(encoding="utf-8") == ROOMS[name](), "run `make docs`"
+
+
+def test_picture_shows_every_room() -> None:
+    shown = {name for floor in rooms().layers for name in floor}
+    folders = {path.parent.name for path in (ROOT / "occlog").glob("*/__init__.py")}
+    assert shown == folders
+    assert not shown & set(GROUND)
+
+
+def test_no_room_imports_one_above_it_or_beside_it() -> None:
+    plan = rooms()
+    floor = {name: i for i, names in enumerate(plan.layers) for name in names}
+    assert all(floor[importing] < floor[imported] for importing, imported in plan.imports)
+
+
+def paths(text: str) -> set[str]:
+    return set(PATH.findall(text))
+
+
+def exists(path: str) -> bool:
+    """Whether a path is there, from the project's root or, as in the docs of the methods, from the package."""
+    return (ROOT / path).exists() or (ROOT / "occlog" / path).exists()
+
+
+def test_a_path_that_is_named_is_found() -> None:
+    assert paths("see `core/plane/floor.py`, `track/` and `--method fix`") == {"core/plane/floor.py", "track/"}
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.name)
+def test_every_path_that_is_named_exists(text: Path) -> None:
+    missing = sorted(path for path in paths(text.read_text(encoding="utf-8")) if not exists(path))
+    assert missing == []
+
+
+def test_every_commit_that_is_named_exists_and_has_the_paths() -> None:
+    git = shutil.which("git")
+    if git is None or not (ROOT / ".git").exists() or (ROOT / ".git" / "shallow").exists():
+        pytest.skip("the history is not here")
+    named = COMMIT.findall((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
+    assert named
+    for commit, inside in named:
+        for thing in [f"{commit}^{{commit}}", *(f"{commit}:{path}" for path in inside.split())]:
+            found = subprocess.run([git, "cat-file", "-e", thing], cwd=ROOT, capture_output=True)
+            assert found.returncode == 0, thing
