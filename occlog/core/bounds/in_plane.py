@@ -1,6 +1,6 @@
-"""Posterior Cramer-Rao bound of a moving target: the mean squared error that no filter goes below.
+"""Posterior Cramér-Rao bound of a moving target: the least error covariance that any filter can reach.
 
-The bound has three parts, each exchangeable:
+The bound has three parts:
 
 * Fisher information of one measurement about the position, one function for each kind
   of sensor (`camera_information`, `bearing_information`), all by `gaussian_information`;
@@ -105,9 +105,8 @@ def bearing_information(xy: Floats, position: Floats, sigma: Floats) -> Floats:
 def known_drift_steps(dt: Floats, sigma_v: float, dimension: int = 2) -> tuple[Floats, Floats]:
     """Transitions F = I and noise Q = sigma_v^2 dt I of x' = x + drift + v with the drift known.
 
-    This is the random-waypoint walker of [Ercan] Eq. 5 told the displacement that it
-    intends in each step.  A filter has to infer destination and speed, so the bound is
-    below what any filter reaches.
+    This is the random-waypoint walker of [Ercan] Eq. 5 whose intended displacement in each step is
+    known.  A filter has to infer destination and speed, so the bound is below what any filter reaches.
 
     Args:
         dt: (T,) lengths of the steps [s], >= 0.

@@ -1,9 +1,9 @@
-"""Cramer-Rao bounds of a target in space seen by sensors of directions, [Lee] Sec. 2.3.
+"""Cramér-Rao bounds of a target in space seen by sensors of directions, [Lee] Sec. 2.3.
 
-Two bounds by one recursion, (2.30) with a finite prior (`crlb.posterior_bound`): the
+One recursion, [Lee] Eq. 2.30 with a finite prior (`in_plane.posterior_bound`), gives two bounds: the
 *direct* one, of the state (x, y, z, vx, vy, vz) with azimuth and polar angle, and the one
 of a *plane*, of the state (a, b, va, vb) with one projected angle, where (a, b) are the
-plane's axes `planes.AXES`: (x, y), (y, z) or (z, x).
+plane's axes (`projected_planes.AXES`): (x, y), (y, z) or (z, x).
 
 A known acceleration is an input: it moves the path and leaves the Jacobian that of the
 constant velocity, unlike the printed (2.32), (2.33) and (2.39).  The information is meant
@@ -47,6 +47,7 @@ def direction_information(
     Returns:
         (N, 3, 3) of rank 2; zero on the sensor's own z axis, where an azimuth means nothing.
     """
+    # Gradients of both angles in the sensor's frame (Eq. 2.41 with its rows in order), turned to the world
     x, y, z = ((xyz - position) @ rotation).T
     flat2 = x**2 + y**2
     off_axis = flat2 > 0
@@ -61,17 +62,17 @@ def direction_information(
 
 
 def ground_information(information: Floats) -> Floats:
-    """What a measurement in space tells about (x, y) when nothing is known of z: the Schur complement over z.
+    """Information about (x, y) when nothing is known of z: the Schur complement over z.
 
     Of a direction this is the information of its azimuth about the world's z axis, with the
-    first-order variance of that azimuth whatever the sensor's pose: a free height takes up
-    all that the elevation tells.
+    first-order variance of that azimuth whatever the sensor's pose: the unknown height takes up
+    all the information of the elevation.
 
     Args:
         information: (N, 3, 3) positive semi-definite.
 
     Returns:
-        (N, 2, 2); where nothing is told about z at all, the part of x and y as it is.
+        (N, 2, 2); where there is no information about z, the block of x and y as it is.
     """
     flat, both, up = information[:, :2, :2], information[:, :2, 2], information[:, 2, 2]
     told = up > 0
@@ -85,7 +86,7 @@ def plane_information(xyz: Floats, position: Floats, plane: int, variance: Float
     Args:
         xyz: (N, 3) true positions.
         position: (3,) of the sensor.
-        plane: index in `planes.PLANES`.
+        plane: index in `projected_planes.PLANES`.
         variance: (N,) of the angle [rad^2], > 0; inf where the plane is blind.
 
     Returns:

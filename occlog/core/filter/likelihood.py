@@ -1,10 +1,11 @@
-"""How well measurements of a scan agree with places: [Ercan] Sec. 4.2-4.3 without moving occluders.
+"""Likelihood of a scan for a target at given places: [Ercan] Sec. 4.2-4.3 without moving occluders.
 
 A scan has a *look* for every sensor that delivered a frame.  A look of a labelled target
 has one measurement or none ("not seen"); an unlabelled look has any number of candidates,
 of which at most one is the target's.
 
-For a sensor that can see the place (`occlog.core.sight.visibility.seen_from`; A for assigned) the factor is
+A sensor is assigned (A) to a place that no static occluder, field of view or range keeps it from seeing
+(`occlog.core.sight.visibility.seen_from`, [Ercan] Sec. 4.3).  The factor of a look is
 
     labelled, z:       hit N(z) + miss floor      A
                        soften hit N(z) + floor    not A (the first term only in front of a camera)
@@ -31,11 +32,13 @@ NEAR = 1e-9
 NEAREST = 1e-100
 """The same for d, so that nothing overflows."""
 TINY = 1e-150
+"""Products below this or above its reciprocal go to the logarithms, long before a double under- or overflows."""
 LEAST_FALSE = 1e-5
+"""Least probability of a false report times that of a miss in `agreement`."""
 
 
 class Noise(NamedTuple):
-    """What Eq. 2 needs besides the measurement's own noise, and the widths of images; S sensors."""
+    """What [Ercan] Eq. 2 needs besides the noise of reading, and the widths of images; S sensors."""
 
     focal_px: Floats  # (S,)
     sigma_position: Floats  # (S,)
@@ -76,9 +79,9 @@ class Detection(NamedTuple):
 def add_pixel(
     out: Floats, xy: Floats, i: int, z: float, variance: float, share: float, sensors: Sensors, noise: Noise
 ) -> None:
-    """Add `share` times the density of a reading z of camera i to `out` (L,), in place.
+    """Add `share` times the density of a reading z [px] of camera i at places (L, 2) to `out` (L,), in place.
 
-    Eq. 1 with the variance of Eq. 2; nothing is added behind the camera.
+    [Ercan] Eq. 1 with the variance of Eq. 2; nothing is added behind the camera (d <= 0).
     """
     x0, y0, c, s = sensors.xy[i, 0], sensors.xy[i, 1], sensors.axis[i, 0], sensors.axis[i, 1]
     f, sigma_position, yaw2 = noise.focal_px[i], noise.sigma_position[i], noise.sigma_yaw[i] ** 2
@@ -88,19 +91,20 @@ def add_pixel(
         h, d = c * dy - s * dx, c * dx + s * dy
         if not d > max(NEAR * abs(h), NEAREST):
             continue
+        # Variance of Eq. 2: reading, yaw and position of the camera
         ratio = h / d
         spread = 1.0 + ratio * ratio
         angle = sigma_position / d
         v = variance + f2 * spread * (spread * yaw2 + angle * angle)
-        residual = z - f * ratio
+        residual = z - f * ratio  # Eq. 1
         out[p] += scale * math.exp(-0.5 * residual * residual / v) / math.sqrt(v)
 
 
 @kernel
 def add_bearing(out: Floats, xy: Floats, x0: float, y0: float, bearing: float, variance: float, share: float) -> None:
-    """Add `share` times the density of a bearing from (x0, y0) to `out` (L,), in place.
+    """Add `share` times the density of a bearing [rad] from (x0, y0) at places (L, 2) to `out` (L,), in place.
 
-    A Gaussian of the difference wrapped to [-pi, pi), so its sigma must be small against pi.
+    The density is a Gaussian of the difference wrapped to [-pi, pi), so sigma must be small against pi.
     """
     scale = share / (ROOT_2PI * math.sqrt(variance))
     for p in range(xy.shape[0]):
@@ -126,12 +130,21 @@ def densities(xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Noi
 def factors(
     xy: Floats, k: int, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection, seen: Bools
 ) -> tuple[Floats, float]:
-    """Factors of look k, as above, for targets at (L, 2) places.
+    """Factors of look k, as in the table of the module, for targets at (L, 2) places.
+
+    Args:
+        xy: (L, 2) places.
+        k: number of the look.
+        scan: the measurements.
+        sensors: where sensors stand and what hides things from them.
+        noise: their noise.
+        model: probabilities.
+        seen: (L,) places that the sensor is assigned to.
 
     Returns:
-        (L,) factors where no moving occluder hides the place (a where `seen`), and b.
+        (L,) factors where no moving occluder hides the place, and the factor of one that a moving occluder hides.
     """
-    # Every factor is scale N + offset, with one pair for places that the sensor sees and one for others.
+    # Every factor is scale N + offset, with one pair for assigned places and one for the others.
     i = scan.sensor[k]
     scale, offset, scale_else, offset_else, hidden = 0.0, 0.0, 0.0, 1.0, 1.0
     if scan.first[k] == scan.first[k + 1]:
@@ -140,7 +153,7 @@ def factors(
     else:
         width = image_width(k, scan, noise)
         if scan.labelled[k]:
-            hidden = model.false[i] / width
+            hidden = model.false[i] / width  # the floor: a false report, uniform over the image
             scale, offset = model.hit[i], model.miss[i] * hidden
             scale_else, offset_else = model.soften * model.hit[i], hidden
         else:
@@ -156,7 +169,7 @@ def factors(
 
 @kernel
 def image_width(k: int, scan: PackedScan, noise: Noise) -> float:
-    """Range of values of the measurements of look k, which must have one: W, in pixels or radians."""
+    """W: range of the values of the measurements of look k, which must have one [px or rad]."""
     widths = noise.width_px if scan.pixel[scan.first[k]] else noise.width
     width: float = widths[scan.sensor[k]]
     return width
@@ -181,6 +194,7 @@ def log_likelihood(
     L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
     for k in range(scan.sensor.shape[0]):
+        # Assign ([Ercan] Sec. 4.3), then multiply: looks are independent given the place (Eq. 6)
         seen = seen_from(xy, scan.sensor[k], sensors)
         factor, _ = factors(xy, k, scan, sensors, noise, model, seen)
         multiply_into(product, total, factor)
@@ -191,9 +205,9 @@ def log_likelihood(
 
 @kernel
 def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
-    """Multiply products (L,) by factors, in place; what would under- or overflow goes to the logs in `total`.
+    """Multiply products (L,) by factors (L,), in place; one logarithm then serves many factors.
 
-    One logarithm for many factors.
+    A product that leaves [1e-150, 1e150] is moved, as its logarithm, to `total` (L,), and begins again at 1.
     """
     for p in range(product.shape[0]):
         product[p] *= factor[p]
@@ -204,7 +218,7 @@ def multiply_into(product: Floats, total: Floats, factor: Floats) -> None:
 
 @kernel
 def agreement(xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection) -> Bools:
-    """(n,) bool: which looks hold a measurement that is more likely the target's than anything else's.
+    """(n,) bool: looks with a measurement that is more likely the target's than false or another target's.
 
     Args:
         xy: (1, 2) where the target is thought to be.

@@ -1,4 +1,4 @@
-"""How well a scan agrees with places among moving occluders whose positions have priors: [Ercan] Sec. 4.2-4.3.
+"""Likelihood of a scan for a target at given places among moving occluders with priors: [Ercan] Sec. 4.2-4.3.
 
 A camera sees a place in its view with probability P (`occlog.core.occlusion.hidden`).  Let a be
 its factor for a place that it sees (A in `occlog.core.filter.likelihood`) and b that for a place
@@ -30,12 +30,19 @@ from .likelihood import Detection, Noise, PackedScan, factors, multiply_into
 
 
 class Occlusion(NamedTuple):
-    """How moving occluders are taken into account."""
+    """How moving occluders are taken into account.
 
-    probability: int  # INDEPENDENT, RECURSION or EXACT
-    form: int  # of q: PRINTED, IMPROVED or QUADRATURE
+    Attributes:
+        probability: INDEPENDENT, RECURSION or EXACT.
+        form: of q: PRINTED (Eq. 7), IMPROVED or QUADRATURE.
+        floor: least probability that counts, 0 to 1.
+        far: standard deviations at which a normal prior counts as over.
+    """
+
+    probability: int
+    form: int
     floor: float
-    far: float  # standard deviations at which a prior counts as over
+    far: float
 
 
 INDEPENDENT, RECURSION, EXACT = 1, 2, 3
@@ -63,7 +70,7 @@ def log_likelihood_among(
         priors: of the moving occluders.
         occlusion: how they count.
     """
-    # Kernels of their own, so that only those that are used are compiled.
+    # Separate kernels, so that only those that are used are compiled.
     if occlusion.probability == INDEPENDENT:
         return np.asarray(_independent(xy, scan, sensors, noise, model, free, priors, occlusion))
     total, a, b, assigned = _apart(xy, scan, sensors, noise, model, free)
@@ -95,6 +102,7 @@ def _independent(
     priors: Priors,
     occlusion: Occlusion,
 ) -> Floats:
+    """`log_likelihood_among` with cameras that count as independent of each other given the place."""
     L = xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
     grid = make_grid(xy, free, priors, occlusion.far)
@@ -102,7 +110,8 @@ def _independent(
         i = scan.sensor[k]
         seen = seen_from(xy, i, sensors)
         factor, hidden = factors(xy, k, scan, sensors, noise, model, seen)
-        if sensors.cos2[i] >= 0.0:  # nobody hides a sound
+        if sensors.cos2[i] >= 0.0:  # a camera: people do not hide sounds from arrays
+            # P_i at the places that the camera is assigned to, then P_i a_i + (1 - P_i) b_i
             rows = np.flatnonzero(seen & free)
             x0, y0 = sensors.xy[i, 0], sensors.xy[i, 1]
             share = unhidden_over(grid, xy, rows, x0, y0, priors, occlusion.form, occlusion.far)
@@ -119,7 +128,13 @@ def _independent(
 def _apart(
     xy: Floats, scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection, free: Bools
 ) -> tuple[Floats, Floats, Floats, Bools]:
-    """Log-likelihoods (L,) of what occluders cannot hide; and a (n, L), b (n,) and which looks (n, L) they can."""
+    """Split a scan into what moving occluders cannot hide and what they can.
+
+    Returns:
+        (L,) log-likelihoods of arrays, and of cameras that are not assigned to a place.
+        (n, L) a and (n,) b of all looks.
+        (n, L) whether a look's camera is assigned to a place, so that its factor is not in the first.
+    """
     n, L = scan.sensor.shape[0], xy.shape[0]
     total, product = np.zeros(L), np.ones(L)
     a, b, assigned = np.empty((n, L)), np.ones(n), np.zeros((n, L), dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Weights of particle filters, in the log domain."""
+"""Weights of particles: from logarithms to normalised weights, effective sample size, moments."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from occlog.array_types import Floats
 
 
 def normalise(log_weights: Floats) -> tuple[Floats, float]:
-    """Weights that sum to 1, and the log of their sum before.
+    """Normalise weights given as logarithms.
 
     Args:
         log_weights: (L,) unnormalised; -inf for weight 0.

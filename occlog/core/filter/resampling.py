@@ -10,7 +10,7 @@ from occlog.core.numerics.jit import kernel
 
 @kernel
 def systematic_ancestors(weights: Floats, n: int, u: float) -> Ints:
-    """Ancestors by systematic resampling: one of equal slots of the cumulated weights after the other.
+    """Draw ancestors by systematic resampling: invert the cumulated weights at the points (i + u) / n.
 
     Args:
         weights: (L,) non-negative, summing to 1 up to rounding.
@@ -23,9 +23,11 @@ def systematic_ancestors(weights: Floats, n: int, u: float) -> Ints:
         last particle with weight takes the rest.
     """
     ancestors = np.empty(n, dtype=np.int64)
+    # The last particle with weight: no point may fall to one behind it
     last = weights.shape[0] - 1
     while last > 0 and not weights[last] > 0.0:
         last -= 1
+    # Walk along the cumulated weights, which end at or above each point
     j = 0
     total = weights[0]
     for i in range(n):

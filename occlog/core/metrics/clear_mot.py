@@ -106,7 +106,12 @@ class ClearMot(NamedTuple):
 
 
 def match(frames: Frames, rule: ClearRule = CLASSIC) -> Matches:
-    """Pairs of all frames, one to one within each."""
+    """Pair targets and tracks one to one in each frame, in order of frames.
+
+    Args:
+        frames: truth and tracks.
+        rule: how they are paired.
+    """
     held = np.full(len(frames.truth_key), -1, dtype=np.int64)
     when = np.zeros(len(frames.truth_key), dtype=np.int64)
     parts: list[Matches] = []
@@ -114,10 +119,13 @@ def match(frames: Frames, rule: ClearRule = CLASSIC) -> Matches:
         left, right = frames.rows(t)
         truth, track = frames.truth[left], frames.track[right]
         distance, similarity = frames.compare(t)
+        # Keep: the track that each target had last, if it is remembered and still similar enough
         last = np.where(frames.frame[t] - when[truth] <= rule.memory, held[truth], -1)
         kept = last[:, None] == track[None, :]
         allowed = reaches(similarity, rule.threshold)
+        # Assign the rest
         i, j = _pair(allowed, distance if rule.most else similarity, kept, rule.most)
+        # Identity switch: a track other than that of the target's last pair
         paired, now = truth[i], track[j]
         switch = (held[paired] >= 0) & (held[paired] != now)
         held[paired], when[paired] = now, frames.frame[t]
@@ -130,7 +138,7 @@ def match(frames: Frames, rule: ClearRule = CLASSIC) -> Matches:
 
 
 def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None = None) -> ClearMot:
-    """CLEAR-MOT figures of tracks.
+    """Compute the CLEAR-MOT figures of tracks.
 
     Args:
         frames: truth and tracks.
@@ -141,6 +149,7 @@ def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None
     n, m, tp, switches = len(frames.truth), len(frames.track), len(made.truth), int(np.count_nonzero(made.switch))
     paired = np.zeros(n, dtype=np.bool_)
     paired[made.truth] = True
+    # Share of each target's frames in which it is paired
     life = np.bincount(frames.truth, minlength=len(frames.truth_key))
     tracked = np.bincount(frames.truth[made.truth], minlength=len(life)) / life
     most, lost = int(np.sum(tracked >= MOSTLY_TRACKED)), int(np.sum(tracked < MOSTLY_LOST))
@@ -165,11 +174,18 @@ def clear_mot(frames: Frames, rule: ClearRule = CLASSIC, matches: Matches | None
 
 
 def _pair(allowed: Bools, values: Floats, kept: Bools, most: bool) -> tuple[Ints, Ints]:
-    """Rows and columns of the pairs of one frame, rows rising."""
+    """Rows and columns of the pairs of one frame, rows rising.
+
+    Args:
+        allowed: (n, m) pairs that are similar enough.
+        values: (n, m) distances, or similarities where not `most`.
+        kept: (n, m) pairs of each target with the track that it had last.
+        most: see `ClearRule`.
+    """
     kept = kept & allowed
     columns = np.flatnonzero(kept.any(axis=0))
     rows = np.argmax(kept[:, columns], axis=0) if len(columns) else columns
-    # What keeps its partner is out of the assignment of the rest.
+    # Targets and tracks that keep their partner are left out of the assignment of the rest.
     free = allowed.copy()
     free[rows, :], free[:, columns] = False, False
     left, right = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
@@ -194,7 +210,7 @@ def _assign(allowed: Bools, values: Floats, most: bool) -> tuple[Ints, Ints]:
 
 
 def _fragmentations(target: Ints, paired: Bools) -> int:
-    """Stretches in which targets are paired, without the first one of each."""
+    """Number of stretches in which targets are paired, without the first one of each target."""
     order = np.argsort(target, kind="stable")
     who, there = target[order], paired[order]
     starts = there.copy()

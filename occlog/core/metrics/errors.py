@@ -18,7 +18,6 @@ from occlog.array_types import Floats
 CHI2_95_2D = -2.0 * math.log(0.05)
 """95 % quantile of chi-square with 2 degrees of freedom (5.991)."""
 
-
 CHI2_95_3D = 7.814727903251179
 """95 % quantile of chi-square with 3 degrees of freedom."""
 

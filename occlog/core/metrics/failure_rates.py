@@ -105,6 +105,13 @@ class _Looks(NamedTuple):
 
 
 def _look(frames: Frames, reach: Floats, whose: Ints) -> _Looks:
+    """Find the target that each tracker is on, and the nearest own tracker of each target.
+
+    Args:
+        frames: N true rows and M rows of trackers.
+        reach: (N,) tau of each true row.
+        whose: (M,) label of each tracker's own target.
+    """
     on, far = np.full(len(frames.track), -1, dtype=np.int64), np.full(len(frames.track), np.nan)
     tracker, away = np.full(len(frames.truth), -1, dtype=np.int64), np.full(len(frames.truth), np.nan)
     for t in frames.meeting():
@@ -112,12 +119,13 @@ def _look(frames: Frames, reach: Floats, whose: Ints) -> _Looks:
         distance = frames.compare(t)[0]
         mine = frames.truth_key[frames.truth[left], 1][:, None] == whose[right][None, :]
         within = np.where(distance <= reach[left, None], distance, np.inf)
-        # On its own target before any other one, however near.
+        # A tracker is on its own target if that is within tau, else on the nearest target within tau
         order = np.where(mine & np.isfinite(within), -1.0, within)
         best = np.argmin(order, axis=0)
         there = np.isfinite(order.min(axis=0))
         on[right] = np.where(there, left.start + best, -1)
         far[right] = np.where(there, distance[best, np.arange(len(best))], np.nan)
+        # The nearest of each target's own trackers, on it or not
         nearest = np.argmin(np.where(mine, distance, np.inf), axis=1)
         has = mine.any(axis=1)
         tracker[left] = np.where(has, right.start + nearest, -1)
@@ -126,10 +134,13 @@ def _look(frames: Frames, reach: Floats, whose: Ints) -> _Looks:
 
 
 def _failures(frames: Frames, looks: _Looks) -> Failures:
+    """Collect the failures of both kinds as rows, and divide their numbers by that of the true rows."""
+    # Targets that a tracker is on
     found = np.zeros(len(frames.truth), dtype=np.bool_)
     found[looks.on[looks.on >= 0]] = True
-    # One place more at the end, so that -1 is none.
+    # One element more at the end, so that index -1 gives no target
     label = np.append(frames.truth_key[frames.truth, 1], NONE)
+    # Position failures (rows of the truth) and label failures (rows of trackers), the numerators of [Qu] Eq. 9
     lost, wrong = np.flatnonzero(~found), np.flatnonzero((looks.on >= 0) & (looks.whose != label[looks.on]))
     t = np.arange(len(frames.frame))
     of_truth, of_track = np.repeat(t, np.diff(frames.truth_start)), np.repeat(t, np.diff(frames.track_start))

@@ -1,6 +1,6 @@
 """Labelled objects of two sides, truth and tracks, laid against each other frame by frame.
 
-All figures of merit for many targets (`mot_clear`, `mot_identity`, `mot_hota`, `mot_gospa`)
+All figures of merit for many targets (`clear_mot`, `idf1`, `hota`, `gospa`, `failure_rates`)
 start from the same table of pairs.  Several views, or several recordings, are put in as
 `view`: a label of one view is another object than the same label of another view, so that the
 figures are those of all views pooled.
@@ -196,7 +196,7 @@ def _sorted(side: Objects, cell: Ints, number: Ints, cells: int) -> tuple[Ints, 
 
 @kernel
 def _overlaps(a: Floats, b: Floats) -> Floats:
-    """(n, m) intersection over union of boxes (n, 4) and (m, 4): `metrics.box_overlap`, quick for few boxes."""
+    """(n, m) intersection over union of boxes (n, 4) and (m, 4): `errors.box_overlap`, quick for few boxes."""
     out = np.zeros((len(a), len(b)))
     for i in range(len(a)):
         for j in range(len(b)):

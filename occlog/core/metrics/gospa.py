@@ -53,7 +53,9 @@ class Gospa(NamedTuple):
 
 
 def gospa(frames: Frames, cutoff: float, p: float = 2.0, alpha: float = 2.0) -> Gospa:
-    """GOSPA of each frame from its distances (1 - IoU, or length).
+    """Compute GOSPA of each frame from its distances (1 - IoU, or length).
+
+    gospa^p = min over assignments of [sum of min(d, c)^p of the pairs + c^p / alpha (n + m - 2 pairs)].
 
     With alpha = 2 a pair at the cutoff or beyond is one target missed and one false estimate.
     With another alpha it stays a pair that costs cutoff^p, as the definition has it, and
@@ -73,11 +75,14 @@ def gospa(frames: Frames, cutoff: float, p: float = 2.0, alpha: float = 2.0) -> 
     n, m = np.diff(frames.truth_start), np.diff(frames.track_start)
     pairs, localisation = np.zeros(len(n), dtype=np.int64), np.zeros(len(n))
     for t in frames.meeting():
+        # Assign: least sum of min(d, c)^p
         block = np.minimum(frames.compare(t)[0], cutoff) ** p
         chosen = block[linear_sum_assignment(block)]
+        # For alpha = 2 a pair at the cutoff costs as much as one missed and one false: it is no pair
         if alpha == 2:
             chosen = chosen[chosen < cutoff**p]
         pairs[t], localisation[t] = len(chosen), chosen.sum()
+    # Cardinality: c^p / alpha for each target and each estimate without a pair
     price = cutoff**p / alpha
     total = localisation + price * (n - pairs) + price * (m - pairs)
     return Gospa(

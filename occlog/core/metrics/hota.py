@@ -22,17 +22,20 @@ class Hota(NamedTuple):
     """Figures by threshold, (A,) each; the figure that is published is the mean over thresholds.
 
     A threshold at which nothing is paired has 0 everywhere, and `loc_a` 1, as in TrackEval.
+    TP, FN and FP count pairs, true rows without a pair, and rows of tracks without one.  TPA, FNA and FPA of a
+    pair count the same among the rows of its target and its track: pairs of the two, other rows of the target,
+    other rows of the track.
 
     Attributes:
         alpha: thresholds.
         hota: sqrt(det_a ass_a).
         det_a: TP / (TP + FN + FP).
-        ass_a: mean over the pairs of how much of target and track together the two share.
+        ass_a: mean over the pairs of TPA / (TPA + FNA + FPA).
         loc_a: mean similarity of the pairs.
         det_re: TP / (TP + FN).
         det_pr: TP / (TP + FP).
-        ass_re: as ass_a, of the target alone.
-        ass_pr: as ass_a, of the track alone.
+        ass_re: mean over the pairs of TPA / (TPA + FNA).
+        ass_pr: mean over the pairs of TPA / (TPA + FPA).
         tp: number of pairs.
     """
 
@@ -54,34 +57,57 @@ class Hota(NamedTuple):
 
 
 def hota(frames: Frames, alphas: Floats = ALPHAS) -> Hota:
-    """HOTA and its parts at each threshold.
+    """Compute HOTA and its parts at each threshold.
 
     Args:
-        frames: truth and tracks; for points the similarity is that of `mot_frames`.
+        frames: truth and tracks, with the similarities of `frames`.
         alphas: (A,) thresholds of similarity in (0, 1).
     """
+    # Pair targets and tracks in each frame, once for all thresholds
     target, track, similarity = _assigned(frames)
+    # Couples: each target with each track that it is ever paired with; rows of the target (TPA + FNA), of the
+    # track (TPA + FPA)
     tracks = max(len(frames.track_key), 1)
     couples, couple = np.unique(target * tracks + track, return_inverse=True)
     life = np.bincount(frames.truth, minlength=1)[couples // tracks]
     length = np.bincount(frames.track, minlength=1)[couples % tracks]
-    tps, locs = np.zeros(len(alphas), dtype=np.int64), np.ones(len(alphas))
-    ass: list[list[float]] = []
+    tp, loc_a = np.zeros(len(alphas), dtype=np.int64), np.ones(len(alphas))
+    ass_a, ass_re, ass_pr = np.zeros(len(alphas)), np.zeros(len(alphas)), np.zeros(len(alphas))
     for a, alpha in enumerate(alphas):
+        # True positives: pairs that are similar enough
         good = similarity >= alpha - EPS
-        tp = int(np.count_nonzero(good))
-        shared = np.bincount(couple[good], minlength=len(couples)).astype(np.float64)
-        tps[a], locs[a] = tp, np.mean(similarity[good]) if tp else 1.0
-        ass.append([float(np.sum(shared**2 / whole)) / max(tp, 1) for whole in (life + length - shared, life, length)])
+        tp[a] = np.count_nonzero(good)
+        if not tp[a]:
+            continue
+        loc_a[a] = np.mean(similarity[good])
+        # True positive associations of each couple; its figures count once for each of them in the means
+        tpa = np.bincount(couple[good], minlength=len(couples)).astype(np.float64)
+        ass_a[a] = np.sum(tpa**2 / (life + length - tpa)) / tp[a]  # TPA / (TPA + FNA + FPA)
+        ass_re[a] = np.sum(tpa**2 / life) / tp[a]  # TPA / (TPA + FNA)
+        ass_pr[a] = np.sum(tpa**2 / length) / tp[a]  # TPA / (TPA + FPA)
+    # Detection: N = TP + FN true rows, M = TP + FP rows of tracks
     n, m = len(frames.truth), len(frames.track)
-    det = [tps / np.maximum(whole, 1) for whole in (n + m - tps, n, m)]
-    parts = np.reshape(ass, (-1, 3))
-    joint = np.sqrt(det[0] * parts[:, 0])
-    return Hota(np.asarray(alphas), joint, det[0], parts[:, 0], locs, det[1], det[2], parts[:, 1], parts[:, 2], tps)
+    det_a, det_re, det_pr = tp / np.maximum(n + m - tp, 1), tp / max(n, 1), tp / max(m, 1)
+    return Hota(
+        alpha=np.asarray(alphas),
+        hota=np.sqrt(det_a * ass_a),
+        det_a=det_a,
+        ass_a=ass_a,
+        loc_a=loc_a,
+        det_re=det_re,
+        det_pr=det_pr,
+        ass_re=ass_re,
+        ass_pr=ass_pr,
+        tp=tp,
+    )
 
 
 def _assigned(frames: Frames) -> tuple[Ints, Ints, Floats]:
-    """Target, track, similarity of the pairs of all frames: similar now, and alike over all frames."""
+    """Targets, tracks and similarities of the pairs of all frames, three arrays (n,).
+
+    In each frame the assignment has the largest sum of similarity times alignment, so that of two tracks
+    that are as near the one that agrees with the target over all frames is taken.
+    """
     alike = _alignment(frames)
     targets, tracks, similarities = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
     for t in frames.meeting():
@@ -96,7 +122,10 @@ def _assigned(frames: Frames) -> tuple[Ints, Ints, Floats]:
 
 
 def _alignment(frames: Frames) -> Floats:
-    """(G, K) how well each target and track agree over all frames: shared over what either has, 0 to 1."""
+    """(G, K) alignment of each target and track over all frames, 0 to 1: shared rows over rows of either.
+
+    A frame adds to the shared rows of a pair its similarity over the similarities of both to anything.
+    """
     met = np.zeros((len(frames.truth_key), len(frames.track_key)))
     for t in frames.meeting():
         left, right = frames.rows(t)

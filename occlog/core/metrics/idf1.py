@@ -39,19 +39,20 @@ class Identity(NamedTuple):
 
 
 def identity(frames: Frames, threshold: float = 0.5) -> Identity:
-    """IDF1 and its parts, with targets and tracks assigned one to one over all frames.
+    """Compute IDF1 and its parts, with targets and tracks assigned one to one over all frames.
 
     Args:
         frames: truth and tracks.
         threshold: least similarity at which a track meets a target.
     """
+    # Count the rows in which each target is met by each track
     targets, tracks = len(frames.truth_key), len(frames.track_key)
     met = np.zeros((targets, tracks), dtype=np.int64)
     for t in frames.meeting():
         left, right = frames.rows(t)
         # No label comes twice in a frame, so no element is added to twice.
         met[frames.truth[left][:, None], frames.track[right][None, :]] += reaches(frames.compare(t)[1], threshold)
-    # The sum of false rows is N + M - 2 idtp, so the least of it has the most idtp.
+    # Assign: the least IDFN + IDFP = N + M - 2 IDTP has the most IDTP
     rows, columns = linear_sum_assignment(met, maximize=True)
     idtp, n, m = int(met[rows, columns].sum()), len(frames.truth), len(frames.track)
     given = np.full(targets, -1, dtype=np.int64)

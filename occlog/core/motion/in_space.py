@@ -37,7 +37,7 @@ def motion_noise(motion: Motion, dt: float) -> Floats:
 
 
 def moved(cloud: Floats, motion: Motion, dt: float, rng: np.random.Generator, jump: Floats | None = None) -> Floats:
-    """The cloud dt >= 0 seconds later; a new array.
+    """Move a cloud by dt >= 0 seconds; the result is a new array.
 
     Args:
         cloud: (2d, L).
@@ -57,10 +57,10 @@ def moved(cloud: Floats, motion: Motion, dt: float, rng: np.random.Generator, ju
 
 
 def half_normals(particles: int, rows: int, rng: np.random.Generator) -> Floats:
-    """(rows, H) standard normal draws for twice as many particles: each serves two, once with its sign changed.
+    """(rows, H) standard normal draws for L = `particles`, H = ceil(L / 2): antithetic variates.
 
-    Each particle has the right distribution, the mean of all noise is 0 instead of nearly 0, and drawing, which
-    is most of the work, is halved.
+    Each draw serves two particles, once with its sign changed.  Each particle has the right distribution, the
+    mean of all noise is 0 instead of nearly 0, and drawing, which is most of the work, is halved.
     """
     return rng.standard_normal((rows, (particles + 1) // 2))
 

@@ -31,7 +31,7 @@ class Walkers(NamedTuple):
 
 
 def first_seen(xy: Floats, noise: Floats, speed: float) -> Walkers:
-    """Objects after their first measurement: there, with an unknown velocity.
+    """Start objects at their first measurement, with an unknown velocity.
 
     Args:
         xy: (M, 2) measured places.
@@ -44,7 +44,7 @@ def first_seen(xy: Floats, noise: Floats, speed: float) -> Walkers:
 
 
 def predict(walkers: Walkers, dt: Floats | float, q: float) -> Walkers:
-    """The objects a time later.
+    """Predict the objects a time later: P' = F P F^T + Q in blocks of position and velocity.
 
     Args:
         walkers: M objects.
@@ -64,7 +64,7 @@ def predict(walkers: Walkers, dt: Floats | float, q: float) -> Walkers:
 
 
 def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
-    """The objects after measurements of their places.
+    """Update the objects by measurements of their places.
 
     The covariances are formed as products that stay positive semi-definite.
 
@@ -73,10 +73,12 @@ def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
         xy: (M, 2) measured places.
         noise: (M, 2, 2) covariances of the measurements, positive definite.
     """
+    # Gains of position and velocity: K = P H^T (H P H^T + R)^-1
     inverse = np.linalg.inv(walkers.cov + noise)
     gain = walkers.cov @ inverse
     gain_velocity = walkers.cross.swapaxes(1, 2) @ inverse
     off = (xy - walkers.xy)[:, :, None]
+    # Update by the innovation; (I - K) P = K R for the position
     return Walkers(
         walkers.xy + (gain @ off)[:, :, 0],
         walkers.velocity + (gain_velocity @ off)[:, :, 0],

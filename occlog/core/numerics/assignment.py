@@ -1,4 +1,4 @@
-"""Which of the things seen now is which of those known: assignment of least cost within a gate."""
+"""Data association by global nearest neighbours: one-to-one assignment of least cost within a gate."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from occlog.array_types import Floats, Ints
 
 
 def assign(cost: Floats, gate: float) -> tuple[Ints, Ints]:
-    """Rows and columns of the pairs, rising rows: as many as the gate lets, and of these the cheapest in sum.
+    """Assign rows to columns one to one: as many pairs as the gate lets, and of these the least sum of costs.
 
     Args:
         cost: (n, m), >= 0; may be infinite.
-        gate: pairs that cost more are not made.
+        gate: largest cost of a pair; pairs that cost more are not made.
+
+    Returns:
+        (k,) rows, rising, and (k,) columns of the pairs.
     """
     cost = np.asarray(cost, dtype=np.float64)
     if not cost.size:

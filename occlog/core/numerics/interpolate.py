@@ -12,7 +12,7 @@ from occlog.array_types import Bools, Floats, Ints
 
 
 def interpolate_positions(t_ns: Ints, known_t_ns: Ints, known: Floats, limit_ns: int) -> tuple[Floats, Bools]:
-    """Linearly interpolated positions, and where they may be used.
+    """Interpolate positions linearly, and tell where they may be used.
 
     A time that is itself a sample is always good.  Between two samples the position is
     good when the samples are at most `limit_ns` apart.  Nothing is extrapolated.

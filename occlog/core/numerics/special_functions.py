@@ -1,11 +1,9 @@
-"""The error function without branches, so that loops over it are vectorised by the compiler.
+"""Error function and arctangent without branches, so that the compiler vectorises loops over them.
 
 erf(x) = x P(x^2) / Q(x^2) with P and Q of degree 7, fitted to the least maximal error over
-|x| <= 4.6; outside it is +-1.  The error is below 1e-10 everywhere.
+|x| <= 4.6; outside it counts as +-1.  The error is below 1e-10 everywhere.
 
-The arctangent of two arguments without branches, so that loops over it are vectorised by the compiler.
-
-Angles are folded to an eighth of a turn and half of that, where atan(t) = t P(t^2) with P of
+atan2: angles are folded to an eighth of a turn and half of that, where atan(t) = t P(t^2) with P of
 degree 10, interpolated at Chebyshev's points.  The error is below 1e-15 everywhere.
 """
 

@@ -60,7 +60,9 @@ def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> t
 
 
 def looks(chunks: Iterable[Grid], rates_hz: Sequence[float | None]) -> Iterator[tuple[Grid, list[Look]]]:
-    """Each chunk with what every sensor sees of it; a sensor without rate looks at every time of the chunk.
+    """Yield each chunk with what every sensor looks at during it.
+
+    A sensor without a rate looks at every time of the chunk.
 
     Places between two times are interpolated linearly, also across the border of two chunks.
 

@@ -1,4 +1,4 @@
-"""Where slices through rectangles change their pattern: at corners and crossings of sides.
+"""Where slices through rectangles change the order of what they cross: at corners and crossings of sides.
 
 Places are (s, t): s along the slices, t across them.
 """
@@ -18,7 +18,12 @@ LEVELS = 9
 
 @kernel
 def sides(rows: Floats, polygon: Floats) -> Floats:
-    """(4 n + K, 4) sides of n rectangles and a polygon (K, 2): s, t of one end and of the other."""
+    """(4 n + K, 4) sides of n rectangles and a polygon: s, t of one end and of the other.
+
+    Args:
+        rows: (n, 6) rectangles, as `blocking_shares._strips` gives them.
+        polygon: (K, 2); none: (0, 2).
+    """
     n, K = rows.shape[0], polygon.shape[0]
     out = np.empty((4 * n + K, 4))
     for i in range(n):
@@ -38,10 +43,17 @@ def sides(rows: Floats, polygon: Floats) -> Floats:
 
 @kernel
 def cuts(border: Floats, low: float, high: float, sigma: float, minor: float) -> Floats:
-    """Slices, in order from low to high, between which the pieces change smoothly.
+    """Rising t, from low to high, between which the lengths of the pieces change smoothly.
 
-    They are those at corners, at crossings of sides, and, for a normal prior (sigma > 0),
-    where a side that nearly runs along the slices passes even multiples of sigma.
+    They are those of corners, of crossings of sides, and, for a normal prior (sigma > 0),
+    those at which a side that nearly runs along the slices passes even multiples of sigma.
+
+    Args:
+        border: (E, 4) sides.
+        low: first slice.
+        high: last slice.
+        sigma: standard deviation along the slices; 0: not normal.
+        minor: standard deviation across them.
     """
     E = border.shape[0]
     out = np.empty(2 + E + E * (E - 1) // 2 + LEVELS * E)
@@ -52,7 +64,7 @@ def cuts(border: Floats, low: float, high: float, sigma: float, minor: float) ->
         if low < t0 < high:
             out[size] = t0
             size += 1
-        # Of other sides the transition is as wide as a panel.
+        # On a steeper side the mass changes over a stretch of t as wide as a panel: no cuts are needed.
         steep = sigma > 0.0 and abs(s1 - s0) * minor > 2.0 * abs(t1 - t0) * sigma
         for k in range(LEVELS if steep else 0):
             level = 2.0 * (k - LEVELS // 2) * sigma
@@ -78,7 +90,7 @@ def crossing(a: Floats, b: Floats) -> float:
         return math.nan
     d_s, d_t = b[0] - a[0], b[1] - a[1]
     on_a, on_b = (d_s * b_t - d_t * b_s) / cross, (d_s * a_t - d_t * a_s) / cross
-    # A little too far does no harm, a missed crossing would.
+    # One cut too many does no harm, a missed one would: allow for rounding.
     if -1e-9 <= on_a <= 1.0 + 1e-9 and -1e-9 <= on_b <= 1.0 + 1e-9:
         return float(a[1] + on_a * a_t)
     return math.nan

@@ -1,4 +1,4 @@
-"""Which cameras an occluder would hide a place from: exact shares of its prior, by slices.
+"""Probabilities that an occluder hides a place from each set of cameras: exact shares of its prior, by slices.
 
 Occluder j hides the place x from camera i if its centre is in A_i(x), the rectangle from
 the camera to x, as wide as the occluder's diameter, without end caps ([Ercan] Fig. 3).  The
@@ -63,10 +63,12 @@ def shares(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> Float
         j: which of them.
     """
     out = np.zeros(1 << cameras.shape[0])
+    # Rectangles that the prior reaches, in the prior's axes
     rows, bits = _strips(x, y, cameras, priors, j)
     corners = priors.corners[priors.first[j] : priors.first[j + 1]]
     sigma, minor = priors.sigma[j], priors.minor[j]
     none, ends, flips = np.zeros(0), np.empty(2 * bits.shape[0]), np.empty(2 * bits.shape[0], dtype=np.int64)
+    # Integrate the prior over every piece
     if bits.shape[0] > 0:
         if corners.shape[0] > 0:
             _uniform_into(out, rows, bits, _own_axes(corners, priors, j))
@@ -167,6 +169,7 @@ def _slice_into(
         flips: the same.
     """
     n, m = bits.shape[0], inside.shape[0]
+    # Ends of the rectangles' intervals, sorted; `mask`: the rectangles that hold the prior's mean
     size, mask = 0, 0
     for i in range(n):
         low, high = _interval(rows[i], t)
@@ -182,6 +185,7 @@ def _slice_into(
     if m == 0 and sigma == 0.0:
         out[mask] += weight if mask != 0 else 0.0
         return True
+    # Walk along the slice: at every end one rectangle (or the polygon) is entered or left
     polygon = 1 << 62
     for k in range(m):
         _insert(ends, flips, size, inside[k], polygon)
@@ -221,6 +225,7 @@ def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: flo
             continue
         slope = steepest(border, at[k], at[k + 1]) * minor / sigma
         small = width * math.sqrt(1.0 + slope * slope) < minor
+        # Gauss-Legendre: 8 nodes for a panel narrower than a deviation, else 16 for two deviations
         nodes, weights = RULES[1 if small else 0]
         panels = 1 if small else math.ceil(0.5 * width / minor)
         half = 0.5 * width / panels

@@ -87,6 +87,7 @@ def blocking_into(q: Floats, rays: Rays, x0: float, y0: float, j: int, priors: P
     """
     mx, my = priors.mean[j, 0] - x0, priors.mean[j, 1] - y0
     sigma, radius = priors.sigma[j], priors.radius[j]
+    # Gate: the prior's mean along and across the middle ray, and how much the other rays may change both
     along, across = rays.gx * mx + rays.gy * my, rays.gx * my - rays.gy * mx
     slack_along = abs(along) * (1.0 - rays.cos) + abs(across) * rays.sin
     slack_across = abs(across) * (1.0 - rays.cos) + abs(along) * rays.sin
@@ -95,6 +96,7 @@ def blocking_into(q: Floats, rays: Rays, x0: float, y0: float, j: int, priors: P
         return False
     if along + slack_along < -reach or along - slack_along > rays.farthest + reach:
         return False
+    # Isotropic priors: Eq. 7 is exact
     if (
         form != QUADRATURE
         and priors.first[j] == priors.first[j + 1]
@@ -105,11 +107,13 @@ def blocking_into(q: Floats, rays: Rays, x0: float, y0: float, j: int, priors: P
         behind = along + slack_along < rays.nearest - reach  # all of it is nearer than every place
         isotropic_into(q, rays.ux, rays.uy, rays.r, mx, my, radius, ROOT_HALF / sigma, before, behind)
         return True
+    # Known position: inside the rectangle or not
     if priors.first[j] == priors.first[j + 1] and sigma == 0.0:
         for k in range(q.shape[0]):
             a, b = rays.ux[k] * mx + rays.uy[k] * my, rays.ux[k] * my - rays.uy[k] * mx
             q[k] = 1.0 if (abs(b) <= radius) & (a >= 0.0) & (a <= rays.r[k]) & (rays.r[k] > 0.0) else 0.0
         return True
+    # All others: place by place
     for k in range(q.shape[0]):
         ux, uy, r = rays.ux[k], rays.uy[k], rays.r[k]
         a, b = ux * mx + uy * my, ux * my - uy * mx
@@ -219,15 +223,18 @@ def hiding(ux: float, uy: float, r: float, x0: float, y0: float, j: int, priors:
     # The major axis along and across the sight line
     ca = ux * priors.axis[j, 0] + uy * priors.axis[j, 1]
     sa = ux * priors.axis[j, 1] - uy * priors.axis[j, 0]
+    # Across the sight line: variance s^2 = v' Sigma v, and the mass between -D/2 and D/2
     s2 = (sa * sigma) ** 2 + (ca * minor) ** 2
     s = math.sqrt(s2)
     low, high = (-radius - b) / s, (radius - b) / s
     across = normal_between(low, high)
     if across <= 0.0:
         return 0.0
+    # Along it, given the offset w across: mean a + rho (w - b), variance det Sigma / s^2
     rho = ca * sa * (sigma - minor) * (sigma + minor) / s2
-    offset = -b  # Eq. 7: the middle of the rectangle
+    offset = -b  # Eq. 7: w = 0, the middle of the rectangle
     if form == IMPROVED:
+        # w at the mean of the normal truncated to the rectangle's width
         offset = s * (density(low) - density(high)) / across
         offset = min(max(offset, -radius - b), radius - b)
     scale = ROOT_HALF * s / (sigma * minor)

@@ -1,9 +1,9 @@
-"""Sum over what several cameras may see, for rectangles taken as disjoint: [Ercan] Eqs. 8-9.
+"""Sum over the subsets of cameras that are not blocked, by the recursion of [Ercan] Eqs. 8-9.
 
-The sum over subsets Q of m cameras is walked as a tree, a camera a level: the sums of q
-over Q are shared by all subsets below a branch, and branches too light to matter are cut.
-A camera that reports a place near the particle all but must see it, so few of the 2^m
-subsets remain.
+Eq. 8 takes the rectangles of different cameras as disjoint.  The sum over subsets Q of m cameras is
+walked as a tree with a camera a level: the sums of q over Q are shared by all subsets below a
+branch, and branches too light to matter are cut.  A camera that reports a place near the
+particle almost certainly sees it, so few of the 2^m subsets remain.
 """
 
 from __future__ import annotations
@@ -38,21 +38,25 @@ def sum_disjoint(q: Floats, a: Floats, b: Floats, floor: float) -> float:
         largest *= scale[i]
     if largest == 0.0:
         return 0.0
+    # Cameras with one light branch come first, so that most of the tree is cut near its root
     order = by_weight((a - b) / scale, b / scale)
     sums: Floats = np.empty((m + 1, q.shape[1]))
     weight, branch = np.ones(m + 1), np.zeros(m, dtype=np.int64)
     sums[0] = 0.0
     level, total = 0, 0.0
     while level >= 0:
+        # Leaf: add weight times p_Q (Eq. 8)
         if level == m:
             total += float(weight[m]) * clear(sums[m])
             level -= 1
             continue
         i, turn = order[level], branch[level]
+        # Both branches done: back to the level above
         if turn == 2:
             branch[level] = 0
             level -= 1
             continue
+        # Branch 0: camera i is in Q and sees the place; branch 1: it is not in Q
         branch[level] += 1
         w = weight[level] * ((a[i] - b[i]) if turn == 0 else b[i]) / scale[i]
         if abs(w) <= CUT * max(abs(total), floor):

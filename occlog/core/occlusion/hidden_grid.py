@@ -52,22 +52,26 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> Grid:
         priors: of the occluders.
         far: standard deviations at which a prior counts as over; the error is to be of the size of that tail.
     """
+    # Tolerance: the tail that `far` leaves out
     tolerance = 0.5 * math.erfc(far / math.sqrt(2.0))
     narrowest = np.inf
     for j in range(priors.minor.shape[0]):
         narrowest = min(narrowest, priors.minor[j] if priors.first[j] == priors.first[j + 1] else 0.0)
+    # Bounding box of the free places
     low_x, low_y, high_x, high_y, count = np.inf, np.inf, -np.inf, -np.inf, 0
     for p in range(xy.shape[0]):
         if free[p]:
             low_x, high_x = min(low_x, xy[p, 0]), max(high_x, xy[p, 0])
             low_y, high_y = min(low_y, xy[p, 1]), max(high_y, xy[p, 1])
             count += 1
+    # Degrees: from the box and the narrowest prior; none where interpolation is not worth it
     nx, ny = 0, 0
     hx, hy = 0.5 * (high_x - low_x), 0.5 * (high_y - low_y)
     if count > 0 and 0.0 < narrowest < np.inf:
         nx, ny = terms(hx / narrowest, tolerance), terms(hy / narrowest, tolerance)
         if max(nx, ny) > HIGHEST or nx * ny > WORTH * count:
             nx, ny = 0, 0
+    # Chebyshev points of the first kind
     x, y = low_x + hx, low_y + hy
     hx, hy = max(hx, 1e-300), max(hy, 1e-300)
     points = np.empty((nx * ny, 2))
@@ -116,7 +120,7 @@ def polynomials(values: Floats, middle: float, half: float, n: int) -> Floats:
 
 @array_kernel
 def fit(n: int) -> Floats:
-    """(n, n) matrix from values at n Chebyshev points to coefficients."""
+    """(n, n) matrix from values at n Chebyshev points to coefficients: the discrete cosine transform."""
     out = np.empty((n, n))
     for k in range(n):
         for a in range(n):

@@ -1,8 +1,8 @@
-"""Joint probabilities of what several cameras see: [Ercan] Eqs. 8-9, and the same without their assumption.
+"""Joint likelihood of what several cameras report: sums over subsets of cameras, [Ercan] Eqs. 8-9 and exact.
 
 Eq. 8 takes the rectangles in which an occluder hides a place from different cameras as
-disjoint.  The exact form does not: it finds, for every occluder, the probability of each
-set of cameras being blocked at once (`occlog.core.occlusion.blocking_shares`).
+disjoint.  The exact form does not: it computes, for every occluder, the probability that it blocks
+each set of cameras at once (`blocking_shares`).
 """
 
 from __future__ import annotations
@@ -69,9 +69,11 @@ def add_joint(
         if use.shape[0] > MOST:
             raise ValueError("too many cameras see a place for sums over their subsets; use likelihood=independent")
         if exact:
+            # p_Q without the assumption of Eq. 8, then the sum over all Q
             seen = clear_exact(xy[p, 0], xy[p, 1], places[sensor[use]], priors)
             total[p] += math.log(over_subsets(seen, a[:, p][use], b[use], floor))
         else:
+            # p_Q by Eq. 8, the sum by the recursion of Eq. 9
             total[p] += math.log(sum_disjoint(that_matter(q, p, use), a[:, p][use], b[use], floor))
 
 
@@ -82,11 +84,12 @@ def clear_exact(x: float, y: float, cameras: Floats, priors: Priors) -> Floats:
     out = np.ones(1 << m)
     for j in range(priors.sigma.shape[0]):
         pattern = shares(x, y, cameras, priors, j)
-        # Sum over all patterns without a camera of Q: subset sums of the complement.
+        # P(no camera of Q is blocked by j) = sum over the sets in the complement of Q: subset sums, bit by bit
         for bit in range(m):
             for s in range(1 << m):
                 if (s >> bit) & 1:
                     pattern[s] += pattern[s ^ (1 << bit)]
+        # Occluders are independent of each other (step (c) of Eq. 8)
         for Q in range(1 << m):
             out[Q] *= min(1.0, max(0.0, pattern[((1 << m) - 1) ^ Q]))
     return out

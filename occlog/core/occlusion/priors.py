@@ -31,12 +31,15 @@ class Priors(NamedTuple):
 
 
 def gaussian_priors(mean: Floats, covariance: Floats, diameter: float) -> Priors:
-    """Gaussian priors; ValueError for a covariance that is not positive semi-definite.
+    """Pack Gaussian priors.
 
     Args:
         mean: (M, 2) means.
         covariance: (M, 2, 2) covariances; all 0: the position is known.
         diameter: of every occluder, > 0.
+
+    Raises:
+        ValueError: a covariance is not positive semi-definite.
     """
     M = len(mean)
     covariance = np.asarray(covariance, dtype=np.float64).reshape(M, 2, 2)
@@ -56,9 +59,14 @@ def gaussian_priors(mean: Floats, covariance: Floats, diameter: float) -> Priors
 
 
 def polygon_priors(polygons: Sequence[Floats], diameter: float) -> Priors:
-    """Priors uniform over simple polygons (K, 2), with the mean and the spread of each.
+    """Pack priors that are uniform over simple polygons, with the mean and the spread of each.
 
-    ValueError for a polygon without area.
+    Args:
+        polygons: M polygons (K, 2), of either winding.
+        diameter: of every occluder, > 0.
+
+    Raises:
+        ValueError: a polygon has no area.
     """
     turned = []
     for polygon in polygons:
@@ -79,7 +87,7 @@ def no_priors() -> Priors:
 
 
 def without_own(priors: Priors, mean: Floats, covariance: Floats, gate: float) -> Priors:
-    """The priors without those that may be of the tracked target itself.
+    """Leave out the priors that may be of the tracked target itself.
 
     Args:
         priors: of everything that moves.

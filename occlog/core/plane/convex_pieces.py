@@ -13,7 +13,7 @@ FLAT = 1e-12
 
 
 def convex_pieces(polygon: Floats) -> list[Floats]:
-    """Convex counter-clockwise polygons that make up a simple one: itself if it is convex, else triangles.
+    """Cut a simple polygon into convex counter-clockwise ones: itself if it is convex, else triangles (ear clipping).
 
     Triangles are cut off at ears: corners whose triangle holds no other corner, nor has one on its border.
     """

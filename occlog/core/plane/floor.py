@@ -42,9 +42,10 @@ def on_floor(xy: Floats, room: Floats, walls: Floats, starts: Ints) -> Bools:
 
 
 def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
-    """(n, 2) places spread evenly over the floor.
+    """(n, 2) random places, uniform over the floor: rejection sampling from the room's bounding box.
 
-    ValueError when so little of the room is free that `ROUNDS` rounds do not find them.
+    Raises:
+        ValueError: so little of the box is free that `ROUNDS` rounds do not find n places.
     """
     low = floor.room.min(axis=0)
     size = floor.room.max(axis=0) - low

@@ -1,4 +1,4 @@
-"""Lines that separate steps of a path from convex polygons."""
+"""Lines that separate segments from convex polygons, and ways around a polygon."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Separation(NamedTuple):
 
 
 def separate(start: Floats, end: Floats, polygon: Floats) -> Separation:
-    """The separating lines, by the theorem of separating axes: they are normal to an edge or to the segment.
+    """Find the separating lines, by the separating axis theorem: they run along an edge or along the segment.
 
     Args:
         start: (n, 2) one end of each segment.

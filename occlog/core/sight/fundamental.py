@@ -1,12 +1,12 @@
-"""Epipolar geometry of two views without distortion: lines, bands, errors and checks, [Qu] Sec. 3.2.
+"""Epipolar geometry of two views without distortion: lines, distances, and whether matches fit, [Qu] Sec. 3.2.
 
 A fundamental matrix F of views a and b makes b' F a = 0 for the images a and b (x, y, 1) of
 one point.  F takes points of view a to lines of view b, its transpose those of b to lines
 of a.  It has norm 1 and its largest entry is positive.  A line (l1, l2, l3) has
 l1^2 + l2^2 = 1, so that l . (x, y, 1) is the signed distance of a point [px].
 
-Points have to be where a camera without distortion would show them.  Matrices from matches
-are in `epipolar_fit` and `occlog.measure.epipolar.of_scene`.
+Points have to be where a camera without distortion would show them.  Matrices of matches and of calibrated
+cameras are made in `occlog.measure.epipolar`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,11 @@ def homogeneous(points: Floats) -> Floats:
 
 
 def scaled(matrix: Floats) -> Floats:
-    """(3, 3) the same matrix with norm 1 and its largest entry positive; ValueError for one that is 0 or not finite."""
+    """(3, 3) the same matrix with norm 1 and its largest entry positive.
+
+    Raises:
+        ValueError: the matrix is 0 or not finite.
+    """
     norm = float(np.linalg.norm(matrix))
     if not (np.isfinite(norm) and norm > 0.0):
         raise ValueError("a fundamental matrix must be finite and not all 0")
@@ -50,7 +54,7 @@ def scaled(matrix: Floats) -> Floats:
 def fundamental_from_poses(
     inner_a: Floats, rotation_a: Floats, centre_a: Floats, inner_b: Floats, rotation_b: Floats, centre_b: Floats
 ) -> Floats:
-    """Fundamental matrix of two cameras without distortion.
+    """Fundamental matrix of two cameras without distortion: F = K_b^-T [t]_x R K_a^-1, scaled.
 
     Args:
         inner_a: (3, 3) matrix of focal lengths and principal point of camera a.
@@ -61,7 +65,10 @@ def fundamental_from_poses(
         centre_b: of camera b.
 
     Returns:
-        (3, 3); ValueError for two cameras at the same place, which have no epipolar lines.
+        (3, 3) with norm 1.
+
+    Raises:
+        ValueError: the two cameras are at the same place, so that there are no epipolar lines.
     """
     apart = np.asarray(centre_a, dtype=np.float64) - centre_b
     largest = max(float(np.abs(centre_a).max()), float(np.abs(centre_b).max()))
@@ -117,13 +124,16 @@ def check_fundamental(
     Raises:
         ValueError: fewer than 8 matches.
     """
+    # Share of matches within the tolerance of both lines
     n = len(a)
     if n < FEWEST:
         raise ValueError(f"{n} matches do not tell whether a fundamental matrix fits; give at least {FEWEST}")
     good = (epipolar_distances(matrix, a, b) <= tolerance_px).all(axis=1)
+    # The same share of all n (n - 1) wrong pairings: what chance gives
     to_b, to_a = epipolar_lines(matrix, a), epipolar_lines(np.asarray(matrix).T, b)
     pairs = (np.abs(to_b @ homogeneous(b).T) <= tolerance_px) & (np.abs(to_a @ homogeneous(a).T) <= tolerance_px).T
     chance = float((pairs.sum() - np.diagonal(pairs).sum()) / (n * (n - 1)))
+    # The bar: chance and three standard deviations of a share of n matches by chance
     share = float(good.mean())
     bar = chance + 3.0 * float(np.sqrt(chance * (1.0 - chance) / n))
     errors = symmetric_errors(matrix, a, b)

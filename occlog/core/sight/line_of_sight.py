@@ -1,4 +1,7 @@
-"""Who is seen from where: field of view, range, walls, and the discs of moving occluders."""
+"""Whether a sensor sees points: field of view, range, walls, and the discs of moving objects.
+
+These are functions of arrays for simulated sensors; the particle filters' kernels are in `visibility`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from occlog.core.plane.polygons import sight_blocked
 
 
 def in_view(h: Floats, d: Floats, fov: float, reach: float) -> Bools:
-    """Which points are in front of a camera, in its field of view and in range.
+    """Tell which points are in front of a camera (d > 0), in its field of view and in range, limits included.
 
     Args:
         h: offset to the left of the optical axis, any shape.
@@ -33,7 +36,7 @@ def behind_walls(origin: Floats, xy: Floats, walls: Sequence[Floats]) -> Bools:
 
 
 def behind_objects(origin: Floats, xy: Floats, others: Floats, diameter: float) -> Bools:
-    """Which points a moving object hides: its centre is in the rectangle A(x) of [Ercan] Fig. 3.
+    """Tell which points a moving object hides: its centre is inside the rectangle A(x) of [Ercan] Fig. 3.
 
     The rectangle reaches from the sensor to the point and half a diameter to either side
     of the sight line.

@@ -1,7 +1,7 @@
 """Sources from unlabelled directions of arrival: which directions belong together, and where they meet.
 
-With two arrays every direction of one crosses every direction of the other.  What is taken
-first is what most arrays support, and of that what fits best and is near a source that is
+With two arrays every direction of one crosses every direction of the other.  Crossings that
+most arrays support are taken first, and of these the ones that fit best and are near a source that is
 known already; every direction is used at most once.
 """
 
@@ -38,7 +38,7 @@ class Sources(NamedTuple):
 
 
 def localise(d: Directions, known: Floats, spread: Floats, region: Floats, gate: float, min_crossing: float) -> Sources:
-    """Where sources are.
+    """Locate sources.
 
     Args:
         d: directions, of any number of arrays.
@@ -48,6 +48,7 @@ def localise(d: Directions, known: Floats, spread: Floats, region: Floats, gate:
         gate: standard deviations within which a direction supports a place.
         min_crossing: directions that cross at a smaller angle give no place [rad].
     """
+    # Cross: every two directions of different arrays, inside the region
     i, j = np.triu_indices(len(d.array), 1)
     other = d.array[i] != d.array[j]
     pairs = np.column_stack([i[other], j[other]])
@@ -55,15 +56,18 @@ def localise(d: Directions, known: Floats, spread: Floats, region: Floats, gate:
     good = np.isfinite(xy[:, 0])
     good[good] = inside_polygon(np.ascontiguousarray(xy[good]), region)
     pairs, xy, cov = pairs[good], xy[good], cov[good]
+    # Support: directions of other arrays that pass near a crossing form a group with it
     off = _misfit(d, xy, cov)
     rows = sorted({tuple(_support(d, pair, off[c], gate).tolist()) for c, pair in enumerate(pairs)})
     groups = [np.array(r, dtype=np.int64) for r in rows]
+    # Fit: the place of each group, and the squared misfits of its directions
     xy, cov = _meet(d, groups, min_crossing)
     residual = _misfit(d, xy, np.zeros_like(cov))
     fit = np.array([np.sum(residual[g, r] ** 2) for g, r in enumerate(groups)])
     cost = fit + _nearest(xy, cov, known, spread, gate)
-    # A good group has two degrees of freedom less than it has directions.
+    # Gate: a group of n directions has n - 2 degrees of freedom
     good = np.isfinite(xy[:, 0]) & (fit <= gate**2 + np.array([len(r) - 2 for r in groups]))
+    # Choose: groups that share no direction
     chosen = _choose([r if ok else r[:0] for r, ok in zip(groups, good, strict=True)], cost)
     counts = np.array([len(groups[g]) for g in chosen], dtype=np.int64)
     return Sources(xy[chosen], cov[chosen], counts)

@@ -1,4 +1,4 @@
-"""Where sight lines meet: the position that explains the azimuths of several sensors best.
+"""Triangulation: the position that explains the azimuths of several sensors best.
 
 Scans are packed: the lines of scan s are the rows `starts[s]` to `starts[s + 1]`.
 """
@@ -44,10 +44,10 @@ def sight_lines_meet(
     loss: str = "gauss",
     min_crossing: float = math.radians(5.0),
 ) -> Meeting:
-    """Most likely position of a target for each scan, its covariance, and the lines' residuals.
+    """Find the most likely position of a target for each scan, its covariance, and the lines' residuals.
 
     Minimises sum rho(wrap(azimuth - atan2(y - oy, x - ox)) / sigma) by Gauss-Newton with
-    reweighting, from the best crossing of two lines.  With `gauss` this is the maximum
+    iterative reweighting, from the best crossing of two lines.  With `gauss` this is the maximum
     likelihood estimate and the covariance the inverse of its Fisher information; the
     robust losses give lines that miss the others less weight, also in the covariance.
 
@@ -57,7 +57,7 @@ def sight_lines_meet(
         sigmas: (R,) standard deviations [rad], > 0.
         starts: (S + 1,) first row of each scan, then R.
         loss: `gauss`, `huber` or `cauchy`.
-        min_crossing: scans whose lines cross at smaller angles are refused [rad].
+        min_crossing: scans whose lines cross at smaller angles than this are refused [rad].
 
     Raises:
         ValueError: unknown loss.
@@ -112,6 +112,7 @@ def _best_crossing(o: Floats, beta: Floats, sigma: Floats, loss: int, min_sine: 
             sine = math.sin(beta[j] - beta[i])
             if abs(sine) < min_sine:
                 continue
+            # Distances along both lines to their crossing, by Cramer's rule; both must be ahead of their sensors
             dx, dy = o[j, 0] - o[i, 0], o[j, 1] - o[i, 1]
             along_i = (dx * math.sin(beta[j]) - dy * math.cos(beta[j])) / sine
             along_j = (dx * math.sin(beta[i]) - dy * math.cos(beta[i])) / sine
@@ -151,10 +152,12 @@ def _refine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: in
     cost = _total_cost(x, y, o, beta, sigma, loss)
     for _ in range(60):
         axx, axy, ayy, bx, by = _normal_equations(x, y, o, beta, sigma, loss)
+        # Gauss-Newton step: solve A s = b
         det = axx * ayy - axy * axy
         if not det > 1e-14 * axx * ayy:
             break
         sx, sy = (ayy * bx - axy * by) / det, (axx * by - axy * bx) / det
+        # Halve the step until the cost does not rise
         step, trial = 1.0, np.inf
         while step > 1e-6:
             trial = _total_cost(x + step * sx, y + step * sy, o, beta, sigma, loss)
@@ -164,7 +167,7 @@ def _refine(x: float, y: float, o: Floats, beta: Floats, sigma: Floats, loss: in
         if not trial <= cost:
             break
         x, y = x + step * sx, y + step * sy
-        # Gain below rounding of the cost, or a step far below the accuracy of the lines
+        # Converged: gain below rounding of the cost, and a step far below the accuracy of the lines
         if cost - trial <= 1e-14 * cost and (sx * bx + sy * by) < 1e-14:
             break
         cost = trial
@@ -199,10 +202,12 @@ def _meet_one(
     nan = np.nan
     if beta.shape[0] < 2:
         return TOO_FEW, nan, nan, nan, nan, nan
+    # Start at the best crossing, then refine
     status, x, y = _best_crossing(o, beta, sigma, loss, min_sine)
     if status != MET:
         return status, nan, nan, nan, nan, nan
     x, y = _refine(x, y, o, beta, sigma, loss)
+    # Covariance: inverse of the Fisher information, if the lines that count do point and cross there
     axx, axy, ayy, _, _ = _normal_equations(x, y, o, beta, sigma, loss)
     det = axx * ayy - axy * axy
     sine = _crossing_sine(x, y, o, beta, sigma, loss)

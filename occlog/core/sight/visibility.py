@@ -1,7 +1,7 @@
 """Which sensors can see which places: field of view, range, and static polygons in between.
 
-[Ercan] Sec. 4.3 calls a camera *assigned* to a particle that it can see as far as these
-go.  What hides a target besides (people who walk by) is not looked at here.
+[Ercan] Sec. 4.3 calls a camera *assigned* to a particle that none of these keeps it from seeing.  Moving
+occluders do not count here.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Sensors(NamedTuple):
 
 
 def make_sensors(xy: Floats, yaw: Floats, fov: Floats, reach: Floats, walls: Sequence[Sequence[Floats]]) -> Sensors:
-    """Sensors packed for the kernels.
+    """Pack sensors for the kernels.
 
     Args:
         xy: (S, 2) positions.
@@ -60,7 +60,7 @@ def make_sensors(xy: Floats, yaw: Floats, fov: Floats, reach: Floats, walls: Seq
 
 
 def _cone(origin: Floats, wall: Floats) -> Floats:
-    """What the quick tests of a wall need.
+    """Prepare the quick tests of a wall.
 
     Returns:
         (8,): right ray and left ray from the origin around the wall (unit vectors; 0 where the
@@ -99,7 +99,7 @@ def _convex(polygon: Floats) -> bool:
 
 @kernel
 def seen_from(xy: Floats, i: int, sensors: Sensors) -> Bools:
-    """(L,) bool: which of the (L, 2) places nothing static keeps sensor i from seeing.
+    """(L,) bool: which of the (L, 2) places sensor i is assigned to: in view, in range and not behind a wall.
 
     A place behind a sensor with an axis (d <= 0) is never seen, so h/d may be formed
     where this is true.
@@ -135,10 +135,12 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
         r2 = dx * dx + dy * dy
         if r2 < near2:
             continue
+        # Beside the wall: outside the rays around it
         slack = SLACK * (abs(dx) + abs(dy))
         from_right, from_left = rx * dy - ry * dx, ly * dx - lx * dy
         if from_right < -slack or from_left < -slack:
             continue
+        # Behind the wall, clearly or by the exact test
         behind = from_right > slack and from_left > slack and nx * dx + ny * dy > offset + slack
         if behind or segment_blocked(x0, y0, xy[p, 0], xy[p, 1], wall):
             seen[p] = False
