@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from field_log import logs, rounds
 from tracker_scenes import SECOND, observe, room100, walk, with_array
 
 from occlog.cli.main import run
@@ -223,11 +224,10 @@ def test_the_animal_of_a_field_log_is_followed_by_its_number(shared_data, tmp_pa
     """783 bearings of an animal in 276 rounds: the filter is near the least-squares crossings (median 37 m)."""
     data = shared_data / "telemetr_bearings"
     field, tracks = str(tmp_path / "field.mcap"), str(tmp_path / "tracks.parquet")
-    logs = ["--doa", str(data / "azimuth.dat"), "--arrays", str(data / "towers.dat")]
-    assert run(["ingest", "-o", field, *logs, "-q"]) == ExitCode.DONE
+    assert run(["ingest", "-o", field, *logs(data), "-q"]) == ExitCode.DONE
     capsys.readouterr()
     assert run(["track", field, "-o", tracks, "-q", "--doa-labels", "--labelled-only", "--json"]) == ExitCode.DONE
-    assert json.loads(capsys.readouterr().out)["rows"] == 276
+    assert json.loads(capsys.readouterr().out)["rows"] == rounds(data)
     found, log = read_table(tmp_path / "tracks.parquet", Tracks), open_recording(tmp_path / "field.mcap")
     assert set(found.target_id.tolist()) == {340}
     towers = {a.name: a.position[:2] for a in log.scene.arrays}

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import re
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
+from field_log import logs, published_fixes, rounds
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
@@ -16,17 +15,8 @@ from occlog.io.files.parquet import read_table
 from occlog.records.tables import Diagnostics, Tracks
 
 NS = 1_000_000_000
-FIX = re.compile(r"(\d\d/\d\d/\d\d)\s+(\d\d:\d\d:\d\d)[^\r]*\r\s*(\d{7})\s+(\d{7})")
+
 ROOM = "occlog_scene: 1\nroom: [[0, 0], [7.67, 0], [7.67, 3.41], [0, 3.41]]\n"
-
-
-def fixes(path: Path) -> dict[int, tuple[float, float]]:
-    """Published E, N by time; some of the program's fixes overflowed and are left out."""
-    out = {}
-    for day, clock, east, north in FIX.findall(path.read_bytes().decode("latin-1")):
-        at = datetime.strptime(f"{day} {clock}", "%m/%d/%y %H:%M:%S").replace(tzinfo=UTC)
-        out[round(at.timestamp()) * NS] = (float(east), float(north))
-    return out
 
 
 @pytest.mark.jit
@@ -35,13 +25,12 @@ def test_the_animal_of_a_field_log_is_where_its_authors_had_it(shared_data: Path
     """783 bearings in 276 rounds, kilometres away: median distance to the published fixes below 3 m (1.3 and 1.2 m)."""
     data = shared_data / "telemetr_bearings"
     field, tracks = str(tmp_path / "field.mcap"), str(tmp_path / "tracks.parquet")
-    logs = ["--doa", str(data / "azimuth.dat"), "--arrays", str(data / "towers.dat")]
-    assert run(["ingest", "-o", field, *logs, "-q"]) == ExitCode.DONE
+    assert run(["ingest", "-o", field, *logs(data), "-q"]) == ExitCode.DONE
     assert run(["track", field, "-o", tracks, "--method", "map", "-q", "--set", f"loss={loss}"]) == ExitCode.BAD_INPUT
     args = ["--method", "map", "-q", "--doa-labels", "--set", f"loss={loss}"]
     assert run(["track", field, "-o", tracks, *args]) == ExitCode.DONE
-    found, known = read_table(tmp_path / "tracks.parquet", Tracks), fixes(data / "fixes.dat")
-    assert len(found) == 276
+    found, known = read_table(tmp_path / "tracks.parquet", Tracks), published_fixes(data)
+    assert len(found) == rounds(data)
     assert set(found.target_id.tolist()) == {340}
     away = [
         np.hypot(x - known[t][0], y - known[t][1])
