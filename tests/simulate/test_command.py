@@ -18,7 +18,7 @@ from occlog.io.scenes.scene import read_scene
 from occlog.records.tables import Bearings, Doa, Truth, TruthBoxes
 from occlog.simulate.render.people import RenderConfig, render
 from occlog.simulate.run import make_setup
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth, world_config
+from occlog.simulate.stage import ObserveConfig, WorldConfig, simulate_truth, world_config
 
 pytestmark = pytest.mark.jit
 
@@ -48,25 +48,39 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def test_the_recording_holds_what_the_stages_give(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_recording_holds_a_walk_and_the_bearings_of_every_camera(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Everything is checked against the scene by plain geometry; limits are five standard deviations."""
     source, out = EXAMPLES / "room100.yaml", tmp_path / "r.mcap"
     assert simulate(source, out, "--steps", "300", "--occluders", "5", "--seed", "3", "--json") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
-    assert summary["steps"] == 300
-    assert summary["bearings"] == 2400
     recording, scene = open_recording(out), read_scene(source)
-    config = WorldConfig(steps=300, occluders=5)
-    truth = Truth.concat(simulate_truth(scene, config, 3))
-    bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(), 3))
-    got, seen = recording.read(Truth), recording.read(Bearings)
-    assert (got.x == truth.x).all()
-    assert (got.target_id == truth.target_id).all()
-    assert np.isnan(got.z).all()
-    assert np.array_equal(seen.u_px, bearings.u_px, equal_nan=True)
-    assert (seen.sensor == bearings.sensor).all()
+    truth, seen = recording.read(Truth), recording.read(Bearings)
+    assert summary["steps"] == 300
+    assert summary["bearings"] == len(seen) == 300 * 8
     assert summary["seen"] == int(seen.seen.sum())
+    # A target and five occluders, at each of the steps, inside the room
+    assert len(truth) == 300 * (1 + 5)
+    assert sorted(set(zip(truth.role.tolist(), truth.target_id.tolist(), strict=True)))[-1] == ("target", 0)
+    low, high = scene.region.min(axis=0), scene.region.max(axis=0)
+    assert ((truth.x >= low[0]) & (truth.x <= high[0]) & (truth.y >= low[1]) & (truth.y <= high[1])).all()
+    assert np.isnan(truth.z).all()
+    # It walks a unit a step, with noise of 0.33 on each axis
+    target = truth.take(truth.target_id == 0)
+    assert np.hypot(np.diff(target.x), np.diff(target.y)).max() < 1.0 + 5 * 0.33 * 2**0.5
+    for camera in scene.cameras:
+        rows = seen.take(seen.sensor == camera.name)
+        assert rows.t_ns.tolist() == target.t_ns.tolist()
+        right = np.arctan2(target.y - camera.ground[1], target.x - camera.ground[0])
+        off = (rows.bearing - right + np.pi) % (2 * np.pi) - np.pi
+        assert (np.abs(off[rows.seen]) < 5 * rows.sigma[rows.seen]).all()
+        # Where it is outside the field of view it is not seen, nor does anything stand for a bearing
+        aside = np.abs((right - camera.yaw + np.pi) % (2 * np.pi) - np.pi)
+        assert not rows.seen[aside > 0.5 * camera.fov].any()
+        assert np.isnan(rows.u_px[~rows.seen]).all()
     assert recording.scene is not None
-    assert len(recording.scene.cameras) == 8
+    assert [c.name for c in recording.scene.cameras] == [c.name for c in scene.cameras]
     made = recording.provenance
     assert (made.command, made.seed) == ("simulate", 3)
     assert made.parameters["world"]["occluders"] == 5
