@@ -7,7 +7,7 @@ import pytest
 from occlog.errors import InputError, UsageError
 from occlog.settings import configure
 from occlog.track.apf.config import ApfConfig, apf_defaults
-from occlog.track.catalogue import TRACKERS
+from occlog.track.catalogue import METHODS
 
 
 def test_texts_are_read_as_the_type_of_the_setting():
@@ -76,6 +76,6 @@ def test_defaults_suit_the_length_unit():
 
 
 def test_every_method_has_valid_defaults_for_every_unit():
-    for method in TRACKERS.values():
+    for method in METHODS.values():
         for unit in ("m", "ft", "in", "unit"):
-            assert isinstance(method.defaults(unit), method.config)
+            assert isinstance(method.defaults(unit), method.method.config)

@@ -16,6 +16,7 @@ from occlog.records.tables import Bearings, Tracks, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
 
 NAME = "track_bound"
 SUMMARY = "RMSE over the posterior bound: 100x100 room, 8 cameras, random waypoints, ten seeds, first 20 steps left out"
@@ -45,7 +46,7 @@ def squares(scene: Scene, redirect: float, config: ApfConfig, seed: int, steps: 
     world = WorldConfig(steps=steps, redirect=redirect)
     truth = Truth.concat(simulate_truth(scene, world, seed))
     bearings = Bearings.concat(observe(scene, [truth], ObserveConfig(), seed))
-    tracks = Tracks.concat(part.tracks for part in track([bearings], scene, config, seed))
+    tracks = Tracks.concat(part.tracks for part in track([bearings], scene, Tracking(config, seed)))
     result = evaluate(tracks, truth, bearings, scene, EvaluateConfig(sigma_v=world.sigma))
     late = result.errors.t_ns >= truth.t_ns[0] + round(SKIP_S * 1e9)
     same = np.isin(result.bound.t_ns, result.errors.t_ns[late])

@@ -12,7 +12,7 @@ from occlog.cli import options
 from .images import command as track_views
 
 METHODS = ("apf", "map", "direct3d", "pps", "imm", "fix")
-"""Names of `occlog.track.catalogue.TRACKERS`; a test keeps the two alike, so that --help need not load the trackers."""
+"""Names of `occlog.track.catalogue.METHODS`; a test keeps the two alike, so that --help need not load the trackers."""
 POLICIES = ("greedy", "brute-force", "fixed", "random", "closest", "all")
 MODELS = ("perspective", "weak")
 """The same of `occlog.track.apf.selection_policies`."""

@@ -1,17 +1,18 @@
-"""What a tracking method is: records of one scan in, an estimate out, and a state in between.
+"""Interface of the tracking methods: scans in, estimates out, and a state in between.
 
-An online method is two pure functions.  `init` makes the state before the first scan,
-`step` takes a scan in and returns the next state and the estimate; neither changes its
-arguments (but for the generator, from which it draws).  A state belongs to one target.
-Scans come in the order of their times, at any intervals, from any set of sensors.
-A batch method takes in the record of a target in blocks, and gives states out when it has
-seen enough of what comes after them.
+`Online`: one state a target.  `init` makes it before the first scan, `step` takes a scan in and returns
+the next state and the estimate.  `Batch`: one state a target, too; it takes several scans at once and gives
+states out when it has seen enough of what comes after them.  `Joint`: one state for all targets.
+
+Functions do not change their arguments, except the generator, from which they draw.  Scans come in
+the order of their times, at any intervals, from any set of sensors.  What a method can do is a field
+of its tuple.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from numpy.random import Generator
 
@@ -74,36 +75,59 @@ class Smoothed(NamedTuple):
     converged: bool
 
 
-class Batch(NamedTuple):
-    """A method that estimates a stretch of a trajectory at once."""
-
-    summary: str
-    config: type  # frozen dataclass of its settings, validated; see `settings.configure`
-    defaults: Callable[[str], Any]  # settings that suit a scene's length unit
-    begin: Callable[[Scene, Any], Any]  # the state of one target before anything is known
-    advance: Callable[[Any, Sequence[Scan], bool], tuple[Any, Smoothed]]  # more scans; whether none will follow
+State = TypeVar("State")
+"""State of a method, of one target or of all of them."""
+Config = TypeVar("Config")
+"""Settings of a method: a frozen dataclass, validated."""
+Report = TypeVar("Report")
+"""What a method with one state for all targets says of a scan."""
 
 
-class Online(NamedTuple):
-    """A method that takes in one scan after the other."""
+class OccluderTerms(NamedTuple):
+    """What a method wants to know of moving occluders."""
 
-    summary: str
-    config: type  # frozen dataclass of its settings, validated; see `settings.configure`
-    defaults: Callable[[str], Any]  # settings that suit a scene's length unit
-    init: Callable[[Scene, Any, Generator], Any]
-    step: Callable[[Any, Scan, Generator], tuple[Any, Estimate | None]]  # None: the scan tells no position
-    predict: Callable[[Any, int, Generator], Cloud] | None = None  # where the target will be; for selecting cameras
+    diameter: float  # of each, in the scene's unit
+    max_age_s: float  # priors that are older are not used
 
 
-class Joint(NamedTuple):
-    """A method with one state for all targets, which cameras may help: see `occlog.track.imm.filter`.
+class Prediction(NamedTuple, Generic[State, Config]):
+    """How a method says where its target will be: what the selection of cameras needs."""
 
-    States, reports, questions and memories are the method's own.
-    """
+    cloud: Callable[[State, int, Generator], Cloud]  # at a time not before the last scan; the state stays as it is
+    step_s: Callable[[Config], float]  # reference step, in which the time between selections is counted
+    detection: Callable[[Config], float | None]  # P_D of cameras of which the scene says none; None: 1
 
-    summary: str
-    config: type  # frozen dataclass of its settings, validated; see `settings.configure`
-    defaults: Callable[[str], Any]  # settings that suit a scene's length unit
-    init: Callable[[Scene, Any, Generator], Any]
-    step: Callable[[Any, Scan, Generator], tuple[Any, Any]]  # state and rows of arrays -> state, report
-    estimates: Callable[[Any, Scene], list[tuple[int, Estimate]]]  # of a report, by target
+
+class Online(NamedTuple, Generic[State, Config]):
+    """A method that takes in one scan of one target after the other."""
+
+    config: type[Config]
+    init: Callable[[Scene, Config, Generator], State]
+    step: Callable[[State, Scan, Generator], tuple[State, Estimate | None]]  # None: the scan tells no position
+    started: Callable[[Config], bool]  # whether the settings say where the target is at first
+    occluders: Callable[[Config], OccluderTerms] | None = None  # None: it knows nothing of moving occluders
+    prediction: Prediction[State, Config] | None = None  # None: cameras cannot be selected for it
+    calibrates: Callable[[Config], bool] | None = None  # whether poses are estimated; None: they never are
+
+
+class Batch(NamedTuple, Generic[State, Config]):
+    """A method that estimates a stretch of one target's trajectory at once."""
+
+    config: type[Config]
+    begin: Callable[[Scene, Config, bool], State]  # nothing is known yet; true: it is back, so that no start holds
+    advance: Callable[[State, Sequence[Scan], bool], tuple[State, Smoothed]]  # more scans; whether none will follow
+    started: Callable[[Config], bool]  # whether the settings say where the target is at first
+    lag_ns: Callable[[Config], int | None]  # how long states wait for what comes after them; None: to the end
+
+
+class Joint(NamedTuple, Generic[State, Config, Report]):
+    """A method with one state for all targets."""
+
+    config: type[Config]
+    init: Callable[[Scene, Config, Generator], State]
+    step: Callable[[State, Scan, Generator], tuple[State, Report]]  # rows of arrays alone
+    estimates: Callable[[Report, Scene], list[tuple[int, Estimate]]]  # by target
+
+
+AnyMethod = Online[Any, Any] | Batch[Any, Any] | Joint[Any, Any, Any]
+"""A method that was chosen by its name; only the method itself knows the types of its state and settings."""

@@ -27,9 +27,11 @@ from occlog.settings import configure
 from occlog.track.apf.selection_policies import SelectConfig
 from occlog.track.drivers.messages import Messages
 from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
 from occlog.track.imm.config import START_NUMBERS, imm_defaults
 
-from .catalogue import tracker
+from .catalogue import entry, tracker
+from .interface import AnyMethod, Online
 
 if TYPE_CHECKING:
     from occlog.records.columns import Table
@@ -172,7 +174,7 @@ def run_track(
     """Track and write; the summary, and what had been lost before."""
     inputs = Inputs(request.bearings, request.scene, request.doa, request.doa_labels, request.occluders)
     config = make_config(request, inputs.scene.length_unit)
-    if wanted.calibration is not None and getattr(config, "calibrate", "none") == "none":
+    if wanted.calibration is not None and not estimates_poses(tracker(request.method), config):
         raise UsageError("--calibration wants estimates to write; add --set calibrate=joint or --set calibrate=initial")
     sensors = choose_sensors(inputs.scene, request.only, request.without)
     targets = request.targets or None
@@ -182,9 +184,7 @@ def run_track(
         chunks = only_measured(chunks)
     if request.turn_s is not None:
         chunks = one_at_a_time(chunks, inputs.scene, sensors, request.turn_s)
-    tracked = track(
-        chunks,
-        inputs.scene,
+    tracking = Tracking(
         config,
         request.seed,
         method=request.method,
@@ -192,9 +192,9 @@ def run_track(
         targets=targets,
         unlabelled=request.unlabelled,
         window_ns=request.window_ns,
-        occluders=inputs.occluders,
         selection=selection,
     )
+    tracked = track(chunks, inputs.scene, tracking, inputs.occluders)
     parameters = {
         "method": request.method,
         "sensors": sorted(sensors),
@@ -243,6 +243,11 @@ def run_track(
     return {"tracks": str(wanted.tracks), "method": request.method, **tally.summary()}, losses
 
 
+def estimates_poses(method: AnyMethod, config: Any) -> bool:
+    """Whether errors of the sensors' poses are estimated with these settings."""
+    return isinstance(method, Online) and method.calibrates is not None and method.calibrates(config)
+
+
 def one_at_a_time(
     chunks: Iterable[Bearings], scene: Scene, sensors: frozenset[str], seconds: float
 ) -> Iterator[Bearings]:
@@ -256,7 +261,7 @@ def one_at_a_time(
 
 def make_config(request: Request, unit: str) -> Any:
     """Settings of the method: its defaults for the length unit, and what the options say."""
-    defaults = tracker(request.method).defaults(unit)
+    defaults = entry(request.method).defaults(unit)
     values: dict[str, Any] = dict(request.settings)
     if request.motion is not None:
         values |= motion_settings(request.motion, unit, values)

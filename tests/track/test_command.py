@@ -21,7 +21,7 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import UNLABELLED, Bearings, Calibration, Diagnostics, Doa, Tracks
-from occlog.track.catalogue import TRACKERS
+from occlog.track.catalogue import METHODS as IN_WORLD
 from occlog.track.command import METHODS
 from occlog.track.run import one_at_a_time, parse_start
 
@@ -257,14 +257,14 @@ def test_settings_go_to_the_method(folder):
         (["--set", "phi=2"], ExitCode.USAGE, "apf: phi is 2.0, must be in [0, 1]"),
         (["--start", "1"], ExitCode.USAGE, "--start 1: want X,Y or X,Y,SIGMA"),
         (["--start", "1,2", "--set", "start=1,2,3"], ExitCode.USAGE, "give one of them"),
-        (["--start", "1,2"], ExitCode.USAGE, "choose one, e.g. --target 3"),
+        (["--start", "1,2"], ExitCode.USAGE, "choose one target, e.g. 3"),
         (["--target", "5"], ExitCode.BAD_INPUT, "no row is of the chosen targets and sensors"),
         (["--doa", "bearings.parquet"], ExitCode.USAGE, "is an input too"),
         (["--method", "kalman"], ExitCode.USAGE, "apf"),
         (["--particles", "0"], ExitCode.USAGE, "--particles"),
         (["--in-turn", "0"], ExitCode.USAGE, "--in-turn"),
         (["--in-turn", "nan"], ExitCode.USAGE, "--in-turn nan: must be a number"),
-        (["--doa-labels"], ExitCode.USAGE, "--doa-labels wants directions of arrival; give them with --doa"),
+        (["--doa-labels"], ExitCode.USAGE, "doa_labels wants directions of arrival; give some (doa)"),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_leaves_no_output(folder, capsys, monkeypatch, args, code, message):
@@ -315,7 +315,7 @@ def test_bearings_that_contradict_each_other_are_refused(folder, capsys):
 
 
 def test_the_methods_of_the_option_are_those_there_are():
-    assert tuple(TRACKERS) == METHODS
+    assert tuple(IN_WORLD) == METHODS
 
 
 def test_a_start_without_sigma_is_half_a_metre_in_any_unit():

@@ -46,11 +46,11 @@ class Inputs:
         if doa is not None:
             streams.append(bearings_of_doa(self.open(doa, Doa), self.scene, doa_labels))
         elif doa_labels and not directions:
-            raise UsageError("--doa-labels wants directions of arrival; give them with --doa")
+            raise UsageError("doa_labels wants directions of arrival; give some (doa)")
         if not streams:
             remedy = "make them with `occlog detect` or `occlog listen`"
             if recording is not None and recording.cameras:
-                remedy = "make bearings with `occlog detect`, or track in its images with --method bmct"
+                remedy = "make bearings with `occlog detect`, or track in its images with method bmct"
             raise InputError(f"{bearings}: holds no bearings and no directions of arrival; {remedy}")
         self.chunks = _not_empty(in_time(streams), bearings)
         self.occluders = None if occluders is None else self._priors(occluders)
@@ -75,7 +75,7 @@ class Inputs:
             if made.inputs and unit != self.scene.length_unit:  # without inputs nobody says what it was made from
                 raise UsageError(
                     f"{path}: was made in a scene in {unit}, but the scene given is in {self.scene.length_unit}; "
-                    "give the --scene that it was made in"
+                    "give the scene that it was made in"
                 )
             return iter_table(path, table)
         recording = open_recording(path)

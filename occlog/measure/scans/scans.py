@@ -80,7 +80,7 @@ def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], 
         if name in unplaced:
             raise InputError(
                 f"bearings: row {row}: camera {name!r} has no pose in the scene; add its position and yaw, "
-                f"or leave it out (--without {name})"
+                f"or leave {name} out"
             )
 
 

@@ -78,7 +78,7 @@ def bearings_of_doa(chunks: Iterable[Doa], scene: Scene, labels: bool = False) -
         )
     if labels and not told:
         raise InputError(
-            f"doa: none of {offset} directions has an identity (source_id); leave --doa-labels out, or give the log a "
+            f"doa: none of {offset} directions has an identity (source_id); leave doa_labels out, or give the log a "
             "column `id`"
         )
 

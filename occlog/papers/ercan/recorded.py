@@ -27,6 +27,7 @@ from occlog.simulate.stage import WorldConfig, simulate_truth, world_config
 from occlog.track.apf.config import ApfConfig, apf_defaults
 from occlog.track.apf.selection_policies import SelectConfig, read_selection
 from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
 
 from .recorded_files import Source, read_source
 from .recorded_target import SKIP, Recorded, recorded_target, unseen
@@ -143,15 +144,8 @@ def trial(
     table = recorded.bearings if kind == CLEAR else crowd.left
     used = (table.t_ns <= last) & np.isin(table.sensor, list(cameras))
     priors = crowd.priors.get(kind)
-    parts = track(
-        [table.take(used)],
-        recorded.scene,
-        settings_of(recorded, size, kind),
-        seed,
-        sensors=frozenset(cameras),
-        occluders=None if priors is None else [priors],
-        selection=select,
-    )
+    tracking = Tracking(settings_of(recorded, size, kind), seed, sensors=frozenset(cameras), selection=select)
+    parts = track([table.take(used)], recorded.scene, tracking, None if priors is None else [priors])
     rmse = _error(recorded, Tracks.concat([p.tracks for p in parts]))
     lost = crowd.gone[used & recorded.bearings.seen]
     share = float(np.mean(lost)) if kind != CLEAR and len(lost) else 0.0

@@ -12,14 +12,11 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import normalised_squared_errors
-from occlog.measure.scans.scan import sensor_names
-from occlog.measure.scans.scans import Rows
 from occlog.papers.verdicts.model import Size, Spec
 from occlog.records.tables import Bearings, Diagnostics, Tracks
 from occlog.settings import configure
-from occlog.track.catalogue import TRACKERS
 from occlog.track.drivers.batch import track_batch
-from occlog.track.interface import Batch
+from occlog.track.drivers.tracking import Tracking
 from occlog.track.map import method as batch_map
 from occlog.track.map.config import MapConfig, map_defaults
 from occlog.track.map.kernels.newton_search import Iterate
@@ -110,10 +107,8 @@ def solve_problem(spec: Mapping[str, Any]) -> Solved:
     def watch(at: Iterate) -> None:
         iterates.append(at.X[:, ::2].copy())
 
-    method = TRACKERS["map"]
-    assert isinstance(method, Batch)
-    method = method._replace(advance=functools.partial(batch_map.advance, watch=watch))
-    found = list(track_batch([problem.bearings], scene, config, method, Rows(sensor_names(scene)), 0))
+    method = batch_map.METHOD._replace(advance=functools.partial(batch_map.advance, watch=watch))
+    found = list(track_batch([problem.bearings], scene, method, Tracking(config, seed=0, method="map")))
     tracks, diagnostics = (Tracks.concat(p.tracks for p in found), Diagnostics.concat(p.diagnostics for p in found))
     solve = found[0].solves[0]
     return Solved(problem, tracks, diagnostics, tuple(iterates), solve.iterations, solve.converged)

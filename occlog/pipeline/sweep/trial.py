@@ -26,9 +26,10 @@ from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks, Trut
 from occlog.settings import configure
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth, world_config
 from occlog.track.apf.selection_policies import read_selection
-from occlog.track.catalogue import tracker
+from occlog.track.catalogue import entry
 from occlog.track.drivers.messages import Messages
 from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
 
 PRIORS = ("none", "known", "kalman")
 KEYS = ("scene", "seed", "run", "simulate", "observe", "priors", "track", "cameras", "select", "skip")
@@ -71,22 +72,12 @@ def run_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     occluders = _priors(spec.get("priors", {"kind": "none"}), world.truth, seed)
     settings = dict(spec.get("track", {}))
     method = settings.pop("method", "apf")
-    config = configure(tracker(method).defaults(scene.length_unit), settings, method)
+    config = configure(entry(method).defaults(scene.length_unit), settings, method)
     select = None if spec.get("select") is None else read_selection(spec["select"])
     chosen = choose_sensors(scene, spec.get("cameras") or ())
     start = time.process_time()
-    parts = list(
-        track(
-            [world.bearings],
-            scene,
-            config,
-            seed,
-            method=method,
-            sensors=chosen,
-            occluders=None if occluders is None else [occluders],
-            selection=select,
-        )
-    )
+    tracking = Tracking(config, seed, method=method, sensors=chosen, selection=select)
+    parts = list(track([world.bearings], scene, tracking, None if occluders is None else [occluders]))
     seconds = time.process_time() - start
     tracks, diagnostics = Tracks.concat([p.tracks for p in parts]), Diagnostics.concat([p.diagnostics for p in parts])
     figures = errors_of(tracks, world.truth, scene, int(spec.get("skip", 0)))

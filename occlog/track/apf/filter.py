@@ -34,7 +34,7 @@ from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.apf.kernels.waypoint import Motion, Particles
-from occlog.track.interface import Cloud, Estimate
+from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .config import ApfConfig
@@ -278,3 +278,14 @@ def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
         fallback=draw.fallback,
         used=tuple(looks.sensor.tolist()),
     )
+
+
+METHOD = Online(
+    config=ApfConfig,
+    init=init,
+    step=step,
+    started=lambda config: config.start is not None,
+    occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
+    prediction=Prediction(predict, lambda config: config.reference_s, lambda config: config.detection),
+    calibrates=lambda config: config.calibrate != "none",
+)

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS
 from occlog.core.occlusion.priors import Priors
-from occlog.errors import UsageError
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.interface import Online
+from occlog.track.interface import Config, Prediction, State
 
 from .selection_policies import Choice, SelectConfig, choose, network
 
@@ -28,10 +27,11 @@ class Selected(NamedTuple):
     choice: Choice
 
 
-class Filter(NamedTuple):
+class TargetFilter(NamedTuple, Generic[State]):
     """The filter of one target."""
 
-    state: Any
+    target: int
+    state: State
     rng: Generator
     selecting: Generator  # draws of the selection, so that it does not change the filter's
     selected: Selected | None = None
@@ -39,28 +39,43 @@ class Filter(NamedTuple):
     mse: float = math.nan  # metric of a selection that is in no row yet
 
 
-class Selector:
+class Selector(Generic[State, Config]):
     """Selects cameras for each target, every few reference steps ([Ercan] Alg. 3)."""
 
-    def __init__(self, method: Online, scene: Scene, selection: SelectConfig, usable: frozenset[str], config: Any):
-        """UsageError for a method that cannot say where a target will be, or for a selection that does not fit."""
-        if method.predict is None:
-            raise UsageError("select: the method cannot predict where the target will be; leave --select out")
-        self._predict = method.predict
+    def __init__(
+        self,
+        prediction: Prediction[State, Config],
+        config: Config,
+        scene: Scene,
+        selection: SelectConfig,
+        usable: frozenset[str],
+    ) -> None:
+        """Pack the scene; UsageError for a selection that does not fit it.
+
+        Args:
+            prediction: how the method says where a target will be.
+            config: settings of the method.
+            scene: the cameras.
+            selection: how to select.
+            usable: names of the cameras that may be used.
+        """
+        self._cloud = prediction.cloud
         self._selection = selection
-        self._every_ns = round(min(selection.every * getattr(config, "reference_s", 1.0) * NS, FOREVER_NS))
-        self._net = network(scene, selection, usable, getattr(config, "detection", None))
+        self._every_ns = round(min(selection.every * prediction.step_s(config) * NS, FOREVER_NS))
+        self._net = network(scene, selection, usable, prediction.detection(config))
         self._cameras = len(scene.cameras)
 
-    def update(self, own: Filter, t_ns: int, priors: Priors | None) -> Filter:
+    def update(self, own: TargetFilter[State], t_ns: int, priors: Priors | None) -> TargetFilter[State]:
         """The filter with the cameras to use at a time, selected anew where that is due."""
         if own.selected is not None and t_ns - own.selected.since_ns < self._every_ns:
             return own
-        cloud = self._predict(own.state, t_ns, own.selecting)
+        # Predict: particles at the time of the scan ([Ercan] Sec. 5)
+        cloud = self._cloud(own.state, t_ns, own.selecting)
+        # Select ([Ercan] Alg. 2, or another policy)
         choice = choose(cloud, priors, self._net, self._selection, own.selecting)
         return own._replace(selected=Selected(t_ns, choice), mse=choice.mse)
 
-    def asked(self, own: Filter, scan: Scan) -> Scan | None:
+    def asked(self, own: TargetFilter[State], scan: Scan) -> Scan | None:
         """What selected cameras and all microphone arrays say; None if that is nothing."""
         if own.selected is None:
             return scan

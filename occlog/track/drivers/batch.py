@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple
 
 import numpy as np
 
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan, sensor_names
-from occlog.measure.scans.scans import Rows, scans_of
+from occlog.measure.scans.scans import scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Calibration, Diagnostics, Tracks
-from occlog.track.interface import Batch, Smoothed
+from occlog.track.interface import Batch, Config, Smoothed, State
 
-from .rows import Solve, Tracked, check_start
+from .rows import Solve, Tracked
+from .tracking import Tracking, check_start
 
 FOREVER_NS = 2**62
 """No two times are further apart."""
@@ -23,17 +23,17 @@ PATIENCE = 4
 """A pause of a target lets the others wait for so many times the lag besides, at most."""
 
 
-class _Gathered(NamedTuple):
+class _Gathered(NamedTuple, Generic[State]):
     """A target's scans since the last call of the method."""
 
-    state: Any
+    state: State
     due_ns: int  # when the method is called next
     given_ns: int  # everything up to here is given out
     scans: list[Scan]
 
 
 def track_batch(
-    bearings: Iterable[Bearings], scene: Scene, config: Any, method: Batch, use: Rows, window_ns: int
+    bearings: Iterable[Bearings], scene: Scene, method: Batch[State, Config], tracking: Tracking[Config]
 ) -> Iterator[Tracked]:
     """Tracks of all labelled targets; see `occlog.track.drivers.stage.track`.
 
@@ -47,37 +47,39 @@ def track_batch(
         InputError: no bearing has a label, or one that does not fit the scene.
         UsageError: a start (`config.start`) for several targets.
     """
-    names = sensor_names(scene)
-    targets: dict[int, _Gathered] = {}
+    config, names = tracking.config, sensor_names(scene)
+    targets: dict[int, _Gathered[State]] = {}
     waiting: list[Tracked] = []
-    lag_ns = FOREVER_NS if config.lag_ns is None else config.lag_ns
+    given_lag = method.lag_ns(config)
+    lag_ns = FOREVER_NS if given_lag is None else given_lag
     hop_ns = max(1, lag_ns // 2)
     met: dict[int, tuple[int, int]] = {}  # latest time of each target, and the step that led there
     unlabelled, now = 0, 0
-    for scan in scans_of(bearings, scene, use, window_ns):
+    for scan in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
         now = scan.t_ns
         unlabelled += int(np.count_nonzero(~scan.labelled))
-        # What ends or settles a target depends on its own rows only, so that it does not matter who else is there.
+        # End targets that pause.  What ends or settles a target depends on its own rows alone.
         over = [k for k in targets if now - met[k][0] > lag_ns + met[k][1]]
         waiting += [_advance(targets.pop(k), k, method, names, last=True)[1] for k in over]
+        # Gather the rows of each target; begin those that are new or back after a pause
         due = []
         for target in np.unique(scan.target_id[scan.labelled]).tolist():
             if target not in met:
-                check_start(config, target, met)
+                check_start(method.started(config), target, met)
             step_ns = min(now - met[target][0], PATIENCE * lag_ns) if target in met else 0
             if target not in targets:
-                # Who comes back does so anywhere.
-                begun = replace(config, start=None) if target in met and hasattr(config, "start") else config
-                state = method.begin(scene, begun)
+                state = method.begin(scene, config, target in met)
                 targets[target] = _Gathered(state, now + lag_ns + hop_ns, now - 1, [])
             met[target] = (now, step_ns)
             targets[target].scans.append(scan.take(scan.target_id == target))
             if now >= targets[target].due_ns:
                 due.append(target)
+        # Settle the states that have seen enough time after them
         for target in due:
-            own_state, out = _advance(targets[target], target, method, names, last=False)
+            own, out = _advance(targets[target], target, method, names, last=False)
             waiting.append(out)
-            targets[target] = own_state._replace(due_ns=now + hop_ns)
+            targets[target] = own._replace(due_ns=now + hop_ns)
+        # Give out what no target can precede any more
         if over or due:
             horizon = min((g.given_ns for g in targets.values()), default=now)
             given, waiting = _until(waiting, horizon)
@@ -87,15 +89,15 @@ def track_batch(
             raise InputError("bearings: no row is of the chosen targets and sensors; choose others")
         raise InputError(
             f"bearings: none of {unlabelled} candidates has a label; this method wants labelled bearings: label them "
-            "with `occlog label`, or use the identities of a DOA log with --doa-labels"
+            "with `occlog label`, or use the identities of a DOA log (doa_labels)"
         )
     waiting += [_advance(g, k, method, names, last=True)[1] for k, g in sorted(targets.items())]
     yield from _until(waiting, FOREVER_NS)[0]
 
 
 def _advance(
-    own: _Gathered, target: int, method: Batch, names: tuple[str, ...], *, last: bool
-) -> tuple[_Gathered, Tracked]:
+    own: _Gathered[State], target: int, method: Batch[State, Config], names: tuple[str, ...], *, last: bool
+) -> tuple[_Gathered[State], Tracked]:
     """The method's next call, and what it gave out."""
     state, smoothed = method.advance(own.state, own.scans, last)
     given = int(smoothed.t_ns[-1]) if len(smoothed.t_ns) else own.given_ns

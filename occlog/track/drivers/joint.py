@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import numpy as np
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError, UsageError
 from occlog.measure.scans.scan import sensor_names
-from occlog.measure.scans.scans import Rows, scans_of
+from occlog.measure.scans.scans import scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation
 from occlog.track.imm import when_to_ask
 from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests
+from occlog.track.imm.config import ImmConfig
+from occlog.track.imm.filter import Report, State
 from occlog.track.imm.listening import Listener
 from occlog.track.interface import Joint
 
 from .rows import ROWS_PER_CHUNK, Row, Tracked, tables
+from .tracking import Tracking
 
 
 def track_joint(
-    bearings: Iterable[Bearings], scene: Scene, config: Any, method: Joint, seed: int, use: Rows, window_ns: int
+    bearings: Iterable[Bearings],
+    scene: Scene,
+    method: Joint[State, ImmConfig, Report],
+    tracking: Tracking[ImmConfig],
 ) -> Iterator[Tracked]:
     """Tracks of all targets that arrays hear, chunk by chunk; see `occlog.track.drivers.stage.track`.
 
@@ -33,43 +38,45 @@ def track_joint(
         InputError: no rows of arrays.
         UsageError: cooperation in a scene, or with sensors, without two cameras that have a pose.
     """
-    names, cameras = sensor_names(scene), len(scene.cameras)
+    config, use, names = tracking.config, tracking.rows(scene), sensor_names(scene)
     asking = config.policies - {"none"}
     seeing = [c for c in scene.cameras if c.placed and c.name in use.sensors]
     if asking and len(seeing) < 2:
         raise UsageError(
-            f"--cooperate {','.join(sorted(asking))} wants two cameras with a pose; the scene has {len(seeing)} in use"
+            f"cooperate: {','.join(sorted(asking))} wants two cameras with a pose; the scene has {len(seeing)} in use"
         )
-    rng, helping = generator(seed, Stage.TRACK, 0), generator(seed, Stage.COOPERATE, 0)
+    rng, helping = generator(tracking.seed, Stage.TRACK, 0), generator(tracking.seed, Stage.COOPERATE, 0)
     state, memory = method.init(scene, config, rng), when_to_ask.Memory()
-    listener, desk = Listener(scene, config.forget_s), CameraRequests(scene, config)
+    listener, cameras = Listener(scene, config.forget_s), CameraRequests(scene, config)
     rows: list[Row] = []
     requests: list[tuple[int, CameraRequest]] = []
-    heard, told, offered = False, 0, 0
-    for scan in scans_of(bearings, scene, use, window_ns):
-        desk.put(scan)
-        heard = heard or bool((scan.sensor >= cameras).any())
+    heard, told, offered = False, 0, 0  # frames offered up to the last chunk, and up to the last row
+    for scan in scans_of(bearings, scene, use, tracking.window_ns):
+        cameras.put(scan)
+        heard = heard or bool((scan.sensor >= len(scene.cameras)).any())
         for sounds in listener.scans(scan):
-            t_ns = sounds.t_ns
+            # Step: take in what arrays heard, or that they heard nothing
             state, report = method.step(state, sounds, rng)
+            # Cooperate: ask cameras where targets are, and take in their answers ([Lee] Sec. 3.3)
             if asking:
                 asked, memory = when_to_ask.asks(state, report, memory, helping)
-                answered = desk.ask(asked, when_to_ask.others(state, report, asked), t_ns)
-                requests += [(t_ns, r) for r in answered]
-                state, report, memory = when_to_ask.located(
-                    state, report, [r.answer for r in answered], memory, helping
-                )
-            rows += [Row(t_ns, k, e, desk.offered - offered + e.n_looked) for k, e in method.estimates(report, scene)]
-            offered = desk.offered
+                answered = cameras.ask(asked, when_to_ask.others(state, report, asked), sounds.t_ns)
+                requests += [(sounds.t_ns, r) for r in answered]
+                answers = [r.answer for r in answered]
+                state, report, memory = when_to_ask.located(state, report, answers, memory, helping)
+            # Estimate
+            for target, estimate in method.estimates(report, scene):
+                rows.append(Row(target, sounds.t_ns, estimate, cameras.offered - offered + estimate.n_looked))
+            offered = cameras.offered
         if len(rows) + len(requests) >= ROWS_PER_CHUNK:
-            yield _tracked(rows, requests, desk.offered - told, names)
-            rows, requests, told = [], [], desk.offered
+            yield _tracked(rows, requests, cameras.offered - told, names)
+            rows, requests, told = [], [], cameras.offered
     if not heard:
         raise InputError(
             "bearings: no row is of a microphone array of the scene, which this method needs; give directions of "
-            "arrival (--doa), or use --method apf for bearings of cameras"
+            "arrival (doa), or use method apf for bearings of cameras"
         )
-    yield _tracked(rows, requests, desk.offered - told, names)
+    yield _tracked(rows, requests, cameras.offered - told, names)
 
 
 def _tracked(

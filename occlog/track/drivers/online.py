@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator
-from typing import Any
 
 import numpy as np
 
 from occlog.array_types import NS
 from occlog.core.numerics.seeds import Stage, generator
+from occlog.errors import UsageError
 from occlog.measure.scans.occluder_priors import OccluderFeed
 from occlog.measure.scans.scan import Scan, sensor_names
-from occlog.measure.scans.scans import Rows, scans_of
+from occlog.measure.scans.scans import scans_of
 from occlog.records.scene import Scene
-from occlog.records.tables import UNLABELLED, Bearings, Hulls, Occluders
-from occlog.track.apf.selection_policies import SelectConfig
-from occlog.track.apf.selector import Filter, Selector
-from occlog.track.interface import Online
+from occlog.records.tables import Bearings, Hulls, Occluders
+from occlog.track.apf.selector import Selector, TargetFilter
+from occlog.track.interface import Config, Online, State
 
-from .rows import ROWS_PER_CHUNK, Row, Tracked, check_start, tables
+from .rows import ROWS_PER_CHUNK, Row, Tracked, tables
+from .tracking import Tracking, check_start
 
 FIRST_TARGET = 0
 """Identity of the track when no measurement carries one."""
@@ -28,30 +28,32 @@ FIRST_TARGET = 0
 def track_online(
     bearings: Iterable[Bearings],
     scene: Scene,
-    config: Any,
-    method: Online,
-    seed: int,
-    use: Rows,
-    window_ns: int,
-    occluders: Iterable[Occluders] | Iterable[Hulls] | None,
-    selection: SelectConfig | None,
+    method: Online[State, Config],
+    tracking: Tracking[Config],
+    occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
 ) -> Iterator[Tracked]:
     """Tracks of all targets, chunk by chunk; see `occlog.track.drivers.stage.track`."""
-    feed = _feed(occluders, config)
-    selector = None if selection is None else Selector(method, scene, selection, frozenset(use.sensors), config)
-    names, filters = sensor_names(scene), dict[int, Filter]()
+    config, names = tracking.config, sensor_names(scene)
+    feed = _feed(occluders, method, tracking)
+    selector = _selector(scene, method, tracking)
+    filters: dict[int, TargetFilter[State]] = {}
     rows: list[Row] = []
-    for whole in scans_of(bearings, scene, use, window_ns):
+    for everything in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
+        # Priors of the moving occluders at the time of the scan
         if feed is not None:
-            whole = whole._replace(occluders=feed.at(whole.t_ns))
-        for target in _targets(whole, filters, use.targets):
-            scan = whole.of_target(target)
+            everything = everything._replace(occluders=feed.at(everything.t_ns))
+        for target in _targets(everything, filters, tracking.targets):
+            scan = everything.of_target(target)
             if scan is None:
                 continue
+            # Start: a target's filter begins with its first scan
             if target not in filters:
-                check_start(config, target, filters)
-                filters[target] = _started(method, scene, config, seed, target)
-            filters[target], row = _stepped(filters[target], method, selector, scan, target)
+                check_start(method.started(config), target, filters)
+                rng = generator(tracking.seed, Stage.TRACK, target)
+                state = method.init(scene, config, rng)
+                filters[target] = TargetFilter(target, state, rng, generator(tracking.seed, Stage.SELECT, target))
+            # Step: select cameras, take their rows in, estimate
+            filters[target], row = _stepped(filters[target], method, selector, scan)
             rows += [] if row is None else [row]
         if len(rows) >= ROWS_PER_CHUNK:
             yield tables(rows, names)
@@ -60,25 +62,40 @@ def track_online(
         yield tables(rows, names)
 
 
-def _feed(occluders: Iterable[Occluders] | Iterable[Hulls] | None, config: Any) -> OccluderFeed | None:
+def _feed(
+    occluders: Iterable[Occluders] | Iterable[Hulls] | None, method: Online[State, Config], tracking: Tracking[Config]
+) -> OccluderFeed | None:
+    """Priors of the moving occluders at any time; UsageError for a method that knows nothing of them."""
     if occluders is None:
         return None
-    return OccluderFeed(occluders, config.occluder_diameter, round(config.prior_max_age_s * NS))
+    if method.occluders is None:
+        raise UsageError(f"occluders: method {tracking.method} knows nothing of moving occluders; leave occluders out")
+    terms = method.occluders(tracking.config)
+    return OccluderFeed(occluders, terms.diameter, round(terms.max_age_s * NS))
 
 
-def _started(method: Online, scene: Scene, config: Any, seed: int, target: int) -> Filter:
-    rng = generator(seed, Stage.TRACK, target)
-    return Filter(method.init(scene, config, rng), rng, generator(seed, Stage.SELECT, target))
+def _selector(
+    scene: Scene, method: Online[State, Config], tracking: Tracking[Config]
+) -> Selector[State, Config] | None:
+    """The selection of cameras, if there is one; UsageError for a method that cannot say where a target will be."""
+    if tracking.selection is None:
+        return None
+    if method.prediction is None:
+        raise UsageError(
+            f"select: method {tracking.method} cannot predict where the target will be; leave the selection out"
+        )
+    usable = frozenset(tracking.rows(scene).sensors)
+    return Selector(method.prediction, tracking.config, scene, tracking.selection, usable)
 
 
 def _stepped(
-    own: Filter, method: Online, selector: Selector | None, scan: Scan, target: int
-) -> tuple[Filter, Row | None]:
-    """The filter after a scan, and its row; None where the scan gives none: the next row tells of it."""
-    t_ns, offered = scan.t_ns, own.offered + len(np.unique(scan.sensor))
+    own: TargetFilter[State], method: Online[State, Config], selector: Selector[State, Config] | None, scan: Scan
+) -> tuple[TargetFilter[State], Row | None]:
+    """The filter after a scan, and its row; None where the scan gives none: the next row counts its frames, too."""
+    offered = own.offered + len(np.unique(scan.sensor))
     asked: Scan | None = scan
     if selector is not None:
-        own = selector.update(own, t_ns, scan.occluders)
+        own = selector.update(own, scan.t_ns, scan.occluders)
         asked = selector.asked(own, scan)
     if asked is None:  # none of the cameras that are asked had a frame
         return own._replace(offered=offered), None
@@ -86,11 +103,11 @@ def _stepped(
     if estimate is None:
         return own._replace(state=state, offered=offered), None
     cameras = () if own.selected is None else own.selected.choice.cameras
-    row = Row(t_ns, target, estimate, offered, cameras, own.mse)
+    row = Row(own.target, scan.t_ns, estimate, offered, cameras, own.mse)
     return own._replace(state=state, offered=0, mse=math.nan), row
 
 
-def _targets(scan: Scan, filters: dict[int, Filter], wanted: Collection[int] | None) -> list[int]:
+def _targets(scan: Scan, filters: Collection[int], wanted: Collection[int] | None) -> list[int]:
     """Targets that a scan may be about, rising."""
-    labelled = {k for k in scan.target_id.tolist() if k != UNLABELLED}
-    return sorted(labelled | set(filters)) or [next(iter(wanted)) if wanted else FIRST_TARGET]
+    labelled = set(scan.target_id[scan.labelled].tolist())
+    return sorted(labelled.union(filters)) or [next(iter(wanted)) if wanted else FIRST_TARGET]

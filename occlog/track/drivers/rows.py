@@ -1,18 +1,14 @@
-"""Estimates of filters as the tables that tracking gives out.
-
-What tracking gives out, chunk by chunk.
-"""
+"""Estimates of filters as rows of the tables that tracking gives out, chunk by chunk."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32
-from occlog.errors import UsageError
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Tracks
 from occlog.track.interface import Estimate, Height
 
@@ -36,15 +32,6 @@ class Tracked(NamedTuple):
     offered: int = 0  # frames that it could have asked for
 
 
-def check_start(config: Any, target: int, others: Collection[int]) -> None:
-    """UsageError where there is a start for one more target than one."""
-    if others and getattr(config, "start", None) is not None:
-        raise UsageError(
-            f"--start says where one target is, but there is target {target} besides "
-            f"{', '.join(str(k) for k in sorted(others))}; choose one, e.g. --target {target}"
-        )
-
-
 ROWS_PER_CHUNK = 4096
 """Rows that are gathered before they are given out."""
 
@@ -52,8 +39,8 @@ ROWS_PER_CHUNK = 4096
 class Row(NamedTuple):
     """One estimate of one target."""
 
-    t_ns: int
     target: int
+    t_ns: int
     estimate: Estimate
     n_offered: int  # frames of sensors since the row before
     selected: tuple[int, ...] = ()

@@ -15,7 +15,7 @@ from numpy.random import Generator
 from occlog.array_types import Floats, Ints
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.interface import Estimate
+from occlog.track.interface import Estimate, Online
 
 from .config import FixConfig
 from .estimators import fix
@@ -101,3 +101,6 @@ def _agreed(state: Fixer, scan: Scan, rows: Ints) -> Ints:
 
 def _wrapped(angle: Floats) -> Floats:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+METHOD = Online(config=FixConfig, init=init, step=step, started=lambda config: config.start is not None)

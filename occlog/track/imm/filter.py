@@ -22,7 +22,7 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.filter.log_weights import effective_size
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.interface import Estimate
+from occlog.track.interface import Estimate, Joint
 
 from . import kernel as imm
 from .association import Association, BearingFit, Direction, associate, both, direction, hear, in_range, reweigh
@@ -317,3 +317,6 @@ def _estimate(belief: Belief, report: Report, cameras: int) -> Estimate:
         fallback="",
         used=tuple(cameras + a for a in m.arrays),
     )
+
+
+METHOD = Joint(config=ImmConfig, init=init, step=step, estimates=estimates)

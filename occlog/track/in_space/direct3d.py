@@ -25,14 +25,16 @@ from occlog.core.motion.in_space import moved
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.in_space.kernels.resampling import best_width, moments, redraw, weigh
-from occlog.track.interface import Cloud, Estimate, Height
+from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction
 
 from .config import Direct3dConfig, SpaceConfig
 from .sensing import Heard, agrees, pack_directions
-from .start import Space, around, found, log_likelihood, make_space
+from .start import C, Space, around, found, log_likelihood, make_space
 
 LEAST = 12.0
 """Effective particles that are kept in any scan: twice the state's dimensions."""
+REFERENCE_S = 1.0
+"""Step in which the time between selections of cameras is counted [s]."""
 PATIENCE = 4
 """How many times longer a sensor must speak against a filter that has already started anew because of it."""
 
@@ -40,7 +42,7 @@ PATIENCE = 4
 class State(NamedTuple):
     """Weighted particles after the last scan; `t_ns` is None before the first."""
 
-    space: Space
+    space: Space[Direct3dConfig]
     cloud: Floats  # (6, L)
     log_weights: Floats  # (L,)
     near: Floats  # (2,) about where the target is
@@ -59,7 +61,7 @@ class Draw(NamedTuple):
 
 def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> State:
     """State before the first scan: particles around `config.start`, or none yet."""
-    space = make_space(scene, config)
+    space = make_space(scene, config, cone=config.likelihood == "cone")
     n = config.particles * config.start_factor
     cloud = np.empty((6, 0)) if config.start is None else around(space, config.start, n, rng)
     near = scene.region.mean(axis=0) if config.start is None else np.array(config.start[:2])
@@ -119,7 +121,7 @@ def _take_in(state: State, t_ns: int, heard: Heard, rng: Generator) -> Draw:
     return Draw(cloud, weights, log_sum, "")
 
 
-def begin(space: Space, heard: Heard, reason: str, rng: Generator) -> Draw:
+def begin(space: Space[C], heard: Heard, reason: str, rng: Generator) -> Draw:
     """Many particles where the scan says."""
     cloud, log_weights = found(space, heard, space.config.particles * space.config.start_factor, rng)
     weights, log_sum = normalise(log_weights)
@@ -174,3 +176,12 @@ def estimate_of(mean: Floats, covariance: Floats, draw: Draw, heard: Heard, good
         used=tuple(heard.sensor.tolist()),
         height=Height(float(mean[2]), float(mean[5]), np.array([covariance[0, 2], covariance[1, 2], covariance[2, 2]])),
     )
+
+
+METHOD = Online(
+    config=Direct3dConfig,
+    init=init,
+    step=step,
+    started=lambda config: config.start is not None,
+    prediction=Prediction(predict, lambda _: REFERENCE_S, lambda _: None),
+)

@@ -30,10 +30,10 @@ from occlog.core.sight.projected_planes import AXES, PLANES, XY
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.in_space.kernels.resampling import best_width, moments, redraw, weigh
-from occlog.track.interface import Cloud, Estimate, Height
+from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction
 
 from .config import PpsConfig
-from .direct3d import Draw, begin, contradicted, elapsed
+from .direct3d import REFERENCE_S, Draw, begin, contradicted, elapsed
 from .planes import NOTHING, Angles, Flat, Joined, Pair, choose_pair, combine, log_likelihood, plane_angles
 from .sensing import Heard, agrees, pack_directions
 from .start import Space, around, make_space
@@ -49,7 +49,7 @@ Clouds = tuple[tuple[Floats, Floats], ...]
 class State(NamedTuple):
     """Three planes' particles after the last scan; `t_ns` is None before the first."""
 
-    space: Space
+    space: Space[PpsConfig]
     motions: tuple[Motion, ...]  # of each plane
     clouds: Clouds
     joined: Joined | None  # None: nothing is known
@@ -241,3 +241,12 @@ def _estimate(
         used=tuple(used.tolist()),
         height=Height(float(joined.mean[2]), float(joined.mean[5]), np.array([c[0, 2], c[1, 2], c[2, 2]])),
     )
+
+
+METHOD = Online(
+    config=PpsConfig,
+    init=init,
+    step=step,
+    started=lambda config: config.start is not None,
+    prediction=Prediction(predict, lambda _: REFERENCE_S, lambda _: None),
+)

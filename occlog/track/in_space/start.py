@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.random import Generator
@@ -14,16 +14,20 @@ from occlog.core.plane.floor import Floor, make_floor, on_floor
 from occlog.records.scene import Scene
 from occlog.track.in_space.kernels.likelihood import Chances, Sights, log_cone, log_product, scan_log_likelihood
 
+from .config import SpaceConfig
 from .sensing import Ears, Heard, pack_ears
 
 ANYWHERE = 0.1
 """Share of the first particles that does not look at the scan."""
 
 
-class Space(NamedTuple):
-    """What does not change with time."""
+C = TypeVar("C", bound=SpaceConfig)
 
-    config: Any  # `SpaceConfig`
+
+class Space(NamedTuple, Generic[C]):
+    """Scene and settings as the filters want them; they do not change with time."""
+
+    config: C
     ears: Ears
     motion: Motion
     chances: Chances
@@ -34,19 +38,18 @@ class Space(NamedTuple):
     ceiling: float
 
 
-def make_space(scene: Scene, config: Any) -> Space:
-    """The scene as the filters want it."""
+def make_space(scene: Scene, config: C, *, cone: bool = False) -> Space[C]:
+    """The scene as the filters want it; `cone`: likelihoods are those of the angle from the sight line."""
     ears = pack_ears(scene)
     ground = np.concatenate([scene.region, ears.position[:, :2]])
     heights = np.append(ears.position[:, 2], [0.0, scene.room_height])
     low = np.append(ground.min(axis=0), heights.min())
     high = np.append(ground.max(axis=0), heights.max())
     floor = None if scene.room is None else make_floor(scene.room, [o.polygon for o in scene.occluders])
-    cone = getattr(config, "likelihood", "product") == "cone"
     return Space(config, ears, config.motion, config.chances, cone, low, high, floor, float(scene.room_height))
 
 
-def log_likelihood(xyz: Floats, heard: Heard, space: Space) -> Floats:
+def log_likelihood(xyz: Floats, heard: Heard, space: Space[C]) -> Floats:
     """(L,) log likelihoods of a scan for (3, L) particles, up to a constant."""
     s = heard.sights
     each = (log_cone if space.cone else log_product)(xyz, s, space.chances.soften)
@@ -60,7 +63,7 @@ def log_likelihood(xyz: Floats, heard: Heard, space: Space) -> Floats:
     return total
 
 
-def in_room(xyz: Floats, space: Space) -> Bools:
+def in_room(xyz: Floats, space: Space[C]) -> Bools:
     """(L,) whether (3, L) places are in the room, above its floor and below its ceiling; all where none is known."""
     if space.floor is None:
         return np.ones(xyz.shape[1], dtype=np.bool_)
@@ -68,7 +71,7 @@ def in_room(xyz: Floats, space: Space) -> Bools:
     return np.asarray(inside & (xyz[2] >= 0.0) & (xyz[2] <= space.ceiling))
 
 
-def around(space: Space, start: tuple[float, ...], n: int, rng: Generator) -> Floats:
+def around(space: Space[C], start: tuple[float, ...], n: int, rng: Generator) -> Floats:
     """(6, n) particles around a start; see `SpaceConfig.start`."""
     unit = rng.standard_normal((6, n))
     mean, sigma = np.zeros(6), np.append(np.zeros(3), _speeds(space))
@@ -82,7 +85,7 @@ def around(space: Space, start: tuple[float, ...], n: int, rng: Generator) -> Fl
     return np.asarray(cloud)
 
 
-def found(space: Space, heard: Heard, n: int, rng: Generator) -> tuple[Floats, Floats]:
+def found(space: Space[C], heard: Heard, n: int, rng: Generator) -> tuple[Floats, Floats]:
     """(6, n) particles where a scan says that the target is, and their log weights.
 
     Places are drawn along the sight lines of all candidates, out to where they leave the
@@ -105,11 +108,11 @@ def found(space: Space, heard: Heard, n: int, rng: Generator) -> tuple[Floats, F
     return np.concatenate([xyz, speeds]), weights
 
 
-def _speeds(space: Space) -> Floats:
+def _speeds(space: Space[C]) -> Floats:
     return np.array([space.config.speed, space.config.speed, space.config.speed_z])
 
 
-def _along(space: Space, s: Sights, r: int, n: int, rng: Generator) -> Floats:
+def _along(space: Space[C], s: Sights, r: int, n: int, rng: Generator) -> Floats:
     """(3, n) places along a sight, evenly in distance; an azimuth alone: evenly in height, too."""
     flat = math.isnan(s.phi[r])
     theta = s.sigma_theta[r] * rng.standard_normal(n)
@@ -123,7 +126,7 @@ def _along(space: Space, s: Sights, r: int, n: int, rng: Generator) -> Floats:
     return np.asarray(places)
 
 
-def _log_volume(xyz: Floats, s: Sights, space: Space) -> Floats:
+def _log_volume(xyz: Floats, s: Sights, space: Space[C]) -> Floats:
     """(R, n) log of the volume that each sight has there, per area of its angles and share of its length."""
     out = np.empty((len(s.phi), xyz.shape[1]))
     height = space.high[2] - space.low[2]
@@ -139,7 +142,7 @@ def _log_volume(xyz: Floats, s: Sights, space: Space) -> Floats:
     return out
 
 
-def _way_out(space: Space, position: Floats, line: Floats, flat: bool) -> Floats:
+def _way_out(space: Space[C], position: Floats, line: Floats, flat: bool) -> Floats:
     """(n,) distances along directions (3, n) from a sensor to where they leave the box, > 0."""
     d = 2 if flat else 3
     p = position[:d]

@@ -22,7 +22,7 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.interface import Smoothed
+from occlog.track.interface import Batch, Smoothed
 from occlog.track.map.kernels.detours import Detours, find_detours, settle
 from occlog.track.map.kernels.feasible import move_inside
 from occlog.track.map.kernels.invariant import invariant, second_moment
@@ -63,8 +63,14 @@ class Pending(NamedTuple):
     X: Floats  # (T, 4) states found so far; fewer than times: the rest is new
 
 
-def begin(scene: Scene, config: MapConfig) -> Pending:
-    """Nothing known but where a target can be."""
+def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
+    """Nothing known but where a target can be.
+
+    Args:
+        scene: room and sensors.
+        config: settings.
+        returned: the target is back after a gap, so that `config.start` no longer holds.
+    """
     region = scene.region
     low, high = region.min(axis=0), region.max(axis=0)
     extent = float(np.hypot(*(high - low)))
@@ -72,7 +78,8 @@ def begin(scene: Scene, config: MapConfig) -> Pending:
         raise InputError("scene: the room has no extent, so that a trajectory has no scale; add `room`")
     origin = 0.5 * (low + high) if _moves_freely(config) else np.zeros(2)
     place, sigma = 0.5 * (low + high), extent
-    if config.start is not None:
+    # After a gap the given start no longer holds: the target may be anywhere in the room.
+    if config.start is not None and not returned:
         place, sigma = np.array(config.start[:2]), config.start[2]
     mean = np.zeros(4)
     mean[::2] = place - origin
@@ -279,3 +286,12 @@ def _scores(problem: Problem, X: Floats) -> Floats:
 def _without(planes: HalfPlanes, states: Bools) -> HalfPlanes:
     """The half-planes of all other states."""
     return some_planes(planes, ~states[planes.step])
+
+
+METHOD = Batch(
+    config=MapConfig,
+    begin=begin,
+    advance=advance,
+    started=lambda config: config.start is not None,
+    lag_ns=lambda config: config.lag_ns,
+)

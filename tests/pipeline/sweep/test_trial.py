@@ -15,6 +15,7 @@ from occlog.records.tables import Occluders, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
 
 
 def test_a_trial_gives_what_the_stages_give():
@@ -23,7 +24,7 @@ def test_a_trial_gives_what_the_stages_give():
     seed = int(np.random.SeedSequence(3, spawn_key=(0,)).generate_state(1, np.uint32)[0])
     truth = Truth.concat(list(simulate_truth(scene, WorldConfig(steps=30, occluders=5), seed)))
     bearings = list(observe(scene, [truth], ObserveConfig(), seed))
-    (part,) = track(bearings, scene, ApfConfig(particles=100), seed)
+    (part,) = track(bearings, scene, Tracking(ApfConfig(particles=100), seed))
     own = truth.take(truth.target_id == 0)
     error = np.hypot(part.tracks.x - own.x, part.tracks.y - own.y)[5:]
     assert result["rmse"] == pytest.approx(math.sqrt(np.mean(error**2)), rel=1e-12)

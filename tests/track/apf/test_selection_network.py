@@ -14,6 +14,7 @@ from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.selection_policies import SelectConfig
 from occlog.track.drivers.messages import Messages
 from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=False)
@@ -52,7 +53,7 @@ def of_array(steps=STEPS):
 
 
 def whole(bearings, selection, *, scene=SCENE, seed=3, config=CONFIG, **options):
-    parts = list(track([bearings], scene, config, seed, selection=selection, **options))
+    parts = list(track([bearings], scene, Tracking(config, seed, selection=selection, **options)))
     return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
 
 

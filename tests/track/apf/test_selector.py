@@ -14,6 +14,7 @@ from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.selection_policies import SelectConfig
 from occlog.track.drivers.messages import Messages
 from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=False)
@@ -37,7 +38,7 @@ def asynchronous(seed=0):
 
 
 def whole(bearings, selection, **options):
-    parts = list(track([bearings], SCENE, CONFIG, 3, selection=selection, **options))
+    parts = list(track([bearings], SCENE, Tracking(CONFIG, 3, selection=selection, **options)))
     return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
 
 
@@ -68,7 +69,7 @@ def test_only_selected_cameras_are_used_and_written():
 
 def test_steps_between_selections_are_reference_steps():
     config = ApfConfig(particles=200, start_factor=2, reference_s=2.0)
-    parts = track([recording()], SCENE, config, 3, selection=SelectConfig("closest", 2, every=2.5))
+    parts = track([recording()], SCENE, Tracking(config, 3, selection=SelectConfig("closest", 2, every=2.5)))
     d = Diagnostics.concat(p.diagnostics for p in parts)
     np.testing.assert_array_equal(np.flatnonzero(np.isfinite(d.predicted_mse)), np.arange(0, STEPS, 5))
 
@@ -135,7 +136,7 @@ def test_all_cameras_give_the_track_without_selection():
 def test_the_same_seed_selects_the_same():
     a, b = (whole(recording(), SelectConfig("random", 2, every=1))[1] for _ in range(2))
     np.testing.assert_array_equal(a.selected, b.selected)
-    parts = track([recording()], SCENE, CONFIG, 4, selection=SelectConfig("random", 2, every=1))
+    parts = track([recording()], SCENE, Tracking(CONFIG, 4, selection=SelectConfig("random", 2, every=1)))
     assert np.any(Diagnostics.concat(p.diagnostics for p in parts).selected != a.selected)
 
 

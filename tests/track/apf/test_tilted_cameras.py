@@ -15,6 +15,7 @@ from occlog.records.tables import Bearings, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
 
 HEIGHT = 1.7  # of the point of the target that is seen
 SIZE = (640, 480)
@@ -47,7 +48,7 @@ def recorded(scene, seed, steps=120, occluders=20):
 
 
 def tracked(bearings, scene, seed=0):
-    parts = list(track([bearings], scene, ApfConfig(particles=500), seed))
+    parts = list(track([bearings], scene, Tracking(ApfConfig(particles=500), seed)))
     return np.column_stack([np.concatenate([getattr(p.tracks, c) for p in parts]) for c in ("x", "y")])
 
 

@@ -13,11 +13,11 @@ from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.errors import InputError, UsageError
 from occlog.measure.scans.scan import Scan
-from occlog.measure.scans.scans import Rows
 from occlog.records.columns import Table
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
 from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Batch, Smoothed
 from occlog.track.map.config import map_defaults
 from occlog.track.map.method import begin
@@ -45,7 +45,7 @@ def whole(parts) -> tuple[Tracks, Diagnostics]:
 
 
 def by_map(chunks, config=CONFIG, **options):
-    return whole(track(chunks, SCENE, config, 0, method="map", **options))
+    return whole(track(chunks, SCENE, Tracking(config, 0, method="map", **options)))
 
 
 def same(a: Table, b: Table) -> bool:
@@ -63,7 +63,13 @@ class Calls:
         self.lag_ns = None if lag_s is None else round(lag_s * SECOND)
         self.blocks: list[tuple[list[int], bool]] = []
         self.longest = 0
-        self.method = Batch("", type(CONFIG), map_defaults, lambda *_: np.empty(0, np.int64), self.advance)
+        self.method = Batch(
+            config=type(CONFIG),
+            begin=lambda *_: np.empty(0, np.int64),
+            advance=self.advance,
+            started=lambda _: False,
+            lag_ns=lambda config: config.lag_ns,
+        )
 
     def advance(self, state, scans: Sequence[Scan], last: bool):
         t_ns = np.array([scan.t_ns for scan in scans], dtype=np.int64)
@@ -91,7 +97,7 @@ class Calls:
 
     def run(self, chunks, lag_s: float | None):
         config = replace(CONFIG, lag_s=lag_s)
-        return list(track_batch(chunks, SCENE, config, self.method, Rows(NAMES, None, True), 0))
+        return list(track_batch(chunks, SCENE, self.method, Tracking(config, 0)))
 
 
 @pytest.mark.parametrize("lag", [None, 4.0])
@@ -144,7 +150,7 @@ def test_rows_are_given_out_with_a_bounded_delay_and_memory(lag: float) -> None:
 
     config = replace(CONFIG, lag_s=lag)
     waits = []
-    for part in track_batch(chunks(), SCENE, config, calls.method, Rows(NAMES, None, True), 0):
+    for part in track_batch(chunks(), SCENE, calls.method, Tracking(config, 0)):
         if now[0] < 59:
             waits += (now[0] - part.tracks.t_ns / SECOND).tolist()
     assert lag <= min(waits)
@@ -222,12 +228,14 @@ def test_a_lag_gives_nearly_the_whole_track() -> None:
 
 
 def test_searches_are_counted_for_each_target() -> None:
-    parts = list(track([Bearings.merge([seen_walk(30, 0), seen_walk(30, 1)])], SCENE, LAGGED, 0, method="map"))
+    parts = list(
+        track([Bearings.merge([seen_walk(30, 0), seen_walk(30, 1)])], SCENE, Tracking(LAGGED, 0, method="map"))
+    )
     solves = [s for p in parts for s in p.solves]
     assert {s.target for s in solves} == {0, 1}
     assert all(s.converged and s.iterations > 0 for s in solves)
     assert sum(s.target == 0 for s in solves) > 5
-    assert len(next(iter(track([seen_walk(30)], SCENE, CONFIG, 0, method="map"))).solves) == 1
+    assert len(next(iter(track([seen_walk(30)], SCENE, Tracking(CONFIG, 0, method="map")))).solves) == 1
 
 
 def test_candidates_without_a_label_are_refused_or_left_out() -> None:
@@ -243,7 +251,7 @@ def test_candidates_without_a_label_are_refused_or_left_out() -> None:
 
 def test_one_start_is_for_one_target() -> None:
     config = replace(CONFIG, start=(50.0, 50.0, 10.0))
-    with pytest.raises(UsageError, match=r"choose one, e\.g\. --target 5"):
+    with pytest.raises(UsageError, match=r"choose one target, e\.g\. 5"):
         by_map([Bearings.merge([seen_walk(6, 0), seen_walk(6, 5)])], config)
     assert begin(SCENE, config).before.spread[0, 0] == 100.0
 
@@ -260,7 +268,7 @@ def test_a_target_that_is_hardly_ever_seen_holds_the_others_back_only_so_long() 
             fed[0] = start + 4
             yield take_times(table, range(start, start + 4))
 
-    config, use = replace(CONFIG, lag_s=lag), Rows(NAMES, None, True)
-    parts = track_batch(chunks(), SCENE, config, Calls(lag).method, use, 0)
+    config = replace(CONFIG, lag_s=lag)
+    parts = track_batch(chunks(), SCENE, Calls(lag).method, Tracking(config, 0))
     late = [fed[0] - int(part.tracks.t_ns[0]) // SECOND for part in parts]
     assert max(late) <= 5.5 * lag + lag / 2 + 4 + 1

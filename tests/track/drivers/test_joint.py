@@ -9,6 +9,7 @@ from heard_scenes import NS, ROOM, line, room, rows, table
 from occlog.errors import InputError, UsageError
 from occlog.records.tables import Bearings, Cooperation, Tracks
 from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
 from occlog.track.imm.config import imm_defaults
 
 pytestmark = pytest.mark.jit
@@ -18,7 +19,7 @@ CONFIG = replace(imm_defaults("m"), particles=200)
 
 
 def run(bearings, config=CONFIG, scene=SCENE, seed=0, **more):
-    parts = list(track(bearings, scene, config, seed, method="imm", **more))
+    parts = list(track(bearings, scene, Tracking(config, seed, method="imm", **more)))
     asked = [p.cooperation for p in parts if p.cooperation is not None]
     return Tracks.concat([p.tracks for p in parts]), Cooperation.concat(asked), parts
 

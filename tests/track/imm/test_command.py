@@ -103,7 +103,7 @@ def test_starts_of_several_targets(folder, capsys):
         (["--cameras", "c1,c2"], ExitCode.BAD_INPUT, "no row is of a microphone array"),
         (["--start", "1"], ExitCode.USAGE, "want X,Y"),
         (["--start", "1,2,3,4"], ExitCode.USAGE, "want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V"),
-        (["--select", "greedy"], ExitCode.USAGE, "--select: method imm asks cameras itself"),
+        (["--select", "greedy"], ExitCode.USAGE, "select: method imm asks cameras itself"),
         (["--set", "detection=2"], ExitCode.USAGE, "imm: detection is 2.0, must be above 0 and at most 1"),
     ],
 )

@@ -187,11 +187,11 @@ def test_a_fitted_motion_is_used(made: Path, capsys) -> None:
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        (["--select", "greedy"], ExitCode.USAGE, "leave --select out"),
-        (["--occluders", "room.mcap"], ExitCode.USAGE, "leave --occluders out"),
+        (["--select", "greedy"], ExitCode.USAGE, "leave select out"),
+        (["--occluders", "room.mcap"], ExitCode.USAGE, "leave occluders out"),
         (["--calibration", "calibration.parquet"], ExitCode.USAGE, "--calibration"),
         (["--particles", "100"], ExitCode.USAGE, "particles"),
-        (["--start", "50,50"], ExitCode.USAGE, "choose one, e.g. --target"),
+        (["--start", "50,50"], ExitCode.USAGE, "choose one target, e.g."),
         (["--lag", "0"], ExitCode.USAGE, "--lag"),
         (["--lag", "nan"], ExitCode.USAGE, "--lag nan"),
         (["--lag", "5", "--method", "apf"], ExitCode.USAGE, "lag"),
