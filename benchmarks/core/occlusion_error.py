@@ -17,7 +17,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.core.plane.floor import make_floor, sample_floor
-from occlog.core.sight.visibility import Sensors, assigned
+from occlog.core.sight.visibility import Sensors, seen_from
 from occlog.io.scenes.scene import read_scene
 from occlog.papers.ercan.blocking import IMPROVED, PRINTED, QUADRATURE, blocking
 from occlog.papers.ercan.eta import patterns, seen_by_recursion, seen_exactly
@@ -145,7 +145,7 @@ def place_errors(room: Room, crowd: Crowd, rng: np.random.Generator) -> tuple[Fl
     """Numbers of assigned cameras (n,), and errors (n, 2) of both forms, for n places in one crowd."""
     priors = crowd_priors(crowd, rng)
     places = sample_floor(PLACES, make_floor(room.scene.region, [o.polygon for o in room.scene.occluders]), rng)
-    sees = assigned(places, room.sensors, np.array(room.order, dtype=np.int64))
+    sees = np.column_stack([seen_from(places, i, room.sensors) for i in room.order])
     counts, recursive, free = [], [], []
     for xy, use in zip(places, sees, strict=True):
         if not use.any():

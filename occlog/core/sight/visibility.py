@@ -144,12 +144,3 @@ def _hide_behind(seen: Bools, xy: Floats, x0: float, y0: float, wall: Floats, co
         behind = from_right > slack and from_left > slack and nx * dx + ny * dy > offset + slack
         if behind or segment_blocked(x0, y0, xy[p, 0], xy[p, 1], wall):
             seen[p] = False
-
-
-@kernel
-def assigned(xy: Floats, sensors: Sensors, which: Ints) -> Bools:
-    """(L, n) bool: which of the (L, 2) places which of the n sensors `which` can see."""
-    out = np.empty((xy.shape[0], which.shape[0]), dtype=np.bool_)
-    for k in range(which.shape[0]):
-        out[:, k] = seen_from(xy, which[k], sensors)
-    return out

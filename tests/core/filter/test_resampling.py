@@ -58,3 +58,20 @@ def test_weights_that_do_not_quite_sum_to_one_stay_in_bounds(total):
 def test_a_particle_without_weight_is_never_chosen(u):
     weights = np.array([0.0, 0.0, 0.4, 0.0, 0.6 - 1e-9, 0.0, 0.0])
     assert set(systematic_ancestors(weights, 50, u)) == {2, 4}
+
+
+LAST = np.nextafter(1.0, 0.0)
+"""The largest draw from U[0, 1)."""
+
+
+@pytest.mark.parametrize("behind", [0, 1, 2, 3])
+def test_where_the_weights_sum_to_less_than_one_the_last_particle_with_weight_takes_the_rest(behind):
+    weights = np.concatenate([[0.5, 0.0, 0.5 - 1e-9], np.zeros(behind)])
+    assert systematic_ancestors(weights, 2, LAST).tolist() == [0, 2]
+    assert systematic_ancestors(weights, 1, LAST).tolist() == [2]
+    assert systematic_ancestors(np.concatenate([[1.0 - 1e-9], np.zeros(behind)]), 2, LAST).tolist() == [0, 0]
+
+
+def test_a_point_at_a_cumulated_weight_belongs_to_the_next_particle():
+    assert systematic_ancestors(np.array([0.25, 0.25, 0.5]), 4, 0.0).tolist() == [0, 1, 2, 2]
+    assert systematic_ancestors(np.array([0.0, 1.0]), 1, 0.0).tolist() == [1]

@@ -1,4 +1,4 @@
-"""Lines, bands and checks of two views against projected points and rays."""
+"""Lines and checks of two views against projected points and rays."""
 
 import numpy as np
 import pytest
@@ -112,3 +112,42 @@ def test_a_matrix_that_fits_everything_by_chance_is_not_taken_for_right():
 def test_few_matches_tell_nothing():
     with pytest.raises(ValueError, match="7 matches"):
         check_fundamental(np.eye(3), np.zeros((7, 2)), np.zeros((7, 2)))
+
+
+ROWS = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""The matrix of two views in which a point keeps its row."""
+
+
+def in_rows(a, b):
+    """Points in given rows, at different columns."""
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    columns = 10.0 * np.arange(len(a))
+    return np.column_stack([columns, a]), np.column_stack([columns + 7.0, b])
+
+
+@pytest.mark.parametrize(("good", "fits"), [(16, False), (17, True)])
+def test_a_matrix_fits_from_three_standard_deviations_above_chance_on(good, fits):
+    """20 matches in two rows: about half of the wrong pairings fit, so the bar is 0.482 + 3 sqrt(0.25 / 20) = 0.817."""
+    a = np.repeat([0.0, 100.0], 10)
+    b = a.copy()
+    b[: 20 - good] = 100.0
+    assert check_fundamental(ROWS, *in_rows(a, b)).fits == fits
+
+
+def test_half_of_the_matches_have_to_fit_unless_another_share_is_given():
+    rows = 100.0 * np.arange(8)
+    half, fewer = rows + np.repeat([0.0, 50.0], 4), rows + np.repeat([0.0, 50.0], [3, 5])
+    assert check_fundamental(ROWS, *in_rows(rows, half)).fits
+    assert not check_fundamental(ROWS, *in_rows(rows, fewer)).fits
+    assert check_fundamental(ROWS, *in_rows(rows, fewer), min_share=0.375).fits
+
+
+def test_a_match_fits_up_to_the_tolerance_from_both_lines():
+    rows = 100.0 * np.arange(8)
+    assert check_fundamental(ROWS, *in_rows(rows, rows + 3.0)).share == 1.0
+    assert check_fundamental(ROWS, *in_rows(rows, rows + 3.0 + 1e-9)).share == 0.0
+    assert check_fundamental(ROWS, *in_rows(rows, rows + 3.5), tolerance_px=3.5).share == 1.0
+
+
+def test_eight_matches_are_enough():
+    check_fundamental(ROWS, *in_rows(100.0 * np.arange(8), 100.0 * np.arange(8)))

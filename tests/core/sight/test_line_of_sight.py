@@ -30,6 +30,24 @@ def test_field_of_view_range_and_behind():
     assert in_view(h, d, np.pi / 2, 10.0).tolist() == [True, True, False, True, False, False, False]
 
 
+def test_the_limits_of_field_of_view_and_range_are_seen():
+    assert in_view(np.array([3.0]), np.array([4.0]), np.pi, 5.0).all()
+    assert not in_view(np.array([3.0]), np.array([4.0]), np.pi, np.nextafter(5.0, 0.0)).any()
+    assert in_view(np.tan(0.25) * np.ones(1), np.ones(1), 0.5 + 1e-9, np.inf).all()
+    assert not in_view(np.tan(0.25) * np.ones(1), np.ones(1), 0.5 - 1e-9, np.inf).any()
+    assert not in_view(np.ones(1), np.zeros(1), 2.0 * np.pi, np.inf).any()
+
+
+def test_an_object_on_the_border_of_the_rectangle_hides_nothing():
+    point, diameter = np.array([[10.0, 0.0]]), 2.0
+    inside = [(5.0, 0.999), (5.0, -0.999), (1e-9, 0.0), (10.0 - 1e-9, 0.0)]
+    border = [(5.0, 1.0), (5.0, -1.0), (0.0, 0.0), (10.0, 0.0)]
+    for centre in inside:
+        assert behind_objects(np.zeros(2), point, np.array([[centre]]), diameter).all()
+    for centre in border:
+        assert not behind_objects(np.zeros(2), point, np.array([[centre]]), diameter).any()
+
+
 def test_any_wall_hides():
     walls = [
         np.array([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0], [1.0, 2.0]]),

@@ -167,3 +167,22 @@ def test_published_field_example(shared_data: Path, left_out: int | None, publis
         z = np.asarray(wrap_angle(np.radians(90.0 - rows[:, 2])))
         assert np.linalg.norm(meet(rows[:, :2], z, sigma=0.05).xy[0] - published) < 0.6
         np.testing.assert_allclose(meet(rows[:, :2], z, sigma=0.05, loss="cauchy").xy[0], (7.21, 1.97), atol=0.05)
+
+
+@pytest.mark.parametrize("loss", ["gauss", "huber", "cauchy"])
+def test_lines_that_cross_behind_one_of_their_sensors_do_not_meet(loss: str) -> None:
+    # The line of (10, 0) crosses that of the origin ahead of it, at (5, 0), but behind (10, 0)
+    assert meet(np.array([[0.0, 0.0], [10.0, 5.0]]), np.radians([0.0, 45.0]), loss=loss).status[0] == APART
+    assert meet(np.array([[10.0, 5.0], [0.0, 0.0]]), np.radians([45.0, 0.0]), loss=loss).status[0] == APART
+    # Two lines nearly parallel besides: every crossing at a wide angle is behind the second sensor
+    origins = np.array([[0.0, 0.0], [10.0, 5.0], [0.0, 1.0]])
+    assert meet(origins, np.radians([0.0, 45.0, 1.0]), loss=loss).status[0] == APART
+
+
+def test_a_crossing_at_the_least_angle_is_taken_and_one_just_below_is_not() -> None:
+    z = np.radians([90.0, 96.0])
+    crossing = z[1] - z[0]
+    assert meet(CORNERS[:2], z, min_crossing=crossing * (1.0 - 1e-9)).status[0] == MET
+    assert meet(CORNERS[:2], z, min_crossing=crossing * (1.0 + 1e-9)).status[0] == NEAR_PARALLEL
+    assert meet(CORNERS[:2], np.radians([90.0, 95.001])).status[0] == MET  # the default is 5 degrees
+    assert meet(CORNERS[:2], np.radians([90.0, 94.999])).status[0] == NEAR_PARALLEL

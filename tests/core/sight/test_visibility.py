@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from occlog.core.plane.polygons import sight_blocked
 from occlog.core.sight.line_of_sight import in_view
-from occlog.core.sight.visibility import assigned, make_sensors, seen_from
+from occlog.core.sight.visibility import make_sensors, seen_from
 
 WALLS = {
     "square": np.array([[4.0, 4.0], [6.0, 4.0], [6.0, 6.0], [4.0, 6.0]]),
@@ -74,5 +74,18 @@ def test_each_sensor_has_walls_of_its_own():
         at, np.array([0.0, 0.0, np.pi]), np.full(3, 1.0), np.full(3, np.inf), [[square], [], [square]]
     )
     xy = np.array([[8.0, 5.0], [2.0, 5.0]])
-    seen = assigned(xy, sensors, np.array([0, 1, 2, 1]))
-    assert seen.tolist() == [[False, True, True, True], [True, True, False, True]]
+    assert [seen_from(xy, i, sensors).tolist() for i in range(3)] == [[False, True], [True, True], [True, False]]
+
+
+def test_the_limits_of_range_and_field_of_view_are_seen():
+    ahead = make_sensors(np.zeros((1, 2)), np.zeros(1), np.array([np.pi / 2]), np.array([5.0]), [[]])
+    xy = np.array([[5.0, 0.0], [5.0 + 1e-9, 0.0], [2.0, 2.0 - 1e-9], [2.0, 2.0 + 1e-9], [2.0, 1e-9 - 2.0], [0.0, 0.0]])
+    assert seen_from(xy, 0, ahead).tolist() == [True, False, True, False, True, False]
+
+
+def test_a_place_on_the_near_side_of_a_wall_is_seen_and_one_just_behind_it_is_not():
+    sensors = make_sensors(
+        np.array([[0.0, 5.0]]), np.zeros(1), np.array([1.0]), np.array([np.inf]), [[WALLS["square"]]]
+    )
+    xy = np.array([[4.0, 5.0], [4.0 + 1e-6, 5.0], [6.0 + 1e-6, 5.0]])
+    assert seen_from(xy, 0, sensors).tolist() == [True, False, False]

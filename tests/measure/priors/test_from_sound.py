@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.locate_sources import Directions, localise
+from occlog.core.sight.locate_sources import Directions
 from occlog.errors import InputError, UsageError
 from occlog.measure.priors.from_sound import AcousticConfig, acoustic_config, acoustic_priors
 from occlog.records.scene import MicrophoneArray, Scene
@@ -17,7 +17,6 @@ from occlog.records.tables import Doa, Occluders
 ROOM = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
 PLACES = np.array([[0.5, 0.5], [7.5, 0.5], [4.0, 5.5]])
 SIGMA = np.radians(2.0)
-NONE = np.empty((0, 2)), np.empty((0, 2, 2))
 TENTH = 100_000_000
 
 
@@ -36,41 +35,6 @@ def directions(people, arrays: int, rng=None) -> Directions:
     return Directions(
         array, PLACES[array], wrap_angle(np.arctan2(away[:, 1], away[:, 0]) + noise), np.full(len(rows), SIGMA)
     )
-
-
-def test_three_arrays_find_two_people_without_ghosts() -> None:
-    people = np.array([[3.0, 2.0], [5.5, 3.5]])
-    found = localise(directions(people, 3), *NONE, ROOM, 3.0, 0.1)
-    assert found.arrays.tolist() == [3, 3]
-    assert np.allclose(np.sort(found.xy, axis=0), np.sort(people, axis=0), atol=1e-6)
-
-
-def test_two_arrays_need_to_know_where_people_were() -> None:
-    """Four crossings, two of them ghosts: what is near known places is taken."""
-    people = np.array([[3.0, 2.0], [5.5, 3.5]])
-    known = people + 0.1
-    found = localise(directions(people, 2), known, np.tile(0.04 * np.eye(2), (2, 1, 1)), ROOM, 3.0, 0.1)
-    assert np.allclose(np.sort(found.xy, axis=0), np.sort(people, axis=0), atol=1e-6)
-
-
-def test_covariance_is_that_of_the_errors() -> None:
-    """Mean NEES of 400 places is 2 within 4 standard errors (each has variance 4)."""
-    rng, person = np.random.default_rng(2), np.array([3.0, 3.0])
-    nees = []
-    for _ in range(400):
-        found = localise(directions(person[None], 3, rng), *NONE, ROOM, 4.0, 0.1)
-        if len(found.xy):
-            e = found.xy[0] - person
-            nees.append(e @ np.linalg.solve(found.covariance[0], e))
-    assert len(nees) > 390
-    assert abs(np.mean(nees) - 2.0) < 4 * 2 / len(nees) ** 0.5
-
-
-def test_no_place_from_one_array_parallel_lines_or_outside() -> None:
-    assert not len(localise(directions([(3.0, 2.0)], 1), *NONE, ROOM, 3.0, 0.1).xy)
-    along = Directions(np.array([0, 1]), PLACES[:2], np.array([0.0, 0.01]), np.full(2, SIGMA))
-    assert not len(localise(along, *NONE, ROOM, 3.0, 0.1).xy)
-    assert not len(localise(directions([(4.0, 9.0)], 2), *NONE, ROOM, 3.0, 0.1).xy)
 
 
 def recording(people_at, steps: int, arrays: int, seed: int = 0, false: float = 0.0) -> Doa:

@@ -77,6 +77,15 @@ def test_a_window_joins_cameras_that_are_a_little_apart():
     assert len(list(scans_of([rows], SCENE, ALL))) == 5
 
 
+def test_rows_exactly_a_window_apart_form_a_scan_and_rows_a_nanosecond_more_do_not():
+    window_ns = 10_000_000
+    for apart_ns, scans in ((window_ns, 1), (window_ns + 1, 2)):
+        rows = table((0, 1, 0, 1.0), (0, 2, 0, 2.0))
+        columns = {c.name: getattr(rows, c.name) for c in Bearings.columns()}
+        later = Bearings(**columns | {"t_ns": np.array([0, apart_ns])})
+        assert len(list(scans_of([later], SCENE, ALL, window_ns))) == scans
+
+
 def test_a_camera_that_speaks_twice_in_a_window_starts_a_new_scan():
     rows = table((0, 1, 0, 1.0), (0.001, 2, 0, 2.0), (0.002, 1, 0, 3.0), (0.003, 2, 0, 3.0))
     found = shown(scans_of([rows], SCENE, ALL, 10_000_000))
