@@ -67,3 +67,20 @@ def test_every_commit_that_is_named_exists_and_has_the_paths() -> None:
         for thing in [f"{commit}^{{commit}}", *(f"{commit}:{path}" for path in inside.split())]:
             found = subprocess.run([git, "cat-file", "-e", thing], cwd=ROOT, capture_output=True)
             assert found.returncode == 0, thing
+
+
+def steps() -> list[tuple[str, str]]:
+    """(file, name of a function or class) of each step of the walks through the code."""
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(occlog/[\w/]+\.py)` \| ((?:`\w+`(?:, )?)+) \|", text, re.MULTILINE)
+    return [(file, name) for file, names in rows for name in re.findall(r"\w+", names)]
+
+
+def test_walks_have_steps() -> None:
+    assert len(steps()) >= 20
+
+
+@pytest.mark.parametrize(("file", "name"), steps())
+def test_functions_of_the_walks_are_in_their_files(file: str, name: str) -> None:
+    text = (ROOT / file).read_text(encoding="utf-8")
+    assert re.search(rf"^(?:def|class) {name}\b", text, re.MULTILINE)
