@@ -1,4 +1,4 @@
-"""Options of `occlog track` for methods that track in images, and which options go with which methods."""
+"""Options of `occlog track` for methods that track in images, and the check which options go with a method."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def view_opts(command: F) -> F:
 
 
 def check_options(context: click.Context, method: str) -> bool:
-    """Whether the method tracks in images; UsageError for an option that means nothing to it.
+    """Return whether the method tracks in images; UsageError for an option that the method does not take.
 
     Args:
         context: of the command.
@@ -93,11 +93,11 @@ def check_options(context: click.Context, method: str) -> bool:
 
 
 def run(context: click.Context, window_ns: int | None) -> int:
-    """Track as the options in the context say; the exit code.
+    """Track by the options in the context, and return the exit code.
 
     Args:
         context: of the command.
-        window_ns: frames at most so far apart make one moment; None: as the frame rates suggest.
+        window_ns: frames at most this far apart make one moment; None: from the frame rates.
     """
     from occlog.cli.parse import parse_names, parse_setting
     from occlog.track.images.run.inputs import ViewsRequest

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from occlog.io.files.provenance import Provenance
-from occlog.io.recording.reader import RecordingWriter
+from occlog.io.recording.writer import RecordingWriter
 from occlog.measure.epipolar.views import Geometry
 from occlog.records.frames import Image
 from occlog.records.scene import Scene

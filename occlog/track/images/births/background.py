@@ -1,4 +1,4 @@
-"""What of an image is not the empty scene, for colours of the background to be none of a target, [Qu] Sec. 4.2."""
+"""Background subtraction, [Qu] Sec. 4.2: masks of what is not the empty scene, in which colours of targets count."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from occlog.records.frames import Frame, Image
 from occlog.records.scene import Scene
 
 HISTORY = 5_000
-"""Frames that the model remembers: who stands still for a tenth of it becomes background."""
+"""Memory of the model [frames]; a person who stands still for a tenth of it becomes background."""
 MOST = 0.6
-"""Share of the image above which it is the light that changed, or the camera that moved, and nothing is masked."""
+"""Share of foreground in an image above which the light has changed or the camera has moved: nothing is masked."""
 
 
 class BackgroundModel(NamedTuple):
-    """Background model of one camera; `mask` advances it."""
+    """Background model of one camera; `foreground_mask` advances it."""
 
     subtractor: Subtractor
     shape: tuple[int, int]  # of the empty scene's image
@@ -32,7 +32,7 @@ class BackgroundModel(NamedTuple):
 def background_models(
     frames: Iterable[Frame], scene: Scene, views: Sequence[View], workers: int = 1
 ) -> tuple[BackgroundModel | None, ...]:
-    """A model for each view, from what its images show when nobody is there; None for one without images.
+    """Learn the empty scene of each view and make a background model of it; None for a view without images.
 
     Args:
         frames: of all views, in the order of time.
@@ -53,20 +53,20 @@ def background_models(
     return tuple(out)
 
 
-def foreground_mask(watch: BackgroundModel | None, image: Image, number: int) -> Image | None:
-    """(H, W) 255 on what is not background, 0 elsewhere; None where that cannot be told.
+def foreground_mask(model: BackgroundModel | None, image: Image, number: int) -> Image | None:
+    """(H, W) 255 on what is not background, 0 elsewhere; None without a model, or where it does not fit the image.
 
     Args:
-        watch: of the camera, whose frames must come in order.
+        model: of the camera, whose frames must come in order; None: no model.
         image: (H, W, 3) BGR or (H, W) grey.
         number: of the frame.
     """
-    if watch is None:
+    if model is None:
         return None
-    small = shrink(image, max(1, image.shape[0] // watch.shape[0]))
-    if small.shape[:2] != watch.shape:
+    small = shrink(image, max(1, image.shape[0] // model.shape[0]))
+    if small.shape[:2] != model.shape:
         return None
-    found = foreground(watch.subtractor, small, number, 5)
+    found = foreground(model.subtractor, small, number, 5)
     if np.count_nonzero(found) > MOST * found.size:
         return None
     if small.shape[:2] == image.shape[:2]:

@@ -1,10 +1,10 @@
-"""Births and ends of trackers from a detector's regions, and whose target a region of another view is.
+"""Births and ends of trackers from a detector's regions, and the target that a new tracker belongs to.
 
-A region that no tracker of its view explains in several frames in a row becomes a
-tracker.  It is a target of another view where the two have agreed with the epipolar
-geometry in those frames (the loop check of [Qu] Sec. 3.4.2) and nothing else fits; where
-several fit, it waits, and then takes the one that fits clearly best, or is a new target.
-A tracker that no region has touched for long is at its end.
+A region that no tracker of its view explains in several frames in a row becomes a tracker.
+It belongs to a target of another view when the two have agreed with the epipolar geometry in
+those frames (the loop check of [Qu] Sec. 3.4.2) and nothing else fits.  Where several targets
+fit, it waits, and then takes the one that fits clearly best, or becomes a new target.  A
+tracker that no region has touched for long ends.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from .config import ViewsConfig
 from .loop_distances import loop_distances
 
 Trail = tuple[tuple[int, Floats], ...]
-"""Moments and ellipses of the latest frames."""
+"""Number of the moment and ellipse, for each of the latest frames."""
 
 EDGE_PX = 1.0
-"""A region that comes this near to the edge of the image is cut by it."""
+"""The edge of the image cuts a region that comes nearer to it than this."""
 CLEARLY = 0.5
-"""The best fit is clear when it is so much smaller than the second."""
+"""The best fit is clear when its misfit is at most this share of the second one's."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class BirthCandidates:
-    """What is remembered from moment to moment."""
+    """Candidates for births, and what decides births and ends, from moment to moment."""
 
     next_id: int
     candidates: tuple[tuple[Candidate, ...], ...]  # of each view
@@ -56,7 +56,7 @@ class BirthCandidates:
 
 
 def no_candidates(n_views: int, next_id: int = 0) -> BirthCandidates:
-    """One that has seen nothing; new targets are numbered from `next_id`."""
+    """State before the first moment; new targets are numbered from `next_id`."""
     return BirthCandidates(next_id, ((),) * n_views)
 
 
@@ -70,11 +70,11 @@ def births_and_ends(
     bottom: bool = False,
     gone: Collection[TrackerKey] = (),
 ) -> tuple[BirthCandidates, tuple[Birth, ...], tuple[TrackerKey, ...]]:
-    """What the regions of one moment begin and end.
+    """Decide which trackers the regions of one moment begin and end.
 
     Args:
         state: from the moment before.
-        regions: (K, 5) of each view; None: nobody looked.
+        regions: (K, 5) of each view; None: the detector did not look.
         trackers: ellipses of all trackers after this moment's frames, of all views.
         views: V views.
         geometry: between them.
@@ -89,7 +89,7 @@ def births_and_ends(
     waiting = []
     for v, found in enumerate(regions):
         mine = [ellipse for (view, _), ellipse in trackers.items() if view == v]
-        if found is None:  # a frame that nobody looked at says nothing
+        if found is None:  # candidates wait for the next frame at which the detector looks
             waiting.append(state.candidates[v])
             continue
         free = _unexplained(_fit(found, views[v], config), mine, config.birth_apart)
@@ -109,7 +109,7 @@ def _longer(trail: Trail, now: int, ellipse: Floats, keep: int) -> Trail:
 
 
 def _fit(regions: Floats, view: View, config: ViewsConfig) -> Floats:
-    """Those large enough and, unless wanted, not cut by the edge of the image."""
+    """The regions (K, 5) that are large enough and, unless `birth_cut`, not cut by the edge of the image."""
     low, high = regions[:, :2] - regions[:, 2:4], regions[:, :2] + regions[:, 2:4]
     good = (regions[:, 2:4] >= config.birth_size).all(axis=1)
     if not config.birth_cut:
@@ -119,7 +119,7 @@ def _fit(regions: Floats, view: View, config: ViewsConfig) -> Floats:
 
 
 def _unexplained(regions: Floats, trackers: Sequence[Floats], apart: float) -> Floats:
-    """Regions that are at no tracker."""
+    """The regions (K, 5) that are farther than `apart` sums of radii from all trackers."""
     if not trackers or not len(regions):
         return regions
     near = nearness(np.vstack([regions, *trackers]))[: len(regions), len(regions) :]
@@ -127,7 +127,7 @@ def _unexplained(regions: Floats, trackers: Sequence[Floats], apart: float) -> F
 
 
 def _follow(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -> tuple[Candidate, ...]:
-    """Candidates of this frame: regions that touch one of the frame before, nearest first, and new ones."""
+    """Candidates of this frame: each region goes on with a touching one of the frame before, nearest pairs first."""
     n = len(regions)
     of: dict[int, Candidate] = {}
     if before and n:
@@ -147,7 +147,7 @@ def _follow(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -
 def _ends(
     state: BirthCandidates, regions: Sequence[Floats | None], trackers: Mapping[TrackerKey, Floats], config: ViewsConfig
 ) -> tuple[BirthCandidates, tuple[TrackerKey, ...]]:
-    """Counts of frames without support, and the trackers that have had none for too long."""
+    """Count frames without support, and end the trackers that have had none in `support_frames` frames in a row."""
     before = {key: state.alone.get(key, 0) for key in trackers}
     alone: dict[TrackerKey, int] = {}
     for v, found in enumerate(regions):
@@ -162,7 +162,7 @@ def _ends(
 def _supported(
     mine: Sequence[TrackerKey], trackers: Mapping[TrackerKey, Floats], regions: Floats, before: Mapping[TrackerKey, int]
 ) -> list[TrackerKey]:
-    """Trackers that touch a region, each with a region of its own; the one with the latest support goes first."""
+    """Trackers that touch a region, one region each; of several at one region, the one supported last gets it."""
     if not mine or not len(regions):
         return []
     near = nearness(np.vstack([*(trackers[key] for key in mine), regions]))[: len(mine), len(mine) :]
@@ -177,6 +177,7 @@ def _supported(
 def _births(
     state: BirthCandidates, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
 ) -> tuple[BirthCandidates, tuple[Birth, ...]]:
+    """Births in all views, in their order."""
     births: list[Birth] = []
     for v in range(len(state.candidates)):
         state, born = _births_in(state, v, geometry, config, bottom, gone)
@@ -210,7 +211,7 @@ def _births_in(
 
 
 def _apart(candidates: Sequence[Candidate], apart: float) -> tuple[Candidate, ...]:
-    """The candidates without those that lie on a longer-lived one."""
+    """The candidates without those that lie at most `apart` sums of radii from a longer-lived one."""
     order = sorted(range(len(candidates)), key=lambda c: -candidates[c].count)
     if len(order) < 2:
         return tuple(candidates)
@@ -231,7 +232,10 @@ def _free_targets(trails: Mapping[TrackerKey, Trail], v: int) -> list[int]:
 def _misfit(
     trail: Trail, v: int, target: int, trails: Mapping[TrackerKey, Trail], geometry: Geometry, bottom: bool
 ) -> float:
-    """Largest over the other views of the mean distance from epipolar lines in radii; inf: none known, or above 1."""
+    """Largest over the other views of the mean loop distance of a trail to a target's, in radii.
+
+    It is inf where no matrix is known, where no frame is shared, and above 1.
+    """
     worst = -np.inf
     for (w, other), theirs in trails.items():
         matrix = geometry.fundamental[w, v]
@@ -246,7 +250,17 @@ def _misfit(
 
 
 def _decide(misfit: Floats, c: int, candidate: Candidate, config: ViewsConfig) -> int | None:
-    """Place of the target that a candidate is; -1: a new one; None: wait."""
+    """Decide which target a candidate belongs to.
+
+    Args:
+        misfit: (candidates, targets).
+        c: the candidate.
+        candidate: the same.
+        config: settings.
+
+    Returns:
+        Column of the target; -1: a new one; None: wait.
+    """
     fits = np.flatnonzero(misfit[c] <= 1.0)
     if not len(fits):
         return -1

@@ -1,4 +1,4 @@
-"""The loop check of [Qu] Sec. 3.4.2 on ellipses of one target in two views."""
+"""Distances of the loop check of [Qu] Sec. 3.4.2, for ellipses of one target in two views."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ def anchors(ellipses: Floats, bottom: bool) -> Floats:
     """
     if not bottom:
         return np.asarray(ellipses[:, :2])
+    # Where the tangent is horizontal
     a, b, rho = ellipses[:, 2:].T
     down = np.hypot(a * np.sin(rho), b * np.cos(rho))
     aside = (a * a - b * b) * np.sin(rho) * np.cos(rho) / down
@@ -25,15 +26,15 @@ def anchors(ellipses: Floats, bottom: bool) -> Floats:
 
 
 def loop_distances(geometry: Geometry, a: int, b: int, of_a: Floats, of_b: Floats, bottom: bool = False) -> Floats:
-    """(N,) the larger of the two distances of targets from each other's epipolar lines, in radii.
+    """(N,) the larger one of the two distances from each other's epipolar lines, in radii; inf where unknown.
 
     Args:
         geometry: of the views.
-        a: a view.
-        b: another one.
+        a: number of a view.
+        b: number of another view.
         of_a: (N, 5) ellipses of targets in view a.
         of_b: (N, 5) of the same targets in view b.
-        bottom: of `anchors`.
+        bottom: see `anchors`.
     """
     points = []
     for view, ellipses in ((a, of_a), (b, of_b)):
@@ -45,5 +46,5 @@ def loop_distances(geometry: Geometry, a: int, b: int, of_a: Floats, of_b: Float
 
 
 def radius(ellipses: Floats) -> Floats:
-    """(N,) radii of circles as large as ellipses (N, 5)."""
+    """(N,) radii of the circles of the same area as ellipses (N, 5)."""
     return np.asarray(np.sqrt(ellipses[:, 2] * ellipses[:, 3]))

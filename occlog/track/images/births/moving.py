@@ -1,4 +1,4 @@
-"""What moves in a recording's images, as regions for trackers to begin from."""
+"""Regions of what moves in a recording's images, for trackers to begin from."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from occlog.records.scene import Camera, Scene
 from .regions import Regions, regions_of_views
 
 SAMPLES = 40
-"""First frames of each camera in which the size of what moves is measured, where nobody tells it."""
+"""First frames of each camera in which the size of what moves is measured, where it is not known."""
 LEAST_AREA = 5e-4
-"""Of a blob that counts then, as a share of the image."""
+"""Least area of a blob that counts in that, as a share of the image."""
 
 
 def moving_regions(
     frames: Callable[[], Iterable[Frame]], scene: Scene | None, views: Sequence[View], workers: int = 1
 ) -> Iterator[Regions]:
-    """People-sized regions of all frames as `occlog detect` finds them with its defaults, in the order of time.
+    """Find people-sized regions in all frames as `occlog detect` does with its defaults, in the order of time.
 
-    Where neither the cameras' poses nor the people seen tell their size, connected blobs of
-    the usual size of what moves are the regions.
+    Where neither the cameras' poses nor the people seen give a size, the regions are connected
+    blobs of the usual size of what moves.
 
     Args:
         frames: makes all frames of the views, in the order of time; called two or three times.
@@ -55,11 +55,12 @@ def moving_regions(
 
 
 def _size(scene: Scene, view: View, config: DetectConfig) -> SizeMap | None:
+    """Sizes of people that follow from the camera's pose; None: unknown."""
     return known_sizes(scene.camera(view.name), scene, (view.width, view.height), config)
 
 
 def with_cameras(scene: Scene | None, views: Sequence[View]) -> Scene:
-    """The scene with all views, those that it lacks without a pose."""
+    """Add the views that the scene lacks to it, as cameras without a pose."""
     scene = Scene() if scene is None else scene
     known = [camera.name for camera in scene.cameras]
     new = [
@@ -71,12 +72,12 @@ def with_cameras(scene: Scene | None, views: Sequence[View]) -> Scene:
 
 
 def blob_sizes(frames: Iterable[Frame], empty: Mapping[str, Image], views: Sequence[View]) -> dict[str, SizeMap]:
-    """Sizes, the same all over the image, of the blobs that differ from the empty scene; none of a view without blobs.
+    """Measure the median size of the blobs that differ from the empty scene, the same all over the image.
 
     Args:
         frames: in the order of time.
         empty: images of the empty scene, may be shrunk.
-        views: of which sizes are wanted.
+        views: whose sizes are wanted; a view without blobs gets none.
     """
     heights: dict[str, list[float]] = {view.name: [] for view in views}
     looked = dict.fromkeys(heights, 0)

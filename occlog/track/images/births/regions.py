@@ -1,4 +1,4 @@
-"""Regions of a detector as ellipses, frame by frame, from tables of boxes or of clusters."""
+"""Regions of a detector as ellipses, moment by moment, from tables of boxes or of clusters."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ class Regions(NamedTuple):
     t_ns: Ints  # (N,)
     sensor: Strings  # (N,)
     ellipse: Floats  # (N, 5) see `occlog.core.image.ellipse`
-    there: Bools  # (N,) false: the detector looked at the frame; the row is no region
+    there: Bools  # (N,) false: the row is no region, and says only that the detector looked at the frame
 
 
 def inscribed(left: Floats, top: Floats, width: Floats, height: Floats) -> Floats:
-    """(N, 5) the ellipses inside boxes."""
+    """(N, 5) the ellipses inscribed in boxes."""
     rows = [left + 0.5 * width, top + 0.5 * height, 0.5 * width, 0.5 * height, np.zeros(len(left))]
     return np.column_stack(rows)
 
 
 def regions_of_boxes(chunks: Iterable[Boxes], min_confidence: float) -> Iterator[Regions]:
-    """Boxes of a detector; frames without a row were not looked at."""
+    """Read boxes of a detector; the detector did not look at frames without a row."""
     for c in chunks:
         there = (c.box >= 0) & ~(c.confidence < min_confidence)
         yield Regions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
 
 
 def regions_of_views(chunks: Iterable[Views]) -> Iterator[Regions]:
-    """Clusters of every frame, those that the fusion of detections put in or took out left out."""
+    """Read the clusters of every frame, without those that the fusion of detections put in or took out."""
     for c in chunks:
         there = ~np.isin(c.cause, ("recovered", "removed"))
         yield Regions(c.t_ns, c.sensor, inscribed(c.left_px, c.top_px, c.width_px, c.height_px), there)
@@ -44,25 +44,25 @@ def regions_of_views(chunks: Iterable[Views]) -> Iterator[Regions]:
 
 @dataclass
 class RegionStream:
-    """Regions given out moment by moment.
+    """Regions in the order of time, given out moment by moment.
 
     Attributes:
         chunks: regions in the order of time.
-        sparse: frames without a row were looked at all the same, and have no region.
-        met: regions that fell on a frame's time.
-        read: regions read.
+        sparse: the detector looked at frames without a row too, and found no region there.
+        met: number of regions of the time of a frame.
+        read: number of regions read.
     """
 
     chunks: Iterator[Regions]
     sparse: bool
     met: int = 0
     read: int = 0
-    _rows: OrderedDict[tuple[str, int], list[Floats]] = field(default_factory=OrderedDict)  # by time
-    _until: int | None = None
-    _done: bool = False
+    _rows: OrderedDict[tuple[str, int], list[Floats]] = field(default_factory=OrderedDict)  # by (camera, time)
+    _until: int | None = None  # time of the last row read
+    _done: bool = False  # all rows are read
 
     def at(self, names: Sequence[str], t_ns: Ints) -> list[Floats | None]:
-        """For each view the (K, 5) regions of its frame; None: it has no frame, or nobody looked at it.
+        """Take the (K, 5) regions of each view's frame; None: it has no frame, or the detector did not look at it.
 
         Args:
             names: of the views.
@@ -77,6 +77,7 @@ class RegionStream:
         return found
 
     def _pull(self) -> None:
+        """Read one more chunk."""
         chunk = next(self.chunks, None)
         if chunk is None:
             self._done = True
@@ -91,6 +92,7 @@ class RegionStream:
             self._until = int(chunk.t_ns[-1])
 
     def _take(self, name: str, t_ns: int) -> Floats | None:
+        """Take the regions of one camera and time out of those read."""
         rows = self._rows.pop((name, t_ns), [] if self.sparse else None)
         if rows is None:
             return None

@@ -57,10 +57,10 @@ def command(
     """
     from occlog.cli.parse import parse_names, parse_seconds, parse_setting
 
-    from .run import Files, run_ground
+    from .run import GroundFiles, run_ground
 
     options.check_outputs([view_tracks, scene], [output], overwrite)
-    files = Files(view_tracks, scene, output, overwrite)
+    files = GroundFiles(view_tracks, scene, output, overwrite)
     values: dict[str, Any] = dict(parse_setting(text) for text in settings)
     if window is not None:
         values["window_s"] = parse_seconds("--window", window)

@@ -1,4 +1,4 @@
-"""Settings of the way from tracks in images to tracks in the world."""
+"""Settings of `occlog ground`, the way from tracks in images to tracks in the world."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from occlog.records.scene import Scene
 from occlog.settings import check_settings
 
 HEIGHT = {"m": 0.9, "ft": 3.0, "in": 35.0}
-"""Middle of a person by length unit."""
+"""Height of the middle of a person by length unit."""
 HEIGHT_SIGMA = {"m": 0.1, "ft": 0.35, "in": 4.0}
+"""Standard deviation of it."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class GroundConfig:
 
 
 def in_scene(config: GroundConfig, scene: Scene) -> GroundConfig:
-    """The settings with what depends on the scene's unit filled in; a unit of its own has no height."""
+    """Fill in the settings that depend on the scene's length unit; an unknown unit has no height."""
     unit = scene.length_unit
     height = HEIGHT.get(unit, 0.0) if config.height is None else config.height
     sigma = config.height_sigma

@@ -1,9 +1,9 @@
-"""The place in space that explains the centres of a point in several images best: N points in V views at once.
+"""Triangulation: the places of N points from their centres in the images of V views, by weighted least squares.
 
-A view without distortion shows X at f (r.x / z, r.y / z) + c, where (x, y, z) is X - centre
-in its own axes.  Each centre is weighted by its covariance (Gauss-Newton); the covariance of
-the place is the inverse of the information.  A point seen by one view alone needs to be
-known to be at a height.
+A camera without distortion shows X at f (x / z, y / z) + c, where (x, y, z) is X - centre in
+the camera's axes.  Residuals are weighted by the inverse covariances of the centres
+(Gauss-Newton); the covariance of a place is the inverse of the information.  A point in one
+view alone has a place only with a prior on its height.
 """
 
 from __future__ import annotations
@@ -21,12 +21,14 @@ NEAR_PARALLEL = 2
 BEHIND = 3
 APART = 4
 STATUS = ("met", "too few views", "sight lines nearly parallel", "behind a camera", "views contradict each other")
-"""What the status numbers of a `Meeting` say."""
+"""Meaning of the status numbers of a `Meeting`."""
 
 STEPS = 30
+"""Steps of Gauss-Newton, at most."""
 HALVINGS = 12
+"""Halvings of a step, at most."""
 ENOUGH = 1e-10
-"""A place is found when its misfit would fall by less than this: steps far below its standard deviations."""
+"""The search ends when the cost would fall by less than this share of 1 + cost: such a step is far below 1 sigma."""
 
 
 class Rig(NamedTuple):
@@ -35,13 +37,13 @@ class Rig(NamedTuple):
     focal: Floats  # (V, 2) [px]
     principal: Floats  # (V, 2) [px]
     rotation: Floats  # (V, 3, 3) world-from-camera
-    centre: Floats  # (V, 3)
+    centre: Floats  # (V, 3) position in the world
 
 
 class Sights(NamedTuple):
     """Centres of N points in V views."""
 
-    there: Bools  # (N, V) whether the view shows the point; the rest may be anything finite
+    there: Bools  # (N, V) whether the view shows the point; without it the other fields may be anything finite
     pixels: Floats  # (N, V, 2)
     covariance: Floats  # (N, V, 2, 2) [px^2], positive definite
 
@@ -51,7 +53,7 @@ class Sights(NamedTuple):
 
 
 class Height(NamedTuple):
-    """What is known of the height of a point that one view alone shows."""
+    """Normal prior on the height z of a point that one view alone shows."""
 
     mean: float
     sigma: float
@@ -68,14 +70,17 @@ class Meeting(NamedTuple):
 
 
 def fit_places(sights: Sights, rig: Rig, height: Height | None, min_sine: float) -> Meeting:
-    """Places by all the views that are there; `misfit` is 0 for one view with a height.
+    """Find the places by all the views that show a point.
+
+    The misfit of a point in one view with a height is near 0: it has as many unknowns as measurements.
 
     Args:
         sights: N points in V views.
         rig: the views.
-        height: of points that one view shows; None: they have no place.
-        min_sine: of the angle at which sight lines must cross, or a single one meet the plane.
+        height: prior for points that one view shows; None: they have no place.
+        min_sine: least sine of the angle at which sight lines cross, or at which a single one meets the plane.
     """
+    # Status by the geometry of the sight lines
     count = sights.there.sum(axis=1)
     rays = _rays(sights.pixels, rig)
     prior = (count == 1) & (height is not None)
@@ -86,6 +91,7 @@ def fit_places(sights: Sights, rig: Rig, height: Height | None, min_sine: float)
     out = Meeting(np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan), status, sights.there, np.full(n, np.nan))
     if not len(good):
         return out
+    # Linear start, then Gauss-Newton
     some, known = sights.take(good), np.where(prior[good], 1.0, 0.0)
     level = height if height is not None else Height(0.0, 1.0)
     xyz = _start(some, rays[good], rig, known, level)
@@ -107,7 +113,7 @@ def _rays(pixels: Floats, rig: Rig) -> Floats:
 
 
 def _crossing(rays: Floats, sights: Sights) -> Floats:
-    """(N,) widest crossing of two sight lines, as a sine; 0 for fewer than two."""
+    """(N,) largest sine of the angles between two sight lines; 0 for fewer than two."""
     widest = np.zeros(len(rays))
     for i in range(rays.shape[1]):
         for j in range(i):
@@ -117,7 +123,7 @@ def _crossing(rays: Floats, sights: Sights) -> Floats:
 
 
 def _start(sights: Sights, rays: Floats, rig: Rig, known: Floats, height: Height) -> Floats:
-    """(N, 3) places nearest to the sight lines, or where a single one has the height."""
+    """(N, 3) places with the least squared distances from the sight lines; on a single line, that at the height."""
     across = (np.eye(3) - rays[:, :, :, None] * rays[:, :, None, :]) * sights.there[:, :, None, None]
     A, b = across.sum(axis=1), np.einsum("nvij,vj->ni", across, rig.centre)
     A[:, 2, 2] += known
@@ -128,7 +134,19 @@ def _start(sights: Sights, rays: Floats, rig: Rig, known: Floats, height: Height
 def _refine(
     xyz: Floats, sights: Sights, weights: Floats, rig: Rig, known: Floats, height: Height
 ) -> tuple[Floats, Floats, Floats]:
-    """Gauss-Newton with step halving; places (N, 3), information (N, 3, 3) and cost (N,), inf behind a camera."""
+    """Refine by Gauss-Newton with step halving.
+
+    Args:
+        xyz: (N, 3) start.
+        sights: of the points.
+        weights: (N, V, 2, 2) inverse covariances, 0 where the view does not show the point.
+        rig: the views.
+        known: (N,) 1 where the prior on the height counts, else 0.
+        height: the prior.
+
+    Returns:
+        Places (N, 3), information (N, 3, 3) and cost (N,), inf behind a camera.
+    """
     xyz, cost = xyz.copy(), _cost(xyz, _residuals(xyz, sights, rig)[0], weights, known, height)
     information = np.broadcast_to(np.eye(3), (len(xyz), 3, 3)).copy()
     moving = np.flatnonzero(np.isfinite(cost))
@@ -163,7 +181,7 @@ def _shortened(
 
 
 def _ridge(matrix: Floats) -> Floats:
-    """(N, 3, 3) so small that it changes nothing but what is singular."""
+    """(N, 3, 3) multiples of the identity that make singular matrices regular and hardly change others."""
     return np.asarray(1e-14 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3))
 
 

@@ -1,4 +1,4 @@
-"""From centres in images to a place in space, robust to single views that are on something else."""
+"""Triangulation that leaves out single views whose tracker is on something else."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from .place import APART, BEHIND, MET, Height, Meeting, Rig, Sights, fit_places
 def meet_in_space(
     sights: Sights, rig: Rig, height: Height | None = None, gate: float = 1e-3, min_crossing: float = np.radians(5.0)
 ) -> Meeting:
-    """Places of points, robust to single views that are on something else.
+    """Find the places of points, and leave out single views that are on something else.
 
-    Where the views of a point do not agree the one without which the others agree best is
-    left out, as long as more than two are left; two that do not agree give no place, since
-    nothing tells which of them is right.
+    Views agree when their misfit passes a chi-square test.  Where they do not, the view without
+    which the others agree best is left out, as long as at least two are left; two views that do
+    not agree give no place, since either may be right.
 
     Args:
         sights: N points in V views.
         rig: the views.
         height: of points that one view shows; None: they have no place.
-        gate: chance at which a point whose views are all right is said to have one that is wrong.
-        min_crossing: sight lines must cross, or a single one meet the plane, at this angle [rad] or more.
+        gate: probability of the test to reject views that are all right.
+        min_crossing: least angle [rad] at which sight lines cross, or at which a single one meets the plane.
     """
+    # Gate: chi-square with 2 views - 3 degrees of freedom
     limits = np.array([np.inf, np.inf, *(chdtri(2 * n - 3, gate) for n in range(2, sights.there.shape[1] + 1))])
     met = fit_places(sights, rig, height, np.sin(min_crossing))
     for _ in range(sights.there.shape[1] - 2):
@@ -49,7 +50,7 @@ def _bad(met: Meeting, limits: Floats) -> Bools:
 
 
 def _without_one(sights: Sights, used: Bools, rig: Rig, min_sine: float) -> Meeting:
-    """The best fits of points without one of their views each."""
+    """Find for each point the best fit without one of its views."""
     best: Meeting | None = None
     for view in range(used.shape[1]):
         there = used.copy()
@@ -68,12 +69,12 @@ def _without_one(sights: Sights, used: Bools, rig: Rig, min_sine: float) -> Meet
 
 
 def _taken(met: Meeting, rows: Ints) -> Meeting:
-    """Some points of a meeting."""
+    """The rows of some points."""
     return Meeting(met.xyz[rows], met.covariance[rows], met.status[rows], met.used[rows], met.misfit[rows])
 
 
 def _replaced(met: Meeting, rows: Ints, others: Meeting) -> Meeting:
-    """A meeting with some of its points replaced."""
+    """The places with those of some rows replaced."""
     out = Meeting(met.xyz.copy(), met.covariance.copy(), met.status.copy(), met.used.copy(), met.misfit.copy())
     for old, new in zip(out, others, strict=True):
         old[rows] = new

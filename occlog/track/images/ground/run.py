@@ -1,4 +1,4 @@
-"""What `occlog ground` does: read, bring together, write."""
+"""Run of `occlog ground`: read view tracks, find places in the world, write tracks, and sum up."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
 
 
-class Files(NamedTuple):
-    """What to read and to write."""
+class GroundFiles(NamedTuple):
+    """Files to read and to write."""
 
     view_tracks: Path
     scene: Path | None
@@ -34,9 +34,9 @@ class Files(NamedTuple):
 
 
 def run_ground(
-    files: Files, cameras: Sequence[str], values: Mapping[str, Any], quiet: bool
+    files: GroundFiles, cameras: Sequence[str], values: Mapping[str, Any], quiet: bool
 ) -> tuple[dict[str, Any], tuple[Loss, ...]]:
-    """Find the places and write them; the summary, and what had been lost before."""
+    """Find the places and write them; return the summary, and what the view tracks say was lost."""
     if is_recording(files.view_tracks):
         raise InputError(
             f"{files.view_tracks}: is a recording; give view tracks (Parquet), which `occlog track` makes from it"
@@ -52,27 +52,27 @@ def run_ground(
     inputs = [path for path in (files.view_tracks, files.scene) if path is not None]
     parameters = {**asdict(config), "cameras": list(cameras)}
     provenance = Provenance("ground", parameters, None, hash_inputs(inputs), made.losses)
-    tally, unit = GroundTally(), scene.length_unit
+    summary, unit = GroundSummary(), scene.length_unit
     rows = options.progress(iter_table(files.view_tracks, ViewTracks), "ground", quiet=quiet)
     with TableWriter(files.output, Tracks, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
         for part in ground_tracks(rows, scene, config, cameras):
             writer.write(part.tracks)
-            tally.add(part)
-        tally.check(str(files.view_tracks))
-    return {"tracks": str(files.output), **tally.summary()}, made.losses
+            summary.add(part)
+        summary.check(str(files.view_tracks))
+    return {"tracks": str(files.output), **summary.summary()}, made.losses
 
 
 def _tracked_window(made: Provenance) -> float:
-    """The window that brought frames together when view tracks were made [s]; 0 where that is not told."""
+    """Window of the frames of one time when the view tracks were made [s]; 0 where their provenance has none."""
     window = made.parameters.get("window_ns", 0)
     return window * 1e-9 if isinstance(window, int) and window >= 0 else 0.0
 
 
-class GroundTally:
-    """Figures of the summary, gathered while streaming."""
+class GroundSummary:
+    """Figures of the summary, counted while streaming."""
 
     def __init__(self) -> None:
-        """Nothing yet."""
+        """Begin with all counts at 0."""
         self.counts: Counter[str] = Counter()
         self.targets: dict[int, None] = {}
 
@@ -82,7 +82,7 @@ class GroundTally:
         self.targets.update(dict.fromkeys(part.tracks.target_id.tolist()))
 
     def check(self, where: str) -> None:
-        """InputError where nothing came out, which no later stage could use."""
+        """Raise InputError where no target has a place at any time: no later command could use the tracks."""
         if not self.counts["times"]:
             raise InputError(f"{where}: has no rows of these cameras; nothing can be brought together")
         if not self.targets:
@@ -92,10 +92,11 @@ class GroundTally:
             )
 
     def _why(self) -> str:
+        """Reasons for times without a place, with their numbers."""
         return ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in self.summary()["no_place"].items() if n)
 
     def summary(self) -> dict[str, Any]:
-        """The figures.
+        """The figures of the summary.
 
         times: of targets with a tracker in some view.  views: places by the number of views that made them.
         left_out: views that did not agree with the others.  no_place: times without a place, and why.

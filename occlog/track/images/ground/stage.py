@@ -1,4 +1,7 @@
-"""Tracks in the images of several calibrated views to tracks in the world, with covariance ([Qu] Sec. 5)."""
+"""Tracks in the world, with covariance, from tracks in the images of several calibrated views.
+
+[Qu] Sec. 5 names this step, and leaves open how.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +23,14 @@ from .place import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Meeting, 
 from .robust_place import meet_in_space
 
 WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", APART: "contradict"}
-"""Why a target has no place at a time, as `GroundPart.counts` says it."""
+"""Names in `GroundPart.counts` of the reasons why a target has no place at a time."""
 
 
 class GroundPart(NamedTuple):
-    """Tracks of some times.
+    """Tracks of some times, and their counts.
 
-    `counts`: `times` of targets with a tracker; `views_N`: places by N views; `left_out`: views
-    that did not agree with the others; and for times without a place why, see `WHY`.
+    `counts` has `times`, at which a target has a tracker; `views_N`, places by N views; `left_out`,
+    views that did not agree with the others; and the reasons of `WHY` for times without a place.
     """
 
     tracks: Tracks
@@ -37,13 +40,12 @@ class GroundPart(NamedTuple):
 def ground_tracks(
     chunks: Iterable[ViewTracks], scene: Scene, config: GroundConfig | None = None, cameras: Sequence[str] = ()
 ) -> Iterator[GroundPart]:
-    """Tracks in the world, each time by itself; where chunks are cut does not matter.
+    """Find tracks in the world, each time by itself; the result does not depend on how chunks are cut.
 
     Args:
-        chunks: in the order of time; the last row of a tracker, when it has left or lost its
-            target, is not used.
+        chunks: in the order of time; rows in which a tracker has left or lost its target are not used.
         scene: with the poses and lenses of the cameras.
-        config: settings.
+        config: settings; None: the defaults.
         cameras: use only these; none: all that have rows.
 
     Raises:
@@ -61,7 +63,7 @@ def ground_tracks(
         if not len(table):
             continue
         starts = _starts(table, window)
-        # The last time may go on in the next chunk.
+        # The last time may go on in the next chunk: keep its rows
         yield _part(table.take(slice(0, starts[-1])), starts[:-1], scene, config)
         rest = table.take(slice(starts[-1], None))
     if len(rest):
@@ -69,22 +71,22 @@ def ground_tracks(
 
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
+    """(R,) rows of these cameras whose tracker is on its target."""
     wanted = ~np.isin(chunk.event, ("left", "lost"))
     return wanted & np.isin(chunk.sensor, list(cameras)) if cameras else wanted
 
 
 def _check(chunk: ViewTracks, scene: Scene, cameras: Sequence[str], last_ns: int | None, seen: int) -> None:
+    """Raise InputError for times that go back and for cameras without a pose."""
     if last_ns is not None and chunk.t_ns[0] < last_ns:
         raise InputError(f"view tracks: row {seen}: time {chunk.t_ns[0]} ns comes after {last_ns} ns; sort by t_ns")
     for name in np.unique(chunk.sensor).tolist():
         if (not cameras or name in cameras) and not scene.camera(name).placed:
-            raise InputError(
-                f"view tracks: camera {name} has no pose in the scene; calibrate it, or leave it out with --cameras"
-            )
+            raise InputError(f"view tracks: camera {name} has no pose in the scene; calibrate it, or leave it out")
 
 
 def _starts(table: ViewTracks, window_ns: int) -> Ints:
-    """First row of each time: rows at most the window apart, unless a view speaks at two times."""
+    """First row of each time: rows at most the window apart are of one time, unless a camera has rows at two times."""
     times, first = np.unique(table.t_ns, return_index=True)
     if window_ns <= 0:
         return first.astype(np.int64)
@@ -99,7 +101,7 @@ def _starts(table: ViewTracks, window_ns: int) -> Ints:
 
 
 def _part(table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig) -> GroundPart:
-    """Places of all targets at the times that begin at some rows."""
+    """Find the places of all targets at the times that begin at the rows `starts`."""
     if not len(table):
         return GroundPart(Tracks.empty(), Counter())
     moment = np.searchsorted(starts, np.arange(len(table)), side="right") - 1
@@ -114,18 +116,23 @@ def _part(table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig) -
 
 
 def _rig(cameras: Sequence[Camera]) -> Rig:
+    """The cameras' parameters as arrays."""
     return Rig(
-        np.array([c.focal_px for c in cameras]),
-        np.array([c.principal_px for c in cameras]),
-        np.array([c.rotation for c in cameras]),
-        np.array([c.position for c in cameras]),
+        focal=np.array([c.focal_px for c in cameras]),
+        principal=np.array([c.principal_px for c in cameras]),
+        rotation=np.array([c.rotation for c in cameras]),
+        centre=np.array([c.position for c in cameras]),
     )
 
 
 def _sights(
     table: ViewTracks, point: Ints, view: Ints, points: int, cameras: Sequence[Camera], model_share: float
 ) -> Sights:
-    """The centres without lens distortion, and their covariance: the tracker's, and the model's share of the shape."""
+    """The centres without lens distortion, and their covariance.
+
+    The covariance is that of the tracker, and that of the target's middle about the ellipse's
+    centre, which is `model_share` of its half axes.
+    """
     shape = (points, len(cameras))
     there, pixels = np.zeros(shape, dtype=np.bool_), np.zeros((*shape, 2))
     covariance = np.broadcast_to(np.eye(2), (*shape, 2, 2)).copy()
@@ -142,13 +149,13 @@ def _sights(
 
 
 def _covariances(table: ViewTracks) -> Floats:
-    """(R, 2, 2) of the centres; at least a hundredth of a pixel, so that none is singular."""
+    """(R, 2, 2) covariances of the centres [px^2], plus a variance of (0.01 px)^2 so that none is singular."""
     xx, xy, yy = table.cov_xx_px, table.cov_xy_px, table.cov_yy_px
     return np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2) + 1e-4 * np.eye(2)
 
 
 def _shapes(table: ViewTracks) -> Floats:
-    """(R, 2, 2) squared half axes, turned as the ellipses are."""
+    """(R, 2, 2) matrices with the squared half axes [px^2], turned by the angles of the ellipses."""
     c, s = np.cos(table.rho), np.sin(table.rho)
     a2, b2 = table.a_px**2, table.b_px**2
     xy = c * s * (a2 - b2)
@@ -156,10 +163,11 @@ def _shapes(table: ViewTracks) -> Floats:
 
 
 def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
-    """(R, 2) centres without lens distortion, and (R, 2, 2) how these change with the recorded ones."""
+    """(R, 2) centres without lens distortion, and (R, 2, 2) their derivatives by the recorded ones."""
     ideal = ideal_pixels_anywhere(camera, centres)
     if not np.any(camera.distortion):
         return ideal, np.broadcast_to(np.eye(2), (len(centres), 2, 2))
+    # Central differences over one pixel
     steps = [0.5 * np.eye(2)[axis] for axis in range(2)]
     changes = [
         ideal_pixels_anywhere(camera, centres + step) - ideal_pixels_anywhere(camera, centres - step) for step in steps
@@ -168,6 +176,7 @@ def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
 
 
 def _tracks(met: Meeting, t_ns: Ints, target: Ints) -> Tracks:
+    """Rows of the places that were found; velocities are not known."""
     good = np.flatnonzero(met.status == MET)
     nan = np.full(len(good), np.nan)
     cov = met.covariance[good]
@@ -186,6 +195,7 @@ def _tracks(met: Meeting, t_ns: Ints, target: Ints) -> Tracks:
 
 
 def _counts(met: Meeting, sights: Sights) -> Counter[str]:
+    """See `GroundPart`."""
     good = met.status == MET
     counts: Counter[str] = Counter(times=len(good))
     for views in met.used.sum(axis=1)[good].tolist():

@@ -1,9 +1,7 @@
-"""Settings of the methods that track in images, with values that were measured to work.
+"""Settings of the methods that track in images, with defaults that were measured to work.
 
-Lengths are pixels, times frames.  Each method has its own set, so that a setting that a
-method does not know is refused.
-
-Settings of `mcmc`, the filters whose samples hold all targets of a view.
+Lengths are pixels, times are frames.  Each method has its own settings; one that a method
+does not have is refused.
 """
 
 from __future__ import annotations
@@ -153,7 +151,7 @@ class CmctConfig(MipfConfig):
     anchor: str = "centre"  # see `BmctConfig`
     adapt: float = 0.1  # how fast the target's colours follow those in the estimate
     adapt_above: float = 0.9  # only an estimate at least as alike counts
-    search_below: float = 0.7  # after one less alike all are drawn on the line; see also `views_lines.on_lines`
+    search_below: float = 0.7  # after one less alike all are drawn on the line; see also `cmct.propose_on_lines`
     bad_after: int = 15
     good_after: int = 5
 

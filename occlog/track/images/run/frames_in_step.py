@@ -1,9 +1,9 @@
-"""Frames of several cameras in step: what all views show at one time, decoded on a thread for each camera.
+"""Frames of several cameras in step: the images of all views at one time, decoded on a thread for each camera.
 
 Frames make one moment when they are at most a window apart, one frame of each camera.  With
-a window below half the shortest frame period a frame is never with a farther one than its
-nearest; a camera of a lower rate has moments without a frame, and so has one that starts
-later, ends early or whose frame cannot be decoded.
+a window below half the shortest frame period a frame is always together with the nearest one
+of another camera.  A camera has moments without a frame when its rate is lower, when it starts
+later or ends early, and when a frame cannot be decoded.
 """
 
 from __future__ import annotations
@@ -26,24 +26,25 @@ from occlog.track.images.births.background import BackgroundModel, foreground_ma
 from occlog.track.images.interface import FrameSet
 
 STAMPS = 64
-"""Frames of a camera from which its period is told."""
+"""First frames of a camera from which its frame period is taken."""
 READ_AHEAD_BYTES = 64 * 1024 * 1024
+"""Images decoded ahead take at most about this."""
 MOST_AHEAD = 8
 """Moments decoded at a time, at most."""
 
 
 class CameraSurvey(NamedTuple):
-    """What is known of a camera before its frames are tracked in."""
+    """A camera's image size, frame period and first frames, before its frames are tracked in."""
 
     view: View
-    period_ns: int  # median of the first frames; 0: there is but one
+    period_ns: int  # median of the first frames; 0: there is one frame only
     first: int  # number of the first frame
-    last: int  # the last number that was looked at
-    missing: tuple[int, ...]  # frames asked for that there are not
+    last: int  # the last number that was read
+    missing: tuple[int, ...]  # wanted numbers that were not found
 
 
 class MaskedImage(NamedTuple):
-    """A frame's image, and where it shows no background; None: not told."""
+    """A frame's image, and a mask of where it shows no background; None: not known."""
 
     image: Image
     mask: Image | None
@@ -64,7 +65,7 @@ def survey(
     wanted: Iterable[int] = (),
     bits: int | None = None,
 ) -> CameraSurvey:
-    """Image size, frame period and first frame of a camera.
+    """Read the first frames of a camera for its image size, frame period and first number.
 
     Args:
         name: of the camera.
@@ -98,7 +99,7 @@ def survey(
         raise InputError(f"camera {name}: not one frame can be decoded ({why}); leave this camera out")
     if camera is not None:
         check_size(camera, (view.width, view.height))
-    # Numbers leave gaps where frames were lost
+    # Frame numbers leave gaps where frames were lost: divide by them
     steps = np.diff(stamps) / np.maximum(np.diff(numbers), 1)
     period = int(np.median(steps)) if len(stamps) > 1 else 0
     return CameraSurvey(view, period, first, last, tuple(sorted(missing)))
@@ -118,15 +119,15 @@ def in_step(
     bits: int | None = None,
     background: Sequence[BackgroundModel | None] = (),
 ) -> Iterator[Moment]:
-    """Moments in the order of time, decoded a little ahead; the result does not depend on `workers`.
+    """Yield moments in the order of time, decoded a little ahead; the result does not depend on `workers`.
 
     Args:
-        frames: of all cameras, in the order of time; those of cameras that are no view are left out.
-        views: V views; images of another size cannot be used.
+        frames: of all cameras, in the order of time; those of cameras that are not among the views are left out.
+        views: V views; images of another size are lost frames.
         window_ns: frames at most this far apart make one moment.
-        workers: threads that decode, one camera each.
+        workers: threads that decode, each for one camera at a time.
         bits: significant bits of 16-bit images.
-        background: models of the views, for masks; none: no masks.
+        background: models of the views, for masks; empty: no masks.
 
     Raises:
         InputError: the time of a frame is before that of the one before.
@@ -143,9 +144,9 @@ def in_step(
                 jobs = {}
                 for name, v in place.items():
                     mine = [group[name] for group in batch if name in group]
-                    watch = background[v] if background else None
+                    model = background[v] if background else None
                     if mine:
-                        jobs[name] = last[name] = pool.submit(_decode, mine, views[v], bits, last.get(name), watch)
+                        jobs[name] = last[name] = pool.submit(_decode, mine, views[v], bits, last.get(name), model)
                 waiting.append((batch, jobs))
                 if len(waiting) > 1:
                     yield from _moments(*waiting.popleft(), place)
@@ -156,7 +157,7 @@ def in_step(
 
 
 def _groups(frames: Iterable[Frame], place: dict[str, int], window_ns: int) -> Iterator[dict[str, Frame]]:
-    """Frames of each moment by camera."""
+    """Group frames into moments, by camera."""
     group: dict[str, Frame] = {}
     first = last = None
     for frame in frames:
@@ -183,19 +184,20 @@ def _decode(
     view: View,
     bits: int | None,
     before: Future[list[MaskedImage | str]] | None,
-    watch: BackgroundModel | None,
+    model: BackgroundModel | None,
 ) -> list[MaskedImage | str]:
-    """Images of a camera's frames, or why they cannot be used; those before must be done."""
+    """Decode a camera's frames, after those `before`; a text instead of an image says why it cannot be used."""
     if before is not None:
-        before.exception()  # waits; it is told where its own result is taken
+        before.exception()  # waits; the error itself is raised where the result is taken
     images = ((frame.index, _image(frame.decode, view, bits)) for frame in frames)
     return [
-        image if isinstance(image, str) else MaskedImage(image, foreground_mask(watch, image, number))
+        image if isinstance(image, str) else MaskedImage(image, foreground_mask(model, image, number))
         for number, image in images
     ]
 
 
 def _image(decode: Callable[[], Image], view: View, bits: int | None) -> Image | str:
+    """Decode a frame; a text says why it cannot be used."""
     try:
         decoded = decode()
     except InputError as error:
@@ -214,12 +216,14 @@ def _image(decode: Callable[[], Image], view: View, bits: int | None) -> Image |
 def _moments(
     groups: Sequence[dict[str, Frame]], jobs: dict[str, Future[list[MaskedImage | str]]], place: dict[str, int]
 ) -> Iterator[Moment]:
+    """Yield the moments of a batch when its frames are decoded."""
     decoded = {name: iter(job.result()) for name, job in jobs.items()}
     for group in groups:
         yield _moment(group, {name: next(decoded[name]) for name in place if name in group}, place)
 
 
 def _moment(group: dict[str, Frame], decoded: dict[str, MaskedImage | str], place: dict[str, int]) -> Moment:
+    """Put the frames of one moment in the order of the views; `place` is the number of each camera's view."""
     number, t_ns = np.full(len(place), -1), np.full(len(place), -1, dtype=np.int64)
     images: list[Image | None] = [None] * len(place)
     masks: list[Image | None] = [None] * len(place)

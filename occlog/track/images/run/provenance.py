@@ -1,4 +1,4 @@
-"""What tracks made from video say of themselves: where their trackers came from, and which recording it was."""
+"""Provenance of tracks made from video: where their trackers came from, and from which recording."""
 
 from __future__ import annotations
 
