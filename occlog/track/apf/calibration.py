@@ -30,7 +30,7 @@ from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Camera, Scene
 from occlog.track.apf.kernels.pose_errors import (
     Belief,
-    Sights,
+    LabelledBearings,
     jacobians,
     no_evidence,
     residuals,
@@ -70,7 +70,7 @@ class Phase(NamedTuple):
     """What the initial phase has gathered."""
 
     until_ns: int | None  # None: not begun
-    scans: tuple[Sights, ...]
+    scans: tuple[LabelledBearings, ...]
     places: tuple[Floats, ...]
 
 
@@ -165,7 +165,7 @@ def learned(calibration: Calibration, scan: Scan, estimate: Estimate, seconds: f
     return after, estimate._replace(covariance=covariance, calibration=SensorErrors(belief.mean, deviation))
 
 
-def _gather(calibration: Calibration, sights: Sights, t_ns: int, xy: Floats, seconds: float) -> Calibration:
+def _gather(calibration: Calibration, sights: LabelledBearings, t_ns: int, xy: Floats, seconds: float) -> Calibration:
     """The calibration with one more scan in its initial phase, solved when that is over."""
     phase = calibration.phase or Phase(None, (), ())
     until = t_ns + round(seconds * NS) if phase.until_ns is None else phase.until_ns
@@ -178,7 +178,7 @@ def _gather(calibration: Calibration, sights: Sights, t_ns: int, xy: Floats, sec
     return _packed(calibration._replace(belief=belief, phase=None, fixed=True))
 
 
-def _follow(calibration: Calibration, sights: Sights, estimate: Estimate) -> Calibration:
+def _follow(calibration: Calibration, sights: LabelledBearings, estimate: Estimate) -> Calibration:
     """The calibration with `follows` as it is after the filter took in bearings.
 
     The gain of the particle filter is taken to be that of a Kalman filter with its covariance;
@@ -201,7 +201,7 @@ def _follow(calibration: Calibration, sights: Sights, estimate: Estimate) -> Cal
     return calibration._replace(follows=follows)
 
 
-def _sights(scan: Scan, stated: Stated) -> Sights:
+def _sights(scan: Scan, stated: Stated) -> LabelledBearings:
     """The labelled bearings of a scan, with the stated poses."""
     rows = np.flatnonzero(scan.labelled & scan.seen)
     sensor, u = scan.sensor[rows], scan.u_px[rows]
@@ -211,7 +211,7 @@ def _sights(scan: Scan, stated: Stated) -> Sights:
     tangent = np.where(pixel, u, 0.0) / f
     bearing = np.where(pixel, stated.yaw[sensor] - np.arctan(tangent), scan.bearing[rows])
     sigma = np.where(pixel, sigma_px / (f * (1.0 + tangent**2)), scan.sigma[rows])
-    return Sights(sensor, bearing, np.maximum(sigma, LEAST_SIGMA) ** 2)
+    return LabelledBearings(sensor, bearing, np.maximum(sigma, LEAST_SIGMA) ** 2)
 
 
 def _packed(calibration: Calibration) -> Calibration:

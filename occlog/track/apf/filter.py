@@ -46,7 +46,7 @@ FINE, ROUGH = 5.5, 3.5
 
 
 class Model(NamedTuple):
-    """What does not change with time."""
+    """Scene and settings in the form of the kernels; priors of moving occluders are those of one scan."""
 
     config: ApfConfig
     floor: Floor
@@ -67,7 +67,7 @@ class State(NamedTuple):
     particles: Particles
     weights: Floats  # (L,)
     t_ns: int | None
-    astray: int  # reports that spoke against where the target is thought to be, see `_astray`
+    astray: int  # reports against the likeliest place more than for it, see `_astray`
     calibration: Calibration | None = None  # None: errors of poses are white noise
 
 
@@ -87,15 +87,15 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
     """
     floor = make_floor(scene.region, [o.polygon for o in scene.occluders])
     model = Model(
-        config,
-        floor,
-        pack_sensors(scene),
-        pack_noise(scene),
-        read_noise(scene),
-        config.motion,
-        pack_detection(scene, config, informed=False),
-        pack_detection(scene, config, informed=True),
-        config.occlusion,
+        config=config,
+        floor=floor,
+        sensors=pack_sensors(scene),
+        noise=pack_noise(scene),
+        read_px=read_noise(scene),
+        motion=config.motion,
+        detection=pack_detection(scene, config, informed=False),
+        informed=pack_detection(scene, config, informed=True),
+        occlusion=config.occlusion,
     )
     try:
         particles = _fresh(model, config.start, rng)
@@ -107,24 +107,33 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
 
 
 def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
-    """The state after a scan, and what it says; the scan must not be earlier than the last."""
+    """The state after a scan and the estimate ([Ercan] Alg. 1 with start, restart and calibration around it).
+
+    ValueError for a scan that is earlier than the last.
+    """
     base = model = state.model
     config = model.config
     looks = pack_scan(scan, model.read_px, config.use_score)
+    # Correct: sensors where their poses are thought to be
     calibration = state.calibration
     if calibration is not None:
         sensors, noise = corrected(calibration, state.particles.xy, state.weights)
         model = model._replace(sensors=sensors, noise=noise)
         state, looks = state._replace(model=model), corrected_looks(calibration, looks)
+    # Moving occluders: their priors at this time ([Ercan] Sec. 4.2)
     if scan.occluders is not None:
         model = _informed(model, scan.occluders, state)
         state = state._replace(model=model)
+    # Propose, weigh, resample ([Ercan] Alg. 1)
     draw = _take_in(state, scan.t_ns, looks, rng)
+    # Restart: a filter that most reports have contradicted for some scans is lost
     astray = _astray(state, draw, looks)
     if config.lost_after and astray >= config.lost_after:
         draw = _restart(model, looks, "restart", rng)
         astray = 0
+    # Estimate: weighted mean and covariance ([Ercan] Alg. 3, last line)
     estimate = _estimate(model, draw, looks)
+    # Calibrate: learn the errors of the poses
     if calibration is not None:
         calibration, estimate = learned(calibration, scan, estimate, config.calibrate_s)
     return State(base, draw.particles, draw.weights, scan.t_ns, astray, calibration), estimate
@@ -164,6 +173,7 @@ def _drift(model: Model, particles: Particles, dt: float, rng: Generator) -> Par
 
 
 def _take_in(state: State, t_ns: int, looks: PackedScan, rng: Generator) -> Draw:
+    """Weighted particles at the time of a scan; drawn anew at the start, after a gap, and where none agrees."""
     model = state.model
     if state.t_ns is None:
         return _weigh_start(model, state.particles, looks, "", rng)
@@ -183,23 +193,39 @@ def _take_in(state: State, t_ns: int, looks: PackedScan, rng: Generator) -> Draw
 def _auxiliary_step(
     model: Model, particles: Particles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
 ) -> Draw:
-    """Alg. 1; the log-likelihood is -inf if no particle agrees with the scan."""
+    """[Ercan] Alg. 1: auxiliary sampling importance resampling over a time dt of at most one reference step.
+
+    Args:
+        model: scene and settings.
+        particles: L of them, a time dt before the scan.
+        weights: (L,) sum 1.
+        looks: the scan.
+        dt: [s], > 0.
+        rng: draws.
+
+    Returns:
+        Particles at the time of the scan; their log-likelihood is -inf if none agrees with it.
+    """
     config = model.config
-    # Stage 1: which particles are likely to lead to the scan
+    # Stage 1, weigh the expected states kappa: w_l f(Z|kappa_l)
     arrived = waypoint.reached(particles, model.motion, model.floor)
     kappa = waypoint.expected_xy(particles, arrived, dt, model.motion)
     first, log_sum = normalise(log_of(weights) + _log_likelihood(model, kappa, looks, ROUGH))
+    # Where no expected state agrees with the scan, stage 1 is skipped: plain SIR.
     fallback = "" if math.isfinite(log_sum) else "sir"
     if fallback:
         first = weights
+    # Defensive mixture: a share of stage 1 does not look at the scan
     first = (1.0 - config.defensive) * first + config.defensive * weights
+    # Resample: systematic; pi_l is the parent of particle l
     ratio = weights
     if effective_size(first) < config.resample_below * len(weights) or config.resample_below >= 1.0:
         parents = systematic_ancestors(first, config.particles, rng.random())
         particles, arrived = waypoint.take(particles, parents), arrived[parents]
         ratio = weights[parents] / first[parents] / config.particles
-    # Stage 2: move them and weigh what came out
+    # Propose: draw from the importance density f(u(t)|u_pi(t-1)) ([Ercan] Sec. 4.1)
     particles = _move(model, particles, arrived, dt, rng)
+    # Stage 2, weigh: f(Z|u_l) over the stage-1 weight of the parent
     weights, log_sum = normalise(log_of(ratio) + _log_likelihood(model, particles.xy, looks))
     return Draw(particles, weights, log_sum, fallback)
 
@@ -213,6 +239,7 @@ def _move(model: Model, particles: Particles, arrived: Bools, dt: float, rng: Ge
 
 
 def _log_likelihood(model: Model, xy: Floats, looks: PackedScan, far: float = FINE) -> Floats:
+    """(L,) log f(Z|u) at (L, 2) places ([Ercan] Eq. 6); `far`: deviations at which a prior counts as over."""
     free = on_floor(xy, *model.floor)
     packed = looks, model.sensors, model.noise, model.detection, free
     if model.priors is None:
@@ -253,6 +280,7 @@ def _astray(state: State, draw: Draw, looks: PackedScan) -> int:
     a row not to add up.
     """
     reports = looks.labelled & (np.diff(looks.first) > 0)
+    # Gate: which reports agree with the likeliest particle
     count = int(np.count_nonzero(reports))
     if not count:
         return state.astray

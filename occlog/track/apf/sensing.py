@@ -63,7 +63,7 @@ def read_noise(scene: Scene) -> Floats:
 
 
 def pack_scan(scan: Scan, read_px: Floats, use_score: bool) -> PackedScan:
-    """The looks of a scan.
+    """The looks of a scan, as the likelihood kernels read them.
 
     Cameras count by pixels, with Eq. 2's variance; a bearing without pixels by its own sigma,
     which is taken to hold everything.

@@ -26,48 +26,51 @@ MOST_PAIRS = 40_000
 STATED, PAIR = "stated", "pair"
 
 
-class Fixer(NamedTuple):
-    """All that there is to know: where the sensors are."""
+class FixState(NamedTuple):
+    """Settings and places of the sensors; nothing is carried from scan to scan."""
 
     config: FixConfig
     places: Floats  # (S, 2), as in `sensor_names`
 
 
-def init(scene: Scene, config: FixConfig, rng: Generator) -> Fixer:  # noqa: ARG001
+def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: ARG001
     """Places of the sensors."""
     places = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
-    return Fixer(config, np.array(places, dtype=np.float64).reshape(-1, 2))
+    return FixState(config, np.array(places, dtype=np.float64).reshape(-1, 2))
 
 
-def step(state: Fixer, scan: Scan, rng: Generator) -> tuple[Fixer, Estimate | None]:  # noqa: ARG001
+def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimate | None]:  # noqa: ARG001
     """The scan's position, None where it does not tell one."""
     config = state.config
+    # Associate: rows of the target, and the candidates that agree best
     rows = _rows(state, scan)
     if len(rows) < 2:
         return state, None
+    # Estimate ([Lenth] 1981)
     places, bearings, sigma = state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows]
     found = fix(places, bearings, sigma, config.estimator, config.bend, config.spread == "residuals")
     if found is None:
         return state, None
+    # Score: log-likelihood of the bearings at the estimate
     off = _wrapped(bearings - np.arctan2(found.xy[1] - places[:, 1], found.xy[0] - places[:, 0]))
     score = -0.5 * (off / sigma) ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
     looked, used = np.unique(scan.sensor), np.unique(scan.sensor[rows])
     # Two lines leave no residuals from which their spread could be told.
     told = "" if found.estimated or config.spread == "stated" else (PAIR if len(rows) == 2 else STATED)
     return state, Estimate(
-        found.xy,
-        np.full(2, np.nan),
-        found.covariance,
-        math.nan,
-        float(score.sum()),
-        len(looked),
-        len(used),
-        told,
-        tuple(used.tolist()),
+        xy=found.xy,
+        velocity=np.full(2, np.nan),
+        covariance=found.covariance,
+        ess=math.nan,
+        log_likelihood=float(score.sum()),
+        n_looked=len(looked),
+        n_seen=len(used),
+        fallback=told,
+        used=tuple(used.tolist()),
     )
 
 
-def _rows(state: Fixer, scan: Scan) -> Ints:
+def _rows(state: FixState, scan: Scan) -> Ints:
     """Rows that the position is made from: those of the target, and candidates that agree."""
     usable = scan.seen & np.isfinite(scan.bearing) & np.isfinite(scan.sigma) & (scan.sigma > 0.0)
     if state.config.candidates == "ignore":
@@ -78,7 +81,7 @@ def _rows(state: Fixer, scan: Scan) -> Ints:
     return _agreed(state, scan, rows)
 
 
-def _agreed(state: Fixer, scan: Scan, rows: Ints) -> Ints:
+def _agreed(state: FixState, scan: Scan, rows: Ints) -> Ints:
     """One row a sensor at most: those that agree with the crossing on which most sensors agree."""
     if len(rows) ** 2 > MOST_PAIRS:
         keep = np.lexsort((scan.sigma[rows], ~scan.labelled[rows]))[: int(MOST_PAIRS**0.5)]

@@ -1,4 +1,4 @@
-"""What a position that cameras found does to a cloud of particles, and which two cameras would find it best.
+"""A position that cameras found as a measurement of particles, and the variance that two cameras would give it.
 
 [Lee] Sec. 3.2.2 puts the position found in the place of the estimate's and keeps the velocity;
 `moved_to` does so with the particles.  `updated` takes the position for a measurement: a particle's

@@ -1,4 +1,4 @@
-"""Cameras that are asked where a target is: one frame each of the two that should tell it best."""
+"""Requests to cameras: where a target is, by one frame each of the two cameras that should tell it best."""
 
 from __future__ import annotations
 
@@ -70,17 +70,19 @@ class CameraRequests:
             self.offered += 1
 
     def ask(self, asks: Sequence[Ask], others: Sequence[Ask], t_ns: int) -> list[CameraRequest]:
-        """Answers to all questions of one time, in their order, and then of who else is found; frames count once.
+        """Answers to all questions of one time, in their order, and then other targets found; frames count once.
 
         Args:
             asks: questions.
-            others: targets nobody asks for, which frames that are looked at may show as well.
+            others: targets that no question is about, which the same frames may show as well.
             t_ns: now.
         """
+        # Choose two cameras for each question
         fresh = [c for c, f in self._frames.items() if t_ns - f.t_ns <= self._config.frame_age_s * NS]
         pairs: list[Pair | None] = []
         for ask in asks:
             pairs.append(self._pair(ask, sorted(fresh), [p for p in pairs if p is not None]))
+        # Cross the sight lines of each pair's frames, and match what they show with the targets
         answers: dict[int, Answer] = {}
         more: dict[int, CameraRequest] = {}
         for pair in sorted({p for p in pairs if p is not None}):
@@ -91,6 +93,7 @@ class CameraRequests:
             for k, answer in zip(rest, found[len(mine) :], strict=True):
                 if answer.place is not None:
                     more[k] = CameraRequest(answer, self._names(pair), 0)
+        # Count every frame that was looked at once
         out, used = [], set[int]()
         for n, (ask, cameras) in enumerate(zip(asks, pairs, strict=True)):
             new = set(cameras or ()) - used
@@ -145,16 +148,17 @@ class CameraRequests:
         if self._room is not None:
             inside = inside_polygon(np.where(good[:, None], met.xy, 0.0), self._room)
             good &= inside | (label != UNLABELLED)
-        # What moved since the frame was taken is not known to the frame.
+        # The target has moved since the older frame was taken: widen the covariance by what it may have walked.
         age = max(t_ns - min(one.t_ns, other.t_ns), abs(one.t_ns - other.t_ns)) / NS
         moved = (self._config.speed * age) ** 2 * np.eye(2)
         return _Found(met.xy[good], met.covariance[good] + moved, label[good])
 
     def _match(self, asks: Sequence[Ask], others: Sequence[Ask], found: _Found) -> list[Answer]:
-        """What is found for each: by label where it has one, else by distance; each find once.
+        """What is found for each target: by label where it has one, else by distance; each crossing once.
 
-        Targets that are asked for go first, then the others, then those who are not known yet.
+        Known targets, asked for or not, go before those that are not known yet.
         """
+        # Match by label
         everyone = [*asks, *others]
         answers = [Answer(ask, None, None, UNLABELLED) for ask in everyone]
         free = np.ones(len(found.xy), dtype=np.bool_)
@@ -163,10 +167,11 @@ class CameraRequests:
             if ask.label != UNLABELLED and len(own):
                 answers[n] = _answer(ask, found, int(own[0]))
                 free[own[0]] = False
-        # Who has a label of his own is nobody else.
+        # A crossing with the label of a known target cannot belong to another target.
         free &= ~np.isin(found.label, [a.label for a in everyone if a.label != UNLABELLED])
         first = [n for n, a in enumerate(asks) if a.number != UNNUMBERED]
         unknown = [n for n, a in enumerate(asks) if a.number == UNNUMBERED]
+        # Match the rest by distance, at the least cost within the gate
         for part in ([*first, *range(len(asks), len(everyone))], unknown):
             rows, columns = [n for n in part if answers[n].place is None], np.flatnonzero(free)
             if not rows or not len(columns):
@@ -189,7 +194,7 @@ def _answer(ask: Ask, found: _Found, c: int) -> Answer:
 
 
 def _once(requests: list[CameraRequest]) -> list[CameraRequest]:
-    """The requests; who was found by two of them is the first one's."""
+    """The requests; a place that two of them found belongs to the first."""
     seen: set[tuple[float, ...]] = set()
     out = []
     for request in requests:

@@ -1,8 +1,8 @@
-"""Which bearing is whose: joint association of one array's bearings with several targets.
+"""Joint association of one array's bearings with several targets.
 
 An event says for every target whether the array heard it, and with which bearing.  A bearing
 is of one target, of two that are nearer to each other than the array can tell apart (they are
-heard as one), or of nobody.  All events are gone through; targets that share no bearing are
+heard as one), or of no target (clutter).  All events are gone through; targets that share no bearing are
 independent and are gone through apart from each other.
 
 [Lee] Sec. 3.2 lets every target's filter take any bearing, so that two filters can follow one
@@ -22,9 +22,10 @@ from occlog.core.numerics.jit import kernel
 from occlog.core.sight.camera import wrap_angle
 
 MOST_EVENTS = 50_000
-"""Beyond so many events of targets that share bearings, the least likely bearings of a target are not thought of."""
+"""Of targets that share bearings at most so many events are summed; then the least likely bearings are left out."""
 NEGLIGIBLE = 1e-9
-"""A bearing so much likelier to be of nobody is not a target's; otherwise all targets would share all bearings."""
+"""A bearing whose density for a target is below this share of the clutter's cannot be the target's: without this
+gate all targets would share all bearings."""
 NEAR_SIGMAS = 3.0
 """Two targets' bearings further apart than this, beyond the resolution, are not heard as one."""
 ROOT_2PI = math.sqrt(2.0 * math.pi)

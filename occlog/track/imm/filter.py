@@ -1,12 +1,9 @@
-"""Filter of several motion models for several targets: what arrays hear, whether anyone is new, and who is gone.
+"""Method `imm`: a filter of several motion models for several targets that microphone arrays hear.
 
-Every target has a cloud of particles of its own ([Lee] Sec. 3.2.1, `occlog.track.imm.kernel`).  What is
-not in the thesis: bearings are associated jointly (`occlog.track.imm.association`; `association=any` is
-the thesis' form), several arrays are taken in one after the other by multiplying weights, and
-every target has a probability that it exists and one that it sounds, from which births, deaths
-and silence follow.
-
-Method `imm` as stages see it: what is heard in, estimates out.
+Every target has particles of its own ([Lee] Sec. 3.2.1, `occlog.track.imm.kernel`).  What is not in the
+thesis: bearings are associated jointly (`occlog.track.imm.association`; `association=any` is the thesis'
+form), several arrays are taken in one after the other by multiplying weights, and every target has a
+probability that it exists and one that it sounds, from which births, deaths and silence follow.
 """
 
 from __future__ import annotations
@@ -50,7 +47,7 @@ class State(NamedTuple):
     """All targets at the time of the last scan; `t_ns` is None before the first."""
 
     world: ImmWorld
-    tracks: tuple[Track, ...]  # confirmed ones first, by number
+    tracks: tuple[Track, ...]  # of targets and candidates; confirmed ones first, by number
     t_ns: int | None
     free: int  # least number that no track has had
 
@@ -65,7 +62,7 @@ class Count(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """One confirmed track after a scan."""
+    """Posterior of one confirmed track after a scan."""
 
     number: int
     moved: Moved
@@ -74,7 +71,7 @@ class Belief(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What came of a scan."""
+    """Outcome of a scan."""
 
     beliefs: tuple[Belief, ...]  # by number
     counts: tuple[Count, ...]
@@ -83,7 +80,7 @@ class Report(NamedTuple):
 
 
 def init(scene: Scene, config: ImmConfig, rng: Generator) -> State:
-    """The state before the first scan: nobody, or those whom `config.start` tells."""
+    """The state before the first scan: no tracks, or those of the targets in `config.start`."""
     tracks = given(config, 0, rng)
     return State(make_world(scene, config), tracks, None, len(tracks))
 
@@ -98,6 +95,7 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Report]:
         rng: draws of all targets.
     """
     world, t_ns = state.world, scan.t_ns
+    # Propose: move all particles under every motion model (Eq. 3.3)
     dt = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
     known = state.tracks if state.t_ns is not None else tuple(t._replace(met_ns=t_ns) for t in state.tracks)
     moved = [move(world, track, dt, rng) for track in known]
@@ -105,14 +103,20 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Report]:
     for sensor, heard in scan.by_sensor():
         array = sensor - world.cameras
         expected = sum(_in_range(world, m, array) for m in moved if m.track.number != UNNUMBERED)
+        # Associate and weigh (Eqs. 3.4-3.6)
         moved, free, fit = _listen(world, moved, array, heard)
         evidence += fit
         counts.append(Count(array, len(heard.bearing), expected, free))
+        # Births: tracks on the sight lines of bearings of no target
         moved += _births(world, array, heard.take(free), {m.track.number for m in moved}, rng)
+    # Deaths: end tracks that hardly exist, or were neither heard nor seen for long
     moved = [m._replace(track=_met(m, t_ns)) for m in moved]
     moved = [m for m in moved if _alive(m.track, t_ns, world.config)]
+    # Confirm tracks that were heard often enough
     moved, least = _numbered(moved, state.free, world.config)
+    # Resample: systematic, a model drawn for each row
     tracks = tuple(resampled(m, world.config.particles, rng) for m in moved)
+    # Estimate: mean and covariance over particles and models
     beliefs = tuple(
         Belief(m.track.number, m, imm.moments(m.predicted, m.weights), effective_size(m.weights.ravel()))
         for m in moved
@@ -180,19 +184,23 @@ def _clutter(world: ImmWorld, bearing: Floats) -> Floats:
 def _take_jointly(
     world: ImmWorld, moved: list[Moved], array: int, heard: Scan, allowed: Bools
 ) -> tuple[Association, list[Moved]]:
-    """Joint association, and what it does to the tracks."""
+    """Joint association of an array's bearings with all tracks, and the tracks with their weights after it."""
     K, N, config = len(moved), len(heard.bearing), world.config
     fits = _fits(world, moved, array, heard)
     exists = np.array([m.track.exists for m in moved])
     chance = np.array([m.track.sounds for m in moved]) * config.detection
     fit = np.array([f.fit for f in fits]).reshape(K, N)
+    # Likelihood that bearing i is of track k alone, and that track k is not heard
     alone = (exists * chance)[:, None] * fit * allowed
     unheard = 1.0 - exists * chance * np.array([f.reached for f in fits])
-    # Nobody else can be heard with a label.
+    # A track whose label is among the bearings was heard.
     unheard = np.where((allowed & heard.labelled).any(axis=1), 1e-6 * unheard, unheard)
+    # Likelihood that two tracks nearer than the array's resolution are heard as one
     shared, apart, pairs = _together(world, moved, array, heard, fits)
     shared *= (exists * chance)[:, None, None] * (exists * chance)[:, None] * allowed[:, None] * allowed
+    # Joint association: marginals over all events
     found = associate(alone, unheard, shared, apart, _clutter(world, heard.bearing))
+    # Weigh each track's particles by its share of every bearing
     out = []
     for k, m in enumerate(moved):
         mine = [(found.shared[k, b], pairs[k, b]) for b in range(K) if (k, b) in pairs]

@@ -1,4 +1,4 @@
-"""When arrays listened, and heard nothing: rows exist only for what is heard.
+"""Scans of arrays that listened in vain: a recording has rows only for what arrays hear.
 
 An array that has had a row listens at its rate: the scene's `rate_hz`, or else the shortest of
 the last intervals between its rows.  Where by its own clock it should have had a row and has
@@ -82,6 +82,7 @@ class Listener:
         bearing; labels below 0 are none.
         """
         rows = scan.take(scan.sensor >= self._cameras)
+        # Silence before this scan, by the arrays' own clocks
         yield from self._in_vain(scan.t_ns)
         if not len(rows.sensor):
             return

@@ -51,7 +51,7 @@ class Moved(NamedTuple):
 
 
 class ImmWorld(NamedTuple):
-    """What does not change with time."""
+    """Scene and settings as the filter wants them; they do not change with time."""
 
     config: ImmConfig
     models: Floats  # (3, 3) of `turns`
@@ -72,15 +72,15 @@ def make_world(scene: Scene, config: ImmConfig) -> ImmWorld:
     corners = np.concatenate([region, places])
     longest = float(np.hypot(*(corners.max(axis=0) - corners.min(axis=0))))
     return ImmWorld(
-        config,
-        three_models(config.alpha),
-        places,
-        np.array([_reach(a.range, float(a.position[2]), config.height) for a in arrays], dtype=np.float64),
-        np.array([a.resolution for a in arrays], dtype=np.float64),
-        region,
-        config.walls and scene.room is not None,
-        longest,
-        len(scene.cameras),
+        config=config,
+        models=three_models(config.alpha),
+        places=places,
+        reach=np.array([_reach(a.range, float(a.position[2]), config.height) for a in arrays], dtype=np.float64),
+        resolution=np.array([a.resolution for a in arrays], dtype=np.float64),
+        region=region,
+        walls=config.walls and scene.room is not None,
+        longest=longest,
+        cameras=len(scene.cameras),
     )
 
 
@@ -101,7 +101,13 @@ def known(config: ImmConfig, number: int, start: Sequence[float], t_ns: int, rng
     """A confirmed track of a target whose state X, Y, SIGMA, VX, VY, SIGMA_V is known."""
     x, y, s, vx, vy, sv = start
     states = np.array([x, vx, y, vy]) + rng.standard_normal((config.particles, 4)) * np.array([s, sv, s, sv])
-    return Track(number, UNLABELLED, _cloud(states), 1.0, 1.0, config.confirm_hits, t_ns)
+    return _confirmed(config, number, UNLABELLED, states, t_ns)
+
+
+def _confirmed(config: ImmConfig, number: int, label: int, states: Floats, t_ns: int) -> Track:
+    """A track of (L, 4) particles of a target that is sure to exist."""
+    hits = config.confirm_hits
+    return Track(number=number, label=label, cloud=_cloud(states), exists=1.0, sounds=1.0, hits=hits, met_ns=t_ns)
 
 
 def on_line(world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, label: int, rng: Generator) -> Track:
@@ -127,19 +133,20 @@ def on_line(world: ImmWorld, array: int, angle: float, sigma: float, t_ns: int, 
     states = np.column_stack([xy[:, 0], velocity[:, 0], xy[:, 1], velocity[:, 1]])
     labelled = label != UNLABELLED
     exists = 1.0 if labelled else config.birth
-    return Track(label if labelled else UNNUMBERED, label, _cloud(states), exists, 1.0, 1, t_ns)
+    number = label if labelled else UNNUMBERED
+    return Track(number=number, label=label, cloud=_cloud(states), exists=exists, sounds=1.0, hits=1, met_ns=t_ns)
 
 
 def at_place(
     world: ImmWorld, place: Floats, covariance: Floats, number: int, label: int, t_ns: int, rng: Generator
 ) -> Track:
-    """A confirmed track of somebody whom cameras found."""
+    """A confirmed track of a new target at a place that cameras found."""
     config = world.config
     n = config.particles
     xy = rng.multivariate_normal(place, covariance, n, method="eigh")
     velocity = config.speed * rng.standard_normal((n, 2))
     states = np.column_stack([xy[:, 0], velocity[:, 0], xy[:, 1], velocity[:, 1]])
-    return Track(number, label, _cloud(states), 1.0, 1.0, config.confirm_hits, t_ns)
+    return _confirmed(config, number, label, states, t_ns)
 
 
 def _cloud(states: Floats) -> imm.Cloud:
@@ -147,7 +154,7 @@ def _cloud(states: Floats) -> imm.Cloud:
 
 
 def move(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Moved:
-    """The track after a time [s] under every motion model, by [Lee] Eq. 3.3; nobody leaves the room."""
+    """The track after a time [s] under every motion model, by [Lee] Eq. 3.3; with walls no particle leaves the room."""
     config, cloud = world.config, track.cloud
     J, L = len(world.models), len(cloud.states)
     normals = rng.standard_normal((J, L, 4))
@@ -160,7 +167,7 @@ def move(world: ImmWorld, track: Track, dt: float, rng: Generator) -> Moved:
         if FEW_INSIDE < mass < 1.0:
             prior = np.where(inside, prior, 0.0) / mass
         elif mass < 1.0:
-            # Who walks into a wall stands there.
+            # At most a tenth of the weight is still in the room: particles outside keep their old position, at rest.
             predicted = np.where(inside[..., None], predicted, cloud.states * np.array([1.0, 0.0, 1.0, 0.0]))
     off, on = _chance(dt, config.sound_s), _chance(dt, config.silent_s)
     sounds = track.sounds * (1.0 - off) + (1.0 - track.sounds) * on

@@ -5,8 +5,8 @@ printed   whenever [Lee] Eq. 3.14 (count), 3.15 (bearing) or 3.16 (ellipse) hold
 count     when the number of an array's bearings is another than in its scan before: Eq. 3.14 at its edges.
 spread    for each target whose position's standard deviation is above a limit.
 
-Where an array has more bearings than there are targets in its range, it is also asked who
-else is there.
+Where an array has more bearings than there are targets in its range, cameras are also asked what else
+is there.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from .tracks import UNLABELLED, UNNUMBERED, Track, at_place, on_line
 
 CAUSES = ("periodic", "count", "bearing", "ellipse", "spread")
 SHARED = "shared"
-"""What stands for a cause where nobody asked for a target, but frames that were looked at show it."""
+"""Cause of a row about a target that no question was about, but that the frames show as well."""
 
 
 class Memory(NamedTuple):
@@ -41,9 +41,9 @@ class Memory(NamedTuple):
 
 
 class Ask(NamedTuple):
-    """A question to cameras: where is this target, or who is on this sight line?"""
+    """A question to cameras: where is this target, or which target is on this sight line?"""
 
-    number: int  # UNNUMBERED: nobody that is reported
+    number: int  # UNNUMBERED: a target that is not known yet
     causes: tuple[str, ...]
     label: int
     place: Floats  # (2,) where it is thought to be
@@ -65,12 +65,14 @@ def asks(state: State, report: Report, memory: Memory, rng: Generator) -> tuple[
     config, t_ns = state.world.config, state.t_ns
     causes: dict[int, list[str]] = {b.number: [] for b in report.beliefs}
     unknown: list[Count] = []
+    # Period
     since = t_ns if memory.period_ns is None else memory.period_ns
     if "periodic" in config.policies and t_ns - since >= config.period_s * NS:
-        # The clock is kept, so that a period that is no multiple of the scans' is right on average.
+        # The period runs on from its own end, not from this scan, so that it holds on average.
         since += math.floor((t_ns - since) / (config.period_s * NS)) * round(config.period_s * NS)
         for own in causes.values():
             own.append("periodic")
+    # Number of bearings (Eq. 3.14)
     for count in report.counts:
         if _count_asks(config, count, memory):
             for belief in report.beliefs:
@@ -78,8 +80,10 @@ def asks(state: State, report: Report, memory: Memory, rng: Generator) -> tuple[
                     causes[belief.number].append("count")
             if count.bearings > count.targets:
                 unknown.append(count)
+    # Bearing (Eq. 3.15), ellipse (Eq. 3.16) and spread of each target
     for belief in report.beliefs:
         causes[belief.number] += _own_causes(state, report, belief)
+    # Questions, unless one about the same target was in vain a moment ago
     out = [
         Ask(b.number, tuple(dict.fromkeys(causes[b.number])), b.moved.track.label, *_where(b.estimate))
         for b in report.beliefs
@@ -139,7 +143,7 @@ def _where(estimate: imm.Estimate) -> tuple[Floats, Floats]:
 
 
 def _leads(state: State, report: Report, unknown: Iterable[Count], rng: Generator) -> list[Ask]:
-    """Questions who is there: for tracks that are not confirmed, or else for bearings of nobody."""
+    """Questions about targets not known yet: tracks that are not confirmed, or else bearings of no target."""
     waiting = [t for t in state.tracks if t.number == UNNUMBERED]
     if not waiting:
         waiting = [_lead(state, report.scan, count.array, i, rng) for count in unknown for i in count.free.tolist()]
@@ -168,16 +172,19 @@ def located(
     beliefs = {b.number: b for b in report.beliefs}
     for answer in answers:
         number = answer.ask.number
+        # In vain: not asked again at once
         if answer.place is None or answer.covariance is None:
             refused[number] = t_ns
             continue
         refused.pop(number, None)
+        # A new target in the place of its candidate
         if number == UNNUMBERED:
             number = _number(answer.label, tracks, free)
             free = max(free, number + 1)
             new = at_place(state.world, answer.place, answer.covariance, number, answer.label, t_ns, rng)
             tracks = [t for t in tracks if not _same_lead(t, answer)] + [new]
             continue
+        # A known target: its particles are updated with the place, or moved there
         k = next(i for i, t in enumerate(tracks) if t.number == number)
         tracks[k] = _fixed(config, tracks[k], answer, t_ns, rng)
         beliefs[number] = beliefs[number]._replace(estimate=_moments(tracks[k]))

@@ -1,12 +1,14 @@
-"""Particle filter of one target in space, state (x, y, z, vx, vy, vz): the direct method of [Lee] Ch. 2.
+"""Method `direct3d`: a particle filter of one target in space, the direct 3-D method of [Lee] Ch. 2.
 
-A SIR filter.  Departures from the thesis, each with its reason:
+A sampling importance resampling (SIR) filter with the state (x, y, z, vx, vy, vz).  Departures from
+the thesis, each with its reason:
 
 * particles are resampled only when their effective number is low, and then from a kernel
   density (`occlog.track.in_space.kernels.resampling`) that leaves mean and covariance as they are: without
   process noise mere copies would become one place;
-* where nearly no particle agrees with a scan its likelihood is flattened (`space_resample.weigh`), since the
-  spread of one or two particles would be taken for certainty;
+* where nearly no particle agrees with a scan its likelihood is flattened
+  (`occlog.track.in_space.kernels.resampling.weigh`), since the spread of one or two particles
+  would be taken for certainty;
 * a labelled report may be false with a small probability, so that one outlier does not end a track;
 * a filter that a sensor contradicts for some scans starts anew from the scan (`restart`).
 """
@@ -28,7 +30,7 @@ from occlog.track.in_space.kernels.resampling import best_width, moments, redraw
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction
 
 from .config import Direct3dConfig, SpaceConfig
-from .sensing import Heard, agrees, pack_directions
+from .sensing import ScanDirections, agrees, pack_directions
 from .start import C, Space, around, found, log_likelihood, make_space
 
 LEAST = 12.0
@@ -66,16 +68,24 @@ def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> State:
     cloud = np.empty((6, 0)) if config.start is None else around(space, config.start, n, rng)
     near = scene.region.mean(axis=0) if config.start is None else np.array(config.start[:2])
     return State(
-        space, cloud, np.full(cloud.shape[1], -math.log(n)), near, None, np.zeros(len(space.ears.reach), dtype=np.int64)
+        space=space,
+        cloud=cloud,
+        log_weights=np.full(cloud.shape[1], -math.log(n)),
+        near=near,
+        t_ns=None,
+        astray=np.zeros(len(space.ears.reach), dtype=np.int64),
     )
 
 
 def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
-    """The state after a scan, and what it says; the scan must not be earlier than the last."""
+    """The state after a scan and the estimate; ValueError for a scan that is earlier than the last."""
     space, config = state.space, state.space.config
     heard = pack_directions(scan, space.ears, state.near, use_score=config.use_score)
+    # Propose and weigh ([Lee] Eqs. 2.6-2.7 by particles)
     draw = _take_in(state, scan.t_ns, heard, rng)
+    # Estimate: weighted mean and covariance
     mean, covariance = moments(draw.cloud, draw.weights)
+    # Gate and restart: a filter that a sensor has contradicted for some scans begins anew from the scan
     best = draw.cloud[:3, int(np.argmax(draw.weights))]
     good = agrees(np.stack([best, mean[:3]]), heard, config.gate)
     astray, lost = contradicted(state.astray, good[0], heard, config)
@@ -84,6 +94,7 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
         mean, covariance = moments(draw.cloud, draw.weights)
         good = agrees(mean[None, :3], heard, config.gate)
     estimate = estimate_of(mean, covariance, draw, heard, good[-1])
+    # Resample from a kernel density where the effective number is low
     cloud, weights = draw.cloud, draw.weights
     if estimate.ess < config.resample_below * config.particles or cloud.shape[1] != config.particles:
         n = config.particles
@@ -106,7 +117,8 @@ def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
     return Cloud(np.ascontiguousarray(cloud[:2].T), weights / weights.sum())
 
 
-def _take_in(state: State, t_ns: int, heard: Heard, rng: Generator) -> Draw:
+def _take_in(state: State, t_ns: int, heard: ScanDirections, rng: Generator) -> Draw:
+    """Weighted particles at the time of a scan; drawn anew at the start, after a gap, and where none agrees."""
     space, dt = state.space, 0.0
     if state.t_ns is None and not state.cloud.shape[1]:
         return begin(space, heard, "", rng)
@@ -114,14 +126,16 @@ def _take_in(state: State, t_ns: int, heard: Heard, rng: Generator) -> Draw:
         dt = elapsed(state.t_ns, t_ns)
         if dt > space.config.max_gap_s:
             return begin(space, heard, "gap", rng)
+    # Propose: draw from the transition density (Eq. 2.4)
     cloud = moved(state.cloud, space.motion, dt, rng) if dt > 0.0 else state.cloud
+    # Weigh: likelihood of the scan (Eq. 2.5)
     weights, log_sum = weigh(state.log_weights, log_likelihood(cloud[:3], heard, space), LEAST)
     if not math.isfinite(log_sum):
         return begin(space, heard, "restart", rng)
     return Draw(cloud, weights, log_sum, "")
 
 
-def begin(space: Space[C], heard: Heard, reason: str, rng: Generator) -> Draw:
+def begin(space: Space[C], heard: ScanDirections, reason: str, rng: Generator) -> Draw:
     """Many particles where the scan says."""
     cloud, log_weights = found(space, heard, space.config.particles * space.config.start_factor, rng)
     weights, log_sum = normalise(log_weights)
@@ -135,12 +149,12 @@ def elapsed(before_ns: int, t_ns: int) -> float:
     return (t_ns - before_ns) / NS
 
 
-def contradicted(astray: Ints, good: Bools, heard: Heard, config: SpaceConfig) -> tuple[Ints, bool]:
-    """How many more reports of each sensor spoke against where the target is thought to be than for it.
+def contradicted(astray: Ints, good: Bools, heard: ScanDirections, config: SpaceConfig) -> tuple[Ints, bool]:
+    """How many more reports of each sensor contradict the likeliest place than agree with it, and whether that is lost.
 
-    And whether it is lost: it is when one sensor has spoken against it `lost_after` times more.  Every sensor counts by
+    It is lost when one sensor has contradicted it `lost_after` times more.  Every sensor counts by
     itself, since one direction alone agrees with many wrong places.  A sensor that has made
-    the filter start anew has to speak against it several times as often to do so again:
+    the filter start anew has to contradict it several times as often to do so again:
     it may be the sensor that is wrong.
 
     Args:
@@ -160,7 +174,7 @@ def contradicted(astray: Ints, good: Bools, heard: Heard, config: SpaceConfig) -
     return astray, lost
 
 
-def estimate_of(mean: Floats, covariance: Floats, draw: Draw, heard: Heard, good: Bools) -> Estimate:
+def estimate_of(mean: Floats, covariance: Floats, draw: Draw, heard: ScanDirections, good: Bools) -> Estimate:
     """Mean (6,) and covariance (6, 6) as an estimate; `good` (N,): which sensors agree with it."""
     seen = np.diff(heard.sights.first) > 0
     seen &= heard.sights.labelled | good

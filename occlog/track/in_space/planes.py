@@ -1,6 +1,8 @@
-"""Directions of a scan as angles of the planes xy, yz and zx, and the two planes to use ([Lee] Sec. 2.2).
+"""The planes xy, yz and zx of projected planes selection ([Lee] Sec. 2.2).
 
-Two planes' estimates as one in space ([Lee] Sec. 2.2.1, Eqs. 2.17-2.21 and 2.26).
+Directions of a scan become angles of the planes (`plane_angles`), two planes are chosen (`choose_pair`),
+particles of a plane are weighed (`log_likelihood`), and the two planes' estimates become one in space
+(`combine`, Eqs. 2.17-2.21 and 2.26).
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from occlog.core.sight.projected_planes import (
 )
 from occlog.track.in_space.kernels.likelihood import UNIFORM_AZIMUTH, Chances, log_in_plane, scan_log_likelihood
 
-from .sensing import Heard
+from .sensing import ScanDirections
 
 
 class Flat(NamedTuple):
@@ -65,6 +67,7 @@ def combine(planes: tuple[int, int], flat: tuple[Flat, Flat], rule: str) -> Join
         rule: `inverse` weighs position and velocity by inverse variance, `planes-weighted` by the sums of the
             unnormalised weights (Eq. 2.19), `equal` evenly (Eq. 2.21).
     """
+    # Eqs. 2.18 and 2.20: the axes that one plane alone has
     k = shared_axis(*planes)
     mean, axis = np.zeros(6), np.zeros((3, 2, 2))
     rows = [[AXES[p].index(k), AXES[p].index(k) + 2] for p in planes]
@@ -73,6 +76,7 @@ def combine(planes: tuple[int, int], flat: tuple[Flat, Flat], rule: str) -> Join
         for place, i in enumerate(AXES[p]):
             mean[[i, i + 3]] = f.mean[[place, place + 2]]
             axis[i] = f.covariance[np.ix_([place, place + 2], [place, place + 2])]
+    # Eqs. 2.19 and 2.21: the redundant axis
     mean[[k, k + 3]] = sum(w * f.mean[r] for w, f, r in zip(shares, flat, rows, strict=True))
     axis[k] = _shared_covariance(shares, [f.covariance[np.ix_(r, r)] for f, r in zip(flat, rows, strict=True)])
     return Joined(mean, axis, _position_covariance(planes, flat, axis))
@@ -128,7 +132,7 @@ class Angles(NamedTuple):
     toward: Floats  # (R, 3) unit vectors in the world
 
 
-def plane_angles(heard: Heard) -> Angles:
+def plane_angles(heard: ScanDirections) -> Angles:
     """Projected angles and their standard deviations; an azimuth alone is one of xy."""
     s = heard.sights
     phi = np.where(heard.flat, 0.5 * math.pi, s.phi)
@@ -141,7 +145,7 @@ def plane_angles(heard: Heard) -> Angles:
     return Angles(projected_angles(toward), np.sqrt(np.where(blind, 1.0, variance)), blind, toward)
 
 
-def choose_pair(rule: str, heard: Heard, angles: Angles, near: Floats, before: Pair) -> Pair:
+def choose_pair(rule: str, heard: ScanDirections, angles: Angles, near: Floats, before: Pair) -> Pair:
     """The two planes to use, with the sensor that tells most in each.
 
     Of the candidates of a sensor that one counts which points nearest to where the target should be.
@@ -163,7 +167,7 @@ def choose_pair(rule: str, heard: Heard, angles: Angles, near: Floats, before: P
     return _filled([(int(s), int(p)) for s, p in chosen if p >= 0], before)
 
 
-def _printed(heard: Heard, rows: Ints, before: Pair) -> Pair:
+def _printed(heard: ScanDirections, rows: Ints, before: Pair) -> Pair:
     """By polar angles alone; a sensor without them is not asked."""
     phi = np.where(rows >= 0, heard.sights.phi[rows], np.nan)
     told = np.flatnonzero(~np.isnan(phi))
@@ -181,7 +185,7 @@ def _filled(found: list[tuple[int, int]], before: Pair) -> Pair:
     return found[0], found[1]
 
 
-def nearest_rows(heard: Heard, angles: Angles, near: Floats) -> Ints:
+def nearest_rows(heard: ScanDirections, angles: Angles, near: Floats) -> Ints:
     """(N,) row of each sensor that points nearest to a place; -1 for a sensor that saw nothing."""
     first = heard.sights.first
     to = near - heard.sights.position
@@ -192,7 +196,7 @@ def nearest_rows(heard: Heard, angles: Angles, near: Floats) -> Ints:
 
 
 def log_likelihood(
-    cloud: Floats, plane: int, heard: Heard, angles: Angles, chances: Chances, only: int | None = None
+    cloud: Floats, plane: int, heard: ScanDirections, angles: Angles, chances: Chances, only: int | None = None
 ) -> Floats:
     """(L,) log likelihoods of a scan for (4, L) particles of a plane, up to a constant.
 

@@ -1,4 +1,4 @@
-"""Projected planes selection of [Lee] Sec. 2.2 (Alg. 1): filters in the planes xy, yz and zx, two of them used.
+"""Method `pps`: projected planes selection of [Lee] Sec. 2.2 (Alg. 1), filters in the planes xy, yz and zx.
 
 Each plane has a SIR filter of its own on (a, b, va, vb), fed with the projected angles of all
 sensors; the two planes whose angles have the least variances make the estimate.  Departures from
@@ -35,7 +35,7 @@ from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction
 from .config import PpsConfig
 from .direct3d import REFERENCE_S, Draw, begin, contradicted, elapsed
 from .planes import NOTHING, Angles, Flat, Joined, Pair, choose_pair, combine, log_likelihood, plane_angles
-from .sensing import Heard, agrees, pack_directions
+from .sensing import ScanDirections, agrees, pack_directions
 from .start import Space, around, make_space
 from .start import log_likelihood as space_log_likelihood
 
@@ -75,21 +75,27 @@ def plane_motions(motion: Motion) -> tuple[Motion, ...]:
 
 
 def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
-    """The state after a scan, and what it says; the scan must not be earlier than the last."""
+    """The state after a scan and the estimate ([Lee] Alg. 1); ValueError for a scan that is earlier than the last."""
     space, config = state.space, state.space.config
     near = 0.5 * (space.low + space.high) if state.joined is None else state.joined.mean[:3]
     heard = pack_directions(scan, space.ears, near[:2], use_score=config.use_score)
+    # Project the directions into the planes ([Lee] Eqs. 2.1-2.3, corrected)
     angles = plane_angles(heard)
     dt = 0.0 if state.t_ns is None else elapsed(state.t_ns, scan.t_ns)
     if state.joined is None or dt > config.max_gap_s:
         draw = _first(state, heard, rng) if state.t_ns is None else begin(space, heard, "gap", rng)
         return _started(state, scan.t_ns, heard, angles, draw, rng)
+    # Select the two planes whose angles vary least, about where the target should be by now
     ahead = state.joined.mean[:3] + dt * state.joined.mean[3:]
     pair = choose_pair(config.selection, heard, angles, ahead, state.pair)
+    # Propose: draw from each plane's transition density
     clouds = _moved(_woken(state, pair, rng), pair, dt, rng)
+    # Weigh, and resample where that is due (Eqs. 2.9-2.11 by particles)
     clouds, flats = _weighed(state, clouds, pair, heard, angles, rng)
+    # Combine the two planes to one state in space (Eqs. 2.17-2.21)
     used = flats[pair[0][1]], flats[pair[1][1]]
     joined = combine((pair[0][1], pair[1][1]), used, config.combining)
+    # Gate and restart: planes that a sensor has contradicted for some scans begin anew from the scan
     astray, lost = contradicted(state.astray, agrees(joined.mean[None, :3], heard, config.gate)[0], heard, config)
     if lost or not all(math.isfinite(f.log_evidence) for f in used):
         return _started(
@@ -114,7 +120,7 @@ def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
     return Cloud(np.ascontiguousarray(ahead[:2].T), np.exp(log_weights))
 
 
-def _first(state: State, heard: Heard, rng: Generator) -> Draw:
+def _first(state: State, heard: ScanDirections, rng: Generator) -> Draw:
     """Particles in space around the start, weighed by the first scan, or where that says."""
     space, config = state.space, state.space.config
     if config.start is None:
@@ -126,7 +132,7 @@ def _first(state: State, heard: Heard, rng: Generator) -> Draw:
 
 
 def _started(
-    state: State, t_ns: int, heard: Heard, angles: Angles, draw: Draw, rng: Generator
+    state: State, t_ns: int, heard: ScanDirections, angles: Angles, draw: Draw, rng: Generator
 ) -> tuple[State, Estimate]:
     """All planes anew from particles in space."""
     config = state.space.config
@@ -199,7 +205,7 @@ def _turned(state: State, plane: int, dt: float) -> Floats | None:
 
 
 def _weighed(
-    state: State, clouds: Clouds, pair: Pair, heard: Heard, angles: Angles, rng: Generator
+    state: State, clouds: Clouds, pair: Pair, heard: ScanDirections, angles: Angles, rng: Generator
 ) -> tuple[Clouds, dict[int, Flat]]:
     """The running planes' particles after the scan, resampled where that is due, and what they know."""
     config, n = state.space.config, state.space.config.particles
@@ -221,7 +227,7 @@ def _weighed(
 
 
 def _estimate(
-    joined: Joined, heard: Heard, config: PpsConfig, ess: float, log_sum: float, fallback: str, pair: Pair
+    joined: Joined, heard: ScanDirections, config: PpsConfig, ess: float, log_sum: float, fallback: str, pair: Pair
 ) -> Estimate:
     seen = np.diff(heard.sights.first) > 0
     seen &= heard.sights.labelled | agrees(joined.mean[None, :3], heard, config.gate)[0]

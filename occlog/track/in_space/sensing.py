@@ -17,7 +17,7 @@ LEAST_SIGMA = 1e-9
 
 
 class Ears(NamedTuple):
-    """S sensors, cameras first."""
+    """Places and poses of S sensors, cameras first."""
 
     position: Floats  # (S, 3)
     rotation: Floats  # (S, 3, 3) world-from-sensor; a camera's is that of the world, since it tells azimuths
@@ -26,8 +26,8 @@ class Ears(NamedTuple):
     sigma_position: Floats  # (S,)
 
 
-class Heard(NamedTuple):
-    """The directions of a scan."""
+class ScanDirections(NamedTuple):
+    """R directions of a scan of N sensors in the frames of the sensors: what the likelihoods in space need of it."""
 
     sights: Sights
     theta: Floats  # (R,) measured azimuths in the sensor's frame [rad]
@@ -50,7 +50,7 @@ def pack_ears(scene: Scene) -> Ears:
     )
 
 
-def pack_directions(scan: Scan, ears: Ears, near: Floats, *, use_score: bool) -> Heard:
+def pack_directions(scan: Scan, ears: Ears, near: Floats, *, use_score: bool) -> ScanDirections:
     """The directions of a scan in the frames of their sensors; those not seen tell nothing and have no row.
 
     Args:
@@ -82,7 +82,9 @@ def pack_directions(scan: Scan, ears: Ears, near: Floats, *, use_score: bool) ->
         share=np.where(weigh, scan.score[keep], 1.0),
     )
     uniform = np.where(flat, UNIFORM_AZIMUTH, UNIFORM)
-    return Heard(sights, theta, rotation, uniform, scan.sensor[start], flat)
+    return ScanDirections(
+        sights=sights, theta=theta, rotation=rotation, uniform=uniform, sensor=scan.sensor[start], flat=flat
+    )
 
 
 def _frames(theta: Floats, rotation: Floats) -> Floats:
@@ -102,7 +104,7 @@ def _with_pose(sigma: Floats, sensor: Ints, ears: Ears, near: Floats) -> Floats:
     return np.maximum(np.sqrt(sigma**2 + ears.sigma_yaw[sensor] ** 2 + shift**2), LEAST_SIGMA)
 
 
-def agrees(places: Floats, heard: Heard, gate: float) -> Bools:
+def agrees(places: Floats, heard: ScanDirections, gate: float) -> Bools:
     """(K, N) whether a sensor has a direction within `gate` standard deviations of each place; False for none.
 
     Args:

@@ -15,7 +15,7 @@ from occlog.records.scene import Scene
 from occlog.track.in_space.kernels.likelihood import Chances, Sights, log_cone, log_product, scan_log_likelihood
 
 from .config import SpaceConfig
-from .sensing import Ears, Heard, pack_ears
+from .sensing import Ears, ScanDirections, pack_ears
 
 ANYWHERE = 0.1
 """Share of the first particles that does not look at the scan."""
@@ -49,7 +49,7 @@ def make_space(scene: Scene, config: C, *, cone: bool = False) -> Space[C]:
     return Space(config, ears, config.motion, config.chances, cone, low, high, floor, float(scene.room_height))
 
 
-def log_likelihood(xyz: Floats, heard: Heard, space: Space[C]) -> Floats:
+def log_likelihood(xyz: Floats, heard: ScanDirections, space: Space[C]) -> Floats:
     """(L,) log likelihoods of a scan for (3, L) particles, up to a constant."""
     s = heard.sights
     each = (log_cone if space.cone else log_product)(xyz, s, space.chances.soften)
@@ -85,7 +85,7 @@ def around(space: Space[C], start: tuple[float, ...], n: int, rng: Generator) ->
     return np.asarray(cloud)
 
 
-def found(space: Space[C], heard: Heard, n: int, rng: Generator) -> tuple[Floats, Floats]:
+def found(space: Space[C], heard: ScanDirections, n: int, rng: Generator) -> tuple[Floats, Floats]:
     """(6, n) particles where a scan says that the target is, and their log weights.
 
     Places are drawn along the sight lines of all candidates, out to where they leave the

@@ -1,4 +1,4 @@
-"""What sensors say about a target as sight lines and half-planes of a trajectory."""
+"""Bearings of a target as sight lines and half-planes of its trajectory ([Rahimi] Secs. 4 and 5)."""
 
 from __future__ import annotations
 
@@ -74,7 +74,20 @@ def stations(scene: Scene, origin: Floats, *, walls: bool) -> Stations:
     if walls:
         solid = tuple(o.polygon - origin for o in scene.occluders)
         solid += () if scene.room is None else tuple(p - origin for p in pockets(scene.room))
-    return Stations(places - origin, yaw, focal, read, position, turn, reach, fov, found, tuple(blockers), hull, solid)
+    return Stations(
+        place=places - origin,
+        yaw=yaw,
+        focal_px=focal,
+        read_px=read,
+        sigma_position=position,
+        sigma_yaw=turn,
+        range=reach,
+        fov=fov,
+        detection=found,
+        blockers=tuple(blockers),
+        hull=hull,
+        walls=solid,
+    )
 
 
 def convex_hull(polygon: Floats) -> Floats:

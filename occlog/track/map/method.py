@@ -1,4 +1,4 @@
-"""Most probable trajectories from bearings of cameras that need not overlap ([Rahimi]).
+"""Method `map`: most probable trajectories from bearings of cameras that need not overlap ([Rahimi]).
 
 The record of a target is solved as a whole, or with `lag_s` in windows that move along:
 then a state is given out when that much time has been seen after it, and what came before
@@ -85,7 +85,15 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
     mean[::2] = place - origin
     spread = np.diag([sigma**2, config.speed**2, sigma**2, config.speed**2])
     at = stations(scene, origin, walls=config.walls)
-    return Pending(config, at, origin, extent, Knowledge(mean, spread), EMPTY, np.empty((0, 4)))
+    return Pending(
+        config=config,
+        at=at,
+        origin=origin,
+        extent=extent,
+        before=Knowledge(mean, spread),
+        record=EMPTY,
+        X=np.empty((0, 4)),
+    )
 
 
 def _moves_freely(config: MapConfig) -> bool:
@@ -104,33 +112,39 @@ def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = 
             its positions count from `pending.origin`.
     """
     config = pending.config
+    # Gather the record so far, with a state at least every `fill_s`
     whole = fill(join(pending.record, record_of(scans)), config.fill_s)
     T = len(whole.t_ns)
     keep = T if last else _settled(whole.t_ns, config.lag_ns)
+    # Formulate: prior, likelihood and half-planes of the trajectory (Eqs. 1-5 and 8-9)
     problem = problem_of(pending, whole)
+    # Start inside the constraints ([Rahimi] Sec. 6)
     start, stuck = start_of(pending, problem)
     if stuck.any():
         # A sight line without its half-plane leads into its sensor, where the cost is not continuous.
         lines = some_lines(problem.lines, ~stuck[problem.lines.step])
         problem = problem._replace(planes=_without(problem.planes, stuck), lines=lines)
+    # Obstacles: walls, and views in which the target was not seen
     around = obstacles(whole, pending.at, config, pending.extent, T)
     try:
         if config.initial == "linear":
             start = _linear_start(problem, start, config, pending.extent)
-        found, spread = _estimate(
-            problem, _solve(problem, start, around, config, pending.extent, watch), around, pending
-        )
+        # Search for the mode around the obstacles (Eq. 6), and estimate the covariances there
+        mode = _solve(problem, start, around, config, pending.extent, watch)
+        found, spread = _estimate(problem, mode, around, pending)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"map: numbers too large or too small to compute with ({error}); look at sigma_px, u_px and sigma of the "
             "bearings, and at the settings of the motion"
         ) from error
+    # Give out the states that have seen enough after them
     problem, solution = found.problem, found.solution
     walls = np.array([o.seen_through is None for o in around], dtype=np.bool_)
     through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
     out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through)
     if last:
         return pending._replace(record=EMPTY, X=np.empty((0, 4))), out
+    # Marginalise what is given out: it becomes a Gaussian of the first state that is left
     before = summary(problem, solution, keep) if keep else pending.before
     return pending._replace(before=before, record=after(whole, keep), X=solution.X[keep:]), out
 
@@ -165,20 +179,27 @@ def _estimate(
 
 
 def problem_of(pending: Pending, record: Record) -> Problem:
-    """What is minimised for a record; InputError for a motion model that cannot be used at its times."""
+    """What is minimised for a record ([Rahimi] Eq. 8); InputError for a motion model that does not fit its times."""
     config, before = pending.config, pending.before
     try:
+        # Prior: a Gauss-Markov chain (Eqs. 1-3)
         steps = chain(config.motion, np.diff(record.t_ns) / NS, before.mean, before.spread)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise InputError(f"map: the motion model does not fit: {error}") from error
+    # Likelihood: a residual for each bearing (Eq. 4)
     lines = sight_lines(record, pending.at)
+    # Constraints: half-planes in front of the cameras (Eq. 9), and in the room
     planes = constraints(lines, record, pending.at, config, len(record.t_ns))
     bend = BEND[config.loss] if config.bend is None else config.bend
     return Problem(steps, lines, planes, LOSSES[config.loss], bend)
 
 
 def start_of(pending: Pending, problem: Problem) -> tuple[Floats, Bools]:
-    """Where the search begins, inside the constraints; and the states whose constraints contradict each other."""
+    """Where the search begins, inside the constraints; and the states whose constraints contradict each other.
+
+    States that a camera saw begin on its optical axis, the others in the centre of the room ([Rahimi] Sec. 6);
+    states that were found before begin there.
+    """
     config, T = pending.config, problem.T
     depth = 0.1 * pending.extent if config.depth is None else config.depth
     X = start_on_axes(problem.lines, T, _centre(pending), depth)
@@ -208,11 +229,14 @@ def _solve(
 ) -> Detours:
     """The minimum around all obstacles; long records are first solved in windows."""
     options, space = Options(config.tolerance * extent, config.iterations), (extent, config.clearance)
+    # Another solver: quadratic programs in turn (Eqs. 7 and 10)
     if config.solver != "newton":
         by_programs = sequential_programs(problem, start, options, program_solver(config.solver), watch)
         return find_detours(problem, (problem, by_programs), around, options, *space)
+    # A short record at once: Newton's method inside the constraints
     if len(start) <= config.window:
         return find_detours(problem, (problem, minimise(problem, start, options, watch)), around, options, *space)
+    # A long one first roughly in windows that move along, each around its own obstacles
     rough = options._replace(tolerance=ROUGH * extent)
     holds: list[Hold] = []
     alone = np.zeros((len(around), len(start)), dtype=np.bool_)
@@ -225,6 +249,7 @@ def _solve(
         return found.problem, found.solution
 
     start, iterations = minimise_windows(problem, start, config.window, search)
+    # Then as a whole, with the detours that the windows took
     settled = settle(problem, start, around, tuple(holds), options, *space) if holds else None
     if settled is None:
         holds.clear()
@@ -258,17 +283,17 @@ def _smoothed(
     bounds = np.searchsorted(record.state, np.arange(keep + 1)).tolist()
     sensors = record.rows.sensor.tolist()
     return Smoothed(
-        record.t_ns[:keep],
-        X[:keep, ::2] + pending.origin,
-        X[:keep, 1::2],
-        spread[:, order[:, None], order],
-        _scores(problem, X)[:keep],
-        looked[:keep],
-        seen[:keep],
-        tuple(flags.tolist()),
-        tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
-        solution.iterations,
-        solution.converged,
+        t_ns=record.t_ns[:keep],
+        xy=X[:keep, ::2] + pending.origin,
+        velocity=X[:keep, 1::2],
+        covariance=spread[:, order[:, None], order],
+        log_likelihood=_scores(problem, X)[:keep],
+        n_looked=looked[:keep],
+        n_seen=seen[:keep],
+        fallback=tuple(flags.tolist()),
+        used=tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
+        iterations=solution.iterations,
+        converged=solution.converged,
     )
 
 

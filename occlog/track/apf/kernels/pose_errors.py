@@ -62,7 +62,7 @@ class Belief(NamedTuple):
         return np.asarray(self.covariance.reshape(S, 3, S, 3)[index, :, index, :])
 
 
-class Sights(NamedTuple):
+class LabelledBearings(NamedTuple):
     """n bearings of one target at one time, from n different sensors."""
 
     sensor: Ints  # (n,)
@@ -94,7 +94,7 @@ def jacobians(xy: Floats, places: Floats) -> tuple[Floats, Floats]:
     return by_target, np.column_stack([-by_target, np.full(len(places), -1.0)])
 
 
-def residuals(xy: Floats, sights: Sights, places: Floats, mean: Floats) -> Floats:
+def residuals(xy: Floats, sights: LabelledBearings, places: Floats, mean: Floats) -> Floats:
     """(n,) reported minus expected bearings [-pi, pi) for a target at (2,), given (S, 3) errors."""
     error = mean[sights.sensor]
     away = xy - places[sights.sensor] - error[:, :2]
@@ -111,7 +111,7 @@ def spread(xy: Floats, which: Ints, places: Floats, belief: Belief) -> Floats:
     return np.asarray(np.einsum("ni,nij,nj->n", by_error, belief.blocks[which], by_error))
 
 
-def meeting_point(sights: Sights, places: Floats, mean: Floats, start: Floats) -> Floats | None:
+def meeting_point(sights: LabelledBearings, places: Floats, mean: Floats, start: Floats) -> Floats | None:
     """(2,) place that agrees best with the bearings, by Gauss-Newton from `start`; None if there is none near.
 
     It must be in front of every sensor and not much nearer to one of them than to the others.
@@ -137,7 +137,7 @@ def meeting_point(sights: Sights, places: Floats, mean: Floats, start: Floats) -
     return xy if facing.all() and near.min() >= NEAREST * near.max() else None
 
 
-def evidence(sights: Sights, places: Floats, mean: Floats, start: Floats) -> tuple[Floats, Floats] | None:
+def evidence(sights: LabelledBearings, places: Floats, mean: Floats, start: Floats) -> tuple[Floats, Floats] | None:
     """What bearings say about errors, whatever the target's place: y = G (e - mean) + unit noise.
 
     Args:
@@ -163,7 +163,7 @@ def evidence(sights: Sights, places: Floats, mean: Floats, start: Floats) -> tup
     return y, G.reshape(len(y), -1)
 
 
-def update(belief: Belief, sights: Sights, places: Floats, start: Floats) -> Belief:
+def update(belief: Belief, sights: LabelledBearings, places: Floats, start: Floats) -> Belief:
     """The belief after the bearings of one scan; unchanged where they say nothing or are not to be believed.
 
     An extended Kalman update with `evidence`, and the odds of the two models by how well they
@@ -204,7 +204,9 @@ def _log_density(y: Floats, covariance: Floats) -> float:
     return float(-0.5 * (y @ np.linalg.solve(covariance, y) + np.linalg.slogdet(covariance)[1]))
 
 
-def solve(belief: Belief, scans: Sequence[Sights], places: Floats, starts: Floats, rounds: int = ROUNDS) -> Belief:
+def solve(
+    belief: Belief, scans: Sequence[LabelledBearings], places: Floats, starts: Floats, rounds: int = ROUNDS
+) -> Belief:
     """The belief after many scans at once: trajectory and errors by Gauss-Newton, the trajectory eliminated.
 
     Every place of the trajectory is free (flat prior); errors have `belief` as their prior.
@@ -232,7 +234,7 @@ def solve(belief: Belief, scans: Sequence[Sights], places: Floats, starts: Float
     return now._replace(log_odds=one_by_one.log_odds)
 
 
-def _round(now: Belief, scans: Sequence[Sights], places: Floats, starts: Floats, deviation: Floats) -> Belief:
+def _round(now: Belief, scans: Sequence[LabelledBearings], places: Floats, starts: Floats, deviation: Floats) -> Belief:
     """One round of Gauss-Newton from the belief of the round before."""
     information, pull = np.eye(len(deviation)), np.zeros(len(deviation))
     excess, count = 0.0, 0.0

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from occlog.core.sight.camera import noise_variance, planar_offsets
 from occlog.track.apf.kernels.pose_errors import (
     PRIOR_COUNT,
-    Sights,
+    LabelledBearings,
     evidence,
     jacobians,
     meeting_point,
@@ -35,7 +35,7 @@ def make(seed, scans=60, noise=0.01, sensors=5, sigma=SIGMA):
     for xy in path:
         away = xy - PLACES[:sensors] - errors[:, :2]
         bearing = np.arctan2(away[:, 1], away[:, 0]) - errors[:, 2] + noise * rng.standard_normal(sensors)
-        out.append(Sights(np.arange(sensors), bearing, np.full(sensors, max(noise, 1e-6) ** 2)))
+        out.append(LabelledBearings(np.arange(sensors), bearing, np.full(sensors, max(noise, 1e-6) ** 2)))
     return errors, path, out
 
 
@@ -58,7 +58,7 @@ def gauges(sensors=5):
 def test_jacobians_are_the_derivatives_of_the_residuals():
     rng = np.random.default_rng(0)
     xy, mean = np.array([30.0, 40.0]), np.zeros((5, 3))
-    sights = Sights(np.arange(5), np.zeros(5), np.ones(5))
+    sights = LabelledBearings(np.arange(5), np.zeros(5), np.ones(5))
     by_target, by_error = jacobians(xy, PLACES)
     for _ in range(10):
         move, turn = 1e-6 * rng.standard_normal(2), 1e-6 * rng.standard_normal((5, 3))
@@ -98,7 +98,7 @@ def test_lines_without_noise_meet_at_the_target():
 
 
 def test_lines_that_do_not_meet_in_front_are_refused():
-    sights = Sights(np.arange(2), np.array([np.pi * 0.9, 0.1]), np.full(2, 1e-4))
+    sights = LabelledBearings(np.arange(2), np.array([np.pi * 0.9, 0.1]), np.full(2, 1e-4))
     assert meeting_point(sights, PLACES, np.zeros((5, 3)), np.array([50.0, 50.0])) is None
 
 
@@ -114,7 +114,7 @@ def test_moving_everything_together_leaves_no_evidence(seed):
 
 def test_two_bearings_change_nothing():
     _, path, scans = make(3, scans=1)
-    two = Sights(*(column[:2] for column in scans[0]))
+    two = LabelledBearings(*(column[:2] for column in scans[0]))
     assert update(prior(), two, PLACES, path[0]) is not None
     assert evidence(two, PLACES, np.zeros((5, 3)), path[0]) is None
     after = update(prior(), two, PLACES, path[0])
@@ -197,7 +197,7 @@ def test_errors_that_are_drawn_anew_are_noticed():
         xy = rng.uniform(15.0, 85.0, 2)
         away = xy - PLACES
         bearing = np.arctan2(away[:, 1], away[:, 0]) + 0.02 * np.sqrt(1.5) * rng.standard_normal(5)
-        belief = update(belief, Sights(np.arange(5), bearing, np.full(5, 0.02**2)), PLACES, xy)
+        belief = update(belief, LabelledBearings(np.arange(5), bearing, np.full(5, 0.02**2)), PLACES, xy)
     # 1800 residuals: relative standard error 3 %
     assert belief.scale == pytest.approx(1.5, abs=0.15)
     assert np.sqrt(np.mean(belief.mean[:, 2] ** 2)) < 0.005
