@@ -120,3 +120,20 @@ def test_who_is_found_twice_is_the_first_ones():
     looks = [(0, c.name, 3, math.atan2(HERE[1] - c.position[1], HERE[0] - c.position[0]), 0.01) for c in SCENE.cameras]
     found = requests(table(looks)).ask([ask(0, HERE), ask(1, (9.2, 6.1))], [], 0)
     assert [r.answer.place is not None for r in found].count(True) == 1
+
+
+def deviation_ratio(place):
+    """Deviation with which c1 and c3 tell a place, to that of the best two cameras."""
+    pairs = (("c1", "c2"), ("c1", "c3"), ("c2", "c3"))
+    return math.sqrt(variance(("c1", "c3"), place) / min(variance(p, place) for p in pairs))
+
+
+@pytest.mark.parametrize(("times", "cameras", "frames"), [(1.99, ("c1", "c3"), 0), (2.01, ("c1", "c2"), 1)])
+def test_cameras_asked_already_do_up_to_twice_the_best_deviation(times, cameras, frames):
+    near, far = 5.0, 7.0  # y [m] at x = 7 m, where the ratio rises from 1.6 to 2.3
+    for _ in range(50):
+        middle = 0.5 * (near + far)
+        near, far = (middle, far) if deviation_ratio((7.0, middle)) < times else (near, middle)
+    first, second = requests(standing()).ask([ask(0, (13.0, 10.0)), ask(1, (7.0, near))], [], 0)
+    assert first.cameras == ("c1", "c3")
+    assert (second.cameras, second.frames) == (cameras, frames)
