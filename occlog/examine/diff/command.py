@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
 from occlog.cli import options
 from occlog.errors import ExitCode, UsageError
 
-if TYPE_CHECKING:
-    from .result import Comparison, Limit, Tolerances
+from .result import RTOL, Limit, Tolerances
 
 DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
@@ -24,7 +22,7 @@ DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 @click.option(
     "--rtol",
     type=click.FloatRange(min=0),
-    default=1e-9,
+    default=RTOL,
     show_default=True,
     help="Relative tolerance of fractional numbers.",
 )
@@ -82,10 +80,11 @@ def command(
       occlog diff a/tracks.parquet b/tracks.parquet --tol-unit m=1e-6 --tol cov_xx=1e-4:1e-3
       occlog diff old.mcap new.mcap --time-tol 1ms --json | jq .first
     """
-    from .read import Settings, compare_paths
+    from .run import DiffSettings, compare_paths
+    from .text import as_dict, report_lines
 
     limits = make_tolerances(rtol, atol, tol, tol_unit, time_tol)
-    found = compare_paths(a, b, Settings(limits, provenance, pixels, exclude))
+    found = compare_paths(a, b, DiffSettings(limits, provenance=provenance, pixels=pixels, exclude=exclude))
     same = all(part.same for part in found)
     if as_json:
         options.echo_summary(as_dict(found), True)
@@ -94,42 +93,11 @@ def command(
     return ExitCode.DONE if same else ExitCode.DIFFERENT
 
 
-def as_dict(found: list[Comparison]) -> dict[str, Any]:
-    """The comparison as JSON-ready values; `first` is the first difference of the earliest stage."""
-    different = [part for part in found if not part.same]
-    return {
-        "same": not different,
-        "first": {"name": different[0].name, **_first(different[0])} if different else None,
-        "parts": [part.as_dict() for part in found],
-    }
-
-
-def _first(part: Comparison) -> dict[str, Any]:
-    first = part.schema[0] if part.schema else part.first
-    return first.as_dict() if first is not None else {}
-
-
-def report_lines(found: list[Comparison]) -> list[str]:
-    """The comparison for a person: what differs first, then every part."""
-    from .text import comparison_lines
-
-    different = [part for part in found if not part.same]
-    lines = [line for part in found for line in comparison_lines(part)]
-    if not found:
-        return ["same: there is nothing to compare"]
-    if len(found) == 1:
-        return lines
-    head = f"{len(different)} of {len(found)} parts differ, first: {different[0].name}" if different else "the same"
-    return [*lines, head]
-
-
 def make_tolerances(
     rtol: float, atol: float, tol: tuple[str, ...], tol_unit: tuple[str, ...], time_tol: str
 ) -> Tolerances:
-    """Tolerances from the options' texts; UsageError names what cannot be read."""
+    """Read the tolerances from the options' texts; UsageError names what cannot be read."""
     from occlog.records.tables import TABLES
-
-    from .result import Limit, Tolerances
 
     for name, value in (("--rtol", rtol), ("--atol", atol)):
         if not math.isfinite(value):
@@ -144,8 +112,6 @@ def make_tolerances(
 
 
 def _limit(option: str, text: str) -> tuple[str, Limit]:
-    from .result import Limit
-
     name, equals, value = text.rpartition("=")
     try:
         numbers = [float(part) for part in value.split(":")]

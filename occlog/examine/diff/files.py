@@ -1,4 +1,4 @@
-"""Differences of whole files: their declared schema, their bytes, and the order in which stages made them."""
+"""Comparison of whole files: their order by stage, their declared schema, and their bytes."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ STAGES = (
     "metrics",
     "report",
 )
-"""Names of outputs, those of earlier stages first: what differs first is nearest to the cause."""
+"""Names of outputs, those of earlier stages first: the first output that differs is nearest to the cause."""
 
 
 def stage_order(names: Iterable[str]) -> list[str]:
-    """File names with those of earlier stages first, others after them by name."""
+    """Sort file names: those of earlier stages first, others after them by name."""
 
     def place(name: str) -> tuple[int, str]:
         stem = name.rsplit("/", maxsplit=1)[-1].split(".")[0].lower()
@@ -36,7 +36,7 @@ def stage_order(names: Iterable[str]) -> list[str]:
 
 
 def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[Difference, ...]:
-    """Differences of what two tables declare.
+    """Compare what two tables declare.
 
     Args:
         name: of the table or file.
@@ -45,7 +45,7 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
         b: the same of the second table.
     """
     out = [
-        Difference("schema", name, {}, entry, a.get(entry), b.get(entry))
+        Difference("schema", name, {}, entry, a=a.get(entry), b=b.get(entry))
         for entry in ("schema", "version", "length_unit")
         if a.get(entry) != b.get(entry)
     ]
@@ -57,14 +57,14 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
     for column in (c for c in columns_a if c in columns_b):
         for entry in ("type", "unit"):
             left, right = columns_a[column].get(entry), columns_b[column].get(entry)
-            # Other units of length have been named once already.
+            # Another unit of length is one difference of the table, not one of each column.
             if left != right and not (entry == "unit" and _swapped(left, lengths) == right):
-                out.append(Difference("schema", name, {"entry": entry}, column, left, right))
+                out.append(Difference("schema", name, {"entry": entry}, column, a=left, b=right))
     return tuple(out)
 
 
 def _swapped(unit: Any, lengths: tuple[Any, Any]) -> Any:
-    """A unit with one length unit in place of the other."""
+    """Return a unit with the second length unit in place of the first."""
     old, new = lengths
     units = [f"{old}{rest}" for rest in ("", "^2", "/s", "^2/s", "^2/s^2")]
     return str(unit).replace(str(old), str(new)) if unit in units else unit
@@ -73,23 +73,23 @@ def _swapped(unit: Any, lengths: tuple[Any, Any]) -> Any:
 def diff_bytes(name: str, a: bytes, b: bytes) -> Comparison:
     """Compare two files byte by byte; the first difference is named by byte, and by line in text."""
     if a == b:
-        return Comparison(name, "bytes", len(a), len(b), len(a))
+        return Comparison(name, "bytes", count_a=len(a), count_b=len(b), matched=len(a))
     shorter = min(len(a), len(b))
     at = next((n for n in range(0, shorter, 4096) if a[n : n + 4096] != b[n : n + 4096]), shorter)
     while at < shorter and a[at] == b[at]:
         at += 1
     key: dict[str, Any] = {"byte": at}
-    found_a: Any = None
-    found_b: Any = None
+    found_a: str | None = None
+    found_b: str | None = None
     if b"\0" not in a[:4096] and b"\0" not in b[:4096]:
         key["line"] = a.count(b"\n", 0, at) + 1
         found_a, found_b = _line(a, at), _line(b, at)
-    first = Difference("content", name, key, "", found_a, found_b)
-    return Comparison(name, "bytes", len(a), len(b), at, first=first)
+    first = Difference("content", name, key, a=found_a, b=found_b)
+    return Comparison(name, "bytes", count_a=len(a), count_b=len(b), matched=at, first=first)
 
 
 def _line(data: bytes, at: int) -> str | None:
-    """The line around a byte, shortened; None at the end of the file."""
+    """Return the line around a byte, shortened; None at the end of the file."""
     if at >= len(data):
         return None
     start = data.rfind(b"\n", 0, at) + 1

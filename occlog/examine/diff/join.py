@@ -1,4 +1,4 @@
-"""Which row of one table is which row of another: by key, by order among equal keys, by nearest time."""
+"""Joins the rows of two tables: by key, by order among equal keys, and by nearest time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ T = TypeVar("T", bound=Table)
 
 
 class Join(NamedTuple):
-    """Rows of A and B that belong together, and those that are alone.
+    """Pairs of rows of A and B, and rows without a partner.
 
     `rank_a` and `rank_b` order the rows of both tables alike, by their keys.
     """
@@ -30,8 +30,8 @@ class Join(NamedTuple):
 def join(a: T, b: T, time_ns: int = 0) -> Join:
     """Join two tables of one kind.
 
-    Rows with the same key are paired in their order.  With `time_ns` > 0, what is left
-    is paired with the row nearest in time that has the rest of the key in common.
+    Rows with the same key are paired in their order.  With `time_ns` > 0, each row that is left is
+    paired with the row nearest in time, at most so far away, that has the rest of the key in common.
     """
     rank_a, rank_b = _ranks(a, b, type(a).KEY)
     unique_a, unique_b = _numbered(rank_a, rank_b)
@@ -43,35 +43,41 @@ def join(a: T, b: T, time_ns: int = 0) -> Join:
         alone_a, alone_b = _others(rows_a, len(a)), _others(rows_b, len(b))
     order = np.argsort(rank_a[rows_a], kind="stable")
     return Join(
-        rows_a[order],
-        rows_b[order],
-        alone_a[np.argsort(rank_a[alone_a], kind="stable")],
-        alone_b[np.argsort(rank_b[alone_b], kind="stable")],
-        rank_a,
-        rank_b,
+        a=rows_a[order],
+        b=rows_b[order],
+        only_a=alone_a[np.argsort(rank_a[alone_a], kind="stable")],
+        only_b=alone_b[np.argsort(rank_b[alone_b], kind="stable")],
+        rank_a=rank_a,
+        rank_b=rank_b,
     )
 
 
+def times(table: Table) -> Ints:
+    """Return the column t_ns, which every table that is compared has."""
+    out: Ints = getattr(table, "t_ns")  # noqa: B009
+    return out
+
+
 def _ranks(a: Table, b: Table, names: tuple[str, ...]) -> tuple[Ints, Ints]:
-    """Place of each row's key among all keys of both tables; equal keys have equal places."""
+    """Return the rank of each row's key among all keys of both tables; equal keys have equal ranks."""
     rank = np.zeros(len(a) + len(b), dtype=np.int64)
     for name in names:
         values: NDArray[Any] = np.concatenate([getattr(a, name), getattr(b, name)])
         found, code = np.unique(values, return_inverse=True)
-        # Made dense again after each column, so that the product cannot overflow.
+        # Renumber after each column from 0 without gaps, so that the product cannot overflow.
         _, rank = np.unique(rank * max(len(found), 1) + code, return_inverse=True)
     return rank[: len(a)], rank[len(a) :]
 
 
 def _numbered(rank_a: Ints, rank_b: Ints) -> tuple[Ints, Ints]:
-    """Ranks that also tell equal keys of one table apart, by their order."""
+    """Return ranks that differ for equal keys of one table too, by their order."""
     number_a, number_b = _occurrence(rank_a), _occurrence(rank_b)
     most = int(max(number_a.max(initial=0), number_b.max(initial=0))) + 1
     return rank_a * most + number_a, rank_b * most + number_b
 
 
 def _occurrence(rank: Ints) -> Ints:
-    """How many equal values come before each."""
+    """Return the number of equal values before each."""
     order = np.argsort(rank, kind="stable")
     ordered = rank[order]
     start = np.flatnonzero(np.concatenate([[True], np.diff(ordered) != 0])) if len(rank) else np.empty(0, np.int64)
@@ -88,9 +94,8 @@ def _others(rows: Ints, n: int) -> Ints:
 
 
 def _nearest(a: Table, b: Table, rows_a: Ints, rows_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
-    """Pairs of rows that are each other's nearest in time within a group of equal keys, closest pairs first."""
-    t_a: Ints = getattr(a, "t_ns")[rows_a]  # noqa: B009
-    t_b: Ints = getattr(b, "t_ns")[rows_b]  # noqa: B009
+    """Pair rows that are each other's nearest in time within a group of equal keys, closest pairs first."""
+    t_a, t_b = times(a)[rows_a], times(b)[rows_b]
     rest = tuple(name for name in type(a).KEY if name != "t_ns")
     group_a, group_b = _ranks(a.take(rows_a), b.take(rows_b), rest)
     pairs_a, pairs_b = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
@@ -103,7 +108,7 @@ def _nearest(a: Table, b: Table, rows_a: Ints, rows_b: Ints, time_ns: int) -> tu
 
 
 def _mutual(t_a: Ints, t_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
-    """Indices of pairs within `time_ns`: mutual nearest neighbours, then again among what is left."""
+    """Return indices of pairs within `time_ns`: mutual nearest neighbours, then again among the rows left."""
     left_a, left_b = np.argsort(t_a, kind="stable"), np.argsort(t_b, kind="stable")
     pairs_a, pairs_b = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     while len(left_a) and len(left_b):
@@ -121,9 +126,9 @@ def _mutual(t_a: Ints, t_b: Ints, time_ns: int) -> tuple[Ints, Ints]:
 
 
 def _closest(t: Ints, known: Ints) -> Ints:
-    """Index of the nearest of the sorted times `known` for each t; the earlier of two equally near."""
+    """Return the index of the nearest of the sorted times `known` for each t; the earlier of two equally near."""
     after = np.minimum(np.searchsorted(known, t), len(known) - 1)
     before = np.maximum(after - 1, 0)
     chosen = np.where(np.abs(known[after] - t) < np.abs(t - known[before]), after, before)
-    # Of equal times the first, so that nearest neighbours of duplicates can be mutual.
+    # Take the first of equal times, so that nearest neighbours of duplicates can be mutual.
     return np.searchsorted(known, known[chosen])

@@ -1,10 +1,13 @@
-"""What a comparison found, and how far apart values may lie."""
+"""Results of a comparison, and the tolerances within which values are the same."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+Scalar = str | bool | int | float | None
+"""A value as JSON has it."""
 
 RTOL = 1e-9
 """Relative tolerance of golden files: processors differ in the last bits."""
@@ -23,7 +26,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How far apart numbers may lie; integers and labels are compared exactly unless their column is named.
+    """Limits of differences; integers and labels are compared exactly unless their column is named.
 
     Attributes:
         default: for every fractional number that no other entry names.
@@ -53,16 +56,16 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Difference:
-    """One thing that is not the same in A and B.
+    """A row, value or content that is not the same in A and B.
 
     Attributes:
         kind: `value`, `missing` (only in A), `added` (only in B), `schema` or `content`.
         place: table, JSON path or file.
         key: key of the row, by column.
         column: column of the value, empty for whole rows.
-        a, b: both values as JSON-ready values; None where there is none.
+        a, b: both values; None where there is none.
         difference: |a - b| where both are numbers; NaN where one of them is NaN.
-        limit: what the difference had to stay below.
+        limit: largest difference that counts as the same.
         unit: of both values.
     """
 
@@ -70,14 +73,14 @@ class Difference:
     place: str
     key: Mapping[str, Any] = field(default_factory=dict)
     column: str = ""
-    a: Any = None
-    b: Any = None
+    a: Scalar = None
+    b: Scalar = None
     difference: float | None = None
     limit: float | None = None
     unit: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready values, without those that say nothing."""
+        """Return the fields as plain values for JSON, without empty ones."""
         out: dict[str, Any] = {"kind": self.kind, "place": self.place}
         out |= {"key": dict(self.key)} if self.key else {}
         out |= {"column": self.column} if self.column else {}
@@ -88,13 +91,13 @@ class Difference:
 
 @dataclass(frozen=True)
 class ColumnDifference:
-    """How often a column differs, and where it differs most."""
+    """Number of rows in which a column differs, and its largest difference."""
 
     rows: int
     largest: Difference
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return the fields as plain values for JSON."""
         return {"rows": self.rows, "largest": self.largest.as_dict()}
 
 
@@ -104,10 +107,10 @@ class Comparison:
 
     Attributes:
         name: of the table or file.
-        what: what was counted: `rows`, `values` or `bytes`.
-        count_a, count_b: how many there are.
-        matched: how many are in both.
-        missing, added: how many are only in A, only in B.
+        what: unit of the counts: `rows`, `values`, `bytes` or `files`.
+        count_a, count_b: their number in each.
+        matched: number in both.
+        missing, added: number only in A, only in B.
         columns: columns that differ, in the order of the table.
         schema: differences of the declaration: columns, types, units, versions.
         first: the first difference, in the order of time; None if there is none.
@@ -126,11 +129,11 @@ class Comparison:
 
     @property
     def same(self) -> bool:
-        """Whether nothing differs."""
+        """True if nothing differs."""
         return self.first is None and not self.schema
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return the fields as plain values for JSON."""
         return {
             "name": self.name,
             "same": self.same,

@@ -1,8 +1,7 @@
-"""Are two tables the same, and where do they first differ?
+"""Comparison of two tables: rows are joined by their keys, and columns of joined rows compared value by value.
 
-Whether two columns of joined rows are the same, value by value.
-
-Two tables side by side in pieces that belong together, so that memory does not grow with their length.
+Both tables are read side by side in pieces that cover the same time, so that memory does not grow with
+their length.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError
 from occlog.records.columns import Column, Table
 
-from .join import Join, join
+from .join import Join, join, times
 from .result import ColumnDifference, Comparison, Difference, Limit, Tolerances
 
 TURN = 2.0 * np.pi
@@ -29,12 +28,12 @@ class Values(NamedTuple):
 
     differ: Bools  # (M,)
     difference: Floats  # (M,) |a - b|; NaN for labels and where just one is NaN
-    limit: Floats  # (M,) what it had to stay below
-    entry: NDArray[np.int64]  # (M,) which entry of a wide column that is
+    limit: Floats  # (M,) largest difference that counts as the same
+    entry: Ints  # (M,) index of the entry of a wide column
 
 
 def is_angle(c: Column) -> bool:
-    """Whether a column is an angle, for which a whole turn makes no difference; deviations are not."""
+    """Return whether a column is an angle, for which a whole turn makes no difference; deviations are not."""
     return c.unit == "rad" and not c.name.startswith("sigma")
 
 
@@ -55,7 +54,7 @@ def compare_values(a: NDArray[Any], b: NDArray[Any], c: Column, table: str, tole
 
 def _whole(a: NDArray[Any], b: NDArray[Any], limit: Limit) -> Values:
     wide_a, wide_b = a.astype(np.int64), b.astype(np.int64)
-    # As unsigned numbers the difference of any two is right.
+    # The difference of two 8-byte integers may overflow; taken as an unsigned number it is right.
     with np.errstate(over="ignore"):
         apart = np.where(wide_a > wide_b, wide_a - wide_b, wide_b - wide_a).view(np.uint64).astype(np.float64)
     allowed = limit.atol + limit.rtol * np.maximum(np.abs(wide_a.astype(float)), np.abs(wide_b.astype(float)))
@@ -76,7 +75,7 @@ def _fractional(a: Floats, b: Floats, limit: Limit, angle: bool) -> tuple[Bools,
 
 
 def _worst(differ: Bools, apart: Floats, allowed: Floats) -> Values:
-    """The entry of each row that is farthest apart, those that differ first."""
+    """Choose the entry of each row that is farthest apart; entries that differ go before those that do not."""
     if differ.ndim == 1:
         return Values(differ, apart, allowed, np.zeros(len(differ), np.int64))
     badness = np.where(differ, np.where(np.isnan(apart), np.inf, apart), -1.0)
@@ -90,7 +89,7 @@ LAST = np.iinfo(np.int64).max
 
 
 class _Side:
-    """Chunks of one table and the rows that have not been handed out yet."""
+    """Chunks of one table, and its rows that are read and not yet taken."""
 
     def __init__(self, chunks: Iterable[Table], kind: type[Table], name: str) -> None:
         self._chunks = iter(chunks)
@@ -99,7 +98,7 @@ class _Side:
         self.until: int = np.iinfo(np.int64).min  # rows before this time have all arrived
 
     def pull(self) -> None:
-        """Read the next chunk that has rows."""
+        """Read the next chunk that has rows; without one all rows have arrived."""
         for chunk in self._chunks:
             if not len(chunk):
                 continue
@@ -112,20 +111,14 @@ class _Side:
         self.until = LAST
 
     def take_before(self, cut: int) -> Table:
-        """Hand out the rows before a time; all of them at the end."""
+        """Take the rows before a time; at the end, all of them."""
         n = len(self.rows) if cut == LAST else int(np.searchsorted(times(self.rows), cut))
         out, self.rows = self.rows.take(slice(0, n)), self.rows.take(slice(n, None))
         return out
 
 
-def times(table: Table) -> Ints:
-    """The t_ns column."""
-    out: Ints = getattr(table, "t_ns")  # noqa: B009
-    return out
-
-
 def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 0) -> Iterator[tuple[T, T]]:
-    """Pieces of both tables that cover the same time, one after the other.
+    """Iterate over pieces of both tables that cover the same time.
 
     Args:
         kind: the table.
@@ -152,7 +145,7 @@ def side_by_side(kind: type[T], a: Iterable[T], b: Iterable[T], slack_ns: int = 
 
 
 def _cut(t_a: Ints, t_b: Ints, until: int, slack_ns: int) -> int:
-    """The latest time up to `until` before which both tables are complete and after a pause longer than the slack."""
+    """Find the latest time up to `until` at which a piece may end: after a pause longer than the slack."""
     if until == LAST or slack_ns == 0:
         return until
     union = np.union1d(t_a, t_b)
@@ -164,9 +157,8 @@ def _cut(t_a: Ints, t_b: Ints, until: int, slack_ns: int) -> int:
 def diff_tables(kind: type[T], a: Iterable[T], b: Iterable[T], tolerances: Tolerances | None = None) -> Comparison:
     """Compare two tables of one kind, given in chunks ordered by time.
 
-    Rows are joined by the table's key (see `diff_join.join`); columns of joined rows are
-    compared with `diff_values.compare_values`.  Memory does not grow with the length of
-    the tables.
+    Rows are joined by the table's key (see `join`); columns of joined rows are compared by
+    `compare_values`.  Memory does not grow with the length of the tables.
 
     Raises:
         InputError: the chunks of a table are not in the order of time.
@@ -180,7 +172,7 @@ def diff_tables(kind: type[T], a: Iterable[T], b: Iterable[T], tolerances: Toler
 
 @dataclass
 class _Tally:
-    """Counts so far."""
+    """Counts and largest differences of the pieces so far."""
 
     kind: type[Table]
     tolerances: Tolerances
@@ -205,11 +197,11 @@ class _Tally:
         for c in self.kind.columns():
             firsts += self._column(c, a, b, found)
         if self.first is None and firsts:
-            # Of equal keys whole rows come before values, and columns in the table's order (a stable choice).
+            # At equal keys whole rows go before values, and columns in the table's order: min takes the first.
             self.first = min(firsts, key=lambda item: item[0])[1]
 
     def _alone(self, a: Table, b: Table, found: Join) -> list[tuple[int, Difference]]:
-        """The first rows that are only in one of the tables, with their rank."""
+        """Return the first row that is in A alone, and the first in B alone, with their ranks."""
         out = []
         for kind, table, rows, rank in (
             ("missing", a, found.only_a, found.rank_a),
@@ -221,7 +213,7 @@ class _Tally:
         return out
 
     def _column(self, c: Column, a: Table, b: Table, found: Join) -> list[tuple[int, Difference]]:
-        """Count where a column differs; its first difference in this piece with its rank."""
+        """Count the rows in which a column differs; return its first difference in this piece, with its rank."""
         if c.name in self.kind.KEY:
             return []
         values_a, values_b = getattr(a, c.name)[found.a], getattr(b, c.name)[found.b]
@@ -235,7 +227,7 @@ class _Tally:
         return [(int(found.rank_a[found.a[first]]), self._difference(c, a, b, found, values, first))]
 
     def _keep_largest(self, c: Column, a: Table, b: Table, found: Join, values: Values, rows: Ints) -> None:
-        # A NaN on one side only counts as the largest difference there is.
+        # NaN on one side alone counts as an infinite difference.
         apart = np.where(np.isnan(values.difference[rows]), np.inf, values.difference[rows])
         row = int(rows[np.argmax(apart)])
         before = self.largest.get(c.name)
@@ -251,30 +243,30 @@ class _Tally:
             value_a, value_b, name = value_a[entry], value_b[entry], f"{c.name}[{entry}]"
         labels = c.kind in ("U", "?")
         return Difference(
-            "value",
-            self.kind.NAME,
-            _key(a, row_a),
-            name,
-            value_a.item(),
-            value_b.item(),
-            None if labels else float(values.difference[row]),
-            None if labels else float(values.limit[row]),
-            "" if c.unit == "1" else c.unit,
+            kind="value",
+            place=self.kind.NAME,
+            key=_key(a, row_a),
+            column=name,
+            a=value_a.item(),
+            b=value_b.item(),
+            difference=None if labels else float(values.difference[row]),
+            limit=None if labels else float(values.limit[row]),
+            unit="" if c.unit == "1" else c.unit,
         )
 
     def result(self) -> Comparison:
-        """The comparison of all pieces."""
+        """Return the comparison of all pieces."""
         order = [c.name for c in self.kind.columns() if c.name in self.rows]
         columns = {name: ColumnDifference(self.rows[name], self.largest[name]) for name in order}
         return Comparison(
             self.kind.NAME,
             "rows",
-            self.rows_a,
-            self.rows_b,
-            self.matched,
-            self.missing,
-            self.added,
-            columns,
+            count_a=self.rows_a,
+            count_b=self.rows_b,
+            matched=self.matched,
+            missing=self.missing,
+            added=self.added,
+            columns=columns,
             first=self.first,
         )
 

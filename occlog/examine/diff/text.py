@@ -1,19 +1,45 @@
-"""A comparison in words."""
+"""A comparison in words, and as JSON."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-if TYPE_CHECKING:
-    from .result import Comparison, Difference
+from .result import Comparison, Difference, Scalar
 
 MOST_SCHEMA_LINES = 12
 
 
+def as_dict(found: Sequence[Comparison]) -> dict[str, Any]:
+    """Return all comparisons as plain values for JSON; `first` is the first difference of the earliest stage."""
+    different = [part for part in found if not part.same]
+    return {
+        "same": not different,
+        "first": {"name": different[0].name, **_first(different[0])} if different else None,
+        "parts": [part.as_dict() for part in found],
+    }
+
+
+def _first(part: Comparison) -> dict[str, Any]:
+    first = part.schema[0] if part.schema else part.first
+    return first.as_dict() if first is not None else {}
+
+
+def report_lines(found: Sequence[Comparison]) -> list[str]:
+    """Write all comparisons for a person, and the part that differs first at the end."""
+    different = [part for part in found if not part.same]
+    lines = [line for part in found for line in comparison_lines(part)]
+    if not found:
+        return ["same: there is nothing to compare"]
+    if len(found) == 1:
+        return lines
+    head = f"{len(different)} of {len(found)} parts differ, first: {different[0].name}" if different else "the same"
+    return [*lines, head]
+
+
 def comparison_lines(found: Comparison) -> list[str]:
-    """What two tables or files have in common, and where they differ first and most."""
+    """Write what two tables or files have in common, and where they differ first and most."""
     if found.same:
         return [f"same       {found.name}{_count(found)}"]
     if found.what == "files":
@@ -54,7 +80,7 @@ def _schema(found: Difference) -> str:
 
 
 def difference_words(found: Difference) -> str:
-    """One difference with its place, both values, their distance and the limit."""
+    """Write one difference with its place, both values, their distance and the limit."""
     place = _key(found.key)
     if found.kind in ("missing", "added"):
         where, value = ("A", found.a) if found.kind == "missing" else ("B", found.b)
@@ -67,7 +93,7 @@ def difference_words(found: Difference) -> str:
     return f"{place}{column} is {_value(found.a)} in A, {_value(found.b)} in B{_apart(found)}"
 
 
-def _line(text: Any) -> str:
+def _line(text: Scalar) -> str:
     return "the end" if text is None else repr(text)
 
 
@@ -93,5 +119,5 @@ def _key(key: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {value}" for name, value in key.items()) or "the row"
 
 
-def _value(value: Any) -> str:
+def _value(value: Scalar) -> str:
     return repr(value)

@@ -1,36 +1,12 @@
-"""The `occlog run` command: every stage of a configuration, skipping what is up to date."""
+"""The `occlog run` command."""
 
 from __future__ import annotations
 
-import hashlib
-import io
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
-from occlog import __version__
 from occlog.cli import options
-from occlog.errors import ExitCode, InputError, OutputError, UsageError
-
-from .stages import Stage, plan, read_config
-
-STATE = "run.json"
-GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)
-"""Exit codes of a stage after which the next one still makes sense."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a stage ended, kept in `run.json`."""
-
-    key: str
-    code: int
-    outputs: dict[str, str]
 
 
 @click.command(name="run", short_help="Do all stages of a configuration into a run folder.")
@@ -51,138 +27,6 @@ def command(config: Path, output: Path, force: bool, dry_run: bool, quiet: bool,
       occlog run sample_data/room/run.yaml -o run/ && open run/report.html
       occlog run study.yaml -o run/ --json | jq .metrics.rmse_m
     """
-    wanted = read_config(config)
-    list(plan(wanted, output.resolve()))  # every key is checked before anything runs
-    folder = _folder(output, dry_run)
-    state = _read_state(folder)
-    codes: list[int] = []
-    done: dict[str, str] = {}
-    for stage in plan(wanted, folder):
-        with _inside(config.resolve().parent):
-            key = _key(stage, folder)
-            if not force and _is_current(state.get(stage.name), key, folder):
-                done[stage.name], code = "up to date", state[stage.name].code
-            elif dry_run:
-                done[stage.name], code = "would run", ExitCode.DONE
-            else:
-                options.note(f"{stage.name} ...", quiet)
-                code = _do(stage)
-                done[stage.name] = "done"
-                if code in GOING_ON:
-                    state[stage.name] = Outcome(key, code, _hashes(stage, folder))
-                    _write_state(folder, state)
-        codes.append(code)
-        if code not in GOING_ON:
-            return code
-    options.echo_summary(_summary(folder, done, as_json), as_json)
-    return _worst(codes)
+    from .run import run_stages
 
-
-def _worst(codes: list[int]) -> int:
-    for code in (ExitCode.THRESHOLD, ExitCode.LOSSY):
-        if code in codes:
-            return code
-    return ExitCode.DONE
-
-
-def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, Any]:
-    from occlog.io.files.json_file import read_json
-
-    metrics = folder / "metrics.json"
-    values = read_json(metrics) if metrics.is_file() else {}
-    numbers = {k: v for k, v in values.items() if not k.startswith("_")}
-    if as_json:
-        return {"stages": done, "folder": str(folder), "metrics": numbers}
-    head = {k: v for k, v in numbers.items() if _is_headline(k) and v is not None}
-    return {**done, "report": str(folder / "report.html"), **head}
-
-
-def _is_headline(name: str) -> bool:
-    whole = "_target_" not in name and "_sensor_" not in name
-    return whole and name.startswith(("rmse", "bound_r", "sight_lines_distance", "sight_lines_share"))
-
-
-def _folder(output: Path, dry_run: bool) -> Path:
-    if output.exists() and not output.is_dir():
-        raise OutputError(f"{output}: is a file; name a folder for the run")
-    if not dry_run:
-        try:
-            output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{output}: the run folder cannot be made: {error.strerror or error}") from error
-    return output.resolve()
-
-
-@contextmanager
-def _inside(folder: Path) -> Iterator[None]:
-    """Paths in a configuration are relative to it."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-
-
-def _do(stage: Stage) -> int:
-    """Run a stage's command; its exit code. Its own summary is not shown: the run has one."""
-    with redirect_stdout(io.StringIO()):
-        result = stage.command.main(
-            args=[*stage.args, "--overwrite"], prog_name=f"occlog {stage.name}", standalone_mode=False
-        )
-    return int(result) if isinstance(result, int) else ExitCode.DONE
-
-
-def _key(stage: Stage, folder: Path) -> str:
-    """Hash of everything that the stage's outputs depend on."""
-    from occlog.io.files.provenance import hash_file
-
-    digest = hashlib.sha256(f"{__version__}\0{stage.name}\0".encode())
-    for text in stage.args:
-        path = Path(text.split("=", 1)[-1])
-        shown = text.replace(str(folder), "RUN")
-        digest.update(f"{shown}\0".encode())
-        if text in stage.output_paths:
-            continue
-        for file in [path] if path.is_file() else sorted(path.rglob("*")) if path.is_dir() else []:
-            if file.is_file():
-                digest.update(f"{file.name}\0{hash_file(file)}\0".encode())
-    return digest.hexdigest()
-
-
-def _hashes(stage: Stage, folder: Path) -> dict[str, str]:
-    from occlog.io.files.provenance import hash_file
-
-    paths = (Path(p) for p in stage.output_paths)
-    return {str(p.relative_to(folder)): hash_file(p) for p in paths if p.is_file()}
-
-
-def _is_current(outcome: Outcome | None, key: str, folder: Path) -> bool:
-    from occlog.io.files.provenance import hash_file
-
-    if outcome is None or outcome.key != key:
-        return False
-    return all((folder / n).is_file() and hash_file(folder / n) == digest for n, digest in outcome.outputs.items())
-
-
-def _read_state(folder: Path) -> dict[str, Outcome]:
-    from occlog.io.files.json_file import read_json
-
-    path = folder / STATE
-    if not path.exists():
-        if folder.is_dir() and any(folder.iterdir()):
-            raise UsageError(
-                f"{folder}: holds files but no {STATE}, so it is not a run folder; name a new or empty one"
-            )
-        return {}
-    try:
-        return {name: Outcome(**outcome) for name, outcome in read_json(path)["stages"].items()}
-    except (KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{path}: not the state of a run; remove it to do every stage again") from error
-
-
-def _write_state(folder: Path, state: dict[str, Outcome]) -> None:
-    from occlog.io.files.json_file import write_json
-
-    stages = {name: outcome.__dict__ for name, outcome in state.items()}
-    write_json(folder / STATE, {"program": "occlog", "version": __version__, "stages": stages}, overwrite=True)
+    return run_stages(config, output, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json)

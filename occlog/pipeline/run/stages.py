@@ -1,7 +1,7 @@
-"""From a run configuration to the commands of its stages.
+"""Reads a run configuration, and makes the command line of each stage.
 
-The keys of a stage are the long options of its command, with underscores for dashes, so
-that whatever a command can do a configuration can say, and both are checked alike.
+The keys of a stage are the long options of its command, with underscores for dashes: a configuration
+has all that a command can do, and the command checks both alike.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ import click
 
 from occlog.cli.main import load_command
 from occlog.errors import InputError
+from occlog.io.files.yaml_file import read_yaml
+from occlog.io.recording.reader import open_recording
+from occlog.records.tables import Truth, TruthBoxes
 
 SOURCES = ("recording", "simulate", "ingest")
 STAGES = ("detect", "priors", "track", "evaluate", "report")
 PRIORS = ("hull", "kalman", "acoustic")
-COMMON = ("seed", "scene", "quiet")
 KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
 
 
@@ -30,26 +32,24 @@ class Stage:
 
     name: str
     command: click.Command
-    args: tuple[str, ...]
-    output_paths: tuple[str, ...]
+    args: tuple[str, ...]  # outputs included
+    output_paths: tuple[str, ...]  # those of the arguments that are outputs
 
 
 @dataclass(frozen=True)
 class Config:
-    """A run configuration: where it came from and its keys."""
+    """A run configuration: its file and its keys."""
 
     path: Path
     values: dict[str, Any]
 
     def stage(self, name: str) -> dict[str, Any]:
-        """Keys of a stage; empty if it is not mentioned."""
+        """Keys of a stage; none for a stage that the configuration does not name."""
         return dict(self.values.get(name) or {})
 
 
 def read_config(path: Path) -> Config:
-    """The configuration in a YAML file; InputError names unknown keys and the nearest valid one."""
-    from occlog.io.files.yaml_file import read_yaml
-
+    """Read a configuration (YAML); InputError names an unknown key and the nearest valid one."""
     values = read_yaml(path, dict, "a run configuration (YAML)")
     for key in values:
         if key not in KEYS:
@@ -66,10 +66,10 @@ def read_config(path: Path) -> Config:
 
 
 def plan(config: Config, folder: Path) -> Iterator[Stage]:
-    """The stages in order, with outputs in the run folder.
+    """Iterate over the stages in order, with outputs in the run folder.
 
-    What follows the recording depends on what it holds, so it must be there when the
-    iteration goes on; where it is not, what the configuration says is believed.
+    The arguments of later stages depend on what the recording holds.  The first stage must therefore have
+    run when the iteration goes on; without a recording the configuration tells what it will hold.
     """
     recording = folder / "recording.mcap"
     if "simulate" in config.values or "ingest" in config.values:
@@ -99,7 +99,7 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
 def _priors(
     config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, Any]
 ) -> tuple[Stage, str]:
-    """The stage that finds moving occluders, and the file that `track` reads: polygons if there are any."""
+    """Make the stage that finds moving occluders, and name the file that `track` reads: polygons if there are any."""
     values = config.stage("priors")
     kind = values.get("source", "hull")
     if kind not in PRIORS:
@@ -119,7 +119,7 @@ def _priors(
 
 
 def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
-    """`--truth`, and `--views` where there are true boxes; a file that the configuration names goes first."""
+    """Return `truth`, and `views` where there are true boxes; a file in the configuration takes precedence."""
     given = config.stage("evaluate").get("truth")
     if given is not None:
         return {"truth": str(given)}
@@ -134,10 +134,7 @@ def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
 
 
 def _held(recording: Path) -> tuple[bool, bool]:
-    """Whether a recording holds true positions, and true boxes."""
-    from occlog.io.recording.reader import open_recording
-    from occlog.records.tables import Truth, TruthBoxes
-
+    """Return whether a recording holds true positions, and true boxes."""
     opened = open_recording(recording)
     return opened.has(Truth), opened.has(TruthBoxes)
 
@@ -173,8 +170,8 @@ def _common(config: Config, command: click.Command) -> dict[str, Any]:
 
 
 def _to_args(config: Config, name: str, command: click.Command, values: dict[str, Any]) -> list[str]:
-    """Command-line arguments of the keys of a stage."""
-    # An argument goes before an option of its name.
+    """Make the command-line arguments of a stage from its keys."""
+    # Of an argument and an option of one name, the sorted order keeps the argument.
     options = {_key(p): p for p in sorted(command.params, key=lambda p: isinstance(p, click.Argument))}
     ahead: list[str] = []
     args: list[str] = []
@@ -190,7 +187,7 @@ def _to_args(config: Config, name: str, command: click.Command, values: dict[str
 
 
 def _key(param: click.Parameter) -> str:
-    """The key of an option: its long name with underscores; an argument's own name."""
+    """Return the key of an option, its long name with underscores, or an argument's own name."""
     long = [o for o in param.opts if o.startswith("--")]
     return long[0].removeprefix("--").replace("-", "_") if long else str(param.name)
 

@@ -52,4 +52,13 @@ def command(
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers and --scheduler exclude each other; the cluster has its own workers")
     wanted = tuple(name.strip() for name in figures.split(",") if name.strip())
-    return run_sweep(sweep, output, workers or os.cpu_count() or 1, scheduler, wanted, overwrite, quiet, as_json)
+    return run_sweep(
+        sweep,
+        output,
+        workers=workers or os.cpu_count() or 1,
+        scheduler=scheduler,
+        figures=wanted,
+        overwrite=overwrite,
+        quiet=quiet,
+        as_json=as_json,
+    )

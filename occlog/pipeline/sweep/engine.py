@@ -1,8 +1,7 @@
-"""Many trials: on this machine, in several processes, or on a Dask cluster; stored as they finish.
+"""Runs many trials in this process, in several processes, or on a Dask cluster, and stores each as it finishes.
 
-What a trial gives depends on its description alone, so any number of workers gives the
-same results, in the order of the descriptions.  A store keeps finished trials: a sweep
-that was killed goes on where it stopped.
+The result of a trial depends on its description alone, so that any number of workers gives the
+same results, in the order of the descriptions.  A sweep that was killed goes on from its store.
 """
 
 from __future__ import annotations
@@ -23,9 +22,9 @@ from .trial import run_trial
 Spec = Mapping[str, Any]
 Result = dict[str, float]
 Trial = Callable[[Spec], Result]
-"""A function of a module, which other processes can import."""
+"""Runs a trial; a function of a module, so that other processes can import it."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Each worker has one thread, so that as many workers as processors do not disturb each other."""
+"""Variables that give each worker one thread: as many workers as processors then share them evenly."""
 
 
 class Outcome(NamedTuple):
@@ -47,15 +46,15 @@ def run_all(
     progress: Callable[[int], None] | None = None,
     run: Trial | None = None,
 ) -> list[Result]:
-    """Figures of all trials, in the order of the descriptions.
+    """Run all trials; return their figures in the order of the descriptions.
 
     Args:
         specs: descriptions, see `run_trial` (or what `run` takes); equal ones are run once.
         workers: processes on this machine.
         scheduler: address of a Dask scheduler; its workers are used instead.
         store: file of finished trials (JSON lines); those in it are not run again.
-        progress: told the number of trials that have finished since the last call.
-        run: does one trial; None: `run_trial`.  Descriptions for different functions must differ.
+        progress: called with the number of trials that have finished since the last call.
+        run: runs one trial; None: `run_trial`.  Descriptions for different functions must differ.
 
     Raises:
         TrialError: names the first trial that failed; all others were run before.
@@ -88,7 +87,7 @@ def run_all(
 
 
 def attempt(spec: Spec, run: Trial) -> Outcome:
-    """Run a trial; what is wrong with its description is told, not raised."""
+    """Run a trial; an error in its description is returned, not raised."""
     try:
         return Outcome(run(spec), None)
     except OcclogError as error:
@@ -96,7 +95,7 @@ def attempt(spec: Spec, run: Trial) -> Outcome:
 
 
 def describe(spec: Spec) -> str:
-    """A trial in one line, without its scene."""
+    """Write a trial in one line, without its scene."""
     return ", ".join(f"{name}={value}" for name, value in spec.items() if name != "scene")
 
 
@@ -113,7 +112,7 @@ def _outcomes(
 
 
 def _in_processes(todo: Mapping[str, Spec], workers: int, run: Trial) -> Iterator[tuple[str, Outcome]]:
-    """Trials in processes that are started afresh, so that no state of this one is inherited."""
+    """Run trials in new processes, which inherit no state of this one."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_leave_with_parent)
@@ -122,7 +121,7 @@ def _in_processes(todo: Mapping[str, Spec], workers: int, run: Trial) -> Iterato
         for future in as_completed(running):
             yield running[future], future.result()
     except BaseException:
-        # Interrupted: what is running is not waited for.
+        # Interrupted: end the processes without waiting for their trials.
         for process in list((pool._processes or {}).values()):
             process.terminate()
         raise
@@ -136,7 +135,7 @@ def _in_processes(todo: Mapping[str, Spec], workers: int, run: Trial) -> Iterato
 
 
 def _leave_with_parent() -> None:
-    """End this worker when the process that started it is gone, however that ended."""
+    """End this worker when the process that started it has ended, in whatever way."""
     parent = multiprocessing.parent_process()
     if parent is None:
         return
@@ -153,13 +152,15 @@ def _on_cluster(todo: Mapping[str, Spec], scheduler: str, run: Trial) -> Iterato
         import distributed
     except ImportError as error:
         raise UsageError(
-            "a scheduler wants the package `distributed`; install occlog[cluster], or give --workers"
+            "a scheduler wants the package `distributed`; install occlog[cluster], or use processes of this machine"
         ) from error
     library: Any = distributed  # it has no types
     try:
         client = library.Client(scheduler, timeout="10s", set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
-        raise UsageError(f"scheduler {scheduler}: does not answer ({error}); start it, or give --workers") from error
+        raise UsageError(
+            f"scheduler {scheduler}: does not answer ({error}); start it, or use processes of this machine"
+        ) from error
     with client:
         _check_versions(client)
         running = {client.submit(attempt, dict(spec), run, key=f"occlog-{key}"): key for key, spec in todo.items()}
@@ -168,7 +169,7 @@ def _on_cluster(todo: Mapping[str, Spec], scheduler: str, run: Trial) -> Iterato
 
 
 def _check_versions(client: Any) -> None:
-    """InputError if a worker has another version of occlog, whose figures would not be comparable."""
+    """Raise InputError for a worker with another version of occlog: its figures would not be comparable."""
     from occlog import __version__
 
     for address, version in client.run(_version).items():

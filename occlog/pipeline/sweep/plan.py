@@ -1,4 +1,4 @@
-"""Sweep files: what stays the same, what varies, and the trials that follow from it."""
+"""Sweep files: fixed settings, varied settings, and the trials of all their combinations."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from occlog.io.files.yaml_file import read_yaml
 
 PARTS = ("simulate", "observe", "priors", "track", "select")
 WHOLE = ("cameras", "skip")
+"""Entries of a trial that are varied as a whole, not by `part.key`."""
 MOST_TRIALS = 1_000_000
 
 
@@ -39,23 +40,23 @@ class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, 
 
 
 class Setting(NamedTuple):
-    """One combination of what varies, and its trials."""
+    """One combination of the varied values, and its trials."""
 
-    label: dict[str, Any]  # what distinguishes it
-    trials: tuple[dict[str, Any], ...]  # one a run
+    label: dict[str, Any]  # the varied values by name
+    trials: tuple[dict[str, Any], ...]  # one for each run
 
 
 def read_sweep(path: Path) -> SweepSpec:
-    """The sweep file; InputError names the line and the nearest key of what does not fit."""
+    """Read a sweep file; InputError names the line of a wrong entry, and the nearest key."""
     return read_yaml(path, SweepSpec, "a sweep file")
 
 
 def settings_of(spec: SweepSpec, folder: Path) -> list[Setting]:
-    """All settings with their trials, in the order of the file: cases first, then the last name of `vary` fastest.
+    """Combine all settings with their trials, in the order of the file; the last name of `vary` varies fastest.
 
     Args:
         spec: the sweep file.
-        folder: where the scene's path starts.
+        folder: to which the scene's path is relative.
 
     Raises:
         InputError: a name that cannot vary, an empty list, too many trials, or cameras that are not there.
@@ -108,7 +109,7 @@ def _put(trial: dict[str, Any], name: str, value: Any) -> None:
 
 
 def _cameras(value: Any, order: Sequence[str]) -> list[str] | None:
-    """Names of the cameras used; a number takes the first of the order."""
+    """Return the names of the cameras that are used; a number takes the first of the order."""
     if value is None or isinstance(value, list):
         return value
     if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= len(order):

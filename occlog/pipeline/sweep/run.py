@@ -1,4 +1,4 @@
-"""What `occlog sweep` does: plan, run, write."""
+"""Work of `occlog sweep`: plans the trials, runs them, and writes the tables."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 import msgspec
+from tqdm import tqdm
 
 from occlog import __version__
 from occlog.cli import options
@@ -30,6 +31,7 @@ RESULTS = ("trials.csv", "summary.csv")
 def run_sweep(
     path: Path,
     folder: Path,
+    *,
     workers: int,
     scheduler: str | None,
     figures: tuple[str, ...],
@@ -37,7 +39,18 @@ def run_sweep(
     quiet: bool,
     as_json: bool,
 ) -> int:
-    """Run all trials and write the tables; the exit code."""
+    """Run all trials and write the tables; return the exit code.
+
+    Args:
+        path: sweep file.
+        folder: of the results.
+        workers: number of processes on this machine.
+        scheduler: address of a Dask scheduler; its workers are used instead.
+        figures: columns of the printed table.
+        overwrite: true: replace another sweep in the folder.
+        quiet: true: no progress bar.
+        as_json: true: print JSON.
+    """
     spec = read_sweep(path)
     settings = settings_of(spec, path.parent)
     trials = [trial for setting in settings for trial in setting.trials]
@@ -82,12 +95,10 @@ def _prepare(folder: Path, made: dict[str, Any], overwrite: bool) -> None:
 
 @contextmanager
 def _progress(total: int, quiet: bool) -> Iterator[Callable[[int], None] | None]:
-    """Tells how many trials are done: a bar on a terminal, else nothing."""
+    """Show a progress bar on a terminal; yield what advances it, None elsewhere."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
-    from tqdm import tqdm
-
     with tqdm(total=total, desc="sweep", unit="trial", file=sys.stderr, leave=False) as bar:
 
         def advance(done: int) -> None:

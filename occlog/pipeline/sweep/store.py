@@ -1,4 +1,4 @@
-"""Finished trials in a file: one JSON object a line, safe against being killed at any time."""
+"""Finished trials in a file, one JSON object a line; the process may be killed at any time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from occlog.errors import InputError, OutputError
 
 
 def key_of(spec: Mapping[str, Any]) -> str:
-    """What identifies a trial: its description and the version of the program."""
+    """Hash what identifies a trial: its description and the version of the program."""
     text = json.dumps([__version__, spec], sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -28,7 +28,7 @@ class Store:
     """
 
     def __init__(self, path: Path | None) -> None:
-        """Read what there is; InputError for a file that is none of ours."""
+        """Read the file if there is one; InputError for a file of another kind."""
         self.results: dict[str, dict[str, float]] = {}
         self._path = path
         self._file: BufferedWriter | None = None

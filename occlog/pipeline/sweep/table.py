@@ -1,7 +1,4 @@
-"""What a sweep gives: a row for every trial, and a row of statistics for every setting.
-
-Means over runs, with their spread and their confidence intervals.
-"""
+"""Tables of a sweep: a row of figures for every trial, and statistics over the runs of every setting."""
 
 from __future__ import annotations
 
@@ -19,7 +16,7 @@ from .plan import Setting
 
 
 class Summary(NamedTuple):
-    """Figures of one quantity over n runs; NaN where there are too few."""
+    """Statistics of one figure over n runs; NaN where there are too few."""
 
     n: int
     mean: float
@@ -30,11 +27,11 @@ class Summary(NamedTuple):
 
 
 def summarise(values: Sequence[float], confidence: float = 0.95) -> Summary:
-    """Figures of some runs; values that are NaN are left out.
+    """Summarise a figure over runs, without those in which it is NaN.
 
     Args:
-        values: one a run.
-        confidence: of the interval, by Student's t distribution, so for means of about normal values.
+        values: one for each run.
+        confidence: of the interval by Student's t distribution, which holds for means of about normal values.
     """
     good = np.array([v for v in values if not math.isnan(v)], dtype=np.float64)
     n = len(good)
@@ -53,7 +50,7 @@ Row = dict[str, Any]
 
 
 def trial_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[Row]:
-    """One row a trial: what distinguishes its setting, its run and its figures."""
+    """Make a row for each trial: the varied values, the run and the figures."""
     rows, place = [], 0
     for setting in settings:
         for trial in setting.trials:
@@ -63,7 +60,7 @@ def trial_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float
 
 
 def summary_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[Row]:
-    """One row a setting and figure: n, mean, sd, se and the 95 % confidence interval of the mean."""
+    """Make a row for each setting and figure: n, mean, sd, se and the 95 % confidence interval of the mean."""
     rows, place = [], 0
     for setting in settings:
         own = results[place : place + len(setting.trials)]
@@ -81,7 +78,7 @@ def _label(setting: Setting) -> Row:
 
 
 def to_csv(rows: Sequence[Row]) -> bytes:
-    """Rows as CSV with one header; numbers with all their digits."""
+    """Write rows as CSV with one header, numbers with all their digits."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     writer = csv.DictWriter(text, names, lineterminator="\n")
@@ -91,7 +88,7 @@ def to_csv(rows: Sequence[Row]) -> bytes:
 
 
 def to_text(rows: Sequence[Row], figures: Sequence[str]) -> str:
-    """A table for reading: one line a setting, mean and half-width of the interval of some figures."""
+    """Write a table for reading: a line for each setting, mean and half-width of the interval of some figures."""
     lines: dict[tuple[Any, ...], dict[str, str]] = {}
     for row in rows:
         label = {k: v for k, v in row.items() if k not in ("figure", "n", "mean", "sd", "se", "low", "high")}

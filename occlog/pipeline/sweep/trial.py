@@ -1,6 +1,6 @@
 """One trial: simulate a scene, measure, track and compare with the truth, all in memory.
 
-A trial is described by plain values , so that it can be stored, hashed and sent
+A trial is described by plain values, so that it can be stored, hashed and sent
 to another process.  Trials of equal seed and run see the same world and the same
 measurement noise, whatever else differs.
 """
@@ -34,18 +34,18 @@ from occlog.track.drivers.tracking import Tracking
 PRIORS = ("none", "known", "kalman")
 KEYS = ("scene", "seed", "run", "simulate", "observe", "priors", "track", "cameras", "select", "skip")
 WORLDS = 2
-"""Simulated worlds kept, as neighbouring trials share them."""
+"""Number of simulated worlds that are kept, since neighbouring trials share them."""
 
 
 class World(NamedTuple):
-    """What does not depend on the tracker."""
+    """The simulated truth and bearings, which do not depend on the tracker."""
 
     truth: Truth
     bearings: Bearings
 
 
 def run_trial(spec: Mapping[str, Any]) -> dict[str, float]:
-    """Figures of a trial.
+    """Run a trial.
 
     Args:
         spec: `scene` (YAML text), `seed`, `run`; optional `simulate` (fields of `WorldConfig`),
@@ -95,7 +95,7 @@ def _check(spec: Mapping[str, Any]) -> None:
 
 
 def _seed(seed: int, run: int) -> int:
-    """A seed of its own for every run."""
+    """Draw a seed for a run."""
     return int(np.random.SeedSequence(seed, spawn_key=(run,)).generate_state(1, np.uint32)[0])
 
 
@@ -130,7 +130,7 @@ def _priors(values: Mapping[str, Any], truth: Truth, seed: int) -> Occluders | N
 
 
 def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
-    """Root mean squared distance of the priors' means from the true places of the occluders; NaN for none."""
+    """Return the RMS distance of the priors' means from the true places of the occluders; NaN without priors."""
     if occluders is None or not len(occluders):
         return float("nan")
     true = truth.take(truth.role == "occluder")
@@ -144,7 +144,7 @@ def rmse_of_priors(occluders: Occluders | None, truth: Truth) -> float:
 
 
 def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str, float]:
-    """Figures of the errors of target 0 at the times of the estimates."""
+    """Compare the estimates of target 0 with the truth at their times, without the first `skip` of them."""
     true = truth.take(truth.target_id == 0)
     own = tracks.take(tracks.target_id == 0)
     place = np.searchsorted(true.t_ns, own.t_ns)

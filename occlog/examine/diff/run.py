@@ -1,4 +1,4 @@
-"""Reads two outputs and compares them: tables, recordings, JSON, other files, folders."""
+"""Work of `occlog diff`: reads two outputs and compares them: tables, recordings, JSON, other files, folders."""
 
 from __future__ import annotations
 
@@ -7,26 +7,43 @@ import fnmatch
 import hashlib
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
+from occlog.array_types import Ints, Strings
 from occlog.errors import InputError, UsageError
+from occlog.io.files.json_file import read_json
+from occlog.io.files.parquet import describe, iter_table
+from occlog.io.files.yaml_file import parse_yaml
+from occlog.io.recording.guard import open_mcap
+from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.recording.rows import RECORDED, schema_of
+from occlog.records.columns import Table, check_order, column
+from occlog.records.tables import TABLES
 
-if TYPE_CHECKING:
-    from occlog.io.recording.reader import Recording
-
-    from .result import Comparison, Tolerances
+from .files import diff_bytes, diff_schemas, stage_order
+from .json import diff_json
+from .result import Comparison, Difference, Tolerances
+from .stage import diff_tables
 
 RUN_STATE = "run.json"
-"""What `occlog run` keeps to know what is up to date: hashes of everything, so it is provenance."""
+"""State of `occlog run`: hashes of everything, so it counts as provenance."""
 ROWS = 4096
+"""Messages in a chunk."""
 YAML = (".yaml", ".yml")
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What is compared and how strictly."""
+class DiffSettings:
+    """Tolerances, and parts of outputs that count.
+
+    Attributes:
+        tolerances: limits of differences.
+        provenance: true: how outputs were made counts too.
+        pixels: true: frames are compared by their pixels, false: by their encoded bytes.
+        exclude: patterns of files that are left out.
+    """
 
     tolerances: Tolerances
     provenance: bool = False
@@ -34,8 +51,25 @@ class Settings:
     exclude: tuple[str, ...] = ()
 
 
-def compare_paths(a: Path, b: Path, settings: Settings) -> list[Comparison]:
-    """Everything that two files or folders have in common or apart, what earlier stages made first.
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedMessages(Table):
+    """Frames of a recording, and messages of other programs, one a row; never written to a file."""
+
+    NAME: ClassVar[str] = "messages"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "topic")
+
+    t_ns: Ints = column("i8", "ns", "time of the message since the Unix epoch")
+    topic: Strings = column("U", "1", "topic, or camera for decoded frames")
+    number: Ints = column("i8", "1", "sequence number, or number of the frame")
+    content: Strings = column("U", "1", "SHA-256 of the content")
+
+    def check(self) -> None:
+        """Raise ValueError where times are not in order."""
+        check_order(self)
+
+
+def compare_paths(a: Path, b: Path, settings: DiffSettings) -> list[Comparison]:
+    """Compare two files or folders; parts made by earlier stages come first.
 
     Raises:
         UsageError: a file and a folder, or files of different kinds.
@@ -56,10 +90,8 @@ def compare_paths(a: Path, b: Path, settings: Settings) -> list[Comparison]:
     return compare_files(a, b, a.name, settings)
 
 
-def _check_tables(a: Path, b: Path, settings: Settings) -> None:
-    """Refuse tables of two kinds, and tolerances of columns that they do not have."""
-    from occlog.io.files.parquet import describe
-
+def _check_tables(a: Path, b: Path, settings: DiffSettings) -> None:
+    """Raise UsageError for tables of two kinds, and for tolerances of columns that they do not have."""
     said_a, said_b = describe(a), describe(b)
     if said_a["schema"] != said_b["schema"]:
         raise UsageError(f"{a} holds {said_a['schema']} and {b} holds {said_b['schema']}; give two tables of one kind")
@@ -71,10 +103,7 @@ def _check_tables(a: Path, b: Path, settings: Settings) -> None:
             raise UsageError(f"--tol {wanted}: {said_a['schema']} has no such column; {hint}")
 
 
-def _compare_folders(a: Path, b: Path, settings: Settings) -> list[Comparison]:
-    from .files import stage_order
-    from .result import Comparison, Difference
-
+def _compare_folders(a: Path, b: Path, settings: DiffSettings) -> list[Comparison]:
     files_a, files_b = _files(a, settings), _files(b, settings)
     out: list[Comparison] = []
     for name in stage_order(files_a | files_b):
@@ -86,8 +115,8 @@ def _compare_folders(a: Path, b: Path, settings: Settings) -> list[Comparison]:
     return out
 
 
-def _files(folder: Path, settings: Settings) -> set[str]:
-    """Relative names of the files of a folder, without hidden ones and those left out."""
+def _files(folder: Path, settings: DiffSettings) -> set[str]:
+    """Return the relative names of a folder's files, without hidden and excluded ones."""
     found = (p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
     names = {str(p.as_posix()) for p in found if not any(part.startswith(".") for part in p.parts)}
     skipped = settings.exclude if settings.provenance else (*settings.exclude, RUN_STATE)
@@ -98,7 +127,7 @@ def _files(folder: Path, settings: Settings) -> set[str]:
     }
 
 
-def compare_files(a: Path, b: Path, name: str, settings: Settings) -> list[Comparison]:
+def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[Comparison]:
     """Compare two files of one kind; recordings have several parts."""
     kind = a.suffix.lower()
     if kind == ".parquet":
@@ -106,31 +135,18 @@ def compare_files(a: Path, b: Path, name: str, settings: Settings) -> list[Compa
     if kind == ".mcap":
         return _compare_recordings(a, b, name, settings)
     if kind == ".json":
-        from occlog.io.files.json_file import read_json
-
-        from .json import diff_json
-
         return [diff_json(name, read_json(a), read_json(b), settings.tolerances, settings.provenance)]
     return [_compare_bytes(a, b, name, settings)]
 
 
-def _compare_parquet(a: Path, b: Path, name: str, settings: Settings) -> list[Comparison]:
-    from dataclasses import replace
-
-    from occlog.io.files.parquet import describe, iter_table
-    from occlog.records.tables import TABLES
-
-    from .files import diff_schemas
-    from .result import Comparison
-    from .stage import diff_tables
-
+def _compare_parquet(a: Path, b: Path, name: str, settings: DiffSettings) -> list[Comparison]:
     said_a, said_b = describe(a), describe(b)
     schema = diff_schemas(name, said_a, said_b)
     if said_a["schema"] not in TABLES:
         raise InputError(f"{a}: unknown table {said_a['schema']!r}; occlog knows {', '.join(TABLES)}")
     if any(found.column != "length_unit" and found.key.get("entry") != "unit" for found in schema):
-        # The rows of another table, or of other columns, cannot be put side by side.
-        found = Comparison(name, "rows", said_a["rows"], said_b["rows"], schema=schema)
+        # Rows of different tables, or with different columns, cannot be joined.
+        found = Comparison(name, "rows", count_a=said_a["rows"], count_b=said_b["rows"], schema=schema)
     else:
         table = TABLES[said_a["schema"]]
         rows = diff_tables(table, iter_table(a, table), iter_table(b, table), settings.tolerances)
@@ -141,24 +157,16 @@ def _compare_parquet(a: Path, b: Path, name: str, settings: Settings) -> list[Co
 
 
 def _compare_provenance(name: str, a: Any, b: Any) -> Comparison:
-    from .json import diff_json
-
     return diff_json(f"{name}: provenance", a, b, provenance=True)
 
 
-def _compare_recordings(a: Path, b: Path, name: str, settings: Settings) -> list[Comparison]:
-    from dataclasses import replace
-
-    from occlog.io.recording.reader import open_recording
-    from occlog.io.recording.rows import RECORDED
-
-    from .messages import Messages
-    from .stage import diff_tables
-
+def _compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> list[Comparison]:
     left, right = open_recording(a), open_recording(b)
     out = [_compare_attachments(left, right, name, settings)]
     out.append(
-        replace(diff_tables(Messages, _frames(left, settings), _frames(right, settings)), name=f"{name}: frames")
+        replace(
+            diff_tables(RecordedMessages, _frames(left, settings), _frames(right, settings)), name=f"{name}: frames"
+        )
     )
     for table in RECORDED:
         if left.has(table) or right.has(table):
@@ -169,10 +177,8 @@ def _compare_recordings(a: Path, b: Path, name: str, settings: Settings) -> list
     return [found for found in out if found.count_a or found.count_b]
 
 
-def _compare_attachments(a: Recording, b: Recording, name: str, settings: Settings) -> Comparison:
-    """Attached files by their content (YAML by its values, text by line, others by hash), and linked videos."""
-    from .json import diff_json
-
+def _compare_attachments(a: Recording, b: Recording, name: str, settings: DiffSettings) -> Comparison:
+    """Compare attached files by content (YAML by value, text by line, others by hash), and linked videos."""
     return diff_json(f"{name}: files", _attached(a), _attached(b), settings.tolerances, provenance=True)
 
 
@@ -186,9 +192,7 @@ def _attached(recording: Recording) -> dict[str, Any]:
 
 
 def _values(name: str, data: bytes) -> Any:
-    """What a file says: values of YAML, lines of text, the hash of anything else."""
-    from occlog.io.files.yaml_file import parse_yaml
-
+    """Return the values of YAML, the lines of text, or the hash of any other file."""
     try:
         text = data.decode()
         return parse_yaml(text, name, dict) if name.lower().endswith(YAML) else text.splitlines()
@@ -198,10 +202,8 @@ def _values(name: str, data: bytes) -> Any:
         return hashlib.sha256(data).hexdigest()
 
 
-def _frames(recording: Recording, settings: Settings) -> Iterator[Any]:
-    """Everything in a recording that is not a row of a table, as hashes: frames, and messages of other programs."""
-    from occlog.io.recording.rows import RECORDED, schema_of
-
+def _frames(recording: Recording, settings: DiffSettings) -> Iterator[RecordedMessages]:
+    """Hash everything in a recording that is not a row of a table: frames, and messages of other programs."""
     ours = {schema_of(table) for table in RECORDED}
     topics = [t.name for t in recording.topics if t.schema not in ours]
     if not topics:
@@ -211,8 +213,6 @@ def _frames(recording: Recording, settings: Settings) -> Iterator[Any]:
 
 
 def _raw(recording: Recording, topics: list[str]) -> Iterator[tuple[int, str, int, str]]:
-    from occlog.io.recording.guard import open_mcap
-
     with open_mcap(recording.path) as (reader, _):
         for _schema, channel, message in reader.iter_messages(topics=topics):
             digest = hashlib.sha256(message.data).hexdigest()
@@ -226,33 +226,27 @@ def _decoded(recording: Recording) -> Iterator[tuple[int, str, int, str]]:
         yield frame.t_ns, frame.sensor, frame.index, digest
 
 
-def _gathered(messages: Iterator[tuple[int, str, int, str]]) -> Iterator[Any]:
-    """Messages as chunks of a table."""
-    from .messages import Messages
-
+def _gathered(messages: Iterator[tuple[int, str, int, str]]) -> Iterator[RecordedMessages]:
+    """Gather messages in chunks of a table."""
     pending: list[tuple[int, str, int, str]] = []
     for message in messages:
         pending.append(message)
         if len(pending) >= ROWS:
-            yield Messages.of(**dict(zip(Messages.__slots__, zip(*pending, strict=True), strict=True)))
+            yield RecordedMessages.of(**dict(zip(RecordedMessages.__slots__, zip(*pending, strict=True), strict=True)))
             pending = []
     if pending:
-        yield Messages.of(**dict(zip(Messages.__slots__, zip(*pending, strict=True), strict=True)))
+        yield RecordedMessages.of(**dict(zip(RecordedMessages.__slots__, zip(*pending, strict=True), strict=True)))
 
 
-def _compare_bytes(a: Path, b: Path, name: str, settings: Settings) -> Comparison:
-    from .files import diff_bytes
-
+def _compare_bytes(a: Path, b: Path, name: str, settings: DiffSettings) -> Comparison:
     data_a, data_b = (_content(path, settings) for path in (a, b))
     if data_a != data_b and name.lower().endswith(YAML):
-        from .json import diff_json
-
         return diff_json(name, _values(name, data_a), _values(name, data_b), settings.tolerances, settings.provenance)
     return diff_bytes(name, data_a, data_b)
 
 
-def _content(path: Path, settings: Settings) -> bytes:
-    """The bytes of a file; of a report without how it was made."""
+def _content(path: Path, settings: DiffSettings) -> bytes:
+    """Read a file; the provenance in a report's page or picture is left out unless it counts."""
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -267,7 +261,7 @@ def _content(path: Path, settings: Settings) -> bytes:
 
 
 def _without_texts(png: bytes) -> bytes:
-    """A PNG file without its text entries."""
+    """Return a PNG file without its text entries."""
     out, at = png[:8], 8
     while at + 12 <= len(png):
         end = at + 12 + int.from_bytes(png[at : at + 4], "big")
