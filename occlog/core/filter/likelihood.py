@@ -28,7 +28,7 @@ from occlog.core.sight.visibility import Sensors, seen_from
 
 ROOT_2PI = math.sqrt(2.0 * math.pi)
 NEAR = 1e-9
-"""d / |h| from which on a place counts as in front of a camera."""
+"""A place counts as in front of a camera if d is above this times |h|."""
 NEAREST = 1e-100
 """The same for d, so that nothing overflows."""
 TINY = 1e-150

@@ -219,3 +219,18 @@ def test_agreement_tells_which_looks_support_a_place():
     assert agreement(xy, looks, *packed).tolist() == [True, False, False]
     candidates = scan(0, [(0, u[0] + 2.0), (0, 50.0), (2, u[2] + 60.0)], labelled=False)
     assert agreement(xy, pack_scan(candidates, read_noise(SCENE), True), *packed).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("labelled", "more"), [(True, 1e-6), (True, -1e-6), (False, 1e-6), (False, -1e-6)])
+def test_a_look_agrees_when_the_target_is_more_likely_than_anything_else(labelled, more):
+    """At equality hit N W = miss P_F of a labelled reading, and P N W = (1 - P) lambda W of a candidate."""
+    xy = np.array([[30.0, 30.0]])
+    sensors, noise = packed_scene(SCENE)
+    u = true_u(SCENE, xy[0])[0] + 2.0
+    looks = pack_scan(scan(0, [(0, u)], labelled=labelled), read_noise(SCENE), True)
+    odds = density(SCENE.cameras[0], xy, u, np.sqrt(looks.variance[0]))[0] * noise.width_px[0] * (1.0 + more)
+    if labelled:
+        model = PAPER._replace(hit=0.01 / odds, miss=0.5, false=0.02)
+    else:
+        model = PAPER._replace(candidate=0.75, clutter=odds * 0.75 / 0.25)
+    assert agreement(xy, looks, sensors, noise, spread(model, SCENE)).tolist() == [more < 0]

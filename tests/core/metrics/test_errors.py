@@ -121,3 +121,42 @@ def test_overlap_of_boxes_by_hand() -> None:
     np.testing.assert_allclose(metrics.box_overlap(a, b), [[1, 1 / 7, 0, 1 / 4]])
     np.testing.assert_allclose(metrics.intersection_areas(a, b), [[4, 1, 0, 1]])
     assert metrics.box_overlap(a, b[:0]).shape == (1, 0)
+
+
+def test_a_pair_may_cost_as_much_as_the_limit_and_no_more() -> None:
+    cost = np.array([[2.0]])
+    assert metrics.pair_within(cost, 2.0) == [(0, 0)]
+    assert metrics.pair_within(cost, np.nextafter(2.0, 0.0)) == []
+
+
+def test_a_longer_piece_with_larger_errors_beats_a_shorter_one() -> None:
+    """A time covered is worth more than the largest squared error, whichever pair that belongs to."""
+    long, short = np.append(np.full(9, 4.0), 0.0), np.array([0.0, 1.0])
+    assert metrics.pair_tracks([[long], [short]]) == [(0, 0)]
+    assert metrics.pair_tracks([[short], [long]]) == [(1, 0)]
+
+
+def test_normalised_squared_errors_in_space_are_those_of_the_inverse() -> None:
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(50, 3, 3)) * [1.0, 10.0, 0.01]
+    P, e = root @ np.swapaxes(root, 1, 2), rng.normal(size=(50, 3))
+    want = np.einsum("ni,nij,nj->n", e, np.linalg.inv(P), e)
+    np.testing.assert_allclose(metrics.normalised_squared_errors_in_space(e, P), want, rtol=1e-6)
+
+
+def test_errors_in_space_that_are_not_known_or_have_no_spread_have_no_normalised_square() -> None:
+    e, P = np.ones((5, 3)), np.tile(np.eye(3), (5, 1, 1))
+    e[0, 2] = np.nan
+    P[1, 0, 2] = P[1, 2, 0] = np.nan
+    P[2, 1, 1] = 0.0
+    P[3] = 1.0  # singular: all axes are the same
+    got = metrics.normalised_squared_errors_in_space(e, P)
+    np.testing.assert_array_equal(np.isnan(got), [True, True, True, True, False])
+    assert got[4] == 3.0
+    assert metrics.normalised_squared_errors_in_space(np.zeros((0, 3)), np.zeros((0, 3, 3))).shape == (0,)
+
+
+def test_areas_that_boxes_share_by_hand() -> None:
+    a = np.array([[0.0, 0.0, 4.0, 2.0]])
+    b = np.array([[1.0, 1.0, 9.0, 9.0], [4.0, 0.0, 1.0, 1.0], [0.0, 2.0, 1.0, 1.0], [-1.0, 0.5, 2.0, 1.0]])
+    assert metrics.intersection_areas(a, b).tolist() == [[3.0, 0.0, 0.0, 1.0]]

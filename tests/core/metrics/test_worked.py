@@ -10,7 +10,7 @@ import pytest
 
 from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot, match
 from occlog.core.metrics.failure_rates import NONE, failures
-from occlog.core.metrics.frames import Frames, Objects, of_boxes, of_points
+from occlog.core.metrics.frames import Frames, Objects, of_boxes, of_points, reaches
 from occlog.core.metrics.gospa import gospa
 from occlog.core.metrics.hota import hota
 from occlog.core.metrics.idf1 import identity
@@ -257,3 +257,60 @@ def test_a_thousand_frames_of_twenty_targets_take_less_than_a_second() -> None:
         clear_mot(frames), identity(frames), hota(frames), gospa(frames, 1.0), failures(truth, tracks, 1.0)
         took.append(time.process_time() - start)
     assert min(took) < 1.0
+
+
+def test_the_classic_rule_makes_as_many_pairs_as_can_be() -> None:
+    """Track 1 is target 2 and overlaps target 1 by a third, as track 2 does target 2."""
+    crowded = of_boxes(
+        rows((0, 1, 0, 0, 10, 10), (0, 2, 5, 0, 10, 10)), rows((0, 1, 5, 0, 10, 10), (0, 2, 10, 0, 10, 10))
+    )
+    assert clear_mot(crowded, CLASSIC._replace(threshold=0.3)).tp == 2
+    assert clear_mot(crowded, CHALLENGE._replace(threshold=0.3)).tp == 1
+
+
+def test_a_similarity_at_the_threshold_counts_and_one_of_rounding_never_does() -> None:
+    eps = float(np.finfo(np.float64).eps)
+    similarity = np.array([0.5, 0.5 - eps, 0.5 - 3 * eps, 2 * eps, eps, 0.0])
+    assert reaches(similarity, 0.5).tolist() == [True, True, False, False, False, False]
+    assert reaches(similarity, 0.0).tolist() == [True, True, True, True, False, False]
+
+
+def test_hota_counts_a_pair_whose_similarity_is_the_threshold() -> None:
+    # At 0.1 of a limit of 1 the similarity is 0.95
+    got = hota(of_points(rows((0, 1, 0.0, 0.0)), rows((0, 1, 0.1, 0.0)), 1.0), np.array([0.9, 0.95, 0.96]))
+    assert got.tp.tolist() == [1, 1, 0]
+    assert got.loc_a[:2].tolist() == pytest.approx([0.95, 0.95])
+    assert got.loc_a[2] == 1.0
+
+
+def test_each_target_is_given_the_track_that_meets_it_most_and_none_if_none_does() -> None:
+    truth = rows(*line(4, range(5)), *line(5, range(5), 100.0), *line(6, range(2), 200.0))
+    tracks = rows(*line(1, range(2)), *[(f, 2, 0.0, 0.0) for f in range(2, 5)], *line(3, range(5), 100.0))
+    found = identity(of_points(truth, tracks, 1.0))
+    assert found.track.tolist() == [1, 2, -1]
+    one = identity(of_points(rows((0, 1, 0.0, 0.0)), rows((0, 9, 0.0, 0.0)), 1.0))
+    assert one.track.tolist() == [0]
+
+
+def test_means_of_gospa_over_a_single_frame_are_its_figures() -> None:
+    found = gospa(of_points(rows((0, 1, 0.0, 0.0)), rows((0, 1, 3.0, 4.0)), 1.0), cutoff=10.0)
+    means = found.means()
+    assert (means["gospa"], means["localisation"], means["power_mean"]) == (5.0, 25.0, 5.0)
+    assert (means["missed"], means["false"]) == (0.0, 0.0)
+    assert found.means(2)["gospa"] == 2.5
+
+
+@pytest.mark.parametrize("options", [(0.0, 2.0, 2.0), (math.inf, 2.0, 2.0), (1.0, 0.99, 2.0), (1.0, math.inf, 2.0)])
+def test_gospa_refuses_options_at_the_ends_of_their_ranges(options: tuple[float, float, float]) -> None:
+    frames = of_points(rows((0, 1, 0.0, 0.0)), rows((0, 1, 0.0, 0.0)), 1.0)
+    with pytest.raises(ValueError, match="must be above 0"):
+        gospa(frames, *options)
+    with pytest.raises(ValueError, match=r"alpha 0 in"):
+        gospa(frames, 1.0, 1.0, 0.0)
+    assert gospa(frames, 1.0, 1.0, 2.0).gospa.tolist() == [0.0]
+
+
+def test_a_box_needs_a_width_and_a_height() -> None:
+    for bad in ((0, 1, 0, 0, 5, 0), (0, 1, 0, 0, 0, 5)):
+        with pytest.raises(ValueError, match="sizes above 0"):
+            of_boxes(rows(bad), rows((0, 1, 0, 0, 5, 5)))

@@ -124,3 +124,17 @@ def test_noise_is_added_axis_by_axis_and_model_by_model():
     for m in range(3):
         noise = np.concatenate([normals[m, :, :2] @ root.T, normals[m, :, 2:] @ root.T], axis=1)
         np.testing.assert_allclose(moved[m], quiet(states, models[m], 0.8) + noise, rtol=1e-12, atol=1e-12)
+
+
+def test_the_three_models_are_constant_velocity_clockwise_and_anticlockwise():
+    assert three_models(0.3).tolist() == [[0.0, 0.0, 0.0], [-0.3, 0.0, 0.0], [0.3, 0.0, 0.0]]
+
+
+def test_each_of_two_models_moves_all_particles():
+    rng = np.random.default_rng(8)
+    states, normals, root = rng.normal(size=(5, 4)), rng.normal(size=(2, 5, 4)), acceleration_root(0.2, 0.5)
+    models = np.array([[0.4, 0.0, 0.0], [0.0, 0.1, -0.1]])
+    got = move_under_all(states, models, 0.5, root, normals)
+    assert got.shape == (2, 5, 4)
+    for m in range(2):
+        np.testing.assert_array_equal(got[m], move(states, models[m], 0.5, root, normals[m]))
