@@ -9,6 +9,7 @@ import click
 
 from docs.rooms import folders_page, picture
 from occlog.cli.main import COMMANDS, cli
+from occlog.cli.setting_options import CHOSEN, VariantCommand
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES
 
@@ -16,8 +17,8 @@ FOLDER = Path(__file__).resolve().parent
 WIDTH = 100
 
 
-def help_text(command: click.Command, name: str) -> str:
-    """`--help` of a command as it is printed at a fixed width."""
+def help_text(command: click.Command, name: str, variant: str | None = None) -> str:
+    """`--help` of a command, or of one of its variants, as it is printed at a fixed width."""
     alike = copy.copy(command)
     if "_help_option" in vars(alike):  # click keeps it as it was when the command was first asked for help
         vars(alike)["_help_option"] = None
@@ -28,7 +29,16 @@ def help_text(command: click.Command, name: str) -> str:
         terminal_width=WIDTH,
         help_option_names=["-h", "--help"],
     )
+    if variant is not None:
+        context.meta[CHOSEN] = variant
     return alike.get_help(context).rstrip()
+
+
+def variant_text(command: VariantCommand, name: str, variant: str) -> str:
+    """What a variant takes beside the shared options: the end of its `--help`."""
+    text = help_text(command, name, variant)
+    marks = [text.find(f"\n{what} of {command.chosen_by.format(variant)}") for what in ("Options", "Settings")]
+    return text[min((m for m in marks if m >= 0), default=len(text)) :].strip()
 
 
 def commands_page() -> str:
@@ -39,6 +49,10 @@ def commands_page() -> str:
         command = cli.get_command(click.Context(cli), name)
         if command is not None:
             parts.append(f"## occlog {name}\n\n```text\n{help_text(command, f'occlog {name}')}\n```\n")
+        if isinstance(command, VariantCommand):
+            for variant in command.variants:
+                text = variant_text(command, f"occlog {name}", variant)
+                parts.append(f"### occlog {name} {command.chosen_by.format(variant)}\n\n```text\n{text}\n```\n")
         if isinstance(command, click.Group):
             for part, own in command.commands.items():
                 text = help_text(own, f"occlog {name} {part}")

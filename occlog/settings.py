@@ -1,60 +1,313 @@
-"""Settings of a method from names and values, with one-line errors."""
+"""What a setting is: declared once, with default, unit, range and help.
+
+A class of settings derives from `Settings`; each of its fields is a `setting(...)`.  From the
+declaration derive the check of its values, the reading of texts (`--set NAME=VALUE`), the
+options of the command line (`occlog.cli.setting_options`), the JSON Schema and the pages of
+the documentation.  Modules that declare settings load nothing heavy, so that `--help` can read them.
+"""
 
 from __future__ import annotations
 
 import difflib
 import math
+import numbers
 import types
 import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import fields, replace
-from typing import Any, TypeVar
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from typing import Any, ClassVar, Self, TypeVar
 
 from occlog.errors import InputError, UsageError
 
+METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+"""Metres in one unit of length; a scene may have a unit of its own besides."""
+LENGTH_POWER = {"length": 1, "length/s": 1, "length/s^2": 1, "length^2": 2, "length^2/s^3": 2}
+"""Units that are a length to some power, times something that does not depend on the unit of length."""
+TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 C = TypeVar("C")
 
 
-def configure(config: C, values: Mapping[str, Any], method: str) -> C:
+class SettingError(InputError):
+    """A value that a setting cannot have.
+
+    Attributes:
+        owner: what has the setting: a method or a command.
+        setting: its name.
+        value: what it was to be.
+        limit: what it must be, in words.
+    """
+
+    def __init__(self, owner: str, setting: str, value: object, limit: str) -> None:
+        super().__init__(f"{owner}: {setting} is {value}, must be {limit}")
+        self.owner, self.setting, self.value, self.limit = owner, setting, value, limit
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What is said of a setting beside its type and default.
+
+    Attributes:
+        help: one sentence or more, for people.
+        unit: `s`, `px`, `rad`, `deg`, or a key of `LENGTH_POWER`; empty: a pure number.
+        at_least, above, at_most, below: the range; at most one of each pair.
+        choices: the texts that it may be.
+        several: several of `choices`, separated by commas.
+        counts: how many numbers a tuple may have; empty: any.
+        people: default where lengths are metres, feet or inches, given in metres (or by unit); None: the same.
+        own: default where the scene has a unit of its own; None: the same.
+        option: option of the command line, as click writes it (`--lag`, `--shadows/--no-shadows`); None: only --set.
+        metavar: how the option's value is called.
+        shown: how --help tells the default; None: as it is.
+        nothing: what None means, in words.
+    """
+
+    help: str
+    unit: str = ""
+    at_least: float | None = None
+    above: float | None = None
+    at_most: float | None = None
+    below: float | None = None
+    choices: tuple[str, ...] = ()
+    several: bool = False
+    counts: tuple[int, ...] = ()
+    people: Any = None
+    own: Any = None
+    option: str | None = None
+    metavar: str | None = None
+    shown: str | None = None
+    nothing: str | None = None
+
+    def limit(self) -> str:
+        """The range in words: `above 0 and at most 1`, `one of a, b`; empty if every value will do."""
+        if self.choices:
+            return ("of " if self.several else "one of ") + ", ".join(self.choices)
+        ends = (
+            ("at least", self.at_least),
+            ("above", self.above),
+            ("at most", self.at_most),
+            ("below", self.below),
+        )
+        return " and ".join(f"{word} {end:g}" for word, end in ends if end is not None)
+
+    def holds(self, value: Any) -> bool:
+        """Whether a number or a text is in the range; None always is."""
+        if value is None:
+            return True
+        if self.choices:
+            given = listed(value) if self.several else (value,)
+            return bool(given) and set(given) <= set(self.choices)
+        if isinstance(value, tuple):
+            return not self.counts or len(value) in self.counts
+        return (
+            (self.at_least is None or value >= self.at_least)
+            and (self.above is None or value > self.above)
+            and (self.at_most is None or value <= self.at_most)
+            and (self.below is None or value < self.below)
+        )
+
+
+def setting(default: Any, help: str, **declared: Any) -> Any:
+    """Declare a field of a class of settings; see `Declaration` for what may be said of it."""
+    return field(default=default, metadata={"setting": Declaration(help, **declared)})
+
+
+def declaration(of: Field[Any]) -> Declaration:
+    """What is said of a field of a class of settings."""
+    found: Declaration = of.metadata["setting"]
+    return found
+
+
+def listed(text: str) -> tuple[str, ...]:
+    """Names separated by commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Base of all classes of settings; frozen, and checked when it is made.
+
+    `OWNER` is the name of the method or the command, for messages.
+    """
+
+    OWNER: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for f in declared(type(self)):
+            self._check(f)
+        for name, holds, limit in self.rules():
+            if not holds:
+                raise SettingError(self.OWNER, name, getattr(self, name), limit)
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """Rules between settings: name of the one that is wrong, whether the rule holds, what it says."""
+        return ()
+
+    def _check(self, f: Field[Any]) -> None:
+        """SettingError for a value of another type, that is not finite, or out of its range."""
+        value, said = getattr(self, f.name), declaration(f)
+        kind = kind_of(type(self), f.name)
+        if not (value is None and optional(kind)) and not _is_a(value, kind):
+            raise SettingError(
+                self.OWNER, f.name, repr(value), said.limit() if said.choices else KIND_WORDS[item_kind(kind)]
+            )
+        parts = value if isinstance(value, tuple) else (value,)
+        if any(isinstance(n, float) and not math.isfinite(n) for n in parts):
+            limit = said.limit()
+            raise SettingError(self.OWNER, f.name, value, "finite" + (f" and {limit}" if limit else ""))
+        if not said.holds(value):
+            raise SettingError(self.OWNER, f.name, value, said.limit() or counted(said.counts))
+
+    @classmethod
+    def in_unit(cls, length_unit: str) -> Self:
+        """The defaults that suit a scene whose lengths are in this unit."""
+        return cls(**{f.name: default_in(f, length_unit) for f in declared(cls)})
+
+
+KIND_WORDS: dict[Any, str] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    (tuple, float): "numbers with commas",
+    (tuple, str): "a list of names",
+}
+"""What a value of a type is, in words."""
+
+
+def item_kind(kind: Any) -> Any:
+    """Key of `KIND_WORDS` of an annotated type: the plain type, or a tuple with the type of its items."""
+    plain = plain_kind(kind)
+    if plain is not tuple:
+        return plain
+    whole = next(k for k in (typing.get_args(kind) or ()) if typing.get_origin(k) is tuple) if optional(kind) else kind
+    return tuple, typing.get_args(whole)[0]
+
+
+def _is_a(value: Any, kind: Any) -> bool:
+    """Whether a value is of the annotated type; a whole number is a number, true is none."""
+    key = item_kind(kind)
+    if isinstance(key, tuple):
+        items = numbers.Real if key[1] is float else str
+        return isinstance(value, tuple) and all(isinstance(v, items) for v in value)
+    if key in (int, float):
+        return isinstance(value, numbers.Integral if key is int else numbers.Real) and not isinstance(value, bool)
+    return isinstance(value, key)
+
+
+def counted(counts: tuple[int, ...]) -> str:
+    """How many numbers a tuple must have, in words."""
+    return " or ".join(str(n) for n in counts) + " numbers"
+
+
+def declared(of: type[Settings]) -> tuple[Field[Any], ...]:
+    """The fields of a class that are settings, in the order of declaration."""
+    return tuple(f for f in fields(of) if "setting" in f.metadata)
+
+
+def default_in(f: Field[Any], length_unit: str) -> Any:
+    """The default of a setting in scenes of that unit; lengths of people are told in metres and converted."""
+    said = declaration(f)
+    if length_unit not in METRES:
+        return f.default if said.own is None else said.own
+    value = f.default if said.people is None else said.people
+    if isinstance(value, Mapping):
+        return value[length_unit]
+    power = LENGTH_POWER.get(said.unit, 0)
+    if not power or not isinstance(value, float):
+        return value
+    metre = 1.0 / METRES[length_unit]
+    return value * metre**power
+
+
+def configure(config: C, values: Mapping[str, Any], owner: str = "") -> C:
     """The settings with some of them replaced; texts are read as the type of the setting.
 
-    UsageError names a setting that the method does not have, or a value that is none.
+    Raises:
+        UsageError: a setting that is not there, or a text that is no value of it.
+        SettingError: a value out of its range.
     """
-    kinds = typing.get_type_hints(type(config))
     known = [f.name for f in fields(config)]  # type: ignore[arg-type]
+    owner = getattr(config, "OWNER", owner)
     changed = {}
     for name, value in values.items():
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known)}"
-            raise UsageError(f"method {method} has no setting {name!r}; {hint}")
-        changed[name] = _read(value, kinds[name], name) if isinstance(value, str) else value
+            raise UsageError(f"method {owner} has no setting {name!r}; {hint}")
+        changed[name] = read_value(value, kind_of(type(config), name), name) if isinstance(value, str) else value
     return replace(config, **changed)  # type: ignore[type-var]
 
 
-def _read(text: str, kind: Any, name: str) -> Any:
-    options = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
-    if types.NoneType in options and text.strip().lower() in ("none", ""):
+def kind_of(of: type, name: str) -> Any:
+    """Type of a setting as annotated, for example `float | None`."""
+    return typing.get_type_hints(of)[name]
+
+
+def plain_kind(kind: Any) -> Any:
+    """The type without None: `float` of `float | None`; `tuple` of a tuple of numbers."""
+    if isinstance(kind, types.UnionType):
+        kind = next(k for k in typing.get_args(kind) if k is not types.NoneType)
+    return typing.get_origin(kind) or kind
+
+
+def optional(kind: Any) -> bool:
+    """Whether a setting of this type may be None."""
+    return isinstance(kind, types.UnionType) and types.NoneType in typing.get_args(kind)
+
+
+def read_value(text: str, kind: Any, name: str) -> Any:
+    """The value that a text says; UsageError where it says none."""
+    if optional(kind) and text.strip().lower() in ("none", ""):
         return None
-    kind = next(k for k in options if k is not types.NoneType)
-    truths = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+    plain = plain_kind(kind)
     try:
-        if kind is bool:
-            return truths[text.strip().lower()]
-        if typing.get_origin(kind) is tuple:
-            return tuple(float(part) for part in text.split(","))
-        return kind(text)
+        if plain is bool:
+            return TRUTHS[text.strip().lower()]
+        if plain is tuple:
+            return listed(text) if item_kind(kind) == (tuple, str) else tuple(float(part) for part in text.split(","))
+        return plain(text)
     except (ValueError, KeyError) as error:
-        what = {int: "a whole number", float: "a number", bool: "true or false"}.get(kind, "numbers with commas")
-        raise UsageError(f"setting {name}: want {what}, got {text!r}") from error
+        raise UsageError(f"setting {name}: want {KIND_WORDS[item_kind(kind)]}, got {text!r}") from error
+
+
+def json_schema(of: type[Settings]) -> dict[str, Any]:
+    """JSON Schema of an object that gives some of the settings; what is left out has its default."""
+    properties = {f.name: _property(of, f) for f in declared(of)}
+    return {"type": "object", "properties": properties, "additionalProperties": False}
+
+
+def _property(of: type[Settings], f: Field[Any]) -> dict[str, Any]:
+    """JSON Schema of one setting."""
+    said, kind = declaration(f), kind_of(of, f.name)
+    names = {int: "integer", float: "number", bool: "boolean", str: "string", tuple: "array"}
+    name = names[plain_kind(kind)]
+    out: dict[str, Any] = {"type": [name, "null"] if optional(kind) else name, "description": said.help}
+    if name == "array":
+        out["items"] = {"type": "string" if item_kind(kind) == (tuple, str) else "number"}
+        if said.counts:
+            out |= {"minItems": min(said.counts), "maxItems": max(said.counts)}
+    ends = {
+        "minimum": said.at_least,
+        "exclusiveMinimum": said.above,
+        "maximum": said.at_most,
+        "exclusiveMaximum": said.below,
+    }
+    out |= {key: end for key, end in ends.items() if end is not None}
+    if said.choices and not said.several:
+        out["enum"] = [*said.choices, None] if optional(kind) else list(said.choices)
+    if said.unit:
+        out["unit"] = said.unit
+    if f.default is not MISSING:
+        out["default"] = list(f.default) if isinstance(f.default, tuple) else f.default
+    return out
 
 
 def check_settings(config: Any, method: str, limits: Iterable[tuple[str, bool, str]]) -> None:
     """InputError for a setting that is not finite or breaks its limit (name, whether it holds, what it is)."""
     for f in fields(config):
         value = getattr(config, f.name)
-        numbers = value if isinstance(value, tuple) else (value,)
-        if any(isinstance(n, float) and not math.isfinite(n) for n in numbers):
+        parts = value if isinstance(value, tuple) else (value,)
+        if any(isinstance(n, float) and not math.isfinite(n) for n in parts):
             raise InputError(f"{method}: {f.name} is {value}, must be finite")
     for name, holds, limit in limits:
         if not holds:

@@ -6,17 +6,17 @@ import pytest
 
 from occlog.errors import InputError, UsageError
 from occlog.settings import configure
-from occlog.track.apf.config import ApfConfig, apf_defaults
-from occlog.track.catalogue import METHODS
+from occlog.track.apf.config import ApfConfig
+from occlog.track.catalogue import METHODS, settings_of
 
 
 def test_texts_are_read_as_the_type_of_the_setting():
     values = {"particles": "500", "sigma_v": "0.2", "use_score": "no", "start": "1,2.5,0.3", "detection": "none"}
-    config = configure(ApfConfig(detection=0.9), values, "apf")
+    config = configure(ApfConfig(detection=0.9), values)
     assert (config.particles, config.sigma_v, config.use_score) == (500, 0.2, False)
     assert config.start == (1.0, 2.5, 0.3)
     assert config.detection is None
-    assert configure(config, {"detection": "0.8"}, "apf").detection == 0.8
+    assert configure(config, {"detection": "0.8"}).detection == 0.8
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_texts_are_read_as_the_type_of_the_setting():
 )
 def test_what_is_no_setting_or_no_value_is_refused_in_one_line(name, value, message):
     with pytest.raises(UsageError) as caught:
-        configure(ApfConfig(), {name: value}, "apf")
+        configure(ApfConfig(), {name: value})
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -68,7 +68,7 @@ def test_settings_out_of_their_limits_are_refused(values):
 
 
 def test_defaults_suit_the_length_unit():
-    metres, feet, own = apf_defaults("m"), apf_defaults("ft"), apf_defaults("unit")
+    metres, feet, own = ApfConfig.in_unit("m"), ApfConfig.in_unit("ft"), ApfConfig.in_unit("unit")
     assert own == ApfConfig()
     assert feet.speed == pytest.approx(metres.speed / 0.3048)
     assert feet.sigma_v == pytest.approx(metres.sigma_v / 0.3048)
@@ -76,6 +76,6 @@ def test_defaults_suit_the_length_unit():
 
 
 def test_every_method_has_valid_defaults_for_every_unit():
-    for method in METHODS.values():
+    for method in METHODS:
         for unit in ("m", "ft", "in", "unit"):
-            assert isinstance(method.defaults(unit), method.method.config)
+            assert isinstance(settings_of(method).in_unit(unit), settings_of(method))

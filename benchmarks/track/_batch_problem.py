@@ -8,7 +8,7 @@ from occlog.array_types import Floats
 from occlog.measure.scans.scan import sensor_names
 from occlog.measure.scans.scans import Rows, scans_of
 from occlog.papers.rahimi.example import example, identified, sparse_scene
-from occlog.track.map.config import MapConfig, map_defaults
+from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.method import begin, problem_of, start_of
 from occlog.track.map.record import record_of
@@ -17,7 +17,7 @@ from occlog.track.map.record import record_of
 def sparse_config() -> MapConfig:
     """The paper's method, with the motion of the world as it was identified."""
     acceleration, jitter = identified(0)
-    return replace(map_defaults("m"), acceleration=acceleration, jitter=jitter, walls=False, depth=1.0)
+    return replace(MapConfig.in_unit("m"), acceleration=acceleration, jitter=jitter, walls=False, depth=1.0)
 
 
 def sparse_problem(steps: int, seed: int) -> tuple[Problem, Floats, float]:

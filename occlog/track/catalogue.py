@@ -1,67 +1,153 @@
-"""Tracking methods by their names; each is a `METHOD` of its own module."""
+"""The tracking methods: a table of text, so that --help loads none of them.
+
+A method is a folder with its settings (`config.py`) and one line here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+import importlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from occlog.errors import UsageError
-from occlog.track.apf.config import apf_defaults
-from occlog.track.fix.config import fix_defaults
-from occlog.track.imm.config import imm_defaults
-from occlog.track.in_space.config import direct3d_defaults, pps_defaults
-from occlog.track.map.config import map_defaults
+from occlog.settings import Settings
 
-from .apf import filter as apf
-from .fix import method as fix
-from .imm import filter as imm
-from .in_space import direct3d, projected_planes
-from .interface import AnyMethod
-from .map import method as batch_map
+if TYPE_CHECKING:
+    from .interface import AnyMethod
+
+SELECTION = ("policy", "count", "every", "model", "order")
+IN_WORLD = (
+    "diagnostics",
+    "doa",
+    "doa_labels",
+    "targets",
+    "labelled_only",
+    "use_recovered",
+    "turn",
+)
+"""Options of all methods that track in the world; see `occlog.track.options`."""
+IN_IMAGES = ("initial", "detections", "fundamental", "world")
+"""Options of all methods that track in images."""
 
 
-class Entry(NamedTuple):
-    """A line of the catalogue."""
+@dataclass(frozen=True)
+class Entry:
+    """A method.
+
+    Attributes:
+        summary: one line.
+        method: module and name of the method, a value of `occlog.track.interface`, or of `Visual` for one in images.
+        settings: module and name of the class of its settings.
+        takes: names of the options that it takes beside the shared ones and its settings.
+        images: it tracks in the images of a recording.
+    """
 
     summary: str
-    method: AnyMethod
-    defaults: Callable[[str], Any]  # settings that suit a scene's length unit
+    method: str
+    settings: str
+    takes: tuple[str, ...]
+    images: bool = False
 
 
 METHODS: dict[str, Entry] = {
     "apf": Entry(
-        "auxiliary particle filter with random waypoints (Ercan, El Gamal, Guibas 2013)", apf.METHOD, apf_defaults
+        "auxiliary particle filter with random waypoints (Ercan, El Gamal, Guibas 2013)",
+        "occlog.track.apf.filter:METHOD",
+        "occlog.track.apf.config:ApfConfig",
+        (*IN_WORLD, "starts", "occluders", "calibration", *SELECTION),
     ),
     "map": Entry(
         "most probable trajectory from all bearings at once (Rahimi, Dunagan, Darrell 2004)",
-        batch_map.METHOD,
-        map_defaults,
+        "occlog.track.map.method:METHOD",
+        "occlog.track.map.config:MapConfig",
+        (*IN_WORLD, "starts", "motion"),
     ),
     "direct3d": Entry(
-        "particle filter in space from azimuths and elevations (Lee 2009)", direct3d.METHOD, direct3d_defaults
+        "particle filter in space from azimuths and elevations (Lee 2009)",
+        "occlog.track.in_space.direct3d:METHOD",
+        "occlog.track.in_space.config:Direct3dConfig",
+        (*IN_WORLD, "starts", *SELECTION),
     ),
     "pps": Entry(
         "projected planes selection: particle filters in the planes xy, yz and zx (Lee 2009)",
-        projected_planes.METHOD,
-        pps_defaults,
+        "occlog.track.in_space.projected_planes:METHOD",
+        "occlog.track.in_space.config:PpsConfig",
+        (*IN_WORLD, "starts", *SELECTION),
     ),
     "imm": Entry(
         "several motion models for several targets that microphone arrays hear, unlabelled (Lee 2009)",
-        imm.METHOD,
-        imm_defaults,
+        "occlog.track.imm.filter:METHOD",
+        "occlog.track.imm.config:ImmConfig",
+        (*IN_WORLD, "starts", "cooperation"),
     ),
-    "fix": Entry("each moment's position from its bearings alone (Lenth 1981)", fix.METHOD, fix_defaults),
+    "fix": Entry(
+        "each moment's position from its bearings alone (Lenth 1981)",
+        "occlog.track.fix.method:METHOD",
+        "occlog.track.fix.config:FixConfig",
+        IN_WORLD,
+    ),
+    "mipf": Entry(
+        "in images: a particle filter for each target and view, on its own (Qu, Schonfeld, Mohamed 2007)",
+        "occlog.track.images.catalogue:MIPF",
+        "occlog.track.images.methods.config:MipfConfig",
+        IN_IMAGES,
+        images=True,
+    ),
+    "idmot": Entry(
+        "in images: trackers that touch repel each other and keep their ways (Qu, Schonfeld, Mohamed 2007)",
+        "occlog.track.images.catalogue:IDMOT",
+        "occlog.track.images.methods.config:IdmotConfig",
+        IN_IMAGES,
+        images=True,
+    ),
+    "cmct": Entry(
+        "in images: particles on the epipolar lines of the other views, colours that adapt; no interaction",
+        "occlog.track.images.catalogue:CMCT",
+        "occlog.track.images.methods.config:CmctConfig",
+        IN_IMAGES,
+        images=True,
+    ),
+    "bmct": Entry(
+        "in images: as idmot, helped by the other views through epipolar lines (Qu, Schonfeld, Mohamed 2007)",
+        "occlog.track.images.catalogue:BMCT",
+        "occlog.track.images.methods.config:BmctConfig",
+        IN_IMAGES,
+        images=True,
+    ),
+    "mcmc": Entry(
+        "in images: a filter for each view, whose samples hold all of its targets",
+        "occlog.track.images.methods.mcmc:MCMC",
+        "occlog.track.images.methods.config:McmcConfig",
+        IN_IMAGES,
+        images=True,
+    ),
 }
-"""Every method by its name."""
+"""Every method by the name that `--method` takes."""
 
 
 def entry(name: str) -> Entry:
-    """The method's line; UsageError names the ones there are."""
+    """The method's line in the table; UsageError names the methods there are."""
     if name not in METHODS:
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(METHODS)}")
     return METHODS[name]
 
 
+def settings_of(name: str) -> type[Settings]:
+    """The class of a method's settings; loads the method's `config.py`, which loads nothing heavy."""
+    found: type[Settings] = load(entry(name).settings)
+    return found
+
+
 def tracker(name: str) -> AnyMethod:
-    """The method of that name; UsageError names the ones there are."""
-    return entry(name).method
+    """The method of that name, which tracks in the world; UsageError names the ones there are."""
+    in_world = [n for n, e in METHODS.items() if not e.images]
+    if name not in in_world:
+        raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}")
+    method: AnyMethod = load(METHODS[name].method)
+    return method
+
+
+def load(where: str) -> Any:
+    """The value of `module:name`."""
+    module, _, name = where.partition(":")
+    return getattr(importlib.import_module(module), name)

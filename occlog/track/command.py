@@ -2,119 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
 from occlog.cli import options
+from occlog.cli.setting_options import Variant, VariantCommand, given, value_after
 
-from .images import command as track_views
-
-METHODS = ("apf", "map", "direct3d", "pps", "imm", "fix")
-"""Names of `occlog.track.catalogue.METHODS`; a test keeps the two alike, so that --help need not load the trackers."""
-POLICIES = ("greedy", "brute-force", "fixed", "random", "closest", "all")
-MODELS = ("perspective", "weak")
-"""The same of `occlog.track.apf.selection_policies`."""
-COOPERATE = ("none", "periodic", "printed", "count", "spread")
-"""The same of `occlog.track.imm.config`."""
+from .catalogue import METHODS, settings_of
+from .options import method_params
 
 
-@click.command(name="track", short_help="Estimate target tracks from bearings or video.")
+def _variant(name: str) -> Variant:
+    """What --method NAME takes; its settings are loaded when they are asked for."""
+    around = (_around,) if METHODS[name].images else ()
+    return Variant(METHODS[name].summary, partial(method_params, name), (partial(settings_of, name), *around))
+
+
+def _around() -> Any:
+    """Settings around the trackers in images."""
+    from .images.births.config import ViewsConfig
+
+    return ViewsConfig
+
+
+def chosen_method(args: Sequence[str]) -> str | None:
+    """The method that the arguments name."""
+    return value_after(args, "--method")
+
+
+@click.command(
+    name="track",
+    cls=VariantCommand,
+    variants={name: _variant(name) for name in METHODS},
+    choose=chosen_method,
+    default="apf",
+    what="method",
+    chosen_by="--method {}",
+    short_help="Estimate target tracks from bearings or video.",
+)
 @click.argument("bearings", type=options.PATH)
 @options.output_opt("Tracks (Parquet).")
-@click.option("--diagnostics", type=options.PATH, default=None, help="How the filter fared at each time (Parquet).")
-@click.option(
-    "--calibration",
-    type=options.PATH,
-    default=None,
-    help="Errors of the cameras' poses as estimated, with --set calibrate=joint or initial (Parquet).",
-)
 @options.scene_opt
-@click.option(
-    "--doa",
-    type=options.PATH,
-    default=None,
-    help="Directions of arrival to use too: a table, or a recording that holds them.",
-)
-@click.option(
-    "--doa-labels",
-    is_flag=True,
-    help="Identities in the log of directions are those of targets. [default: directions may be of anything]",
-)
-@click.option(
-    "--occluders",
-    type=options.PATH,
-    default=None,
-    help="Where moving occluders may be: `occluders` or `hulls` (Parquet, see `occlog priors`), "
-    "or truth (known exactly).",
-)
-@click.option(
-    "--select",
-    "policy",
-    type=click.Choice(POLICIES),
-    default=None,
-    help="Use only some cameras, selected anew every few steps. [default: use all]",
-)
-@click.option("--count", type=click.IntRange(min=1), default=None, help="Cameras selected. [default: 4]")
-@click.option(
-    "--every",
-    type=click.FloatRange(min=0, min_open=True),
-    default=None,
-    metavar="STEPS",
-    help="Reference steps (--set reference_s, 1 s) between selections. [default: 5]",
-)
-@click.option(
-    "--select-model",
-    "model",
-    type=click.Choice(MODELS),
-    default=None,
-    help="Camera model of the expected error. [default: perspective]",
-)
-@click.option("--select-order", "order", default="", metavar="A,B,...", help="Order of the cameras for --select fixed.")
-@click.option(
-    "--method",
-    type=click.Choice((*METHODS, *track_views.VIEW_METHODS)),
-    default="apf",
-    show_default=True,
-    help=f"Tracking method; {', '.join(track_views.VIEW_METHODS)} track in the images of a recording.",
-)
-@track_views.view_opts
-@click.option(
-    "--particles", type=click.IntRange(min=1), default=None, help="Particles a target. [default: 2000, in images 60]"
-)
-@click.option(
-    "--start",
-    "starts",
-    multiple=True,
-    metavar="X,Y[,SIGMA]",
-    help="Where the target is at first; SIGMA is 0.5 m, or 1 in units of its own, if left out. For --method imm also "
-    "X,Y,SIGMA,VX,VY,SIGMA_V; may be repeated, once a target. [default: anywhere in the room]",
-)
-@click.option(
-    "--cooperate",
-    default=None,
-    metavar="POLICY",
-    help=f"For --method imm: when to ask cameras where the targets are: {', '.join(COOPERATE)}; several with commas. "
-    "[default: none]",
-)
-@click.option(
-    "--cooperation", type=options.PATH, default=None, help="What cameras were asked, and what they said (Parquet)."
-)
-@click.option(
-    "--target",
-    "targets",
-    multiple=True,
-    type=click.IntRange(min=0),
-    metavar="ID",
-    help="Track only this target; may be repeated. The first also numbers a track without labels.",
-)
-@click.option("--labelled-only", is_flag=True, help="Do not use candidates that are not assigned to a target.")
-@click.option(
-    "--use-recovered",
-    is_flag=True,
-    help="Use what the fusion of detections recovered as if it had been measured. [default: not seen]",
-)
+@click.option("--method", default="apf", show_default=True, metavar="NAME", help="Tracking method.")
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Use only these sensors.")
 @click.option("--without", default="", metavar="A,B,...", help="Leave these sensors out.")
 @click.option(
@@ -124,24 +57,6 @@ COOPERATE = ("none", "periodic", "printed", "count", "spread")
     metavar="SECONDS",
     help="Measurements this close together in time make one scan. [default: equal times; frames: below half the "
     "shortest frame period]",
-)
-@click.option(
-    "--in-turn",
-    "turn",
-    type=click.FloatRange(min=0, min_open=True),
-    default=None,
-    metavar="SECONDS",
-    help="Use one sensor at a time, each for so long, in the order of the scene. [default: all at once]",
-)
-@click.option(
-    "--motion", type=options.PATH, default=None, help="How targets move, from `occlog fit-motion`; for --method map."
-)
-@click.option(
-    "--lag",
-    type=click.FloatRange(min=0, min_open=True),
-    default=None,
-    metavar="SECONDS",
-    help="For --method map: estimate with so much of what comes after, in bounded memory. [default: all of it]",
 )
 @click.option(
     "--set",
@@ -154,43 +69,20 @@ COOPERATE = ("none", "periodic", "printed", "count", "spread")
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
-@click.pass_context
 def command(
-    context: click.Context,
-    /,
     bearings: Path,
     output: Path,
-    diagnostics: Path | None,
-    calibration: Path | None,
     scene: Path | None,
-    doa: Path | None,
-    occluders: Path | None,
-    policy: str | None,
-    count: int | None,
-    every: float | None,
-    model: str | None,
-    order: str,
     method: str,
-    particles: int | None,
-    starts: tuple[str, ...],
-    cooperate: str | None,
-    cooperation: Path | None,
-    targets: tuple[int, ...],
-    labelled_only: bool,
-    use_recovered: bool,
     only: str,
     without: str,
     window: float | None,
-    doa_labels: bool,
-    turn: float | None,
-    motion: Path | None,
-    lag: float | None,
     settings: tuple[str, ...],
     seed: int,
     overwrite: bool,
     quiet: bool,
     as_json: bool,
-    **_views: Any,
+    **own: Any,
 ) -> int:
     """Estimate target tracks from BEARINGS (Parquet, or a recording that holds bearings).
 
@@ -219,50 +111,53 @@ def command(
       occlog track balls.mcap --method bmct --initial balls.mcap -o view_tracks.parquet
       occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
     """
-    from occlog.cli.parse import parse_names, parse_seconds, parse_setting, parse_window
+    from occlog.cli.parse import parse_names, parse_setting, parse_window
 
+    from .apf.selection_config import SelectConfig
+
+    values = dict(parse_setting(text) for text in settings) | given(settings_of(method), own)
+    if METHODS[method].images:
+        from .images.run.inputs import ViewsRequest
+        from .images.run.run import ViewsOutputs, run_track_views
+
+        video = ViewsRequest(
+            recording=bearings,
+            scene=scene,
+            method=method,
+            settings=values,
+            initial=own["initial"],
+            detections=own["detections"],
+            fundamental=own["fundamental"],
+            only=parse_names(only),
+            without=parse_names(without),
+            window_ns=None if window is None else parse_window(window),
+            seed=seed,
+        )
+        tracks = ViewsOutputs(output, own["world"])
+        options.check_outputs(video.paths, [tracks.tracks, tracks.world], overwrite)
+        return options.finish(*run_track_views(video, tracks, overwrite, quiet), as_json)
     from .run import Outputs, Request, run_track
 
-    if track_views.check_options(context, method):
-        return track_views.run(context, None if window is None else parse_window(window))
-    outputs = Outputs(output, diagnostics, calibration, cooperation)
-    options.check_outputs([bearings, scene, doa, occluders, motion], outputs.paths, overwrite)
-    for option, given, wanted in (
-        ("--motion", motion is not None, "map"),
-        ("--lag", lag is not None, "map"),
-        ("--cooperate", cooperate is not None, "imm"),
-        ("--cooperation", cooperation is not None, "imm"),
-    ):
-        if given and method != wanted:
-            raise click.UsageError(f"{option} goes with --method {wanted}, not {method}")
-    values = dict(parse_setting(text) for text in settings)
-    if particles is not None:
-        values["particles"] = str(particles)
-    if lag is not None:
-        values["lag_s"] = str(parse_seconds("--lag", lag))
-    if cooperate is not None:
-        values["cooperate"] = cooperate
     request = Request(
-        bearings,
-        scene,
-        doa,
-        method,
-        values,
-        starts,
-        targets,
-        not labelled_only,
-        parse_names(only),
-        parse_names(without),
-        parse_window(window or 0.0),
-        seed,
-        occluders,
-        policy,
-        {name: value for name, value in (("count", count), ("every", every), ("model", model)) if value is not None},
-        parse_names(order),
-        doa_labels,
-        None if turn is None else parse_seconds("--in-turn", turn),
-        motion,
-        use_recovered,
+        bearings=bearings,
+        scene=scene,
+        doa=own["doa"],
+        method=method,
+        settings=values,
+        starts=own.get("starts", ()),
+        targets=own["targets"],
+        unlabelled=not own["labelled_only"],
+        only=parse_names(only),
+        without=parse_names(without),
+        window_ns=parse_window(window or 0.0),
+        seed=seed,
+        occluders=own.get("occluders"),
+        selection=given(SelectConfig, own),
+        doa_labels=own["doa_labels"],
+        turn_s=own["turn"],
+        motion=own.get("motion"),
+        use_recovered=own["use_recovered"],
     )
-    summary, losses = run_track(request, outputs, overwrite, quiet)
-    return options.finish(summary, losses, as_json)
+    outputs = Outputs(output, own["diagnostics"], own.get("calibration"), own.get("cooperation"))
+    options.check_outputs(request.paths, outputs.paths, overwrite)
+    return options.finish(*run_track(request, outputs, overwrite, quiet), as_json)

@@ -23,14 +23,14 @@ from occlog.measure.scans.scan import sensor_names
 from occlog.measure.scans.scans import checked, choose_sensors
 from occlog.measure.scans.sources import in_turn, only_measured
 from occlog.records.tables import Bearings, Calibration, Cooperation, Diagnostics, Tracks
-from occlog.settings import configure
-from occlog.track.apf.selection_policies import SelectConfig
+from occlog.settings import METRES, Settings, configure
+from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.drivers.messages import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.imm.config import START_NUMBERS, imm_defaults
+from occlog.track.imm.config import START_NUMBERS, ImmConfig
 
-from .catalogue import entry, tracker
+from .catalogue import settings_of, tracker
 from .interface import AnyMethod, Online
 
 if TYPE_CHECKING:
@@ -124,9 +124,6 @@ class Tally:
         }
 
 
-METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
-
-
 @dataclass(frozen=True)
 class Request:
     """What to track and how."""
@@ -135,7 +132,7 @@ class Request:
     scene: Path | None
     doa: Path | None
     method: str
-    settings: dict[str, str]
+    settings: Mapping[str, Any]
     starts: tuple[str, ...]
     targets: tuple[int, ...]  # empty: all
     unlabelled: bool
@@ -144,13 +141,17 @@ class Request:
     window_ns: int
     seed: int
     occluders: Path | None = None
-    policy: str | None = None  # of the selection of cameras; None: no selection
-    selection: dict[str, Any] = field(default_factory=dict)
-    order: tuple[str, ...] = ()
+    selection: Mapping[str, Any] = field(default_factory=dict)  # settings of the selection of cameras; empty: none
     doa_labels: bool = False
     turn_s: float | None = None  # one sensor at a time, for so long; None: all of them
     motion: Path | None = None  # a fitted motion model, for --method map
     use_recovered: bool = False  # of fused bearings also those that were recovered
+
+    @property
+    def paths(self) -> list[Path]:
+        """All inputs that were given."""
+        given = (self.bearings, self.scene, self.doa, self.occluders, self.motion)
+        return [path for path in given if path is not None]
 
 
 @dataclass(frozen=True)
@@ -207,11 +208,8 @@ def run_track(
         **asdict(config),
         **({"use_recovered": True} if request.use_recovered else {}),
     }
-    paths = [
-        p for p in (request.bearings, request.scene, request.doa, request.occluders, request.motion) if p is not None
-    ]
     losses = tuple(inputs.losses)
-    provenance = Provenance("track", parameters, request.seed, hash_inputs(paths), losses)
+    provenance = Provenance("track", parameters, request.seed, hash_inputs(request.paths), losses)
     outputs: list[tuple[Path | None, type[Table]]] = [
         (wanted.tracks, Tracks),
         (wanted.diagnostics, Diagnostics),
@@ -259,9 +257,9 @@ def one_at_a_time(
     return in_turn(checked(chunks, scene, sensors), names, seconds)
 
 
-def make_config(request: Request, unit: str) -> Any:
+def make_config(request: Request, unit: str) -> Settings:
     """Settings of the method: its defaults for the length unit, and what the options say."""
-    defaults = entry(request.method).defaults(unit)
+    defaults = settings_of(request.method).in_unit(unit)
     values: dict[str, Any] = dict(request.settings)
     if request.motion is not None:
         values |= motion_settings(request.motion, unit, values)
@@ -269,10 +267,7 @@ def make_config(request: Request, unit: str) -> Any:
         if "start" in values:
             raise UsageError("--start and --set start=... say the same; give one of them")
         values["start"] = parse_starts(request.starts, request.method, unit)
-    try:
-        return configure(defaults, values, request.method)
-    except InputError as error:  # here the values are options
-        raise UsageError(str(error)) from error
+    return configure(defaults, values)
 
 
 def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -289,16 +284,14 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
 
 def make_selection(request: Request) -> SelectConfig | None:
     """How cameras are selected; UsageError for options of a selection without --select."""
-    if request.policy is None:
-        if request.selection or request.order:
-            raise UsageError("--count, --every, --select-model and --select-order go with --select; add it")
+    given = request.selection
+    if not given:
         return None
-    if request.order and request.policy != "fixed":
-        raise UsageError(f"--select-order goes with --select fixed, not {request.policy}")
-    try:
-        return SelectConfig(policy=request.policy, order=request.order, **request.selection)
-    except InputError as error:  # here the values are options
-        raise UsageError(str(error)) from error
+    if "policy" not in given:
+        raise UsageError("--count, --every, --select-model and --select-order go with --select; add it")
+    if "order" in given and given["policy"] != "fixed":
+        raise UsageError(f"--select-order goes with --select fixed, not {given['policy']}")
+    return configure(SelectConfig(), given)
 
 
 def parse_starts(texts: tuple[str, ...], method: str, unit: str) -> str:
@@ -317,7 +310,7 @@ def _with_velocity(text: str, unit: str) -> str:
         return text
     if len(parts) > 3:
         raise UsageError(f"--start {text}: want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V")
-    return f"{parse_start(text, unit)},0,0,{imm_defaults(unit).speed}"
+    return f"{parse_start(text, unit)},0,0,{ImmConfig.in_unit(unit).speed}"
 
 
 def parse_start(text: str, unit: str) -> str:

@@ -10,6 +10,7 @@ import click
 import pytest
 
 from occlog.cli.main import COMMANDS, LazyGroup, cli
+from occlog.cli.setting_options import VariantCommand, params_of
 from occlog.errors import ExitCode
 
 HEAVY = (
@@ -68,7 +69,8 @@ def test_every_command_has_help_that_ends_in_an_example(name: str) -> None:
     text = command.help or ""
     assert "\b" in text
     assert f"occlog {name}" in text.split("\b")[-1]
-    for param in command.params:
+    variants = command.variants if isinstance(command, VariantCommand) else [None]
+    for param in (p for variant in variants for p in params_of(command, variant)):
         if isinstance(param, click.Option):
             assert param.help, f"{name}: {param.opts} has no help"
 

@@ -11,6 +11,7 @@ from places import ROOT
 
 from docs.make import PAGES
 from occlog.cli.main import COMMANDS, cli
+from occlog.cli.setting_options import VariantCommand, params_of
 
 FRONT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
 TEXTS = [*FRONT, *sorted((ROOT / "docs").glob("*.md"))]
@@ -48,7 +49,8 @@ def test_shown_options_exist(file: str, line: str) -> None:
     if isinstance(command, click.Group):
         assert words[2] in command.commands, f"{file}: {line}"
         command = command.commands[words[2]]
-    valid = {o for p in command.params for o in (*p.opts, *p.secondary_opts)} | {"-h", "--help"}
+    chosen = command.choose(words) if isinstance(command, VariantCommand) else None
+    valid = {o for p in params_of(command, chosen) for o in (*p.opts, *p.secondary_opts)} | {"-h", "--help"}
     for word in words[2:]:
         if word.startswith("-") and not re.fullmatch(r"-?[\d.,]+", word):
             assert word.split("=")[0] in valid, f"{file}: {line}: {word}"

@@ -21,8 +21,6 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.losses import Loss
 from occlog.records.tables import UNLABELLED, Bearings, Calibration, Diagnostics, Doa, Tracks
-from occlog.track.catalogue import METHODS as IN_WORLD
-from occlog.track.command import METHODS
 from occlog.track.run import one_at_a_time, parse_start
 
 SCENE = with_array(room100(pillar=False), (50.0, 50.0), sigma=0.05)
@@ -254,7 +252,7 @@ def test_settings_go_to_the_method(folder):
         (["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])], ExitCode.USAGE, "no sensor is left"),
         (["--set", "sigmav=1"], ExitCode.USAGE, "no setting 'sigmav'; did you mean 'sigma_v'?"),
         (["--set", "sigma_v"], ExitCode.USAGE, "--set sigma_v: want NAME=VALUE"),
-        (["--set", "phi=2"], ExitCode.USAGE, "apf: phi is 2.0, must be in [0, 1]"),
+        (["--set", "phi=2"], ExitCode.USAGE, "apf: phi is 2.0, must be at least 0 and at most 1"),
         (["--start", "1"], ExitCode.USAGE, "--start 1: want X,Y or X,Y,SIGMA"),
         (["--start", "1,2", "--set", "start=1,2,3"], ExitCode.USAGE, "give one of them"),
         (["--start", "1,2"], ExitCode.USAGE, "choose one target, e.g. 3"),
@@ -263,7 +261,7 @@ def test_settings_go_to_the_method(folder):
         (["--method", "kalman"], ExitCode.USAGE, "apf"),
         (["--particles", "0"], ExitCode.USAGE, "--particles"),
         (["--in-turn", "0"], ExitCode.USAGE, "--in-turn"),
-        (["--in-turn", "nan"], ExitCode.USAGE, "--in-turn nan: must be a number"),
+        (["--in-turn", "nan"], ExitCode.USAGE, "--in-turn': nan is not a finite number"),
         (["--doa-labels"], ExitCode.USAGE, "doa_labels wants directions of arrival; give some (doa)"),
     ],
 )
@@ -312,10 +310,6 @@ def test_bearings_that_contradict_each_other_are_refused(folder, capsys):
     write_table(folder / "twice.parquet", twice, Provenance("detect"))
     assert track(folder, "--scene", str(folder / "scene.yaml"), source="twice.parquet") == ExitCode.BAD_INPUT
     assert "sensor 'cam2' has two rows for target 0 at 3000000000 ns" in capsys.readouterr().err
-
-
-def test_the_methods_of_the_option_are_those_there_are():
-    assert tuple(IN_WORLD) == METHODS
 
 
 def test_a_start_without_sigma_is_half_a_metre_in_any_unit():

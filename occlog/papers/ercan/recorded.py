@@ -24,8 +24,8 @@ from occlog.pipeline.sweep.trial import rmse_of_priors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Tracks, Truth
 from occlog.simulate.stage import WorldConfig, simulate_truth, world_config
-from occlog.track.apf.config import ApfConfig, apf_defaults
-from occlog.track.apf.selection_policies import SelectConfig, read_selection
+from occlog.track.apf.config import ApfConfig
+from occlog.track.apf.selection_config import SelectConfig, read_selection
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 
@@ -155,7 +155,7 @@ def trial(
 def settings_of(recorded: Recorded, size: Size, kind: str) -> ApfConfig:
     """Return the settings of a trial's filter."""
     return replace(
-        apf_defaults("m"),
+        ApfConfig.in_unit("m"),
         particles=size.particles,
         detection=None if kind == "none" else DETECTION,
         false=FALSE,

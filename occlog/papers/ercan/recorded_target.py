@@ -19,7 +19,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.measure.label.stage import LabelConfig, label
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks, Truth
-from occlog.track.apf.config import apf_defaults
+from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 
@@ -63,7 +63,7 @@ def recorded_target(scene: Scene, bearings: Bearings) -> Recorded:
     """
     if scene.length_unit != "m":
         raise InputError(f"the recording is in {scene.length_unit}, the experiment wants metres")
-    config = replace(apf_defaults("m"), particles=4000)
+    config = replace(ApfConfig.in_unit("m"), particles=4000)
     tracks = Tracks.concat([p.tracks for p in track([bearings], scene, Tracking(config, 0))])
     if len(tracks) <= SKIP + 1:
         raise InputError(f"{len(tracks)} times with detections, want more than {SKIP + 1}")

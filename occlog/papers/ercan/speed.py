@@ -24,7 +24,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.filter import FINE
+from occlog.track.apf.filter import FINE, occlusion_of
 from occlog.track.apf.sensing import pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
 
 from .scenes import SQUARE_ORDER, names, square_room
@@ -128,7 +128,7 @@ def _likelihood(scene: Scene, form: LikelihoodForm) -> Callable[[LikelihoodInput
         if not informed:
             return np.asarray(log_likelihood(step.xy, step.looks, sensors, noise, detection, free))
         priors = step.priors[form.series]
-        occlusion = form.config.occlusion._replace(far=FINE)
+        occlusion = occlusion_of(form.config)._replace(far=FINE)
         return log_likelihood_among(step.xy, step.looks, sensors, noise, detection, free, priors, occlusion)
 
     return compute

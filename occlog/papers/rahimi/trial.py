@@ -18,7 +18,7 @@ from occlog.settings import configure
 from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.map import method as batch_map
-from occlog.track.map.config import MapConfig, map_defaults
+from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.newton_search import Iterate
 
 from .example import FOCAL_PX, READ_PX, SPEED, STEP_S, Example, example, identified, sparse_scene
@@ -100,7 +100,7 @@ def solve_problem(spec: Mapping[str, Any]) -> Solved:
     """Solve a problem by the code of `occlog track --method map`, and keep the iterates."""
     problem = example(int(spec["seed"]), int(spec["run"]), int(spec["steps"]), float(spec["false"]))
     scene = sparse_scene(known_range=bool(spec["known_range"]))
-    config: MapConfig = configure(map_defaults("m"), spec["track"], "map")
+    config: MapConfig = configure(MapConfig.in_unit("m"), spec["track"])
     config = replace(config, window=max(config.window, int(spec["steps"])))
     iterates: list[Floats] = []
 

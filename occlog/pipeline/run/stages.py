@@ -15,6 +15,7 @@ from typing import Any
 import click
 
 from occlog.cli.main import load_command
+from occlog.cli.setting_options import params_of
 from occlog.errors import InputError
 from occlog.io.files.yaml_file import read_yaml
 from occlog.io.recording.reader import open_recording
@@ -165,14 +166,15 @@ def _stage(
 
 
 def _common(config: Config, command: click.Command) -> dict[str, Any]:
-    names = {p.name for p in command.params}
+    names = {p.name for p in params_of(command)}
     return {k: config.values[k] for k in ("seed",) if k in config.values and k in names}
 
 
 def _to_args(config: Config, name: str, command: click.Command, values: dict[str, Any]) -> list[str]:
     """Make the command-line arguments of a stage from its keys."""
     # Of an argument and an option of one name, the sorted order keeps the argument.
-    options = {_key(p): p for p in sorted(command.params, key=lambda p: isinstance(p, click.Argument))}
+    params = params_of(command, values.get("method"))
+    options = {_key(p): p for p in sorted(params, key=lambda p: isinstance(p, click.Argument))}
     ahead: list[str] = []
     args: list[str] = []
     for key, value in values.items():

@@ -25,8 +25,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks, Truth
 from occlog.settings import configure
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth, world_config
-from occlog.track.apf.selection_policies import read_selection
-from occlog.track.catalogue import entry
+from occlog.track.apf.selection_config import read_selection
+from occlog.track.catalogue import settings_of
 from occlog.track.drivers.messages import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
@@ -72,7 +72,7 @@ def run_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     occluders = _priors(spec.get("priors", {"kind": "none"}), world.truth, seed)
     settings = dict(spec.get("track", {}))
     method = settings.pop("method", "apf")
-    config = configure(entry(method).defaults(scene.length_unit), settings, method)
+    config = configure(settings_of(method).in_unit(scene.length_unit), settings)
     select = None if spec.get("select") is None else read_selection(spec["select"])
     chosen = choose_sensors(scene, spec.get("cameras") or ())
     start = time.process_time()

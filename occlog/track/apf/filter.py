@@ -24,7 +24,7 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats
 from occlog.core.filter.likelihood import Detection, Noise, PackedScan, agreement, log_likelihood
-from occlog.core.filter.likelihood_occluded import Occlusion, log_likelihood_among
+from occlog.core.filter.likelihood_occluded import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
 from occlog.core.filter.log_weights import effective_size, log_of, mean_and_covariance, normalise
 from occlog.core.filter.resampling import systematic_ancestors
 from occlog.core.occlusion.priors import Priors, without_own
@@ -37,7 +37,7 @@ from occlog.track.apf.kernels.waypoint import Motion, Particles
 from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
-from .config import ApfConfig
+from .config import FORMS, ApfConfig
 from .kernels import waypoint
 from .sensing import pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
 
@@ -80,6 +80,19 @@ class Draw(NamedTuple):
     fallback: str
 
 
+def motion_of(config: ApfConfig) -> Motion:
+    """The motion model's part of the settings."""
+    return Motion(
+        config.reference_s, config.sigma_v, config.phi, config.beta1, config.lambda1, config.beta2, config.lambda2
+    )
+
+
+def occlusion_of(config: ApfConfig) -> Occlusion:
+    """How priors of moving occluders count."""
+    kind = {"independent": INDEPENDENT, "recursion": RECURSION, "exact": EXACT}[config.likelihood]
+    return Occlusion(kind, FORMS.index(config.q), config.p_floor, 0.0)
+
+
 def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
     """State before the first scan: particles around `config.start`, or all over the floor.
 
@@ -92,10 +105,10 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
         sensors=pack_sensors(scene),
         noise=pack_noise(scene),
         read_px=read_noise(scene),
-        motion=config.motion,
+        motion=motion_of(config),
         detection=pack_detection(scene, config, informed=False),
         informed=pack_detection(scene, config, informed=True),
-        occlusion=config.occlusion,
+        occlusion=occlusion_of(config),
     )
     try:
         particles = _fresh(model, config.start, rng)
@@ -146,7 +159,7 @@ def _informed(model: Model, priors: Priors, state: State) -> Model:
         priors = without_own(priors, *mean_and_covariance(state.weights, state.particles.xy), config.own_gate)
     # Known positions are never known exactly: what contradicts them is made unlikely as for static occluders.
     known = not np.any(priors.sigma > 0.0)
-    occlusion = config.occlusion._replace(floor=config.soften) if known else config.occlusion
+    occlusion = occlusion_of(config)._replace(floor=config.soften) if known else occlusion_of(config)
     return model._replace(priors=priors, occlusion=occlusion, detection=model.informed)
 
 

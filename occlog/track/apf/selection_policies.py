@@ -11,10 +11,8 @@ all           all of them
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -24,7 +22,7 @@ from occlog.core.filter.likelihood import Noise
 from occlog.core.filter.log_weights import mean_and_covariance
 from occlog.core.occlusion.priors import Priors, no_priors
 from occlog.core.sight.visibility import Sensors
-from occlog.errors import InputError, UsageError
+from occlog.errors import UsageError
 from occlog.records.scene import Scene
 from occlog.track.apf.kernels.selection_metric import (
     Moments,
@@ -36,50 +34,13 @@ from occlog.track.apf.kernels.selection_metric import (
 )
 from occlog.track.interface import Cloud
 
+from .selection_config import SelectConfig
 from .sensing import pack_noise, pack_sensors, read_noise
 
-POLICIES = ("greedy", "brute-force", "fixed", "random", "closest", "all")
-MODELS = ("perspective", "weak")
 MOST_SUBSETS = 50_000
 """`brute-force` is refused where there are more subsets."""
 CLOUD = 1000
 """More particles than this are thinned out before the expectations are taken."""
-
-
-@dataclass(frozen=True)
-class SelectConfig:
-    """How cameras are selected."""
-
-    policy: str = "greedy"
-    count: int = 4  # cameras selected
-    every: float = 5.0  # reference steps between selections
-    model: str = "perspective"  # camera model of the metric: `perspective` (Sec. 5.1) or `weak` (Sec. 5.2)
-    order: tuple[str, ...] = ()  # names of cameras for `fixed`; empty: that of the scene
-
-    def __post_init__(self) -> None:
-        for name, choices in (("policy", POLICIES), ("model", MODELS)):
-            if getattr(self, name) not in choices:
-                raise InputError(f"select: {name} is {getattr(self, name)!r}, must be one of {', '.join(choices)}")
-        if not isinstance(self.count, int) or isinstance(self.count, bool):
-            raise InputError(f"select: count is {self.count!r}, must be a whole number")
-        if not isinstance(self.every, int | float) or isinstance(self.every, bool):
-            raise InputError(f"select: every is {self.every!r}, must be a number")
-        if not isinstance(self.order, tuple) or not all(isinstance(n, str) for n in self.order):
-            raise InputError(f"select: order is {self.order!r}, must be a list of names")
-        if self.count < 1:
-            raise InputError(f"select: count is {self.count}, must be at least 1")
-        if not (math.isfinite(self.every) and self.every > 0):
-            raise InputError(f"select: every is {self.every}, must be finite and above 0")
-
-
-def read_selection(values: Mapping[str, Any]) -> SelectConfig:
-    """How cameras are selected, from the fields of a file; InputError for an unknown one or one that does not fit."""
-    known = [f.name for f in fields(SelectConfig)]
-    for name in values:
-        if name not in known:
-            raise InputError(f"select: unknown key {name!r}; it has: {', '.join(known)}")
-    lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-    return SelectConfig(**{**values, **lists})
 
 
 class Network(NamedTuple):

@@ -14,7 +14,8 @@ from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.interface import Config, Prediction, State
 
-from .selection_policies import Choice, SelectConfig, choose, network
+from .selection_config import SelectConfig
+from .selection_policies import Choice, choose, network
 
 FOREVER_NS = 2.0**63
 """No two times are further apart."""

@@ -10,7 +10,7 @@ from occlog.errors import UsageError
 from occlog.measure.scans.scan import sensor_names
 from occlog.measure.scans.scans import Rows
 from occlog.records.scene import Scene
-from occlog.track.apf.selection_policies import SelectConfig
+from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.interface import Config
 
 

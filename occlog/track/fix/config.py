@@ -3,41 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
-from occlog.settings import check_settings
+from occlog.settings import Settings, setting
 
-from .estimators import BEND, ESTIMATORS
-
-SPREADS = ("residuals", "stated")
-CANDIDATES = ("consensus", "ignore")
+ESTIMATORS = ("mle", "huber", "andrews", "rmr", "jrmr")
 
 
 @dataclass(frozen=True)
-class FixConfig:
-    """Settings of method `fix`; lengths in the scene's unit."""
+class FixConfig(Settings):
+    """Settings of method `fix`; the same for every scene, since no setting is a length."""
 
-    estimator: str = "mle"  # `mle`, `huber`, `andrews`, `rmr` or `jrmr`, see `occlog.track.fix.estimators`
-    bend: float = BEND  # of huber and andrews, in standard deviations
-    spread: str = "residuals"  # covariance from the `residuals`, as published, or from the `stated` standard deviations
-    candidates: str = "consensus"  # unlabelled ones: those on which most sensors agree, or `ignore` them
-    gate: float = 3.0  # standard deviations within which a candidate agrees
-    start: tuple[float, ...] | None = None  # not used: a fix starts from nothing
+    OWNER: ClassVar[str] = "fix"
 
-    def __post_init__(self) -> None:
-        check_settings(
-            self,
-            "fix",
-            [
-                ("estimator", self.estimator in ESTIMATORS, "one of " + ", ".join(ESTIMATORS)),
-                ("spread", self.spread in SPREADS, "one of " + ", ".join(SPREADS)),
-                ("candidates", self.candidates in CANDIDATES, "one of " + ", ".join(CANDIDATES)),
-                ("bend", self.bend > 0.0, "above 0"),
-                ("gate", self.gate > 0.0, "above 0"),
-                ("start", self.start is None, "left out: a fix starts from nothing"),
-            ],
-        )
-
-
-def fix_defaults(length_unit: str) -> FixConfig:  # noqa: ARG001
-    """The same for every scene: no setting is a length."""
-    return FixConfig()
+    estimator: str = setting(
+        "mle", "Maximum likelihood, an M-estimate, or a repeated median; see docs/fix.md.", choices=ESTIMATORS
+    )
+    bend: float = setting(1.5, "Where huber and andrews bend, in standard deviations.", above=0)
+    spread: str = setting(
+        "residuals",
+        "Covariance from the residuals, as published, or from the stated standard deviations.",
+        choices=("residuals", "stated"),
+    )
+    candidates: str = setting(
+        "consensus",
+        "Unlabelled candidates: those on which most sensors agree, or none.",
+        choices=("consensus", "ignore"),
+    )
+    gate: float = setting(3.0, "Standard deviations within which a candidate agrees.", above=0)

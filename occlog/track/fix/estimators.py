@@ -22,9 +22,9 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats
 
+from .config import ESTIMATORS
 from .repeated_median import repeated_median, repeated_median_jackknife
 
-ESTIMATORS = ("mle", "huber", "andrews", "rmr", "jrmr")
 BEND = 1.5
 ITERATIONS = 300
 TIGHT = 1e-10

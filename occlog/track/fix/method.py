@@ -106,4 +106,4 @@ def _wrapped(angle: Floats) -> Floats:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-METHOD = Online(config=FixConfig, init=init, step=step, started=lambda config: config.start is not None)
+METHOD = Online(config=FixConfig, init=init, step=step, started=lambda _: False)

@@ -37,7 +37,6 @@ def _add_and_check(state: VisualState[Looped], frames: FrameSet, births: Sequenc
 
 
 MIPF: Visual[VisualState[MipfConfig], MipfConfig] = Visual(
-    summary="a particle filter for each target and view, on its own",
     config=MipfConfig,
     init=initial_state,
     born=add_trackers,
@@ -46,7 +45,6 @@ MIPF: Visual[VisualState[MipfConfig], MipfConfig] = Visual(
 )
 
 IDMOT: Visual[VisualState[IdmotConfig], IdmotConfig] = Visual(
-    summary="trackers that touch repel each other and keep their ways",
     config=IdmotConfig,
     init=initial_state_with_paths,
     born=add_trackers,
@@ -55,7 +53,6 @@ IDMOT: Visual[VisualState[IdmotConfig], IdmotConfig] = Visual(
 )
 
 CMCT: Visual[VisualState[CmctConfig], CmctConfig] = Visual(
-    summary="particles on the epipolar lines of the other views, colours that adapt; no interaction",
     config=CmctConfig,
     init=initial_state,
     born=_add_and_check,
@@ -68,7 +65,6 @@ CMCT: Visual[VisualState[CmctConfig], CmctConfig] = Visual(
 )
 
 BMCT: Visual[VisualState[BmctConfig], BmctConfig] = Visual(
-    summary="as idmot, helped by the other views through epipolar lines",
     config=BmctConfig,
     init=initial_state_with_paths,
     born=_add_and_check,

@@ -82,7 +82,6 @@ class Collaboration(NamedTuple, Generic[S, C]):
 class Visual(NamedTuple, Generic[S, C]):
     """A method that tracks in images."""
 
-    summary: str
     config: type[C]
     init: Callable[[Sequence[View], Geometry, C, Generator], S]  # the state without trackers
     born: Callable[[S, FrameSet, Sequence[Birth]], S]  # adds trackers, whose appearance is that in the frames

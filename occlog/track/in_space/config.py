@@ -2,154 +2,130 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TypeVar
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
 
-import numpy as np
+from occlog.settings import Settings, setting
 
-from occlog.core.motion.in_space import Motion
-from occlog.core.sight.projected_planes import AXES, PLANES
-from occlog.settings import check_settings
-from occlog.track.apf.config import METRES
-from occlog.track.in_space.kernels.likelihood import Chances
-
-LIKELIHOODS = ("product", "cone")
-SELECTIONS = ("variance", "printed")
-COMBININGS = ("inverse", "planes-weighted", "equal")
-RUNNING = ("all", "selected")
-PER_PLANE = ("all", "best")
+PLANES = ("xy", "yz", "zx")
 STARTS = (3, 4, 8, 12)
-S = TypeVar("S", bound="SpaceConfig")
 
 
 @dataclass(frozen=True)
-class SpaceConfig:
-    """Settings that both methods have; lengths in the scene's unit, times in seconds."""
+class SpaceConfig(Settings):
+    """Settings that both methods have; lengths in the scene's unit, times in seconds.
 
-    particles: int = 2000
-    start: tuple[float, ...] | None = None
-    """x,y,sigma; x,y,z,sigma; x,y,z,vx,vy,vz,sigma,sigma_v; or x,y,z,vx,vy,vz and a sigma of each.
-
-    What is not given is spread: z over the room's height, velocities by `speed` and `speed_z`.
-    None: where the first scan says.
+    In metres, feet and inches targets are people: they stop and turn, and their heads hardly go up or down.
     """
-    start_factor: int = 10  # a filter starts with this many times its particles
+
+    OWNER: ClassVar[str] = "space"
+
+    particles: int = setting(2000, "Particles a target, or of each plane.", at_least=1, option="--particles")
+    start: tuple[float, ...] | None = setting(
+        None,
+        "x,y,sigma; x,y,z,sigma; x,y,z,vx,vy,vz,sigma,sigma_v; or x,y,z,vx,vy,vz and a sigma of each. What is not "
+        "given is spread: z over the room's height, velocities by `speed` and `speed_z`.",
+        unit="length",
+        nothing="where the first scan says",
+    )
+    start_factor: int = setting(10, "A filter starts with this many times its particles.", at_least=1)
 
     # Motion
-    acceleration: tuple[float, ...] = (0.0, 0.0, 0.0)  # known, along x, y and z
-    turn: float = 0.0  # lateral acceleration of a known turn, from the plane's first axis to its second
-    turn_plane: str = "xy"
-    q: float = 0.1  # density of the white acceleration: variance of the velocity gathered in a second
-    q_z: float | None = None  # that of z; None: as q
-    speed: float = 1.0  # standard deviation of an unknown velocity along x and y
-    speed_z: float = 0.3  # the same along z
+    acceleration: tuple[float, ...] = setting(
+        (0.0, 0.0, 0.0), "Known acceleration along x, y and z.", unit="length/s^2"
+    )
+    turn: float = setting(
+        0.0, "Lateral acceleration of a known turn, from the plane's first axis to its second.", unit="length/s^2"
+    )
+    turn_plane: str = setting("xy", "Plane of the known turn.", choices=PLANES)
+    q: float = setting(
+        0.1,
+        "Density of the white acceleration: variance of the velocity gathered in a second.",
+        unit="length^2/s^3",
+        at_least=0,
+        people=1.0,
+    )
+    q_z: float | None = setting(None, "The same of z.", unit="length^2/s^3", at_least=0, people=0.02, nothing="as q")
+    speed: float = setting(1.0, "Standard deviation of an unknown velocity along x and y.", unit="length/s", at_least=0)
+    speed_z: float = setting(0.3, "The same along z.", unit="length/s", at_least=0, people=0.1)
 
     # Measurements
-    false: float = 1e-4  # probability that a labelled report is of nothing
-    soften: float = 1e-2  # factor for a target out of the range of a sensor that reports it
-    outside: float = 1e-2  # factor for a target outside the room, if the scene has one
-    candidate: float = 0.9  # probability that the target is among the candidates of a sensor that has any
-    clutter: float = 1.0  # candidates of other objects expected in a scan
-    use_score: bool = True  # weigh candidates by their score
+    false: float = setting(1e-4, "Probability that a labelled report is of nothing.", at_least=0, below=1)
+    soften: float = setting(
+        1e-2, "Factor for a target out of the range of a sensor that reports it.", above=0, at_most=1
+    )
+    outside: float = setting(1e-2, "Factor for a target outside the room, if the scene has one.", above=0, at_most=1)
+    candidate: float = setting(
+        0.9, "Probability that the target is among the candidates of a sensor that has any.", above=0, at_most=1
+    )
+    clutter: float = setting(1.0, "Candidates of other objects expected in a scan.", above=0)
+    use_score: bool = setting(True, "Weigh candidates by their score.")
 
     # Sampling
-    resample_below: float = 0.5  # resample when the effective sample size is below this share of the particles
-    kernel: float = 1.0  # width of the kernel of resampled particles, of the width that is best for a Gaussian
+    resample_below: float = setting(
+        0.5, "Resample when the effective sample size is below this share of the particles.", at_least=0
+    )
+    kernel: float = setting(
+        1.0,
+        "Width of the kernel of resampled particles, of the width that is best for a Gaussian.",
+        at_least=0,
+        at_most=1,
+    )
 
     # When to give up
-    max_gap_s: float = 60.0  # after a longer time without a scan particles are drawn anew
-    gate: float = 5.0  # standard deviations within which a report agrees with a place
-    lost_after: int = 6  # reports of a sensor more against than for the best particle; then all start anew; 0: never
+    max_gap_s: float = setting(60.0, "After a longer time without a scan particles are drawn anew.", unit="s", above=0)
+    gate: float = setting(5.0, "Standard deviations within which a report agrees with a place.", above=0)
+    lost_after: int = setting(
+        6,
+        "Reports of a sensor more against than for the best particle after which all start anew; 0: never.",
+        at_least=0,
+    )
 
-    METHOD = "space"
-
-    def __post_init__(self) -> None:
-        check_settings(self, self.METHOD, self.limits())
-
-    def limits(self) -> list[tuple[str, bool, str]]:
-        """Limits of the settings, see `check_settings`."""
-        limits = [("false", 0.0 <= self.false < 1.0, "in [0, 1)"), ("kernel", 0.0 <= self.kernel <= 1.0, "in [0, 1]")]
-        for name in ("soften", "outside", "candidate"):
-            limits.append((name, 0.0 < getattr(self, name) <= 1.0, "above 0 and at most 1"))
-        for name in ("clutter", "max_gap_s", "gate"):
-            limits.append((name, getattr(self, name) > 0, "above 0"))
-        for name in ("q", "speed", "speed_z", "resample_below", "lost_after"):
-            limits.append((name, getattr(self, name) >= 0, "at least 0"))
-        for name in ("particles", "start_factor"):
-            limits.append((name, getattr(self, name) >= 1, "at least 1"))
-        limits += [
-            ("q_z", self.q_z is None or self.q_z >= 0, "at least 0"),
-            ("acceleration", len(self.acceleration) == 3, "AX,AY,AZ"),
-            ("turn_plane", self.turn_plane in PLANES, "one of " + ", ".join(PLANES)),
-            (
-                "start",
-                self.start is None or _good_start(self.start),
-                "X,Y,SIGMA; X,Y,Z,SIGMA; "
-                "X,Y,Z,VX,VY,VZ,SIGMA,SIGMA_V; or X,Y,Z,VX,VY,VZ and their six sigmas, none below 0",
-            ),
-        ]
-        return limits
-
-    @property
-    def motion(self) -> Motion:
-        """The motion model's part."""
-        up = self.q if self.q_z is None else self.q_z
-        axes = AXES[PLANES.index(self.turn_plane)]
-        return Motion(np.array(self.acceleration), np.array([self.q, self.q, up]), self.turn, axes)
-
-    @property
-    def chances(self) -> Chances:
-        """The measurements' part."""
-        return Chances(self.false, self.soften, self.candidate, self.clutter)
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """How many numbers `acceleration` and `start` have."""
+        yield "acceleration", len(self.acceleration) == 3, "AX,AY,AZ"
+        limit = (
+            "X,Y,SIGMA; X,Y,Z,SIGMA; X,Y,Z,VX,VY,VZ,SIGMA,SIGMA_V; or X,Y,Z,VX,VY,VZ and their six sigmas, none below 0"
+        )
+        yield "start", self.start is None or _good_start(self.start), limit
 
 
 @dataclass(frozen=True)
 class Direct3dConfig(SpaceConfig):
     """Settings of method `direct3d`; lengths in the scene's unit, times in seconds."""
 
-    likelihood: str = "product"  # of azimuth and elevation, or `cone`: of the angle from the sight line
+    OWNER: ClassVar[str] = "direct3d"
 
-    METHOD = "direct3d"
-
-    def limits(self) -> list[tuple[str, bool, str]]:
-        """With those of its own."""
-        return [*super().limits(), ("likelihood", self.likelihood in LIKELIHOODS, "one of " + ", ".join(LIKELIHOODS))]
+    likelihood: str = setting(
+        "product",
+        "Likelihood of azimuth and elevation, or of the angle from the sight line.",
+        choices=("product", "cone"),
+    )
 
 
 @dataclass(frozen=True)
 class PpsConfig(SpaceConfig):
     """Settings of method `pps`; `particles` are those of each plane; lengths in the scene's unit, times in seconds."""
 
-    selection: str = "variance"  # of the two planes: by their `variance`, or as `printed` in the thesis
-    combining: str = "inverse"  # of the axis that both have: by `inverse` variance, `planes-weighted` or `equal`
-    running: str = "all"  # planes that measure all the time, or only those `selected`
-    per_plane: str = "all"  # sensors that a plane takes in, or only the `best` one, as the thesis has it
+    OWNER: ClassVar[str] = "pps"
 
-    METHOD = "pps"
-
-    def limits(self) -> list[tuple[str, bool, str]]:
-        """With those of its own."""
-        choices = {"selection": SELECTIONS, "combining": COMBININGS, "running": RUNNING, "per_plane": PER_PLANE}
-        own = [(n, getattr(self, n) in known, "one of " + ", ".join(known)) for n, known in choices.items()]
-        return [*super().limits(), *own]
-
-
-def direct3d_defaults(length_unit: str) -> Direct3dConfig:
-    """Settings that suit a scene."""
-    return _suited(Direct3dConfig(), length_unit)
-
-
-def pps_defaults(length_unit: str) -> PpsConfig:
-    """Settings that suit a scene."""
-    return _suited(PpsConfig(), length_unit)
-
-
-def _suited(config: S, length_unit: str) -> S:
-    """People in metres, feet or inches: they stop and turn, and their heads hardly go up or down."""
-    if length_unit not in METRES:
-        return config
-    metre = 1.0 / METRES[length_unit]
-    return replace(config, q=1.0 * metre**2, q_z=0.02 * metre**2, speed=1.0 * metre, speed_z=0.1 * metre)
+    selection: str = setting(
+        "variance",
+        "How the two planes are selected: by their variance, or as printed in the thesis.",
+        choices=("variance", "printed"),
+    )
+    combining: str = setting(
+        "inverse", "How the axis that both planes have is combined.", choices=("inverse", "planes-weighted", "equal")
+    )
+    running: str = setting(
+        "all", "Planes that measure: all the time, or only while they are selected.", choices=("all", "selected")
+    )
+    per_plane: str = setting(
+        "all",
+        "Sensors that a plane takes in: all, or only the best one, as the thesis has it.",
+        choices=("all", "best"),
+    )
 
 
 def _good_start(start: tuple[float, ...]) -> bool:

@@ -11,10 +11,11 @@ from numpy.random import Generator
 from occlog.array_types import Bools, Floats
 from occlog.core.motion.in_space import Motion
 from occlog.core.plane.floor import Floor, make_floor, on_floor
+from occlog.core.sight.projected_planes import AXES
 from occlog.records.scene import Scene
 from occlog.track.in_space.kernels.likelihood import Chances, Sights, log_cone, log_product, scan_log_likelihood
 
-from .config import SpaceConfig
+from .config import PLANES, SpaceConfig
 from .sensing import Ears, ScanDirections, pack_ears
 
 ANYWHERE = 0.1
@@ -38,6 +39,18 @@ class Space(NamedTuple, Generic[C]):
     ceiling: float
 
 
+def motion_of(config: SpaceConfig) -> Motion:
+    """The motion model's part of the settings."""
+    up = config.q if config.q_z is None else config.q_z
+    axes = AXES[PLANES.index(config.turn_plane)]
+    return Motion(np.array(config.acceleration), np.array([config.q, config.q, up]), config.turn, axes)
+
+
+def chances_of(config: SpaceConfig) -> Chances:
+    """The measurements' part of the settings."""
+    return Chances(config.false, config.soften, config.candidate, config.clutter)
+
+
 def make_space(scene: Scene, config: C, *, cone: bool = False) -> Space[C]:
     """The scene as the filters want it; `cone`: likelihoods are those of the angle from the sight line."""
     ears = pack_ears(scene)
@@ -46,7 +59,7 @@ def make_space(scene: Scene, config: C, *, cone: bool = False) -> Space[C]:
     low = np.append(ground.min(axis=0), heights.min())
     high = np.append(ground.max(axis=0), heights.max())
     floor = None if scene.room is None else make_floor(scene.room, [o.polygon for o in scene.occluders])
-    return Space(config, ears, config.motion, config.chances, cone, low, high, floor, float(scene.room_height))
+    return Space(config, ears, motion_of(config), chances_of(config), cone, low, high, floor, float(scene.room_height))
 
 
 def log_likelihood(xyz: Floats, heard: ScanDirections, space: Space[C]) -> Floats:

@@ -25,17 +25,27 @@ from occlog.records.scene import Scene
 from occlog.track.interface import Batch, Smoothed
 from occlog.track.map.kernels.detours import Detours, find_detours, settle
 from occlog.track.map.kernels.feasible import move_inside
+from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity
 from occlog.track.map.kernels.invariant import invariant, second_moment
 from occlog.track.map.kernels.newton_search import Iterate, Options, Solution, covariance, minimise
 from occlog.track.map.kernels.obstacles import Hold, Obstacle
-from occlog.track.map.kernels.problem import HalfPlanes, Problem, chain, some_lines, some_planes
+from occlog.track.map.kernels.problem import (
+    CAUCHY,
+    HUBER,
+    SQUARE,
+    HalfPlanes,
+    Problem,
+    chain,
+    some_lines,
+    some_planes,
+)
 from occlog.track.map.kernels.quadratic_program import sequential_programs
 from occlog.track.map.kernels.start import linear_problem, start_on_axes
 from occlog.track.map.kernels.terms import residuals
 from occlog.track.map.kernels.windows import Knowledge, minimise_windows, summary
 
 from .barriers import obstacles
-from .config import BEND, LOSSES, MapConfig
+from .config import MapConfig
 from .measurements import Stations, constraints, sight_lines, stations
 from .qp_solvers import program_solver
 from .record import EMPTY, Record, after, fill, join, record_of
@@ -50,6 +60,10 @@ LOOKS = 3
 
 Watch = Callable[[Iterate], None] | None
 
+LOSS = {"square": SQUARE, "huber": HUBER, "cauchy": CAUCHY}
+BEND = {"square": 1.0, "huber": 1.345, "cauchy": 2.385}
+"""Parameters of the losses that lose 5 % where all errors are Gaussian."""
+
 
 class Pending(NamedTuple):
     """A target's record that is not given out yet, and what is known from before it."""
@@ -61,6 +75,19 @@ class Pending(NamedTuple):
     before: Knowledge
     record: Record
     X: Floats  # (T, 4) states found so far; fewer than times: the rest is new
+
+
+def motion_of(config: MapConfig) -> GaussMarkov:
+    """How the target moves: the fitted model if there is one, or constant velocity with noise."""
+    if config.A is None or config.Sigma is None:
+        return constant_velocity(config.acceleration, config.jitter, config.step_s)
+    A, sigma = (np.array(m, dtype=np.float64).reshape(4, 4) for m in (config.A, config.Sigma))
+    return GaussMarkov(A, sigma, config.step_s)
+
+
+def lag_ns(lag_s: float | None) -> int | None:
+    """A lag in ns."""
+    return None if lag_s is None else round(lag_s * NS)
 
 
 def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
@@ -98,7 +125,7 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
 
 def _moves_freely(config: MapConfig) -> bool:
     """Whether the motion is the same everywhere, so that coordinates may be counted from anywhere."""
-    return bool(np.allclose(config.motion.A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
+    return bool(np.allclose(motion_of(config).A[:, ::2], np.eye(4)[:, ::2], rtol=0.0, atol=1e-12))
 
 
 def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = None) -> tuple[Pending, Smoothed]:
@@ -115,7 +142,7 @@ def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = 
     # Gather the record so far, with a state at least every `fill_s`
     whole = fill(join(pending.record, record_of(scans)), config.fill_s)
     T = len(whole.t_ns)
-    keep = T if last else _settled(whole.t_ns, config.lag_ns)
+    keep = T if last else _settled(whole.t_ns, lag_ns(config.lag_s))
     # Formulate: prior, likelihood and half-planes of the trajectory (Eqs. 1-5 and 8-9)
     problem = problem_of(pending, whole)
     # Start inside the constraints ([Rahimi] Sec. 6)
@@ -183,7 +210,7 @@ def problem_of(pending: Pending, record: Record) -> Problem:
     config, before = pending.config, pending.before
     try:
         # Prior: a Gauss-Markov chain (Eqs. 1-3)
-        steps = chain(config.motion, np.diff(record.t_ns) / NS, before.mean, before.spread)
+        steps = chain(motion_of(config), np.diff(record.t_ns) / NS, before.mean, before.spread)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise InputError(f"map: the motion model does not fit: {error}") from error
     # Likelihood: a residual for each bearing (Eq. 4)
@@ -191,7 +218,7 @@ def problem_of(pending: Pending, record: Record) -> Problem:
     # Constraints: half-planes in front of the cameras (Eq. 9), and in the room
     planes = constraints(lines, record, pending.at, config, len(record.t_ns))
     bend = BEND[config.loss] if config.bend is None else config.bend
-    return Problem(steps, lines, planes, LOSSES[config.loss], bend)
+    return Problem(steps, lines, planes, LOSS[config.loss], bend)
 
 
 def start_of(pending: Pending, problem: Problem) -> tuple[Floats, Bools]:
@@ -318,5 +345,5 @@ METHOD = Batch(
     begin=begin,
     advance=advance,
     started=lambda config: config.start is not None,
-    lag_ns=lambda config: config.lag_ns,
+    lag_ns=lambda config: lag_ns(config.lag_s),
 )

@@ -12,7 +12,6 @@ from occlog.array_types import Floats
 from occlog.errors import UsageError
 from occlog.track.map.kernels.quadratic_program import Program, Solver
 
-PACKAGES = ("clarabel", "osqp")
 OSQP_STEPS = 200_000
 
 
@@ -20,7 +19,7 @@ def program_solver(name: str) -> Solver:
     """A solver by its name; UsageError if its package is not installed.
 
     Args:
-        name: one of `PACKAGES`.
+        name: one of `occlog.track.map.config.PACKAGES`.
     """
     try:
         package = importlib.import_module(name)

@@ -23,7 +23,7 @@ from occlog.records.tables import Diagnostics, Tracks
 from occlog.settings import configure
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.map.config import map_defaults
+from occlog.track.map.config import MapConfig
 
 SMALL = Size(3, 80, quick=True)
 
@@ -106,7 +106,7 @@ def test_longer_steps_see_more_of_a_turn() -> None:
 def test_problems_are_solved_as_the_command_does() -> None:
     spec = sparse_spec(SMALL, 1, fit_step_s=8.0)
     solved = solve_problem(spec)
-    config = configure(map_defaults("m"), spec["track"], "map")
+    config = configure(MapConfig.in_unit("m"), spec["track"])
     found = list(track([solved.problem.bearings], sparse_scene(known_range=False), Tracking(config, 0, method="map")))
     tracks = Tracks.concat(p.tracks for p in found)
     np.testing.assert_array_equal(tracks.x, solved.tracks.x)

@@ -145,7 +145,6 @@ def _with_geometry(state: Still, geometry: Geometry) -> Still:
 
 
 STILL: Visual[Still, StillConfig] = Visual(
-    summary="trackers that do not look: they stay, or drift to the right",
     config=StillConfig,
     init=lambda views, geometry, config, rng: Still(config, geometry, {}, {}),
     born=_born,

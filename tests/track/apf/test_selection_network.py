@@ -11,7 +11,7 @@ from tracker_scenes import PLACES, SECOND, observe, room100, walk, with_array
 from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks
 from occlog.track.apf import selector as stage
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.selection_policies import SelectConfig
+from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.drivers.messages import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking

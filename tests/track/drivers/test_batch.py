@@ -19,11 +19,11 @@ from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Batch, Smoothed
-from occlog.track.map.config import map_defaults
-from occlog.track.map.method import begin
+from occlog.track.map.config import MapConfig
+from occlog.track.map.method import begin, lag_ns
 
 SCENE = room100(pillar=False)
-CONFIG = map_defaults("unit")
+CONFIG = MapConfig.in_unit("unit")
 LAGGED = replace(CONFIG, lag_s=4.0)
 NAMES = frozenset(c.name for c in SCENE.cameras)
 
@@ -68,7 +68,7 @@ class Calls:
             begin=lambda *_: np.empty(0, np.int64),
             advance=self.advance,
             started=lambda _: False,
-            lag_ns=lambda config: config.lag_ns,
+            lag_ns=lambda config: lag_ns(config.lag_s),
         )
 
     def advance(self, state, scans: Sequence[Scan], last: bool):

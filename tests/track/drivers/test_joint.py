@@ -10,12 +10,12 @@ from occlog.errors import InputError, UsageError
 from occlog.records.tables import Bearings, Cooperation, Tracks
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.imm.config import imm_defaults
+from occlog.track.imm.config import ImmConfig
 
 pytestmark = pytest.mark.jit
 SCENE = room()
 TWO = {0: line(5, 8, 0.2, 0.1), 1: line(14, 12, -0.2, -0.1)}
-CONFIG = replace(imm_defaults("m"), particles=200)
+CONFIG = replace(ImmConfig.in_unit("m"), particles=200)
 
 
 def run(bearings, config=CONFIG, scene=SCENE, seed=0, **more):

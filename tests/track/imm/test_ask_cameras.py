@@ -9,10 +9,10 @@ from heard_scenes import ROOM, line, room, rows, table
 
 from occlog.measure.scans.scans import Rows, scans_of
 from occlog.track.imm.ask_cameras import CameraRequests
-from occlog.track.imm.config import imm_defaults
+from occlog.track.imm.config import ImmConfig
 from occlog.track.imm.when_to_ask import Ask
 
-CONFIG = imm_defaults("m")
+CONFIG = ImmConfig.in_unit("m")
 SCENE = room()
 NS = 1_000_000_000
 HERE, THERE = (9.0, 6.0), (12.0, 9.0)

@@ -10,8 +10,6 @@ from occlog.cli.main import run as occlog
 from occlog.errors import ExitCode, UsageError
 from occlog.io.files.parquet import read_table
 from occlog.records.tables import Cooperation, Tracks
-from occlog.track.command import COOPERATE
-from occlog.track.imm.config import POLICIES
 from occlog.track.run import parse_starts
 
 pytestmark = pytest.mark.jit
@@ -98,12 +96,16 @@ def test_starts_of_several_targets(folder, capsys):
 @pytest.mark.parametrize(
     ("more", "code", "said"),
     [
-        (["--cooperate", "often"], ExitCode.USAGE, "imm: cooperate is often, must be of none, periodic"),
+        (["--cooperate", "often"], ExitCode.USAGE, "--cooperate often: must be of none, periodic"),
         (["--cameras", "a1,a2,c1", "--cooperate", "spread"], ExitCode.USAGE, "wants two cameras with a pose"),
         (["--cameras", "c1,c2"], ExitCode.BAD_INPUT, "no row is of a microphone array"),
         (["--start", "1"], ExitCode.USAGE, "want X,Y"),
         (["--start", "1,2,3,4"], ExitCode.USAGE, "want X,Y, X,Y,SIGMA or X,Y,SIGMA,VX,VY,SIGMA_V"),
-        (["--select", "greedy"], ExitCode.USAGE, "select: method imm asks cameras itself"),
+        (
+            ["--select", "greedy"],
+            ExitCode.USAGE,
+            "--select is an option of --method apf, direct3d, pps, not of --method imm",
+        ),
         (["--set", "detection=2"], ExitCode.USAGE, "imm: detection is 2.0, must be above 0 and at most 1"),
     ],
 )
@@ -118,7 +120,7 @@ def test_what_cannot_be_is_said_in_one_line(folder, capsys, more, code, said):
 def test_options_of_cooperation_go_with_the_method(folder, capsys):
     code = occlog(["track", str(folder / "rec.mcap"), "-o", str(folder / "x.parquet"), "--cooperate", "spread"])
     assert code == ExitCode.USAGE
-    assert "--cooperate goes with --method imm, not apf" in capsys.readouterr().err
+    assert "--cooperate is an option of --method imm, not of --method apf" in capsys.readouterr().err
 
 
 def test_nobody_heard_is_told(folder, capsys):
@@ -138,10 +140,6 @@ def test_nobody_heard_is_told(folder, capsys):
     assert code == ExitCode.DONE
     assert "nobody was heard often enough" in capsys.readouterr().err
     assert len(read_table(folder / "n.parquet", Tracks)) == 0
-
-
-def test_policies_of_the_option_are_those_there_are():
-    assert COOPERATE == POLICIES
 
 
 def test_several_starts_are_for_this_method_only():

@@ -10,13 +10,13 @@ from heard_scenes import NS, ROOM, room
 from occlog.measure.scans.scan import Scan, concat, in_vain
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.association import hear
-from occlog.track.imm.config import ImmConfig, imm_defaults
+from occlog.track.imm.config import ImmConfig
 from occlog.track.imm.filter import init, step
 from occlog.track.imm.tracks import UNLABELLED, UNNUMBERED, after, make_world, move, on_line, switching
 
 SCENE = room(ROOM.replace("position: [2, 2, 1], sigma_deg: 2", "position: [2, 2, 1], sigma_deg: 2, range: 9"))
 STILL = replace(
-    imm_defaults("m"),
+    ImmConfig.in_unit("m"),
     particles=60_000,
     alpha=0.0,
     sigma_v=0.0,
@@ -141,7 +141,7 @@ def test_existence_and_sound_follow_bayes(unheard):
 
 
 def test_births_are_on_the_sight_line_in_range_and_room():
-    config = imm_defaults("m")
+    config = ImmConfig.in_unit("m")
     world = make_world(SCENE, config)
     track = on_line(world, 0, math.radians(30.0), math.radians(1.0), 5, UNLABELLED, np.random.default_rng(0))
     xy = track.cloud.states[:, ::2] - world.places[0]
@@ -158,7 +158,7 @@ def test_births_are_on_the_sight_line_in_range_and_room():
 
 
 def test_no_two_tracks_have_a_number():
-    config = replace(imm_defaults("m"), start=(9.0, 2.0, 0.5, 0.0, 0.0, 0.1))
+    config = replace(ImmConfig.in_unit("m"), start=(9.0, 2.0, 0.5, 0.0, 0.0, 0.1))
     rng = np.random.default_rng(1)
     state = init(SCENE, config, rng)  # the known target has number 0, and is heard with label 5
     for k in range(5):
@@ -170,7 +170,7 @@ def test_no_two_tracks_have_a_number():
 
 
 def test_nobody_leaves_the_room():
-    config = replace(imm_defaults("m"), particles=500, start=(19.5, 7.0, 0.1, 2.0, 0.0, 0.1))
+    config = replace(ImmConfig.in_unit("m"), particles=500, start=(19.5, 7.0, 0.1, 2.0, 0.0, 0.1))
     rng = np.random.default_rng(0)
     state = init(SCENE, config, rng)
     for n in range(6):
@@ -188,7 +188,7 @@ def test_switching_keeps_a_model_for_its_time():
 
 
 def test_settings_fit_the_unit():
-    metres, feet = imm_defaults("m"), imm_defaults("ft")
+    metres, feet = ImmConfig.in_unit("m"), ImmConfig.in_unit("ft")
     for name in ("alpha", "sigma_v", "speed", "spread"):
         assert getattr(feet, name) == pytest.approx(getattr(metres, name) / 0.3048)
-    assert imm_defaults("unit") == ImmConfig()
+    assert ImmConfig.in_unit("unit") == ImmConfig()

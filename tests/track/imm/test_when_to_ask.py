@@ -10,7 +10,7 @@ from heard_scenes import NS, room
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan, concat, in_vain
 from occlog.track.imm import kernel as imm
-from occlog.track.imm.config import ImmConfig, imm_defaults
+from occlog.track.imm.config import ImmConfig
 from occlog.track.imm.filter import Belief, Count, Report, State
 from occlog.track.imm.tracks import UNNUMBERED, known, make_world, standing
 from occlog.track.imm.when_to_ask import Answer, Memory, asks, located, others
@@ -23,7 +23,7 @@ NOBODY = np.empty(0, dtype=np.int64)
 
 def at(policy, *places, t_s=0.0, config=None, counts=(), looks=(), predicted=None, sigma=0.2):
     """A state of targets that stand at places, and the report of a scan."""
-    config = replace(config or imm_defaults("m"), cooperate=policy)
+    config = replace(config or ImmConfig.in_unit("m"), cooperate=policy)
     world = make_world(SCENE, config)
     tracks = tuple(known(config, k, (x, y, sigma, 0, 0, 0.1), 0, RNG(k)) for k, (x, y) in enumerate(places))
     state = State(world, tracks, round(t_s * NS), len(tracks))
@@ -113,7 +113,7 @@ def test_equation_3_15_asks_where_no_bearing_is_near(degrees, expected):
 
 
 def test_equation_3_15_wraps():
-    config = imm_defaults("m")
+    config = ImmConfig.in_unit("m")
     state, report = at("printed", (-5, 2.05), looks=[look(-179.0)], sigma=1e-6, config=config)
     assert asked(state, report)[0] == []
 
@@ -147,7 +147,7 @@ def test_a_request_in_vain_is_not_made_anew_at_once():
 
 @pytest.mark.parametrize(("fix", "tolerance"), [("replace", 0.05), ("update", 0.05)])
 def test_an_answer_moves_the_cloud_and_gives_its_label(fix, tolerance):
-    config = replace(imm_defaults("m"), fix=fix)
+    config = replace(ImmConfig.in_unit("m"), fix=fix)
     state, report = at("spread", (6, 6), (9, 9), sigma=2.0, config=config)
     question = asks(state, report, Memory(), RNG(0))[0][0]
     answer = Answer(question, np.array([7.0, 5.0]), 1e-4 * np.eye(2), 4)

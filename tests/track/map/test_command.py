@@ -187,13 +187,17 @@ def test_a_fitted_motion_is_used(made: Path, capsys) -> None:
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        (["--select", "greedy"], ExitCode.USAGE, "leave select out"),
-        (["--occluders", "room.mcap"], ExitCode.USAGE, "leave occluders out"),
+        (
+            ["--select", "greedy"],
+            ExitCode.USAGE,
+            "--select is an option of --method apf, direct3d, pps, not of --method map",
+        ),
+        (["--occluders", "room.mcap"], ExitCode.USAGE, "--occluders is an option of --method apf, not of --method map"),
         (["--calibration", "calibration.parquet"], ExitCode.USAGE, "--calibration"),
         (["--particles", "100"], ExitCode.USAGE, "particles"),
         (["--start", "50,50"], ExitCode.USAGE, "choose one target, e.g."),
         (["--lag", "0"], ExitCode.USAGE, "--lag"),
-        (["--lag", "nan"], ExitCode.USAGE, "--lag nan"),
+        (["--lag", "nan"], ExitCode.USAGE, "'--lag': nan is not a finite number"),
         (["--lag", "5", "--method", "apf"], ExitCode.USAGE, "lag"),
         (["--set", "acceleration=-1"], ExitCode.USAGE, "map: acceleration is -1.0, must be "),
         (["--set", "acceleration=fast"], ExitCode.USAGE, "acceleration"),

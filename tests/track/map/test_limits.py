@@ -13,7 +13,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
 from occlog.track.interface import Smoothed
-from occlog.track.map.config import MapConfig, map_defaults
+from occlog.track.map.config import MapConfig
 from occlog.track.map.method import advance, begin
 from occlog.track.map.record import Record
 
@@ -28,7 +28,7 @@ def walled() -> Scene:
 
 
 def estimate(scene: Scene, one: Record, **settings: object) -> Smoothed:
-    config = replace(map_defaults("m"), **settings)
+    config = replace(MapConfig.in_unit("m"), **settings)
     return advance(begin(scene, config), scans_of(one), True)[1]
 
 

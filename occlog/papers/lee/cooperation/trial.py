@@ -127,7 +127,7 @@ def cooperation_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 def follow(made: Environment, spec: Mapping[str, Any]) -> FilterOutput:
     """Run the filter of one array, with cameras, over all steps."""
     values = {**SCENES[spec["scene"]], **FORMS[spec["form"]], **spec["settings"]}
-    config: ImmConfig = configure(ImmConfig(), values, "imm")
+    config: ImmConfig = configure(ImmConfig(), values)
     scene, array = made.scene, spec["array"]
     use = Rows(frozenset({scene.arrays[array].name, *(c.name for c in scene.cameras)}))
     rng, helping = (

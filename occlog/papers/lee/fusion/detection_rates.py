@@ -25,7 +25,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Truth, Views
 from occlog.settings import configure
 from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth, world_config
-from occlog.track.catalogue import entry
+from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 
@@ -84,7 +84,7 @@ def _rates(c: Counts, when: str) -> dict[str, float]:
 
 def _rmse(rows: Iterable[Bearings], truth: Truth, scene: Scene, seed: int) -> float:
     """Track with the defaults of the auxiliary particle filter, and return the RMSE."""
-    config = entry("apf").defaults(scene.length_unit)
+    config = ApfConfig.in_unit(scene.length_unit)
     parts = track(rows, scene, Tracking(config, seed, sensors=choose_sensors(scene, ())))
     tracks = Tracks.concat([p.tracks for p in parts])
     return errors_of(tracks, truth, scene, START)["rmse"]

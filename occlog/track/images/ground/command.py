@@ -8,27 +8,28 @@ from typing import Any
 import click
 
 from occlog.cli import options
+from occlog.cli.setting_options import SettingsCommand, given, with_options
+
+from .config import GroundConfig
 
 
-@click.command(name="ground", short_help="Bring tracks in the images of calibrated cameras together in the world.")
+@click.command(
+    name="ground",
+    cls=SettingsCommand,
+    settings=lambda: GroundConfig,
+    short_help="Bring tracks in the images of calibrated cameras together in the world.",
+)
 @click.argument("view_tracks", type=options.PATH)
 @options.output_opt("Tracks (Parquet).")
 @options.scene_opt
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Use only these cameras.")
-@click.option(
-    "--window",
-    type=click.FloatRange(min=0),
-    default=None,
-    metavar="SECONDS",
-    help="Frames at most this far apart are of one time. [default: as when they were tracked]",
-)
+@with_options(GroundConfig)
 @click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="NAME=VALUE",
-    help="A setting, e.g. height=0.8; may be repeated. Names: height, height_sigma, model_share, gate, "
-    "min_crossing_deg.",
+    help="A setting, e.g. height=0.8; may be repeated.",
 )
 @options.overwrite_opt
 @options.quiet_opt
@@ -38,7 +39,7 @@ def command(
     output: Path,
     scene: Path | None,
     only: str,
-    window: float | None,
+    window_s: float | None,
     settings: tuple[str, ...],
     overwrite: bool,
     quiet: bool,
@@ -55,14 +56,13 @@ def command(
       occlog ground view_tracks.parquet --scene scene.yaml -o tracks.parquet
       occlog ground view_tracks.parquet --scene hall.mcap --set height=0 -o tracks.parquet
     """
-    from occlog.cli.parse import parse_names, parse_seconds, parse_setting
+    from occlog.cli.parse import parse_names, parse_setting
 
     from .run import GroundFiles, run_ground
 
     options.check_outputs([view_tracks, scene], [output], overwrite)
     files = GroundFiles(view_tracks, scene, output, overwrite)
     values: dict[str, Any] = dict(parse_setting(text) for text in settings)
-    if window is not None:
-        values["window_s"] = parse_seconds("--window", window)
+    values |= given(GroundConfig, {"window_s": window_s})
     summary, losses = run_ground(files, parse_names(only), values, quiet)
     return options.finish(summary, losses, as_json)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
 
-from occlog.records.scene import Scene
-from occlog.settings import check_settings
+from occlog.settings import Settings, setting
+
+if TYPE_CHECKING:
+    from occlog.records.scene import Scene
 
 HEIGHT = {"m": 0.9, "ft": 3.0, "in": 35.0}
 """Height of the middle of a person by length unit."""
@@ -15,29 +17,52 @@ HEIGHT_SIGMA = {"m": 0.1, "ft": 0.35, "in": 4.0}
 
 
 @dataclass(frozen=True)
-class GroundConfig:
-    """Lengths in the scene's unit; None: by the unit, see `in_scene`."""
+class GroundConfig(Settings):
+    """Settings of `ground`; lengths in the scene's unit."""
 
-    height: float | None = None  # of a target's middle, for one that a single view shows; 0: such times have no row
-    height_sigma: float | None = None  # its standard deviation
-    model_share: float = 0.25  # standard deviation by which an ellipse's centre is off the target's, of its half axes
-    gate: float = 1e-3  # chance at which a time whose views are all right is said to have one that is wrong
-    min_crossing_deg: float = 5.0  # sight lines that cross at smaller angles give no place
-    window_s: float = 0.0  # frames at most this far apart are of one time
+    OWNER: ClassVar[str] = "ground"
 
-    def __post_init__(self) -> None:
-        check_settings(
-            self,
-            "ground",
-            (
-                ("height", self.height is None or self.height >= 0, "at least 0"),
-                ("height_sigma", self.height_sigma is None or self.height_sigma > 0, "above 0"),
-                ("model_share", self.model_share >= 0, "at least 0"),
-                ("gate", 0 < self.gate < 1, "between 0 and 1"),
-                ("min_crossing_deg", 0 < self.min_crossing_deg < 90, "between 0 and 90"),
-                ("window_s", self.window_s >= 0 and math.isfinite(self.window_s), "at least 0"),
-            ),
-        )
+    height: float | None = setting(
+        None,
+        "Height of a target's middle, for one that a single view shows; 0: such times have no row.",
+        unit="length",
+        at_least=0,
+        shown="0.9 m, or 0",
+    )
+    height_sigma: float | None = setting(
+        None,
+        "Its standard deviation.",
+        unit="length",
+        above=0,
+        shown="0.1 m",
+    )
+    model_share: float = setting(
+        0.25,
+        "Standard deviation by which an ellipse's centre is off the target's, of its half axes.",
+        at_least=0,
+    )
+    gate: float = setting(
+        1e-3,
+        "Chance at which a time whose views are all right is said to have one that is wrong.",
+        above=0,
+        below=1,
+    )
+    min_crossing_deg: float = setting(
+        5.0,
+        "Sight lines that cross at smaller angles give no place.",
+        unit="deg",
+        above=0,
+        below=90,
+    )
+    window_s: float = setting(
+        0.0,
+        "Frames at most this far apart are of one time.",
+        unit="s",
+        at_least=0,
+        option="--window",
+        metavar="SECONDS",
+        shown="as when they were tracked",
+    )
 
 
 def in_scene(config: GroundConfig, scene: Scene) -> GroundConfig:

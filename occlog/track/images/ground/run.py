@@ -45,10 +45,7 @@ def run_ground(
     if unknown := [name for name in cameras if name not in [c.name for c in scene.cameras]]:
         raise UsageError(f"--cameras {unknown[0]}: the scene has {', '.join(c.name for c in scene.cameras) or 'none'}")
     made = read_provenance(files.view_tracks)
-    try:
-        config = in_scene(configure(GroundConfig(), {"window_s": _tracked_window(made), **values}, "ground"), scene)
-    except InputError as error:  # here the values are options
-        raise UsageError(str(error)) from error
+    config = in_scene(configure(GroundConfig(), {"window_s": _tracked_window(made), **values}), scene)
     inputs = [path for path in (files.view_tracks, files.scene) if path is not None]
     parameters = {**asdict(config), "cameras": list(cameras)}
     provenance = Provenance("ground", parameters, None, hash_inputs(inputs), made.losses)

@@ -256,7 +256,6 @@ def _joined(parts: list[Outlines], views: int) -> Outlines:
 
 
 MCMC: Visual[McmcState, McmcConfig] = Visual(
-    summary="a joint filter of all targets of a view, by a Markov chain",
     config=McmcConfig,
     init=initial_state,
     born=add_trackers,

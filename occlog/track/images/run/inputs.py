@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
@@ -40,7 +41,7 @@ class ViewsRequest:
     recording: Path
     scene: Path | None
     method: str
-    settings: dict[str, str]
+    settings: Mapping[str, Any]
     initial: Path | None
     detections: Path | None
     fundamental: Path | None

@@ -280,11 +280,7 @@ def view_settings(request: ViewsRequest, visual: AnyVisual) -> tuple[Any, ViewsC
     around = {f.name for f in fields(ViewsConfig)}
     own = {name: value for name, value in request.settings.items() if name not in around}
     others = {name: value for name, value in request.settings.items() if name in around}
-    try:
-        config = configure(visual.config(), own, request.method)
-        stage = configure(ViewsConfig(), others, request.method)
-    except InputError as error:  # here the values are options
-        raise UsageError(str(error)) from error
+    config, stage = configure(visual.config(), own), configure(ViewsConfig(), others)
     if stage.birth_frames == 0 and request.initial is None:
         raise UsageError("birth_frames is 0, so that no tracker begins from detections; give --initial, or 1 or more")
     return config, stage

@@ -287,4 +287,4 @@ def test_a_hijacked_tracker_starts_again_on_the_line():
 )
 def test_settings_that_cannot_be_are_refused(name, value, said):
     with pytest.raises(InputError, match=said):
-        configure(BmctConfig(), {name: value}, "bmct")
+        configure(BmctConfig(), {name: value})

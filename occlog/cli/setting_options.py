@@ -1,0 +1,317 @@
+"""Options of the command line made from declared settings, and commands whose options depend on a choice.
+
+A setting that declares `option=` becomes an option with its type, range, default and help; all of
+them can be given by `--set NAME=VALUE` where a command has it.  A `VariantCommand` has shared
+options and, beside them, those of the variant that the arguments choose: `occlog track --method map`
+takes what `map` takes and nothing else.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import Field, dataclass
+from typing import Any, TypeVar
+
+import click
+
+from occlog.cli.numbers import Finite
+from occlog.settings import (
+    SettingError,
+    Settings,
+    declaration,
+    declared,
+    default_in,
+    kind_of,
+    plain_kind,
+)
+
+F = TypeVar("F", bound=Callable[..., Any])
+CHOSEN = "occlog.variant"
+"""Key of the chosen variant's name in the metadata of click's context."""
+
+
+def option_of(settings: type[Settings], f: Field[Any]) -> click.Option:
+    """The option of a setting that declares one; its value is None where it is not given."""
+    said = declaration(f)
+    if said.option is None:
+        raise ValueError(f"setting {f.name} declares no option")
+    kind = plain_kind(kind_of(settings, f.name))
+    words = f"{said.help} [default: {default_words(f)}]"
+    return click.Option(
+        [said.option, f.name],
+        type=None if kind is bool else _type_of(settings, f),
+        default=None,
+        metavar=said.metavar,
+        help=words,
+    )
+
+
+def _type_of(settings: type[Settings], f: Field[Any]) -> click.ParamType[Any]:
+    """Type of the option's value, with the range that the setting declares."""
+    said, kind = declaration(f), plain_kind(kind_of(settings, f.name))
+    low = said.at_least if said.above is None else said.above
+    high = said.at_most if said.below is None else said.below
+    if kind is int:
+        whole = (None if low is None else int(low), None if high is None else int(high))
+        return click.IntRange(*whole, min_open=said.above is not None, max_open=said.below is not None)
+    if kind is float:
+        return Finite(low, high, min_open=said.above is not None, max_open=said.below is not None)
+    return click.Choice(said.choices) if said.choices and not said.several else click.STRING
+
+
+def default_words(f: Field[Any]) -> str:
+    """How a default is told: `1.7 m, or 3.33 in a unit of its own`."""
+    said = declaration(f)
+    if said.shown is not None:
+        return said.shown
+    if f.default is None and said.people is None and said.own is None:
+        return said.nothing or "none"
+    people, own = default_in(f, "m"), default_in(f, "")
+    unit = {"length": "m"}.get(said.unit, said.unit.replace("length", "m"))
+    told = _value_words(f, people)
+    if unit:
+        told += f" {unit}"
+    return told if people == own else f"{told}, or {_value_words(f, own)} in a unit of its own"
+
+
+def _value_words(f: Field[Any], value: Any) -> str:
+    """A value as it is typed on the command line."""
+    if value is None:
+        return declaration(f).nothing or "none"
+    if isinstance(value, bool):
+        flags = (declaration(f).option or "").split("/")
+        return flags[not value].removeprefix("--") if len(flags) == 2 else str(value).lower()
+    if isinstance(value, tuple):
+        return ",".join(n if isinstance(n, str) else f"{n:g}" for n in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def with_options(
+    settings: type[Settings], *, only: Sequence[str] = (), without: Sequence[str] = ()
+) -> Callable[[F], F]:
+    """Decorator that gives a command the options of the settings that declare one, in the order of declaration.
+
+    Args:
+        settings: the class.
+        only: names of settings; empty: all.
+        without: names of settings to leave out.
+    """
+
+    def decorate(command: F) -> F:
+        for option in reversed(options_of(settings, only=only, without=without)):
+            _add(command, option)
+        return command
+
+    return decorate
+
+
+def _add(command: Any, option: click.Option) -> None:
+    """Give a function that is to be a command, or a command, one more option; as click's decorators do."""
+    if isinstance(command, click.Command):
+        command.params.append(option)
+    else:
+        command.__dict__.setdefault("__click_params__", []).append(option)
+
+
+def options_of(
+    settings: type[Settings], *, only: Sequence[str] = (), without: Sequence[str] = ()
+) -> list[click.Option]:
+    """Options of the settings that declare one, in the order of declaration."""
+    return [
+        option_of(settings, f)
+        for f in declared(settings)
+        if declaration(f).option is not None and (not only or f.name in only) and f.name not in without
+    ]
+
+
+def given(settings: type[Settings], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Those values of a command's options that are settings of this class and were given."""
+    names = [f.name for f in declared(settings) if declaration(f).option is not None]
+    return {name: values[name] for name in names if values.get(name) is not None}
+
+
+def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> list[tuple[str, str]]:
+    """Name and description of each setting that has no option of its own, for --help."""
+    rows = []
+    for f in declared(settings):
+        said = declaration(f)
+        if said.option is None and f.name not in without:
+            limit = f"; {said.limit()}" if said.limit() else ""
+            rows.append((f.name, f"{said.help} [default: {default_words(f)}{limit}]"))
+    return rows
+
+
+def write_settings(formatter: click.HelpFormatter, heading: str, settings: type[Settings]) -> None:
+    """A section of --help with the settings that have no option of their own, if there are any."""
+    rows = settings_table(settings)
+    if rows:
+        with formatter.section(heading):
+            formatter.write_dl(rows)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One of the things that a command can do, with options of its own.
+
+    Attributes:
+        summary: one line.
+        params: makes its options; called when the variant is chosen.
+        settings: make the classes whose settings without an option are listed in --help.
+    """
+
+    summary: str
+    params: Callable[[], Sequence[click.Parameter]]
+    settings: tuple[Callable[[], type[Settings]], ...] = ()
+
+
+class SettingsCommand(click.Command):
+    """A command whose settings are declared: a value out of its range is an error of usage that names the option.
+
+    Args:
+        settings: makes the class whose settings without an option are listed in --help; None: none are.
+    """
+
+    def __init__(self, *args: Any, settings: Callable[[], type[Settings]] | None = None, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.settings = settings
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The options, then the settings that --set takes."""
+        super().format_options(ctx, formatter)
+        if self.settings is not None:
+            write_settings(formatter, "Settings (--set NAME=VALUE)", self.settings())
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Call the command; SettingError becomes a usage error that names the flag, if the setting has one."""
+        try:
+            return super().invoke(ctx)
+        except SettingError as error:
+            raise click.UsageError(self.worded(ctx, error), ctx) from error
+
+    def worded(self, ctx: click.Context, error: SettingError) -> str:
+        """The error with the flag that the user typed, or with the setting's name."""
+        for param in self.get_params(ctx):
+            if (
+                param.name == error.setting
+                and isinstance(param, click.Option)
+                and ctx.params.get(param.name) is not None
+            ):
+                flag = max(param.opts, key=len)
+                return f"{flag} {error.value}: must be {error.limit}"
+        return str(error)
+
+
+class VariantCommand(SettingsCommand):
+    """A command with shared options, and with those of the variant that the arguments choose.
+
+    Args:
+        variants: by name.
+        choose: the variant that arguments choose; None: they choose none.
+        default: the variant where none is chosen.
+        what: how a variant is called, for example `method`.
+        chosen_by: how a variant is chosen, with {} for its name, for example `--method {}`.
+    """
+
+    def __init__(
+        self,
+        *args: Any,
+        variants: Mapping[str, Variant],
+        choose: Callable[[Sequence[str]], str | None],
+        default: str,
+        what: str,
+        chosen_by: str,
+        **kwargs: Any,
+    ) -> None:
+        super().__init__(*args, **kwargs)
+        self.variants, self.choose, self.default = variants, choose, default
+        self.what, self.chosen_by = what, chosen_by
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """The shared options, then those of the variant chosen; for --help without a choice the shared ones."""
+        shared = super().get_params(ctx)
+        name = ctx.meta.get(CHOSEN)
+        if name is None:
+            return shared
+        own = list(self.variants[name].params())
+        last = shared[-1:] if shared and shared[-1].name == "help" else []
+        return [*shared[: len(shared) - len(last)], *own, *last]
+
+    def params_of(self, name: str | None) -> list[click.Parameter]:
+        """All parameters of the variant of that name; those of the default one for None."""
+        return [*self.params, *self.variants[self.default if name is None else name].params()]
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Choose the variant, then parse; an option of other variants is refused, and those that have it are named."""
+        name = self.choose(args)
+        if name is not None and name not in self.variants:
+            near = difflib.get_close_matches(name, self.variants, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(self.variants)}"
+            raise click.UsageError(f"no {self.what} {name!r}; {hint}", ctx)
+        if name is None and not any(a in ctx.help_option_names for a in args):
+            name = self.default
+        if name is not None:
+            ctx.meta[CHOSEN] = name
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            raise click.UsageError(self._refusal(error, name or self.default), ctx) from error
+
+    def _refusal(self, error: click.NoSuchOption, name: str) -> str:
+        """Which variants have the option; click's own message if none has."""
+        owners = [
+            other
+            for other, variant in self.variants.items()
+            if any(error.option_name in (*p.opts, *p.secondary_opts) for p in variant.params())
+        ]
+        if not owners:
+            return error.format_message()
+        return f"{error.option_name} is an option of {self._named(owners)}, not of {self.chosen_by.format(name)}"
+
+    def _named(self, names: Sequence[str]) -> str:
+        """Variants as they are chosen: `--method apf, imm`."""
+        return self.chosen_by.format(", ".join(names))
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The shared options; then the variant's options and settings, or one line for each variant."""
+        name = ctx.meta.get(CHOSEN)
+        own_names = {p.name for p in (self.variants[name].params() if name else ())}
+        shared = help_rows(ctx, [p for p in self.get_params(ctx) if p.name not in own_names])
+        with formatter.section("Options"):
+            formatter.write_dl(shared)
+        if name is None:
+            with formatter.section(
+                f"{self.what.capitalize()}s ({self.chosen_by.format('NAME')} --help tells what each takes)"
+            ):
+                formatter.write_dl([(n, v.summary) for n, v in self.variants.items()])
+            return
+        chosen = self.variants[name]
+        rows = help_rows(ctx, chosen.params())
+        if rows:
+            with formatter.section(f"Options of {self.chosen_by.format(name)}"):
+                formatter.write_dl(rows)
+        for settings in chosen.settings:
+            write_settings(formatter, f"Settings of {self.chosen_by.format(name)} (--set NAME=VALUE)", settings())
+
+
+def help_rows(ctx: click.Context, params: Sequence[click.Parameter]) -> list[tuple[str, str]]:
+    """Rows of --help of those parameters that are options and not hidden."""
+    return [row for p in params if isinstance(p, click.Option) and (row := p.get_help_record(ctx)) is not None]
+
+
+def value_after(args: Sequence[str], flag: str) -> str | None:
+    """The value that the arguments give to an option, the last one if it is given again; None: it is not given."""
+    found = None
+    for i, arg in enumerate(args):
+        if arg == "--":
+            break
+        if arg == flag and i + 1 < len(args):
+            found = args[i + 1]
+        elif arg.startswith(flag + "="):
+            found = arg[len(flag) + 1 :]
+    return found
+
+
+def params_of(command: click.Command, chosen: str | None = None) -> list[click.Parameter]:
+    """All parameters of a command; of a `VariantCommand` those of the variant of that name."""
+    return command.params_of(chosen) if isinstance(command, VariantCommand) else command.params

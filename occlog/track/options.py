@@ -1,0 +1,106 @@
+"""Options of `occlog track` that are not settings of a method: files, and which rows to use."""
+
+from __future__ import annotations
+
+import click
+
+from occlog.cli.numbers import Finite
+from occlog.cli.options import PATH
+from occlog.cli.parse import LONGEST_WINDOW_S
+from occlog.cli.setting_options import options_of
+from occlog.track.apf.selection_config import SelectConfig
+from occlog.track.catalogue import METHODS, settings_of
+
+LISTED: tuple[click.Option, ...] = (
+    click.Option(["--diagnostics"], type=PATH, default=None, help="How the filter fared at each time (Parquet)."),
+    click.Option(
+        ["--calibration"],
+        type=PATH,
+        default=None,
+        help="Errors of the cameras' poses as estimated, with --set calibrate=joint or initial (Parquet).",
+    ),
+    click.Option(
+        ["--doa"],
+        type=PATH,
+        default=None,
+        help="Directions of arrival to use too: a table, or a recording that holds them.",
+    ),
+    click.Option(
+        ["--doa-labels"],
+        is_flag=True,
+        help="Identities in the log of directions are those of targets. [default: directions may be of anything]",
+    ),
+    click.Option(
+        ["--occluders"],
+        type=PATH,
+        default=None,
+        help="Where moving occluders may be: `occluders` or `hulls` (Parquet, see `occlog priors`), "
+        "or truth (known exactly).",
+    ),
+    *options_of(SelectConfig),
+    click.Option(
+        ["--start", "starts"],
+        multiple=True,
+        metavar="X,Y[,SIGMA]",
+        help="Where the target is at first; SIGMA is 0.5 m, or 1 in units of its own, if left out. For --method imm "
+        "also X,Y,SIGMA,VX,VY,SIGMA_V; may be repeated, once a target. [default: anywhere in the room]",
+    ),
+    click.Option(
+        ["--cooperation"], type=PATH, default=None, help="What cameras were asked, and what they said (Parquet)."
+    ),
+    click.Option(
+        ["--target", "targets"],
+        multiple=True,
+        type=click.IntRange(min=0),
+        metavar="ID",
+        help="Track only this target; may be repeated. The first also numbers a track without labels.",
+    ),
+    click.Option(["--labelled-only"], is_flag=True, help="Do not use candidates that are not assigned to a target."),
+    click.Option(
+        ["--use-recovered"],
+        is_flag=True,
+        help="Use what the fusion of detections recovered as if it had been measured. [default: not seen]",
+    ),
+    click.Option(
+        ["--in-turn", "turn"],
+        type=Finite(0, LONGEST_WINDOW_S, min_open=True),
+        default=None,
+        metavar="SECONDS",
+        help="Use one sensor at a time, each for so long, in the order of the scene. [default: all at once]",
+    ),
+    click.Option(["--motion"], type=PATH, default=None, help="How targets move, from `occlog fit-motion`."),
+    click.Option(
+        ["--initial"],
+        type=PATH,
+        default=None,
+        help="Where targets are in each view at first: CSV of ellipses, or boxes with identities (Parquet, or "
+        "a recording that holds true boxes). [default: from detections]",
+    ),
+    click.Option(
+        ["--detections"],
+        type=PATH,
+        default=None,
+        help="Boxes of a detector, or views of `occlog detect`, that trackers begin from. [default without "
+        "--initial: boxes in the recording, or else what moves in it]",
+    ),
+    click.Option(
+        ["--fundamental"],
+        type=PATH,
+        default=None,
+        help="Fundamental matrices (JSON, see `occlog epipolar`). [default: poses of --scene, "
+        "those in the recording, poses of its scene]",
+    ),
+    click.Option(
+        ["--world"],
+        type=PATH,
+        default=None,
+        help="Where the targets are on the ground, from all views that track them (Parquet).",
+    ),
+)
+"""Every option by its parameter's name is taken by the methods whose entry in the catalogue names it."""
+
+
+def method_params(name: str) -> list[click.Parameter]:
+    """The options that a method takes beside the shared ones: those of its entry, then its settings'."""
+    takes = METHODS[name].takes
+    return [*(option for option in LISTED if option.name in takes), *options_of(settings_of(name))]
