@@ -69,6 +69,20 @@ class Meeting(NamedTuple):
     misfit: Floats  # (N,) sum of squared standardised residuals, chi-square of 2 views - 3
 
 
+class LeastSquares(NamedTuple):
+    """Weighted least squares for the places of N points."""
+
+    sights: Sights
+    weights: Floats  # (N, V, 2, 2) inverse covariances, 0 where the view does not show the point
+    known: Floats  # (N,) 1 where the prior on the height counts, else 0
+    height: Height
+    rig: Rig
+
+    def take(self, rows: Bools | Ints) -> LeastSquares:
+        """Some of the points."""
+        return self._replace(sights=self.sights.take(rows), weights=self.weights[rows], known=self.known[rows])
+
+
 def fit_places(sights: Sights, rig: Rig, height: Height | None, min_sine: float) -> Meeting:
     """Find the places by all the views that show a point.
 
@@ -92,11 +106,15 @@ def fit_places(sights: Sights, rig: Rig, height: Height | None, min_sine: float)
     if not len(good):
         return out
     # Linear start, then Gauss-Newton
-    some, known = sights.take(good), np.where(prior[good], 1.0, 0.0)
-    level = height if height is not None else Height(0.0, 1.0)
-    xyz = _start(some, rays[good], rig, known, level)
-    weights = np.asarray(np.linalg.inv(some.covariance), dtype=np.float64) * some.there[:, :, None, None]
-    xyz, information, cost = _refine(xyz, some, weights, rig, known, level)
+    some = sights.take(good)
+    problem = LeastSquares(
+        sights=some,
+        weights=np.asarray(np.linalg.inv(some.covariance), dtype=np.float64) * some.there[:, :, None, None],
+        known=np.where(prior[good], 1.0, 0.0),
+        height=height if height is not None else Height(0.0, 1.0),
+        rig=rig,
+    )
+    xyz, information, cost = _refine(_start(rays[good], problem), problem)
     ok = np.isfinite(cost)
     out.status[good[~ok]] = BEHIND
     out.xyz[good[ok]] = xyz[ok]
@@ -122,57 +140,50 @@ def _crossing(rays: Floats, sights: Sights) -> Floats:
     return widest
 
 
-def _start(sights: Sights, rays: Floats, rig: Rig, known: Floats, height: Height) -> Floats:
+def _start(rays: Floats, problem: LeastSquares) -> Floats:
     """(N, 3) places with the least squared distances from the sight lines; on a single line, that at the height."""
+    sights, known = problem.sights, problem.known
     across = (np.eye(3) - rays[:, :, :, None] * rays[:, :, None, :]) * sights.there[:, :, None, None]
-    A, b = across.sum(axis=1), np.einsum("nvij,vj->ni", across, rig.centre)
+    A, b = across.sum(axis=1), np.einsum("nvij,vj->ni", across, problem.rig.centre)
     A[:, 2, 2] += known
-    b[:, 2] += known * height.mean
+    b[:, 2] += known * problem.height.mean
     return np.asarray(np.linalg.solve(A, b[:, :, None])[:, :, 0])
 
 
-def _refine(
-    xyz: Floats, sights: Sights, weights: Floats, rig: Rig, known: Floats, height: Height
-) -> tuple[Floats, Floats, Floats]:
-    """Refine by Gauss-Newton with step halving.
-
-    Args:
-        xyz: (N, 3) start.
-        sights: of the points.
-        weights: (N, V, 2, 2) inverse covariances, 0 where the view does not show the point.
-        rig: the views.
-        known: (N,) 1 where the prior on the height counts, else 0.
-        height: the prior.
+def _refine(start: Floats, problem: LeastSquares) -> tuple[Floats, Floats, Floats]:
+    """Refine places (N, 3) by Gauss-Newton with step halving.
 
     Returns:
         Places (N, 3), information (N, 3, 3) and cost (N,), inf behind a camera.
     """
-    xyz, cost = xyz.copy(), _cost(xyz, _residuals(xyz, sights, rig)[0], weights, known, height)
+    xyz = start.copy()
+    cost = _cost(xyz, _residuals(xyz, problem)[0], problem)
     information = np.broadcast_to(np.eye(3), (len(xyz), 3, 3)).copy()
     moving = np.flatnonzero(np.isfinite(cost))
     for _ in range(STEPS):
         if not len(moving):
             break
-        some, w, k, here = sights.take(moving), weights[moving], known[moving], xyz[moving]
-        matrix, slope = _normal(here, *_residuals(here, some, rig), w, rig, k, height)
+        some, here = problem.take(moving), xyz[moving]
+        # Normal equations
+        left, local = _residuals(here, some)
+        matrix, slope = _normal(here, left, local, some)
         information[moving] = matrix
         step: Floats = np.asarray(
             np.linalg.solve(matrix + _ridge(matrix), slope[:, :, None])[:, :, 0], dtype=np.float64
         )
-        better, new = _shortened(here, step, cost[moving], some, w, rig, k, height)
-        xyz[moving], cost[moving] = better, new
-        moving = moving[(step * slope).sum(axis=1) > ENOUGH * (1.0 + new)]
+        # Line search
+        xyz[moving], cost[moving] = _shortened(here, step, cost[moving], some)
+        # Points whose cost would still fall by enough go on
+        moving = moving[(step * slope).sum(axis=1) > ENOUGH * (1.0 + cost[moving])]
     return xyz, information, cost
 
 
-def _shortened(
-    here: Floats, step: Floats, cost: Floats, sights: Sights, weights: Floats, rig: Rig, known: Floats, height: Height
-) -> tuple[Floats, Floats]:
-    """Places and costs after a step, halved until the cost does not grow; where it always does, as before."""
+def _shortened(here: Floats, step: Floats, cost: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
+    """Places (N, 3) and costs (N,) after a step that is halved until the cost does not grow; else as before."""
     size = np.ones(len(here))
     for _ in range(HALVINGS):
         trial = here + size[:, None] * step
-        new = _cost(trial, _residuals(trial, sights, rig)[0], weights, known, height)
+        new = _cost(trial, _residuals(trial, problem)[0], problem)
         worse = ~(new <= cost)
         if not worse.any():
             return trial, new
@@ -185,30 +196,40 @@ def _ridge(matrix: Floats) -> Floats:
     return np.asarray(1e-14 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3))
 
 
-def _residuals(xyz: Floats, sights: Sights, rig: Rig) -> tuple[Floats, Floats]:
+def _residuals(xyz: Floats, problem: LeastSquares) -> tuple[Floats, Floats]:
     """(N, V, 2) seen minus expected [px], NaN behind a camera, and the places (N, V, 3) in the cameras' axes."""
+    sights, rig = problem.sights, problem.rig
     local = np.einsum("nvi,vij->nvj", xyz[:, None, :] - rig.centre, rig.rotation)
     depth = np.where(local[:, :, 2] > 0.0, local[:, :, 2], np.nan)[:, :, None]
     left = sights.pixels - (rig.focal * local[:, :, :2] / depth + rig.principal)
     return np.where(sights.there[:, :, None], left, 0.0), local
 
 
-def _cost(xyz: Floats, left: Floats, weights: Floats, known: Floats, height: Height) -> Floats:
-    """(N,) sum of squared standardised residuals; inf behind a camera."""
-    total = np.einsum("nvi,nvij,nvj->n", left, weights, left) + known * ((xyz[:, 2] - height.mean) / height.sigma) ** 2
+def _cost(xyz: Floats, left: Floats, problem: LeastSquares) -> Floats:
+    """(N,) sum of squared standardised residuals (N, V, 2) and of that of the height; inf behind a camera."""
+    known, height = problem.known, problem.height
+    total = np.einsum("nvi,nvij,nvj->n", left, problem.weights, left)
+    total = total + known * ((xyz[:, 2] - height.mean) / height.sigma) ** 2
     return np.where(np.isnan(total), np.inf, total)
 
 
-def _normal(
-    xyz: Floats, left: Floats, local: Floats, weights: Floats, rig: Rig, known: Floats, height: Height
-) -> tuple[NDArray[np.float64], Floats]:
-    """Information (N, 3, 3) and the slope (N, 3) of minus half the cost."""
+def _normal(xyz: Floats, left: Floats, local: Floats, problem: LeastSquares) -> tuple[NDArray[np.float64], Floats]:
+    """Information (N, 3, 3) and the gradient (N, 3) of minus half the cost.
+
+    Args:
+        xyz: (N, 3) places.
+        left: (N, V, 2) residuals there.
+        local: (N, V, 3) places in the cameras' axes.
+        problem: of the points.
+    """
+    rig, known, height = problem.rig, problem.known, problem.height
+    # Jacobian of the projections
     depth = np.where(local[:, :, 2] > 0.0, local[:, :, 2], 1.0)[:, :, None, None]
     flat = np.zeros((*local.shape[:2], 2, 3))
     flat[:, :, [0, 1], [0, 1]] = 1.0
     flat[:, :, :, 2] = -local[:, :, :2] / depth[:, :, :, 0]
     slopes = rig.focal[None, :, :, None] * flat / depth @ rig.rotation.transpose(0, 2, 1)
-    weighted = np.einsum("nvki,nvkl->nvil", slopes, weights)
+    weighted = np.einsum("nvki,nvkl->nvil", slopes, problem.weights)
     information = np.einsum("nvil,nvlj->nij", weighted, slopes)
     slope = np.einsum("nvil,nvl->ni", weighted, np.where(np.isnan(left), 0.0, left))
     information[:, 2, 2] += known / height.sigma**2

@@ -50,16 +50,16 @@ def propose_on_lines(state: VisualState[CmctConfig], particles: Floats, gap: Flo
     lost = (t.likeness < c.search_below) | (bad & (nearest(t) < APART))
     return drawn_on_lines(
         particles,
-        expected,
-        affine_maps(state, expected),
-        t.view,
-        np.where((t.counterpart >= 0) & (gap <= 1.0)[t.counterpart], t.counterpart, -1),
-        state.geometry.fundamental,
-        at_bottom(c),
-        np.where(lost, many, round(c.on_line * many)),
-        c.along_px,
-        c.across,
-        rng.standard_normal((*particles.shape[:2], 2)),
+        estimate=expected,
+        affine=affine_maps(state, expected),
+        view=t.view,
+        counterpart=np.where((t.counterpart >= 0) & (gap <= 1.0)[t.counterpart], t.counterpart, -1),
+        fundamental=state.geometry.fundamental,
+        bottom=at_bottom(c),
+        count=np.where(lost, many, round(c.on_line * many)),
+        along=c.along_px,
+        across=c.across,
+        normals=rng.standard_normal((*particles.shape[:2], 2)),
     )
 
 

@@ -63,11 +63,11 @@ def _check(state: LoopState, fresh: Bools) -> Ints:
     t = state.trackers
     found = loop_check(
         t.estimate,
-        affine_maps(state, t.estimate),
-        t.view,
-        t.counterpart,
-        state.geometry.fundamental,
-        at_bottom(state.config),
+        affine=affine_maps(state, t.estimate),
+        view=t.view,
+        counterpart=t.counterpart,
+        fundamental=state.geometry.fundamental,
+        bottom=at_bottom(state.config),
     )
     return np.where(fresh[:, None] & fresh[t.counterpart], found, UNKNOWN)
 

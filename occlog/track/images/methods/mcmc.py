@@ -192,7 +192,14 @@ def _moved(frame: ViewFrame, ellipses: Floats, owner: Ints, rng: Generator) -> F
     """(P, 5) ellipses after the motion from (P, 5), of the targets `owner` (P,)."""
     t = frame.trackers
     gap, normals = np.full(len(owner), frame.gap), rng.standard_normal((len(owner), 1, 5))
-    after = moved(ellipses[:, None], t.velocity[owner], t.axes[owner], gap, normals, motion_of(frame.config))
+    after = moved(
+        ellipses[:, None],
+        velocity=t.velocity[owner],
+        axes=t.axes[owner],
+        gap=gap,
+        normals=normals,
+        motion=motion_of(frame.config),
+    )
     return np.asarray(after[:, 0])
 
 

@@ -113,7 +113,7 @@ def local_weights(scheme: Scheme[C], state: VisualState[C], frames: FrameSet, rn
     age, gap = ages(state.clock, frames.t_ns)[t.view], gaps(state.clock, frames.t_ns)[t.view]
     # Propose: by the motion, p(x_t | x_t-1), over as many frames as are missing
     normals = rng.standard_normal(t.particles.shape)
-    particles = moved(t.particles, t.velocity, t.axes, gap, normals, motion_of(config))
+    particles = moved(t.particles, velocity=t.velocity, axes=t.axes, gap=gap, normals=normals, motion=motion_of(config))
     if scheme.propose is not None:
         particles = scheme.propose(state, particles, gap, rng)
     # Propose: a share at the detector's region that belongs to the tracker alone

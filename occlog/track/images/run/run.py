@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -30,12 +30,15 @@ from occlog.settings import configure
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import RegionStream
 from occlog.track.images.catalogue import VISUAL
-from occlog.track.images.interface import AnyVisual
+from occlog.track.images.interface import Visual
 
 from .frames_in_step import in_step
 from .inputs import ViewsInput, ViewsRequest
 from .loop_checks import Checks
 from .stage import TrackingSetup, ViewsPart, track_views
+
+S = TypeVar("S")
+C = TypeVar("C")
 
 FEWEST_CHECKS = 20
 """Loop checks below which the summary does not judge a fundamental matrix."""
@@ -275,7 +278,7 @@ def _passed(parts: Iterator[ViewsPart], rows: TableWriter, summary: ViewsSummary
         yield part.tracks
 
 
-def view_settings(request: ViewsRequest, visual: AnyVisual) -> tuple[Any, ViewsConfig]:
+def view_settings(request: ViewsRequest, visual: Visual[S, C]) -> tuple[C, ViewsConfig]:
     """Settings of the method, and of births and ends; UsageError for a setting of neither."""
     around = {f.name for f in fields(ViewsConfig)}
     own = {name: value for name, value in request.settings.items() if name not in around}
