@@ -22,7 +22,8 @@ demo: $(VENV)/installed
 # Comparisons with TrackEval and py-motmetrics install these; without a network they are skipped, or fail with
 # OCCLOG_PEERS_REQUIRED=1. OCCLOG_PEERS=/path/to/python names an environment that has them.
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not serial"
+	$(BIN)/python -m pytest -m serial
 
 test-fast: $(VENV)/installed-dev
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit" tests/core tests/measure tests/simulate tests/track tests/evaluate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 from pathlib import Path
@@ -32,7 +33,15 @@ def shared_data() -> Path:
 
 @pytest.fixture(scope="session")
 def peers(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Python of an environment with TrackEval and py-motmetrics; OCCLOG_PEERS names one that exists."""
+    """Python of an environment with TrackEval and py-motmetrics; OCCLOG_PEERS names one that exists.
+
+    It is made once for all workers of pytest-xdist, whose folders lie side by side; the others wait for it.
+    """
     from mot_environment import make_environment
 
-    return make_environment(tmp_path_factory.mktemp("peers"))
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    with (folder / "peers.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        return make_environment(folder / "peers")

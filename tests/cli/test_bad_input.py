@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -195,14 +196,28 @@ def test_exit_code_4_for_a_full_disk(
     assert os.listdir(small_disk) == []
 
 
+def writes_into(folder: Path, pid: int) -> bool:
+    """Whether a process has an unnamed or temporary file of a folder open."""
+    links = []
+    for descriptor in Path(f"/proc/{pid}/fd").iterdir():
+        with contextlib.suppress(OSError):
+            links.append(str(descriptor.readlink()))
+    return any(link.startswith(f"{folder}/") and ("deleted" in link or "partial" in link) for link in links)
+
+
+@pytest.mark.serial
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="looks for open files in /proc")
 @pytest.mark.parametrize(("how", "code"), [(signal.SIGINT, ExitCode.INTERRUPTED), (signal.SIGKILL, -9)])
 def test_stopped_in_the_middle(work: Path, how: int, code: int) -> None:
     output = work / "long.mcap"
     output.write_text("old")
     args = ["simulate", str(work / "scene.yaml"), "-o", str(output), "--steps", "2000000", "--overwrite", "-q"]
     process = subprocess.Popen([sys.executable, "-m", "occlog", *args], stderr=subprocess.PIPE, text=True)
-    time.sleep(6)
+    deadline = time.monotonic() + 60
+    while not writes_into(work, process.pid) and time.monotonic() < deadline:
+        time.sleep(0.05)
     assert process.poll() is None, "it ended before it could be stopped"
+    assert writes_into(work, process.pid)
     process.send_signal(how)
     _, error = process.communicate(timeout=30)
     assert process.returncode == code

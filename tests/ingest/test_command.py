@@ -340,6 +340,7 @@ def started(place: Path, video: Path) -> tuple[subprocess.Popen[bytes], list[int
     return process, found
 
 
+@pytest.mark.serial
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="looks for processes in /proc")
 @pytest.mark.parametrize(("how", "code"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])

@@ -34,19 +34,24 @@ NO_NETWORK = (
 
 
 def make_environment(folder: Path) -> Path:
-    """Python of an environment with both packages: that of OCCLOG_PEERS, or one made in a folder (about a minute).
+    """Python of an environment with both packages: that of OCCLOG_PEERS, or one in a folder.
+
+    One that is not complete is made, which takes about a minute.
 
     Without a network the test is skipped, but fails if OCCLOG_PEERS_REQUIRED is set (to anything but 0); it
     fails where the packages can be had and not be installed.
     """
     if given := os.environ.get("OCCLOG_PEERS"):
         return Path(given)
+    python, complete = folder / "bin" / "python", folder / "complete"
+    if complete.exists():
+        return python
     subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-    python = folder / "bin" / "python"
     install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *PACKAGES]
     done = subprocess.run(install, capture_output=True, text=True, env=_alone())
     if done.returncode:
         _cannot_install(done.stdout + done.stderr)
+    complete.touch()
     return python
 
 
