@@ -1,0 +1,118 @@
+"""Limits of the MP4 parser, on files made box by box (ISO/IEC 14496-12)."""
+
+from __future__ import annotations
+
+import struct
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+from video_samples import box
+
+from occlog.io.video.container import MAX_FRAMES, Container
+from occlog.io.video.reader import read_container
+
+SIZES = (5, 3, 4)
+
+
+def parsed(folder: Path, data: bytes) -> Container:
+    path = folder / "v.mp4"
+    path.write_bytes(data)
+    found = read_container(path)
+    assert found is not None
+    return found
+
+
+def table(name: bytes, rows: list[tuple[int, ...]], count: int | None = None) -> bytes:
+    """A box with a version, a count and rows of numbers."""
+    body = b"".join(struct.pack(f">{len(row)}I", *row) for row in rows)
+    return box(name, struct.pack(">II", 0, len(rows) if count is None else count) + body)
+
+
+def samples(sizes: tuple[int, ...] = SIZES, offset: int = 0, duration: int = 40) -> bytes:
+    """Sample table of frames that lie one behind the other."""
+    stsz = box(b"stsz", struct.pack(">III", 0, 0, len(sizes)) + struct.pack(f">{len(sizes)}I", *sizes))
+    return (
+        stsz
+        + table(b"stts", [(len(sizes), duration)])
+        + table(b"stsc", [(1, len(sizes), 1)])
+        + table(b"stco", [(offset,)])
+    )
+
+
+def movie(stbl: bytes, scale: int = 1000, handler: bytes = b"vide") -> bytes:
+    mdhd = box(b"mdhd", struct.pack(">IIIIII", 0, 0, 0, scale, 0, 0))
+    hdlr = box(b"hdlr", struct.pack(">II4s", 0, 0, handler) + bytes(12))
+    mdia = box(b"mdia", mdhd + hdlr + box(b"minf", box(b"stbl", stbl)))
+    return box(b"moov", box(b"trak", box(b"tkhd", struct.pack(">IIII", 0, 0, 0, 1)) + mdia))
+
+
+def whole(sizes: tuple[int, ...] = SIZES) -> bytes:
+    """A file whose frames are its last bytes."""
+    head = len(movie(samples(sizes))) + 8
+    return movie(samples(sizes, offset=head)) + box(b"mdat", bytes(sum(sizes)))
+
+
+def test_frames_have_the_times_of_the_table(tmp_path: Path) -> None:
+    found = parsed(tmp_path, whole())
+    assert found.pts_ns is not None
+    assert found.pts_ns.tolist() == [0, 40_000_000, 80_000_000]
+    assert (found.rate, found.problems) == (Fraction(25), ())
+
+
+def test_a_frame_is_broken_when_its_last_byte_is_missing(tmp_path: Path) -> None:
+    assert parsed(tmp_path, whole()).broken.tolist() == [False, False, False]
+    assert parsed(tmp_path, whole()[:-1]).broken.tolist() == [False, False, True]
+    assert parsed(tmp_path, whole()[:-4]).broken.tolist() == [False, False, True]
+    assert parsed(tmp_path, whole()[:-5]).broken.tolist() == [False, True, True]
+
+
+def test_times_of_one_tick_per_second_are_read_and_of_none_are_not(tmp_path: Path) -> None:
+    slow = parsed(tmp_path, movie(samples(duration=1), scale=1))
+    assert slow.pts_ns is not None
+    assert slow.pts_ns.tolist() == [0, 10**9, 2 * 10**9]
+    assert "a time scale of 0" in parsed(tmp_path, movie(samples(), scale=0)).problems[-1][1]
+
+
+def test_a_box_is_at_least_as_long_as_its_head(tmp_path: Path) -> None:
+    empty = struct.pack(">I4s", 8, b"free")
+    assert parsed(tmp_path, empty + movie(samples())).frames == 3
+    short = struct.pack(">I4s", 7, b"free")
+    assert "no box of an MP4 file begins there" in parsed(tmp_path, movie(samples()) + short).problems[0][1]
+
+
+def test_sizes_of_64_bits_and_boxes_to_the_end_are_read(tmp_path: Path) -> None:
+    moov = movie(samples())
+    long = struct.pack(">I4sQ", 1, b"moov", len(moov) + 8) + moov[8:]
+    assert parsed(tmp_path, long).frames == 3
+    to_the_end = struct.pack(">I4s", 0, b"mdat") + bytes(100)
+    assert parsed(tmp_path, moov + to_the_end).problems == ()
+
+
+def test_a_table_may_fill_its_box_and_not_more(tmp_path: Path) -> None:
+    rows = [(3, 40)]
+    for count, known in ((1, True), (2, False)):
+        stbl = samples().replace(table(b"stts", rows), table(b"stts", rows, count))
+        found = parsed(tmp_path, movie(stbl))
+        assert (found.frames is not None) == known
+        assert known or "table stts of 2 entries is longer than its box" in found.problems[-1][1]
+
+
+def test_more_equal_samples_than_the_limit_are_not_believed(tmp_path: Path) -> None:
+    stbl = samples().replace(samples()[: samples().index(b"stts") - 4], b"")
+    uniform = box(b"stsz", struct.pack(">III", 0, 1, MAX_FRAMES + 1))
+    assert f"{MAX_FRAMES + 1} samples announced" in parsed(tmp_path, movie(uniform + stbl)).problems[-1][1]
+    uniform = box(b"stsz", struct.pack(">III", 0, 1, 3))
+    assert parsed(tmp_path, movie(uniform + stbl)).frames == 3
+
+
+def test_the_index_and_a_video_track_are_needed(tmp_path: Path) -> None:
+    assert "box moov) is missing" in parsed(tmp_path, box(b"mdat", b"")).problems[-1][1]
+    assert "names no video track" in parsed(tmp_path, movie(samples(), handler=b"soun")).problems[-1][1]
+
+
+@pytest.mark.parametrize(("data", "known"), [(b"\0\0\0\x08fre", False), (b"\0\0\0\x08free", True), (bytes(8), False)])
+def test_eight_bytes_make_an_mp4_file(tmp_path: Path, data: bytes, known: bool) -> None:
+    path = tmp_path / "v.mp4"
+    path.write_bytes(data)
+    assert (read_container(path) is not None) == known
