@@ -67,6 +67,36 @@ def test_regions_at_trackers_cut_by_the_edge_or_too_small_begin_none():
     assert [b[3] for b in births] == [8.0, 310.0]
 
 
+@pytest.mark.parametrize(
+    ("region", "begins"),
+    [
+        (disc(150, 100, 4.0), True),
+        (disc(150, 100, 4.0 - 1e-9), False),
+        (disc(10.5, 100), True),
+        (disc(10.5 - 1e-9, 100), False),
+        (disc(320 - 1.5 - 10, 100), True),
+        (disc(320 - 1.5 - 10 + 1e-9, 100), False),
+        (disc(150, 240 - 1.5 - 10 + 1e-9), False),
+        (disc(62.0 - 1e-9, 60), False),
+        (disc(62.0 + 1e-9, 60), True),
+    ],
+)
+def test_limits_of_size_edge_and_distance_from_trackers(region, begins):
+    """Half width 4 px; 1 px from the outer edge of the image; 0.6 sums of radii from the tracker at (50, 60)."""
+    births, _ = live(lambda k: [rows(region), rows()], trackers={(0, 7): disc(50, 60)})
+    assert len(births) == begins
+
+
+@pytest.mark.parametrize(("frames", "begins"), [(1, [0]), (4, [3])])
+def test_a_tracker_begins_in_the_last_of_the_frames_in_a_row(frames, begins):
+    births, _ = live(lambda k: [rows(disc(50, 60)), rows()], ViewsConfig(birth_frames=frames, support_frames=0))
+    assert [b[0] for b in births] == begins
+
+
+def test_no_tracker_begins_with_no_birth_frames():
+    assert live(lambda k: [rows(disc(50, 60)), rows()], ViewsConfig(birth_frames=0)) == ([], [])
+
+
 def test_births_in_two_views_on_one_line_are_one_target():
     births, _ = live(lambda k: [rows(disc(50, 60), disc(90, 150)), rows(disc(200, 152), disc(20, 58))])
     named = {(view, x): target for _, view, target, x in births}
