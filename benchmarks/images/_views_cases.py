@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.images._views_score import Placed
+from benchmarks.images._views_score import LabelledBoxes
 from occlog.array_types import Floats, Strings
 from occlog.io.files.parquet import read_table
 from occlog.io.recording.reader import open_recording
@@ -34,7 +34,7 @@ class Case(NamedTuple):
     sizes: tuple[tuple[int, int], ...]  # width, height of each view's images
     frames: tuple[int, ...]  # of each view
     last: int  # frames that are scored
-    truth: Placed
+    truth: LabelledBoxes
 
 
 def occlog(*args: str | Path) -> float:
@@ -93,7 +93,7 @@ def detected(recording: Path, fps: float, last: int) -> Case:
     regions, boxes = read_table(detections, Views), held.read(TruthBoxes)
     frames = tuple(1 + max(_last(regions, name), _last(boxes, name)) for name in views)
     boxes = boxes.take((boxes.box >= 0) & (boxes.frame < last))
-    placed = Placed(places(boxes.sensor, views), boxes.frame, boxes.target_id.astype(np.int64), columns(boxes))
+    placed = LabelledBoxes(places(boxes.sensor, views), boxes.frame, boxes.target_id.astype(np.int64), columns(boxes))
     return Case(recording, detections, fps, views, sizes, frames, last, placed)
 
 

@@ -15,7 +15,7 @@ from occlog.evaluate.mot.stage import own_targets
 FIGURES = ("fr_p", "fr_l", "fr_l joint", "idf1", "hota", "mota", "recall", "precision", "switches")
 
 
-class Placed(NamedTuple):
+class LabelledBoxes(NamedTuple):
     """Labelled boxes of all views, one row each."""
 
     view: Ints
@@ -39,14 +39,14 @@ def around(ellipses: Floats) -> Floats:
     return np.column_stack([x - half[:, 0], y - half[:, 1], 2.0 * half])
 
 
-def inside(boxes: Placed, size: Ints) -> Placed:
+def inside(boxes: LabelledBoxes, size: Ints) -> LabelledBoxes:
     """Boxes of which a part is in the image, which has size (n, 2); a tracker's box may have lost its own."""
     low, high = boxes.box[:, :2], boxes.box[:, :2] + boxes.box[:, 2:]
     keep = ((high > 0) & (low < size) & (boxes.box[:, 2:] > 0)).all(axis=1)
-    return Placed._make(column[keep] for column in boxes)
+    return LabelledBoxes._make(column[keep] for column in boxes)
 
 
-def figures(truth: Placed, tracks: Placed) -> dict[str, float]:
+def figures(truth: LabelledBoxes, tracks: LabelledBoxes) -> dict[str, float]:
     """FR_p, FR_l of each view alone and with one identity in all views, IDF1, HOTA, MOTA and what it is made of."""
     frames = of_boxes(truth.objects(), tracks.objects())
     clear = clear_mot.clear_mot(frames, clear_mot.CHALLENGE)
@@ -64,7 +64,7 @@ def figures(truth: Placed, tracks: Placed) -> dict[str, float]:
     }
 
 
-def failure_rates(truth: Placed, tracks: Placed, *, joint: bool) -> tuple[float, float]:
+def failure_rates(truth: LabelledBoxes, tracks: LabelledBoxes, *, joint: bool) -> tuple[float, float]:
     """FR_p and FR_l, [Qu] Eq. 9, with the rules of `occlog evaluate --own start`.
 
     Args:

@@ -26,7 +26,7 @@ import numpy as np
 
 from benchmarks.images import _views_cases as cases
 from benchmarks.images._views_cases import Case
-from benchmarks.images._views_score import FIGURES, Placed, around, figures, inside
+from benchmarks.images._views_score import FIGURES, LabelledBoxes, around, figures, inside
 from benchmarks.peers._environments import environment, output_of
 from occlog.io.files.parquet import read_table
 from occlog.records.tables import Views
@@ -52,7 +52,7 @@ EVERY = (*OURS, *PEERS, *(m + TRUE_START for m in TRUE_STARTS))
 class Outcome(NamedTuple):
     """Tracks, and the processor time they took."""
 
-    tracks: Placed
+    tracks: LabelledBoxes
     seconds: float
     joint: bool  # labels are the same in all views
 
@@ -76,7 +76,7 @@ def theirs(case: Case, name: str, python: Path, work: Path) -> Outcome:
     save(given, case)
     seconds = output_of(python, "_views_peer.py", given, out, name)["seconds"]
     got = np.load(out)
-    return Outcome(Placed._make(got[column] for column in Placed._fields), seconds, joint=False)
+    return Outcome(LabelledBoxes._make(got[column] for column in LabelledBoxes._fields), seconds, joint=False)
 
 
 def ours(case: Case, method: str, work: Path, *, true_start: bool) -> Outcome:
@@ -86,14 +86,14 @@ def ours(case: Case, method: str, work: Path, *, true_start: bool) -> Outcome:
     seconds = cases.occlog("track", case.recording, "--method", method, *start, "-o", out, "--overwrite", "-q")
     t = read_table(out, ViewTracks)
     ellipses = np.column_stack([t.x_px, t.y_px, t.a_px, t.b_px, t.rho])
-    placed = Placed(cases.places(t.sensor, case.views), t.frame, t.target_id.astype(np.int64), around(ellipses))
+    placed = LabelledBoxes(cases.places(t.sensor, case.views), t.frame, t.target_id.astype(np.int64), around(ellipses))
     return Outcome(placed, seconds, joint=len(case.views) > 1)
 
 
 def scored(case: Case, outcome: Outcome) -> dict[str, float]:
     """Figures over the frames with truth; boxes wholly outside the image do not count."""
     t = outcome.tracks
-    kept = Placed._make(column[t.frame < case.last] for column in t)
+    kept = LabelledBoxes._make(column[t.frame < case.last] for column in t)
     size = np.array(case.sizes)[kept.view]
     out = figures(case.truth, inside(kept, size)) | {"fps": sum(case.frames) / outcome.seconds}
     if not outcome.joint:

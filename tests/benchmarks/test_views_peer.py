@@ -8,21 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.images._views_score import Placed, around, figures, inside
+from benchmarks.images._views_score import LabelledBoxes, around, figures, inside
 from benchmarks.peers import _views_peer as peer
 from benchmarks.peers import views_peer
 
 SIDE = 10.0
 
 
-def placed(*rows: tuple[int, int, int, float, float]) -> Placed:
+def placed(*rows: tuple[int, int, int, float, float]) -> LabelledBoxes:
     """Boxes of side 10 from view, frame, label and centre."""
     view, frame, label, x, y = np.array(rows, dtype=np.float64).T
     box = np.column_stack([x - 0.5 * SIDE, y - 0.5 * SIDE, np.full((len(x), 2), SIDE)])
-    return Placed(view.astype(np.int64), frame.astype(np.int64), label.astype(np.int64), box)
+    return LabelledBoxes(view.astype(np.int64), frame.astype(np.int64), label.astype(np.int64), box)
 
 
-def still(frames: int) -> Placed:
+def still(frames: int) -> LabelledBoxes:
     """Targets 7 at x = 20 and 8 at x = 60."""
     return placed(*[(0, k, label, x, 50.0) for k in range(frames) for label, x in ((7, 20.0), (8, 60.0))])
 
@@ -101,7 +101,7 @@ def test_peer_writes_what_the_comparison_reads(
     monkeypatch.setitem(peer.MAKERS, "echo", echo)
     peer.main(str(tmp_path / "in.npz"), str(tmp_path / "out.npz"), "echo")
     got = np.load(tmp_path / "out.npz")
-    tracks = Placed(*(got[name] for name in Placed._fields))
+    tracks = LabelledBoxes(*(got[name] for name in LabelledBoxes._fields))
     assert figures(given, tracks)["idf1"] == 1
     assert set(json.loads(capsys.readouterr().out)) == {"seconds", "version"}
 

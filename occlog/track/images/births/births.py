@@ -51,7 +51,7 @@ class BirthCandidates:
     next_id: int
     candidates: tuple[tuple[Candidate, ...], ...]  # of each view
     trails: Mapping[TrackerKey, Trail] = field(default_factory=dict)  # of trackers
-    alone: Mapping[TrackerKey, int] = field(default_factory=dict)  # frames in a row without a region at a tracker
+    unsupported: Mapping[TrackerKey, int] = field(default_factory=dict)  # frames in a row without a region at a tracker
     moment: int = 0
 
 
@@ -82,33 +82,38 @@ def births_and_ends(
         bottom: the lowest points of ellipses are compared with epipolar lines; else their centres.
         gone: trackers that ended in this moment; their targets do not begin anew in that view before the next one.
     """
+    # Lengthen the trails of trackers
     now = state.moment
     keep = max(config.birth_frames, 1)
-    trails = {key: _longer(state.trails.get(key, ()), now, ellipse, keep) for key, ellipse in trackers.items()}
+    trails = {key: _extended(state.trails.get(key, ()), now, ellipse, keep) for key, ellipse in trackers.items()}
     state = replace(state, trails=trails, moment=now + 1)
+    # Follow the regions that no tracker explains as candidates
     waiting = []
     for v, found in enumerate(regions):
         mine = [ellipse for (view, _), ellipse in trackers.items() if view == v]
         if found is None:  # candidates wait for the next frame at which the detector looks
             waiting.append(state.candidates[v])
             continue
-        free = _unexplained(_fit(found, views[v], config), mine, config.birth_apart)
-        waiting.append(_follow(state.candidates[v], free, now, keep))
+        free = _unexplained(_birth_sized(found, views[v], config), mine, config.birth_apart)
+        waiting.append(_followed(state.candidates[v], free, now, keep))
     state = replace(state, candidates=tuple(waiting))
+    # End trackers without support
     state, ended = _ends(state, regions, trackers, config)
     alive = {key: trail for key, trail in state.trails.items() if key not in ended}
     state = replace(state, trails=alive)
+    # Begin trackers from candidates that were seen often enough
     if config.birth_frames == 0:
         return replace(state, candidates=no_candidates(len(views)).candidates), (), ended
     state, births = _births(state, geometry, config, bottom, {*gone, *ended})
     return state, births, ended
 
 
-def _longer(trail: Trail, now: int, ellipse: Floats, keep: int) -> Trail:
+def _extended(trail: Trail, now: int, ellipse: Floats, keep: int) -> Trail:
+    """The last `keep` entries of a trail and one more."""
     return (*trail, (now, ellipse))[-keep:]
 
 
-def _fit(regions: Floats, view: View, config: ViewsConfig) -> Floats:
+def _birth_sized(regions: Floats, view: View, config: ViewsConfig) -> Floats:
     """The regions (K, 5) that are large enough and, unless `birth_cut`, not cut by the edge of the image."""
     low, high = regions[:, :2] - regions[:, 2:4], regions[:, :2] + regions[:, 2:4]
     good = (regions[:, 2:4] >= config.birth_size).all(axis=1)
@@ -126,37 +131,37 @@ def _unexplained(regions: Floats, trackers: Sequence[Floats], apart: float) -> F
     return np.asarray(regions[near.min(axis=1) > apart])
 
 
-def _follow(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -> tuple[Candidate, ...]:
+def _followed(before: Sequence[Candidate], regions: Floats, now: int, keep: int) -> tuple[Candidate, ...]:
     """Candidates of this frame: each region goes on with a touching one of the frame before, nearest pairs first."""
     n = len(regions)
-    of: dict[int, Candidate] = {}
+    earlier = dict.fromkeys(range(n), Candidate((), 0))
     if before and n:
         near = nearness(np.vstack([regions, *(c.ellipse for c in before)]))[:n, n:]
-        used: list[int] = []
+        assigned: dict[int, int] = {}
         for flat in np.argsort(near, axis=None, kind="stable").tolist():
             r, c = divmod(flat, len(before))
-            if near[r, c] <= 1.0 and r not in of and c not in used:
-                of[r] = before[c]
-                used.append(c)
-    fresh = Candidate((), 0)
-    return tuple(
-        Candidate(_longer(of.get(r, fresh).trail, now, regions[r], keep), of.get(r, fresh).count + 1) for r in range(n)
-    )
+            if near[r, c] <= 1.0 and r not in assigned and c not in assigned.values():
+                assigned[r] = c
+        earlier |= {r: before[c] for r, c in assigned.items()}
+    return tuple(Candidate(_extended(earlier[r].trail, now, regions[r], keep), earlier[r].count + 1) for r in range(n))
 
 
 def _ends(
     state: BirthCandidates, regions: Sequence[Floats | None], trackers: Mapping[TrackerKey, Floats], config: ViewsConfig
 ) -> tuple[BirthCandidates, tuple[TrackerKey, ...]]:
     """Count frames without support, and end the trackers that have had none in `support_frames` frames in a row."""
-    before = {key: state.alone.get(key, 0) for key in trackers}
-    alone: dict[TrackerKey, int] = {}
+    before = {key: state.unsupported.get(key, 0) for key in trackers}
+    unsupported: dict[TrackerKey, int] = {}
     for v, found in enumerate(regions):
         mine = [key for key in trackers if key[0] == v]
         supported = [] if found is None else _supported(mine, trackers, found, before)
         for key in mine:
-            alone[key] = before[key] if found is None else 0 if key in supported else before[key] + 1
-    ended = tuple(key for key, count in alone.items() if 0 < config.support_frames <= count)
-    return replace(state, alone={key: n for key, n in alone.items() if key not in ended}), ended
+            if found is None:
+                unsupported[key] = before[key]
+            else:
+                unsupported[key] = 0 if key in supported else before[key] + 1
+    ended = tuple(key for key, count in unsupported.items() if 0 < config.support_frames <= count)
+    return replace(state, unsupported={key: n for key, n in unsupported.items() if key not in ended}), ended
 
 
 def _supported(
@@ -188,8 +193,8 @@ def _births(
 def _births_in(
     state: BirthCandidates, v: int, geometry: Geometry, config: ViewsConfig, bottom: bool, gone: Collection[TrackerKey]
 ) -> tuple[BirthCandidates, list[Birth]]:
-    """Births in one view."""
-    candidates = _apart(state.candidates[v], config.birth_apart)
+    """Births in view v."""
+    candidates = _without_doubles(state.candidates[v], config.birth_apart)
     free = _free_targets(state.trails, v)
     misfit = np.array([[_misfit(c.trail, v, t, state.trails, geometry, bottom) for t in free] for c in candidates])
     misfit = misfit.reshape(len(candidates), len(free))
@@ -200,17 +205,17 @@ def _births_in(
             left.append(candidate)
             continue
         if target < 0:
-            name, next_id = next_id, next_id + 1
+            target_id, next_id = next_id, next_id + 1
         else:
-            name = free[target]
-            misfit[:, target] = np.inf
-        births.append(Birth(v, name, candidate.ellipse))
-        trails[v, name] = candidate.trail
+            target_id = free[target]
+            misfit[:, target] = np.inf  # the target now has a tracker in this view
+        births.append(Birth(v, target_id, candidate.ellipse))
+        trails[v, target_id] = candidate.trail
     rest = (*state.candidates[:v], tuple(left), *state.candidates[v + 1 :])
     return replace(state, candidates=rest, trails=trails, next_id=next_id), births
 
 
-def _apart(candidates: Sequence[Candidate], apart: float) -> tuple[Candidate, ...]:
+def _without_doubles(candidates: Sequence[Candidate], apart: float) -> tuple[Candidate, ...]:
     """The candidates without those that lie at most `apart` sums of radii from a longer-lived one."""
     order = sorted(range(len(candidates)), key=lambda c: -candidates[c].count)
     if len(order) < 2:
@@ -261,12 +266,14 @@ def _decide(misfit: Floats, c: int, candidate: Candidate, config: ViewsConfig) -
     Returns:
         Column of the target; -1: a new one; None: wait.
     """
+    # A new target where none fits, and the only one that fits where it fits no other candidate
     fits = np.flatnonzero(misfit[c] <= 1.0)
     if not len(fits):
         return -1
     rivals = (misfit[:, fits] <= 1.0).sum(axis=0) > 1
     if len(fits) == 1 and not rivals[0]:
         return int(fits[0])
+    # Wait for the rivals to part, then take the best where it is clearly so
     if candidate.count < config.birth_frames + config.birth_wait:
         return None
     best = int(fits[np.argmin(misfit[c, fits])])
