@@ -62,3 +62,15 @@ def test_makefile_locks_every_python_that_is_promised() -> None:
         line for line in (ROOT / "Makefile").read_text(encoding="utf-8").splitlines() if line.startswith("LOCKED")
     )
     assert locked.partition("=")[2].split() == promised
+
+
+def test_every_file_of_the_package_is_in_the_wheel() -> None:
+    """Modules are found by themselves, other files by the patterns of package-data."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    patterns = settings["package-data"]["occlog"]
+    package = ROOT / "occlog"
+    files = [path for path in package.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    others = {path.relative_to(package) for path in files if path.suffix != ".py"}
+    assert {Path("py.typed"), Path("report/templates/report.html.j2")} <= others
+    assert [path for path in others if not any(path.match(pattern) for pattern in patterns)] == []
+    assert all((path.parent / "__init__.py").exists() for path in files)
