@@ -78,7 +78,10 @@ def no_evidence(sigma_position: Floats, sigma_yaw: Floats) -> Belief:
         sigma_yaw: (S,) [rad].
     """
     sigma = np.column_stack([sigma_position, sigma_position, sigma_yaw])
-    return Belief(np.zeros_like(sigma), np.diag(sigma.ravel() ** 2), 0.0, 0.0, 0.0, sigma.ravel() ** 2)
+    variance = sigma.ravel() ** 2
+    return Belief(
+        mean=np.zeros_like(sigma), covariance=np.diag(variance), excess=0.0, counted=0.0, log_odds=0.0, prior=variance
+    )
 
 
 def jacobians(xy: Floats, places: Floats) -> tuple[Floats, Floats]:
@@ -154,6 +157,7 @@ def evidence(sights: LabelledBearings, places: Floats, mean: Floats, start: Floa
     xy = meeting_point(sights, places, mean, start)
     if xy is None:
         return None
+    # Whiten, and project away what a shift of the target could explain
     root = 1.0 / np.sqrt(sights.variance)
     by_target, by_error = jacobians(xy, places[sights.sensor])
     across = np.linalg.qr(by_target * root[:, None], mode="complete")[0][:, 2:].T
@@ -179,23 +183,30 @@ def update(belief: Belief, sights: LabelledBearings, places: Floats, start: Floa
     found = evidence(sights, places, belief.mean, start)
     if found is None:
         return belief
+    # Innovation covariance
     y, G = found
     C, unit = belief.covariance, np.eye(len(y))
     explained = G @ C @ G.T
     S = explained + belief.scale * unit
+    # Gate: chi-squared
     if y @ np.linalg.solve(S, y) > chdtri(len(y), GATE):
         return belief
     excess = float(y @ np.linalg.solve(explained + unit, y))
+    # Kalman update
     gain = np.linalg.solve(S, G @ C).T
     rest = np.eye(len(C)) - gain @ G
     # Joseph's form keeps the covariance positive semi-definite.
     covariance = rest @ C @ rest.T + belief.scale * gain @ gain.T
     mean = belief.mean + (gain @ y).reshape(belief.mean.shape)
-    # Drawn anew, errors have their prior at every time; y is relative to the mean that was learned.
+    # Odds of errors that stay: those drawn anew have their prior at every time; y is relative to the learned mean.
     white = _log_density(y + G @ belief.mean.ravel(), (G * belief.prior) @ G.T + unit)
     odds = belief.log_odds + _log_density(y, S) - white
-    return Belief(
-        mean, 0.5 * (covariance + covariance.T), belief.excess + excess, belief.counted + len(y), odds, belief.prior
+    return belief._replace(
+        mean=mean,
+        covariance=0.5 * (covariance + covariance.T),
+        excess=belief.excess + excess,
+        counted=belief.counted + len(y),
+        log_odds=odds,
     )
 
 

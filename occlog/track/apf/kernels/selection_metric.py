@@ -32,7 +32,7 @@ FAR = 3.5
 
 
 class Moments(NamedTuple):
-    """What the metric is made of, for N cameras."""
+    """Covariances of the place and the measurements of N cameras, of which the metric is made."""
 
     x: Floats  # (2, 2) Sigma_x
     zx: Floats  # (N, 2) Sigma_Zx
@@ -124,6 +124,7 @@ def perspective_moments(
         spread = 1.0 + ratio**2  # Eq. 2
         angle2 = spread * noise.sigma_yaw[i] ** 2 + (noise.sigma_position[i] / d) ** 2
         variance[n] = read_px[i] ** 2 + f**2 * spread * angle2
+    # Covariances over the particles in view (Eqs. 11-13)
     share = inside @ weights
     own = inside * weights / np.maximum(share, LEAST)[:, None]
     z = np.where(inside, z - (own * z).sum(axis=1)[:, None], 0.0)
@@ -178,10 +179,11 @@ def mean_square_errors(moments: Moments, subsets: np.ndarray[tuple[int, int], np
     blind = moments.seen < LEAST
     z, zx = moments.z.copy(), np.where(blind[:, None], 0.0, moments.zx)
     z[blind], z[:, blind] = 0.0, 0.0
-    # In units of each camera's standard deviation
+    # Normalise by each camera's standard deviation
     scale = np.sqrt(np.where(blind | (np.diag(z) <= 0.0), 1.0, np.diag(z)))
     z, zx = z / np.outer(scale, scale), zx / scale[:, None]
     z[blind, blind] = 1.0
+    # Tr(Sigma_Zx' Sigma_Z^-1 Sigma_Zx) by eigenvalues, without the directions that tell nothing
     values, vectors = np.linalg.eigh(z[subsets[:, :, None], subsets[:, None, :]])
     parts = np.einsum("nki,nkj->nij", vectors, zx[subsets])
     inverse = np.where(values > FLAT, 1.0 / np.maximum(values, FLAT), 0.0)

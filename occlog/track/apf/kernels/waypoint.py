@@ -147,9 +147,11 @@ def move(
     for i in range(speed.shape[0]):
         if regime[i] == WAIT:
             continue
+        # CD: a new destination
         if regime[i] == CHANGE and k < destinations.shape[0]:
             destination[i, 0], destination[i, 1] = destinations[k, 0], destinations[k, 1]
             k += 1
+        # MTD (Eq. 5): towards the destination, with noise
         ex, ey = destination[i, 0] - xy[i, 0], destination[i, 1] - xy[i, 1]
         distance = math.hypot(ex, ey)
         if distance > 0.0:
@@ -157,6 +159,7 @@ def move(
         vx, vy, s = spread * noise[i, 0], spread * noise[i, 1], speed[i]
         xy[i, 0] += s * dt * ex + vx
         xy[i, 1] += s * dt * ey + vy
+        # Speed: s' = (1 - phi) s + phi |step|
         speed[i] = (1.0 - motion.phi) * s + motion.phi * math.hypot(s * T * ex + vx, s * T * ey + vy) / T
     return Particles(xy, destination, speed, regime)
 

@@ -55,12 +55,15 @@ def invariant(problem: Problem, start: Solution, options: Options, extent: float
     X, _ = move_inside(start.X, problem.planes, APART * extent)
     here, solution, iterations = problem, start, start.iterations
     for _ in range(ROUNDS):
+        # Leverages of the sight lines at the last solution
         volume = np.clip(leverages(problem.lines, X, problem.loss, problem.k, spread), 0.0, 1.0)
         volume[~in_front(problem.lines, X)] = 0.0
         here = problem._replace(lines=problem.lines._replace(volume=volume))
+        # Minimise with the volume's term
         solution = minimise(here, X, options._replace(mu=MU if len(problem.planes.step) else 0.0))
         iterations += solution.iterations
         spread = covariance(here, solution.X)
+        # Settled: no position moved by a fiftieth of its standard deviation
         sigma = np.sqrt(spread[:, (0, 2), (0, 2)].sum(axis=1))
         moved = np.hypot(*(solution.X - X)[:, ::2].T) / sigma
         X = solution.X
@@ -70,6 +73,6 @@ def invariant(problem: Problem, start: Solution, options: Options, extent: float
 
 
 def second_moment(X: Floats, centre: Floats, spread: Floats) -> Floats:
-    """(T, 4, 4) mean square errors of states about a point that is not the centre of what is known of them."""
+    """(T, 4, 4) second moments of states about a point X that is not the centre of their distributions."""
     away = X - centre
     return np.asarray(spread + away[:, :, None] * away[:, None, :])

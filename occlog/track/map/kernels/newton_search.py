@@ -38,7 +38,7 @@ LEAST_EXACT = 0.1
 
 
 class Iterate(NamedTuple):
-    """One iteration, for those who watch."""
+    """One iteration of a search."""
 
     number: int  # 0: the start
     X: Floats  # (T, 4) states after it
@@ -96,22 +96,26 @@ def minimise(
     if watch is not None:
         watch(Iterate(0, X.copy(), here, 0.0, 0.0, mu, 0.0))
     for number in range(1, options.most + 1):
-        g, dX, exact = _direction(
-            problem, X, mu, multiplier, min(1.0, 2.0 * exact + LEAST_EXACT) if promise < NEAR else 0.0
-        )
+        # Newton direction; exact second derivatives are tried near the minimum
+        tried = min(1.0, 2.0 * exact + LEAST_EXACT) if promise < NEAR else 0.0
+        g, dX, exact = _direction(problem, X, mu, multiplier, tried)
         slope = float(np.vdot(g, dX))
         promise = max(-slope, 0.0)
+        # Line search, inside the constraints
         share, here = _search(problem, X, dX, slope, mu, here)
         moved = share * float(np.abs(dX[:, ::2]).max())
+        # Multipliers of the constraints
         multiplier = _follow(problem, X, dX, share, mu, multiplier)
         X += share * dX
         if watch is not None:
             watch(Iterate(number, X.copy(), here, share, moved, mu, exact))
+        # Converged: the last barrier, and a step that hardly moves anything
         settled = moved <= options.tolerance and (share > 0.5 or promise <= 1e-9 * (1.0 + abs(here)))
         if settled and mu <= MU_LAST:
             return Solution(X, here, number, converged=True, multiplier=multiplier)
         if share == 0.0 and mu <= MU_LAST:
             break
+        # Lower the barrier once its problem is solved well enough
         if mu > 0.0 and (promise < 0.1 * mu * len(gap) or promise < 1e-3 * mu or settled or share == 0.0):
             mu = max(MU_LAST, min(0.2 * mu, mu**1.5))
     return Solution(X, here, options.most if share else number, converged=False, multiplier=multiplier)
@@ -123,6 +127,7 @@ def _direction(
     """Gradient of the cost with its barrier, a step downhill, and the share of exact second derivatives in it."""
     R, N = np.empty((len(X), 4, 4)), np.empty((len(X), 4, 4))
     dX = np.empty_like(X)
+    # Cholesky of the summed Hessian, with less and less of the exact second derivatives until it is positive definite
     while True:
         g, H = derivatives(problem, X, exact)
         add_planes(problem.planes, X, mu, multiplier, g, H)
@@ -133,6 +138,7 @@ def _direction(
         if exact == 0.0:
             break
         exact = 0.5 * exact if exact > LEAST_EXACT else 0.0
+    # Reflections of the rows of Gauss and Newton, which never fail
     factor_rows(problem.steps, H, R, N)
     solve(R, N, -g, dX)
     return g, dX, 0.0
@@ -148,10 +154,12 @@ def derivatives(problem: Problem, X: Floats, exact: float) -> tuple[Floats, Floa
 
 def _search(problem: Problem, X: Floats, dX: Floats, slope: float, mu: float, here: float) -> tuple[float, float]:
     """Share of the step to take, and the cost after it; 0 if no share lowers the cost with its barrier."""
+    # Fraction to the boundary: stay inside the constraints
     share, barrier = 1.0, 0.0
     if len(problem.planes.step):
         share = within(slack_change(problem.planes, dX), slack(problem.planes, X), TO_BOUNDARY)
         barrier = mu * barrier_cost(problem.planes, X)
+    # Armijo: halve until the cost with its barrier falls enough; `noise` is the rounding of the cost
     noise = 1e-13 * (1.0 + abs(here) + abs(barrier))
     while share > SHORTEST:
         Y = X + share * dX
@@ -164,7 +172,7 @@ def _search(problem: Problem, X: Floats, dX: Floats, slope: float, mu: float, he
 
 
 def _follow(problem: Problem, X: Floats, dX: Floats, share: float, mu: float, multiplier: Floats) -> Floats:
-    """Multipliers after a step, before X has moved."""
+    """(M,) multipliers after a primal-dual step, before X has moved; see `KAPPA`."""
     if not len(multiplier):
         return multiplier
     gap, change = slack(problem.planes, X), slack_change(problem.planes, dX)

@@ -70,6 +70,7 @@ def factor_sum(steps: Steps, H: Floats, R: Floats, N: Floats) -> bool:
     S, W, B = np.empty((4, 4)), np.empty((4, 4)), np.empty((4, 4))
     _square(steps.whiten_first, S)
     for t in range(T):
+        # S is the block of state t, from which the states before it are eliminated
         S[0, 0] += H[t, 0]
         S[0, 2] += H[t, 1]
         S[2, 0] += H[t, 1]
@@ -94,7 +95,7 @@ def factor_sum(steps: Steps, H: Floats, R: Floats, N: Floats) -> bool:
                 for k in range(i):
                     v -= R[t, k, i] * N[t, k, j]
                 N[t, i, j] = v / R[t, i, i]
-        for i in range(4):
+        for i in range(4):  # Schur complement: the block of the next state
             for j in range(i, 4):
                 v = W[i, j]
                 for k in range(4):
@@ -143,6 +144,7 @@ def factor_rows(steps: Steps, H: Floats, R: Floats, N: Floats) -> None:
     M, rest = np.empty((10, 8)), np.empty((6, 4))
     before = steps.whiten_first.copy()
     for t in range(T):
+        # Rows: what is known of state t, its measurements as a root of H, and the step to t + 1
         M[:] = 0.0
         M[:4, :4] = before
         M[4, 0] = math.sqrt(max(H[t, 0], 0.0))
@@ -173,7 +175,7 @@ def factor_rows(steps: Steps, H: Floats, R: Floats, N: Floats) -> None:
 def solve(R: Floats, N: Floats, b: Floats, x: Floats) -> None:
     """X of R' R x = b; (T, 4) both, x changed in place."""
     T = R.shape[0]
-    for t in range(T):
+    for t in range(T):  # forward: R' y = b
         for i in range(4):
             v = b[t, i]
             for k in range(i):
@@ -182,7 +184,7 @@ def solve(R: Floats, N: Floats, b: Floats, x: Floats) -> None:
                 for k in range(4):
                     v -= N[t - 1, k, i] * x[t - 1, k]
             x[t, i] = v / R[t, i, i]
-    for t in range(T - 1, -1, -1):
+    for t in range(T - 1, -1, -1):  # backward: R x = y
         for i in range(3, -1, -1):
             v = x[t, i]
             for k in range(i + 1, 4):

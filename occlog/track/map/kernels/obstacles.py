@@ -1,4 +1,4 @@
-"""What a trajectory must not run through, where it does, and first guesses of ways around it."""
+"""Obstacles of a trajectory: where it runs through one, and first guesses of detours around it."""
 
 from __future__ import annotations
 
@@ -86,6 +86,7 @@ def guesses(
     if a < 0 or b >= T:
         yield from _to_edges(X, o, max(a, -1), min(b, T), away)
         return
+    # Around the obstacle on either side, from and to states as near as the number of states in between allows
     for ccw in (True, False):
         first, last = a, b
         guess = None

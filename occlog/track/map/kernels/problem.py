@@ -1,4 +1,4 @@
-"""A whole trajectory of one target as one problem: what is minimised, and the arrays that say it.
+"""The trajectory of one target as one problem of optimisation: its cost, its constraints, and their arrays.
 
 The negative log posterior of the states x_1 .. x_T, [u u' v v'] each, is up to a constant
 
@@ -64,7 +64,7 @@ class HalfPlanes(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """What a trajectory is made from."""
+    """Cost and constraints of a trajectory of T states."""
 
     steps: Steps
     lines: SightLines
@@ -105,29 +105,19 @@ def chain(model: GaussMarkov, dt: Floats, mean: Floats, spread: Floats) -> Steps
     whiten = np.linalg.solve(np.linalg.cholesky(sigma), eye) if len(sigma) else sigma
     first = np.linalg.solve(np.linalg.cholesky(spread), np.eye(4))
     return Steps(
-        np.ascontiguousarray(mean, dtype=np.float64),
-        np.ascontiguousarray(spread, dtype=np.float64),
-        kind.astype(np.int64),
-        A,
-        sigma,
-        np.ascontiguousarray(whiten),
-        first,
+        mean=np.ascontiguousarray(mean, dtype=np.float64),
+        spread=np.ascontiguousarray(spread, dtype=np.float64),
+        kind=kind.astype(np.int64),
+        A=A,
+        sigma=sigma,
+        whiten=np.ascontiguousarray(whiten),
+        whiten_first=first,
     )
 
 
 def some_lines(lines: SightLines, rows: slice | Bools | Ints) -> SightLines:
     """Some of the sight lines."""
-    return SightLines(
-        lines.step[rows],
-        lines.place[rows],
-        lines.axis[rows],
-        lines.focal[rows],
-        lines.reading[rows],
-        lines.c0[rows],
-        lines.c1[rows],
-        lines.direction[rows],
-        lines.volume[rows],
-    )
+    return SightLines._make(column[rows] for column in lines)
 
 
 def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:

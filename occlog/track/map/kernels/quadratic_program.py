@@ -78,9 +78,11 @@ def sequential_programs(
     if watch is not None:
         watch(Iterate(0, X.copy(), here, 0.0, 0.0, 0.0, 0.0))
     for number in range(1, options.most + 1):
+        # Linearise and solve (Eqs. 7, 9 and 10)
         each = program(problem, X)
         change, multiplier = solver(each)
         dX, slope = change.reshape(-1, 4), float(each.q @ change)
+        # Line search (Armijo)
         share, then = 1.0, cost(problem, X + dX)
         while not then <= here + ARMIJO * share * slope + 1e-13 * abs(here) and share > SHORTEST:
             share *= 0.5

@@ -52,7 +52,7 @@ def make_first(steps: Steps, before: Knowledge) -> Steps:
 
 
 def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
-    """What everything before a state says of it.
+    """Marginal of a state, given everything before it.
 
     Constraints that hold the trajectory off where it would go keep their force.
 
@@ -61,14 +61,17 @@ def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
         solution: its minimum.
         state: from 1 to T - 1.
     """
+    # The problem of all states before and this one, without what is measured at this one
     X = solution.X[: state + 1]
     head = part(problem, 0, state + 1, Knowledge(problem.steps.mean, problem.steps.spread))
     lines, planes = some_lines(head.lines, head.lines.step < state), some_planes(head.planes, head.planes.step < state)
     head = head._replace(lines=lines, planes=planes)
+    # Linearise; active constraints keep pulling by their multipliers
     g, H = derivatives(head, X, 0.0)
     force = solution.multiplier[: len(planes.step), None] * planes.normal
     for axis, column in ((0, 0), (1, 2)):
         g[:, column] -= np.bincount(planes.step, weights=force[:, axis], minlength=len(X))
+    # Eliminate the states before: the last block of R is the root of the marginal's precision
     R, N, dX = np.empty((len(X), 4, 4)), np.empty((len(X), 4, 4)), np.empty_like(X)
     factor_rows(head.steps, H, R, N)
     solve(R, N, -g, dX)
@@ -93,11 +96,13 @@ def minimise_windows(problem: Problem, start: Floats, window: int, search: Searc
     before, first, iterations = Knowledge(problem.steps.mean, problem.steps.spread), 0, 0
     while True:
         last = min(first + window, T)
+        # Solve one window with what is known of its first state
         here = part(problem, first, last, before)
         here, found = search(here, X[first:last], first)
         X[first:last] = found.X
         iterations += found.iterations
         if last == T:
             return X, iterations
+        # Move on by three quarters; what is left behind is marginalised
         step = window - window // 4
         before, first = summary(here, found, step), first + step
