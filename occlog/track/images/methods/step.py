@@ -57,7 +57,7 @@ class Scheme(NamedTuple, Generic[C]):
         weigh: state before the frame, local weights and generator to weights.
         propose: state, particles (n, N, 5) after the motion, gap (n,) and generator to particles (n, N, 5).
         frozen: share of a displacement that enters the path while trackers touch.
-        check_loops: state after the frame and (n,) which trackers are fresh, to trackers after a loop check.
+        check_loops: state after the frame and (n,) which trackers have a frame, to trackers after a loop check.
         learn: state after the frame, weights, likeness (n,) of the estimates and (n,) which trackers have a
             frame, to trackers with other colours.
         restart: state after the frame and the frames, to a state with some trackers in new places.
@@ -79,20 +79,22 @@ def advance(
     Returns:
         The next state, without the trackers that ended, and the estimates of this time.
     """
-    # Propose: draw from the state dynamics p(x_t | x_t-1), and weigh locally by p(z | x) ([Qu] Sec. 3, Alg. 1)
+    # Propose: draw from the state dynamics p(x_t | x_t-1), and weigh by the local likelihood p(z | x) ([Qu] Eq. 4)
     local = local_weights(scheme, state, frames, rng)
-    # Weigh: interaction within views and collaboration between them ([Qu] Eq. 4), and estimate
+    # Weigh: interaction within views and collaboration between them ([Qu] Eqs. 4, 5 and 8); estimate the mean
     weighed = scheme.weigh(state, local, rng)
-    u = rng.random(len(local.here))
+    # Resample: systematic ([Qu] Alg. 1)
+    particles = resampled(local.particles, weighed.weights, rng.random(len(local.here)))
+    # Update velocity and path, which [Qu] leaves to the state dynamics and the inertia model
     state = advance_clock(state, frames)
     likeness = _likeness(state, weighed.estimate[:, None], local.here)[:, 0]
-    # Resample, and update velocity and path ([Qu] Alg. 1, last line)
     frozen = 1.0 if scheme.frozen is None else scheme.frozen(state.config)
-    after = _resampled(state.trackers, local, weighed, likeness, u, frozen, state.config)
-    state = state._replace(trackers=after)
+    after = _updated(state.trackers, local, weighed, frozen, state.config)
+    after = after._replace(particles=particles, likeness=likeness)
+    state = state._replace(trackers=_where(local.here, after, state.trackers))
     # Check the loop of views ([Qu] Sec. 3.4.2)
     if scheme.check_loops is not None:
-        state = state._replace(trackers=scheme.check_loops(state, local.here & local.fresh))
+        state = state._replace(trackers=scheme.check_loops(state, local.here))
     # Learn appearance
     if scheme.learn is not None:
         state = state._replace(trackers=scheme.learn(state, weighed, likeness, local.here))
@@ -166,23 +168,13 @@ def _likeness(state: VisualState[MipfConfig], ellipses: Floats, here: Bools) -> 
     return out
 
 
-def _resampled(
-    t: Trackers,
-    local: LocalWeights,
-    weighed: Weighed,
-    likeness: Floats,
-    u: Floats,
-    frozen: float,
-    config: MipfConfig,
-) -> Trackers:
-    """Trackers after their frame; those whose view has none stay as they were.
+def _updated(t: Trackers, local: LocalWeights, weighed: Weighed, frozen: float, config: MipfConfig) -> Trackers:
+    """Trackers with the estimates of their frame, and with what follows from these.
 
     Args:
         t: n trackers before the frame.
         local: their particles.
         weighed: their weights and estimates.
-        likeness: (n,) of the estimates.
-        u: (n,) draws from U[0, 1).
         frozen: see `Scheme`.
         config: settings.
     """
@@ -195,21 +187,16 @@ def _resampled(
     path = np.concatenate([t.path[:, 1:], entry[:, None]], axis=1)
     # Follow the size of the own region
     size = np.where(local.own.has[:, None], local.own.region[:, 2:], t.axes)
-    best = local.likeness.max(axis=1)
-    after = t._replace(
-        axes=t.axes + config.region_axes * (size - t.axes),
-        particles=resampled(local.particles, weighed.weights, u),  # Resample: systematic
-        estimate=weighed.estimate,
-        velocity=velocity,
-        path=path,
-        weak=np.where(best < config.lost_likeness, t.weak + 1, 0),
-        likeness=likeness,
-    )
-    return after if local.here.all() else _where(local.here, after, t)
+    axes = t.axes + config.region_axes * (size - t.axes)
+    # Count the frames in a row in which no particle has the target's colours
+    weak = np.where(local.likeness.max(axis=1) < config.lost_likeness, t.weak + 1, 0)
+    return t._replace(axes=axes, estimate=weighed.estimate, velocity=velocity, path=path, weak=weak)
 
 
 def _where(rows: Bools, one: Trackers, other: Trackers) -> Trackers:
-    """Trackers of one set in these rows, and of another elsewhere."""
+    """Trackers of one set in the rows (n,), and of another elsewhere."""
+    if rows.all():
+        return one
     pairs = zip(one, other, strict=True)
     return Trackers._make(np.where(rows.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs)
 
