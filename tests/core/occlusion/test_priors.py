@@ -82,3 +82,24 @@ def test_some_rows_keep_their_corners() -> None:
     np.testing.assert_array_equal(some.corners, np.concatenate([squares[2], BENT]))
     np.testing.assert_array_equal(some.mean, priors.mean[[2, 1]])
     assert len(take_priors(priors, np.array([], dtype=int)).sigma) == 0
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+def test_the_gate_is_in_deviations_of_the_difference_along_either_axis(turn: float) -> None:
+    """Variances 4 and 1 of the prior, 1/4 of the target, and the square of a radius of 1/2."""
+    c, s = np.cos(turn), np.sin(turn)
+    axes = np.array([[c, s], [-s, c]])
+    covariance = axes.T @ np.diag([4.0, 1.0]) @ axes
+    for axis, variance in zip(axes, (4.5, 1.5), strict=True):
+        for share, left in ((1.0 - 1e-9, 0), (1.0 + 1e-9, 1)):
+            mean = np.array([7.0, -3.0]) + 3.0 * share * np.sqrt(variance) * axis
+            priors = gaussian_priors(mean[None], covariance[None], 1.0)
+            assert len(without_own(priors, np.array([7.0, -3.0]), 0.25 * np.eye(2), 3.0).sigma) == left
+
+
+def test_a_variance_that_is_negligible_against_the_other_is_none() -> None:
+    for ratio, minor in ((1.1e-12, np.sqrt(1.1e-12)), (0.9e-12, 0.0)):
+        priors = gaussian_priors(np.zeros((1, 2)), np.diag([1.0, ratio])[None], 1.0)
+        assert priors.minor[0] == pytest.approx(minor, rel=1e-6, abs=0.0)
+    assert no_priors().mean.shape == (0, 2)
+    assert no_priors().axis.shape == (0, 2)

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from occlog.core.sight.camera import noise_variance, planar_offsets
 from occlog.track.apf.kernels.pose_errors import (
+    NEAREST,
     PRIOR_COUNT,
     LabelledBearings,
     evidence,
@@ -225,3 +226,29 @@ def test_a_sensor_without_errors_keeps_none():
         np.testing.assert_array_equal(found.mean[0], 0.0)
         np.testing.assert_array_equal(found.blocks[0], 0.0)
         assert np.all(np.isfinite(found.covariance))
+
+
+def test_residuals_are_the_shorter_way_round():
+    sights = LabelledBearings(np.zeros(3, dtype=np.int64), np.array([3.0, -3.0, 1.0]), np.ones(3))
+    behind = np.array([-50.0, 0.0])  # at a bearing of pi
+    want = [3.0 - np.pi, np.pi - 3.0, 1.0 + np.pi - 2 * np.pi]
+    np.testing.assert_allclose(residuals(behind, sights, PLACES[:1], np.zeros((1, 3))), want, atol=1e-12)
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.99, False), (1.01, True)])
+def test_a_target_much_nearer_to_one_sensor_than_to_the_others_is_refused(share, found):
+    """From sensors 100 apart the target is beside the first one, at `share * NEAREST` of its distance to the other."""
+    places = np.array([[0.0, 0.0], [100.0, 0.0]])
+    ratio = share * NEAREST
+    target = np.array([0.0, 100.0 * ratio / np.sqrt(1.0 - ratio**2)])
+    away = target - places
+    sights = LabelledBearings(np.arange(2), np.arctan2(away[:, 1], away[:, 0]), np.full(2, 1e-6))
+    assert (meeting_point(sights, places, np.zeros((2, 3)), target * 1.02) is not None) == found
+
+
+def test_evidence_for_fixed_errors_grows_with_scans_of_fixed_errors():
+    _, path, scans = make(11, scans=40, noise=0.002)
+    belief = prior()
+    for sights, start in zip(scans, path, strict=True):
+        belief = update(belief, sights, PLACES, start)
+    assert belief.log_odds > 10.0

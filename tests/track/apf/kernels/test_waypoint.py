@@ -145,3 +145,39 @@ def test_new_particles_have_destinations_on_the_floor_and_positive_speeds():
     assert not inside.any()
     assert (p.speed >= 0).all()
     assert p.speed.std() > 0.5
+
+
+def test_each_particle_that_changes_takes_the_next_destination():
+    p = particles(4)
+    regime = np.array([CHANGE, WAIT, CHANGE, CHANGE])
+    new = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    moved = waypoint.move(p, regime, new, np.zeros((4, 2)), 1.0, PAPER)
+    assert moved.destination.tolist() == [[1.0, 2.0], [80.0, 20.0], [3.0, 4.0], [5.0, 6.0]]
+
+
+def test_the_new_speed_is_that_of_a_reference_step():
+    """s' = (1 - phi) s + phi |s T e + v| / T, with T = 0.5 s and noise of the step across the way."""
+    motion = PAPER._replace(reference_s=0.5)
+    noise = np.array([[0.0, 3.0]])
+    moved = waypoint.move(particles(1, speed=2.0), np.array([TOWARDS]), np.empty((0, 2)), noise, 0.25, motion)
+    across = 0.33 * np.sqrt(0.25) * 3.0
+    assert moved.speed[0] == pytest.approx(0.3 * 2.0 + 0.7 * np.hypot(2.0 * 0.5, across) / 0.5)
+    np.testing.assert_allclose(moved.xy, [[20.0 + 2.0 * 0.25, 20.0 + across]])
+
+
+@pytest.mark.parametrize(("distance", "reached"), [(2.0, False), (np.nextafter(2.0, 0.0), True), (0.0, True)])
+def test_a_destination_a_whole_reference_step_away_is_not_reached_yet(distance, reached):
+    p = particles(1, xy=(0.0, 20.0), destination=(distance, 20.0), speed=2.0)
+    assert waypoint.reached(p, PAPER, FLOOR).tolist() == [reached]
+
+
+@pytest.mark.parametrize("regime", [TOWARDS, WAIT])
+def test_in_half_a_reference_step_half_of_the_particles_decide(regime):
+    p = particles(1, speed=2.0, regime=regime)
+    got = waypoint.expected_xy(p, np.array([False]), 0.5, PAPER)
+    going = 0.5 * 0.9 + 0.5 * (regime == TOWARDS)
+    np.testing.assert_allclose(got, [[20.0 + going * 2.0 * 0.5, 20.0]])
+    # 0.9 go on, 0.05 change, 0.05 wait, each times one half; the rest does as before
+    for limit, below, above in ((0.45, TOWARDS, CHANGE), (0.475, CHANGE, WAIT), (0.5, WAIT, regime)):
+        for u, want in ((limit - 1e-9, below), (limit + 1e-9, above)):
+            assert waypoint.choose_regimes(p, np.array([False]), 0.5, PAPER, np.array([u])).tolist() == [want]
