@@ -242,6 +242,7 @@ def test_the_order_of_rows_does_not_matter() -> None:
 
 
 @pytest.mark.serial
+@pytest.mark.slow
 def test_a_thousand_frames_of_twenty_targets_take_less_than_a_second() -> None:
     """Processor time, so that other programs matter little; about 0.3 s on a quiet machine."""
     rng = np.random.default_rng(0)
