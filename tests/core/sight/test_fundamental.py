@@ -151,3 +151,18 @@ def test_a_match_fits_up_to_the_tolerance_from_both_lines():
 
 def test_eight_matches_are_enough():
     check_fundamental(ROWS, *in_rows(100.0 * np.arange(8), 100.0 * np.arange(8)))
+
+
+@pytest.mark.parametrize("scale", [10.0, 0.1])
+def test_a_match_has_to_be_near_its_line_in_both_views(scale):
+    """Rows of view b are `scale` times those of view a, so that 20 px in one view are 2 px in the other."""
+    rows, a = 100.0 * np.arange(8), scaled(np.array([[0.0, 0, 0], [0, 0, -1], [0, scale, 0]]))
+    off = 20.0 if scale > 1.0 else 2.0
+    assert check_fundamental(a, *in_rows(rows, scale * rows)).share == 1.0
+    assert check_fundamental(a, *in_rows(rows, scale * rows + off)).share == 0.0
+
+
+def test_one_point_alone_has_its_line_and_its_distance():
+    line = epipolar_lines(ROWS, np.array([3.0, 4.0]))
+    assert line.shape == (3,)
+    assert abs(line_distances(line, np.array([10.0, 9.0]))) == 5.0

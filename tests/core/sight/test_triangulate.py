@@ -186,3 +186,16 @@ def test_a_crossing_at_the_least_angle_is_taken_and_one_just_below_is_not() -> N
     assert meet(CORNERS[:2], z, min_crossing=crossing * (1.0 + 1e-9)).status[0] == NEAR_PARALLEL
     assert meet(CORNERS[:2], np.radians([90.0, 95.001])).status[0] == MET  # the default is 5 degrees
     assert meet(CORNERS[:2], np.radians([90.0, 94.999])).status[0] == NEAR_PARALLEL
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_weighted_residuals_have_no_slope_at_the_position(seed: int) -> None:
+    """Sensors side by side and a far target: the errors of both coordinates go together."""
+    rng = np.random.default_rng(seed)
+    origins, xy, sigma = np.column_stack([np.linspace(0, 8, 5), rng.uniform(-1, 1, 5)]), np.array([20.0, 15.0]), 0.01
+    found = meet(origins, azimuths_of(xy, origins) + sigma * rng.normal(size=5), sigma)
+    away = found.xy[0] - origins
+    gradient = np.column_stack([-away[:, 1], away[:, 0]]) / np.sum(away**2, axis=1)[:, None] / sigma
+    slope = gradient.T @ (found.residual / sigma)
+    # in standard deviations of the position
+    assert slope @ found.covariance[0] @ slope < 1e-12
