@@ -57,6 +57,19 @@ def test_every_path_that_is_named_exists(text: Path) -> None:
     assert missing == []
 
 
+MODULE = re.compile(r"`occlog((?:\.[a-z_0-9]+)+)`")
+"""A module in backticks, or a function in one."""
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=lambda path: path.name)
+def test_every_module_that_is_named_exists(text: Path) -> None:
+    for name in MODULE.findall(text.read_text(encoding="utf-8")):
+        path = ROOT / "occlog" / name[1:].replace(".", "/")
+        if not path.is_dir() and not path.with_suffix(".py").exists():
+            within = path.parent.with_suffix(".py").read_text(encoding="utf-8")
+            assert re.search(rf"^(?:def |class )?{path.name}\b", within, re.MULTILINE), name
+
+
 def test_every_commit_that_is_named_exists_and_has_the_paths() -> None:
     git = shutil.which("git")
     if git is None or not (ROOT / ".git").exists() or (ROOT / ".git" / "shallow").exists():
