@@ -151,3 +151,23 @@ def test_a_frame_without_a_time_is_named() -> None:
         times.at(np.array([1, 3]))
     with pytest.raises(InputError, match="--fps"):
         FrameTimes("nothing").at(np.array([0]))
+
+
+def test_times_are_read_up_to_half_the_range_of_64_bits() -> None:
+    assert parse_time(str(2**62), "ns") == 2**62
+    assert parse_time(str(-(2**62)), "ns") == -(2**62)
+    with pytest.raises(InputError, match="out of range for ns"):
+        parse_time(str(2**62 + 1), "ns")
+
+
+def test_a_number_of_seconds_beyond_the_year_5138_is_of_another_unit() -> None:
+    with pytest.raises(InputError, match="out of range for s"):
+        parse_time("1e11", "s")
+    with pytest.raises(InputError, match="too large for seconds; name the column t_ms, t_us or t_ns"):
+        parse_time("100000000001", "s")
+
+
+def test_a_frame_has_a_time_up_to_285_years_away() -> None:
+    assert frames_to_ns(np.array([9 * 10**9]), Fraction(1)).tolist() == [9 * 10**18]
+    with pytest.raises(InputError, match="frame 9000000001: its time at 1 fps is out of range"):
+        frames_to_ns(np.array([0, 9 * 10**9 + 1]), Fraction(1))

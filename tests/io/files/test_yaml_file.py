@@ -1,0 +1,33 @@
+"""Limits of YAML: entries with aliases expanded, repeated keys, numbers."""
+
+from __future__ import annotations
+
+import pytest
+
+from occlog.errors import InputError
+from occlog.io.files.yaml_file import MAX_NODES, parse_yaml
+
+
+def test_a_document_has_at_most_so_many_entries_with_its_aliases_expanded() -> None:
+    # 2 for the document and the second list, 738 lists of one entry for itself and 270 for its numbers
+    assert MAX_NODES == 2 + 738 * (1 + 270)
+    text = f"a: &a [{', '.join('1' * 270)}]\nb: [{', '.join(['*a'] * 737)}]\n"
+    assert len(parse_yaml(text, "x", dict)["b"]) == 737
+    with pytest.raises(InputError, match=f"x: more than {MAX_NODES} entries with its aliases expanded"):
+        parse_yaml(text + "c: 1\n", "x", dict)
+
+
+def test_keys_come_once() -> None:
+    with pytest.raises(InputError, match="x: line 3: key 'a' appears twice"):
+        parse_yaml("a: 1\nb: 2\na: 3\n", "x", dict)
+
+
+@pytest.mark.parametrize(("text", "value"), [("1e-3", 1e-3), ("1E3", 1e3), (".5e1", 5.0), ("1.e2", 100.0), ("12", 12)])
+def test_numbers_are_read_as_people_mean_them(text: str, value: float) -> None:
+    assert parse_yaml(f"a: {text}", "x", dict) == {"a": value}
+
+
+@pytest.mark.parametrize("text", [".nan", ".inf", "-.inf", "1e999"])
+def test_numbers_are_finite(text: str) -> None:
+    with pytest.raises(InputError, match=r"x: line 1: a: .* is not a finite number"):
+        parse_yaml(f"a: {text}", "x", dict)
