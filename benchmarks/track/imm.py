@@ -70,7 +70,7 @@ def kernel(given: Recording) -> tuple[float, Floats]:
     begin = time.process_time()
     for k in range(STEPS):
         dt = STEP_S * (k > 0)
-        motion = imm.Motion(models, acceleration_root(problem.SIGMA_V**2, dt))
+        motion = imm.MotionModels(models, acceleration_root(problem.SIGMA_V**2, dt))
         draws = imm.draw(rng, 3, PARTICLES)
         found = imm.step(cloud, motion, dt, draws, bearing=given.angle[k], sigma=sigma, position=problem.PLACE)
         cloud = found.cloud

@@ -136,9 +136,9 @@ def command(
         tracks = ViewsOutputs(output, own["world"])
         options.check_outputs(video.paths, [tracks.tracks, tracks.world], overwrite)
         return options.finish(*run_track_views(video, tracks, overwrite, quiet), as_json)
-    from .run import Outputs, Request, run_track
+    from .run import TrackFiles, TrackRequest, run_track
 
-    request = Request(
+    request = TrackRequest(
         bearings=bearings,
         scene=scene,
         doa=own["doa"],
@@ -158,6 +158,6 @@ def command(
         motion=own.get("motion"),
         use_recovered=own["use_recovered"],
     )
-    outputs = Outputs(output, own["diagnostics"], own.get("calibration"), own.get("cooperation"))
+    outputs = TrackFiles(output, own["diagnostics"], own.get("calibration"), own.get("cooperation"))
     options.check_outputs(request.paths, outputs.paths, overwrite)
     return options.finish(*run_track(request, outputs, overwrite, quiet), as_json)

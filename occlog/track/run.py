@@ -1,7 +1,4 @@
-"""What `occlog track` does: read, track, write.
-
-What `occlog track` says when it is done.
-"""
+"""The work of `occlog track`: open the measurements, track, write the tables, summarise."""
 
 from __future__ import annotations
 
@@ -31,7 +28,7 @@ from occlog.track.drivers.tracking import Tracking
 from occlog.track.imm.config import START_NUMBERS, ImmConfig
 
 from .catalogue import settings_of, tracker
-from .interface import AnyMethod, Online
+from .interface import AnyMethod, Joint, Online
 
 if TYPE_CHECKING:
     from occlog.records.columns import Table
@@ -40,8 +37,8 @@ if TYPE_CHECKING:
     from occlog.track.drivers.rows import Solve, Tracked
 
 
-class Tally:
-    """Figures of the summary, gathered while streaming."""
+class TrackSummary:
+    """Figures of the whole run, gathered while tables stream by."""
 
     def __init__(self) -> None:
         """Nothing yet."""
@@ -71,8 +68,8 @@ class Tally:
             self.frames += int(asked.frames.sum())
             self.asked.update(cause for text in asked.cause.tolist() for cause in text.split(","))
 
-    def summary(self) -> dict[str, Any]:
-        """The figures."""
+    def figures(self) -> dict[str, Any]:
+        """All figures, by the names that the summary has for them."""
         return {
             "targets": len(self.targets),
             "rows": self.rows,
@@ -93,7 +90,7 @@ class Tally:
         }
 
     def warnings(self) -> list[str]:
-        """What whoever uses a batch method's tracks should know."""
+        """Rows of a batch method's tracks that are to be used with care, and a joint method that reported no target."""
         said = {
             "unobservable": "what was seen does not tell the position (its covariance says how well it is known)",
             "contradiction": "no place holds all constraints; what was seen there was left out",
@@ -102,7 +99,7 @@ class Tally:
         }
         if not self.rows:
             return [
-                "nobody was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
+                "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
             ]
         return [
             f"{self.fallbacks[k]} of {self.rows} rows: {k}: {text}" for k, text in said.items() if self.fallbacks[k]
@@ -125,8 +122,8 @@ class Tally:
 
 
 @dataclass(frozen=True)
-class Request:
-    """What to track and how."""
+class TrackRequest:
+    """Measurements to track in, the method with its settings, and the rows to use."""
 
     bearings: Path
     scene: Path | None
@@ -155,8 +152,8 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Outputs:
-    """What to write."""
+class TrackFiles:
+    """Tables to write; None: not that one."""
 
     tracks: Path
     diagnostics: Path | None = None
@@ -170,9 +167,10 @@ class Outputs:
 
 
 def run_track(
-    request: Request, wanted: Outputs, overwrite: bool, quiet: bool
+    request: TrackRequest, wanted: TrackFiles, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Track and write; the summary, and what had been lost before."""
+    # Open the measurements, and settle method, sensors and selection
     inputs = Inputs(request.bearings, request.scene, request.doa, request.doa_labels, request.occluders)
     config = make_config(request, inputs.scene.length_unit)
     if wanted.calibration is not None and not estimates_poses(tracker(request.method), config):
@@ -180,11 +178,13 @@ def run_track(
     sensors = choose_sensors(inputs.scene, request.only, request.without)
     targets = request.targets or None
     selection = make_selection(request)
+    # Choose the rows
     chunks = options.progress(inputs.chunks, "track", quiet=quiet)
     if not request.use_recovered:
         chunks = only_measured(chunks)
     if request.turn_s is not None:
         chunks = one_at_a_time(chunks, inputs.scene, sensors, request.turn_s)
+    # Track
     tracking = Tracking(
         config,
         request.seed,
@@ -208,6 +208,7 @@ def run_track(
         **asdict(config),
         **({"use_recovered": True} if request.use_recovered else {}),
     }
+    # Write all tables while they stream
     losses = tuple(inputs.losses)
     provenance = Provenance("track", parameters, request.seed, hash_inputs(request.paths), losses)
     outputs: list[tuple[Path | None, type[Table]]] = [
@@ -216,7 +217,7 @@ def run_track(
         (wanted.calibration, Calibration),
         (wanted.cooperation, Cooperation),
     ]
-    tally = Tally()
+    summary = TrackSummary()
     with ExitStack() as stack:
         writers = [
             None
@@ -231,14 +232,14 @@ def run_track(
             for writer, table in zip(writers, tables, strict=True):
                 if writer is not None and table is not None:
                     writer.write(table)
-            tally.add(part)
-        if not tally.rows and request.method != "imm":
+            summary.add(part)
+        if not summary.rows and not isinstance(tracker(request.method), Joint):
             remedy = "a fix wants directions of two sensors at one time (--window)" if request.method == "fix" else ""
             what = "no row is of the chosen targets and sensors"
             raise InputError(f"{request.bearings}: {what}; {remedy or 'choose others'}")
-    for line in tally.warnings():
+    for line in summary.warnings():
         options.note(f"warning: {line}", quiet)
-    return {"tracks": str(wanted.tracks), "method": request.method, **tally.summary()}, losses
+    return {"tracks": str(wanted.tracks), "method": request.method, **summary.figures()}, losses
 
 
 def estimates_poses(method: AnyMethod, config: Any) -> bool:
@@ -257,7 +258,7 @@ def one_at_a_time(
     return in_turn(checked(chunks, scene, sensors), names, seconds)
 
 
-def make_config(request: Request, unit: str) -> Settings:
+def make_config(request: TrackRequest, unit: str) -> Settings:
     """Settings of the method: its defaults for the length unit, and what the options say."""
     defaults = settings_of(request.method).in_unit(unit)
     values: dict[str, Any] = dict(request.settings)
@@ -282,7 +283,7 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
     return {"A": A, "Sigma": sigma, "step_s": motion.step_s}
 
 
-def make_selection(request: Request) -> SelectConfig | None:
+def make_selection(request: TrackRequest) -> SelectConfig | None:
     """How cameras are selected; UsageError for options of a selection without --select."""
     given = request.selection
     if not given:

@@ -33,7 +33,7 @@ from occlog.core.sight.visibility import Sensors
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.apf.kernels.waypoint import Motion, Particles
+from occlog.track.apf.kernels.waypoint import Particles, WaypointModel
 from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
@@ -53,7 +53,7 @@ class Model(NamedTuple):
     sensors: Sensors
     noise: Noise
     read_px: Floats
-    motion: Motion
+    motion: WaypointModel
     detection: Detection
     informed: Detection  # the same where there are priors of the moving occluders
     occlusion: Occlusion  # how priors of the moving occluders count
@@ -80,9 +80,9 @@ class Draw(NamedTuple):
     fallback: str
 
 
-def motion_of(config: ApfConfig) -> Motion:
+def motion_of(config: ApfConfig) -> WaypointModel:
     """The motion model's part of the settings."""
-    return Motion(
+    return WaypointModel(
         config.reference_s, config.sigma_v, config.phi, config.beta1, config.lambda1, config.beta2, config.lambda2
     )
 

@@ -42,7 +42,7 @@ class Cloud(NamedTuple):
     models: Ints  # (L,) model each was moved under; read only if there are switching probabilities
 
 
-class Motion(NamedTuple):
+class MotionModels(NamedTuple):
     """How targets move; see `turns.move`."""
 
     models: Floats  # (J, 3)
@@ -95,7 +95,7 @@ def draw(rng: np.random.Generator, models: int, particles: int) -> Draws:
 
 
 def step(
-    cloud: Cloud, motion: Motion, dt: float, draws: Draws, *, bearing: Floats, sigma: Floats, position: Floats
+    cloud: Cloud, motion: MotionModels, dt: float, draws: Draws, *, bearing: Floats, sigma: Floats, position: Floats
 ) -> Step:
     """One step of the filter for one target and one sensor: [Lee] Eqs. 3.3-3.6.
 
@@ -125,7 +125,7 @@ def prior_weights(models: Ints, count: int, switching: Floats | None) -> Floats:
     Args:
         models: (L,) model of each particle in the step before.
         count: number of models.
-        switching: see `Motion`; None gives equal weights, as in the thesis.
+        switching: see `MotionModels`; None gives equal weights, as in the thesis.
     """
     if switching is None:
         return np.full((count, len(models)), 1.0 / (count * len(models)))

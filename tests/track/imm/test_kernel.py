@@ -10,7 +10,7 @@ from occlog.array_types import Floats
 from occlog.core.motion.turns import acceleration_root, move, three_models
 from occlog.core.sight.camera import wrap_angle
 from occlog.track.imm import kernel as imm
-from occlog.track.imm.kernel import Cloud, Motion
+from occlog.track.imm.kernel import Cloud, MotionModels
 
 SENSOR = np.array([25.0, 22.0])
 
@@ -118,7 +118,7 @@ def test_bearings_wrap_at_the_back_of_the_sensor(turns):
 
 def test_the_order_of_bearings_does_not_matter():
     rng = np.random.default_rng(2)
-    start, motion = cloud(rng, 200), Motion(three_models(0.05), acceleration_root(0.01, 1.0))
+    start, motion = cloud(rng, 200), MotionModels(three_models(0.05), acceleration_root(0.01, 1.0))
     draws = imm.draw(rng, 3, 200)
     one = imm.step(start, motion, 1.0, draws, **bearings(130.0, 150.0, -20.0)._asdict())
     other = imm.step(start, motion, 1.0, draws, **bearings(-20.0, 130.0, 150.0)._asdict())
@@ -133,7 +133,7 @@ def test_one_model_and_one_bearing_are_a_plain_particle_filter():
     root, L = acceleration_root(0.02, 0.7), 400
     start, draws = cloud(rng, L, 1), imm.draw(rng, 1, L)
     heard = bearings(140.0)
-    got = imm.step(start, Motion(np.zeros((1, 3)), root), 0.7, draws, **heard._asdict())
+    got = imm.step(start, MotionModels(np.zeros((1, 3)), root), 0.7, draws, **heard._asdict())
     x = start.states.copy()
     x[:, 0] += 0.7 * x[:, 1]
     x[:, 2] += 0.7 * x[:, 3]
@@ -161,7 +161,7 @@ def test_far_targets_are_updated_as_by_a_kalman_filter(seed):
     S = H @ P @ H + sigma**2
     innovation = math.sqrt(S) * [0.5, -1.0, 1.5, 0.0][seed]
     heard = Heard(np.array([math.atan2(m[2], m[0]) + innovation]), np.array([sigma]), np.zeros(2))
-    got = imm.step(start, Motion(np.zeros((1, 3)), root), dt, imm.draw(rng, 1, L), **heard._asdict())
+    got = imm.step(start, MotionModels(np.zeros((1, 3)), root), dt, imm.draw(rng, 1, L), **heard._asdict())
     K = P @ H / S
     mean, covariance = m + K * innovation, P - np.outer(K, K) * S
     sd, size = np.sqrt(np.diag(covariance)), 1.0 / np.sum(got.weights.total**2)
@@ -201,7 +201,7 @@ def test_a_model_without_weight_has_no_moments():
 def test_silence_moves_the_particles_and_keeps_every_one_of_them(L):
     rng = np.random.default_rng(7)
     start, draws = cloud(rng, L), imm.draw(rng, 3, L)
-    motion = Motion(three_models(0.2), acceleration_root(0.01, 1.0))
+    motion = MotionModels(three_models(0.2), acceleration_root(0.01, 1.0))
     got = imm.step(start, motion, 1.0, draws, **bearings()._asdict())
     np.testing.assert_array_equal(got.weights.total, np.full((3, L), 1 / (3 * L)))
     assert got.weights.each.shape == (0, 3, L)
@@ -222,7 +222,7 @@ def test_switching_probabilities_weigh_the_models():
     np.testing.assert_allclose(prior, np.array([[0.9, 0.0, 0.0, 0.9], [0.1, 1.0, 1.0, 0.1]]) / 4)
     rng = np.random.default_rng(9)
     start = Cloud(particles(rng, 1, 100)[0], np.ones(100, dtype=np.int64))
-    motion = Motion(three_models(0.1)[:2], np.zeros((2, 2)), matrix)
+    motion = MotionModels(three_models(0.1)[:2], np.zeros((2, 2)), matrix)
     for heard in (bearings(140.0), bearings()):
         got = imm.step(start, motion, 1.0, imm.draw(rng, 2, 100), **heard._asdict())
         assert np.all(got.cloud.models == 1)

@@ -46,7 +46,7 @@ class Particles(NamedTuple):
     regime: Ints  # (L,)
 
 
-class Motion(NamedTuple):
+class WaypointModel(NamedTuple):
     """Parameters of the model; the probabilities are those of a reference step."""
 
     reference_s: float  # T, the reference step
@@ -59,7 +59,7 @@ class Motion(NamedTuple):
 
 
 @kernel
-def reached(particles: Particles, motion: Motion, floor: Floor) -> Bools:
+def reached(particles: Particles, motion: WaypointModel, floor: Floor) -> Bools:
     """(L,) bool: which particles decide as if they had reached their destination."""
     L = particles.speed.shape[0]
     out, ahead = np.empty(L, dtype=np.bool_), np.empty((L, 2))
@@ -74,7 +74,7 @@ def reached(particles: Particles, motion: Motion, floor: Floor) -> Bools:
 
 
 @kernel
-def expected_xy(particles: Particles, arrived: Bools, dt: float, motion: Motion) -> Floats:
+def expected_xy(particles: Particles, arrived: Bools, dt: float, motion: WaypointModel) -> Floats:
     """(L, 2) kappa of [Ercan] Alg. 1: the expected position after the step, x + beta s e(tau) dt.
 
     A new destination is taken to lead nowhere on average; any kappa leaves the filter correct.
@@ -100,7 +100,7 @@ def expected_xy(particles: Particles, arrived: Bools, dt: float, motion: Motion)
 
 
 @kernel
-def choose_regimes(particles: Particles, arrived: Bools, dt: float, motion: Motion, u: Floats) -> Ints:
+def choose_regimes(particles: Particles, arrived: Bools, dt: float, motion: WaypointModel, u: Floats) -> Ints:
     """(L,) regimes of the particles in a step.
 
     Args:
@@ -128,7 +128,7 @@ def choose_regimes(particles: Particles, arrived: Bools, dt: float, motion: Moti
 
 @kernel
 def move(
-    particles: Particles, regime: Ints, destinations: Floats, noise: Floats, dt: float, motion: Motion
+    particles: Particles, regime: Ints, destinations: Floats, noise: Floats, dt: float, motion: WaypointModel
 ) -> Particles:
     """Particles after a step, Eq. 5.
 

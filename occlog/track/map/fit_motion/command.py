@@ -104,9 +104,9 @@ def command(
       occlog fit-motion room.mcap -o motion.json --step 0.25
       occlog fit-motion monday.parquet tuesday.parquet -o motion.json --form damped --noise 0.1
     """
-    from .run import Request, run_fit
+    from .run import FitRequest, run_fit
 
-    request = Request(positions=positions, noise=parse_noise(noise), **values)
+    request = FitRequest(positions=positions, noise=parse_noise(noise), **values)
     options.check_outputs(positions, [output], overwrite)
     summary, losses = run_fit(request, output, overwrite, quiet)
     return options.finish(summary, losses, as_json)

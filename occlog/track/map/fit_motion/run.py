@@ -31,7 +31,7 @@ LARGEST_FILL = 50
 
 
 @dataclass(frozen=True)
-class Request:
+class FitRequest:
     """What to fit, and to what."""
 
     positions: tuple[FilePath, ...]
@@ -51,7 +51,7 @@ class Request:
 
 
 def run_fit(
-    request: Request, output: FilePath, overwrite: bool, quiet: bool
+    request: FitRequest, output: FilePath, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Fit and write; the summary, and what had been lost before."""
     _check(request)
@@ -86,7 +86,7 @@ def run_fit(
     return {"motion": str(output), "step_s": step_s, "length_unit": unit, **figures, **shown}, losses
 
 
-def _check(request: Request) -> None:
+def _check(request: FitRequest) -> None:
     if request.method == "differences" and request.noise != "estimated":
         raise UsageError("--noise goes with --method em; differences take positions for exact")
     for name, value in (("--step", request.step_s), ("--gap", request.gap_s)):
@@ -105,14 +105,14 @@ def _check_step(paths: list[Path], step_s: float, gap_s: float) -> None:
         )
 
 
-def _fit(request: Request, paths: list[Path], step_s: float, gap_s: float) -> Fit:
+def _fit(request: FitRequest, paths: list[Path], step_s: float, gap_s: float) -> Fit:
     if request.method == "differences":
         return fit_differences(paths, step_s, request.shape, longest_gap_s=gap_s)
     noise = request.noise if isinstance(request.noise, float) else None
     return fit_em(paths, step_s, request.shape, longest_gap_s=gap_s, noise=noise)
 
 
-def _figures(fit: Fit, request: Request) -> dict[str, Any]:
+def _figures(fit: Fit, request: FitRequest) -> dict[str, Any]:
     """How it was fitted, and how well."""
     return {
         "method": request.method,
@@ -142,7 +142,7 @@ def spectral_radius(A: np.ndarray[Any, np.dtype[np.float64]]) -> float:
     return float(np.abs(np.linalg.eigvals(A)).max())
 
 
-def warnings(fit: Fit, request: Request, paths: list[Path]) -> list[str]:
+def warnings(fit: Fit, request: FitRequest, paths: list[Path]) -> list[str]:
     """What a user should know before trusting the model."""
     out = []
     radius = spectral_radius(fit.model.A)
@@ -161,7 +161,7 @@ def warnings(fit: Fit, request: Request, paths: list[Path]) -> list[str]:
     return out
 
 
-def read_paths(request: Request) -> tuple[list[Path], str, tuple[Loss, ...]]:
+def read_paths(request: FitRequest) -> tuple[list[Path], str, tuple[Loss, ...]]:
     """Positions of each object and file, the unit of length, and what had been lost before."""
     paths: list[Path] = []
     units: dict[str, FilePath] = {}

@@ -5,11 +5,11 @@ import pytest
 
 from occlog.core.plane.floor import make_floor
 from occlog.track.apf.kernels import waypoint
-from occlog.track.apf.kernels.waypoint import CHANGE, TOWARDS, WAIT, Motion, Particles
+from occlog.track.apf.kernels.waypoint import CHANGE, TOWARDS, WAIT, Particles, WaypointModel
 
 ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 PILLAR = np.array([[40.0, 40.0], [60.0, 40.0], [60.0, 60.0], [40.0, 60.0]])
-PAPER = Motion(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9)
+PAPER = WaypointModel(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9)
 FLOOR = make_floor(ROOM, [PILLAR])
 
 
@@ -83,7 +83,7 @@ def test_between_decisions_the_last_regime_goes_on():
 @pytest.mark.parametrize("parts", [1, 4, 20])
 def test_the_model_does_not_depend_on_how_a_second_is_cut(parts):
     """Share of changed destinations and moments of the displacement after one reference step."""
-    n, motion = 60_000, Motion(1.0, 0.33, 0.1, 0.9, 0.05, 0.05, 0.9)
+    n, motion = 60_000, WaypointModel(1.0, 0.33, 0.1, 0.9, 0.05, 0.05, 0.9)
     p = run(n, motion, 1.0 / parts, parts, np.random.default_rng(parts), waiting=0.05, speed=1.5)
     went = p.xy - [20.0, 20.0]
     kept = np.all(p.destination == [80.0, 20.0], axis=1)
@@ -99,7 +99,7 @@ def test_the_model_does_not_depend_on_how_a_second_is_cut(parts):
 @pytest.mark.jit
 def test_the_speed_of_short_steps_does_not_run_away():
     """Written with |x' - x| / dt, the speed would grow by sigma / sqrt(dt) in every step."""
-    motion = Motion(1.0, 0.33, 0.3, 1.0, 0.0, 1.0, 0.0)
+    motion = WaypointModel(1.0, 0.33, 0.3, 1.0, 0.0, 1.0, 0.0)
     speeds = {dt: run(4000, motion, dt, round(5 / dt), np.random.default_rng(3)).speed for dt in (1.0, 0.01)}
     assert speeds[0.01].mean() == pytest.approx(speeds[1.0].mean(), abs=0.05)
     assert speeds[0.01].std() == pytest.approx(speeds[1.0].std(), rel=0.1)
@@ -116,7 +116,7 @@ def test_a_destination_is_reached_within_a_reference_step_or_when_the_way_is_blo
 @pytest.mark.jit
 def test_the_expected_position_is_the_mean_of_the_particles_that_keep_their_destination():
     n, dt = 200_000, 0.25
-    motion = Motion(1.0, 0.33, 0.1, 0.85, 0.0, 0.05, 0.9)
+    motion = WaypointModel(1.0, 0.33, 0.1, 0.85, 0.0, 0.05, 0.9)
     for regime in (TOWARDS, WAIT):
         p = particles(n, speed=4.0, regime=regime)
         kappa = waypoint.expected_xy(p, np.zeros(n, dtype=bool), dt, motion)
