@@ -62,7 +62,7 @@ def empty_room(scene: Scene, images: list[Image]) -> Image:
 
 
 def bare(pngs: list[Any], empty: Image) -> None:
-    """What OpenCV alone costs: decode, MOG2, connected components."""
+    """Run OpenCV alone: decode, MOG2, connected components."""
     model = cv2.createBackgroundSubtractorMOG2()
     model.apply(empty, learningRate=1.0)
     for png in pngs:

@@ -1,4 +1,4 @@
-"""How good visual hulls are: people who walk in a room, seen as boxes, and where they truly were.
+"""Quality of visual hulls: hulls of walking people from boxes, against their true places.
 
 `python -m benchmarks.measure.hull_quality` prints a table: cameras, people, probability that a camera
 misses a person, recall, precision, median area and RMS error, means over seeds with the
@@ -22,7 +22,7 @@ from occlog.records.tables import APPEARANCE_BINS, Bearings, Hulls, Truth, Views
 from occlog.simulate.stage import simulate_truth, world_config
 
 WIDTH = 0.5
-"""Of a person [m]; of two people in nearly the same direction the farther one is not seen."""
+"""Diameter of a person [m]; of two people in nearly the same direction only the nearer one is seen."""
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])
 PLACES = ((0, 0, 39), (10, 8, 219), (10, 0, 141), (0, 8, -39), (5, 0, 90), (5, 8, -90))
 HALF_VIEW = np.radians(44.0)
@@ -63,7 +63,7 @@ def boxes(people: Floats, camera: Camera, rng: Generator, miss: float) -> Iterat
 
 
 def measured(truth: Truth, scene: Scene, rng: Generator, miss: float) -> tuple[Views, Bearings]:
-    """What the cameras report, and that each delivered every frame."""
+    """Make the reports of the cameras, each of which delivers every frame."""
     rows, frames = [], []
     for t_ns in np.unique(truth.t_ns).tolist():
         now = truth.take(truth.t_ns == t_ns)

@@ -70,7 +70,7 @@ def recording(scene: Scene) -> tuple[Floats, list[Scan]]:
 
 
 def save(path: Path, scene: Scene, truth: Floats, scans: list[Scan]) -> None:
-    """What the other filter needs."""
+    """Write scene, readings and truth for the other filter."""
     cameras = [(*c.ground, c.yaw, c.focal_px[0], c.fov, c.range, c.sigma_position, c.sigma_yaw) for c in scene.cameras]
     z = np.array([np.where(scan.seen, -scan.u_px, np.nan) for scan in scans])
     np.savez(path, cameras=cameras, room=scene.region, pillar=scene.occluders[0].polygon, z=z, truth=truth)

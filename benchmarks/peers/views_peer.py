@@ -58,7 +58,7 @@ class Outcome(NamedTuple):
 
 
 def save(path: Path, case: Case) -> None:
-    """What a tracker of boxes needs."""
+    """Write the boxes of all views for a tracker of boxes."""
     found = read_table(case.detections, Views)
     np.savez(
         path,

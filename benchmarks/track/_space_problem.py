@@ -53,7 +53,7 @@ def scene() -> Scene:
 
 
 def scan_of(r: Recording, k: int) -> Scan:
-    """What is said at step k."""
+    """Return the scan of step k."""
     n = len(PLACES)
     sigma = np.full(n, SIGMA)
     return Scan.of(

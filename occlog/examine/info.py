@@ -1,11 +1,11 @@
-"""The `occlog info` command."""
+"""The `occlog info` command: describes a scene, a recording or a table."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -31,13 +31,20 @@ def command(path: Path, rows: int, as_json: bool) -> None:
     """
     described = describe(path, rows)
     if as_json:
-        options.echo_summary({k: v for k, v in described.items() if k != "_lines"}, True)
+        options.echo_summary(described.values, True)
     else:
-        click.echo("\n".join(described["_lines"]))
+        click.echo("\n".join(described.lines))
 
 
-def describe(path: Path, rows: int) -> dict[str, Any]:
-    """What a file holds, as JSON-ready values and, under `_lines`, as text for a person."""
+class Description(NamedTuple):
+    """Content of a file, as plain values for JSON and as lines for a person."""
+
+    values: dict[str, Any]
+    lines: list[str]
+
+
+def describe(path: Path, rows: int) -> Description:
+    """Describe a file by its ending; of a table also the first rows."""
     kind = path.suffix.lower()
     if kind in (".yaml", ".yml"):
         from occlog.io.scenes.scene import read_scene
@@ -55,7 +62,7 @@ def describe(path: Path, rows: int) -> dict[str, Any]:
     raise InputError(f"{path}: occlog info knows .yaml, .mcap and .parquet, not {kind or 'files without an ending'!r}")
 
 
-def _describe_scene(scene: Scene) -> dict[str, Any]:
+def _describe_scene(scene: Scene) -> Description:
     cameras = [_camera(c) for c in scene.cameras]
     unit = scene.length_unit
     lines = [f"scene, lengths in {unit}"]
@@ -73,7 +80,7 @@ def _describe_scene(scene: Scene) -> dict[str, Any]:
         for a in scene.arrays
     ]
     lines += [f"clock     {c.name}: offset {c.offset_ns} ns, drift {c.drift_ppm:g} ppm" for c in scene.clocks]
-    return {
+    values = {
         "kind": "scene",
         "length_unit": unit,
         "room": None if scene.room is None else scene.room.tolist(),
@@ -81,8 +88,8 @@ def _describe_scene(scene: Scene) -> dict[str, Any]:
         "cameras": cameras,
         "arrays": [a.name for a in scene.arrays],
         "clocks": [c.name for c in scene.clocks],
-        "_lines": lines,
     }
+    return Description(values, lines)
 
 
 def _camera(c: Camera) -> dict[str, Any]:
@@ -104,7 +111,7 @@ def _camera(c: Camera) -> dict[str, Any]:
 
 
 def _array_more(array: MicrophoneArray) -> str:
-    """What is not as it is for most arrays."""
+    """Write the properties in which an array differs from the default."""
     parts = []
     if not array.upright:
         parts.append(f"pitch {math.degrees(array.pitch):.3g} deg, roll {math.degrees(array.roll):.3g} deg")
@@ -136,7 +143,7 @@ def _camera_lines(scene: Scene) -> Iterator[str]:
         )
 
 
-def _describe_recording(recording: Recording) -> dict[str, Any]:
+def _describe_recording(recording: Recording) -> Description:
     topics = [{"topic": t.name, "schema": t.schema, "messages": t.messages} for t in recording.topics]
     span = recording.time_ns
     lines = [f"recording, {sum(t.messages for t in recording.topics)} messages"]
@@ -148,20 +155,20 @@ def _describe_recording(recording: Recording) -> dict[str, Any]:
     lines += [f"lost      {loss}" for loss in recording.losses]
     lines += _provenance_lines(recording.provenance.as_dict()) if recording.ours else []
     if recording.scene is not None:
-        lines += ["", *_describe_scene(recording.scene)["_lines"]]
-    return {
+        lines += ["", *_describe_scene(recording.scene).lines]
+    values = {
         "kind": "recording",
         "topics": topics,
         "cameras": recording.cameras,
         "time_ns": span,
         "attachments": list(recording.attachments),
         "provenance": recording.provenance.as_dict() if recording.ours else None,
-        "_lines": lines,
     }
+    return Description(values, lines)
 
 
 def _epipolar_lines(recording: Recording) -> Iterator[str]:
-    """The pairs of views whose fundamental matrix a recording holds."""
+    """Iterate over the pairs of views whose fundamental matrix a recording holds, a line each."""
     from occlog.io.models.fundamental_matrices import attached_epipolar
 
     found = attached_epipolar(recording)
@@ -171,7 +178,7 @@ def _epipolar_lines(recording: Recording) -> Iterator[str]:
 
 
 def _utc(t_ns: int) -> str:
-    """ISO time to the millisecond, from the integer."""
+    """Write a time in ISO format to the millisecond, computed from the integer."""
     import datetime
 
     seconds, rest = divmod(t_ns, 1_000_000_000)
@@ -189,7 +196,7 @@ def _provenance_lines(p: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _describe_table(path: Path, rows: int) -> dict[str, Any]:
+def _describe_table(path: Path, rows: int) -> Description:
     from occlog.io.files.parquet import describe as describe_parquet
 
     found = describe_parquet(path)
@@ -203,7 +210,7 @@ def _describe_table(path: Path, rows: int) -> dict[str, Any]:
     ]
     lines += [f"column    {c['name']} [{c.get('unit', '?')}]: {c.get('doc', '')}" for c in found["columns"]]
     lines += _first_rows(path, rows) if rows and found["rows"] else []
-    return {"kind": "table", **found, "_lines": lines}
+    return Description({"kind": "table", **found}, lines)
 
 
 def _first_rows(path: Path, rows: int) -> list[str]:

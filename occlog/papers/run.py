@@ -30,7 +30,7 @@ SIZE = re.compile(r"([\w-]+)=(\d+)x(\d+)")
 
 @dataclass(frozen=True, kw_only=True)
 class ReproduceRequest:
-    """What the command line asks for; the options' help says what each means."""
+    """Request of the command line; the help of the options describes each field."""
 
     paper: str
     items: Sequence[str]

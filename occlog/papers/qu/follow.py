@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,14 +31,12 @@ class Runner(NamedTuple):
     """A method on a video."""
 
     visual: AnyVisual
-    config: Any
+    config: MipfConfig  # the settings of every method extend these
     geometry: Geometry
     births: tuple[Birth, ...]
     seed: int
     use: int  # number of views, the first ones of the video
-    exchange: tuple[int, int, int, int] | None = (
-        None  # view, two targets, and the frame before which they are exchanged
-    )
+    exchange: tuple[int, int, int, int] | None = None  # view, two targets; they change places before that frame
     timed: bool = False  # true: measure the time of each part of the likelihood; for `bmct` alone
 
 

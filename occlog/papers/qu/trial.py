@@ -78,7 +78,7 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     Returns:
         For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`,
         `mota` (boxes about the ellipses, IoU 0.5), `track_seconds` and `frame_ms` (CPU of the steps, median of
-        a frame; without drawing), `particles` (the setting; NaN for none), `ess` (median), `left` and `lost`
+        a frame; without drawing), `particles` (the setting), `ess` (median), `left` and `lost`
         (trackers that ended so), `mode_mipf`, ... (shares of the rows), and those of `views_alarms.alarms`.
 
     Raises:
@@ -95,7 +95,7 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     for label, followed in done.items():
         true, reach = of_views(truth, float(spec.get("tau", 1.0)) * radius, runners[label].use)
         figures = scores(true, followed, reach)
-        figures |= {"particles": float(getattr(runners[label].config, "particles", math.nan))}
+        figures |= {"particles": float(runners[label].config.particles)}
         figures |= alarms(true, followed, reach, told[label].get("wrong"))
         if len(followed.parts):
             names = ("local_ms", "interaction_ms", "collaboration_ms", "step_ms")

@@ -202,7 +202,7 @@ def _listed(value: Any) -> list[Any]:
 
 def _option_args(config: Config, name: str, key: str, param: click.Parameter, value: Any) -> list[str]:
     flag = param.opts[-1] if not param.opts[0].startswith("--") else param.opts[0]
-    if getattr(param, "is_flag", False):
+    if isinstance(param, click.Option) and param.is_flag:
         if not isinstance(value, bool):
             raise InputError(f"{config.path}: {name}.{key}: want true or false, got {value!r}")
         negative = param.secondary_opts
@@ -212,7 +212,7 @@ def _option_args(config: Config, name: str, key: str, param: click.Parameter, va
     values = _listed(value)
     if param.nargs not in (1, -1):
         return [flag, *(str(v) for v in values)]
-    if len(values) > 1 and not getattr(param, "multiple", False):
+    if len(values) > 1 and not (isinstance(param, click.Option) and param.multiple):
         return [flag, ",".join(str(v) for v in values)]
     return [part for v in values for part in (flag, str(v))]
 

@@ -305,4 +305,4 @@ TABLE2 = Experiment(
     note=f"As many particles as give each target {ENOUGH:g} effective ones and at most {ROBUST:.0%} false positions.",
     trial=run_views_trial,
 )
-"""What is needed by the joint filters of a view, and by BMCT."""
+"""Particles and time that the joint filters of a view need, and BMCT."""
