@@ -16,9 +16,6 @@ from occlog.array_types import Bools, Bytes, Floats, Ints
 from occlog.core.image.ellipse import column_limits, holds_pixels, quadratic, row_limits
 from occlog.core.numerics.jit import array_kernel, kernel
 
-SIGMA = 0.1
-"""Sigma of the colour likelihood p_c = exp(-(1 - BC) / (2 sigma^2)) of a Bhattacharyya coefficient BC."""
-
 TWO, THREE, FOUR = np.uint64(2), np.uint64(3), np.uint64(4)
 
 WHOLE, ABOVE, BELOW = 0, 1, 2

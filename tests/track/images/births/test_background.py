@@ -49,9 +49,12 @@ def test_light_that_changes_masks_nothing(grey):
     model = BackgroundModel(make_subtractor("mog2", 500, None, True, wall), (60, 80))
     assert not foreground_mask(model, wall, 0).any()
     assert foreground_mask(model, 255 - wall, 1) is None
-    half = wall.copy()
-    half[: round(60 * (MOST - 0.2))] = 255
-    assert foreground_mask(model, half, 2) is not None
+    # 36 of 60 rows are the most that may change
+    for number, (rows, masked) in enumerate([(24, True), (36, True), (37, False)], 2):
+        part = wall.copy()
+        part[:rows] = 255
+        assert (foreground_mask(model, part, number) is not None) is masked
+    assert MOST == 36 / 60
 
 
 def test_a_model_of_shrunk_images_gives_masks_of_whole_ones():

@@ -136,6 +136,19 @@ def test_one_that_may_be_either_waits_and_then_takes_the_clearly_better():
     assert unclear[2] == (14, 1, 2, 200.0)
 
 
+@pytest.mark.parametrize(("row", "target"), [(62.0, 0), (62.0 + 1e-6, 2)])
+def test_the_best_fit_is_clear_up_to_half_of_the_second_one(row, target):
+    """Targets in rows 60 and 66, radii of 8 px: the region is 2 px from one line and 4 px from the other."""
+    births, _ = live(lambda k: [rows(disc(50, 60, 8.0), disc(120, 66, 8.0)), rows(disc(200, row, 8.0))], moments=20)
+    assert births[2][1:3] == (1, target)
+
+
+@pytest.mark.parametrize(("step", "begins"), [(20.0, True), (20.0 + 1e-6, False)])
+def test_a_region_is_followed_while_it_touches_that_of_the_frame_before(step, begins):
+    births, _ = live(lambda k: [rows(disc(50 + step * k, 60)), rows()], moments=3)
+    assert len(births) == begins
+
+
 def test_the_one_that_moves_off_the_line_is_told_by_its_way():
     # Both fit at the end, but only one did in all three frames
     def regions(k):

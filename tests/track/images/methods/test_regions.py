@@ -68,6 +68,14 @@ def test_a_region_is_held_where_no_other_tracker_or_region_is_near() -> None:
     assert np.isnan(found.region[1:]).all()
 
 
+@pytest.mark.parametrize(("away", "own"), [(6.0, True), (6.0 + 1e-9, False)])
+def test_a_region_is_near_up_to_the_reach(away: float, own: bool) -> None:
+    """Half a sum of radii of 6 px each."""
+    expected = at((30.0, 40.0))
+    found = own_regions(frame_set((at((30.0 + away, 40.0)),)), np.zeros(1, dtype=np.int64), expected, 0.5)
+    assert found.has.tolist() == [own]
+
+
 def test_regions_of_another_view_are_none_of_ones_own() -> None:
     both = FrameSet(0, np.zeros(2, dtype=np.int64), (None, None), (None, at((30.0, 40.0))))
     found = own_regions(both, np.array([0, 1]), at((30.0, 40.0), (30.0, 40.0)), 0.6)

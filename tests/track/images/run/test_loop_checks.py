@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from occlog.measure.epipolar.views import Geometry
 from occlog.track.images.interface import Birth, Outlines
@@ -82,6 +83,21 @@ def test_fewer_than_three_targets_do_not_say_that_a_matrix_is_wrong_but_are_reme
         {(0, 1): (3, 1)},
         (),
     )
+
+
+@pytest.mark.parametrize(("failed", "dropped"), [(2, ()), (3, ((0, 1),))])
+def test_a_matrix_goes_when_more_than_half_of_the_starts_fail(failed, dropped):
+    made = [
+        *wrong(*range(failed)),
+        *births(*[(v, k, 50 * k + 20, 40 * k + 30) for k in range(failed, 4) for v in (0, 1)]),
+    ]
+    assert without_contradicted(ROWS, check_births(made, ROWS), {})[1:] == ({(0, 1): (4, failed)}, dropped)
+
+
+@pytest.mark.parametrize(("off", "failed"), [(10.0, 0), (10.0 + 1e-6, 1)])
+def test_a_check_fails_above_a_radius(off, failed):
+    made = births((0, 1, 50, 60), (1, 1, 200, 60.0 + off))
+    assert without_contradicted(ROWS, check_births(made, ROWS), {})[1] == {(0, 1): (1, failed)}
 
 
 def test_a_birth_is_checked_with_the_tracker_of_another_view():
