@@ -124,21 +124,12 @@ def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None],
 def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scene:
     """The scene of `--scene` (YAML, or a recording that holds one), or else `recording`, that of the input."""
     if scene is not None:
-        found = read_scene_of(scene)
+        from occlog.io.open import scene_in
+
+        found = scene_in(scene)
         if found is None:
             raise UsageError(f"{scene}: this recording holds no scene; give a scene file with --scene")
         return found
     if recording is None:
         raise UsageError(f"{where}: holds no scene; give one with --scene")
     return recording
-
-
-def read_scene_of(path: Path) -> Scene | None:
-    """The scene in a YAML file or in a recording; None for a recording without one."""
-    if path.suffix.lower() == ".mcap":
-        from occlog.io.recording.reader import open_recording
-
-        return open_recording(path).scene
-    from occlog.io.scenes.scene import read_scene
-
-    return read_scene(path)

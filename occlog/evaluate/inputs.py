@@ -1,29 +1,22 @@
-"""What `occlog evaluate` reads: tracks, truth, bearings, directions of arrival, views, and the scene.
-
-How the outputs of `occlog evaluate` were made.
-"""
+"""What `occlog evaluate` reads (tracks, truth, bearings, directions, views, scene), and how that was made."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.parquet import describe, read_provenance, read_table, schema_name
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.recording.reader import open_recording
+from occlog.io.open import Opened, check_unit, losses_of, open_if_ours, open_input
 from occlog.measure.scans.sources import bearings_of_doa
+from occlog.records.columns import Table
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation, Doa, Tracks, Truth, TruthBoxes, Views
 
-if TYPE_CHECKING:
-    from occlog.records.columns import Table
-
-
-T = TypeVar("T", bound="Table")
+T = TypeVar("T", bound=Table)
 
 
 @dataclass(frozen=True)
@@ -72,21 +65,30 @@ class Tables:
 
 def read_tables(paths: Paths) -> Tables:
     """Everything that was named, with the scene of `--scene` or of the recording with the truth."""
-    truth, boxes, recorded = _read_truth(paths.truth) if paths.truth is not None else (None, None, None)
-    scene = _scene(paths, recorded)
-    for path in (paths.tracks, paths.truth):
-        _check_unit(path, scene)
-    if paths.views is not None and boxes is None:
-        raise InputError(f"{paths.truth}: holds no true boxes; --views needs a recording or a table that has them")
+    truth = None if paths.truth is None else _open_truth(paths.truth)
+    tracks = None if paths.tracks is None else open_input(paths.tracks)
+    scene = _scene(paths, None if truth is None else truth.scene)
+    for opened in (tracks, truth):
+        if opened is not None:
+            check_unit(opened, scene.length_unit, error=InputError)
+    boxes = _rows_of(truth, TruthBoxes)
+    if paths.views is not None and truth is not None and boxes is None:
+        truth.require(TruthBoxes)
     return Tables(
         scene,
-        _read_rows(paths.tracks, Tracks),
-        truth,
+        None if tracks is None else tracks.read(Tracks),
+        _rows_of(truth, Truth),
         boxes,
         read_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
-        _read_rows(paths.views, Views),
-        _read_rows(paths.cooperation, Cooperation),
+        None if paths.views is None else open_input(paths.views).read(Views),
+        None if paths.cooperation is None else open_input(paths.cooperation).read(Cooperation),
     )
+
+
+def _open_truth(path: Path) -> Opened:
+    """True positions, boxes or both."""
+    remedy = "leave the truth out, or ingest the recording with its truth"
+    return open_input(path, Truth, TruthBoxes, remedy=remedy)
 
 
 def _scene(paths: Paths, recorded: Scene | None) -> Scene:
@@ -94,24 +96,14 @@ def _scene(paths: Paths, recorded: Scene | None) -> Scene:
     if paths.tracks is None and paths.directions is None and paths.scene is None:
         return recorded or Scene()
     for path in (paths.bearings, paths.doa):
-        if recorded is None and paths.scene is None and path is not None and _is_recording(path):
-            recorded = options.read_scene_of(path)
+        if recorded is None and paths.scene is None and path is not None:
+            recorded = open_input(path).scene
     return options.load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
 
 
-def _read_rows(path: Path | None, table: type[T]) -> T | None:
-    """All rows of a table in a file, None without one."""
-    return None if path is None else _rows_of(path, table)
-
-
-def _rows_of(path: Path, table: type[T]) -> T:
-    """All rows of a table in a Parquet file or a recording."""
-    if not _is_recording(path):
-        return read_table(path, table)
-    recording = open_recording(path)
-    if not recording.has(table):
-        raise InputError(f"{path}: holds no {table.NAME}; give a recording or a table that has them")
-    return recording.read(table)
+def _rows_of(opened: Opened | None, table: type[T]) -> T | None:
+    """All rows of a table; None without a file, or in a file that holds none."""
+    return opened.read(table) if opened is not None and opened.has(table) else None
 
 
 def read_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scene) -> Bearings | None:
@@ -119,59 +111,22 @@ def read_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scen
 
     Those of a recording are used along with its bearings unless others are named.
     """
-    recording = open_recording(path) if path is not None and _is_recording(path) else None
+    measured = None if path is None else open_input(path)
+    directions = None if doa is None else open_input(doa)
+    recorded = measured is not None and measured.recording is not None
+    if directions is None and recorded and measured is not None and measured.has(Doa):
+        directions = measured
     parts: list[Bearings] = []
-    if doa is None and path is not None and recording is not None and recording.has(Doa):
-        doa = path
-    if path is not None and (recording is None or doa is None or recording.has(Bearings)):
-        parts.append(_rows_of(path, Bearings))
-    if doa is not None:
-        parts += bearings_of_doa([_rows_of(doa, Doa)], scene, labels)
+    if measured is not None and (not recorded or directions is None or measured.has(Bearings)):
+        parts.append(measured.read(Bearings))
+    if directions is not None:
+        parts += bearings_of_doa([directions.read(Doa)], scene, labels)
     elif labels:
         raise UsageError("--doa-labels wants directions of arrival; give them with --doa")
     return Bearings.merge(parts) if len(parts) > 1 else next(iter(parts), None)
 
 
-def _is_recording(path: Path) -> bool:
-    return path.suffix.lower() == ".mcap"
-
-
-def _read_truth(path: Path) -> tuple[Truth | None, TruthBoxes | None, Scene | None]:
-    """True positions and boxes, None where there are none, and the scene of a recording."""
-    if _is_recording(path):
-        recording = open_recording(path)
-        truth = recording.read(Truth) if recording.has(Truth) else None
-        boxes = recording.read(TruthBoxes) if recording.has(TruthBoxes) else None
-        if truth is None and boxes is None:
-            raise InputError(f"{path}: holds no truth; leave out --truth, or ingest the recording with its truth")
-        return truth, boxes, recording.scene
-    if schema_name(path) == TruthBoxes.NAME:
-        return None, read_table(path, TruthBoxes), None
-    return read_table(path, Truth), None, None
-
-
-def _check_unit(path: Path | None, scene: Scene) -> None:
-    """InputError if a table or a recording is in another unit than the scene."""
-    if path is None:
-        return
-    if _is_recording(path):
-        other = options.read_scene_of(path)
-        unit = scene.length_unit if other is None else other.length_unit
-    else:
-        unit = describe(path)["length_unit"]
-    if unit != scene.length_unit:
-        raise InputError(
-            f"{path}: lengths are in {unit}, but in {scene.length_unit} in the scene; use one scene for both"
-        )
-
-
 def provenance_of(paths: Paths, parameters: Mapping[str, Any]) -> Provenance:
     """Parameters, inputs, and what was lost in making the inputs."""
-    losses: dict[Any, None] = {}  # of all inputs, each once, in order
-    for path in paths.inputs:
-        kind = path.suffix.lower()
-        if kind == ".mcap":
-            losses |= dict.fromkeys(open_recording(path).losses)
-        elif kind == ".parquet":
-            losses |= dict.fromkeys(read_provenance(path).losses)
-    return Provenance("evaluate", dict(parameters), None, hash_inputs(paths.inputs), tuple(losses))
+    losses = losses_of(open_if_ours(path) for path in paths.inputs)
+    return Provenance("evaluate", dict(parameters), None, hash_inputs(paths.inputs), losses)

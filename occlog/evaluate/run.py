@@ -14,8 +14,8 @@ from occlog.evaluate.bearings.cost_of_asking import cooperation_figures
 from occlog.evaluate.matching.config import default_sigma_v
 from occlog.evaluate.mot.run_on_ground import ground_figures, split_many
 from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import read_provenance, write_table
-from occlog.io.recording.reader import open_recording
+from occlog.io.files.parquet import write_table
+from occlog.io.open import open_input
 from occlog.track.images.run.provenance import other_video
 
 from .inputs import Paths, provenance_of, read_tables
@@ -58,8 +58,9 @@ def _check_request(paths: Paths, values: Mapping[str, Any]) -> None:
 def with_defaults(values: Mapping[str, Any], truth: Path | None, unit: str) -> dict[str, Any]:
     """The values, with noise of the walk and diameter of the simulation that made the truth where none are given."""
     out = dict(values)
-    if truth is not None and truth.suffix.lower() == ".mcap":
-        made = open_recording(truth).provenance
+    opened = None if truth is None else open_input(truth)
+    if opened is not None and opened.recording is not None:
+        made = opened.provenance
         world = made.parameters.get("world") if made.command == "simulate" else None
         for name, known in (("sigma_v", "sigma"), ("occluder_diameter", "diameter")):
             value = world.get(known) if isinstance(world, dict) else None
@@ -81,9 +82,9 @@ def make_config(values: Mapping[str, Any]) -> EvaluateConfig:
 
 def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:
     """InputError if the tracks say that they were made with a sensor that is held out."""
-    if tracks is None or not held_out or tracks.suffix.lower() == ".mcap":
+    if tracks is None or not held_out:
         return
-    used = read_provenance(tracks).parameters.get("sensors")
+    used = open_input(tracks).provenance.parameters.get("sensors")
     both = [name for name in held_out if isinstance(used, list) and name in used]
     if both:
         names = ",".join(both)

@@ -44,21 +44,19 @@ class Description(NamedTuple):
 
 
 def describe(path: Path, rows: int) -> Description:
-    """Describe a file by its ending; of a table also the first rows."""
+    """Describe a file by its content; of a table also the first rows."""
+    from occlog.io.open import open_if_ours, open_input
+
     kind = path.suffix.lower()
-    if kind in (".yaml", ".yml"):
+    opened = open_if_ours(path, "a scene (.yaml), a recording (.mcap) or a table (.parquet)")
+    if opened is None and kind in (".yaml", ".yml"):
         from occlog.io.scenes.scene import read_scene
 
         return _describe_scene(read_scene(path))
-    if kind == ".mcap":
-        from occlog.io.recording.reader import open_recording
-
-        return _describe_recording(open_recording(path))
-    if kind == ".parquet":
-        return _describe_table(path, rows)
-    from occlog.io.files.inputs import check_input
-
-    check_input(path, "a scene (.yaml), a recording (.mcap) or a table (.parquet)")
+    if opened is None and kind in (".mcap", ".parquet"):
+        opened = open_input(path)
+    if opened is not None:
+        return _describe_table(path, rows) if opened.recording is None else _describe_recording(opened.recording)
     raise InputError(f"{path}: occlog info knows .yaml, .mcap and .parquet, not {kind or 'files without an ending'!r}")
 
 

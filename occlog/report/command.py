@@ -14,7 +14,6 @@ from occlog.errors import InputError, UsageError
 from .options import overlay_options, split
 
 if TYPE_CHECKING:
-    from occlog.io.files.provenance import Provenance
     from occlog.records.columns import Table
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
@@ -177,86 +176,69 @@ def read_input(paths: Paths, title: str) -> ReportInput:
 
 
 def _scene(paths: Paths) -> Scene | None:
+    from occlog.io.open import open_input
+
     if paths.scene is not None:
         return options.load_scene(paths.scene, None, paths.scene)
-    for path in (paths.truth, paths.bearings):
-        if path is not None and path.suffix.lower() == ".mcap":
-            return options.read_scene_of(path)
-    return None
+    opened = (open_input(path) for path in (paths.truth, paths.bearings) if path is not None)
+    return next((each.scene for each in opened if each.recording is not None), None)
 
 
 def _read(path: Path | None, table: type[T]) -> T | None:
     """All rows of a table in a Parquet file or a recording; None for a recording that has none."""
-    from occlog.io.files.parquet import read_table
-    from occlog.io.recording.reader import open_recording
+    from occlog.io.open import open_input
 
-    if path is None:
+    opened = None if path is None else open_input(path)
+    if opened is None or (opened.recording is not None and not opened.has(table)):
         return None
-    if path.suffix.lower() != ".mcap":
-        return read_table(path, table)
-    recording = open_recording(path)
-    return recording.read(table) if recording.has(table) else None
+    return opened.read(table)
 
 
 def _read_bearings(path: Path | None, scene: Scene | None) -> Bearings | None:
     """All bearings, with the directions of arrival of a recording as `occlog track` uses them."""
     from occlog.evaluate.inputs import read_bearings
-    from occlog.io.recording.reader import open_recording
+    from occlog.io.open import open_input
     from occlog.records.tables import Bearings as Rows
     from occlog.records.tables import Doa
 
-    if path is not None and scene is not None and path.suffix.lower() == ".mcap" and open_recording(path).has(Doa):
+    opened = None if path is None else open_input(path)
+    if scene is not None and opened is not None and opened.recording is not None and opened.has(Doa):
         return read_bearings(path, None, False, scene)
     return _read(path, Rows)
 
 
 def _read_occluders(path: Path | None) -> Occluders | Hulls | None:
     """Gaussians, or the polygons of visual hulls."""
-    from occlog.io.files.parquet import schema_name
+    from occlog.io.open import open_input
     from occlog.records.tables import Hulls, Occluders
 
-    if path is None:
-        return None
-    if path.suffix.lower() != ".mcap" and schema_name(path) == Hulls.NAME:
+    if path is not None and open_input(path).has(Hulls):
         return _read(path, Hulls)
     return _read(path, Occluders)
 
 
 def _unit(paths: Paths, scene: Scene | None) -> str:
     """The unit of lengths; InputError where a table has another than the scene or the tracks."""
-    from occlog.io.files.parquet import describe
+    from occlog.io.open import check_unit, open_input
 
-    unit, source = (scene.length_unit, "the scene") if scene is not None else ("", "")
+    unit, source = (None, "") if scene is None else (scene.length_unit, "the scene")
     for path in (paths.tracks, paths.truth, paths.errors, paths.bound, paths.occluders):
-        if path is None or path.suffix.lower() == ".mcap":
+        opened = None if path is None else open_input(path)
+        if opened is None or opened.recording is not None:
             continue
-        own = describe(path)["length_unit"]
-        if unit and own != unit:
-            raise InputError(f"{path}: lengths are in {own}, but in {unit} in {source}; show tables of one scene")
-        unit, source = own, str(path)
+        if unit is not None:
+            check_unit(opened, unit, source, InputError)
+        unit, source = opened.length_unit, str(path)
     return unit or "m"
 
 
 def _made(paths: Paths, title: str) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """How this report and each of its inputs were made, and what was lost in making them."""
     from occlog.io.files.provenance import Provenance, hash_inputs
+    from occlog.io.open import losses_of, open_if_ours
 
-    made: dict[str, Any] = {}
-    losses: dict[Loss, None] = {}
-    for path in paths.inputs:
-        found = _provenance_of(path)
-        if found is None:
-            continue
-        losses |= dict.fromkeys(found.losses)
-        made[path.name] = {k: v for k, v in found.as_dict().items() if k != "losses"}
-    own = Provenance("report", {"title": title}, None, hash_inputs(paths.inputs), tuple(losses))
-    return {k: v for k, v in own.as_dict().items() if k != "losses"} | {"made": made}, tuple(losses)
-
-
-def _provenance_of(path: Path) -> Provenance | None:
-    from occlog.io.files.parquet import read_provenance
-    from occlog.io.recording.reader import open_recording
-
-    if path.suffix.lower() == ".mcap":
-        return open_recording(path).provenance
-    return read_provenance(path) if path.suffix.lower() == ".parquet" else None
+    opened = [each for path in paths.inputs if (each := open_if_ours(path)) is not None]
+    losses = losses_of(opened)
+    made = {o.path.name: {k: v for k, v in o.provenance.as_dict().items() if k != "losses"} for o in opened}
+    own = Provenance("report", {"title": title}, None, hash_inputs(paths.inputs), losses)
+    return {k: v for k, v in own.as_dict().items() if k != "losses"} | {"made": made}, losses

@@ -209,7 +209,7 @@ def run_track(
         **({"use_recovered": True} if request.use_recovered else {}),
     }
     # Write all tables while they stream
-    losses = tuple(inputs.losses)
+    losses = inputs.losses
     provenance = Provenance("track", parameters, request.seed, hash_inputs(request.paths), losses)
     outputs: list[tuple[Path | None, type[Table]]] = [
         (wanted.tracks, Tracks),

@@ -233,4 +233,4 @@ def test_the_scene_of_another_unit_is_refused(work: Path, capsys: pytest.Capture
     capsys.readouterr()
     code = run(["track", str(work / "b.parquet"), "--scene", str(other), "-o", str(work / "new.parquet"), "-q"])
     assert code == ExitCode.USAGE
-    assert "was made in a scene in m, but the scene given is in unit" in capsys.readouterr().err
+    assert "lengths are in m, but in unit in the scene" in capsys.readouterr().err

@@ -116,7 +116,7 @@ def test_outputs_are_not_overwritten_unless_asked(folder: Path, capsys: Any) -> 
     [
         ([], ExitCode.USAGE, "nothing to show"),
         (["none.parquet"], ExitCode.BAD_INPUT, "no such file"),
-        (["run/bearings.parquet"], ExitCode.BAD_INPUT, "want tracks/"),
+        (["run/bearings.parquet"], ExitCode.BAD_INPUT, "want tracks"),
         ([".", "--title", "x"], ExitCode.BAD_INPUT, "holds no tracks.parquet"),
         (
             ["run/tracks.parquet", "--scene", "feet.yaml"],

@@ -12,9 +12,8 @@ from occlog.array_types import NS
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import read_table
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.recording.reader import open_recording
+from occlog.io.open import open_if_ours, open_input
 from occlog.io.sound.directions import read_doa
 from occlog.io.sound.rows import DoaOptions
 from occlog.records.scene import MicrophoneArray
@@ -39,7 +38,7 @@ def run_evaluate_doa(
     if doa is None:
         raise UsageError("--truth-azimuths wants directions to compare; give them with --doa")
     options.check_outputs([doa, truth], [output], overwrite)
-    found = _read(doa)
+    found = open_input(doa).read(Doa)
     if not len(found):
         raise InputError(f"{doa}: has no directions; nothing can be compared")
     metrics = doa_metrics(found, _truth(truth, found), math.radians(gate_deg), round(0.5 * max_gap_s * NS))
@@ -52,19 +51,11 @@ def run_evaluate_doa(
     return metrics
 
 
-def _read(path: Path) -> Doa:
-    if path.suffix.lower() != ".mcap":
-        return read_table(path, Doa)
-    recording = open_recording(path)
-    if not recording.has(Doa):
-        raise InputError(f"{path}: holds no doa; give a recording or a table that has them")
-    return recording.read(Doa)
-
-
 def _truth(path: Path, found: Doa) -> Doa:
     """True directions; a log without a column of sensors is of the only one that there is."""
-    if path.suffix.lower() in (".mcap", ".parquet"):
-        return _read(path)
+    opened = open_if_ours(path)
+    if opened is not None:
+        return opened.read(Doa)
     names = np.unique(found.sensor).tolist()
     arrays = [MicrophoneArray(name, np.zeros(3)) for name in names]
     sole = names[0] if len(names) == 1 else None

@@ -21,9 +21,9 @@ from occlog.io.boxes.trackeval_folder import MotSequence, write_layout
 from occlog.io.files.csv_rows import first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.json_file import write_json
-from occlog.io.files.parquet import read_provenance, read_table, schema_name, write_table
+from occlog.io.files.parquet import write_table
 from occlog.io.frames.video_stream import rate_times
-from occlog.io.recording.reader import open_recording
+from occlog.io.open import open_if_ours, open_input
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes
 from occlog.records.views import ViewTracks
@@ -45,11 +45,12 @@ MAX_FRAMES = 2_000_000
 
 def in_images(path: Path | None) -> bool:
     """Whether a file holds tracks in images; anything else is for the other figures to judge."""
-    if path is None or path.suffix.lower() == ".mcap":
+    if path is None:
         return False
-    if path.suffix.lower() in TEXT:
+    if _is_text(path):
         return True
-    return schema_name(path) in (ViewTracks.NAME, Boxes.NAME, TruthBoxes.NAME)
+    opened = open_input(path)
+    return opened.recording is None and any(opened.has(table) for table in (ViewTracks, Boxes, TruthBoxes))
 
 
 def many_config(values: Mapping[str, Any], overlap: float, own: str) -> ManyConfig:
@@ -69,7 +70,8 @@ def run_evaluate_many(paths: Paths, values: Mapping[str, Any]) -> Evaluation:
         raise UsageError("tracks in images need --truth: a recording or a table with true boxes, or MOTChallenge text")
     options.check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
     text = _is_text(paths.tracks)
-    named = not text and schema_name(paths.tracks) == ViewTracks.NAME
+    ours = None if text else open_input(paths.tracks)
+    named = ours is not None and ours.has(ViewTracks)
     born = born_from_detections(paths.tracks)
     config = many_config(values, values["box_overlap"], "label" if named and not born else "start")
     by_number = text or _is_text(paths.truth)
@@ -80,18 +82,13 @@ def run_evaluate_many(paths: Paths, values: Mapping[str, Any]) -> Evaluation:
         )
     tracks, truth, scene = _read_both(paths.tracks, paths.truth, config)
     with _named({"tracks": paths.tracks, "truth": paths.truth}):
-        made = _made(paths.tracks) if named else {}
-        sides = lay_boxes(tracks, truth, config, by_number=by_number, looked=_strings(made.get("cameras")))
+        looked = _strings(ours.provenance.parameters.get("cameras")) if named and ours is not None else ()
+        sides = lay_boxes(tracks, truth, config, by_number=by_number, looked=looked)
     result = evaluate_sides(sides, config)
     told = own_notes(paths.tracks, config.own, values["own"])
     result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
     _write(paths, result, sides, config, scene)
     return result
-
-
-def _made(path: Path) -> Mapping[str, Any]:
-    """Parameters with which tracks were made."""
-    return read_provenance(path).parameters
 
 
 def _strings(value: object) -> tuple[str, ...]:
@@ -109,7 +106,8 @@ def _named(files: Mapping[str, Path]) -> Iterator[None]:
 
 
 def _is_text(path: Path) -> bool:
-    return path.suffix.lower() in TEXT
+    """Whether a file is MOTChallenge text: it is named so, and is neither a recording nor a table."""
+    return path.suffix.lower() in TEXT and open_if_ours(path, "MOTChallenge text") is None
 
 
 def _read_both(tracks: Path, truth: Path, config: ManyConfig) -> tuple[Boxes, TruthBoxes, Scene | None]:
@@ -129,19 +127,15 @@ def _read_both(tracks: Path, truth: Path, config: ManyConfig) -> tuple[Boxes, Tr
 
 
 def _read_tracks(path: Path) -> Boxes:
-    name = schema_name(path)
-    if name == ViewTracks.NAME:
-        return boxes_of(read_table(path, ViewTracks))
-    return read_table(path, TruthBoxes if name == TruthBoxes.NAME else Boxes)
+    opened = open_input(path)
+    if opened.has(ViewTracks):
+        return boxes_of(opened.read(ViewTracks))
+    return opened.read(TruthBoxes) if opened.has(TruthBoxes) else opened.read(Boxes)
 
 
 def _read_truth(path: Path) -> tuple[TruthBoxes, Scene | None]:
-    if path.suffix.lower() != ".mcap":
-        return read_table(path, TruthBoxes), None
-    recording = open_recording(path)
-    if not recording.has(TruthBoxes):
-        raise InputError(f"{path}: holds no true boxes; tracks in images need a recording or a table that has them")
-    return recording.read(TruthBoxes), recording.scene
+    opened = open_input(path)
+    return opened.read(TruthBoxes), opened.scene
 
 
 def _sole_camera(path: Path, boxes: Boxes, config: ManyConfig) -> str:

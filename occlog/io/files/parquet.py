@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -269,11 +269,31 @@ def read_table(path: Path, table: type[T]) -> T:
     return table.concat(iter_table(path, table))
 
 
+class Header(NamedTuple):
+    """What a table says of itself: its name, the unit of its lengths, and how it was made."""
+
+    table: str
+    length_unit: str
+    provenance: Provenance
+
+
+def read_header(path: Path) -> Header:
+    """The header of a table; InputError for files that occlog did not write."""
+    with _open(path) as file:
+        metadata = _metadata(file)
+        unit, made = metadata.get(b"occlog.length_unit", b"m"), metadata.get(PROVENANCE_KEY.encode(), b"{}")
+        return Header(_schema_name(path, file.schema_arrow), unit.decode(), provenance_from_json(made.decode()))
+
+
 def read_provenance(path: Path) -> Provenance:
     """How the file was made."""
     with _open(path) as file:
-        metadata = {**(file.schema_arrow.metadata or {}), **(file.metadata.metadata or {})}
-        return provenance_from_json(metadata.get(PROVENANCE_KEY.encode(), b"{}").decode())
+        return provenance_from_json(_metadata(file).get(PROVENANCE_KEY.encode(), b"{}").decode())
+
+
+def _metadata(file: pq.ParquetFile) -> dict[bytes, bytes]:
+    """Entries of the schema, and those that were added at the end, which replace them."""
+    return {**(file.schema_arrow.metadata or {}), **(file.metadata.metadata or {})}
 
 
 def describe(path: Path) -> dict[str, Any]:
@@ -288,7 +308,7 @@ def describe(path: Path) -> dict[str, Any]:
             }
             for f in schema
         ]
-        metadata = {**(schema.metadata or {}), **(file.metadata.metadata or {})}
+        metadata = _metadata(file)
         return {
             "schema": name,
             "version": int((schema.metadata or {})[SCHEMA_KEY.encode()].decode().partition("/")[2] or 0),

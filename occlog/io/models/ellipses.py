@@ -24,9 +24,8 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.io.files.csv_rows import Rows, read_rows
-from occlog.io.files.parquet import iter_table, schema_name
 from occlog.io.files.sensor_names import match_sensor
-from occlog.io.recording.reader import open_recording
+from occlog.io.open import Opened, open_if_ours
 from occlog.records.tables import Boxes, TruthBoxes
 from occlog.records.views import ViewTracks
 
@@ -71,9 +70,9 @@ def read_ellipses(path: Path, sizes: Sizes, cameras: Sequence[str]) -> tuple[Giv
     Raises:
         InputError: one line, for an ellipse that cannot be, or a file without one.
     """
-    suffix = path.suffix.lower()
-    if suffix in (".mcap", ".parquet"):
-        found = _of_recording(path, sizes) if suffix == ".mcap" else _of_parquet(path, sizes)
+    opened = open_if_ours(path, WHAT)
+    if opened is not None:
+        found = _of_tables(opened, sizes)
     else:
         found = [e for e in _of_csv(path, cameras) if e.sensor in sizes]
         for each in found:
@@ -142,24 +141,14 @@ def _check_inside(given: GivenEllipse, width: int, height: int) -> None:
             )
 
 
-def _of_recording(path: Path, sizes: Sizes) -> list[GivenEllipse]:
-    recording = open_recording(path)
-    if recording.has(TruthBoxes):
-        return _first_of(path, (_true_boxes(c) for c in recording.tables(TruthBoxes)), sizes)
-    if recording.has(Boxes):
-        return _first_of(path, (_boxes(c) for c in recording.tables(Boxes)), sizes)
-    raise InputError(f"{path}: holds no boxes of targets; give a CSV file of ellipses, or leave --initial out")
-
-
-def _of_parquet(path: Path, sizes: Sizes) -> list[GivenEllipse]:
-    name = schema_name(path)
-    if name == ViewTracks.NAME:
-        return _first_of(path, (_tracks(c) for c in iter_table(path, ViewTracks)), sizes)
-    if name == TruthBoxes.NAME:
-        return _first_of(path, (_true_boxes(c) for c in iter_table(path, TruthBoxes)), sizes)
-    if name == Boxes.NAME:
-        return _first_of(path, (_boxes(c) for c in iter_table(path, Boxes)), sizes)
-    raise InputError(f"{path}: holds {name}; want {ViewTracks.NAME}, {TruthBoxes.NAME} or {Boxes.NAME}")
+def _of_tables(opened: Opened, sizes: Sizes) -> list[GivenEllipse]:
+    """First ellipses of tracks in images, of true boxes, or of boxes with identities."""
+    opened.require(ViewTracks, TruthBoxes, Boxes, remedy="give a CSV file of ellipses, or begin from detections")
+    if opened.has(ViewTracks):
+        return _first_of(opened.path, (_tracks(c) for c in opened.rows(ViewTracks)), sizes)
+    if opened.has(TruthBoxes):
+        return _first_of(opened.path, (_true_boxes(c) for c in opened.rows(TruthBoxes)), sizes)
+    return _first_of(opened.path, (_boxes(c) for c in opened.rows(Boxes)), sizes)
 
 
 class _Rows(NamedTuple):

@@ -15,7 +15,8 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import Provenance
-from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.open import open_if_ours
+from occlog.io.recording.reader import Recording
 from occlog.records.view_pairs import ViewPair, ViewPairs
 
 EPIPOLAR_ATTACHMENT = "epipolar.json"
@@ -60,8 +61,9 @@ def epipolar_schema() -> dict[str, Any]:
 
 def read_epipolar(path: Path) -> ViewPairs:
     """The pairs in a JSON file or in a recording that holds some; InputError, one line, names what is wrong."""
-    if path.suffix.lower() == ".mcap":
-        found = attached_epipolar(open_recording(path))
+    opened = open_if_ours(path, "a JSON file of fundamental matrices, or a recording that holds some")
+    if opened is not None and opened.recording is not None:
+        found = attached_epipolar(opened.recording)
         if found is None:
             raise InputError(f"{path}: holds no epipolar geometry; make it with `occlog epipolar`")
         return found

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from occlog.cli import options
 from occlog.cli.parse import parse_names
 from occlog.errors import InputError, UsageError
-from occlog.io.files.parquet import describe, iter_table, read_provenance
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.fundamental_matrices import (
     EPIPOLAR_ATTACHMENT,
@@ -19,9 +18,9 @@ from occlog.io.models.fundamental_matrices import (
     write_epipolar,
 )
 from occlog.io.models.matches import read_matches
+from occlog.io.open import names_recording, open_input
 from occlog.io.recording.copy import copy_recording
 from occlog.io.recording.reader import Recording, open_recording
-from occlog.measure.scans.inputs import is_recording
 from occlog.records.tables import TruthBoxes
 from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
 from occlog.records.views import ViewTracks
@@ -75,7 +74,7 @@ def run_epipolar(
         k: v for k, v in request._asdict().items() if k in ("points", "model", "threshold_px", "max_error_px", "only")
     }
     provenance = Provenance("epipolar", parameters, None, hash_inputs(request.inputs), losses)
-    if is_recording(output) and recording is not None:
+    if names_recording(output) and recording is not None:
         _check_names(pairs, recording)
         attached = {EPIPOLAR_ATTACHMENT: epipolar_bytes(pairs, provenance)}
         copy_recording(recording, output, attached, provenance, overwrite=overwrite)
@@ -100,7 +99,7 @@ def _check_usage(request: Request, output: Path | None) -> None:
         raise UsageError("name the output with -o, or give --check")
     if not request.check and some and request.fundamental is not None:
         raise UsageError("matrices come from --fundamental or from matches; give one, or --check to compare them")
-    if output is not None and is_recording(output) and request.recording is None:
+    if output is not None and names_recording(output) and request.recording is None:
         raise UsageError(f"{output}: a recording is copied; name the one that is to hold the matrices")
 
 
@@ -148,15 +147,11 @@ def _matches(request: Request) -> tuple[Matches, ...]:
 
 def _of_tracks(path: Path, points: str) -> tuple[Matches, ...]:
     """Matches from view tracks or true boxes."""
-    if is_recording(path):
-        recording = open_recording(path)
-        if not recording.has(TruthBoxes):
-            raise InputError(f"{path}: holds no true boxes; give view tracks or a recording with true boxes")
-        return matches_of_tracks(recording.tables(TruthBoxes), str(path), points)
-    if describe(path)["schema"] == TruthBoxes.NAME:
-        return matches_of_tracks(iter_table(path, TruthBoxes), str(path), points)
-    window = read_provenance(path).parameters.get("window_ns")
-    return matches_of_tracks(iter_table(path, ViewTracks), str(path), points, window if isinstance(window, int) else 0)
+    opened = open_input(path, TruthBoxes, ViewTracks)
+    if opened.has(TruthBoxes):
+        return matches_of_tracks(opened.rows(TruthBoxes), str(path), points)
+    window = opened.provenance.parameters.get("window_ns")
+    return matches_of_tracks(opened.rows(ViewTracks), str(path), points, window if isinstance(window, int) else 0)
 
 
 def _only(pairs: ViewPairs, request: Request) -> ViewPairs:

@@ -47,7 +47,7 @@ def run_fuse(files: Files, values: Mapping[str, Any], quiet: bool) -> tuple[dict
     inputs = Inputs(files.bearings, files.scene)
     views = [] if files.views is None else inputs.open(files.views, Views)
     config = in_scene(FuseConfig(**values), inputs.scene)
-    losses = tuple(inputs.losses)
+    losses = inputs.losses
     provenance = Provenance("fuse", asdict(config), None, hash_inputs(files.inputs), losses)
     chunks = options.progress(inputs.chunks, "fuse", quiet=quiet)
     tally, unit = FuseTally(), inputs.scene.length_unit

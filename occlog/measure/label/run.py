@@ -54,7 +54,7 @@ def run_label(
     tracks = inputs.open(files.tracks, Tracks)
     sensors = choose_sensors(inputs.scene, parse_names(only), parse_names(without))
     parameters = {"sensors": sorted(sensors), "doa_labels": files.doa_labels, **asdict(config)}
-    losses = tuple(inputs.losses)
+    losses = inputs.losses
     provenance = Provenance("label", parameters, None, hash_inputs(files.inputs), losses)
     unit, tally = inputs.scene.length_unit, Tally()
     chunks = options.progress(inputs.chunks, "label", quiet=quiet)

@@ -6,16 +6,17 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.parquet import TableWriter, describe, iter_table, read_provenance, schema_name
+from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.recording.reader import open_recording
+from occlog.io.open import check_unit, open_input
 from occlog.measure.scans.scans import nearest
+from occlog.records.columns import Table
 from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Tracks, Truth, Views
 
 from .from_positions import KalmanConfig, kalman_config, kalman_priors, virtual_priors
@@ -23,10 +24,10 @@ from .from_sound import acoustic_config, acoustic_priors
 from .from_views import HullConfig, hull_config, hull_priors
 
 if TYPE_CHECKING:
-    from occlog.records.columns import Table
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
 
+T = TypeVar("T", bound=Table)
 Result = tuple[dict[str, Any], tuple["Loss", ...]]
 
 
@@ -61,47 +62,28 @@ class Source:
     def __init__(self, path: Path, scene: Path | None) -> None:
         """Open; nothing but headers is read yet."""
         self.path = path
-        self.recording = open_recording(path) if path.suffix.lower() == ".mcap" else None
-        if self.recording is None:
-            self.losses = tuple(read_provenance(path).losses)
-        else:
-            self.losses = tuple(self.recording.losses)
-        recorded = self.recording.scene if self.recording is not None else None
+        self.opened = open_input(path)
+        self.losses = self.opened.losses
+        recorded = self.opened.scene
         self.scene = None if scene is None and recorded is None else options.load_scene(scene, recorded, path)
-        self._check_unit()
-
-    def _check_unit(self) -> None:
-        if self.recording is not None or self.scene is None or not read_provenance(self.path).inputs:
-            return
-        if self.unit != self.scene.length_unit:
-            raise UsageError(
-                f"{self.path}: was made in a scene in {self.unit}, but the scene given is in "
-                f"{self.scene.length_unit}; give the --scene that it was made in"
-            )
+        if self.scene is not None and self.opened.made_in_a_scene:
+            check_unit(self.opened, self.scene.length_unit)
 
     @property
     def unit(self) -> str:
         """Of lengths."""
-        if self.recording is None:
-            return str(describe(self.path)["length_unit"])
-        return self.recording.scene.length_unit if self.recording.scene is not None else "m"
+        return self.opened.length_unit or "m"
 
     def need_scene(self) -> Scene:
         """The scene; UsageError if none was given."""
         return self.scene if self.scene is not None else options.load_scene(None, None, self.path)
 
-    def chunks(self, table: type[Any]) -> Iterator[Any]:
+    def chunks(self, table: type[T]) -> Iterator[T]:
         """All rows of a table; InputError if the file does not hold them or has none."""
-        if self.recording is None:
-            stream = iter_table(self.path, table)
-        elif self.recording.has(table):
-            stream = self.recording.tables(table)
-        else:
-            raise InputError(f"{self.path}: holds no {table.NAME}; give a recording or a table that has them")
-        return _not_empty(stream, self.path)
+        return _not_empty(self.opened.rows(table), self.path)
 
 
-def _not_empty(chunks: Iterable[Table], path: Path) -> Iterator[Table]:
+def _not_empty(chunks: Iterable[T], path: Path) -> Iterator[T]:
     rows = 0
     for chunk in chunks:
         rows += len(chunk)
@@ -124,18 +106,19 @@ def run_kalman(
     """Positions to priors; the summary and what had been lost before."""
     source = Source(path, scene)
     unit = source.scene.length_unit if source.scene is not None else source.unit
-    tracks = source.recording is None and schema_name(path) == Tracks.NAME
+    tracks = source.opened.recording is None and source.opened.has(Tracks)
     if tracks and not measured:
         raise UsageError(f"{path}: tracks are measurements, not the truth; add --measured")
     defaults = kalman_config(unit)
     config: KalmanConfig = replace(replace(defaults, sigma=0.0) if tracks else defaults, **values)
     if measured and config.sigma == 0 and not tracks:
         raise UsageError("--measured positions need a --sigma above 0; leave out --measured if they are exact")
-    chunks = options.progress(source.chunks(Tracks if tracks else Truth), "priors", quiet=quiet)
     if measured:
-        priors = kalman_priors(chunks, config, without=without)
+        rows: Iterator[Any] = source.chunks(Tracks) if tracks else source.chunks(Truth)
+        priors = kalman_priors(options.progress(rows, "priors", quiet=quiet), config, without=without)
     else:
-        left = (c.take(~np.isin(c.target_id, without)) for c in chunks)
+        truth = options.progress(source.chunks(Truth), "priors", quiet=quiet)
+        left = (c.take(~np.isin(c.target_id, without)) for c in truth)
         priors = virtual_priors(left, config.sigma, config.q, seed)
     parameters = {"source": "kalman", "measured": measured, "without": without, **asdict(config)}
     provenance = _provenance(parameters, [path, scene], source.losses, seed)

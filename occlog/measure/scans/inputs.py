@@ -1,15 +1,15 @@
-"""What `occlog track` and `occlog label` read: bearings, directions of arrival, priors, and the scene."""
+"""What `occlog track`, `label` and `fuse` read: bearings, directions of arrival, priors, and the scene."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.parquet import describe, iter_table, read_provenance
-from occlog.io.recording.reader import open_recording
+from occlog.io.open import Opened, check_unit, losses_of, open_input
+from occlog.records.columns import Table
 from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Truth
 
 from .occluder_priors import known_positions
@@ -18,6 +18,8 @@ from .sources import bearings_of_doa, in_time
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
+
+T = TypeVar("T", bound=Table)
 
 
 class Inputs:
@@ -32,62 +34,53 @@ class Inputs:
         occluders: Path | None = None,
     ) -> None:
         """Open everything; nothing but headers is read yet."""
-        self.losses: dict[Loss, None] = {}  # each once, in order
-        recording = open_recording(bearings) if is_recording(bearings) else None
-        self.scene: Scene = options.load_scene(scene, recording.scene if recording else None, bearings)
-        streams: list[Iterable[Bearings]] = []
-        directions = recording is None and describe(bearings)["schema"] == Doa.NAME
-        if directions:
-            streams.append(bearings_of_doa(self.open(bearings, Doa), self.scene, doa_labels))
-        elif recording is None or recording.has(Bearings):
-            streams.append(self.open(bearings, Bearings))
-        if doa is None and recording is not None and recording.has(Doa):
-            doa = bearings
-        if doa is not None:
-            streams.append(bearings_of_doa(self.open(doa, Doa), self.scene, doa_labels))
-        elif doa_labels and not directions:
+        self._opened: list[Opened] = []
+        measured = open_input(bearings)
+        self.scene: Scene = options.load_scene(scene, measured.scene, bearings)
+        # A file of directions of arrival takes the place of those of a recording
+        own = measured.has(Doa) and (doa is None or measured.recording is None)
+        directions = [*([measured] if own else []), *([open_input(doa)] if doa is not None else [])]
+        if doa_labels and not directions:
             raise UsageError("doa_labels wants directions of arrival; give some (doa)")
-        if not streams:
-            remedy = "make them with `occlog detect` or `occlog listen`"
-            if recording is not None and recording.cameras:
-                remedy = "make bearings with `occlog detect`, or track in its images with method bmct"
-            raise InputError(f"{bearings}: holds no bearings and no directions of arrival; {remedy}")
+        if doa is None or measured.recording is None:
+            measured.require(Bearings, Doa, remedy=_remedy(measured))
+        streams: list[Iterable[Bearings]] = []
+        if measured.has(Bearings):
+            streams.append(self._rows(measured, Bearings))
+        streams += [bearings_of_doa(self._rows(each, Doa), self.scene, doa_labels) for each in directions]
         self.chunks = _not_empty(in_time(streams), bearings)
         self.occluders = None if occluders is None else self._priors(occluders)
 
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What was lost when the inputs were made, each once, in the order in which they were opened."""
+        return losses_of(self._opened)
+
     def _priors(self, path: Path) -> Iterator[Occluders] | Iterator[Hulls]:
         """Priors of the moving occluders; true positions are known exactly."""
-        if is_recording(path):
-            return known_positions(self.open(path, Truth))
-        name = describe(path)["schema"]
-        if name == Truth.NAME:
-            return known_positions(self.open(path, Truth))
-        if name == Hulls.NAME:
-            return self.open(path, Hulls)
-        return self.open(path, Occluders)
+        opened = open_input(path, Truth, Hulls, Occluders)
+        if opened.has(Truth):
+            return known_positions(self._rows(opened, Truth))
+        return self._rows(opened, Hulls) if opened.has(Hulls) else self._rows(opened, Occluders)
 
-    def open(self, path: Path, table: type[Any]) -> Iterator[Any]:
-        """Chunks of a table in a file of either kind."""
-        if not is_recording(path):
-            made = read_provenance(path)
-            self.losses |= dict.fromkeys(made.losses)
-            unit = describe(path)["length_unit"]
-            if made.inputs and unit != self.scene.length_unit:  # without inputs nobody says what it was made from
-                raise UsageError(
-                    f"{path}: was made in a scene in {unit}, but the scene given is in {self.scene.length_unit}; "
-                    "give the scene that it was made in"
-                )
-            return iter_table(path, table)
-        recording = open_recording(path)
-        if not recording.has(table):
-            raise InputError(f"{path}: holds no {table.NAME}; give a recording or a table that has them")
-        self.losses |= dict.fromkeys(recording.losses)
-        return recording.tables(table)
+    def open(self, path: Path, table: type[T]) -> Iterator[T]:
+        """Chunks of a table in a file of either kind; InputError where the file holds none."""
+        return self._rows(open_input(path), table)
+
+    def _rows(self, opened: Opened, table: type[T]) -> Iterator[T]:
+        """Chunks of a table; the input's losses count, and its lengths must be in the unit of the scene."""
+        rows = opened.rows(table)
+        self._opened.append(opened)
+        if opened.made_in_a_scene:
+            check_unit(opened, self.scene.length_unit)
+        return rows
 
 
-def is_recording(path: Path) -> bool:
-    """Whether the name is that of a recording."""
-    return path.suffix.lower() == ".mcap"
+def _remedy(measured: Opened) -> str:
+    """What to do about a recording without measurements."""
+    if measured.recording is not None and measured.recording.cameras:
+        return "make bearings with `occlog detect`, or track in its images with method bmct"
+    return "make them with `occlog detect` or `occlog listen`"
 
 
 def _not_empty(chunks: Iterable[Bearings], path: Path) -> Iterator[Bearings]:

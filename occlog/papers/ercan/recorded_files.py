@@ -19,8 +19,7 @@ from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.frame_times import FrameTimes, as_rate
 from occlog.io.files.parquet import read_table
 from occlog.io.files.provenance import hash_file
-from occlog.io.recording.reader import open_recording
-from occlog.io.scenes.scene import read_scene
+from occlog.io.open import scene_in
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes
@@ -59,7 +58,7 @@ def read_source(source: Source) -> tuple[Scene, Bearings]:
     if source.data:
         return read_cmc(Path(source.data))
     path = Path(source.scene)
-    scene = open_recording(path).scene if path.suffix.lower() == ".mcap" else read_scene(path)
+    scene = scene_in(path)
     if scene is None:
         raise UsageError(f"{path}: this recording holds no scene; give a scene file instead")
     return scene, read_table(Path(source.bearings), Bearings)

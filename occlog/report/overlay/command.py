@@ -15,9 +15,10 @@ from occlog.array_types import Bools
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import write_bytes
-from occlog.io.files.parquet import iter_table, read_provenance
+from occlog.io.files.parquet import read_provenance
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import SHOWN, ShownVideo
+from occlog.io.open import open_input
 from occlog.io.recording.reader import IMAGE_SCHEMA, Recording, open_recording
 from occlog.io.recording.writer import VIDEO_FRAME
 from occlog.measure.epipolar.matrices import known_geometry
@@ -238,12 +239,7 @@ def _numbered(asked: Asked) -> bool:
 def _rows(path: Path | None, table: type[T]) -> Rows[T] | None:
     if path is None:
         return None
-    if path.suffix.lower() != ".mcap":
-        return Rows(iter_table(path, table))
-    recording = open_recording(path)
-    if not recording.has(table):
-        raise InputError(f"{path}: holds no {table.NAME.replace('_', ' ')}")
-    return Rows(recording.tables(table))
+    return Rows(open_input(path).rows(table))
 
 
 def _at(rows: Rows[T] | None, frame: Frame) -> T | None:

@@ -151,7 +151,7 @@ def test_files_without_an_ellipse(tmp_path):
     write_table(bearings, Bearings.empty(), MADE)
     with pytest.raises(InputError, match="holds bearings; want view_tracks, truth_boxes or boxes"):
         read_ellipses(bearings, SIZES, CAMERAS)
-    with pytest.raises(InputError, match="holds no boxes of targets"):
+    with pytest.raises(InputError, match="holds no tracks in images and no true boxes and no boxes of a detector"):
         read_ellipses(record_balls(tmp_path / "plain.mcap", boxes=False), SIZES, CAMERAS)
     path = written(tmp_path / "e.csv", "view1,0,10,20,5,4,0")
     with pytest.raises(InputError, match="no ellipse of a target in view2"):

@@ -163,7 +163,7 @@ def test_files_that_do_not_fit_are_refused(folder, capsys):
     write_table(folder / "nobody.parquet", tracks(target=-1), Provenance("track"))
     messages = {
         "other.parquet": "no track is there at the time of any frame",
-        "feet.parquet": "was made in a scene in ft, but the scene given is in unit",
+        "feet.parquet": "lengths are in ft, but in unit in the scene",
         "nobody.parquet": "target_id is -1 at 0 ns",
         "boxes2.parquet": "boxes2.parquet",
         "missing.parquet": "missing.parquet",

@@ -224,7 +224,7 @@ def test_views_that_end_early_or_are_slower_keep_their_last_picture(tmp_path: Pa
         (["t", "R", "--frame", "50", "--png", "o.png"], ExitCode.BAD_INPUT, "camera view1 has no frame 50"),
         (["f", "R", "--video", "o.avi"], ExitCode.BAD_INPUT, "f.parquet"),
         (["late", "R", "--video", "o.avi"], ExitCode.BAD_INPUT, "are these the tracks of this recording?"),
-        (["t", "R", "--truth", "bare.mcap", "--video", "o.avi"], ExitCode.BAD_INPUT, "bare.mcap: holds no truth boxes"),
+        (["t", "R", "--truth", "bare.mcap", "--video", "o.avi"], ExitCode.BAD_INPUT, "bare.mcap: holds no true boxes"),
         (["t", "--recording", "bare.mcap", "--video", "o.avi"], ExitCode.BAD_INPUT, "holds no video to draw over"),
         (["t", "--recording", "no.mcap", "--video", "o.avi"], ExitCode.BAD_INPUT, "no.mcap: no such file"),
     ],

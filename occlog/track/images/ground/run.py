@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.parquet import TableWriter, iter_table, read_provenance
+from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.measure.scans.inputs import is_recording
+from occlog.io.open import open_input
 from occlog.records.tables import Tracks
 from occlog.records.views import ViewTracks
 from occlog.settings import configure
@@ -37,26 +37,26 @@ def run_ground(
     files: GroundFiles, cameras: Sequence[str], values: Mapping[str, Any], quiet: bool
 ) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Find the places and write them; return the summary, and what the view tracks say was lost."""
-    if is_recording(files.view_tracks):
+    view_tracks = open_input(files.view_tracks)
+    if view_tracks.recording is not None:
         raise InputError(
             f"{files.view_tracks}: is a recording; give view tracks (Parquet), which `occlog track` makes from it"
         )
     scene = options.load_scene(files.scene, None, files.view_tracks)
     if unknown := [name for name in cameras if name not in [c.name for c in scene.cameras]]:
         raise UsageError(f"--cameras {unknown[0]}: the scene has {', '.join(c.name for c in scene.cameras) or 'none'}")
-    made = read_provenance(files.view_tracks)
-    config = in_scene(configure(GroundConfig(), {"window_s": _tracked_window(made), **values}), scene)
+    config = in_scene(configure(GroundConfig(), {"window_s": _tracked_window(view_tracks.provenance), **values}), scene)
     inputs = [path for path in (files.view_tracks, files.scene) if path is not None]
     parameters = {**asdict(config), "cameras": list(cameras)}
-    provenance = Provenance("ground", parameters, None, hash_inputs(inputs), made.losses)
+    provenance = Provenance("ground", parameters, None, hash_inputs(inputs), view_tracks.losses)
     summary, unit = GroundSummary(), scene.length_unit
-    rows = options.progress(iter_table(files.view_tracks, ViewTracks), "ground", quiet=quiet)
+    rows = options.progress(view_tracks.rows(ViewTracks), "ground", quiet=quiet)
     with TableWriter(files.output, Tracks, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
         for part in ground_tracks(rows, scene, config, cameras):
             writer.write(part.tracks)
             summary.add(part)
         summary.check(str(files.view_tracks))
-    return {"tracks": str(files.output), **summary.summary()}, made.losses
+    return {"tracks": str(files.output), **summary.summary()}, view_tracks.losses
 
 
 def _tracked_window(made: Provenance) -> float:

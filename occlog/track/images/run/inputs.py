@@ -11,9 +11,9 @@ from typing import Any
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.parquet import iter_table, read_provenance, schema_name
 from occlog.io.models.ellipses import FIRST, MOST_ID, GivenEllipse, read_ellipses
-from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.open import Opened, losses_of, open_if_ours, open_input
+from occlog.io.recording.reader import Recording
 from occlog.measure.epipolar.matrices import known_geometry
 from occlog.measure.scans.scans import nearest
 from occlog.records.losses import Loss
@@ -71,8 +71,8 @@ class ViewsInput:
         """Open the recording and look at the first frames of every camera."""
         self.request, self.stage = request, stage
         self.given = 0  # first ellipses
-        self.recording = open_video(request)
-        self.losses: dict[Loss, None] = dict.fromkeys(self.recording.losses)
+        self.opened, self.recording = open_video(request)
+        self._detections: Opened | None = None
         given = None if request.scene is None else options.load_scene(request.scene, None, request.scene)
         self.scene: Scene | None = given if given is not None else self.recording.scene
         self.names = choose_views(self.recording, request.only, request.without)
@@ -83,6 +83,11 @@ class ViewsInput:
         self.window_ns = step_window(s.period_ns for s in self.surveyed)
         self.known = known_geometry(self.views, self.recording, given, request.fundamental)
         self.geometry = self.known.geometry
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What was lost when the recording and the detections were made."""
+        return losses_of([self.opened, self._detections])
 
     @property
     def length_unit(self) -> str:
@@ -122,7 +127,7 @@ class ViewsInput:
             return (), 0
         sizes = {view.name: (view.width, view.height) for view in self.views}
         given = read_ellipses(self.request.initial, sizes, self.recording.cameras)
-        if self.request.initial.suffix.lower() not in (".mcap", ".parquet"):
+        if open_if_ours(self.request.initial) is None:
             self._check_frames(given)  # tables may be of a longer recording
         place = {name: v for v, name in enumerate(self.names)}
         starts = [Start(place[g.sensor], max(g.frame, 0), g.target_id, g.ellipse) for g in given]
@@ -165,20 +170,14 @@ class ViewsInput:
 
     def _given(self, path: Path) -> RegionStream:
         """Regions of a file of detections."""
-        if path.suffix.lower() == ".mcap":
-            recording = open_recording(path)
-            if not recording.has(Boxes):
-                raise InputError(f"{path}: holds no boxes of a detector; give a recording or a table that has them")
-            self.losses |= dict.fromkeys(recording.losses)
-            return self._of_boxes(recording.tables(Boxes))
-        name = schema_name(path)
-        self.losses |= dict.fromkeys(read_provenance(path).losses)
-        if name == Views.NAME:
-            return RegionStream(regions_of_views(iter_table(path, Views)), True)
-        for table in (Boxes, TruthBoxes):
-            if name == table.NAME:
-                return self._of_boxes(iter_table(path, table))
-        raise InputError(f"{path}: holds {name}; want {Boxes.NAME}, or {Views.NAME} of `occlog detect`")
+        self._detections = opened = open_input(path)
+        if opened.recording is None and opened.has(Views):
+            return RegionStream(regions_of_views(opened.rows(Views)), True)
+        if opened.recording is None and opened.has(TruthBoxes):
+            return self._of_boxes(opened.rows(TruthBoxes))
+        if opened.recording is None:
+            opened.require(Boxes, Views)
+        return self._of_boxes(opened.rows(Boxes))
 
     def _of_boxes(self, chunks: Iterator[Boxes]) -> RegionStream:
         regions: Iterator[Regions] = regions_of_boxes(chunks, self.stage.birth_confidence)
@@ -198,21 +197,22 @@ def first_free(taken: Sequence[int]) -> int:
     return ids[gaps.index(max(gaps))] + 1
 
 
-def open_video(request: ViewsRequest) -> Recording:
+def open_video(request: ViewsRequest) -> tuple[Opened, Recording]:
     """Open the recording; InputError unless it holds images."""
     path, method = request.recording, request.method
-    if path.suffix.lower() != ".mcap":
+    opened = open_if_ours(path)
+    if opened is None or opened.recording is None:
         raise InputError(
             f"{path}: is not a recording (.mcap); --method {method} tracks in images: give a recording with video, "
             "made with `occlog ingest` or `occlog simulate`"
         )
-    recording = open_recording(path)
+    recording = opened.recording
     if not recording.cameras:
         raise InputError(
             f"{path}: holds no images; --method {method} tracks in images: give a recording with video, or track its "
             "bearings with another method, for example --method apf"
         )
-    return recording
+    return opened, recording
 
 
 def choose_views(recording: Recording, only: tuple[str, ...], without: tuple[str, ...]) -> tuple[str, ...]:

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from occlog.io.files.parquet import read_provenance
 from occlog.io.files.provenance import Provenance, hash_file
-from occlog.io.recording.reader import open_recording
+from occlog.io.open import open_if_ours
 
 FROM_DETECTIONS = "trackers were born from detections, so that their numbers are not those of targets"
 
 
 def video_provenance(tracks: Path | None) -> Provenance | None:
     """How `occlog track` made a table from video; None for anything else."""
-    if tracks is None or tracks.suffix.lower() != ".parquet":
+    opened = None if tracks is None else open_if_ours(tracks)
+    if opened is None or opened.recording is not None:
         return None
-    made = read_provenance(tracks)
+    made = opened.provenance
     return made if made.command == "track" and "births" in made.parameters else None
 
 
@@ -58,6 +58,11 @@ def other_video(tracks: Path | None, recordings: Iterable[Path | None]) -> list[
     return [
         f"{path}: {tracks} was made from another file ({names}); right only if both are of the same video"
         for path in dict.fromkeys(recordings)
-        if path is not None and path.suffix.lower() == ".mcap"
-        if open_recording(path).cameras and hash_file(path) not in used
+        if path is not None and _has_video(path) and hash_file(path) not in used
     ]
+
+
+def _has_video(path: Path) -> bool:
+    """Whether a file is a recording with images."""
+    opened = open_if_ours(path)
+    return opened is not None and opened.recording is not None and bool(opened.recording.cameras)

@@ -225,7 +225,7 @@ def run_track_views(
         **asdict(stage),
         **asdict(config),
     }
-    earlier = tuple(inputs.losses)
+    earlier = inputs.losses
     made = Provenance("track", parameters, request.seed, hash_inputs(request.paths), earlier)
     summary = ViewsSummary(request.method, inputs)
     with ExitStack() as stack:

@@ -11,10 +11,9 @@ import numpy as np
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.parquet import describe, read_provenance, read_table, schema_name
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.motion_models import Motion, write_motion
-from occlog.io.recording.reader import open_recording
+from occlog.io.open import check_unit, losses_of, open_input
 from occlog.records.tables import Tracks, Truth
 
 from .em import fit_differences, fit_em
@@ -164,39 +163,23 @@ def warnings(fit: Fit, request: FitRequest, paths: list[Path]) -> list[str]:
 def read_paths(request: FitRequest) -> tuple[list[Path], str, tuple[Loss, ...]]:
     """Positions of each object and file, the unit of length, and what had been lost before."""
     paths: list[Path] = []
-    units: dict[str, FilePath] = {}
-    losses: dict[Loss, None] = {}
-    for file in request.positions:
-        table, unit, lost = read_positions(file)
-        units.setdefault(unit, file)
-        losses |= dict.fromkeys(lost)
+    inputs = [open_input(file, Truth, Tracks) for file in request.positions]
+    for opened in inputs:
+        table = opened.read(Truth) if opened.has(Truth) else opened.read(Tracks)
         if request.noise == "covariance" and not isinstance(table, Tracks):
-            raise UsageError(f"{file}: truth has no covariance; give --noise LENGTH, or leave it to be estimated")
+            raise UsageError(
+                f"{opened.path}: truth has no covariance; give --noise LENGTH, or leave it to be estimated"
+            )
         paths += paths_of(table, request.targets)
-    if len(units) > 1:
-        (one, first), (other, second) = list(units.items())[:2]
-        raise InputError(f"{second}: lengths are in {other}, but in {one} in {first}; fit files of one unit")
+    unit = inputs[0].length_unit or "m"
+    for opened in inputs[1:]:
+        check_unit(opened, unit, str(inputs[0].path), InputError)
     found = sum(len(p.t_ns) for p in paths)
     if not found:
         names = ", ".join(str(p) for p in request.positions)
         of = f" of target {', '.join(map(str, request.targets))}" if request.targets else " of a target"
         raise InputError(f"{names}: no positions{of}; choose others with --target")
-    return paths, next(iter(units)), tuple(losses)
-
-
-def read_positions(file: FilePath) -> tuple[Truth | Tracks, str, tuple[Loss, ...]]:
-    """Truth or tracks, their unit of length, and what had been lost."""
-    if file.suffix.lower() == ".mcap":
-        recording = open_recording(file)
-        if not recording.has(Truth):
-            raise InputError(f"{file}: holds no truth; give a recording or a table with truth or tracks")
-        unit = recording.scene.length_unit if recording.scene is not None else "m"
-        return recording.read(Truth), unit, tuple(recording.losses)
-    name = schema_name(file)
-    if name not in (Truth.NAME, Tracks.NAME):
-        raise InputError(f"{file}: holds {name}; a motion model needs truth or tracks")
-    table = read_table(file, Tracks if name == Tracks.NAME else Truth)
-    return table, str(describe(file)["length_unit"]), tuple(read_provenance(file).losses)  # type: ignore[return-value]
+    return paths, unit, losses_of(inputs)
 
 
 def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[Path]:

@@ -1,0 +1,197 @@
+"""Opens an input: a recording or one of our tables, told apart by content.
+
+Every command opens its inputs here.  The first bytes of a file say what it is; its name
+does not matter.  An opened input streams its rows, and carries the scene, the unit of
+lengths and the losses that its rows come with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TypeVar
+
+from occlog.errors import InputError, OcclogError, UsageError
+from occlog.io.files.inputs import check_input
+from occlog.io.files.parquet import iter_table, read_header
+from occlog.io.files.provenance import Provenance
+from occlog.io.recording.guard import MAGIC
+from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.scenes.scene import read_scene
+from occlog.records.columns import Table
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+
+T = TypeVar("T", bound=Table)
+PARQUET_MAGIC = b"PAR1"
+RECORDING_SUFFIX = ".mcap"
+WORDS = {
+    "boxes": "boxes of a detector",
+    "doa": "directions of arrival",
+    "truth_boxes": "true boxes",
+    "view_tracks": "tracks in images",
+}
+"""What tables hold, where their names do not say it."""
+EXPECTED = "a recording or a table"
+REMEDY = "give a recording or a table that has them"
+
+
+class Content(Enum):
+    """What a file is, by its first bytes."""
+
+    RECORDING = "a recording (MCAP)"
+    TABLE = "a table (Parquet)"
+    OTHER = "neither a recording (MCAP) nor a table (Parquet)"
+
+
+def content_of(path: Path, what: str = EXPECTED) -> Content:
+    """What a file is; InputError where no readable file with content is there.
+
+    Args:
+        path: the file; one whose first bytes are damaged is `OTHER`.
+        what: what was expected, for the message.
+    """
+    check_input(path, what)
+    with path.open("rb") as file:
+        head = file.read(len(MAGIC))
+    if head == MAGIC:
+        return Content.RECORDING
+    return Content.TABLE if head.startswith(PARQUET_MAGIC) else Content.OTHER
+
+
+@dataclass(frozen=True)
+class Opened:
+    """An opened input, of which only the header has been read.
+
+    Attributes:
+        path: the file.
+        provenance: how it was made.
+        scene: the scene of a recording; None: it holds none, or the input is a table.
+        length_unit: unit of its lengths; None: a recording without a scene does not say.
+        recording: the recording; None: the input is a table.
+        table: name of the table; empty for a recording.
+    """
+
+    path: Path
+    provenance: Provenance
+    scene: Scene | None
+    length_unit: str | None
+    recording: Recording | None
+    table: str
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """Input that was lost when the file was made."""
+        return self.provenance.losses
+
+    @property
+    def made_in_a_scene(self) -> bool:
+        """Whether the file is a table that was made from other files, so that its unit is that of their scene."""
+        return self.recording is None and bool(self.provenance.inputs)
+
+    def has(self, table: type[Table]) -> bool:
+        """Whether the input holds rows of a table."""
+        return self.table == table.NAME if self.recording is None else self.recording.has(table)
+
+    def rows(self, table: type[T], *, remedy: str = REMEDY) -> Iterator[T]:
+        """Stream the rows of a table in chunks, in the order of time; InputError where the input holds none."""
+        self.require(table, remedy=remedy)
+        return iter_table(self.path, table) if self.recording is None else self.recording.tables(table)
+
+    def read(self, table: type[T]) -> T:
+        """All rows of a table; InputError where the input holds none."""
+        return table.concat(self.rows(table))
+
+    def require(self, *tables: type[Table], remedy: str = REMEDY) -> None:
+        """Raise InputError, which names what is missing and the remedy, unless the input holds one of the tables."""
+        if any(self.has(table) for table in tables):
+            return
+        if self.recording is None:
+            raise InputError(f"{self.path}: holds {self.table}; want {_or([t.NAME for t in tables])}")
+        missing = " and no ".join(WORDS.get(t.NAME, t.NAME) for t in tables)
+        raise InputError(f"{self.path}: holds no {missing}; {remedy}")
+
+
+def _or(names: list[str]) -> str:
+    """The names as `a`, `a or b`, `a, b or c`."""
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def open_input(path: Path, *wants: type[Table], remedy: str = REMEDY) -> Opened:
+    """Open a recording or a table.
+
+    Args:
+        path: the file.
+        wants: tables of which the input must hold at least one; none: any will do.
+        remedy: what to do where a recording holds none of them.
+
+    Raises:
+        InputError: the file is missing or damaged, is of another kind, or holds none of the tables.
+    """
+    path = Path(path)
+    opened = open_if_ours(path)
+    if opened is None:
+        # The reader of the kind that the name says explains what is wrong with the content
+        opened = _recording(path) if names_recording(path) else _table(path)
+    if wants:
+        opened.require(*wants, remedy=remedy)
+    return opened
+
+
+def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
+    """Open a recording or a table; None for a file that is neither, for example a scene or a text.
+
+    InputError, which says what was expected, where no readable file with content is there.
+    """
+    content = content_of(path, what)
+    if content is Content.OTHER:
+        return None
+    return _recording(path) if content is Content.RECORDING else _table(path)
+
+
+def _recording(path: Path) -> Opened:
+    recording = open_recording(path)
+    unit = None if recording.scene is None else recording.scene.length_unit
+    return Opened(path, recording.provenance, recording.scene, unit, recording, "")
+
+
+def _table(path: Path) -> Opened:
+    header = read_header(path)
+    return Opened(path, header.provenance, None, header.length_unit, None, header.table)
+
+
+def scene_in(path: Path) -> Scene | None:
+    """The scene in a YAML file or in a recording; None for a recording without one."""
+    if content_of(path, "a scene file (YAML) or a recording with a scene") is Content.RECORDING:
+        return open_recording(path).scene
+    return read_scene(path)
+
+
+def names_recording(output: Path) -> bool:
+    """Whether the name of an output asks for a recording: the name of an output says its format."""
+    return output.suffix.lower() == RECORDING_SUFFIX
+
+
+def check_unit(
+    opened: Opened, length_unit: str, source: str = "the scene", error: type[OcclogError] = UsageError
+) -> None:
+    """Raise an error for an input whose lengths are in another unit.
+
+    Args:
+        opened: the input; one that does not say its unit passes.
+        length_unit: what it must be.
+        source: what has that unit, for the message.
+        error: what to raise.
+    """
+    if opened.length_unit not in (None, length_unit):
+        raise error(
+            f"{opened.path}: lengths are in {opened.length_unit}, but in {length_unit} in {source}; "
+            "use files of one scene"
+        )
+
+
+def losses_of(inputs: Iterable[Opened | None]) -> tuple[Loss, ...]:
+    """Losses of several inputs, each once, in the order of the inputs; None has none."""
+    return tuple(dict.fromkeys(loss for opened in inputs if opened is not None for loss in opened.losses))
