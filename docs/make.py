@@ -37,8 +37,9 @@ def help_text(command: click.Command, name: str, variant: str | None = None) -> 
 def variant_text(command: VariantCommand, name: str, variant: str) -> str:
     """What a variant takes beside the shared options: the end of its `--help`."""
     text = help_text(command, name, variant)
-    marks = [text.find(f"\n{what} of {command.chosen_by.format(variant)}") for what in ("Options", "Settings")]
-    return text[min((m for m in marks if m >= 0), default=len(text)) :].strip()
+    marks = [text.find(f"\n{what} of {command.called(variant)}") for what in ("Options", "Settings")]
+    own = text[min((m for m in marks if m >= 0), default=len(text)) :]
+    return own.partition(f"\n{command.what.capitalize()}s (")[0].strip()
 
 
 def commands_page() -> str:
@@ -52,7 +53,7 @@ def commands_page() -> str:
         if isinstance(command, VariantCommand):
             for variant in command.variants:
                 text = variant_text(command, f"occlog {name}", variant)
-                parts.append(f"### occlog {name} {command.chosen_by.format(variant)}\n\n```text\n{text}\n```\n")
+                parts.append(f"### occlog {name} {command.called(variant)}\n\n```text\n{text}\n```\n")
         if isinstance(command, click.Group):
             for part, own in command.commands.items():
                 text = help_text(own, f"occlog {name} {part}")

@@ -20,9 +20,10 @@ from occlog.measure.regions.background import foreground
 from occlog.measure.regions.regions import cluster_regions, gather
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera, Scene
-from occlog.simulate.render.people import RenderConfig, render
+from occlog.simulate.config import RenderConfig, WorldConfig
+from occlog.simulate.render.people import render
 from occlog.simulate.render.reference import reference_appearances
-from occlog.simulate.stage import WorldConfig, simulate_truth
+from occlog.simulate.stage import simulate_truth
 
 NAME = "detect"
 SUMMARY = "640x480 video, about 5 % foreground: detection to decode + MOG2 + connected components, per frame and core"

@@ -19,7 +19,8 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.measure.priors.from_views import hull_config, hull_priors
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Hulls, Truth, Views
-from occlog.simulate.stage import simulate_truth, world_config
+from occlog.simulate.config import WorldConfig
+from occlog.simulate.stage import simulate_truth
 
 WIDTH = 0.5
 """Diameter of a person [m]; of two people in nearly the same direction only the nearer one is seen."""
@@ -138,7 +139,7 @@ def _azimuth(people: Floats, camera: Camera) -> Floats:
 def one(cameras: int, people: int, miss: float, seed: int) -> dict[str, float]:
     """Quality of one run."""
     scene = room(cameras)
-    config = replace(world_config("m"), steps=STEPS, targets=0, occluders=people)
+    config = replace(WorldConfig.in_unit("m"), steps=STEPS, targets=0, occluders=people)
     truth = Truth.concat(simulate_truth(scene, config, seed))
     views, frames = measured(truth, scene, np.random.default_rng(seed), miss)
     hulls = Hulls.concat(part.hulls for part in hull_priors([views], scene, hull_config("m"), [frames]))

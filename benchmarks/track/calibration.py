@@ -11,7 +11,7 @@ from benchmarks.track.simulated import follow, nees, record, rmse, room100
 from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.records.scene import Scene
-from occlog.simulate.stage import ObserveConfig, WorldConfig
+from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.track.apf.config import MODES, ApfConfig
 
 NAME = "calibration"

@@ -11,7 +11,7 @@ from benchmarks.track.simulated import Recording, record, room100
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.simulate.stage import ObserveConfig, WorldConfig
+from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
 

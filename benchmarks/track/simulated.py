@@ -15,7 +15,9 @@ from occlog.measure.scans.scan import Scan
 from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.stage import simulate_truth
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
 from occlog.track.interface import Estimate

@@ -13,7 +13,9 @@ from occlog.evaluate.stage import EvaluateConfig, evaluate
 from occlog.io.scenes.scene import read_scene
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Truth
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.stage import simulate_truth
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking

@@ -31,20 +31,33 @@ CHOSEN = "occlog.variant"
 """Key of the chosen variant's name in the metadata of click's context."""
 
 
-def option_of(settings: type[Settings], f: Field[Any]) -> click.Option:
-    """The option of a setting that declares one; its value is None where it is not given."""
-    said = declaration(f)
-    if said.option is None:
-        raise ValueError(f"setting {f.name} declares no option")
-    kind = plain_kind(kind_of(settings, f.name))
-    words = f"{said.help} [default: {default_words(f)}]"
-    return click.Option(
-        [said.option, f.name],
-        type=None if kind is bool else _type_of(settings, f),
-        default=None,
-        metavar=said.metavar,
-        help=words,
-    )
+class SettingOption(click.Option):
+    """The option of a setting that declares one; its value is None where it is not given.
+
+    Args:
+        settings: the class.
+        f: its field.
+        prefix: of the parameter's name, where a command has settings of one name from several classes.
+    """
+
+    def __init__(self, settings: type[Settings], f: Field[Any], prefix: str = "") -> None:
+        said = declaration(f)
+        if said.option is None:
+            raise ValueError(f"setting {f.name} declares no option")
+        self.owner, self.setting = settings.OWNER, f.name
+        kind = plain_kind(kind_of(settings, f.name))
+        super().__init__(
+            [said.option, prefix + f.name],
+            type=None if kind is bool else _type_of(settings, f),
+            is_flag=True if kind is bool else None,
+            default=None,
+            metavar=said.metavar,
+            help=f"{said.help} [default: {default_words(f)}]",
+        )
+
+    def is_of(self, error: SettingError) -> bool:
+        """Whether the error is about this option's setting."""
+        return (self.owner, self.setting) == (error.owner, error.setting)
 
 
 def _type_of(settings: type[Settings], f: Field[Any]) -> click.ParamType[Any]:
@@ -88,7 +101,7 @@ def _value_words(f: Field[Any], value: Any) -> str:
 
 
 def with_options(
-    settings: type[Settings], *, only: Sequence[str] = (), without: Sequence[str] = ()
+    settings: type[Settings], *, only: Sequence[str] = (), without: Sequence[str] = (), prefix: str = ""
 ) -> Callable[[F], F]:
     """Decorator that gives a command the options of the settings that declare one, in the order of declaration.
 
@@ -96,10 +109,11 @@ def with_options(
         settings: the class.
         only: names of settings; empty: all.
         without: names of settings to leave out.
+        prefix: of the parameters' names.
     """
 
     def decorate(command: F) -> F:
-        for option in reversed(options_of(settings, only=only, without=without)):
+        for option in reversed(options_of(settings, only=only, without=without, prefix=prefix)):
             _add(command, option)
         return command
 
@@ -115,20 +129,26 @@ def _add(command: Any, option: click.Option) -> None:
 
 
 def options_of(
-    settings: type[Settings], *, only: Sequence[str] = (), without: Sequence[str] = ()
-) -> list[click.Option]:
+    settings: type[Settings], *, only: Sequence[str] = (), without: Sequence[str] = (), prefix: str = ""
+) -> list[SettingOption]:
     """Options of the settings that declare one, in the order of declaration."""
     return [
-        option_of(settings, f)
+        SettingOption(settings, f, prefix)
         for f in declared(settings)
         if declaration(f).option is not None and (not only or f.name in only) and f.name not in without
     ]
 
 
-def given(settings: type[Settings], values: Mapping[str, Any]) -> dict[str, Any]:
+def given(settings: type[Settings], values: Mapping[str, Any], *, prefix: str = "") -> dict[str, Any]:
     """Those values of a command's options that are settings of this class and were given."""
     names = [f.name for f in declared(settings) if declaration(f).option is not None]
-    return {name: values[name] for name in names if values.get(name) is not None}
+    return {name: values[prefix + name] for name in names if values.get(prefix + name) is not None}
+
+
+def flag_of(settings: type[Settings], name: str) -> str:
+    """How the option of a setting is typed: `--shadows/--no-shadows`."""
+    option = next(declaration(f).option for f in declared(settings) if f.name == name)
+    return option or f"--set {name}="
 
 
 def settings_table(settings: type[Settings], *, without: Sequence[str] = ()) -> list[tuple[str, str]]:
@@ -158,11 +178,13 @@ class Variant:
         summary: one line.
         params: makes its options; called when the variant is chosen.
         settings: make the classes whose settings without an option are listed in --help.
+        called: how it is chosen, if not as the command's other variants are.
     """
 
     summary: str
     params: Callable[[], Sequence[click.Parameter]]
     settings: tuple[Callable[[], type[Settings]], ...] = ()
+    called: str | None = None
 
 
 class SettingsCommand(click.Command):
@@ -192,13 +214,11 @@ class SettingsCommand(click.Command):
     def worded(self, ctx: click.Context, error: SettingError) -> str:
         """The error with the flag that the user typed, or with the setting's name."""
         for param in self.get_params(ctx):
-            if (
-                param.name == error.setting
-                and isinstance(param, click.Option)
-                and ctx.params.get(param.name) is not None
-            ):
-                flag = max(param.opts, key=len)
-                return f"{flag} {error.value}: must be {error.limit}"
+            about = param.is_of(error) if isinstance(param, SettingOption) else param.name == error.setting
+            typed = ctx.params.get(param.name or "")
+            if about and typed is not None and isinstance(param, click.Option):
+                words = f"{typed:g}" if isinstance(typed, float) else typed
+                return f"{max(param.opts, key=len)} {words}: must be {error.limit}"
         return str(error)
 
 
@@ -209,6 +229,7 @@ class VariantCommand(SettingsCommand):
         variants: by name.
         choose: the variant that arguments choose; None: they choose none.
         default: the variant where none is chosen.
+        shows_default: --help without a choice shows what that one takes too.
         what: how a variant is called, for example `method`.
         chosen_by: how a variant is chosen, with {} for its name, for example `--method {}`.
     """
@@ -219,12 +240,14 @@ class VariantCommand(SettingsCommand):
         variants: Mapping[str, Variant],
         choose: Callable[[Sequence[str]], str | None],
         default: str,
+        shows_default: bool = False,
         what: str,
         chosen_by: str,
         **kwargs: Any,
     ) -> None:
         super().__init__(*args, **kwargs)
         self.variants, self.choose, self.default = variants, choose, default
+        self.shows_default = shows_default
         self.what, self.chosen_by = what, chosen_by
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
@@ -248,7 +271,7 @@ class VariantCommand(SettingsCommand):
             near = difflib.get_close_matches(name, self.variants, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(self.variants)}"
             raise click.UsageError(f"no {self.what} {name!r}; {hint}", ctx)
-        if name is None and not any(a in ctx.help_option_names for a in args):
+        if name is None and (self.shows_default or not any(a in ctx.help_option_names for a in args)):
             name = self.default
         if name is not None:
             ctx.meta[CHOSEN] = name
@@ -266,32 +289,43 @@ class VariantCommand(SettingsCommand):
         ]
         if not owners:
             return error.format_message()
-        return f"{error.option_name} is an option of {self._named(owners)}, not of {self.chosen_by.format(name)}"
+        return f"{error.option_name} is an option of {self._named(owners)}, not of {self.called(name)}"
+
+    def called(self, name: str) -> str:
+        """How a variant is chosen: `--method apf`."""
+        own = self.variants[name].called
+        return self.chosen_by.format(name) if own is None else own
 
     def _named(self, names: Sequence[str]) -> str:
         """Variants as they are chosen: `--method apf, imm`."""
-        return self.chosen_by.format(", ".join(names))
+        alike = [n for n in names if self.variants[n].called is None]
+        own = [self.called(n) for n in names if n not in alike]
+        return ", ".join([*own, *([self.chosen_by.format(", ".join(alike))] if alike else [])])
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The shared options; then the variant's options and settings, or one line for each variant."""
+        """The shared options; the variant's options and settings; one line for each other variant."""
         name = ctx.meta.get(CHOSEN)
         own_names = {p.name for p in (self.variants[name].params() if name else ())}
         shared = help_rows(ctx, [p for p in self.get_params(ctx) if p.name not in own_names])
         with formatter.section("Options"):
             formatter.write_dl(shared)
-        if name is None:
+        if name is not None:
+            self._format_own(ctx, formatter, name)
+        if name is None or (self.shows_default and name == self.default):
             with formatter.section(
                 f"{self.what.capitalize()}s ({self.chosen_by.format('NAME')} --help tells what each takes)"
             ):
-                formatter.write_dl([(n, v.summary) for n, v in self.variants.items()])
-            return
+                formatter.write_dl([(v.called or n, v.summary) for n, v in self.variants.items()])
+
+    def _format_own(self, ctx: click.Context, formatter: click.HelpFormatter, name: str) -> None:
+        """What one variant takes."""
         chosen = self.variants[name]
         rows = help_rows(ctx, chosen.params())
         if rows:
-            with formatter.section(f"Options of {self.chosen_by.format(name)}"):
+            with formatter.section(f"Options of {self.called(name)}"):
                 formatter.write_dl(rows)
         for settings in chosen.settings:
-            write_settings(formatter, f"Settings of {self.chosen_by.format(name)} (--set NAME=VALUE)", settings())
+            write_settings(formatter, f"Settings of {self.called(name)} (--set NAME=VALUE)", settings())
 
 
 def help_rows(ctx: click.Context, params: Sequence[click.Parameter]) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""What `occlog simulate` does: options to configurations, and a scene to a recording, chunk by chunk."""
+"""The work of `occlog simulate` but for balls: options to settings, and a scene to a recording, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -8,154 +8,173 @@ import math
 import os
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from occlog.array_types import Floats
 from occlog.cli import options
+from occlog.cli.setting_options import flag_of
 from occlog.core.numerics.time_grid import Grid
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.recording.writer import RecordingWriter
+from occlog.io.scenes.paths import read_paths
 from occlog.records.scene import Scene
 from occlog.records.scripts import Script
 from occlog.records.tables import Truth
-from occlog.simulate.render.people import RenderConfig
+from occlog.settings import SettingError, configure
 from occlog.simulate.render.reference import reference_appearances
+from occlog.simulate.sensors.arrays import observe_arrays
+from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.world.people_room import CLEARANCE, people_apart, people_room
+from occlog.simulate.world.scripted_paths import check_inside, grid_truth, silences, simulate_paths
 from occlog.simulate.world.truth_grid import truth_grid
 
-from .stage import (
-    ObserveConfig,
-    SoundConfig,
-    WorldConfig,
-    check_inside,
-    grid_truth,
-    observe,
-    observe_arrays,
-    silences,
-    simulate_paths,
-    simulate_truth,
-    world_config,
-)
-from .video import RENDER_ONLY, Setup, film
-
-WALKERS_ONLY = ("targets", "occluders", "speed", "sigma", "redirect", "clearance")
-"""Options that mean nothing with --paths."""
-
-
-def scripted_world(scene: Scene, given: Mapping[str, Any], script: Script) -> WorldConfig:
-    """Number and times of the steps, and sizes; options go before the file, and that before the defaults.
-
-    Args:
-        scene: its unit decides on the defaults and must be that of the file.
-        given: values of the options that were given.
-        script: what the file says.
-
-    Returns:
-        The configuration; UsageError or InputError for what does not go together.
-    """
-    for name in WALKERS_ONLY:
-        if name in given:
-            raise UsageError(f"--{name} is about random walkers; leave it out with --paths")
-    if script.length_unit not in (None, scene.length_unit):
-        raise InputError(f"--paths: its length unit is {script.length_unit}, the scene's {scene.length_unit}; make one")
-    if "seconds" in given and "steps" in given:
-        raise UsageError("--seconds and --steps both say how long the recording is; give one")
-    roles = [t.role for t in script.targets]
-    world = replace(
-        world_config(scene.length_unit),
-        targets=roles.count("target"),
-        occluders=roles.count("occluder"),
-        z=given.get("z", math.nan),
-    )
-    if "diameter" in given:
-        world = replace(world, diameter=given["diameter"])
-    rate_hz = given.get("rate_hz", script.rate_hz)
-    if rate_hz is not None:
-        world = replace(world, step_s=1.0 / rate_hz)
-    seconds = given.get("seconds", script.seconds)
-    if "steps" in given:
-        return replace(world, steps=given["steps"])
-    return world if seconds is None else replace(world, steps=round(seconds / world.step_s) + 1)
-
-
-ARRAYS_ONLY = ("silence", "false_doa", "label_doa")
-
-
-def sound_config(scene: Scene, given: Mapping[str, Any], step_s: float, heights: bool) -> SoundConfig:
-    """Configuration from the options that were given; UsageError where they do not fit.
-
-    Args:
-        scene: must have arrays if any of the options is given.
-        given: their values.
-        step_s: time between two steps [s].
-        heights: whether targets have known heights.
-    """
-    for name in ARRAYS_ONLY:
-        if name in given and not scene.arrays:
-            raise UsageError(f"--{name.replace('_', '-')} is about microphone arrays, but the scene has none")
-    silence = _means(given["silence"]) if "silence" in given else None
-    label = bool(given.get("label_doa"))
-    return SoundConfig(silence, float(given.get("false_doa", 0.0)), label, step_s, heights)
-
-
-def _means(text: str) -> tuple[float, float]:
-    try:
-        sounding, silent = (float(part) for part in text.split(","))
-    except ValueError:
-        raise UsageError(f"--silence: want SOUND_S,SILENT_S, two numbers of seconds, got {text!r}") from None
-    if not all(math.isfinite(mean) and mean > 0 for mean in (sounding, silent)):
-        raise UsageError(f"--silence: both mean times must be above 0 s, got {text!r}")
-    return sounding, silent
-
+from .config import ObserveConfig, PeopleConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
+from .stage import simulate_truth
+from .video import Setup, film
 
 APPEARANCE = "appearance.json"
+"""Attachment of a recording: what the targets look like."""
 
 
-def make_setup(
-    scene: Scene, values: Mapping[str, Any], fps: float | None, workers: int | None, script: Script | None = None
-) -> Setup:
-    """Configurations from the values of the options; None stands for an option that was not given."""
-    given = {k: v for k, v in values.items() if v is not None}
-    if fps is not None:
-        scene = replace(scene, cameras=tuple(replace(c, rate_hz=fps) for c in scene.cameras))
-    rendering = bool(given.get("render"))
-    if not rendering:
-        for name in RENDER_ONLY:
-            if name in given:
-                raise UsageError(f"--{name.replace('_', '-')} is about video; add --render")
-    world = _world(scene, given, rendering) if script is None else scripted_world(scene, given, script)
-    observing = bool(given.get("bearings", not rendering))
-    watch = replace(ObserveConfig(diameter=world.diameter), **_of(ObserveConfig, given)) if observing else None
-    video = _render(world, given, workers) if rendering else None
-    heights = world.z == world.z or (script is not None and script.heights)
-    sound = sound_config(scene, given, world.step_s, heights)
-    return Setup(scene, world, watch, video, given.get("store", "png"), sound, script)
+@dataclass(frozen=True)
+class Request:
+    """What is asked for; of settings those that were given.
+
+    Attributes:
+        scene: the file; None: people in a room of their own.
+        paths: file of scripted targets; None: random walkers.
+        world: fields of `WorldConfig`.
+        seconds: length of the recording, in the place of steps; None: not given.
+        rate_hz: steps a second; None: as in the file of paths, or as people move.
+        bearings: whether cameras measure bearings; None: unless there is video.
+        observe: fields of `ObserveConfig`.
+        sound: fields of `SoundConfig`.
+        video: whether video is rendered.
+        render: fields of `RenderConfig`.
+        store: fields of `StoreConfig`.
+        fps: frames a second of every camera; None: the scene's.
+        workers: threads; None: one a processor.
+    """
+
+    scene: Path | None = None
+    paths: Path | None = None
+    world: Mapping[str, object] = field(default_factory=dict)
+    seconds: float | None = None
+    rate_hz: float | None = None
+    bearings: bool | None = None
+    observe: Mapping[str, object] = field(default_factory=dict)
+    sound: Mapping[str, object] = field(default_factory=dict)
+    video: bool = False
+    render: Mapping[str, object] = field(default_factory=dict)
+    store: Mapping[str, object] = field(default_factory=dict)
+    fps: float | None = None
+    workers: int | None = None
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Files that are read."""
+        return [path for path in (self.scene, self.paths) if path is not None]
 
 
-def _of(kind: type[Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    return {f.name: given[f.name] for f in fields(kind) if f.name in given}
+def scene_setup(request: Request) -> Setup:
+    """Everything that decides on the recording of a scene from a file."""
+    assert request.scene is not None  # the command asks for it
+    scene = options.load_scene(request.scene, None, request.scene)
+    return make_setup(scene, request, None if request.paths is None else read_paths(request.paths))
 
 
-def _world(scene: Scene, given: Mapping[str, Any], rendering: bool) -> WorldConfig:
-    world = replace(world_config(scene.length_unit), **_of(WorldConfig, given))
-    if "rate_hz" in given:
-        world = replace(world, step_s=1.0 / given["rate_hz"])
-    if "seconds" in given:
-        if "steps" in given:
-            raise UsageError("--seconds and --steps both say how long the recording is; give one")
-        world = replace(world, steps=round(given["seconds"] / world.step_s) + 1)
-    if rendering and "clearance" not in given:
+def make_setup(scene: Scene, request: Request, script: Script | None = None) -> Setup:
+    """The request's settings with the defaults that suit the scene; UsageError for what does not go together.
+
+    Args:
+        scene: its unit of length decides on the defaults.
+        request: the settings that were given.
+        script: paths of targets; None: random walkers.
+    """
+    if request.fps is not None:
+        scene = replace(scene, cameras=tuple(replace(c, rate_hz=request.fps) for c in scene.cameras))
+    _check_request(scene, request)
+    world = _walkers(scene, request) if script is None else _scripted(scene, request, script)
+    observing = not request.video if request.bearings is None else request.bearings
+    watch = configure(ObserveConfig(diameter=world.diameter), request.observe) if observing else None
+    workers = request.workers or os.cpu_count() or 1
+    look = configure(RenderConfig(diameter=world.diameter, workers=workers), request.render)
+    heights = world.z is not None or (script is not None and script.heights)
+    return Setup(
+        scene=scene,
+        world=world,
+        observe=watch,
+        render=look if request.video else None,
+        store=configure(StoreConfig(), request.store),
+        sound=configure(SoundConfig(step_s=world.step_s, heights=heights), request.sound),
+        script=script,
+    )
+
+
+def _check_request(scene: Scene, request: Request) -> None:
+    """UsageError for settings that say nothing about this scene, or that say one thing twice."""
+    of_video = [flag_of(RenderConfig, name) for name in request.render]
+    of_video += [flag_of(StoreConfig, name) for name in request.store]
+    if of_video and not request.video:
+        raise UsageError(f"{of_video[0]} is about video; add --render")
+    if request.sound and not scene.arrays:
+        flag = flag_of(SoundConfig, next(iter(request.sound)))
+        raise UsageError(f"{flag} is about microphone arrays, but the scene has none")
+    if request.seconds is not None and "steps" in request.world:
+        raise UsageError("--seconds and --steps both say how long the recording is; give one")
+
+
+def _walkers(scene: Scene, request: Request) -> WorldConfig:
+    """Settings of objects that walk at random; in video nobody walks into a wall."""
+    defaults = WorldConfig.in_unit(scene.length_unit)
+    world = configure(defaults, {**_times(defaults, request.rate_hz, request.seconds), **request.world})
+    if request.video and "clearance" not in request.world:
         world = replace(world, clearance=max(world.clearance, 0.5 * world.diameter))
     return world
 
 
-def _render(world: WorldConfig, given: Mapping[str, Any], workers: int | None) -> RenderConfig:
-    names = {"image_noise": "noise", "light_period": "light_period_s"}
-    values = {names.get(n, n): given[n] for n in RENDER_ONLY if n in given and n != "store"}
-    return RenderConfig(diameter=world.diameter, workers=workers or os.cpu_count() or 1, **values)
+def _scripted(scene: Scene, request: Request, script: Script) -> WorldConfig:
+    """Number and times of the steps, and sizes; options go before the file of paths, and that before the defaults."""
+    if script.length_unit not in (None, scene.length_unit):
+        raise InputError(f"--paths: its length unit is {script.length_unit}, the scene's {scene.length_unit}; make one")
+    defaults = replace(WorldConfig.in_unit(scene.length_unit), z=None)
+    rate_hz = script.rate_hz if request.rate_hz is None else request.rate_hz
+    seconds = script.seconds if request.seconds is None else request.seconds
+    roles = [t.role for t in script.targets]
+    numbers = {"targets": roles.count("target"), "occluders": roles.count("occluder")}
+    try:
+        return configure(defaults, {**numbers, **_times(defaults, rate_hz, seconds), **request.world})
+    except SettingError as error:
+        if error.setting == "step_s" and request.rate_hz is None:
+            raise InputError(f"{request.paths}: rate_hz is {rate_hz:g}; {error}") from error
+        raise
+
+
+def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) -> dict[str, object]:
+    """Step and number of steps, where they are not the defaults."""
+    step_s = defaults.step_s if rate_hz is None else 1.0 / rate_hz
+    steps = {} if seconds is None else {"steps": round(seconds / step_s) + 1}
+    return {"step_s": step_s, **steps}
+
+
+def people_setup(given: Mapping[str, object], request: Request) -> Setup:
+    """Everything that decides on the video of people who look alike.
+
+    Args:
+        given: fields of `PeopleConfig`.
+        request: video, and settings of the walk and of the video; without `fps` there are 25 frames a second.
+    """
+    people = configure(PeopleConfig(), given)
+    rate_hz = request.fps or 25.0
+    world = {"targets": people.people, "steps": people.frames, "clearance": CLEARANCE, **request.world}
+    look = {**request.render, "alike": True, "min_visible": 0.0}
+    room = people_room(people.views, (people.width, people.height), rate_hz)
+    setup = make_setup(room, replace(request, world=world, rate_hz=rate_hz, render=look, fps=None))
+    return replace(setup, apart=people.start_apart)
 
 
 def run_simulate(
@@ -163,10 +182,9 @@ def run_simulate(
 ) -> dict[str, Any]:
     """Write the recording; what it holds."""
     made = Provenance("simulate", _parameters(setup), seed, hash_inputs(inputs))
-    if setup.apart:
-        setup = replace(setup, start=people_apart(setup.scene, setup.world.targets, seed))
+    start = _places_apart(setup, seed) if setup.apart else None
     if setup.render is not None and setup.script is not None:
-        for chunk in _truth(setup, seed):
+        for chunk in _truth(setup, seed, start):
             check_inside(setup.scene, truth_grid(chunk), setup.world.start_ns)
     counts: Counter[str] = Counter()
     with (
@@ -176,7 +194,7 @@ def run_simulate(
         if setup.render is not None:
             looks = reference_appearances(setup.scene, _targets(setup), setup.render, seed)
             writer.attach(APPEARANCE, "application/json", json.dumps(looks).encode())
-        chunks = _recorded(writer, setup, seed, counts)
+        chunks = _recorded(writer, setup, seed, start, counts)
         if setup.render is None:
             deque(options.progress(chunks, "simulate", quiet=quiet), maxlen=0)
         else:
@@ -185,15 +203,14 @@ def run_simulate(
 
 
 def _parameters(setup: Setup) -> dict[str, Any]:
-    """Every value that changes the result; NaN as null."""
+    """Every value that changes the result."""
     parts = {"world": setup.world, "observe": setup.observe, "render": setup.render}
     values: dict[str, Any] = {}
     for name, part in parts.items():
-        values[name] = None if part is None else {k: None if v != v else v for k, v in asdict(part).items()}
+        values[name] = None if part is None else asdict(part)
     if values["render"] is not None:
         del values["render"]["workers"]
-        values["store"] = setup.store
-        values |= {"grey": setup.grey, "start_apart": setup.apart}
+        values |= {"store": setup.store.store, "grey": setup.store.grey, "start_apart": setup.apart}
     if setup.sound != SoundConfig(step_s=setup.sound.step_s, heights=setup.sound.heights):
         values["sound"] = asdict(setup.sound)
     if setup.script is not None:
@@ -209,16 +226,28 @@ def _targets(setup: Setup) -> list[int]:
     return [t.id for t in setup.script.targets if t.role == "target"]
 
 
-def _truth(setup: Setup, seed: int) -> Iterator[Truth | Grid]:
+def _places_apart(setup: Setup, seed: int) -> Floats:
+    """First places at which nobody hides another; UsageError where there are none."""
+    try:
+        return people_apart(setup.scene, setup.world.targets, seed)
+    except InputError as error:
+        raise UsageError(f"{error} (--overlap)") from None
+
+
+def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Grid]:
+    """Chunks of true paths: random walks from the places (n, 2) at first (None: random ones), or the script's."""
     world, script = setup.world, setup.script
     if script is None:
-        return simulate_truth(setup.scene, world, seed, setup.start)
-    return simulate_paths(script, world.steps, world.step_s, world.z, world.start_ns, seed)
+        return simulate_truth(setup.scene, world, seed, start)
+    z = math.nan if world.z is None else world.z
+    return simulate_paths(script, world.steps, world.step_s, z, world.start_ns, seed)
 
 
-def _recorded(writer: RecordingWriter, setup: Setup, seed: int, counts: Counter[str]) -> Iterator[Truth | Grid]:
+def _recorded(
+    writer: RecordingWriter, setup: Setup, seed: int, start: Floats | None, counts: Counter[str]
+) -> Iterator[Truth | Grid]:
     """The chunks of truth, each written, with what the sensors say of it, when it is passed on."""
-    truth, seen, heard = itertools.tee(_truth(setup, seed), 3)
+    truth, seen, heard = itertools.tee(_truth(setup, seed, start), 3)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
     silent = silences(setup.script, setup.world.start_ns) if setup.script is not None else {}
     sounds = observe_arrays(setup.scene, heard, setup.observe or ObserveConfig(), seed, setup.sound, silent)
@@ -257,29 +286,3 @@ def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dic
     if setup.render is not None:
         summary |= {n: counts[n] for n in ("frames", "boxes", "video_bytes")}
     return summary
-
-
-def people_setup(given: Mapping[str, Any], fps: float | None, workers: int | None) -> Setup:
-    """The configuration from the options that were given.
-
-    Args:
-        given: values of the options that were given.
-        fps: frames a second; None: 25.
-        workers: threads; None: one a processor.
-    """
-    views, size, rate = given.get("views", 3), given.get("size", (640, 480)), fps or 25.0
-    if min(size) < 64:
-        raise UsageError(f"--size: people need images of 64 px or more a side, got {size[0]}x{size[1]}")
-    own = {"frames", "views", "size", "people", "grey", "overlap"}
-    values = {
-        "render": True,
-        "targets": given.get("people", 4),
-        "steps": given.get("frames", 400),
-        "rate_hz": rate,
-        "clearance": CLEARANCE,
-        **{k: v for k, v in given.items() if k not in own},
-    }
-    setup = make_setup(people_room(views, size, rate), values, None, workers)
-    assert setup.render is not None  # it was asked for
-    video = replace(setup.render, alike=True, min_visible=0.0)
-    return replace(setup, render=video, grey=bool(given.get("grey")), apart=not given.get("overlap"))

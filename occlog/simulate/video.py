@@ -9,7 +9,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from occlog.array_types import Floats
 from occlog.cli import options
 from occlog.core.numerics.time_grid import Grid
 from occlog.io.frames.codec import encode_image
@@ -19,42 +18,39 @@ from occlog.records.scene import Camera, Scene
 from occlog.records.scripts import Script
 from occlog.records.tables import Truth
 from occlog.simulate.render.light import grey
-from occlog.simulate.render.people import RenderConfig, Rendered, render
+from occlog.simulate.render.people import Rendered, render
 
-from .stage import ObserveConfig, SoundConfig, WorldConfig
-
-RENDER_ONLY = (
-    "store",
-    "image_noise",
-    "colour_noise",
-    "texture",
-    "light_drift",
-    "light_period",
-    "shadows",
-    "lookalike",
-)
-"""Options that mean nothing without --render."""
+from .config import ObserveConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Everything that decides on the recording, but for the seed."""
+    """Everything that decides on the recording, but for the seed.
+
+    Attributes:
+        scene: room, occluders and sensors.
+        world: how many objects move, and how.
+        observe: how cameras measure; None: no simulated bearings.
+        render: how the video looks; None: no video.
+        store: how the video is kept.
+        sound: what sources do and arrays hear.
+        script: paths of targets; None: random walkers.
+        apart: nobody hides another in the first frame.
+    """
 
     scene: Scene
     world: WorldConfig
-    observe: ObserveConfig | None  # None: no simulated bearings
-    render: RenderConfig | None  # None: no video
-    store: str = "png"  # or "ffv1"
-    sound: SoundConfig = SoundConfig()
-    script: Script | None = None  # None: random walkers
-    grey: bool = False  # video without colours
-    apart: bool = False  # nobody hides another in the first frame
-    start: Floats | None = None  # (n, 2) first places; None: random, or not drawn yet
+    observe: ObserveConfig | None
+    render: RenderConfig | None
+    store: StoreConfig
+    sound: SoundConfig
+    script: Script | None = None
+    apart: bool = False
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:
     """The video file of each camera, beside the recording; none where images go into it."""
-    if setup.render is None or setup.store != "ffv1":
+    if setup.render is None or setup.store.store != "ffv1":
         return {}
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras if c.placed}
 
@@ -74,10 +70,10 @@ def film(
     if setup.render is None:
         return
     drawn = render(setup.scene, chunks, setup.render, seed)
-    if setup.grey:
+    if setup.store.grey:
         drawn = (replace(frame, image=grey(frame.image)) for frame in drawn)
     frames = options.progress(drawn, "render", _frames_in_all(setup), quiet=quiet)
-    if setup.store == "png":
+    if setup.store.store == "png":
         for frame, data in _compressed(frames, setup.render.workers):
             writer.image(frame.sensor, frame.t_ns, frame.index, data, "png")
             _count(writer, frame, counts)

@@ -11,7 +11,9 @@ from evaluate_scenes import box, camera, scene, tracks
 from occlog.evaluate.stage import EvaluateConfig, evaluate
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.stage import simulate_truth
 
 NOISE = {"sigma_position": 0.1, "sigma_yaw": 0.01, "sigma_read_px": 1.5}
 PLACE = scene(

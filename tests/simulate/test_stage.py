@@ -8,7 +8,8 @@ from scipy.spatial.distance import pdist
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
 from occlog.records.tables import Truth
-from occlog.simulate.stage import START_NS, WorldConfig, simulate_truth, world_config
+from occlog.simulate.config import START_NS, WorldConfig
+from occlog.simulate.stage import motion_in_a_step, simulate_truth
 
 ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 SCENE = Scene(
@@ -66,22 +67,22 @@ def test_speed_and_noise_keep_their_meaning_when_the_step_changes():
         n = along.size
         assert abs(along.mean() - 4.0) < 4 * 0.66 / np.sqrt(n)
         assert abs(across.std() - 0.66) < 4 * 0.66 / np.sqrt(2 * n) + 0.66 / 20  # the heading itself is estimated
-        chance = config.motion.redirect
+        chance = motion_in_a_step(config).redirect
         assert chance == 0.0
 
 
 def test_redirect_is_per_second():
-    assert WorldConfig(step_s=1.0).motion.redirect == pytest.approx(0.095)
-    assert (1 - WorldConfig(step_s=0.1).motion.redirect) ** 10 == pytest.approx(1 - 0.095)
-    assert WorldConfig(redirect=1.0).motion.redirect == 1.0
+    assert motion_in_a_step(WorldConfig(step_s=1.0)).redirect == pytest.approx(0.095)
+    assert (1 - motion_in_a_step(WorldConfig(step_s=0.1)).redirect) ** 10 == pytest.approx(1 - 0.095)
+    assert motion_in_a_step(WorldConfig(redirect=1.0)).redirect == 1.0
 
 
 def test_people_have_the_same_size_in_metres_and_feet():
-    metres, feet = world_config("m"), world_config("ft")
+    metres, feet = WorldConfig.in_unit("m"), WorldConfig.in_unit("ft")
     assert feet.diameter * 0.3048 == pytest.approx(metres.diameter)
     assert feet.speed * 0.3048 == pytest.approx(metres.speed)
     assert feet.step_s == metres.step_s
-    assert world_config("unit") == WorldConfig()
+    assert WorldConfig.in_unit("unit") == WorldConfig()
 
 
 @pytest.mark.parametrize(
@@ -89,15 +90,19 @@ def test_people_have_the_same_size_in_metres_and_feet():
     [
         ({"steps": 0}, "steps is 0, must be at least 1"),
         ({"speed": 0.0}, "speed is 0.0, must be above 0"),
-        ({"redirect": 1.5}, r"redirect is 1.5, must be in \[0, 1\]"),
-        ({"sigma": float("nan")}, "sigma is nan, must be a finite number"),
+        ({"redirect": 1.5}, "redirect is 1.5, must be at least 0 and at most 1"),
+        ({"sigma": float("nan")}, "sigma is nan, must be finite and at least 0"),
         ({"targets": -1}, "targets is -1, must be at least 0"),
-        ({"targets": 0}, "targets and occluders are both 0"),
     ],
 )
 def test_impossible_values_are_told(values, says):
     with pytest.raises(InputError, match=says):
         WorldConfig(**values)
+
+
+def test_a_world_without_objects_is_told():
+    with pytest.raises(InputError, match="targets and occluders are both 0; give at least one object"):
+        truth(WorldConfig(targets=0))
 
 
 @pytest.mark.jit

@@ -23,7 +23,8 @@ from occlog.papers.verdicts.model import Size, Spec
 from occlog.pipeline.sweep.trial import rmse_of_priors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Tracks, Truth
-from occlog.simulate.stage import WorldConfig, simulate_truth, world_config
+from occlog.simulate.config import WorldConfig
+from occlog.simulate.stage import simulate_truth
 from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.selection_config import SelectConfig, read_selection
 from occlog.track.drivers.stage import track
@@ -79,7 +80,7 @@ def occluders_of(recorded: Recorded, seed: int) -> Truth:
     # Steps of equal length, close to the median: people of a recording of constant rate have the times of its frames.
     steps = max(1, round(span / float(np.median(np.diff(t_ns)))))
     config: WorldConfig = replace(
-        world_config("m"),
+        WorldConfig.in_unit("m"),
         steps=steps + 1,
         step_s=span / steps * 1e-9,
         targets=0,

@@ -22,7 +22,9 @@ from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, 
 from occlog.papers.verdicts.trials import KNOWN, NONE
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.stage import simulate_truth
 from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.filter import FINE, occlusion_of
 from occlog.track.apf.sensing import pack_detection, pack_noise, pack_scan, pack_sensors, read_noise

@@ -17,7 +17,7 @@ from occlog.core.metrics.frames import Objects
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry
-from occlog.simulate.balls.motion import BallsConfig
+from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame, render_balls
 from occlog.track.images.interface import START, AnyVisual, Birth, Outlines
 from occlog.track.images.methods.config import MipfConfig

@@ -22,7 +22,7 @@ from occlog.core.metrics.idf1 import identity
 from occlog.errors import InputError
 from occlog.papers.verdicts.model import Spec
 from occlog.settings import configure
-from occlog.simulate.balls.motion import BallsConfig
+from occlog.simulate.balls.config import BallsConfig
 from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.interface import LEFT, LOST, MODES, AnyVisual
 
@@ -121,9 +121,9 @@ def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, An
     settings = configure(visual.config(), dict(own.get("set", {})), str(own["method"]))
     told = own.get("fundamental", "true")
     kind, amount = (told, 0.0) if isinstance(told, str) else told
-    use = int(own.get("use", len(config.views)))
-    if not 1 <= use <= len(config.views):
-        raise InputError(f"trial: use is {use}, must be 1 to {len(config.views)}, the number of views")
+    use = int(own.get("use", config.views))
+    if not 1 <= use <= config.views:
+        raise InputError(f"trial: use is {use}, must be 1 to {config.views}, the number of views")
     wrong = tuple(own.get("wrong", ()))
     births = births_of(first_frame(config, int(spec["seed"])), use, wrong if len(wrong) == 3 else None)
     seed = own.get("track_seed", spec.get("track_seed", spec["seed"]))

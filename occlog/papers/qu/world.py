@@ -17,7 +17,8 @@ from occlog.errors import InputError
 from occlog.measure.epipolar.of_scene import fundamental_of_cameras
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.settings import configure
-from occlog.simulate.balls.motion import VIEWS, BallsConfig, ball_cameras
+from occlog.simulate.balls.config import BallsConfig
+from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
 from occlog.track.images.interface import Birth, FrameSet
 
@@ -28,15 +29,8 @@ WRONG = ("true", "none", "shift", "turn", "swap")
 
 
 def balls_config(values: Mapping[str, Any]) -> BallsConfig:
-    """Make the video's settings from fields of `BallsConfig`; `views` may be a number.  InputError for others."""
-    own = dict(values)
-    views = own.pop("views", 2)
-    if isinstance(views, int):
-        if not 1 <= views <= len(VIEWS):
-            raise InputError(f"balls: {views} views, must be 1 to {len(VIEWS)}")
-        views = VIEWS[:views]
-    own["views"] = tuple((float(yaw), float(pitch)) for yaw, pitch in views)
-    return configure(BallsConfig(), own, "balls")
+    """Make the video's settings from fields of `BallsConfig`; InputError or UsageError for others."""
+    return configure(BallsConfig(), values)
 
 
 def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float = 0.0) -> Geometry:

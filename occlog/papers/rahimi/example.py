@@ -17,7 +17,8 @@ from occlog.core.sight.camera import u_to_azimuth
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.simulate.stage import ObserveConfig, observe
+from occlog.simulate.config import ObserveConfig
+from occlog.simulate.sensors.cameras import observe
 from occlog.track.map.fit_motion.em import fit_em
 from occlog.track.map.fit_motion.parameters import Shape
 from occlog.track.map.fit_motion.steps import Path

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.settings import configure
-from occlog.simulate.stage import WorldConfig, simulate_truth, world_config
+from occlog.simulate.config import WorldConfig
+from occlog.simulate.stage import simulate_truth
 
 from .model import EXTRAS, Execute, Row, Size, Spec, Table, Verdict
 from .verdicts import find, number
@@ -79,7 +80,7 @@ def worst_case(scene_text: str, simulate: Mapping[str, Any], size: Size) -> Row:
     """
     scene = scene_from_yaml(scene_text, "scene")
     few = {**simulate, "steps": size.steps, "occluders": 0}
-    config: WorldConfig = configure(world_config(scene.length_unit), few, "simulate")
+    config: WorldConfig = configure(WorldConfig.in_unit(scene.length_unit), few)
     middle = 0.5 * (scene.region.min(axis=0) + scene.region.max(axis=0))
     values = []
     for run in range(size.runs):

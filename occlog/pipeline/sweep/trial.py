@@ -24,7 +24,9 @@ from occlog.measure.scans.scans import choose_sensors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks, Truth
 from occlog.settings import configure
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth, world_config
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.stage import simulate_truth
 from occlog.track.apf.selection_config import read_selection
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.messages import Messages
@@ -111,8 +113,8 @@ def _frozen(values: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
 @functools.lru_cache(maxsize=WORLDS)
 def _world(text: str, simulate: tuple[tuple[str, Any], ...], measured: tuple[tuple[str, Any], ...], seed: int) -> World:
     scene = _scene(text)
-    config: WorldConfig = configure(world_config(scene.length_unit), dict(simulate), "simulate")
-    looks: ObserveConfig = configure(ObserveConfig(diameter=config.diameter), dict(measured), "observe")
+    config: WorldConfig = configure(WorldConfig.in_unit(scene.length_unit), dict(simulate))
+    looks: ObserveConfig = configure(ObserveConfig(diameter=config.diameter), dict(measured))
     truth = Truth.concat(list(simulate_truth(scene, config, seed)))
     return World(truth, Bearings.concat(list(observe(scene, [truth], looks, seed))))
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -19,49 +18,13 @@ from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.records.scene import Camera
 
-FAR = 1e6
-"""At this distance [px] places and sizes in an image of 320 px change by less than 0.03 px with depth."""
+from .config import BallsConfig
 
 VIEWS = ((0.0, 0.0), (90.0, 0.0), (45.0, -15.0), (135.0, -15.0), (20.0, -10.0), (110.0, -10.0))
-"""Yaw and pitch [deg]: the two of the paper, at a right angle and level, and more that look down from between."""
+"""Yaw and pitch [deg] of the cameras that there may be: the two of the paper, then more that look down."""
 
 TRIES = 5_000
 """Draws of starting places before it is said that the balls have no room."""
-
-
-@dataclass(frozen=True)
-class BallsConfig:
-    """How many balls there are, how they move, and what looks at them; the defaults are the paper's video."""
-
-    frames: int = 400
-    width: int = 320  # of the images [px]
-    height: int = 240
-    balls: int = 6
-    radius: float = 22.0  # [px]
-    speed: float = 3.0  # mean of the balls' speeds in space, which are 0.5 to 1.5 times this [px a frame]
-    spin: float = 0.05  # turn of a ball in a frame [rad]
-    views: tuple[tuple[float, float], ...] = VIEWS[:2]  # yaw and pitch of each [deg]
-    distance: float = FAR  # of the cameras from the box's centre [px]; a near camera sees sizes change
-    start_apart: bool = True  # no ball hides another in the first frame
-    collide: bool = False  # balls bounce off each other; else they move independently, one through the other
-    noise: float = 1.5  # standard deviation of every pixel, common to its colours [grey levels]
-    colour_noise: float = 1.0  # the same, of every colour alone
-    clutter: int = 6  # patches in the colours of the balls on each background
-
-    def __post_init__(self) -> None:
-        lowest = {"frames": 1, "width": 16, "height": 16, "balls": 1, "radius": 0.5, "distance": 1.0}
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if f.name == "views":
-                continue
-            low = lowest.get(f.name, 0)
-            if not (math.isfinite(value) and value >= low):
-                raise InputError(f"balls: {f.name} is {value}, must be at least {low}")
-        if not self.views or not np.isfinite(self.views).all():
-            raise InputError("balls: views must be one or more pairs of yaw and pitch in degrees")
-        if self.distance <= self.width + self.height + 4 * self.radius:
-            limit = self.width + self.height + 4 * self.radius
-            raise InputError(f"balls: distance is {self.distance:g}, must be above {limit:g}, outside the box")
 
 
 class BallPaths(NamedTuple):
@@ -75,7 +38,7 @@ def ball_cameras(config: BallsConfig) -> tuple[Camera, ...]:
     """The cameras, named `view1`, `view2`, ...; a pixel is one unit at the centre of the box."""
     middle = np.array([0.0, 0.0, 0.5 * config.height])
     cameras = []
-    for k, (yaw, pitch) in enumerate(config.views):
+    for k, (yaw, pitch) in enumerate(VIEWS[: config.views]):
         rotation = rotation_from_angles(math.radians(yaw), math.radians(pitch), 0.0)
         camera = Camera(
             f"view{k + 1}",
@@ -162,7 +125,7 @@ def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floa
             return placed
     where = f"{config.balls} balls of radius {config.radius:g} px that start apart"
     if config.start_apart:
-        raise InputError(f"balls: no room for {where}; take fewer or smaller ones, or start_apart false")
+        raise InputError(f"balls: no room for {where}; take fewer or smaller ones, or let them overlap at first")
     if config.collide:
         raise InputError(f"balls: no room for {where}, as balls that collide must; take fewer or smaller ones")
     raise InputError(f"balls: {config.balls} are more than the {TRIES} that there can be; take fewer")

@@ -11,7 +11,8 @@ from occlog.core.image.ellipse import support_radius
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Truth, TruthBoxes
 
-from .motion import BallsConfig, ball_box, ball_cameras
+from .config import BallsConfig
+from .motion import ball_box, ball_cameras
 from .video import BallsFrame
 
 

@@ -19,8 +19,9 @@ from occlog.core.numerics.seeds import Stage, generator
 from occlog.records.scene import Camera
 from occlog.simulate.render.texture import smooth_noise
 
+from .config import BallsConfig
 from .kernel import Skin, View, clear_balls, deliver_into, paint_balls_into, trace_balls_into
-from .motion import BallPaths, BallsConfig, ball_cameras, ball_ellipses, ball_paths
+from .motion import BallPaths, ball_cameras, ball_ellipses, ball_paths
 
 PENTAGON = np.array([120.0, 60.0, 34.0])
 HEXAGON = np.array([176.0, 214.0, 242.0])

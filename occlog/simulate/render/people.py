@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
 
@@ -22,45 +22,18 @@ from occlog.core.numerics.time_grid import Grid, Look, looks
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Truth, TruthBoxes
+from occlog.settings import METRES
+from occlog.simulate.config import RenderConfig
 from occlog.simulate.world.truth_grid import truth_grid
 
 from .body import Clothes, dress, outfit
 from .frame import Drawn, canvas, draw
 from .gait import walking
 
-METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
 NOISE = 1 << 22
 """Numbers drawn once for the sensor noise; every row of every frame takes a stretch at random."""
 PERSON = 0.5
 """Width of a person [m]."""
-
-
-@dataclass(frozen=True)
-class RenderConfig:
-    """How the video looks."""
-
-    noise: float = 1.5  # standard deviation of the noise of every pixel, common to its colours [grey levels]
-    colour_noise: float = 1.0  # the same, of every colour alone [grey levels]
-    light_drift: float = 0.03  # the light changes slowly by this share up and down
-    light_period_s: float = 60.0  # in this time
-    shadows: bool = True
-    texture: float = 1.0  # contrast of tiles, bricks and grain; 0: plain paint, which makes small files
-    lookalike: bool = False  # occluders wear the same clothes as targets
-    alike: bool = False  # all targets wear the clothes, and have the stature, of the first one
-    min_visible: float = 0.1  # a body has a box when at least this share of it is visible; 0: hidden ones have it too
-    diameter: float = 3.33  # of an object in a scene whose unit is not a length: it is taken as 0.5 m
-    workers: int = 1  # cameras drawn at the same time; the result does not depend on it
-
-    def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError(f"render: {f.name} is {value}, must be at least 0")
-        for name in ("light_period_s", "diameter", "workers"):
-            if getattr(self, name) <= 0:
-                raise InputError(f"render: {name} is {getattr(self, name)}, must be above 0")
-        if self.light_drift >= 1:
-            raise InputError(f"render: light_drift is {self.light_drift}, must be below 1")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

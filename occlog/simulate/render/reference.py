@@ -13,12 +13,13 @@ from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.measure.regions.appearance import add_pixels_into, normalised
 from occlog.records.scene import Camera, Scene
+from occlog.simulate.config import RenderConfig
 
 from .body import STATURE, Clothes, dress, outfit
 from .frame import Canvas, bare_canvas, draw
 from .gait import WALKING
 from .light import lamps
-from .people import RenderConfig, scene_metre
+from .people import scene_metre
 
 SIZE = (160, 320)
 DISTANCE = 4.0

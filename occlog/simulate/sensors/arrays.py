@@ -15,10 +15,10 @@ from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Doa, Truth
+from occlog.simulate.config import ObserveConfig, SoundConfig
 from occlog.simulate.world.truth_grid import truth_grid
 
-from .cameras import ObserveConfig
-from .sounding import SoundConfig, Sounding, merge_near
+from .sounding import Sounding, merge_near
 
 PLAIN = SoundConfig()
 

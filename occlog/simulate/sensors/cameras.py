@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,36 +17,10 @@ from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.numerics.time_grid import Grid, Look, looks
 from occlog.core.sight.camera import noise_variance, planar_offsets, u_to_azimuth
 from occlog.core.sight.line_of_sight import behind_objects, behind_walls, in_view
-from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Truth
+from occlog.simulate.config import ObserveConfig
 from occlog.simulate.world.truth_grid import truth_grid
-
-
-@dataclass(frozen=True)
-class ObserveConfig:
-    """How cameras and arrays measure."""
-
-    diameter: float = 3.33  # of moving objects, as they hide targets; 0: they hide nothing
-    noise: Literal["white", "calibration"] = "white"
-    """`white`: Eq. 2's variance, drawn anew for every frame, as [Ercan] Sec. 4.2 assumes.
-    `calibration`: the errors of position and yaw are drawn once for each camera and stay;
-    only the read noise is white."""
-    miss: float = 0.0
-    """Probability that a camera or array overlooks a target that it could measure; a camera's own
-    `detection` in the scene comes first, as its `false_alarm` does."""
-    false_alarm: float = 0.0
-    """Probability that a frame in which a target was not detected reports it all the same,
-    at a place drawn uniformly from the image."""
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.diameter) and self.diameter >= 0):
-            raise InputError(f"observe: diameter is {self.diameter}, must be at least 0")
-        if self.noise not in ("white", "calibration"):
-            raise InputError(f"observe: noise is {self.noise!r}, must be white or calibration")
-        for name in ("miss", "false_alarm"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise InputError(f"observe: {name} is {getattr(self, name)}, must be a probability in [0, 1]")
 
 
 class _Sensor(NamedTuple):

@@ -4,39 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.errors import InputError
 
 BLOCK = 1_000_000
 """Pairs of sources that are compared at a time."""
 PAIRS = 32
 """Durations of sound and silence drawn at a time for each source."""
-
-
-@dataclass(frozen=True)
-class SoundConfig:
-    """What sources do and what arrays hear besides."""
-
-    silence: tuple[float, float] | None = None
-    """Mean times [s] for which a source sounds and is silent, in turn; both are exponential, and
-    the start of the recording is a moment like any other.  None: sources sound all the time."""
-    false_rate: float = 0.0  # directions without a source, a second and array
-    label: bool = False  # say which target a direction is of
-    step_s: float = 1.0  # time between the looks of an array without a rate of its own
-    heights: bool = True  # whether targets have known heights; without, false directions have no elevation either
-
-    def __post_init__(self) -> None:
-        if self.silence is not None and not all(math.isfinite(m) and m > 0 for m in self.silence):
-            raise InputError(f"simulate: silence is {self.silence}, must be two finite times above 0")
-        if not (math.isfinite(self.false_rate) and self.false_rate >= 0):
-            raise InputError(f"simulate: false_rate is {self.false_rate}, must be at least 0")
-        if not (math.isfinite(self.step_s) and self.step_s > 0):
-            raise InputError(f"simulate: step_s is {self.step_s}, must be above 0")
 
 
 class Sounding:

@@ -13,7 +13,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.sight.camera import rotation_from_angles
-from occlog.errors import UsageError
+from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene, camera_fov
 
 SIDE = 14.0
@@ -82,7 +82,7 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
         seed: of the search.
 
     Returns:
-        The places; UsageError where none are found.
+        The places; InputError where none are found.
     """
     rng = generator(seed, Stage.WORLD_START)
     for _ in range(TRIES):
@@ -93,9 +93,9 @@ def people_apart(scene: Scene, people: int, seed: int) -> Floats:
             kept.append(int(free[0]))
         if len(kept) == people:
             return places[kept]
-    raise UsageError(
-        f"--scene people: no places found at which {people} people hide nobody from {len(scene.cameras)} cameras; "
-        "take fewer of either, or let them --overlap in the first frame"
+    raise InputError(
+        f"people: no places found at which {people} people hide nobody from {len(scene.cameras)} cameras; "
+        "take fewer of either, or let them overlap in the first frame"
     )
 
 

@@ -92,8 +92,8 @@ def check_inside(scene: Scene, grid: Grid, start_ns: int) -> None:
                 k = int(np.flatnonzero(bad)[0])
                 at_s, (x, y) = (int(grid.t_ns[there[k]]) - start_ns) * 1e-9, places[k]
                 raise InputError(
-                    f"--paths: target {number} is {what} at {at_s:g} s, at ({x:.4g}, {y:.4g}); "
-                    "with --render paths must stay on the free floor"
+                    f"target {number} is {what} at {at_s:g} s, at ({x:.4g}, {y:.4g}); "
+                    "paths in video must stay on the free floor"
                 )
 
 

@@ -14,7 +14,8 @@ from occlog.measure.epipolar.of_scene import (
     ideal_pixels,
     ideal_pixels_anywhere,
 )
-from occlog.simulate.balls.motion import VIEWS, BallsConfig, ball_cameras, ball_ellipses, ball_paths
+from occlog.simulate.balls.config import BallsConfig
+from occlog.simulate.balls.motion import ball_cameras, ball_ellipses, ball_paths
 
 BROWN = np.array([-0.25, 0.06, 0.002, -0.001, 0.0])
 TSAI = np.array([0.2, 0.0, 0.0, 0.0, 0.0])
@@ -153,7 +154,7 @@ def test_the_same_matches_give_the_same_matrix():
 
 
 def test_matrices_of_the_balls():
-    config = BallsConfig(frames=80, views=VIEWS[:3], radius=15.0)
+    config = BallsConfig(frames=80, views=3, radius=15.0)
     cameras, centres = ball_cameras(config), ball_paths(config, 1).centres
     images = [ball_ellipses(c, centres, config.radius)[..., :2].reshape(-1, 2) for c in cameras]
     rng = np.random.default_rng(1)

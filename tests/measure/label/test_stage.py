@@ -15,7 +15,9 @@ from occlog.errors import InputError
 from occlog.measure.label.stage import ANY_DIRECTION, LabelConfig, label
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.stage import simulate_truth
 
 SCENE = with_array(room100(pillar=False, cameras=3), (50.0, 50.0), sigma=0.05)  # cam1 to cam3 at y = 0
 GATE = 3.0

@@ -14,7 +14,8 @@ from occlog.io.scenes.scene import read_scene
 from occlog.measure.priors.from_positions import KalmanConfig, kalman_priors, virtual_priors
 from occlog.measure.scans.occluder_priors import OccluderFeed, known_positions
 from occlog.records.tables import Hulls, Occluders, Tracks, Truth
-from occlog.simulate.stage import WorldConfig, simulate_truth
+from occlog.simulate.config import WorldConfig
+from occlog.simulate.stage import simulate_truth
 
 ROOM = EXAMPLES / "room100.yaml"
 S = 1_000_000_000

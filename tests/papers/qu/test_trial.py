@@ -170,7 +170,7 @@ def test_a_trial_of_several_methods_is_that_of_each() -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"balls": {"views": 9}}, "9 views, must be 1 to"),
+        ({"balls": {"views": 9}}, "views is 9, must be at least 1 and at most 6"),
         ({"method": "magic"}, "no method 'magic'"),
         ({"colour": 3}, "unknown key 'colour'"),
         ({"use": 5}, "use is 5, must be 1 to 2"),

@@ -12,7 +12,9 @@ from occlog.errors import InputError, UsageError
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.pipeline.sweep.trial import rmse_of_priors, run_trial
 from occlog.records.tables import Occluders, Truth
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.stage import simulate_truth
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking

@@ -11,7 +11,8 @@ import numpy as np
 
 from occlog.core.sight.fundamental import fundamental_from_poses
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.simulate.balls.motion import BallsConfig, ball_cameras
+from occlog.simulate.balls.config import BallsConfig
+from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
 from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.interface import Birth, FrameSet, Outlines

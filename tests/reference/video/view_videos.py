@@ -17,7 +17,8 @@ from occlog.measure.epipolar.views import Geometry
 from occlog.records.frames import Image
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes
-from occlog.simulate.balls.motion import BallsConfig, ball_cameras
+from occlog.simulate.balls.config import BallsConfig
+from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.stage import balls_boxes, balls_scene
 from occlog.simulate.balls.video import BallsFrame, render_balls
 from occlog.track.images.interface import LEFT, Collaboration, FrameSet, Outlines, Visual

@@ -20,7 +20,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Truth, TruthBoxes
 from occlog.records.views import Failures, ViewTracks
 from occlog.report.overlay.draw import ALARM, BAR, colour_of
-from occlog.simulate.balls.motion import BallsConfig, ball_cameras, ball_ellipses
+from occlog.simulate.balls.config import BallsConfig
+from occlog.simulate.balls.motion import ball_cameras, ball_ellipses
 from occlog.simulate.balls.stage import balls_boxes, balls_scene
 from occlog.simulate.balls.video import BallsFrame
 

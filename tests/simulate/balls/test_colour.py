@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from view_reference import bins_of
 
-from occlog.simulate.balls.motion import BallsConfig
+from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import render_balls
 from occlog.track.images.kernels.ellipse_colour import SIGMA, histograms, likenesses
 

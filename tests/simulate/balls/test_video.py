@@ -7,15 +7,8 @@ import pytest
 
 from occlog.core.image.ellipse import quadratic
 from occlog.errors import InputError
-from occlog.simulate.balls.motion import (
-    VIEWS,
-    BallPaths,
-    BallsConfig,
-    ball_box,
-    ball_cameras,
-    ball_ellipses,
-    ball_paths,
-)
+from occlog.simulate.balls.config import BallsConfig
+from occlog.simulate.balls.motion import BallPaths, ball_box, ball_cameras, ball_ellipses, ball_paths
 from occlog.simulate.balls.video import FOOTBALL, football_faces, render_balls
 
 SMALL = BallsConfig(frames=3, width=64, height=48, radius=6.0, balls=3, clutter=2)
@@ -41,7 +34,7 @@ def at(config, *centres):
 @pytest.mark.parametrize("distance", [1e6, 900.0, 660.0])
 @pytest.mark.parametrize("view", [0, 1, 2])
 def test_outlines_hold_the_pixels_of_a_ball_and_no_less(distance, view):
-    camera = ball_cameras(BallsConfig(views=VIEWS[:3], distance=distance))[view]
+    camera = ball_cameras(BallsConfig(views=3, distance=distance))[view]
     for centre in ([0.0, 0, 120], [90.0, -60, 200], [-100.0, 100, 30]):
         e = ball_ellipses(camera, np.array(centre), 22.0)
         q = squared_distances(e, camera.project(sphere(np.array(centre), 22.0)))
@@ -61,7 +54,7 @@ def test_far_views_have_circles_of_one_size_and_a_right_angle_keeps_the_row():
 
 @pytest.mark.parametrize(("views", "distance"), [(2, 1e6), (6, 1e6), (6, 800.0)])
 def test_balls_stay_in_the_box_and_in_every_image(views, distance):
-    config = BallsConfig(views=VIEWS[:views], distance=distance, radius=12.0)
+    config = BallsConfig(views=views, distance=distance, radius=12.0)
     centres = ball_paths(config, 1).centres
     box = ball_box(config)
     assert (np.abs(centres - [0, 0, 120]) <= box - 12.0 + 1e-9).all()
@@ -151,7 +144,7 @@ def test_balls_over_the_edge_and_outside_are_cut():
 
 @pytest.mark.jit
 def test_frames_do_not_depend_on_the_number_of_workers():
-    config = replace(BallsConfig(), frames=40, views=VIEWS[:3], radius=15.0)
+    config = replace(BallsConfig(), frames=40, views=3, radius=15.0)
     for one, two in zip(render_balls(config, 7), render_balls(config, 7, workers=3), strict=True):
         assert one.frame == two.frame
         assert all(np.array_equal(a, b) for a, b in zip(one.images, two.images, strict=True))
@@ -188,7 +181,8 @@ def test_panels_folded_into_one_octant_are_those_of_the_whole_ball():
         ({"frames": 0}, "frames is 0"),
         ({"speed": -1.0}, "speed is -1"),
         ({"radius": float("nan")}, "radius is nan"),
-        ({"views": ()}, "views"),
+        ({"views": 0}, "views is 0"),
+        ({"views": 7}, "views is 7"),
         ({"distance": 300.0}, "outside the box"),
     ],
 )

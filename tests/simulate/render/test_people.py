@@ -8,7 +8,8 @@ from occlog.errors import InputError
 from occlog.measure.regions.appearance import histogram, likeness
 from occlog.records.scene import Camera, Occluder, Scene
 from occlog.records.tables import Truth, TruthBoxes
-from occlog.simulate.render.people import RenderConfig, render, scene_metre
+from occlog.simulate.config import RenderConfig
+from occlog.simulate.render.people import render, scene_metre
 from occlog.simulate.render.reference import reference_appearances
 
 ROOM = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])

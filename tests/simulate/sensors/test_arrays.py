@@ -4,8 +4,8 @@ import pytest
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa, Truth
+from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.arrays import observe_arrays
-from occlog.simulate.sensors.cameras import ObserveConfig
 
 ARRAY = MicrophoneArray("mic", np.array([5.0, 5.0, 1.0]), sigma=0.05, range=20.0)
 

@@ -6,7 +6,8 @@ from occlog.core.sight.camera import noise_variance, planar_offsets, rotation_fr
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Occluder, Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.simulate.sensors.cameras import ObserveConfig, observe
+from occlog.simulate.config import ObserveConfig
+from occlog.simulate.sensors.cameras import observe
 
 ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 PILLAR = Occluder("pillar", np.array([[40.0, 40.0], [60.0, 40.0], [60.0, 60.0], [40.0, 60.0]]))
@@ -174,7 +175,11 @@ def test_a_camera_without_pose_is_left_out():
 
 @pytest.mark.parametrize(
     ("values", "says"),
-    [({"miss": 2.0}, "miss is 2.0"), ({"noise": "pink"}, "noise is 'pink'"), ({"diameter": -1.0}, "diameter is -1.0")],
+    [
+        ({"miss": 2.0}, "miss is 2.0"),
+        ({"noise": "pink"}, "noise is pink, must be one of white, calibration"),
+        ({"diameter": -1.0}, "diameter is -1.0"),
+    ],
 )
 def test_impossible_values_are_told_by_observe(values, says):
     with pytest.raises(InputError, match=says):

@@ -10,9 +10,8 @@ from occlog.core.sight.camera import array_rotation, wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa
+from occlog.simulate.config import ObserveConfig, SoundConfig
 from occlog.simulate.sensors.arrays import observe_arrays
-from occlog.simulate.sensors.cameras import ObserveConfig
-from occlog.simulate.sensors.sounding import SoundConfig
 
 QUIET = 1e-9  # noise so small that directions are true ones
 
@@ -266,5 +265,5 @@ def test_tilted_arrays_need_heights_and_planar_ones_an_upright_axis():
 
 def test_settings_that_are_none():
     for values in ({"silence": (0.0, 1.0)}, {"silence": (1.0, math.inf)}, {"false_rate": -1.0}, {"step_s": 0.0}):
-        with pytest.raises(InputError, match=f"simulate: {next(iter(values))} is"):
+        with pytest.raises(InputError, match=f"sound: {next(iter(values))} is"):
             SoundConfig(**values)

@@ -13,7 +13,7 @@ from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.recording.reader import open_recording
 from occlog.records.tables import Bearings, Doa, Truth, TruthBoxes
-from occlog.simulate.stage import START_NS
+from occlog.simulate.config import START_NS
 
 SCENE = """
 occlog_scene: 1
@@ -103,11 +103,11 @@ def test_video_of_scripted_people(files: tuple[Path, Path], tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        (["--targets", "2"], ExitCode.USAGE, "--targets is about random walkers; leave it out with --paths"),
-        (["--speed", "2"], ExitCode.USAGE, "--speed is about random walkers"),
+        (["--targets", "2"], ExitCode.USAGE, "--targets is an option of SCENE, not of SCENE --paths FILE"),
+        (["--speed", "2"], ExitCode.USAGE, "--speed is an option of SCENE, --scene people, not of SCENE --paths FILE"),
         (["--steps", "2", "--seconds", "3"], ExitCode.USAGE, "--seconds and --steps both say"),
-        (["--silence", "3"], ExitCode.USAGE, "--silence: want SOUND_S,SILENT_S, two numbers of seconds, got '3'"),
-        (["--silence", "3,0"], ExitCode.USAGE, "--silence: both mean times must be above 0 s, got '3,0'"),
+        (["--silence", "3"], ExitCode.USAGE, "--silence 3: must be 2 numbers"),
+        (["--silence", "3,0"], ExitCode.USAGE, "--silence 3,0: must be two mean times above 0 s"),
         (["--render", "--seconds", "6"], ExitCode.BAD_INPUT, "target 4 is outside the room at"),
         (["--paths", "none.yaml"], ExitCode.BAD_INPUT, "none.yaml"),
     ],

@@ -87,12 +87,12 @@ def test_nobody_hides_another_at_the_start(seed: int) -> None:
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["--balls", "3"], "--balls is not an option of --scene people"),
+        (["--balls", "3"], "--balls is an option of --scene balls, not of --scene people"),
         (["--fps", "nan"], "nan is not a finite number"),
         (["--fps", "1e-9"], "is not in the range"),
-        (["--lookalike"], "--lookalike is not an option of --scene people"),
-        (["--people", "12", "--frames", "1"], "or let them --overlap in the first frame"),
-        (["--size", "32x32"], "people need images of 64 px or more a side, got 32x32"),
+        (["--lookalike"], "--lookalike is an option of SCENE, SCENE --paths FILE, not of --scene people"),
+        (["--people", "12", "--frames", "1"], "or let them overlap in the first frame (--overlap)"),
+        (["--size", "32x32"], "people: width is 32, must be at least 64"),
     ],
 )
 def test_options_of_other_scenes(

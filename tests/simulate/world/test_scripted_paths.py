@@ -10,9 +10,8 @@ from occlog.core.numerics.time_grid import Grid
 from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
 from occlog.records.scripts import Script, ScriptedTarget, Segment
+from occlog.simulate.config import ObserveConfig, SoundConfig
 from occlog.simulate.sensors.arrays import observe_arrays
-from occlog.simulate.sensors.cameras import ObserveConfig
-from occlog.simulate.sensors.sounding import SoundConfig
 from occlog.simulate.world.scripted_paths import check_inside, grid_truth, moved, silences, simulate_paths
 
 NAN = math.nan

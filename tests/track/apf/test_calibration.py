@@ -12,7 +12,9 @@ from occlog.errors import InputError
 from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.scene import Occluder, Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.stage import simulate_truth
 from occlog.track.apf import filter as apf
 from occlog.track.apf.calibration import begin, corrected, corrected_sensors
 from occlog.track.apf.config import ApfConfig

@@ -12,7 +12,9 @@ from occlog.core.sight.camera import rotation_from_angles, wrap_angle
 from occlog.measure.detect.bearing import sights
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.stage import simulate_truth
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking

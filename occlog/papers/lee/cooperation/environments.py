@@ -20,7 +20,10 @@ from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.scans.sources import bearings_of_doa, in_time
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
-from occlog.simulate.stage import ObserveConfig, observe, observe_arrays, silences, simulate_paths
+from occlog.simulate.config import ObserveConfig
+from occlog.simulate.sensors.arrays import observe_arrays
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.world.scripted_paths import silences, simulate_paths
 
 FIELD = """
 occlog_scene: 1

@@ -24,7 +24,9 @@ from occlog.pipeline.sweep.trial import errors_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Truth, Views
 from occlog.settings import configure
-from occlog.simulate.stage import ObserveConfig, WorldConfig, observe, simulate_truth, world_config
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.stage import simulate_truth
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
@@ -50,7 +52,7 @@ def fusion_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     scene = scene_from_yaml(spec["scene"], "scene")
     seed = int(np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),)).generate_state(1, np.uint32)[0])
     world = {"steps": int(spec["steps"]), "occluders": int(spec["occluders"]), "diameter": DIAMETER}
-    config: WorldConfig = configure(world_config(scene.length_unit), world, "simulate")
+    config: WorldConfig = configure(WorldConfig.in_unit(scene.length_unit), world)
     truth = Truth.concat(list(simulate_truth(scene, config, seed)))
     looks = ObserveConfig(diameter=DIAMETER, miss=float(spec["miss"]), false_alarm=float(spec["false"]))
     raw = Bearings.concat(list(observe(scene, [truth], looks, seed)))

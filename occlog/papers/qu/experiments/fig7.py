@@ -45,8 +45,8 @@ def fig7_shots(size: Size) -> Shots:
 
     follow(config, seed, {m: runner_of(config, spec, {"method": m}) for m in SHOWN}, keep)
     steps = [kept[q].step for q in sorted(kept)]
-    geometry = geometry_of(config, len(config.views))
-    rows = [(m, view) for m in SHOWN for view in range(len(config.views))]
+    geometry = geometry_of(config, config.views)
+    rows = [(m, view) for m in SHOWN for view in range(config.views)]
     return Shots(
         "Frames of the synthetic video",
         f"video of seed {seed}; of each quarter the frame in which most is hidden. Dashed outline and ×: not on its "

@@ -8,7 +8,8 @@ from occlog.core.sight.fundamental import scaled
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.settings import configure
-from occlog.simulate.balls.motion import BallPaths, BallsConfig, ball_paths
+from occlog.simulate.balls.config import BallsConfig
+from occlog.simulate.balls.motion import BallPaths, ball_paths
 from occlog.simulate.balls.video import render_balls
 from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.interface import BAD, GOOD, LEFT, LOST, MODES, NONE, Birth, FrameSet

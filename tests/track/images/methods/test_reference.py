@@ -6,11 +6,11 @@ import view_reference as ref
 from view_films import begun, film, frame_set, geometry_of
 
 from occlog.core.image.histogram_bins import update_bins
-from occlog.simulate.balls.motion import VIEWS, BallsConfig
+from occlog.simulate.balls.config import BallsConfig
 from occlog.track.images.catalogue import VISUAL
 
 PAIR = BallsConfig(frames=25, width=100, height=80, balls=5, radius=9.0, speed=4.0, clutter=2)
-CROWDED = BallsConfig(frames=25, width=100, height=80, balls=5, radius=9.0, speed=4.0, views=VIEWS[:3], clutter=2)
+CROWDED = BallsConfig(frames=25, width=100, height=80, balls=5, radius=9.0, speed=4.0, views=3, clutter=2)
 
 
 @pytest.mark.parametrize(

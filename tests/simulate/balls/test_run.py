@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from occlog.errors import ExitCode, OutputError
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.tables import Truth, TruthBoxes
-from occlog.simulate.balls.motion import VIEWS, BallsConfig
+from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import render_balls
 
 pytestmark = pytest.mark.jit
@@ -37,7 +38,7 @@ def test_the_recording_holds_the_video_and_what_is_true(
     assert (summary["frames"], summary["targets"], summary["cameras"]) == (15, 3, 3)
     recording = open_recording(out)
     assert recording.cameras == ("view1", "view2", "view3")
-    want = list(render_balls(BallsConfig(**{**CONFIG.__dict__, "views": VIEWS[:3]}), 4))
+    want = list(render_balls(replace(CONFIG, views=3), 4))
     for frame in recording.frames():
         assert (frame.decode() == want[frame.index].images[int(frame.sensor[-1]) - 1]).all()
     scene, truth, boxes = recording.scene, recording.read(Truth), recording.read(TruthBoxes)
@@ -94,12 +95,15 @@ def test_balls_that_hide_one_another_keep_their_boxes(tmp_path: Path) -> None:
     [
         ([], "no scene: give SCENE (a file), or --scene balls or people"),
         (["--scene", "balls", "room.yaml"], "--scene balls makes its own scene; leave out room.yaml"),
-        (["--scene", "balls", "--people", "3"], "--people is not an option of --scene balls"),
-        (["--scene", "balls", "--targets", "3"], "--targets is not an option of --scene balls"),
-        (["--scene", "balls", "--no-shadows"], "--shadows is not an option of --scene balls"),
-        (["--scene", "balls", "--paths", "p.yaml"], "--paths is not an option of --scene balls"),
-        (["room.yaml", "--radius", "3"], "--radius is an option of --scene balls"),
-        (["room.yaml", "--views", "3"], "--views is an option of --scene balls or --scene people"),
+        (["--scene", "balls", "--people", "3"], "--people is an option of --scene people, not of --scene balls"),
+        (["--scene", "balls", "--targets", "3"], "--targets is an option of SCENE, not of --scene balls"),
+        (
+            ["--scene", "balls", "--no-shadows"],
+            "--no-shadows is an option of SCENE, SCENE --paths FILE, --scene people, not of --scene balls",
+        ),
+        (["--scene", "balls", "--paths", "p.yaml"], "--paths is an option of SCENE --paths FILE, not of --scene balls"),
+        (["room.yaml", "--radius", "3"], "--radius is an option of --scene balls, not of SCENE"),
+        (["room.yaml", "--views", "3"], "--views is an option of --scene balls, people, not of SCENE"),
         (["--scene", "balls", "--size", "10by4"], "'10by4' is not a size: want WIDTHxHEIGHT"),
         (["--scene", "balls", "--views", "7"], "7 is not in the range"),
     ],
@@ -116,10 +120,13 @@ def test_options_that_do_not_belong_together(
     ("args", "words"),
     [
         (["--radius", "200"], "does not fit into the box"),
-        (["--balls", "30", "--size", "64x48", "--radius", "8"], "take fewer or smaller ones, or let them --overlap"),
+        (
+            ["--balls", "30", "--size", "64x48", "--radius", "8"],
+            "take fewer or smaller ones, or let them overlap at first",
+        ),
         (["--balls", "100000", "--overlap", "--collide"], "as balls that collide must; take fewer or smaller ones\n"),
         (["--balls", "100000", "--overlap"], "; take fewer\n"),
-        (["--distance", "100"], "distance is 100, must be above"),
+        (["--distance", "100"], "--distance 100: must be above 648, outside the box"),
         (["--fps", "nan"], "nan is not a finite number"),
         (["--fps", "1e12"], "is not in the range"),
         (["--fps", "1e-9"], "--fps"),

@@ -1,15 +1,15 @@
-"""`occlog simulate --scene balls`: options to a configuration, and the video of it to a recording."""
+"""The work of `occlog simulate --scene balls`: options to settings, and the video of them to a recording."""
 
 from __future__ import annotations
 
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
@@ -20,28 +20,15 @@ from occlog.io.frames.writer import LosslessVideo
 from occlog.io.recording.writer import RecordingWriter
 from occlog.records.frames import Image
 from occlog.records.scene import Scene
+from occlog.settings import configure
+from occlog.simulate.config import START_NS, StoreConfig
 from occlog.simulate.render.light import grey
-from occlog.simulate.stage import START_NS
 from occlog.simulate.world.scripted_paths import step_times
 
-from .motion import VIEWS, BallPaths, BallsConfig, ball_paths
+from .config import BallsConfig
+from .motion import VIEWS, BallPaths, ball_paths
 from .stage import balls_boxes, balls_scene, balls_truth
 from .video import BallsFrame, render_balls
-
-T = TypeVar("T")
-FIELDS = {
-    "balls": "balls",
-    "radius": "radius",
-    "frames": "frames",
-    "ball_speed": "speed",
-    "spin": "spin",
-    "distance": "distance",
-    "collide": "collide",
-    "clutter": "clutter",
-    "image_noise": "noise",
-    "colour_noise": "colour_noise",
-}
-"""Options and the field of `BallsConfig` that each is."""
 
 
 @dataclass(frozen=True)
@@ -51,50 +38,42 @@ class BallsSetup:
     config: BallsConfig
     scene: Scene
     rate_hz: float
-    store: str = "png"  # or "ffv1"
-    grey: bool = False
-    workers: int = 1
+    store: StoreConfig
+    workers: int
 
 
-def balls_setup(given: Mapping[str, Any], fps: float | None, workers: int | None) -> BallsSetup:
-    """The configuration from the options that were given; UsageError for what cannot be.
+def balls_setup(
+    given: Mapping[str, object], store: Mapping[str, object], fps: float | None, workers: int | None
+) -> BallsSetup:
+    """The settings that were given, with the defaults of the others.
 
     Args:
-        given: values of the options that were given.
+        given: fields of `BallsConfig`.
+        store: fields of `StoreConfig`.
         fps: frames a second; None: 25.
         workers: threads; None: one a processor.
     """
-    values = {field: given[name] for name, field in FIELDS.items() if name in given}
-    if "size" in given:
-        values["width"], values["height"] = given["size"]
-    if "views" in given:
-        if given["views"] > len(VIEWS):
-            raise UsageError(f"--views: there are {len(VIEWS)} views of balls at most, got {given['views']}")
-        values["views"] = VIEWS[: given["views"]]
-    config = _possible(lambda: BallsConfig(start_apart=not given.get("overlap", False), **values))
-    rate = fps or 25.0
+    config, rate_hz = configure(BallsConfig(), given), fps or 25.0
     return BallsSetup(
-        config,
-        balls_scene(config, rate),
-        rate,
-        given.get("store", "png"),
-        bool(given.get("grey")),
-        workers or os.cpu_count() or 1,
+        config=config,
+        scene=balls_scene(config, rate_hz),
+        rate_hz=rate_hz,
+        store=configure(StoreConfig(), store),
+        workers=workers or os.cpu_count() or 1,
     )
 
 
-def _possible(make: Callable[[], T]) -> T:
-    """What is made; UsageError, in terms of options, for balls that cannot be."""
+def _paths(config: BallsConfig, seed: int) -> BallPaths:
+    """True paths; UsageError for balls that have no room."""
     try:
-        return make()
+        return ball_paths(config, seed)
     except InputError as error:
-        words = str(error).removeprefix("balls: ").replace("start_apart false", "let them --overlap")
-        raise UsageError(f"--scene balls: {words}") from None
+        raise UsageError(f"--scene {error}") from None
 
 
 def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:
     """The video file of each view, beside the recording; none where images go into it."""
-    if setup.store != "ffv1":
+    if setup.store.store != "ffv1":
         return {}
     return {c.name: output.with_name(f"{output.stem}.{c.name}.avi") for c in setup.scene.cameras}
 
@@ -103,7 +82,7 @@ def run_balls(
     setup: BallsSetup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
 ) -> dict[str, Any]:
     """Write the recording; what it holds."""
-    paths = _possible(lambda: ball_paths(setup.config, seed))
+    paths = _paths(setup.config, seed)
     counts: Counter[str] = Counter()
     frames = options.progress(
         render_balls(setup.config, seed, setup.workers, paths), "render", setup.config.frames, quiet=quiet
@@ -113,7 +92,7 @@ def run_balls(
         Together() as together,
         RecordingWriter(output, setup.scene, made, overwrite=overwrite, together=together) as writer,
     ):
-        if setup.store == "ffv1":
+        if setup.store.store == "ffv1":
             _files(writer, setup, balls_videos(setup, output), paths, frames, counts, overwrite)
         else:
             _images(writer, setup, paths, frames, counts)
@@ -128,8 +107,8 @@ def run_balls(
 
 def _made(setup: BallsSetup, seed: int) -> Provenance:
     values = asdict(setup.config)
-    values["views"] = [list(view) for view in setup.config.views]
-    made = {"balls": values, "rate_hz": setup.rate_hz, "store": setup.store, "grey": setup.grey}
+    values["views"] = [list(view) for view in VIEWS[: setup.config.views]]
+    made = {"balls": values, "rate_hz": setup.rate_hz, "store": setup.store.store, "grey": setup.store.grey}
     return Provenance("simulate", made, seed)
 
 
@@ -146,7 +125,7 @@ def _truth(
 
 
 def _delivered(setup: BallsSetup, frame: BallsFrame) -> tuple[Image, ...]:
-    return tuple(map(grey, frame.images)) if setup.grey else frame.images
+    return tuple(map(grey, frame.images)) if setup.store.grey else frame.images
 
 
 def _images(

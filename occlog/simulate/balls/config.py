@@ -1,0 +1,69 @@
+"""Settings of the video of balls; the defaults are the synthetic video of [Qu] Sec. 4.1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, setting
+
+FAR = 1e6
+"""At this distance [px] places and sizes in an image of 320 px change by less than 0.03 px with depth."""
+
+
+@dataclass(frozen=True)
+class BallsConfig(Settings):
+    """How many balls there are, how they move, and what looks at them."""
+
+    OWNER: ClassVar[str] = "balls"
+
+    frames: int = setting(400, "Of each camera.", at_least=1, option="--frames")
+    width: int = setting(320, "Of the images.", unit="px", at_least=16, at_most=8192)
+    height: int = setting(240, "Of the images.", unit="px", at_least=16, at_most=8192)
+    balls: int = setting(6, "How many.", at_least=1, option="--balls")
+    radius: float = setting(22.0, "Of the balls.", unit="px", at_least=0.5, option="--radius", metavar="PX")
+    speed: float = setting(
+        3.0,
+        "Mean way of a ball in a frame, in space; theirs are 0.5 to 1.5 times this.",
+        unit="px",
+        at_least=0,
+        option="--ball-speed",
+        metavar="PX",
+    )
+    spin: float = setting(0.05, "Turn of a ball in a frame.", unit="rad", at_least=0, option="--spin", metavar="RAD")
+    views: int = setting(
+        2,
+        "Cameras: the two of the paper, at a right angle and level, then some that look down from between.",
+        at_least=1,
+        at_most=6,
+        option="--views",
+    )
+    distance: float = setting(
+        FAR,
+        "From the cameras to the middle of the box; near ones see sizes change.",
+        unit="px",
+        at_least=1,
+        option="--distance",
+        metavar="PX",
+    )
+    start_apart: bool = setting(True, "No ball hides another in the first frame.", option="--apart/--overlap")
+    collide: bool = setting(
+        False, "Balls bounce off each other.", option="--collide", shown="one flies through the other"
+    )
+    noise: float = setting(
+        1.5,
+        "Noise of every pixel, common to its colours: standard deviation in grey levels of 255.",
+        at_least=0,
+        option="--image-noise",
+        metavar="LEVELS",
+    )
+    colour_noise: float = setting(
+        1.0, "Noise of every colour alone.", at_least=0, option="--colour-noise", metavar="LEVELS"
+    )
+    clutter: int = setting(6, "Patches in the balls' colours on each background.", at_least=0, option="--clutter")
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """The cameras are outside the box in which the balls fly."""
+        limit = self.width + self.height + 4 * self.radius
+        yield "distance", self.distance > limit, f"above {limit:g}, outside the box"
