@@ -1,4 +1,4 @@
-"""What `occlog track`, `label` and `fuse` read: bearings, directions of arrival, priors, and the scene."""
+"""Inputs of `occlog track`, `label` and `fuse`: bearings, directions of arrival, priors, and the scene."""
 
 from __future__ import annotations
 

@@ -75,8 +75,9 @@ def _by_time(chunks: Iterable[Occluders] | Iterable[Hulls]) -> Iterator[tuple[in
 
 
 def _priors(table: Occluders | Hulls, diameter: float) -> Priors:
-    nobody = table.occluder_id < 0
-    there = table.take(~nobody) if nobody.any() else table
+    """Priors of the rows of one time; a row of no occluder (id below 0) says that there is none."""
+    absent = table.occluder_id < 0
+    there = table.take(~absent) if absent.any() else table
     if not len(there):
         return no_priors()
     if isinstance(there, Occluders):

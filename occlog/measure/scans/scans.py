@@ -1,4 +1,4 @@
-"""Bearings to scans: what all sensors say about one target at one time."""
+"""Bearings to scans: rows of one moment are put together, and checked against the scene."""
 
 from __future__ import annotations
 

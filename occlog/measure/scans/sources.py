@@ -1,7 +1,5 @@
-"""Several sources of measurements as one stream of bearings in the order of time.
-
-Fused bearings as measurements: what trackers make of rows that the fusion recovered.
-"""
+"""Streams of bearings: directions of arrival as bearings, several streams as one in the order of time, sensors
+in turn, and fused bearings without the rows that the fusion recovered."""
 
 from __future__ import annotations
 
@@ -20,7 +18,7 @@ MEASURED = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma
 
 
 def only_measured(chunks: Iterable[Bearings]) -> Iterator[Bearings]:
-    """The chunks with recovered rows as what the cameras said: looked, not seen.
+    """The chunks with recovered rows as the cameras reported them: looked, not seen.
 
     A recovered row repeats what other cameras measured at the same time, so that it is no measurement of its own.
     """

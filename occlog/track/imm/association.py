@@ -144,7 +144,7 @@ def associate(alone: Floats, unheard: Floats, shared: Floats, apart: Floats, clu
         unheard: (K,) probability that target k is not heard.
         shared: (K, K, N) density of bearing i and that both targets are heard with it, symmetric.
         apart: (K, K) probability that two targets that are both heard are heard apart, symmetric.
-        clutter: (N,) density of bearing i if it is of nobody [1/rad], > 0.
+        clutter: (N,) density of bearing i if it is clutter [1/rad], > 0.
     """
     K, N = alone.shape
     out = Association(np.zeros((K, N)), np.ones(K), np.zeros((K, K, N)), float(np.log(clutter).sum()))

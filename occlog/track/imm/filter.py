@@ -40,7 +40,7 @@ from .tracks import (
 )
 
 FREE = 0.5
-"""A bearing that is of nobody with more than this probability may be a new target's."""
+"""A bearing that is of no target with more than this probability may be a new target's."""
 
 
 class State(NamedTuple):
@@ -58,7 +58,7 @@ class Count(NamedTuple):
     array: int
     bearings: int
     targets: int  # tracks in its range, before the scan
-    free: Ints  # bearings of nobody
+    free: Ints  # bearings of no target
 
 
 class Belief(NamedTuple):
@@ -134,7 +134,7 @@ def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
 
 
 def _listen(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> tuple[list[Moved], Ints, float]:
-    """Tracks after an array's bearings, which of these are of nobody, and the log density of all."""
+    """Tracks after an array's bearings, which of these are of no target, and the log density of all."""
     if heard.labelled.any():
         moved = _labelled(world, moved, array, heard)
     take = _take_any if world.config.association == "any" else _take_jointly
@@ -153,7 +153,7 @@ def _fits(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[
 
 
 def _labelled(world: ImmWorld, moved: list[Moved], array: int, heard: Scan) -> list[Moved]:
-    """The tracks with labels that are new given to those who fit them best."""
+    """The tracks; a label that is new is given to the track that fits its bearing best."""
     fits = np.array([f.fit for f in _fits(world, moved, array, heard)]).reshape(len(moved), len(heard.bearing))
     for i in np.flatnonzero(heard.labelled).tolist():
         label = int(heard.target_id[i])
@@ -177,7 +177,7 @@ def _allowed(moved: list[Moved], heard: Scan) -> Bools:
 
 
 def _clutter(world: ImmWorld, bearing: Floats) -> Floats:
-    """(N,) density of each bearing if it is of nobody [1/rad]."""
+    """(N,) density of each bearing if it is clutter [1/rad]."""
     return np.full(len(bearing), world.config.clutter / (2.0 * math.pi))
 
 
@@ -269,7 +269,7 @@ def _after(m: Moved, weights: Floats, reached: float, config: ImmConfig, unheard
 
 
 def _births(world: ImmWorld, array: int, free: Scan, numbers: set[int], rng: Generator) -> list[Moved]:
-    """New tracks on the sight lines of bearings that are of nobody; a label that is a track's number gets another."""
+    """New tracks on the sight lines of bearings that are of no target; a label that is a track's number gets another."""
     # Where every track takes any bearing, several come to follow one source, and the others' bearings seem free.
     config, born = world.config, []
     unaided = config.birth > 0.0 and config.association == "joint"

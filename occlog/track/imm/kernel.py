@@ -7,9 +7,9 @@ particle l of model m for bearing i, normalised over all three, the estimate is
     beta_m^i = sum_l w,  mu_m = sum_i beta_m^i,  mean = sum w x,
 
 not that of Eqs. 3.7-3.11 as printed, which are no average of x.  Bearings are atan2 about
-the sensor and differences are wrapped.  A bearing of no target of this filter (another
-target's, an echo) is not thought of: whoever calls says which bearings
-come into question, and `log_evidence` says how well they fit.
+the sensor and differences are wrapped.  Every bearing is taken to be of this target: the
+caller leaves out those of other targets and echoes, and `log_evidence` says how well the
+rest fits.
 
 States are [x, vx, y, vy]; models are rows of `turns`.
 """

@@ -96,7 +96,7 @@ def asks(state: State, report: Report, memory: Memory, rng: Generator) -> tuple[
 
 
 def others(state: State, report: Report, asked: Sequence[Ask]) -> list[Ask]:
-    """Targets that nobody asks for, and that frames may show as well; none if `config.share` is false."""
+    """Targets that no question is about, and that the frames may show as well; none if `config.share` is false."""
     if not state.world.config.share or not asked:
         return []
     numbers = {a.number for a in asked}

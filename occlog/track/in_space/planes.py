@@ -119,7 +119,7 @@ def _correlation(covariance: Floats, i: int, j: int) -> float:
 
 
 Pair = tuple[tuple[int, int], tuple[int, int]]
-"""Two (sensor of the scan, plane); sensor -1: nobody tells anything in that plane."""
+"""Two (sensor of the scan, plane); sensor -1: no sensor tells anything in that plane."""
 NOTHING: Pair = ((-1, XY), (-1, YZ))
 
 

@@ -1,4 +1,4 @@
-"""Where a target in space may be before anything is known of it, and after a first scan."""
+"""Priors of a target in space: around a given start, or along the sight lines of a first scan; and the likelihood."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a trajectory cannot pass: walls and static occluders, and views in which the target was not seen."""
+"""Obstacles of a record: walls and static occluders, and views in which the target was not seen."""
 
 from __future__ import annotations
 

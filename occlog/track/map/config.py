@@ -1,4 +1,4 @@
-"""Settings of the batch method, with their defaults."""
+"""Settings of method `map`."""
 
 from __future__ import annotations
 

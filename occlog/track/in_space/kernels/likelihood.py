@@ -79,7 +79,7 @@ def _log_product(
         far2 = reach[r] * reach[r]
         a = 0.5 / (sigma_theta[r] * sigma_theta[r])
         level = -0.5 * math.log(2.0 * math.pi) - math.log(sigma_theta[r])
-        if math.isnan(phi[r]):
+        if math.isnan(phi[r]):  # an azimuth only
             for l in range(L):  # noqa: E741 - the papers' letter
                 x, y, z = xyz[0, l] - p[0], xyz[1, l] - p[1], xyz[2, l] - p[2]
                 u = f[0, 0] * x + f[0, 1] * y + f[0, 2] * z
@@ -99,6 +99,7 @@ def _log_product(
             d = fast_atan2(math.sqrt(u * u + v * v), w) - phi[r]
             log_p = level - a * t * t - b * d * d
             out[r, l] = log_p + log_soften if x * x + y * y + z * z > far2 else log_p
+        # Near a pole: add the density of a direction that went over it
         pole = math.pi if phi[r] > 0.5 * math.pi else 0.0
         if abs(phi[r] - pole) < NEAR_POLE * sigma_phi[r]:
             for l in range(L):  # noqa: E741

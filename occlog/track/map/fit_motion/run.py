@@ -1,4 +1,4 @@
-"""What `occlog fit-motion` does: read positions, fit, write."""
+"""The work of `occlog fit-motion`: read positions, fit a motion model, write it."""
 
 from __future__ import annotations
 

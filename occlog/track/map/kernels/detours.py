@@ -1,4 +1,4 @@
-"""Trajectories around what they cannot pass: walls, and views in which a camera did not see the target.
+"""Detours of a trajectory around obstacles: walls, and views in which a camera did not see the target.
 
 Being outside a polygon is no convex constraint.  Each step of the trajectory that is near one
 is held by a line that separates it from the polygon; with the lines fixed the problem is
@@ -32,7 +32,8 @@ ROUNDS = 10
 NEIGHBOURHOOD = 24
 """States before and after a stretch that move while ways around it are compared, at least."""
 PIN, ROUGH = 1e-5, 1e-4
-"""What holds still there, and the tolerance of that comparison, as shares of the extent."""
+"""Deviation with which the ends of such a neighbourhood are pinned, and the tolerance there, as shares of the
+extent."""
 TOUCH = 1e-9
 """Overlaps that are smaller, as a share of the extent, are none."""
 FEW = 6
@@ -42,7 +43,7 @@ MU = 1e-2
 
 
 class Detours(NamedTuple):
-    """What was found."""
+    """The minimum around the obstacles."""
 
     problem: Problem  # with the half-planes of the detours
     solution: Solution
@@ -76,6 +77,7 @@ def find_detours(
     held, iterations, space = tuple(holds), solution.iterations, (options, extent, clearance)
     alone = np.zeros((len(obstacles), problem.T), dtype=np.bool_) if left_alone is None else left_alone.copy()
     for _ in range(ROUNDS):
+        # Look for stretches inside an obstacle, and for the cheapest way around each by itself
         X = solution.X.copy()
         added: list[Hold] = []
         ways: list[Floats] = []
@@ -90,8 +92,9 @@ def find_detours(
                 ways.append(way)
         if not added:
             break
+        # Solve the whole with all ways; of ways that disturb each other half are looked for anew
         found = None
-        while found is None and added:  # of ways that disturb each other half are looked for anew
+        while found is None and added:
             found = settle(problem, ways[len(added) - 1], obstacles, (*held, *added), *space)
             if found is None and len(added) == 1:
                 alone[added[0].obstacle, added[0].first : added[0].last + 1] = True
@@ -101,7 +104,7 @@ def find_detours(
             continue
         (here, solution), held = found, (*held, *added)
         iterations += solution.iterations
-    # What was led around something else since may be outside by now; what no round was left for is inside.
+    # States that are inside an obstacle in the end: detours around others may have led some out again
     xy = np.ascontiguousarray(solution.X[:, ::2])
     inside = [overlaps(xy, o, TOUCH * extent) for o in obstacles]
     alone = np.array(inside, dtype=np.bool_).reshape(len(obstacles), problem.T)
@@ -131,6 +134,7 @@ def _local_way(
         for h in held
         if h.first < last and h.last >= first
     ]
+    # Try both ways around
     rough = options._replace(tolerance=max(options.tolerance, ROUGH * extent))
     best, spent = None, 0
     for guess in guesses(X[first:last], own, here, extent, clearance):
@@ -140,6 +144,7 @@ def _local_way(
         spent += tried[1].iterations
         if best is None or tried[1].cost < best.cost:
             best = tried[1]
+    # Take the cheaper one, unless being inside costs less
     o = obstacles[stretch.obstacle]
     price = o.price * int(np.count_nonzero(o.when[stretch.first : stretch.last + 1]))
     if best is None or best.cost > cost(local, X[first:last]) + price:
@@ -164,15 +169,15 @@ def _pinned(problem: Problem, X: Floats, first: int, last: int, extent: float) -
     place = X[first:last][rows, ::2]
     axis = np.tile(np.eye(2), (2, 1))
     still = SightLines(
-        rows,
-        place,
-        axis,
-        np.ones(4),
-        np.zeros(4),
-        np.zeros(4),
-        np.full(4, (PIN * extent) ** 2),
-        np.zeros(4, dtype=np.bool_),
-        np.zeros(4),
+        step=rows,
+        place=place,
+        axis=axis,
+        focal=np.ones(4),
+        reading=np.zeros(4),
+        c0=np.zeros(4),
+        c1=np.full(4, (PIN * extent) ** 2),
+        direction=np.zeros(4, dtype=np.bool_),
+        volume=np.zeros(4),
     )
     return local._replace(lines=join_lines(local.lines, still))
 
@@ -237,6 +242,7 @@ def settle(
     """
     X, found, iterations = guess, None, 0
     for _ in range(PASSES):
+        # Draw lines between the held states and their obstacles
         planes, gap = separating_planes(X, obstacles, holds, clearance)
         if gap < -TOUCH * extent:
             return found
@@ -244,6 +250,7 @@ def settle(
         Y, stuck = move_inside(X, here.planes, 1e-5 * extent)
         if stuck.any():
             return found
+        # Minimise with the lines fixed
         solution = minimise(here, Y, options._replace(mu=MU))
         iterations += solution.iterations
         moved = float(np.abs(solution.X - X)[:, ::2].max())

@@ -1,4 +1,4 @@
-"""Where the search for a trajectory begins."""
+"""First guesses of a trajectory: on the cameras' axes ([Rahimi] Sec. 6), or by a linear problem."""
 
 from __future__ import annotations
 

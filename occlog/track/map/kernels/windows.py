@@ -1,4 +1,4 @@
-"""Long trajectories piece by piece: windows that overlap, and what a window leaves to the next one.
+"""Long trajectories in overlapping windows, each with the marginal that the one before leaves of its first state.
 
 What is known of a state from everything before it is summed up as a Gaussian, with the
 measurements linearised about the trajectory found so far ("marginalised"); it is the prior
