@@ -1,5 +1,8 @@
-"""Streams of bearings: directions of arrival as bearings, several streams as one in the order of time, sensors
-in turn, and fused bearings without the rows that the fusion recovered."""
+"""Streams of bearings: from directions of arrival, joined in the order of time, and with rows left out.
+
+`bearings_of_doa` makes bearings of directions, `in_time` joins several streams, `in_turn` keeps one sensor
+at a time, and `only_measured` takes back the rows that the fusion of detections recovered.
+"""
 
 from __future__ import annotations
 

@@ -113,16 +113,19 @@ def _iterate(
     n = len(bearings)
     weights, kappa, xy = np.ones(n), stated, start
     for iteration in range(ITERATIONS):
+        # Concentration kappa from the residuals, and the M-estimate's weights
         if xy is not None and (iteration or start is not None):
             cosine = np.cos(bearings - _directions(places, xy))
             if learned:
                 kappa = 1.0 / inverse_kappa(float(np.average(cosine, weights=weights * share)))
             # The first weights would be those of a bad start.
             weights = psi(np.sqrt(2.0 * kappa * share * (1.0 - cosine))) if iteration > 1 else weights
+        # Solve the estimating equations, linear in the position for fixed distances
         equations = _equations(places, bearings, weights * share, xy)
         new = _solved(equations)
         if new is None:
             return None
+        # Converged: the position hardly moves
         scale = 1.0 + float(np.abs(places - new).max())
         if xy is not None and iteration > 2 and float(np.abs(new - xy).max()) < TIGHT * scale:
             return _fix_at(new, equations, weights, kappa, learned)
