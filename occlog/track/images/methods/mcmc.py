@@ -218,6 +218,7 @@ def _weighed(frame: ViewFrame, ellipses: Floats, owner: Ints) -> tuple[Floats, F
     update_bins(frame.bins, frame.image, boxes, frame.config.pixel_step)
     mask_outside(frame.bins, boxes, frame.frames, frame.view)
     likeness = _likeness(frame, ellipses, owner)
+    # p_c = exp(-(1 - BC) / (2 sigma^2)) of the Bhattacharyya coefficient BC
     log_likelihood = (likeness - 1.0) / (2.0 * frame.config.sigma_colour**2)
     if frame.models:
         log_likelihood += log_patches(frame.image, ellipses, owner, frame.models, frame.config)

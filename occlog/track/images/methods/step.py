@@ -135,6 +135,7 @@ def local_weights(scheme: Scheme[C], state: VisualState[C], frames: FrameSet, rn
             update_bins(state.bins[v], image, boxes[t.view == v], config.pixel_step)
             mask_outside(state.bins[v], boxes[t.view == v], frames, v)
     likeness = _likeness(state, particles, here)
+    # p_c = exp(-(1 - BC) / (2 sigma^2)) of the Bhattacharyya coefficient BC
     log_local = (likeness - 1.0) / (2.0 * config.sigma_colour**2)
     log_local += log_appearance(frames, particles, t.view, t.target, state.appearance, config)
     log_local += log_region_likelihood(particles, own, config.region_pull)
