@@ -64,7 +64,9 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
         )
     step = (t_ns[-1] - t_ns[0]) / max(int(frames[-1] - frames[0]), 1)
     if not step and stop - first > 1:
-        raise InputError(f"{where}: only frame {frames[0]} has a time, which says nothing of the others; give --fps")
+        raise InputError(
+            f"{where}: only frame {frames[0]} has a time, which says nothing of the others; give the frame rate"
+        )
     wanted = np.arange(stop)
     # Relative to the first time: float64 cannot hold ns since 1970 exactly.
     relative = np.interp(wanted, frames, (t_ns - t_ns[0]).astype(np.float64))
@@ -167,7 +169,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
             cameras.append(file.camera)
     where = ", ".join(str(f.path) for f in files)
     if not rows and options.frames is None:
-        raise InputError(f"{where}: no row with a box; if nobody was seen in all frames, give --frames A:B")
+        raise InputError(f"{where}: no row with a box; if nobody was seen in all frames, give the range of frames")
     first, stop = options.frames or (int(low), int(high) + 1)
     check_range(first, stop, where)
     times = {name: table_times(found, first, stop, where) for name, found in stamps.items()}

@@ -51,7 +51,7 @@ def check_boxes(rows: Rows, boxes: BoxRows) -> BoxRows:
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         raise rows.fail(
-            row, f"confidence {boxes.confidence[row]:g}; it must be 0 to 1 (divide it with --confidence-scale)"
+            row, f"confidence {boxes.confidence[row]:g}; it must be 0 to 1 (state the scale that divides it)"
         )
     return boxes
 
@@ -162,13 +162,13 @@ def _table(
 def times_of(camera: str, times: Mapping[str, FrameTimes]) -> FrameTimes:
     """Times of a camera's frames; UsageError where nothing gives them."""
     if camera not in times:
-        raise UsageError(f"camera {camera}: nothing says when its frames were taken; give --fps or --timestamps")
+        raise UsageError(f"camera {camera}: nothing says when its frames were taken; give a frame rate or time stamps")
     return times[camera]
 
 
 def check_range(first: int, stop: int, where: str) -> None:
     """Raise InputError for a range of frames that is empty or absurdly long."""
     if stop <= first:
-        raise InputError(f"{where}: no row lies in frames {first} to {stop}; give other --frames")
+        raise InputError(f"{where}: no row lies in frames {first} to {stop}; give another range of frames")
     if stop - first > 100_000_000:
         raise InputError(f"{where}: frames {first} to {stop - 1}; a frame number must be wrong")

@@ -85,7 +85,7 @@ def build_camera(pose: Pose, where: str) -> Camera:
         raise InputError(f"{where}: focal length {focal[0]:g}, {focal[1]:g} px; it must be above 0")
     size = pose.image_size
     if size is None:
-        raise InputError(f"{where}: does not state the size of the images; give --image-size WIDTHxHEIGHT")
+        raise InputError(f"{where}: does not state the size of the images; give the image size, WIDTHxHEIGHT")
     if not (0 < size[0] < 65536 and 0 < size[1] < 65536):
         raise InputError(f"{where}: images of {size[0]} x {size[1]} px; that cannot be")
     coefficients = np.zeros(5)

@@ -65,7 +65,7 @@ def read_calibration(
     """
     files = [file for path in paths for file in _files(path)]
     if not files:
-        raise UsageError("no calibration file is given; name one with --calibration")
+        raise UsageError("no calibration file is given; name one")
     name = _detect(files[0]) if format == "auto" else format
     if name not in IMPORTERS:
         raise UsageError(f"calibration format {name!r} is not known; known: auto, {', '.join(IMPORTERS)}")
@@ -92,7 +92,7 @@ def _detect(path: Path) -> str:
         if importer.detect(text):
             return name
     formats = "; ".join(f"{name}: {importer.doc}" for name, importer in IMPORTERS.items())
-    raise InputError(f"{path}: not a calibration of a known format ({formats}); state it with --calibration-format")
+    raise InputError(f"{path}: not a calibration of a known format ({formats}); state its format")
 
 
 def describe(calibration: Calibration) -> str:

@@ -200,7 +200,7 @@ def _resolve(
             hint = f"did you mean {near[0]!r}? " if near else ""
             raise InputError(
                 f"{path}: line {line}: unknown column {cell!r}; {hint}known: {known}; "
-                "rename it, or give --ignore-extra-columns"
+                "rename it, or ignore extra columns"
             )
         if name is not None and name in names:
             raise InputError(f"{path}: line {line}: two columns say {name!r}; remove or rename one")

@@ -57,7 +57,7 @@ class FrameTimes:
                 )
             return self.world(self.start_ns + self.table_ns[frames])
         if self.rate is None:
-            raise InputError(f"no times of frames are known ({self.source}); give the frame rate with --fps")
+            raise InputError(f"no times of frames are known ({self.source}); give the frame rate")
         return self.world(self.start_ns + frames_to_ns(frames, self.rate))
 
     def world(self, t_ns: Ints) -> Ints:

@@ -75,7 +75,7 @@ class CameraSource:
         good = all(s is not None for s in stamps) and bool((np.diff([s or 0 for s in stamps]) > 0).all())
         if not good:
             if not self.decoder.rate_hz:
-                raise InputError(f"{self.path}: has neither time stamps nor a frame rate; give --fps")
+                raise InputError(f"{self.path}: has neither time stamps nor a frame rate; give one")
             rate = as_rate(self.decoder.rate_hz)
             self.times = rate_times(rate, "stated by the file", self.times.start_ns).by(self.times.clock)
         for frame in chain(head, delivered):

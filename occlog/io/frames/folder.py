@@ -24,7 +24,7 @@ def list_images(folder: Path) -> list[Path]:
     if not folder.exists():
         raise InputError(f"{folder}: no such folder; a folder of images was expected")
     if not folder.is_dir():
-        raise InputError(f"{folder}: is not a folder; a folder of images was expected (give videos with --video)")
+        raise InputError(f"{folder}: is not a folder; a folder of images was expected (videos are given one by one)")
     names = natural_sorted(p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
     if not names:
         raise InputError(f"{folder}: holds no image ({', '.join(SUFFIXES)})")
@@ -37,13 +37,13 @@ def numbers_of(files: list[Path]) -> list[int]:
     for file in files:
         found = _LAST_NUMBER.search(file.stem)
         if found is None:
-            raise InputError(f"{file}: has no number in its name; number the images, or give --timestamps")
+            raise InputError(f"{file}: has no number in its name; number the images, or give time stamps")
         numbers.append(int(found.group(1)))
     for n in range(1, len(files)):
         if numbers[n] <= numbers[n - 1]:
             raise InputError(
                 f"{files[n]}: number {numbers[n]} does not come after {numbers[n - 1]} of {files[n - 1].name}; "
-                "rename the images, or give --timestamps"
+                "rename the images, or give time stamps"
             )
     return numbers
 

@@ -81,11 +81,11 @@ def _numbered(
 ) -> ImageFolder:
     if name not in fps:
         raise UsageError(
-            f"{folder}: nothing says when its images were taken; give --fps, or --timestamps {name}=FILE, "
+            f"{folder}: nothing says when its images were taken; give the frame rate, or time stamps as {name}=FILE, "
             "or name them by their time in ns"
         )
     if numbers[0] < base:
-        raise InputError(f"{files[0]}: number {numbers[0]} lies before --first-number {base}; give a smaller one")
+        raise InputError(f"{files[0]}: number {numbers[0]} lies before the first number, {base}; give a smaller one")
     frames = tuple((number - base, file) for number, file in zip(numbers, files, strict=True))
     return ImageFolder(folder, frames, rate_times(fps[name], f"given; {base} is frame 0", start))
 

@@ -101,7 +101,7 @@ def _of_csv(path: Path, cameras: Sequence[str]) -> list[GivenEllipse]:
                 lines[key] = int(rows.lines[row])
                 found.append(each)
     except InputError as error:
-        raise InputError(str(error).replace(", or give --ignore-extra-columns", "")) from None
+        raise InputError(str(error).replace(", or ignore extra columns", "")) from None
     return found
 
 
@@ -192,5 +192,5 @@ def _first_of(path: Path, chunks: Iterable[_Rows], sizes: Sizes) -> list[GivenEl
             if -0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5:
                 found[key] = GivenEllipse(f"{path}", *key, int(c.frame[row]), c.ellipse[row])
     if rows and anonymous == rows:
-        raise InputError(f"{path}: its boxes have no identity; give it with --detections instead of --initial")
+        raise InputError(f"{path}: its boxes have no identity; give them as detections, not to begin with")
     return list(found.values())

@@ -29,14 +29,14 @@ def read_frida(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
     """
     columns = {"recording": ("recording",), "algorithm": ("algorithm",), "estimate": ("estimate_deg",)}
     if options.sensor is None:
-        raise UsageError(f"{path}: does not name its array; give --doa ARRAY={path.name}")
+        raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}")
     numbers: dict[str, int] = {}
     algorithms: dict[str, None] = {}
     for rows in read_rows(path, columns, "DOA estimates", ignored=("n_speakers", "snr_db", "speakers")):
         number = np.array([numbers.setdefault(r, len(numbers)) for r in rows.cells["recording"].tolist()])
         algorithms.update(dict.fromkeys(rows.cells["algorithm"].tolist()))
         if options.algorithm is None and len(algorithms) > 1:
-            raise UsageError(f"{path}: holds estimates of {', '.join(algorithms)}; choose one with --doa-algorithm")
+            raise UsageError(f"{path}: holds estimates of {', '.join(algorithms)}; choose one algorithm")
         kept = rows.cells["algorithm"] == (options.algorithm or next(iter(algorithms)))
         if not kept.any():
             continue

@@ -65,7 +65,7 @@ def _sensors(rows: Rows, options: DoaOptions) -> Strings:
     if options.sensor is not None:
         return np.full(len(rows), options.sensor)
     if not rows.has("sensor"):
-        raise InputError(f"{rows.path}: has no column sensor; add it, or name the array: --doa ARRAY={rows.path.name}")
+        raise InputError(f"{rows.path}: has no column sensor; add it, or name the array: ARRAY={rows.path.name}")
     return rows.cells["sensor"]
 
 
@@ -78,7 +78,7 @@ def _angle(rows: Rows, name: str, options: DoaOptions) -> Floats:
         raise InputError(f"{rows.path}: two columns say {name}; keep one")
     unit = found[0].removeprefix("_") or options.unit
     if unit is None:
-        raise UsageError(f"{rows.path}: column {name} does not state its unit; name it {name}_deg, or give --doa-unit")
+        raise UsageError(f"{rows.path}: column {name} does not state its unit; name it {name}_deg, or state the unit")
     values = rows.floats(name + found[0], blank=name != "azimuth")
     if unit == "rad":
         _check_limits(rows, name + found[0], np.abs(values) > 4 * np.pi, "is too large for radians; are these degrees?")

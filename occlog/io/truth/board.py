@@ -38,7 +38,7 @@ def read_board(path: Path, sync_ns: Mapping[int, int] | None) -> Truth:
         sync_ns: time [ns] of every synchronisation index, from `read_sync_times`.
     """
     if sync_ns is None:
-        raise UsageError(f"{path}: counts synchronisation indices; give their times with --timestamps timestamps.csv")
+        raise UsageError(f"{path}: counts synchronisation indices; give their times (timestamps.csv)")
     sync, corner, xyz = _read(path)
     names, column = np.unique(corner, return_inverse=True)
     times, row = np.unique(sync, return_inverse=True)

@@ -53,7 +53,7 @@ class TruthOptions:
         if self.camera is not None and self.camera in self.times:
             return self.times[self.camera]
         if not self.times:
-            raise UsageError(f"{where}: counts frames, and nothing says when they were taken; give --fps")
+            raise UsageError(f"{where}: counts frames, and nothing says when they were taken; give the frame rate")
         found = list(self.times.values())
         first = found[0]
         same = all((t.rate, t.start_ns, t.count) == (first.rate, first.start_ns, first.count) for t in found)

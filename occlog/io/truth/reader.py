@@ -65,7 +65,7 @@ def _one_camera(path: Path, options: TruthOptions) -> str:
         return options.camera
     if len(options.cameras) == 1:
         return options.cameras[0]
-    raise UsageError(f"{path}: holds boxes of one camera and does not name it; give --truth CAMERA={path.name}")
+    raise UsageError(f"{path}: holds boxes of one camera and does not name it; give it as CAMERA={path.name}")
 
 
 def _read_boxes(path: Path, options: TruthOptions, camera: str | None) -> Iterator[TruthBoxes]:
@@ -101,7 +101,7 @@ def _read_mot(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
 def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     camera = _one_camera(path, options)
     if camera not in options.times:
-        raise UsageError(f"{path}: counts frames, and nothing says when they were taken; give --fps")
+        raise UsageError(f"{path}: counts frames, and nothing says when they were taken; give the frame rate")
     return read_xml_boxes(path, camera, options.times, options.boxes)
 
 

@@ -190,3 +190,14 @@ def test_too_many_cameras_for_subsets_are_refused(probability):
     priors = gaussian_priors(np.array([[10.0, 10.0]]), 4.0 * np.eye(2)[None], 3.33)
     with pytest.raises(ValueError, match="likelihood=independent"):
         among(many, looks, TARGET[None], detection(many), priors, probability)
+
+
+def test_sixteen_cameras_are_summed_over_their_subsets():
+    """The limit: `test_too_many_cameras_for_subsets_are_refused` has one more."""
+    scene = replace(room100(), cameras=tuple(replace(room100().cameras[0], name=f"c{k}") for k in range(16)))
+    given = pack_scan(scan(0, [(k, true_u(scene, TARGET)[0]) for k in range(16)]), read_noise(scene), True)
+    model, sensors, noise = detection(scene), pack_sensors(scene), pack_noise(scene)
+    occlusion = Occlusion(RECURSION, PRINTED, FLOOR, 5.5)
+    xy, priors = TARGET[None], gaussian_priors(np.array([[40.0, 40.0]]), 4.0 * np.eye(2)[None], 3.0)
+    got = log_likelihood_among(xy, given, sensors, noise, model, np.ones(1, dtype=bool), priors, occlusion)
+    assert np.isfinite(got).all()

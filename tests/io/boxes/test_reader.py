@@ -127,7 +127,7 @@ def test_several_files_share_the_range_of_frames(tmp_path: Path) -> None:
         ("frame,left,top,right,bottom\n0,1,2,3,4\n1.5,1,2,3,4\n", "line 3: frame is '1.5'; a whole number"),
         ("frame,left,top,right,bottom\n-1,1,2,3,4\n", "line 2: frame -1; the first one is 0"),
         ("frame,left,top,right,bottom\n0,5,2,3,4\n", r"line 2: box of -2 x 2 px; both must be above 0"),
-        ("frame,left,top,right,bottom,score\n0,1,2,3,4,55\n", "line 2: confidence 55.*--confidence-scale"),
+        ("frame,left,top,right,bottom,score\n0,1,2,3,4,55\n", "line 2: confidence 55.*state the scale"),
         ("frame,left,top,right,bottom,id\n0,1,2,3,4,9999999999\n", "line 2: identity 9999999999"),
         ("frame,left,top,right,bottom\n0,1,2,3\n", "line 2: 4 cells, but the first line has 5"),
         ("frame,left,top,right,botom\n0,1,2,3,4\n", "unknown column 'botom'; did you mean 'bottom'"),

@@ -361,7 +361,7 @@ FAULTS = [
     ("a.toml", TOML.replace("rotation = [1.2, -0.3, 0.4]", "rotation = [[1,0,0],[0,1,0],[0,0,-1]]"), "mirrored"),
     ("a.toml", TOML.replace("rotation = [1.2, -0.3, 0.4]", "rotation = [[1,0,0],[0,2,0],[0,0,1]]"), "not orthonormal"),
     ("a.toml", TOML.replace("rotation = [1.2, -0.3, 0.4]\n", ""), "no rotation and translation"),
-    ("a.toml", TOML.replace("size = [640, 480]\n", ""), "give --image-size"),
+    ("a.toml", TOML.replace("size = [640, 480]\n", ""), "give the image size"),
     ("a.toml", TOML.replace("0.002]", "0.002, 0, 0.1, 0.2, 0.3]"), "8 distortion coefficients"),
     ("a.toml", TOML.replace("0.1, -0.05", "-9.1, 40.5"), "cannot be undone"),
     ("a.toml", TOML.replace("0.1, -0.05", "1e90, 0.5"), "cannot be undone"),

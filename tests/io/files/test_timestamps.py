@@ -149,7 +149,7 @@ def test_a_frame_without_a_time_is_named() -> None:
     assert times.at(np.array([2, 0])).tolist() == [35, 5]
     with pytest.raises(InputError, match=r"frame 3 has no time: sidecar x\.csv gives times for frames 0 to 2"):
         times.at(np.array([1, 3]))
-    with pytest.raises(InputError, match="--fps"):
+    with pytest.raises(InputError, match="give the frame rate"):
         FrameTimes("nothing").at(np.array([0]))
 
 

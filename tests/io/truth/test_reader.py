@@ -56,7 +56,7 @@ def test_frames_of_cameras_that_differ_in_time_are_not_guessed(tmp_path: Path) -
         read(path, TruthOptions(cameras=("a", "b"), times={"a": RATE, "b": other}))
     truth, _ = read(path, TruthOptions(camera="b", cameras=("a", "b"), times={"a": RATE, "b": other}))
     assert truth.t_ns.tolist() == [5]
-    with pytest.raises(UsageError, match="give --fps"):
+    with pytest.raises(UsageError, match="give the frame rate"):
         read(path, TruthOptions())
 
 
@@ -159,5 +159,5 @@ def test_corners_that_come_and_go_do_not_move_the_board(tmp_path: Path) -> None:
     assert truth.x.tolist() == [2.0] * 4
     with pytest.raises(InputError, match="sync_index 3 has no time"):
         read_board(path, {s: s for s in range(3)})
-    with pytest.raises(UsageError, match=r"--timestamps timestamps\.csv"):
+    with pytest.raises(UsageError, match=r"give their times \(timestamps\.csv\)"):
         read_board(path, None)
