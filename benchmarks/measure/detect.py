@@ -13,9 +13,10 @@ import numpy as np
 
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.measure.clusters.stage import find_clusters
-from occlog.measure.detect.config import DetectConfig, Target
+from occlog.measure.detect.config import CLEAN_PX, DetectConfig
 from occlog.measure.detect.one_camera import CameraState, open_eye
 from occlog.measure.detect.stage import Learned, detect
+from occlog.measure.detect.target import Target
 from occlog.measure.regions.background import foreground
 from occlog.measure.regions.regions import cluster_regions, gather
 from occlog.records.frames import Frame, Image
@@ -72,10 +73,10 @@ def bare(pngs: list[Any], empty: Image) -> None:
         cv2.connectedComponentsWithStats(mask)
 
 
-def ours(pngs: list[Any], scene: Scene, config: DetectConfig, empty: Image) -> None:
+def ours(pngs: list[Any], scene: Scene, target: Target, empty: Image) -> None:
     """All of the detect stage, on one thread."""
     frames = [Frame(k * STEP_NS, "cam", k, partial(cv2.imdecode, png, cv2.IMREAD_COLOR)) for k, png in enumerate(pngs)]
-    for _ in detect(frames, scene, config, 1, Learned(empty={"cam": empty})):
+    for _ in detect(frames, scene, DetectConfig(), 1, Learned(empty={"cam": empty}), (target,)):
         pass
 
 
@@ -93,7 +94,7 @@ def steps_ms(images: list[Image], pngs: list[Any], state: CameraState) -> dict[s
     parts = {
         "decode": cost_ms(lambda: [cv2.imdecode(png, cv2.IMREAD_COLOR) for png in pngs]),
         "background": cost_ms(
-            lambda: masks.extend(foreground(eye.subtractor, image, k, 5) for k, image in enumerate(images))
+            lambda: masks.extend(foreground(eye.subtractor, image, k, CLEAN_PX) for k, image in enumerate(images))
         ),
     }
     parts["cells"] = cost_ms(lambda: [gather(mask, eye.side) for mask in masks])
@@ -112,14 +113,14 @@ def run(repeats: int) -> dict[str, Any]:
     empty = empty_room(scene, images)
     pngs = [cv2.imencode(".png", image)[1] for image in images]
     references = reference_appearances(scene, [0], RenderConfig(), SEED)
-    config = DetectConfig(targets=(Target(0, np.array([r["appearance"] for r in references])),))
+    target = Target(0, np.array([r["appearance"] for r in references]))
     cv2.setNumThreads(1)
-    ours(pngs[:4], scene, config, empty)  # compile
+    ours(pngs[:4], scene, target, empty)  # compile
     baseline, whole, shares = [], [], []
     for _ in range(repeats):
         baseline.append(cost_ms(lambda: bare(pngs, empty)))
-        whole.append(cost_ms(lambda: ours(pngs, scene, config, empty)))
-        shares.append(steps_ms(images, pngs, CameraState(scene.cameras[0], scene, config, empty)))
+        whole.append(cost_ms(lambda: ours(pngs, scene, target, empty)))
+        shares.append(steps_ms(images, pngs, CameraState(scene.cameras[0], scene, DetectConfig(), empty)))
     parts = {name: median(s[name] for s in shares) for name in shares[0]}
     steps = sum(v for name, v in parts.items() if "%" not in name)
     total, base = median(whole), median(baseline)

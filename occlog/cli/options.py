@@ -44,6 +44,13 @@ workers_opt = click.option(
 )
 
 
+def set_opt(example: str) -> Callable[[F], F]:
+    """`--set`, repeated, for settings that have no option of their own."""
+    return click.option(
+        "--set", "settings", multiple=True, metavar="NAME=VALUE", help=f"A setting, e.g. {example}; may be repeated."
+    )
+
+
 def output_opt(help_text: str, *, required: bool = True) -> Callable[[F], F]:
     """`-o/--output` with its meaning for this command."""
     return click.option("-o", "--output", type=PATH, required=required, help=help_text)

@@ -38,16 +38,17 @@ class SettingOption(click.Option):
         settings: the class.
         f: its field.
         prefix: of the parameter's name, where a command has settings of one name from several classes.
+        under: of the option's name: `--sigma` under `fuse` is `--fuse-sigma`.
     """
 
-    def __init__(self, settings: type[Settings], f: Field[Any], prefix: str = "") -> None:
+    def __init__(self, settings: type[Settings], f: Field[Any], prefix: str = "", under: str = "") -> None:
         said = declaration(f)
         if said.option is None:
             raise ValueError(f"setting {f.name} declares no option")
         self.owner, self.setting = settings.OWNER, f.name
         kind = plain_kind(kind_of(settings, f.name))
         super().__init__(
-            [said.option, prefix + f.name],
+            [f"--{under}-{said.option.removeprefix('--')}" if under else said.option, prefix + f.name],
             type=None if kind is bool else _type_of(settings, f),
             is_flag=True if kind is bool else None,
             default=None,
@@ -111,9 +112,14 @@ def with_options(
         without: names of settings to leave out.
         prefix: of the parameters' names.
     """
+    return add_options(options_of(settings, only=only, without=without, prefix=prefix))
+
+
+def add_options(listed: Sequence[click.Option]) -> Callable[[F], F]:
+    """Decorator that gives a command these options, in their order."""
 
     def decorate(command: F) -> F:
-        for option in reversed(options_of(settings, only=only, without=without, prefix=prefix)):
+        for option in reversed(listed):
             _add(command, option)
         return command
 
@@ -129,11 +135,16 @@ def _add(command: Any, option: click.Option) -> None:
 
 
 def options_of(
-    settings: type[Settings], *, only: Sequence[str] = (), without: Sequence[str] = (), prefix: str = ""
+    settings: type[Settings],
+    *,
+    only: Sequence[str] = (),
+    without: Sequence[str] = (),
+    prefix: str = "",
+    under: str = "",
 ) -> list[SettingOption]:
-    """Options of the settings that declare one, in the order of declaration."""
+    """Options of the settings that declare one, in the order of declaration; see `SettingOption`."""
     return [
-        SettingOption(settings, f, prefix)
+        SettingOption(settings, f, prefix, under)
         for f in declared(settings)
         if declaration(f).option is not None and (not only or f.name in only) and f.name not in without
     ]

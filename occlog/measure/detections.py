@@ -1,18 +1,19 @@
-"""What detection and fusion give: regions, bearings and losses of one part of a recording."""
+"""What detection and fusion give for a part of a recording, and the height of a person; loads nothing heavy."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from occlog.records.losses import Loss
-from occlog.records.tables import Bearings, Views
+if TYPE_CHECKING:
+    from occlog.records.losses import Loss
+    from occlog.records.tables import Bearings, Views
 
 PERSON_HEIGHT = {"m": 1.7, "ft": 5.6, "in": 67.0}
 """Height of a person by the scene's length unit."""
 
 
 class Detections(NamedTuple):
-    """What came out of one stretch of the recording."""
+    """Regions, bearings and losses of one part of a recording."""
 
     views: Views
     bearings: Bearings

@@ -1,96 +1,119 @@
-"""Options of detection, who is looked for, and what detection returns."""
+"""Settings of `occlog detect`, and the constants that its provenance records beside them."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
 
-import numpy as np
+from occlog.settings import Settings, setting
 
-from occlog.array_types import Floats
-from occlog.errors import InputError, UsageError
-from occlog.records.tables import APPEARANCE_BINS
-
-METHODS = ("em", "components")
-BACKGROUNDS = ("mog2", "knn")
-
-
-@dataclass(frozen=True, eq=False)
-class Target:
-    """Somebody to look for, known by appearance."""
-
-    target_id: int
-    appearances: Floats  # (n, 72) histograms of one person, in several views or lights
-
-    def __post_init__(self) -> None:
-        a = self.appearances
-        ok = a.ndim == 2 and a.shape[1:] == (APPEARANCE_BINS,) and len(a) > 0 and np.isfinite(a).all()
-        if not (ok and (a >= 0).all() and np.allclose(a.sum(axis=1), 1.0, atol=1e-3)):
-            raise InputError(
-                f"target {self.target_id}: an appearance must be {APPEARANCE_BINS} numbers of at least 0 "
-                f"that sum to 1; got an array of shape {a.shape}"
-            )
+CLEAN_PX = 5
+"""Side of the median filter on the foreground [px]."""
+MAX_FOREGROUND = 0.6
+"""Share of foreground above which a frame cannot be used: the light changed, or the camera moved."""
+STRENGTH = 2.0
+"""Weight of the prior on a cluster's shape, in pixels of a person in full view."""
+PENALTY = 0.1
+"""Cost of one more cluster, in pixels of a person in full view."""
+LEAST = 0.2
+"""Smallest cluster, in pixels of a person in full view."""
+MOST = 5.0
+"""Largest cluster that can be a target, in pixels of a person in full view."""
+LONE_TARGET_ID = 0
+"""Identity of the one target when no appearance is known."""
+MARGIN = 0.05
+"""Likeness that it is worth to be where the target was last seen."""
+MEMORY_S = 1.0
+"""Time for which a place where the target was last seen counts [s]."""
+BATCH = 32
+"""Frames read ahead at a time, of all cameras together."""
 
 
 @dataclass(frozen=True)
-class DetectConfig:
-    """Options of detection; lengths in the scene's unit unless their name says px."""
+class DetectConfig(Settings):
+    """Settings of detection; lengths in the scene's unit unless their name says px."""
 
-    method: str = "em"  # foreground to regions: `em` or `components`
-    background: str = "mog2"  # background model: `mog2` or `knn`
-    history: int = 500  # frames that the background model remembers; who stands for a tenth of it vanishes
-    threshold: float | None = None  # of foreground, see `make_subtractor`; None: the model's default
-    shadows: bool = True  # tell shadows from foreground
-    clean_px: int = 5  # side of the median filter on the foreground; 0: none
-    warmup: int = 50  # frames without result at the start of a camera without an image of the empty scene
-    max_foreground: float = 0.6  # share of the image above which a frame cannot be used
-    bits: int | None = None  # significant bits of 16-bit images
-    shrink: int | None = None  # images are shrunk by this factor; None: as far as people stay wide enough
-    person_height: float | None = None  # None: PERSON_HEIGHT of the scene's unit
-    person_height_px: float | None = None  # the same everywhere in every image, instead of the camera's pose
-    strength: float = 2.0  # of the prior on a cluster's shape, in persons' pixels
-    penalty: float = 0.1  # cost of one more cluster, in persons' pixels
-    least: float = 0.2  # smallest cluster, in pixels of a person in full view
-    most: float = 5.0  # largest cluster that can be a target, in the same
-    targets: tuple[Target, ...] = field(default=())
-    lone_target_id: int = 0  # id of the one target when no appearance is known
-    likeness: float = 0.65  # least likeness (Bhattacharyya coefficient) to a target
-    margin: float = 0.05  # likeness that closeness to where the target was last seen is worth
-    memory_s: float = 1.0  # how long that counts
-    min_confidence: float = 0.3  # of a detector's box
-    batch: int = 32  # frames read ahead at a time, of all cameras together
+    OWNER: ClassVar[str] = "detect"
 
-    def __post_init__(self) -> None:
-        _check_choices(self)
-        _check_numbers(self)
-        ids = [t.target_id for t in self.targets]
-        if len(set(ids)) < len(ids):
-            raise UsageError(f"detect: target ids {ids} repeat; give each target its own")
+    method: str = setting(
+        "em",
+        "Foreground to regions: mixture of person-shaped Gaussians, or connected blobs.",
+        choices=("em", "components"),
+        option="--method",
+    )
+    background: str = setting("mog2", "Background model.", choices=("mog2", "knn"), option="--background")
+    history: int = setting(
+        500,
+        "Frames that the background model remembers; a person who stands still for a tenth of them becomes background.",
+        at_least=1,
+        option="--history",
+        metavar="FRAMES",
+    )
+    threshold: float | None = setting(
+        None,
+        "Difference from the background, in the measure of its model, above which a pixel is foreground.",
+        above=0,
+        option="--threshold",
+        nothing="the model's own",
+    )
+    shadows: bool = setting(True, "Tell shadows from foreground.", option="--shadows/--no-shadows")
+    warmup: int = setting(
+        50,
+        "With --no-learn: frames that only teach the background.",
+        at_least=0,
+        option="--warmup",
+        metavar="FRAMES",
+    )
+    bits: int | None = setting(
+        None,
+        "Significant bits of 16-bit images.",
+        at_least=8,
+        at_most=16,
+        option="--bits",
+        nothing="16-bit images are refused",
+    )
+    shrink: int | None = setting(
+        None,
+        "Shrink images first.",
+        at_least=1,
+        at_most=16,
+        option="--shrink",
+        metavar="FACTOR",
+        nothing="as far as people stay 100 px wide",
+    )
+    person_height: float | None = setting(
+        None, "Of a person.", unit="length", above=0, option="--person-height", metavar="LENGTH", nothing="1.7 m"
+    )
+    person_height_px: float | None = setting(
+        None,
+        "The same everywhere in every image, instead of what the cameras' poses say.",
+        unit="px",
+        above=0,
+        option="--person-height-px",
+        metavar="PX",
+        nothing="from the poses",
+    )
+    likeness: float = setting(
+        0.65,
+        "Least likeness (Bhattacharyya coefficient) to the target.",
+        at_least=0,
+        at_most=1,
+        option="--likeness",
+    )
+    min_confidence: float = setting(0.3, "Of a detector's box.", at_least=0, at_most=1, option="--min-confidence")
 
 
-def _check_choices(c: DetectConfig) -> None:
-    for name, valid in (("method", METHODS), ("background", BACKGROUNDS)):
-        if getattr(c, name) not in valid:
-            raise UsageError(f"detect: {name} {getattr(c, name)!r} is not one of: {', '.join(valid)}")
-    if c.clean_px not in (0, 1, 3, 5):
-        raise UsageError(f"detect: clean_px {c.clean_px} is not one of: 0, 3, 5")
-    if c.shrink is not None and not 1 <= c.shrink <= 16:
-        raise UsageError(f"detect: shrink {c.shrink} must be from 1 to 16")
-    if c.bits is not None and not 8 <= c.bits <= 16:
-        raise UsageError(f"detect: bits {c.bits} must be from 8 to 16")
-
-
-def _check_numbers(c: DetectConfig) -> None:
-    for name in ("history", "batch"):
-        if getattr(c, name) < 1:
-            raise UsageError(f"detect: {name} {getattr(c, name)} must be at least 1")
-    for name in ("strength", "person_height", "person_height_px", "threshold", "least", "most"):
-        value = getattr(c, name)
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise UsageError(f"detect: {name} {value} must be above 0")
-    for name in ("warmup", "penalty", "memory_s", "margin"):
-        if not (math.isfinite(getattr(c, name)) and getattr(c, name) >= 0):
-            raise UsageError(f"detect: {name} {getattr(c, name)} must be at least 0")
-    for name in ("max_foreground", "likeness", "min_confidence"):
-        if not 0 <= getattr(c, name) <= 1:
-            raise UsageError(f"detect: {name} {getattr(c, name)} must be from 0 to 1")
+def parameters(config: DetectConfig) -> dict[str, Any]:
+    """The settings and constants that a detection in images depends on, for its provenance."""
+    return asdict(config) | {
+        "clean_px": CLEAN_PX,
+        "max_foreground": MAX_FOREGROUND,
+        "strength": STRENGTH,
+        "penalty": PENALTY,
+        "least": LEAST,
+        "most": MOST,
+        "lone_target_id": LONE_TARGET_ID,
+        "margin": MARGIN,
+        "memory_s": MEMORY_S,
+        "batch": BATCH,
+    }

@@ -25,9 +25,10 @@ from occlog.measure.regions.shrink import shrink
 from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera, Scene
 
-from .config import DetectConfig, Target
+from .config import DetectConfig
 from .one_camera import known_sizes, plain_image, shrink_of
 from .stage import Learned
+from .target import Target
 
 SAMPLE_BYTES = 512 * 1024 * 1024
 """Memory for the samples of all cameras together."""

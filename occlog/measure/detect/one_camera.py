@@ -22,8 +22,8 @@ from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 
-from .config import DetectConfig
-from .target import Memory
+from .config import CLEAN_PX, LEAST, MAX_FOREGROUND, PENALTY, STRENGTH, DetectConfig
+from .target import Memory, Target
 
 UNKNOWN_SIDE_PX = 960  # longer side of shrunk images where the size of people is not known
 BLOCK = 16  # codecs cut images at the right and below to whole blocks
@@ -51,6 +51,7 @@ class CameraState:
     config: DetectConfig
     empty: Image | None = None
     sizes: SizeMap | None = None
+    targets: tuple[Target, ...] = ()
     eye: Eye | None = None
     seen: int = 0  # frames given to the background model
     memory: Memory = field(default_factory=Memory)
@@ -109,13 +110,13 @@ def _look(state: CameraState, eye: Eye, frame: Frame, image: Image) -> tuple[str
         return f"image is {_size(image.shape)}, the camera's first was {_size(eye.shape)}", None
     c = state.config
     image = shrink(image, eye.shrink)
-    mask = foreground(eye.subtractor, image, frame.index, c.clean_px)
+    mask = foreground(eye.subtractor, image, frame.index, CLEAN_PX)
     state.seen += 1
     if not eye.started and state.seen <= c.warmup:
         return "", None
     share = np.count_nonzero(mask) / mask.size
-    if share > c.max_foreground:
-        return f"foreground covers more than {c.max_foreground:.0%} of the image (light, or the camera moved)", None
+    if share > MAX_FOREGROUND:
+        return f"foreground covers more than {MAX_FOREGROUND:.0%} of the image (light, or the camera moved)", None
     if c.method == "em":
         regions = cluster_regions(image, mask, eye.side, eye.prior)
     else:
@@ -145,7 +146,7 @@ def open_eye(state: CameraState, image: Image) -> Eye:
             "or inches, and no people were seen beforehand; give the height of a person in pixels (person_height_px)"
         )
     sizes = shrink_sizes(sizes, factor)
-    prior = make_prior(sizes, c.strength, c.penalty, c.least)
+    prior = make_prior(sizes, STRENGTH, PENALTY, LEAST)
     return Eye(image.shape, factor, subtractor, sizes, prior, cell_side(sizes), empty is not None)
 
 

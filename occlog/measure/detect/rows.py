@@ -12,6 +12,7 @@ from occlog.measure.regions.regions import Regions
 from occlog.records.tables import Bearings, Views
 
 from .bearing import Sights, shape_covariance, sights
+from .config import LONE_TARGET_ID
 from .one_camera import CameraState, Found
 from .target import choose, likenesses
 
@@ -35,7 +36,7 @@ def to_tables(state: CameraState, found: Sequence[Found]) -> tuple[Views, Bearin
     r = frames.regions
     covs = shape_covariance(r.person, r.fill, _cut(r.boxes, state.eye.shape[1]))
     seen = sights(state.camera, r.means, covs, r.covs, r.person)
-    like = likenesses(r.appearance, state.config)
+    like = likenesses(r.appearance, state.targets)
     chosen = _choose(state, frames, like)
     return _views(state, frames, seen, like, chosen), _bearings(state, frames, seen, like, chosen)
 
@@ -63,13 +64,13 @@ def _choose(state: CameraState, frames: _Frames, like: Floats) -> Ints:
     chosen = []
     for t_ns, a, b in zip(frames.t_ns.tolist(), frames.first[:-1], frames.first[1:], strict=True):
         mine = Regions(*(column[a:b] for column in frames.regions))
-        one = choose(t_ns, mine, like[a:b], state.memory, state.config)
+        one = choose(t_ns, mine, like[a:b], state.memory, state.config.likeness)
         chosen.append(np.where(one >= 0, one + a, -1))
     return np.array(chosen)
 
 
 def _target_ids(state: CameraState) -> list[int]:
-    return [t.target_id for t in state.config.targets] or [state.config.lone_target_id]
+    return [t.target_id for t in state.targets] or [LONE_TARGET_ID]
 
 
 def _views(state: CameraState, frames: _Frames, seen: Sights, like: Floats, chosen: Ints) -> Views:

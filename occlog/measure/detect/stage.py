@@ -9,7 +9,7 @@ workers, and memory does not grow with the length of the recording.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -25,9 +25,10 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Views
 
-from .config import DetectConfig
+from .config import BATCH, DetectConfig
 from .one_camera import CameraState, process
 from .rows import to_tables
+from .target import Target, check_targets
 
 IN_FLIGHT = 2  # batches that wait or run while the oldest is finished
 
@@ -54,6 +55,9 @@ def detect(
     config: DetectConfig | None = None,
     workers: int = 1,
     learned: Learned | None = None,
+    targets: Sequence[Target] = (),
+    *,
+    batch: int = BATCH,
 ) -> Iterator[Detections]:
     """Regions (`views`) and target bearings of all cameras, in the order of time.
 
@@ -68,11 +72,18 @@ def detect(
         config: options.
         workers: threads.
         learned: images of the empty scene and sizes of people.
+        targets: people to look for; none: the largest region is the one target, `LONE_TARGET_ID`.
+        batch: frames read ahead at a time, 1 or more; the rows do not depend on it.
 
-    Returns:
-        Iterator of parts; InputError where a frame's camera is not in the scene, does not
-        fit its calibration, or nothing says how large people are.
+    Yields:
+        One part for each batch of frames.
+
+    Raises:
+        InputError: a frame's camera is not in the scene, an image does not fit its
+            calibration, or nothing says how large people are.
+        UsageError: two targets have the same identity.
     """
+    check_targets(targets)
     config = config or DetectConfig()
     learned = learned or Learned()
     states: dict[str, CameraState] = {}
@@ -80,11 +91,15 @@ def detect(
     waiting: deque[list[Future[_Part]]] = deque()
     with _one_thread_each(), ThreadPoolExecutor(workers) as pool:
         try:
-            for batch in batches(frames, config.batch):
+            for some in batches(frames, batch):
                 jobs = []
-                for name, of_camera in _by_camera(batch).items():
+                for name, of_camera in _by_camera(some).items():
                     if name not in states:
-                        states[name] = _new_state(name, scene, config, learned)
+                        empty, sizes = learned.empty.get(name), learned.sizes.get(name)
+                        camera = scene.camera(name)
+                        states[name] = CameraState(
+                            camera, scene, config, empty=empty, sizes=sizes, targets=tuple(targets)
+                        )
                     last[name] = pool.submit(_job, states[name], of_camera, last.get(name))
                     jobs.append(last[name])
                 waiting.append(jobs)
@@ -118,10 +133,6 @@ def _by_camera(batch: list[Frame]) -> dict[str, list[Frame]]:
     for frame in batch:
         out.setdefault(frame.sensor, []).append(frame)
     return out
-
-
-def _new_state(name: str, scene: Scene, config: DetectConfig, learned: Learned) -> CameraState:
-    return CameraState(scene.camera(name), scene, config, learned.empty.get(name), learned.sizes.get(name))
 
 
 def _job(state: CameraState, frames: list[Frame], before: Future[_Part] | None) -> _Part:

@@ -62,7 +62,7 @@ def open_eyes(scene: Scene, config: FuseConfig) -> Eyes:
 
     Args:
         scene: the scene.
-        config: from `in_scene`.
+        config: settings in the scene's unit.
     """
     cameras = tuple(c for c in scene.cameras if c.placed)
     if len(cameras) < 2:

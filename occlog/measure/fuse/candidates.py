@@ -40,7 +40,7 @@ def fuse_candidates(
         rows: those of the moment's candidates.
         looked: cameras that delivered a frame, rising.
         eyes: the cameras.
-        config: from `in_scene`.
+        config: settings in the scene's unit.
     """
     free = rows
     followed: list[Memory] = []
@@ -76,8 +76,8 @@ def _shared_out(objects: Sequence[Memory], t_ns: int, sight: Sight, rows: Ints, 
 def _off(memory: Memory, t_ns: int, sight: Sight, config: FuseConfig) -> Floats:
     if memory.motion is None:  # objects that are followed have one
         return np.full(len(sight.azimuth), np.inf)
-    place = ahead(memory.motion, t_ns, config.acceleration or 0.0).place
-    return misfit(sight, place, (config.sigma or 0.0) ** 2)
+    place = ahead(memory.motion, t_ns, config.acceleration).place
+    return misfit(sight, place, config.sigma**2)
 
 
 def _groups(sight: Sight, rows: Ints, eyes: Eyes, config: FuseConfig) -> Iterator[Ints]:

@@ -8,17 +8,24 @@ from typing import Any
 import click
 
 from occlog.cli import options
+from occlog.cli.setting_options import SettingsCommand, given, with_options
 
-from . import options as fuse_options
+from .config import FuseConfig
 
 
-@click.command(name="fuse", short_help="Remove false detections and recover missed ones, from several cameras.")
+@click.command(
+    name="fuse",
+    cls=SettingsCommand,
+    settings=lambda: FuseConfig,
+    short_help="Remove false detections and recover missed ones, from several cameras.",
+)
 @click.argument("bearings", type=options.PATH)
 @options.output_opt("Fused bearings (Parquet).")
 @click.option("--views", type=options.PATH, default=None, help="The views that the bearings are of (Parquet).")
 @click.option("--fused-views", type=options.PATH, default=None, help="Write the views after the fusion (Parquet).")
 @options.scene_opt
-@fuse_options.of_fuse
+@with_options(FuseConfig)
+@options.set_opt("reach=3")
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
@@ -28,6 +35,7 @@ def command(
     views: Path | None,
     fused_views: Path | None,
     scene: Path | None,
+    settings: tuple[str, ...],
     overwrite: bool,
     quiet: bool,
     as_json: bool,
@@ -44,10 +52,14 @@ def command(
       occlog fuse bearings.parquet --views views.parquet --scene walk.mcap -o fused.parquet --fused-views both.parquet
       occlog fuse labelled.parquet --scene hall.mcap -o fused.parquet --p-miss 0.3 --p-false 0.05
     """
+    from occlog.cli.parse import parse_setting
+
     from .run import Files, run_fuse
 
     options.check_outputs([bearings, views, scene], [output, fused_views], overwrite)
-    files = Files(bearings, views, scene, output, fused_views, overwrite)
-    chosen = {k: v for k, v in values.items() if v is not None}
+    files = Files(
+        bearings=bearings, views=views, scene=scene, output=output, fused_views=fused_views, overwrite=overwrite
+    )
+    chosen = dict(parse_setting(text) for text in settings) | given(FuseConfig, values)
     summary, losses = run_fuse(files, chosen, quiet)
     return options.finish(summary, losses, as_json)

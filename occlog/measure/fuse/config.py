@@ -1,67 +1,98 @@
-"""Options of the fusion of detections, and its counts."""
+"""Settings of the fusion of detections."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import ClassVar
 
-from occlog.errors import UsageError
 from occlog.measure.detections import PERSON_HEIGHT
-from occlog.records.scene import Scene
-
-SIGMA = {"m": 0.5, "ft": 1.6, "in": 20.0}
-"""Spread about the prediction by length unit: about a person's width."""
-SPEED = {"m": 1.5, "ft": 5.0, "in": 60.0}
-ACCELERATION = {"m": 1.0, "ft": 10.0, "in": 1500.0}
-OWN_SIGMA, OWN_SPEED, OWN_ACCELERATION = 3.33, 1.5, 1.0
-"""The same in scenes with a unit of their own, where objects are 3.33 wide."""
+from occlog.settings import Settings, setting
 
 
 @dataclass(frozen=True)
-class FuseConfig:
-    """Options of the fusion; lengths in the scene's unit."""
+class FuseConfig(Settings):
+    """Settings of the fusion; lengths in the scene's unit.
 
-    sigma: float | None = None  # spread of a position about its prediction, [Lee] Eq. 4.20; None: SIGMA
-    p_miss: float = 0.2  # P_M of a camera whose `detection` the scene does not give
-    p_false: float = 0.2  # P_F of a camera whose `false_alarm` the scene does not give
-    reach: float = 4.0  # a detection this many spreads from the prediction counts as missed
-    gate: float = 3.0  # one this many standard deviations from the global position is removed
-    hold: int = 5  # moments in a row without a declaration after which the prediction is dropped
-    window_s: float = 0.0  # frames at most this far apart are of one moment
-    min_crossing_deg: float = 5.0  # sight lines that cross at smaller angles give no place
-    acceleration: float | None = None  # density of the dynamic model [length^2/s^3]
-    speed: float | None = None  # of a target just found, per axis
-    person_height: float | None = None  # None: PERSON_HEIGHT
+    The default lengths are those of objects 3.33 wide; `FuseConfig.in_unit` gives those of people.
+    """
 
-    def __post_init__(self) -> None:
-        for name in ("sigma", "reach", "gate", "acceleration", "speed", "person_height"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise UsageError(f"fuse: {name} is {value}, must be a finite number above 0")
-        for name in ("p_miss", "p_false"):
-            if not 0 < getattr(self, name) < 1:
-                raise UsageError(f"fuse: {name} is {getattr(self, name)}, must be between 0 and 1")
-        if not (math.isfinite(self.window_s) and self.window_s >= 0):
-            raise UsageError(f"fuse: window_s is {self.window_s}, must be a finite number of at least 0")
-        if self.hold < 1:
-            raise UsageError(f"fuse: hold is {self.hold}, must be at least 1")
-        if not 0 < self.min_crossing_deg < 90:
-            raise UsageError(f"fuse: min_crossing_deg is {self.min_crossing_deg}, must be between 0 and 90")
+    OWNER: ClassVar[str] = "fuse"
 
-
-def in_scene(config: FuseConfig, scene: Scene) -> FuseConfig:
-    """The options with what depends on the scene's unit filled in; `person_height` stays None in units of its own."""
-    unit = scene.length_unit
-    return FuseConfig(
-        config.sigma or SIGMA.get(unit, OWN_SIGMA),
-        config.p_miss,
-        config.p_false,
-        config.reach,
-        config.gate,
-        config.hold,
-        config.window_s,
-        config.min_crossing_deg,
-        config.acceleration or ACCELERATION.get(unit, OWN_ACCELERATION),
-        config.speed or SPEED.get(unit, OWN_SPEED),
-        config.person_height or PERSON_HEIGHT.get(unit),
+    sigma: float = setting(
+        3.33,
+        "Spread of a position about its prediction, [Lee] Eq. 4.20; about a person's width.",
+        unit="length",
+        above=0,
+        people={"m": 0.5, "ft": 1.6, "in": 20.0},
+        option="--sigma",
+        metavar="LENGTH",
+    )
+    p_miss: float = setting(
+        0.2,
+        "That a camera misses what it could see, unless the scene says ([Lee] P_M).",
+        above=0,
+        below=1,
+        option="--p-miss",
+    )
+    p_false: float = setting(
+        0.2,
+        "That a camera reports what is not there, unless the scene says ([Lee] P_F).",
+        above=0,
+        below=1,
+        option="--p-false",
+    )
+    reach: float = setting(
+        4.0,
+        "A detection this many spreads from the prediction counts as missed.",
+        above=0,
+        option="--reach",
+    )
+    gate: float = setting(
+        3.0,
+        "One this many standard deviations from the global position is removed.",
+        above=0,
+        option="--gate",
+    )
+    hold: int = setting(
+        5,
+        "Times in a row without a declaration after which a prediction is dropped.",
+        at_least=1,
+        option="--hold",
+        metavar="TIMES",
+    )
+    window_s: float = setting(
+        0.0,
+        "Frames this close together in time are fused.",
+        unit="s",
+        at_least=0,
+        option="--window",
+        metavar="SECONDS",
+        shown="equal times",
+    )
+    min_crossing_deg: float = setting(
+        5.0, "Sight lines that cross at smaller angles give no place.", unit="deg", above=0, below=90
+    )
+    acceleration: float = setting(
+        1.0,
+        "Density of the random acceleration with which objects are predicted.",
+        unit="length^2/s^3",
+        above=0,
+        people={"m": 1.0, "ft": 10.0, "in": 1500.0},
+    )
+    speed: float = setting(
+        1.5,
+        "Standard deviation of the speed of an object just found, per axis.",
+        unit="length/s",
+        above=0,
+        people={"m": 1.5, "ft": 5.0, "in": 60.0},
+    )
+    person_height: float | None = setting(
+        None,
+        "Of a person, to find feet in boxes.",
+        unit="length",
+        above=0,
+        people=PERSON_HEIGHT,
+        option="--person-height",
+        metavar="LENGTH",
+        shown="1.7 m",
     )

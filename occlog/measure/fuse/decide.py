@@ -75,13 +75,13 @@ def decide(memory: Memory, t_ns: int, sight: Sight, looked: Ints, eyes: Eyes, co
         sight: local detections of it, at most one a camera; `sensor` is a place in `eyes`.
         looked: places in `eyes` of the cameras that delivered a frame, rising.
         eyes: the cameras.
-        config: from `in_scene`.
+        config: settings in the scene's unit.
     """
-    held = None if memory.motion is None else ahead(memory.motion, t_ns, config.acceleration or 0.0)
+    held = None if memory.motion is None else ahead(memory.motion, t_ns, config.acceleration)
     motion = held if memory.met >= CONFIRMED else None
     if not len(sight.azimuth):
         return _nothing(motion, memory, np.zeros(0, dtype=np.bool_), -math.inf, config)
-    sigma2 = (config.sigma or 0.0) ** 2
+    sigma2 = config.sigma**2
     near = np.ones(len(sight.azimuth), dtype=np.bool_)
     if motion is not None:
         off = misfit(sight, motion.place, sigma2)
@@ -161,7 +161,7 @@ def _locate(motion: Motion | None, t_ns: int, sight: Sight, config: FuseConfig) 
     if motion is None:
         if place is None:  # `agreeing` gives lines that meet, or distances
             raise AssertionError("detections without a place")
-        return place, begin(t_ns, place, config.speed or 0.0)
+        return place, begin(t_ns, place, config.speed)
     if place is None:
         after = corrected_by_line(motion, sight)
         return after.place, after
@@ -172,7 +172,7 @@ def _locate(motion: Motion | None, t_ns: int, sight: Sight, config: FuseConfig) 
 def _followed(held: Motion, new: Motion, place: Place, memory: Memory, config: FuseConfig) -> tuple[Motion, int]:
     """Motion of an object met again that was not confirmed yet, or that of a new one, and how often it was met."""
     away = place.xy - held.mean[:2]
-    spread = held.place.cov + place.cov + (config.sigma or 0.0) ** 2 * np.eye(2)
+    spread = held.place.cov + place.cov + config.sigma**2 * np.eye(2)
     if away @ np.linalg.solve(spread, away) > config.reach**2:
         return new, 1
     return corrected_by_place(held, place), memory.met + 1

@@ -1,12 +1,13 @@
-"""What `occlog fuse` does: read, fuse, write."""
+"""What `occlog fuse` does: open bearings and views, fuse, write; and the figures of a fusion."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from occlog.cli import options
 from occlog.errors import UsageError
@@ -14,17 +15,18 @@ from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.measure.scans.inputs import Inputs
 from occlog.records.tables import Bearings, Views
+from occlog.settings import configure
 
-from .config import FuseConfig, in_scene
+from .config import FuseConfig
 from .moments import together
-from .options import FuseTally
-from .stage import fuse
+from .stage import Fused, fuse
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
 
 
-class Files(NamedTuple):
+@dataclass(frozen=True)
+class Files:
     """What to read and to write."""
 
     bearings: Path
@@ -41,16 +43,23 @@ class Files(NamedTuple):
 
 
 def run_fuse(files: Files, values: Mapping[str, Any], quiet: bool) -> tuple[dict[str, Any], tuple[Loss, ...]]:
-    """Fuse and write; the summary, and what had been lost before."""
+    """Fuse and write; the summary, and what had been lost before.
+
+    Args:
+        files: inputs and outputs.
+        values: settings of `FuseConfig` that were given.
+        quiet: no progress and no notes.
+    """
     if files.fused_views is not None and files.views is None:
         raise UsageError("--fused-views wants the views of the bearings; give them with --views")
     inputs = Inputs(files.bearings, files.scene)
     views = [] if files.views is None else inputs.open(files.views, Views)
-    config = in_scene(FuseConfig(**values), inputs.scene)
+    unit = inputs.scene.length_unit
+    config = configure(FuseConfig.in_unit(unit), values)
     losses = inputs.losses
     provenance = Provenance("fuse", asdict(config), None, hash_inputs(files.inputs), losses)
     chunks = options.progress(inputs.chunks, "fuse", quiet=quiet)
-    tally, unit = FuseTally(), inputs.scene.length_unit
+    tally = FuseTally()
     with ExitStack() as stack:
 
         def writer(path: Path, table: type[Any]) -> TableWriter:
@@ -66,3 +75,40 @@ def run_fuse(files: Files, values: Mapping[str, Any], quiet: bool) -> tuple[dict
             tally.add(part)
     tally.warn(quiet)
     return {"bearings": str(files.output), **tally.summary()}, losses
+
+
+class FuseTally:
+    """Figures of the summary of a fusion, gathered while streaming."""
+
+    def __init__(self) -> None:
+        """Start with no figures."""
+        self.totals: Counter[str] = Counter()
+        self.cameras: dict[str, Counter[str]] = {}
+
+    def add(self, part: Fused) -> None:
+        """Count the rows of one more part."""
+        for name, counts in part.counts.items():
+            self.cameras.setdefault(name, Counter()).update(counts)
+        self.totals.update(moments=part.moments, declared=part.declared, not_declared=part.absent, alone=part.alone)
+
+    def summary(self) -> dict[str, Any]:
+        """Figures of all cameras, and of each.
+
+        declared: objects, one a moment and object; not_declared: those with detections that were not.
+        """
+        whole: Counter[str] = Counter()
+        for counts in self.cameras.values():
+            whole.update(counts)
+        out: dict[str, Any] = {k: self.totals[k] for k in ("moments", "declared", "not_declared")}
+        out |= {k: whole[k] for k in ("kept", "recovered", "removed")}
+        return out | {"cameras": {name: dict(counts) for name, counts in self.cameras.items()}}
+
+    def warn(self, quiet: bool) -> None:
+        """Print a note if at most moments a single camera delivered a frame, so that there is nothing to fuse."""
+        alone, moments = self.totals["alone"], self.totals["moments"]
+        if 2 * alone > moments:
+            options.note(
+                f"warning: at {alone} of {moments} times only one camera delivered a frame; bring frames that are "
+                "close in time together with --window SECONDS (detect: --fuse-window)",
+                quiet,
+            )

@@ -23,7 +23,7 @@ from occlog.records.tables import UNLABELLED, Bearings, Views
 
 from .cameras import Eyes, open_eyes
 from .candidates import fuse_candidates
-from .config import FuseConfig, in_scene
+from .config import FuseConfig
 from .decide import Decision, Memory, decide
 from .moments import Part, whole_moments
 from .rows import CAUSES, Ledger, distances
@@ -73,13 +73,13 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
     Args:
         parts: views and bearings in the order of time; views may be left empty.
         scene: must have the sensors.
-        config: options.
+        config: settings; None: the defaults for the scene's unit.
 
     Raises:
         InputError: fewer than two cameras with a pose, a sensor that the scene does not have, times that go back,
             or two rows of a camera for one target and moment.
     """
-    config = in_scene(config or FuseConfig(), scene)
+    config = config or FuseConfig.in_unit(scene.length_unit)
     eyes = open_eyes(scene, config)
     places = {name: i for i, name in enumerate(eyes.names)}
     known = {*(c.name for c in scene.cameras), *(a.name for a in scene.arrays)}

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,8 +15,6 @@ from occlog.errors import ExitCode
 from occlog.io.files.parquet import describe, read_provenance, read_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
-from occlog.measure.detect.command import NAMES, SETTINGS, command
-from occlog.measure.detect.config import DetectConfig
 from occlog.measure.regions.appearance import histogram
 from occlog.records.tables import Bearings, Boxes, Views
 
@@ -198,15 +195,3 @@ def test_a_recording_without_a_scene_asks_for_one(tmp_path: Path, capsys: pytest
     source = record(tmp_path / "bare.mcap", where=False)
     assert detect(source, tmp_path) == ExitCode.USAGE
     assert "--scene" in capsys.readouterr().err
-
-
-def test_the_help_states_the_defaults_that_hold() -> None:
-    config = DetectConfig()
-    for param in command.params:
-        if param.name in NAMES and getattr(config, param.name) is not None:
-            stated = re.search(r"\[default: ([^\]]+)\]", str(getattr(param, "help", "")))
-            assert stated, param.name
-            value = getattr(config, param.name)
-            want = {True: "shadows", False: "no-shadows"}[value] if isinstance(value, bool) else str(value)
-            assert stated[1] == want
-    assert len(SETTINGS) == len(NAMES)

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from occlog.core.sight.camera import wrap_angle
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.moments import together
 from occlog.measure.fuse.stage import Fused, fuse
 from occlog.records.scene import Camera, Occluder, Scene, camera_rotation
 from occlog.records.tables import Bearings, Views
+from occlog.settings import SettingError
 
 STEP = 100_000_000  # ns
 SIGMA = 0.01
@@ -160,14 +161,16 @@ def test_a_prediction_is_dropped_after_some_times_without_a_declaration_and_a_ne
     where = scene(3)
     rows = [row for step in range(met) for row in look(step, where, PLACE)]
     rows += [row for step in range(met, met + 5) for row in look(step, where, FAR, missed="c")]
-    after = fused(table(rows, where), where, FuseConfig(hold=3))
+    after = fused(table(rows, where), where, replace(FuseConfig.in_unit("m"), hold=3))
     declared = [of_step(after, step)["c"] == BACK for step in range(met, met + 5)]
     assert declared == [False] * held + [True] * (5 - held)
 
 
 def test_cameras_that_face_each_other_support_each_other_without_a_place():
     where = scene()
-    after = fused(table(look(0, where, (4.0, 6.0), missed="ac"), where), where, FuseConfig(p_false=0.05))
+    after = fused(
+        table(look(0, where, (4.0, 6.0), missed="ac"), where), where, replace(FuseConfig.in_unit("m"), p_false=0.05)
+    )
     assert of_step(after, 0) == {"a": NOTHING, "b": HIT, "c": NOTHING, "d": HIT}
 
 
@@ -326,7 +329,7 @@ def test_frames_close_in_time_are_one_moment_and_keep_their_own_times():
     rows = table(look(0, where, PLACE, missed="b"), where)
     shifted = replace(rows, t_ns=rows.t_ns + np.arange(4) * 5_000_000)
     assert "recovered" not in fused(shifted, where).cause
-    after = fused(shifted, where, FuseConfig(window_s=0.02))
+    after = fused(shifted, where, replace(FuseConfig.in_unit("m"), window_s=0.02))
     assert after.cause.tolist() == ["kept", "recovered", "kept", "kept"]
     assert np.array_equal(after.t_ns, shifted.t_ns)
 
@@ -338,7 +341,7 @@ def test_chances_of_a_camera_come_from_the_scene():
     assert set(of_step(fused(rows, where), 0).values()) == {GONE, NOTHING}
     sure = replace(where, cameras=tuple(replace(c, false_alarm=0.01) for c in where.cameras))
     assert set(of_step(fused(rows, sure), 0).values()) == {HIT, BACK}
-    assert set(of_step(fused(rows, where, FuseConfig(p_false=0.05)), 0).values()) == {HIT, BACK}
+    assert set(of_step(fused(rows, where, replace(FuseConfig.in_unit("m"), p_false=0.05)), 0).values()) == {HIT, BACK}
     keen = replace(where, cameras=tuple(replace(c, detection=0.999) for c in where.cameras))
     assert set(of_step(fused(rows, keen), 0).values()) == {GONE, NOTHING}
 
@@ -363,7 +366,7 @@ def test_input_that_cannot_be_fused_is_told_in_one_line():
     "values", [{"sigma": 0.0}, {"p_miss": 1.0}, {"p_false": 0.0}, {"gate": np.nan}, {"hold": 0}, {"window_s": -1.0}]
 )
 def test_options_out_of_range_are_refused(values: dict[str, float]):
-    with pytest.raises(UsageError, match=next(iter(values))):
+    with pytest.raises(SettingError, match=next(iter(values))):
         FuseConfig(**values)  # type: ignore[arg-type]
 
 

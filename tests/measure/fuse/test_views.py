@@ -12,7 +12,7 @@ from occlog.measure.clusters.person_size import person_in_image
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.cameras import open_eyes
-from occlog.measure.fuse.config import FuseConfig, in_scene
+from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.stage import fuse
 from occlog.measure.fuse.views import feet
 from occlog.records.scene import Camera, Scene, camera_rotation
@@ -72,7 +72,7 @@ def run(where: Scene, tables: Sequence[Boxes], config: FuseConfig | None = None)
 
 def test_feet_on_the_floor_tell_the_distance():
     where = scene()
-    eyes = open_eyes(where, in_scene(FuseConfig(), where))
+    eyes = open_eyes(where, FuseConfig.in_unit(where.length_unit))
     views = next(iter(detect_boxes([boxes(where, dict.fromkeys("abc", PLACE))], where))).views
     found = feet(views, eyes)
     for row, name in enumerate(views.sensor.tolist()):
@@ -84,7 +84,7 @@ def test_feet_on_the_floor_tell_the_distance():
 
 def test_feet_that_do_not_show_tell_nothing():
     where = scene()
-    eyes = open_eyes(where, in_scene(FuseConfig(), where))
+    eyes = open_eyes(where, FuseConfig.in_unit(where.length_unit))
     table = boxes(where, dict.fromkeys("abc", PLACE))
     short = box(where.camera("a"), PLACE, cut=0.5)
     cut = replace(table, height_px=np.where(table.sensor == "a", short[3], table.height_px))
@@ -99,7 +99,7 @@ def test_feet_that_do_not_show_tell_nothing():
         room=where.room,
     )
     views = next(iter(detect_boxes([table], where))).views
-    assert np.isnan(feet(views, open_eyes(flat, in_scene(FuseConfig(), flat)))).all()
+    assert np.isnan(feet(views, open_eyes(flat, FuseConfig.in_unit(flat.length_unit)))).all()
 
 
 def test_a_missed_person_gets_a_box_where_it_should_be():

@@ -59,7 +59,9 @@ def fusion_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     raw = raw.take(np.isin(raw.sensor, list(spec["cameras"])))
     options: dict[str, Any] = {"p_miss": float(spec["miss"]), "p_false": float(spec["false"])}
     options |= dict(spec.get("fuse", {}))
-    parts = fuse([Detections(Views.empty(), raw, (), 0, 0)], scene, FuseConfig(**options))
+    parts = fuse(
+        [Detections(Views.empty(), raw, (), 0, 0)], scene, configure(FuseConfig.in_unit(scene.length_unit), options)
+    )
     fused = Bearings.concat([p.bearings for p in parts])
     figures = _rates(_counts(raw, truth, scene), "before") | _rates(_counts(fused, truth, scene), "after")
     recovered = _counts(fused.take(fused.cause == "recovered"), truth, scene)

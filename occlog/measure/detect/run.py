@@ -1,0 +1,223 @@
+"""What `occlog detect` does: open a recording, detect in what it holds, fuse, write."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.inputs import check_input
+from occlog.io.files.parquet import TableWriter
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.recording.reader import Recording, open_recording
+from occlog.measure.detections import Detections
+from occlog.measure.fuse.cameras import open_eyes
+from occlog.measure.fuse.config import FuseConfig
+from occlog.measure.fuse.run import FuseTally
+from occlog.measure.fuse.stage import fuse
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Boxes, Views
+from occlog.settings import configure
+
+from .config import DetectConfig, parameters
+from .from_boxes import detect_boxes
+from .learning import TargetBox, learn
+from .stage import Learned, detect
+from .target import Target
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to detect and how."""
+
+    recording: Path
+    scene: Path | None
+    only: tuple[str, ...]  # names of cameras; empty: all
+    references: Path | None  # file with appearances of targets; None: those attached to the recording
+    boxes: tuple[str, ...]  # around targets, as texts [ID:]CAM:FRAME:X,Y,W,H
+    learn: bool  # look through the recording first
+    settings: dict[str, Any]  # of `DetectConfig`, as far as they were given
+    workers: int
+    fusion: dict[str, Any] | None = None  # settings of `FuseConfig` that were given; None: no fusion
+
+    @property
+    def inputs(self) -> list[Path]:
+        """Every file that is read."""
+        return [p for p in (self.recording, self.scene, self.references) if p is not None]
+
+
+def run_detect(
+    request: Request, output: Path, views: Path | None, overwrite: bool, quiet: bool
+) -> tuple[dict[str, Any], list[Loss]]:
+    """Detect and write; the summary, and the input that was lost."""
+    opened = open_recording(request.recording)
+    scene = options.load_scene(request.scene, opened.scene, request.recording)
+    detections, used = _detections(request, opened, scene, quiet)
+    fused = FuseTally()
+    if request.fusion is not None:
+        config = configure(FuseConfig.in_unit(scene.length_unit), request.fusion)
+        detections = _fused(detections, scene, config, fused)
+        used |= {"fusion": asdict(config)}
+    parameters = {"cameras": list(request.only), **used}
+    provenance = Provenance("detect", parameters, None, hash_inputs(request.inputs))
+    losses = list(opened.losses)
+    tally: Counter[str] = Counter()
+    with ExitStack() as stack:
+        unit = scene.length_unit
+        rows = stack.enter_context(TableWriter(output, Bearings, provenance, overwrite=overwrite, length_unit=unit))
+        regions = None
+        if views is not None:
+            regions = stack.enter_context(TableWriter(views, Views, provenance, overwrite=overwrite, length_unit=unit))
+        for part in detections:
+            rows.write(part.bearings)
+            if regions is not None:
+                regions.write(part.views)
+            losses += part.losses
+            _count(tally, part)
+        final = replace(provenance, losses=tuple(losses))
+        for writer in (rows, regions):
+            if writer is not None:
+                writer.annotate(final)
+    summary: dict[str, Any] = {"bearings": str(output), **_figures(tally)}
+    if request.fusion is not None:
+        fused.warn(quiet)
+        summary |= {"fusion": fused.summary()}
+    return summary, losses
+
+
+def _count(tally: Counter[str], part: Detections) -> None:
+    tally.update(
+        frames=part.frames,
+        warmup_frames=part.warmup,
+        regions=len(part.views),
+        rows=len(part.bearings),
+        seen=int(part.bearings.seen.sum()),
+    )
+
+
+def _figures(tally: Counter[str]) -> dict[str, int]:
+    """Figures of the summary; frames that only taught the background are told where there were some."""
+    names = ("frames", "warmup_frames", "regions", "rows", "seen")
+    return {name: tally[name] for name in names if tally[name] or name != "warmup_frames"}
+
+
+def _fused(
+    detections: Iterator[Detections], scene: Scene, config: FuseConfig, tally: FuseTally
+) -> Iterator[Detections]:
+    """The parts after the fusion, counted; InputError at once for a scene in which nothing can be fused."""
+    open_eyes(scene, config)
+
+    def parts() -> Iterator[Detections]:
+        for part in fuse(detections, scene, config):
+            tally.add(part)
+            yield Detections(*part[:5])
+
+    return parts()
+
+
+def _detections(
+    request: Request, recording: Recording, scene: Scene, quiet: bool
+) -> tuple[Iterator[Detections], dict[str, Any]]:
+    """The parts in the order of time, and the parameters on which they depend.
+
+    Images come first; a recording without images gives its boxes, and one without boxes its bearings.
+    """
+    config = DetectConfig(**request.settings)
+    if recording.cameras:
+        return _from_images(request, recording, scene, config, quiet)
+    if recording.has(Boxes):
+        chunks = options.progress(recording.tables(Boxes), "detect", quiet=quiet)
+        return detect_boxes(chunks, scene, config), {"input": "boxes", "min_confidence": config.min_confidence}
+    if recording.has(Bearings):
+        return _pass_on(recording.tables(Bearings)), {"input": "bearings"}
+    raise InputError(f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in")
+
+
+def _pass_on(chunks: Iterator[Bearings]) -> Iterator[Detections]:
+    """Simulated bearings as they are."""
+    for chunk in chunks:
+        yield Detections(Views.empty(), chunk, (), len(chunk), 0)
+
+
+def _from_images(
+    request: Request, recording: Recording, scene: Scene, config: DetectConfig, quiet: bool
+) -> tuple[Iterator[Detections], dict[str, Any]]:
+    """Learn from a first look where that is asked for, then detect in a second."""
+    sensors = _cameras(request, recording)
+    boxes = [_box(text) for text in request.boxes]
+    targets = _references(request, recording)
+    learned, total = Learned(), _frames(recording, sensors)
+    if request.learn or boxes:
+        first = options.progress(recording.frames(sensors), "first look", total, quiet=quiet)
+        found, boxed = learn(first, scene, config, boxes, request.workers)
+        targets = boxed or targets
+        learned = found if request.learn else learned
+    used = parameters(config) | {
+        "input": "images",
+        "learn": request.learn,
+        "boxes": list(request.boxes),
+        "targets": [t.target_id for t in targets],
+    }
+    frames = options.progress(recording.frames(sensors), "detect", total, quiet=quiet)
+    return detect(frames, scene, config, request.workers, learned, targets), used
+
+
+def _cameras(request: Request, recording: Recording) -> tuple[str, ...]:
+    """Names of the cameras in whose images to detect; UsageError for one of which there are no images."""
+    for name in request.only:
+        if name not in recording.cameras:
+            known = ", ".join(recording.cameras)
+            raise UsageError(f"{recording.path}: no images of camera {name!r}; there are images of {known}")
+    return request.only or recording.cameras
+
+
+def _frames(recording: Recording, sensors: tuple[str, ...]) -> int:
+    """Number of frames of some cameras."""
+    wanted = {f"/camera/{name}/{kind}" for name in sensors for kind in ("image", "video")}
+    return sum(t.messages for t in recording.topics if t.name in wanted)
+
+
+def _references(request: Request, recording: Recording) -> tuple[Target, ...]:
+    """Appearances of the targets, from a file or attached to the recording; none where there is neither."""
+    if request.references is not None:
+        where = str(request.references)
+        raw: bytes | None = check_input(request.references, "appearances of targets (JSON)").read_bytes()
+    else:
+        where, raw = f"{recording.path}: appearance.json", recording.attachment("appearance.json")
+    if raw is None:
+        return ()
+    try:
+        found: dict[int, list[Any]] = {}
+        for entry in json.loads(raw):
+            found.setdefault(int(entry["target_id"]), []).append(entry["appearance"])
+        return tuple(Target(i, np.array(rows, dtype=np.float64)) for i, rows in sorted(found.items()))
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{where}: want [{{'target_id': 0, 'appearance': [72 numbers]}}, ...] ({error})") from error
+
+
+def _box(text: str) -> TargetBox:
+    """A target's box from `[ID:]CAM:FRAME:X,Y,W,H`; the target is 0 if it is not named."""
+    try:
+        *head, frame, place = text.split(":")
+        target, sensor = (int(head[0]), head[1]) if len(head) == 2 else (0, head[0])
+        left, top, width, height = (float(v) for v in place.split(","))
+        return TargetBox(
+            target_id=target,
+            sensor=sensor,
+            frame=int(frame),
+            left_px=left,
+            top_px=top,
+            width_px=width,
+            height_px=height,
+        )
+    except (ValueError, IndexError):
+        raise UsageError(f"--target-box {text}: want CAM:FRAME:X,Y,W,H or ID:CAM:FRAME:X,Y,W,H") from None
