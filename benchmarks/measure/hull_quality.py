@@ -16,7 +16,8 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats
 from occlog.core.sight.camera import wrap_angle
-from occlog.measure.priors.from_views import hull_config, hull_priors
+from occlog.measure.priors.config import HullConfig
+from occlog.measure.priors.from_views import hull_priors
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Hulls, Truth, Views
 from occlog.simulate.config import WorldConfig
@@ -142,7 +143,7 @@ def one(cameras: int, people: int, miss: float, seed: int) -> dict[str, float]:
     config = replace(WorldConfig.in_unit("m"), steps=STEPS, targets=0, occluders=people)
     truth = Truth.concat(simulate_truth(scene, config, seed))
     views, frames = measured(truth, scene, np.random.default_rng(seed), miss)
-    hulls = Hulls.concat(part.hulls for part in hull_priors([views], scene, hull_config("m"), [frames]))
+    hulls = Hulls.concat(part.hulls for part in hull_priors([views], scene, HullConfig.in_unit("m"), [frames]))
     return quality(truth, hulls, scene)
 
 

@@ -8,14 +8,16 @@ from typing import Any
 import click
 
 from occlog.cli import options
+from occlog.cli.setting_options import SettingsCommand, given, with_options
 
-MODELS = ("auto", "perspective", "affine")
-"""The same as `occlog.measure.epipolar.of_scene`."""
-POINTS = ("centres", "ends")
-"""The same as `occlog.measure.epipolar.matches_of_targets`."""
+from .config import EpipolarConfig
 
 
-@click.command(name="epipolar", short_help="Find how pairs of views see the same point, or check it.")
+@click.command(
+    name="epipolar",
+    cls=SettingsCommand,
+    short_help="Find how pairs of views see the same point, or check it.",
+)
 @click.argument("recording", type=options.PATH, required=False)
 @options.output_opt("Fundamental matrices (JSON), or a copy of the recording that holds them (MCAP).", required=False)
 @options.scene_opt
@@ -36,13 +38,6 @@ POINTS = ("centres", "ends")
     "table with true boxes.",
 )
 @click.option(
-    "--points",
-    type=click.Choice(POINTS),
-    default="centres",
-    show_default=True,
-    help="What to take of each target; of people take ends, their tops and bottoms.",
-)
-@click.option(
     "--fundamental",
     type=options.PATH,
     default=None,
@@ -50,29 +45,7 @@ POINTS = ("centres", "ends")
     help="Use these matrices (JSON, or a recording that holds some).",
 )
 @click.option("--check", is_flag=True, help="Say how well the matches agree with the matrices or the poses.")
-@click.option(
-    "--model",
-    type=click.Choice(MODELS),
-    default="auto",
-    show_default=True,
-    help="Of matches; affine is for cameras far away with long lenses.",
-)
-@click.option(
-    "--threshold",
-    type=click.FloatRange(min=0, min_open=True),
-    default=3.0,
-    show_default=True,
-    metavar="PX",
-    help="Distance from its line beyond which a match does not agree.",
-)
-@click.option(
-    "--max-error",
-    type=click.FloatRange(min=0, min_open=True),
-    default=5.0,
-    show_default=True,
-    metavar="PX",
-    help="Matches that leave a larger expected error of the lines are refused.",
-)
+@with_options(EpipolarConfig)
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Only pairs of these cameras.")
 @options.overwrite_opt
 @options.quiet_opt
@@ -83,16 +56,13 @@ def command(
     scene: Path | None,
     matches: Path | None,
     tracks: Path | None,
-    points: str,
     fundamental: Path | None,
     check: bool,
-    model: str,
-    threshold: float,
-    max_error: float,
     only: str,
     overwrite: bool,
     quiet: bool,
     as_json: bool,
+    **values: Any,
 ) -> int:
     """Find the fundamental matrix of each pair of views: where a point of one view can be in the other.
 
@@ -113,9 +83,17 @@ def command(
 
     from .run import Request, run_epipolar
 
-    inputs = [recording, scene, matches, tracks, fundamental]
-    options.check_outputs(inputs, [output], overwrite)
-    request = Request(recording, scene, matches, tracks, points, fundamental, check, model, threshold, max_error, only)
+    request = Request(
+        recording=recording,
+        scene=scene,
+        matches=matches,
+        tracks=tracks,
+        fundamental=fundamental,
+        check=check,
+        only=only,
+        config=EpipolarConfig(**given(EpipolarConfig, values)),
+    )
+    options.check_outputs(request.inputs, [output], overwrite)
     summary, losses, agree = run_epipolar(request, output, overwrite, quiet)
     code = options.finish(summary if as_json else {**summary, "pairs": []}, losses, as_json)
     for name, figures in () if as_json else summary["pairs"].items():

@@ -17,9 +17,6 @@ MOST = 2_000
 """Matches of a pair that are used; of more, those of moments drawn at random, of each all targets and both ends."""
 SEED = 6
 """Of that draw."""
-POINTS = ("centres", "ends")
-"""Centres, or the top and the bottom: people's middles are all at about one height, so that their centres lie on a
-plane and tell no matrix, but heads and feet do."""
 VISIBLE = 0.8
 """Boxes of targets of which less than this is visible are left out: what is drawn there is a guess."""
 
@@ -32,7 +29,8 @@ def matches_of_tracks(
     Args:
         chunks: in the order of time.
         where: what they come from, for messages.
-        points: one of `POINTS`.
+        points: `centres`, or `ends`, the tops and the bottoms.  People's middles are all at about one
+            height, so that their centres lie on a plane and tell no matrix; their heads and feet do.
         window_ns: rows at most so far apart are of one time, unless a view speaks twice.
     """
     sides = (-1, 1) if points == "ends" else (0,)

@@ -19,6 +19,7 @@ from occlog.core.sight.camera import undistort
 from occlog.core.sight.fundamental import fundamental_from_poses
 from occlog.records.scene import Camera
 
+from .config import EpipolarConfig
 from .fit import (
     BEST_NOISE_PX,
     Fit,
@@ -31,7 +32,6 @@ from .fit import (
 )
 
 MIN_MATCHES = 20
-MODELS = ("auto", "perspective", "affine")
 PARALLAX = 3.0
 """Matches must differ from those of a plane by so many times their noise."""
 OFF_PLANE_NOISE = 4.0
@@ -98,10 +98,8 @@ def _inner(camera: Camera) -> Floats:
 def estimate_fundamental(
     a: Floats,
     b: Floats,
+    config: EpipolarConfig | None = None,
     *,
-    model: str = "auto",
-    threshold_px: float = 3.0,
-    max_error_px: float = 5.0,
     min_matches: int = MIN_MATCHES,
 ) -> FundamentalFit:
     """The fundamental matrix of matches, by random sampling (MAGSAC) and least squares over what agrees.
@@ -109,11 +107,10 @@ def estimate_fundamental(
     Args:
         a: (N, 2) points of view a without distortion [px].
         b: (N, 2) their matches in view b.
-        model: `perspective`, `affine` for cameras far away with parallel rays, or `auto`: affine
-            unless perspective fits better than by chance (F test at 1 %).
-        threshold_px: Sampson distance at which a match does not agree, at first; the noise found
-            replaces it (three standard deviations).
-        max_error_px: a matrix whose lines are expected to be further off is refused.
+        config: of it `model`, where `auto` means affine unless perspective fits better than by
+            chance (F test at 1 %); `threshold_px`, the Sampson distance at which a match does not
+            agree at first, which three standard deviations of the noise found replace; and
+            `max_error_px`, the expected error of the lines beyond which a matrix is refused.
         min_matches: fewer matches that agree are refused.
 
     Raises:
@@ -121,14 +118,14 @@ def estimate_fundamental(
             or do not tell the matrix well enough.
     """
     a, b = np.ascontiguousarray(a, dtype=np.float64), np.ascontiguousarray(b, dtype=np.float64)
-    if model not in MODELS:
-        raise ValueError(f"model {model!r} must be one of {', '.join(MODELS)}")
+    config = config or EpipolarConfig()
+    threshold_px = config.threshold_px
     if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 2 or not (np.isfinite(a).all() and np.isfinite(b).all()):
         raise ValueError("matches must be two finite tables of as many points x, y")
     if len(a) < min_matches:
         raise ValueError(f"{len(a)} matches, must be at least {min_matches} for a fundamental matrix")
     _not_on_a_line(a, b, threshold_px)
-    fit, inliers, affine = _robust(a, b, model, threshold_px)
+    fit, inliers, affine = _robust(a, b, config.model, threshold_px)
     agree = int(inliers.sum())
     if agree < AGREEING * min_matches:
         raise ValueError(
@@ -136,9 +133,9 @@ def estimate_fundamental(
         )
     _not_on_a_line(a[inliers], b[inliers], threshold_px)
     parallax = _not_on_a_plane(a, b, inliers, max(fit.noise_px, BEST_NOISE_PX))
-    if not fit.error_px <= max_error_px:
+    if not fit.error_px <= config.max_error_px:
         raise ValueError(
-            f"the matches leave an expected error of {fit.error_px:.3g} px, must be at most {max_error_px:g}; "
+            f"the matches leave an expected error of {fit.error_px:.3g} px, must be at most {config.max_error_px:g}; "
             "add matches, spread in depth and over the images"
         )
     return FundamentalFit(fit.matrix, inliers, fit.noise_px, fit.error_px, parallax, affine)

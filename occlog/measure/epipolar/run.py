@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from occlog.cli import options
 from occlog.cli.parse import parse_names
@@ -25,6 +25,7 @@ from occlog.records.tables import TruthBoxes
 from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
 from occlog.records.views import ViewTracks
 
+from .config import EpipolarConfig
 from .matches_of_targets import matches_of_tracks
 from .stage import PairCheck, calibrated_pairs, checked_pairs, estimated_pairs
 
@@ -33,20 +34,18 @@ if TYPE_CHECKING:
     from occlog.records.scene import Scene
 
 
-class Request(NamedTuple):
-    """What is asked."""
+@dataclass(frozen=True)
+class Request:
+    """Where matrices or matches come from, and what is asked of them."""
 
     recording: Path | None
     scene: Path | None
     matches: Path | None
     tracks: Path | None
-    points: str
     fundamental: Path | None
     check: bool
-    model: str
-    threshold_px: float
-    max_error_px: float
-    only: str
+    only: str  # names of cameras, with commas; empty: all
+    config: EpipolarConfig
 
     @property
     def inputs(self) -> list[Path]:
@@ -70,9 +69,7 @@ def run_epipolar(
     pairs = _only(_find(request, scene), request)
     if output is None:  # _check_usage has refused it
         raise UsageError("name the output with -o")
-    parameters = {
-        k: v for k, v in request._asdict().items() if k in ("points", "model", "threshold_px", "max_error_px", "only")
-    }
+    parameters = {**asdict(request.config), "only": request.only}
     provenance = Provenance("epipolar", parameters, None, hash_inputs(request.inputs), losses)
     if names_recording(output) and recording is not None:
         _check_names(pairs, recording)
@@ -85,9 +82,6 @@ def run_epipolar(
 
 
 def _check_usage(request: Request, output: Path | None) -> None:
-    for name, value in (("--threshold", request.threshold_px), ("--max-error", request.max_error_px)):
-        if not math.isfinite(value):
-            raise UsageError(f"{name} is {value}; give a finite number of pixels")
     if request.matches is not None and request.tracks is not None:
         raise UsageError("--matches and --from-tracks are two sources of matches; give one")
     some = request.matches is not None or request.tracks is not None
@@ -115,7 +109,7 @@ def _find(request: Request, scene: Scene | None) -> ViewPairs:
         return read_epipolar(request.fundamental)
     if request.matches is not None or request.tracks is not None:
         matches = _matches(request)
-        return estimated_pairs(matches, scene, request.model, request.threshold_px, request.max_error_px)
+        return estimated_pairs(matches, scene, request.config)
     if scene is None:
         raise UsageError("nothing tells how the views lie; give --scene, --matches, --from-tracks or --fundamental")
     return calibrated_pairs(scene)
@@ -129,12 +123,12 @@ def _checks(request: Request, recording: Recording | None, scene: Scene | None) 
         if scene is None:
             raise UsageError("--check wants something to check; give --fundamental, --scene or a recording with either")
         pairs = calibrated_pairs(scene)
-    return checked_pairs(pairs, _matches(request), scene, request.threshold_px)
+    return checked_pairs(pairs, _matches(request), scene, request.config.threshold_px)
 
 
 def _matches(request: Request) -> tuple[Matches, ...]:
     """Matches of the cameras asked for; InputError if there are none."""
-    found = _of_tracks(request.tracks, request.points) if request.tracks is not None else ()
+    found = _of_tracks(request.tracks, request.config.points) if request.tracks is not None else ()
     if request.matches is not None:
         found = read_matches(request.matches)
     only = parse_names(request.only)

@@ -14,6 +14,7 @@ from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
 
+from .config import EpipolarConfig
 from .geometry import bends
 from .of_scene import estimate_fundamental, fundamental_of_cameras, ideal_pixels
 
@@ -44,7 +45,7 @@ def calibrated_pairs(scene: Scene) -> ViewPairs:
     if not pairs:
         raise InputError(
             f"scene: {len(placed)} of {len(scene.cameras)} cameras have a pose; a fundamental matrix needs two, at "
-            "different places; calibrate more, or give --matches"
+            "different places; calibrate more, or give matches"
         )
     return ViewPairs(tuple(pairs))
 
@@ -52,23 +53,20 @@ def calibrated_pairs(scene: Scene) -> ViewPairs:
 def estimated_pairs(
     matches: Iterable[Matches],
     scene: Scene | None = None,
-    model: str = "auto",
-    threshold_px: float = TOLERANCE_PX,
-    max_error_px: float = 5.0,
+    config: EpipolarConfig | None = None,
 ) -> ViewPairs:
     """The pairs that matches tell, lens distortion taken off where the scene states it.
 
     Args:
         matches: of each pair.
         scene: cameras whose lens may be known; their poses are not used.
-        model: see `occlog.measure.epipolar.of_scene.estimate_fundamental`, as the others.
-        threshold_px: distance at which a match does not agree.
-        max_error_px: largest expected error of the lines.
+        config: model, threshold and largest error, see `estimate_fundamental`.
 
     Raises:
         InputError: the matches of a pair do not tell its matrix.
     """
-    return ViewPairs(tuple(_estimated(m, scene, model, threshold_px, max_error_px) for m in matches))
+    config = config or EpipolarConfig()
+    return ViewPairs(tuple(_estimated(m, scene, config) for m in matches))
 
 
 def checked_pairs(
@@ -83,35 +81,35 @@ def checked_pairs(
     return tuple(_checked(pairs, m, scene, tolerance_px) for m in matches)
 
 
-def _estimated(m: Matches, scene: Scene | None, model: str, threshold_px: float, max_error_px: float) -> ViewPair:
+def _estimated(m: Matches, scene: Scene | None, config: EpipolarConfig) -> ViewPair:
     a, b, undistorted = _ideal(m, scene)
     try:
-        fit = estimate_fundamental(a, b, model=model, threshold_px=threshold_px, max_error_px=max_error_px)
+        fit = estimate_fundamental(a, b, config)
     except ValueError as error:
         raise InputError(f"{m.where}: {error}") from error
     return ViewPair(
-        m.a,
-        m.b,
-        fit.matrix,
-        "matches",
-        fit.noise_px,
-        fit.error_px,
-        undistorted,
-        fit.affine,
-        len(a),
-        int(fit.inliers.sum()),
-        fit.parallax_px,
+        a=m.a,
+        b=m.b,
+        matrix=fit.matrix,
+        source="matches",
+        noise_px=fit.noise_px,
+        error_px=fit.error_px,
+        undistorted=undistorted,
+        affine=fit.affine,
+        matches=len(a),
+        inliers=int(fit.inliers.sum()),
+        parallax_px=fit.parallax_px,
     )
 
 
 def _checked(pairs: ViewPairs, m: Matches, scene: Scene | None, tolerance_px: float) -> PairCheck:
     pair = pairs.find(m.a, m.b)
     if pair is None:
-        raise InputError(f"{m.where}: no fundamental matrix of these views to check; name others with --cameras")
+        raise InputError(f"{m.where}: no fundamental matrix of these views to check; choose other cameras")
     a, b, undistorted = _ideal(m, scene)
     if pair.undistorted != undistorted:
         pixels = "without lens distortion" if pair.undistorted else "as recorded, but the scene tells lens distortion"
-        raise InputError(f"{m.where}: the fundamental matrix is for pixels {pixels}; give the --scene it was made with")
+        raise InputError(f"{m.where}: the fundamental matrix is for pixels {pixels}; give the scene it was made with")
     try:
         found = check_fundamental(pair.matrix, a, b, tolerance_px)
     except ValueError as error:

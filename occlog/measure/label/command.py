@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from occlog.cli import options
+from occlog.cli.setting_options import SettingsCommand, given, with_options
+
+from .config import LabelConfig
 
 
-@click.command(name="label", short_help="Give candidates the identity of the track they agree with.")
+@click.command(
+    name="label",
+    cls=SettingsCommand,
+    short_help="Give candidates the identity of the track they agree with.",
+)
 @click.argument("bearings", type=options.PATH)
 @click.option("--tracks", type=options.PATH, required=True, help="Tracks that say who is where (Parquet).")
 @options.output_opt("Labelled bearings (Parquet).")
@@ -21,23 +29,7 @@ from occlog.cli import options
     help="Directions of arrival to label too: a table, or a recording that holds them.",
 )
 @click.option("--doa-labels", is_flag=True, help="Identities in the log of directions are those of targets.")
-@click.option(
-    "--gate",
-    type=click.FloatRange(min=0, min_open=True),
-    default=3.0,
-    show_default=True,
-    help="Standard deviations within which a candidate agrees with a track.",
-)
-@click.option(
-    "--max-gap",
-    "max_gap",
-    type=click.FloatRange(min=0),
-    default=1.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="Longest time between two rows of a track that is bridged.",
-)
-@click.option("--keep-rest", is_flag=True, help="Keep candidates of nobody, without a label. [default: leave them out]")
+@with_options(LabelConfig)
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Use only these sensors.")
 @click.option("--without", default="", metavar="A,B,...", help="Leave these sensors out.")
 @options.overwrite_opt
@@ -50,14 +42,12 @@ def command(
     scene: Path | None,
     doa: Path | None,
     doa_labels: bool,
-    gate: float,
-    max_gap: float,
-    keep_rest: bool,
     only: str,
     without: str,
     overwrite: bool,
     quiet: bool,
     as_json: bool,
+    **values: Any,
 ) -> int:
     """Give candidates of BEARINGS (Parquet, or a recording that holds bearings) the identity of a track.
 
@@ -69,10 +59,21 @@ def command(
       occlog track boxes.parquet --scene hall.mcap --start 2.9,0.5,0.3 -o tracks.parquet
       occlog label boxes.parquet --scene hall.mcap --tracks tracks.parquet -o labelled.parquet
     """
-    from .run import Files, run_label
+    from occlog.cli.parse import parse_names
+
+    from .run import Files, Sensors, run_label
 
     options.check_outputs([bearings, tracks, scene, doa], [output], overwrite)
-    values = {"gate": gate, "max_gap_s": max_gap, "keep_rest": keep_rest}
-    files = Files(bearings, tracks, scene, doa, doa_labels, output, overwrite)
-    summary, losses = run_label(files, values, only, without, quiet)
+    files = Files(
+        bearings=bearings,
+        tracks=tracks,
+        scene=scene,
+        doa=doa,
+        doa_labels=doa_labels,
+        output=output,
+        overwrite=overwrite,
+    )
+    sensors = Sensors(only=parse_names(only), without=parse_names(without))
+    config = LabelConfig(**given(LabelConfig, values))
+    summary, losses = run_label(files, sensors, config, quiet)
     return options.finish(summary, losses, as_json)

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from occlog.cli import options
-from occlog.cli.parse import parse_names, parse_seconds
-from occlog.errors import InputError, UsageError
+from occlog.errors import InputError
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.measure.scans.inputs import Inputs
 from occlog.measure.scans.scans import choose_sensors
 from occlog.records.tables import Bearings, Tracks
 
-from .stage import LabelConfig, Labelled, label
+from .config import LabelConfig
+from .stage import Labelled, label
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
 
 
-class Files(NamedTuple):
+@dataclass(frozen=True)
+class Files:
     """What to read and to write."""
 
     bearings: Path
@@ -41,18 +41,19 @@ class Files(NamedTuple):
         return [p for p in given if p is not None]
 
 
-def run_label(
-    files: Files, values: Mapping[str, Any], only: str, without: str, quiet: bool
-) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+@dataclass(frozen=True)
+class Sensors:
+    """Names of sensors to use; empty: all of the scene but those left out."""
+
+    only: tuple[str, ...]
+    without: tuple[str, ...]
+
+
+def run_label(files: Files, use: Sensors, config: LabelConfig, quiet: bool) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Label and write; the summary, and what had been lost before."""
-    parse_seconds("--max-gap", values["max_gap_s"])
-    try:
-        config = LabelConfig(**values)
-    except InputError as error:  # here the values are options
-        raise UsageError(str(error)) from error
     inputs = Inputs(files.bearings, files.scene, files.doa, files.doa_labels)
     tracks = inputs.open(files.tracks, Tracks)
-    sensors = choose_sensors(inputs.scene, parse_names(only), parse_names(without))
+    sensors = choose_sensors(inputs.scene, use.only, use.without)
     parameters = {"sensors": sorted(sensors), "doa_labels": files.doa_labels, **asdict(config)}
     losses = inputs.losses
     provenance = Provenance("label", parameters, None, hash_inputs(files.inputs), losses)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,24 +18,11 @@ from occlog.measure.scans.scans import checked
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks
 
+from .config import LabelConfig
+
 ROWS_PER_PART = 4096
 ANY_DIRECTION = np.pi**2 / 3.0
 """Variance of a direction of which nothing is known [rad^2]: no track is less certain, however near the sensor."""
-
-
-@dataclass(frozen=True)
-class LabelConfig:
-    """When a candidate agrees with a track."""
-
-    gate: float = 3.0  # standard deviations between the bearings of a candidate and of its track
-    max_gap_s: float = 1.0  # longest time between two rows of a track that is bridged
-    keep_rest: bool = False  # keep what is of nobody, without a label
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.gate) and self.gate > 0):
-            raise InputError(f"label: gate is {self.gate}, must be a finite number above 0")
-        if not (np.isfinite(self.max_gap_s) and self.max_gap_s >= 0):
-            raise InputError(f"label: max_gap_s is {self.max_gap_s}, must be a finite number of at least 0")
 
 
 class Labelled(NamedTuple):

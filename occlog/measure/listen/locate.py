@@ -11,8 +11,9 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError, UsageError
 from occlog.records.scene import MicrophoneArray
+from occlog.settings import METRES
 
-from .config import ALGORITHMS, MOST_POINTS, ListenConfig
+from .config import ALGORITHMS, ListenConfig
 from .spectra import coherence, direction, extents, sharpness
 
 FACTOR = 1.6
@@ -27,7 +28,8 @@ SHRINK = 0.1
 POINTS_A_LOBE = 4.0
 MOST_SOURCES = 10
 """Directions a frame where their number is found."""
-METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+MOST_POINTS = 200_000
+"""Directions that are tried at most."""
 
 
 class Heard(NamedTuple):
@@ -87,8 +89,8 @@ def make_band(rate: int, config: ListenConfig) -> Band:
     bins = bins[bins < length // 2]
     if len(bins) < 3:
         raise UsageError(
-            f"--band {config.low_hz:g} {config.high_hz:g}: has {len(bins)} frequencies of a recording at {rate} Hz; "
-            "take a wider band or a longer --window"
+            f"listen: the band {config.low_hz:g} to {config.high_hz:g} Hz has {len(bins)} frequencies of a recording "
+            f"at {rate} Hz; take a wider band or a longer window"
         )
     return Band(rate, length, bins, 2.0 * np.pi * frequency[bins])
 
@@ -105,7 +107,7 @@ def locator(array: MicrophoneArray, rate: int, unit: str, config: ListenConfig) 
         )
     if config.sources >= len(array.microphones) and config.algorithm != "srp":
         raise UsageError(
-            f"--sources {config.sources}: {config.algorithm} finds fewer than there are microphones "
+            f"listen: sources is {config.sources}, but {config.algorithm} finds fewer than there are microphones "
             f"({len(array.microphones)} in {array.name})"
         )
     speed = _speed(config, unit)
@@ -130,7 +132,9 @@ def _speed(config: ListenConfig, unit: str) -> float:
     if config.speed_of_sound is not None:
         return config.speed_of_sound
     if unit not in METRES:
-        raise UsageError(f"the scene's lengths are in {unit}; give --speed-of-sound in lengths of the scene a second")
+        raise UsageError(
+            f"listen: the scene's lengths are in {unit}; give the speed of sound in lengths of the scene a second"
+        )
     return 343.0 / METRES[unit]
 
 
@@ -154,7 +158,9 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: ListenCo
         a, e = np.meshgrid(azimuth, elevation)
         allowed = direction(a, e) @ normal > -1e-9
     if allowed.size > MOST_POINTS:
-        raise UsageError(f"--grid {step:g}: {allowed.size} directions are too many; take a wider grid")
+        raise UsageError(
+            f"listen: a grid of {step:g} degrees has {allowed.size} directions, too many; take a wider grid"
+        )
     return Grid(azimuth, elevation, allowed)
 
 

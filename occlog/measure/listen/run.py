@@ -46,16 +46,23 @@ class Request:
     @classmethod
     def of(
         cls,
+        *,
         sounds: tuple[str, ...],
         scene: Path | None,
         arrays: tuple[str, ...],
-        channels: tuple[int, ...],
+        channels: str,
         start_time: tuple[str, ...],
         settings: dict[str, Any],
     ) -> Request:
-        """The request of the command's options."""
-        config = ListenConfig(**settings)
-        return cls(pairs(sounds, Path), scene, pairs(arrays, Path), channels, pairs(start_time, str), config)
+        """The request that the command's options make; UsageError or SettingError for what cannot be."""
+        return cls(
+            sounds=pairs(sounds, Path),
+            scene=scene,
+            arrays=pairs(arrays, Path),
+            channels=parse_channels(channels),
+            start_time=pairs(start_time, str),
+            config=ListenConfig(**settings),
+        )
 
     def inputs(self) -> list[Path]:
         """Every file that is read."""

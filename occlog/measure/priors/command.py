@@ -8,14 +8,9 @@ from typing import Any
 import click
 
 from occlog.cli import options
+from occlog.cli.setting_options import SettingsCommand, given, with_options
 
-POSITIVE = click.FloatRange(min=0, min_open=True)
-NOT_NEGATIVE = click.FloatRange(min=0)
-
-
-def seconds(name: str, field: str, text: str) -> Any:
-    """An option for a time."""
-    return click.option(name, field, type=NOT_NEGATIVE, default=None, metavar="SECONDS", help=text)
+from .config import AcousticConfig, HullConfig, KalmanConfig
 
 
 @click.group(name="priors", short_help="Find where moving occluders are, for `track --occluders`.")
@@ -28,23 +23,12 @@ def command() -> None:
     """
 
 
-@command.command(name="kalman", short_help="From positions, true or measured.")
+@command.command(name="kalman", cls=SettingsCommand, short_help="From positions, true or measured.")
 @click.argument("positions", type=options.PATH)
 @options.output_opt("Occluders (Parquet).")
 @options.scene_opt
 @click.option("--measured", is_flag=True, help="POSITIONS are real measurements: no noise is added.")
-@click.option(
-    "--sigma",
-    type=NOT_NEGATIVE,
-    default=None,
-    metavar="LENGTH",
-    help="Standard deviation of a measurement, per axis; 0: places are known. [default: 8, or 0.3 m; "
-    "0 for --measured tracks, added to their own covariance]",
-)
-@click.option(
-    "--q", type=POSITIVE, default=None, help="Change of the velocity in a second, per axis. [default: 1.2, or 0.6 m]"
-)
-@seconds("--silence", "silence_s", "Leave out who is not measured for so long. [default: 2]")
+@with_options(KalmanConfig)
 @click.option("--without", type=int, multiple=True, metavar="ID", help="Leave this object out; may be repeated.")
 @options.seed_opt
 @options.overwrite_opt
@@ -71,15 +55,27 @@ def kalman(
       occlog priors kalman room.mcap -o occluders.parquet --sigma 8 --q 1.2 --seed 1
       occlog priors kalman badges.parquet --measured --sigma 0.2 -o occluders.parquet
     """
-    from .run import run_kalman
+    from .run import KalmanRequest, run_kalman
 
     options.check_outputs([positions, scene], [output], overwrite)
-    chosen = {name: value for name, value in values.items() if value is not None}
-    summary, losses = run_kalman(positions, scene, chosen, measured, without, seed, output, overwrite, quiet)
+    request = KalmanRequest(
+        positions=positions,
+        scene=scene,
+        settings=given(KalmanConfig, values),
+        measured=measured,
+        without=without,
+        seed=seed,
+    )
+    summary, losses = run_kalman(request, output, overwrite, quiet)
     return options.finish(summary, losses, as_json)
 
 
-@command.command(name="hull", short_help="From the views of several cameras: their visual hull.")
+@command.command(
+    name="hull",
+    cls=SettingsCommand,
+    settings=lambda: HullConfig,
+    short_help="From the views of several cameras: their visual hull.",
+)
 @click.argument("views", type=options.PATH)
 @options.output_opt("Occluders: Gaussians (Parquet).")
 @click.option("--hulls", type=options.PATH, default=None, help="The polygons themselves (Parquet).")
@@ -92,30 +88,8 @@ def kalman(
 )
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Use only these cameras.")
 @click.option("--without", default="", metavar="A,B,...", help="Leave these cameras out.")
-@click.option(
-    "--misses", type=click.IntRange(min=0), default=None, help="Cameras that may overlook somebody. [default: 1]"
-)
-@click.option("--least", type=click.IntRange(min=1), default=None, help="Cameras that must see an object. [default: 2]")
-@click.option(
-    "--dilate",
-    type=NOT_NEGATIVE,
-    default=None,
-    metavar="RADIANS",
-    help="Added to both sides of every run. [default: 0.01]",
-)
-@click.option(
-    "--smallest", type=NOT_NEGATIVE, default=None, metavar="AREA", help="Of a polygon. [default: 1, or 0.02 m^2]"
-)
-@seconds("--persist", "persist_s", "A polygon must have been there so long. [default: 0.2]")
-@seconds("--hold", "hold_s", "How long a certain polygon is kept when it is not there. [default: 0.3]")
-@seconds("--memory", "memory_s", "How long proof against phantoms holds. [default: 2]")
-@seconds("--window", "window_s", "Frames so close together are of one moment. [default: 0]")
-@click.option(
-    "--exclude-targets/--include-targets",
-    "exclude_targets",
-    default=None,
-    help="Leave out clusters that are known to be of a target. [default: exclude]",
-)
+@with_options(HullConfig)
+@options.set_opt("speed=2")
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
@@ -127,6 +101,7 @@ def hull(
     bearings: Path | None,
     only: str,
     without: str,
+    settings: tuple[str, ...],
     overwrite: bool,
     quiet: bool,
     as_json: bool,
@@ -140,40 +115,56 @@ def hull(
     \b
       occlog priors hull views.parquet --scene hall.mcap -o occluders.parquet --hulls hulls.parquet
     """
-    from .run import Cameras, run_hull
+    from occlog.cli.parse import parse_names, parse_setting
+
+    from .run import Cameras, HullRequest, run_hull
 
     options.check_outputs([views, scene, bearings], [output, hulls], overwrite)
-    chosen = {name: value for name, value in values.items() if value is not None}
-    cameras = Cameras.of(only, without)
-    summary, losses = run_hull(views, bearings, scene, cameras, chosen, output, hulls, overwrite, quiet)
+    request = HullRequest(
+        views=views,
+        bearings=bearings,
+        scene=scene,
+        cameras=Cameras(only=parse_names(only), without=parse_names(without)),
+        settings=dict(parse_setting(text) for text in settings) | given(HullConfig, values),
+    )
+    summary, losses = run_hull(request, output, hulls, overwrite, quiet)
     return options.finish(summary, losses, as_json)
 
 
-@command.command(name="acoustic", short_help="From directions of arrival at microphone arrays.")
+@command.command(
+    name="acoustic",
+    cls=SettingsCommand,
+    settings=lambda: AcousticConfig,
+    short_help="From directions of arrival at microphone arrays.",
+)
 @click.argument("doa", type=options.PATH)
 @options.output_opt("Occluders (Parquet).")
 @options.scene_opt
-@click.option("--gate", type=POSITIVE, default=None, help="Standard deviations. [default: 3]")
-@click.option(
-    "--q", type=POSITIVE, default=None, help="Change of the velocity in a second, per axis. [default: 1.2, or 0.6 m]"
-)
-@seconds("--persist", "persist_s", "A source must have been heard so long. [default: 0.3]")
-@seconds("--silence", "silence_s", "Leave out who is not heard for so long. [default: 2]")
-@seconds("--window", "window_s", "Directions so close together are of one moment. [default: 0]")
+@with_options(AcousticConfig)
+@options.set_opt("min_crossing=0.2")
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
 def acoustic(
-    doa: Path, output: Path, scene: Path | None, overwrite: bool, quiet: bool, as_json: bool, **values: Any
+    doa: Path,
+    output: Path,
+    scene: Path | None,
+    settings: tuple[str, ...],
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+    **values: Any,
 ) -> int:
     """Priors from DOA (a table of directions of arrival, or a recording with them) of two arrays or more.
 
     \b
       occlog priors acoustic talk.mcap -o occluders.parquet --window 0.05
     """
+    from occlog.cli.parse import parse_setting
+
     from .run import run_acoustic
 
     options.check_outputs([doa, scene], [output], overwrite)
-    chosen = {name: value for name, value in values.items() if value is not None}
+    chosen = dict(parse_setting(text) for text in settings) | given(AcousticConfig, values)
     summary, losses = run_acoustic(doa, scene, chosen, output, overwrite, quiet)
     return options.finish(summary, losses, as_json)

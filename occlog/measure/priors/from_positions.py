@@ -7,7 +7,6 @@ true places with noise added, as [Ercan] Sec. 6 does.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
@@ -19,36 +18,7 @@ from occlog.errors import InputError
 from occlog.measure.scans.occluder_priors import known_positions, none_at
 from occlog.records.tables import Occluders, Tracks, Truth
 
-METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
-
-
-@dataclass(frozen=True)
-class KalmanConfig:
-    """How measurements become priors; lengths in the scene's unit.
-
-    The defaults are those of [Ercan]'s reference scene: an RMS error of 6.67.
-    """
-
-    sigma: float = 8.0  # standard deviation of a measurement, per axis; 0: places are known
-    q: float = 1.2  # disturbance of the velocity, per axis, in a second; see `occlog.core.motion.kalman`
-    silence_s: float = 2.0  # an occluder that is not measured for so long is left out
-
-    def __post_init__(self) -> None:
-        for name, good, limit in (
-            ("sigma", self.sigma >= 0, "at least 0"),
-            ("q", self.q > 0, "above 0"),
-            ("silence_s", self.silence_s > 0, "above 0"),
-        ):
-            if not good or not np.isfinite(getattr(self, name)):
-                raise InputError(f"priors: {name} is {getattr(self, name)}, must be {limit}")
-
-
-def kalman_config(length_unit: str) -> KalmanConfig:
-    """Defaults for a scene's length unit: [Ercan]'s for `unit`, those of people in a room for metres, feet, inches."""
-    if length_unit not in METRES:
-        return KalmanConfig()
-    metre = 1.0 / METRES[length_unit]
-    return KalmanConfig(sigma=0.3 * metre, q=0.6 * metre)
+from .config import KalmanConfig
 
 
 class _Moment:

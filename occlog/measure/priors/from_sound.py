@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -17,31 +16,9 @@ from occlog.measure.scans.occluder_priors import none_at
 from occlog.records.scene import Scene
 from occlog.records.tables import Doa, Occluders
 
-METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+from .config import AcousticConfig
+
 MOMENTS_PER_CHUNK = 256
-
-
-@dataclass(frozen=True)
-class AcousticConfig:
-    """How directions become priors; lengths in the scene's unit, times in seconds."""
-
-    gate: float = 3.0  # standard deviations within which a direction or a place is of a source
-    q: float = 1.2  # disturbance of the velocity, see `occlog.core.motion.kalman`
-    persist_s: float = 0.3  # a source must have been heard for so long
-    silence_s: float = 2.0  # who is not heard for so long is left out
-    window_s: float = 0.0  # directions this close together are of one moment
-    min_crossing: float = 0.1  # directions that cross at a smaller angle give no place [rad]
-
-    def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if not np.isfinite(value) or value < 0:
-                raise InputError(f"acoustic: {f.name} is {value}, must be a finite number of at least 0")
-
-
-def acoustic_config(length_unit: str) -> AcousticConfig:
-    """Defaults for a scene's length unit."""
-    return AcousticConfig() if length_unit not in METRES else AcousticConfig(q=0.6 / METRES[length_unit])
 
 
 class _Sources(NamedTuple):

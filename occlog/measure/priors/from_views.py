@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -18,54 +17,12 @@ from occlog.measure.scans.occluder_priors import none_at
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Views
 
+from .config import HullConfig
 from .hull import Look, Polygon, hull
 from .hull_cones import Eye, cones, make_eye, runs
 from .hull_identities import Memory, Rules, Seen, follow
 
-METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
 MOMENTS_PER_CHUNK = 256
-
-
-@dataclass(frozen=True)
-class HullConfig:
-    """How views become polygons; lengths in the scene's unit, times in seconds."""
-
-    misses: int = 1  # cameras that may overlook an object
-    least: int = 2  # cameras that must see it
-    dilate: float = 0.01  # added to both sides of every run [rad], besides twice the camera's sigma_yaw
-    smallest: float = 1.0  # area of the smallest polygon
-    persist_s: float = 0.2  # a polygon must have been there for so long
-    memory_s: float = 2.0  # for so long counts that a polygon was the only one to explain a run
-    lost_s: float = 0.5  # an identity is kept for so long without a polygon
-    hold_s: float = 0.3  # and if it was certain its last polygon is taken for so long
-    speed: float = 3.0  # of the fastest object, per second
-    reach: float = 3.33  # the middle of a polygon may jump by so much
-    window_s: float = 0.0  # frames this close together are of one moment
-    exclude_targets: bool = True  # clusters that are known to be of a target are not occluders
-
-    def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if not np.isfinite(value) or value < 0:
-                raise InputError(f"hull: {f.name} is {value}, must be a finite number of at least 0")
-        if self.least < 1 or self.speed + self.reach <= 0:
-            raise InputError("hull: least must be at least 1, and reach and speed not both 0")
-
-    @property
-    def rules(self) -> Rules:
-        """Those for identities."""
-        persist, memory, lost, hold = (
-            round(1e9 * s) for s in (self.persist_s, self.memory_s, self.lost_s, self.hold_s)
-        )
-        return Rules(persist, memory, lost, hold, self.speed, self.reach)
-
-
-def hull_config(length_unit: str) -> HullConfig:
-    """Defaults for a scene's length unit: objects of [Ercan]'s reference scene, or people in a room."""
-    if length_unit not in METRES:
-        return HullConfig()
-    metre = 1.0 / METRES[length_unit]
-    return HullConfig(smallest=0.02 * metre**2, speed=2.5 * metre, reach=0.5 * metre)
 
 
 class HullPriors(NamedTuple):
@@ -104,13 +61,14 @@ def hull_priors(
         InputError: a camera that the scene does not have, or times that go back.
     """
     eyes: dict[str, Eye] = {}
+    rules = _rules(config)
     memory = Memory()
     held: list[tuple[int, list[Seen]]] = []
     candidates = 0
     for t_ns, moment in _moments(views, frames, scene, round(config.window_s * 1e9)):
         looks = [_look(f, eyes, scene, config) for f in moment]
         found = hull(looks, scene.region, config.least, config.misses, config.smallest) if looks else []
-        memory, seen = follow(memory, t_ns, found, config.rules)
+        memory, seen = follow(memory, t_ns, found, rules)
         candidates += len(found)
         held.append((t_ns, seen))
         if len(held) >= MOMENTS_PER_CHUNK:
@@ -118,6 +76,18 @@ def hull_priors(
             held, candidates = [], 0
     if held:
         yield _tables(held, candidates)
+
+
+def _rules(config: HullConfig) -> Rules:
+    """The rules for identities of polygons; times in nanoseconds."""
+    return Rules(
+        persist_ns=round(1e9 * config.persist_s),
+        memory_ns=round(1e9 * config.memory_s),
+        lost_ns=round(1e9 * config.lost_s),
+        hold_ns=round(1e9 * config.hold_s),
+        speed=config.speed,
+        reach=config.reach,
+    )
 
 
 def _moments(

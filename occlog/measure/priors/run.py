@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -18,10 +18,12 @@ from occlog.io.open import check_unit, open_input
 from occlog.measure.scans.scans import nearest
 from occlog.records.columns import Table
 from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Tracks, Truth, Views
+from occlog.settings import configure
 
-from .from_positions import KalmanConfig, kalman_config, kalman_priors, virtual_priors
-from .from_sound import acoustic_config, acoustic_priors
-from .from_views import HullConfig, hull_config, hull_priors
+from .config import AcousticConfig, HullConfig, KalmanConfig
+from .from_positions import kalman_priors, virtual_priors
+from .from_sound import acoustic_priors
+from .from_views import hull_priors
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
@@ -37,12 +39,6 @@ class Cameras(NamedTuple):
     only: tuple[str, ...]
     without: tuple[str, ...]
 
-    @classmethod
-    def of(cls, only: str, without: str) -> Cameras:
-        """From option values."""
-        split = [tuple(part.strip() for part in text.split(",") if part.strip()) for text in (only, without)]
-        return cls(*split)
-
     def chosen(self, scene: Scene) -> list[str]:
         """Names of cameras with a pose; UsageError for one that the scene does not have, or if under two are left."""
         names = tuple(c.name for c in scene.cameras)
@@ -54,6 +50,29 @@ class Cameras(NamedTuple):
         if len(used) < 2:
             raise UsageError(f"{len(used)} cameras with a pose are left; a visual hull needs at least 2")
         return used
+
+
+@dataclass(frozen=True)
+class KalmanRequest:
+    """Positions, and what to make of them."""
+
+    positions: Path
+    scene: Path | None
+    settings: Mapping[str, Any]  # of `KalmanConfig`, as far as they were given
+    measured: bool  # they are real measurements
+    without: tuple[int, ...]  # identities that are left out
+    seed: int
+
+
+@dataclass(frozen=True)
+class HullRequest:
+    """Views, and what to make of them."""
+
+    views: Path
+    bearings: Path | None
+    scene: Path | None
+    cameras: Cameras
+    settings: Mapping[str, Any]  # of `HullConfig`, as far as they were given
 
 
 class Source:
@@ -92,36 +111,27 @@ def _not_empty(chunks: Iterable[T], path: Path) -> Iterator[T]:
         raise InputError(f"{path}: has no rows; nothing can be found from it")
 
 
-def run_kalman(
-    path: Path,
-    scene: Path | None,
-    values: Mapping[str, Any],
-    measured: bool,
-    without: tuple[int, ...],
-    seed: int,
-    output: Path,
-    overwrite: bool,
-    quiet: bool,
-) -> Result:
+def run_kalman(request: KalmanRequest, output: Path, overwrite: bool, quiet: bool) -> Result:
     """Positions to priors; the summary and what had been lost before."""
-    source = Source(path, scene)
+    path, measured = request.positions, request.measured
+    source = Source(path, request.scene)
     unit = source.scene.length_unit if source.scene is not None else source.unit
     tracks = source.opened.recording is None and source.opened.has(Tracks)
     if tracks and not measured:
         raise UsageError(f"{path}: tracks are measurements, not the truth; add --measured")
-    defaults = kalman_config(unit)
-    config: KalmanConfig = replace(replace(defaults, sigma=0.0) if tracks else defaults, **values)
+    defaults = KalmanConfig.in_unit(unit)
+    config = configure(replace(defaults, sigma=0.0) if tracks else defaults, request.settings)
     if measured and config.sigma == 0 and not tracks:
         raise UsageError("--measured positions need a --sigma above 0; leave out --measured if they are exact")
     if measured:
         rows: Iterator[Any] = source.chunks(Tracks) if tracks else source.chunks(Truth)
-        priors = kalman_priors(options.progress(rows, "priors", quiet=quiet), config, without=without)
+        priors = kalman_priors(options.progress(rows, "priors", quiet=quiet), config, without=request.without)
     else:
         truth = options.progress(source.chunks(Truth), "priors", quiet=quiet)
-        left = (c.take(~np.isin(c.target_id, without)) for c in truth)
-        priors = virtual_priors(left, config.sigma, config.q, seed)
-    parameters = {"source": "kalman", "measured": measured, "without": without, **asdict(config)}
-    provenance = _provenance(parameters, [path, scene], source.losses, seed)
+        left = (c.take(~np.isin(c.target_id, request.without)) for c in truth)
+        priors = virtual_priors(left, config.sigma, config.q, request.seed)
+    parameters = {"source": "kalman", "measured": measured, "without": request.without, **asdict(config)}
+    provenance = _provenance(parameters, [path, request.scene], source.losses, request.seed)
     tally = Tally()
     with TableWriter(output, Occluders, provenance, overwrite=overwrite, length_unit=unit) as writer:
         for table in priors:
@@ -132,22 +142,13 @@ def run_kalman(
     return {"occluders": str(output), "source": "kalman", "sigma": config.sigma, **tally.summary()}, source.losses
 
 
-def run_hull(
-    path: Path,
-    bearings: Path | None,
-    scene: Path | None,
-    cameras: Cameras,
-    values: Mapping[str, Any],
-    output: Path,
-    hulls: Path | None,
-    overwrite: bool,
-    quiet: bool,
-) -> Result:
+def run_hull(request: HullRequest, output: Path, hulls: Path | None, overwrite: bool, quiet: bool) -> Result:
     """Views to priors; the summary and what had been lost before."""
+    path, scene, bearings = request.views, request.scene, request.bearings
     source = Source(path, scene)
     place = source.need_scene()
-    used = cameras.chosen(place)
-    config: HullConfig = replace(hull_config(place.length_unit), **values)
+    used = request.cameras.chosen(place)
+    config = configure(HullConfig.in_unit(place.length_unit), request.settings)
     views = _of_cameras(options.progress(source.chunks(Views), "hull", quiet=quiet), used)
     frames = None if bearings is None else _of_cameras(Source(bearings, scene).chunks(Bearings), used)
     parameters = {"source": "hull", "cameras": used, **asdict(config)}
@@ -176,7 +177,7 @@ def run_acoustic(
     """Directions of arrival to priors; the summary and what had been lost before."""
     source = Source(path, scene)
     place = source.need_scene()
-    config = replace(acoustic_config(place.length_unit), **values)
+    config = configure(AcousticConfig.in_unit(place.length_unit), values)
     chunks = options.progress(source.chunks(Doa), "acoustic", quiet=quiet)
     provenance = _provenance({"source": "acoustic", **asdict(config)}, [path, scene], source.losses, None)
     tally = Tally()

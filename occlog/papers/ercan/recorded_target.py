@@ -16,7 +16,8 @@ from occlog.core.sight.triangulate import MET
 from occlog.errors import InputError
 from occlog.evaluate.bearings.meeting import meeting_points
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.measure.label.stage import LabelConfig, label
+from occlog.measure.label.config import LabelConfig
+from occlog.measure.label.stage import label
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks, Truth
 from occlog.track.apf.config import ApfConfig

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from tracker_scenes import SECOND, room100, with_array
 
 from occlog.errors import InputError
-from occlog.measure.label.stage import ANY_DIRECTION, LabelConfig, label
+from occlog.measure.label.config import LabelConfig
+from occlog.measure.label.stage import ANY_DIRECTION, label
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Tracks
 from occlog.simulate.config import ObserveConfig, WorldConfig
@@ -206,7 +207,7 @@ def test_sensors_can_be_chosen_and_must_be_there():
 
 
 def test_settings_and_tracks_that_make_no_sense_are_refused():
-    with pytest.raises(InputError, match="gate is nan, must be a finite number above 0"):
+    with pytest.raises(InputError, match="gate is nan, must be finite and above 0"):
         LabelConfig(gate=float("nan"))
     with pytest.raises(InputError, match=r"max_gap_s is -1\.0"):
         LabelConfig(max_gap_s=-1.0)

@@ -13,6 +13,7 @@ from occlog.measure.listen.spectra import direction
 from occlog.measure.listen.stage import Listened, frames, listen
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa
+from occlog.settings import SettingError
 
 pytest.importorskip("pyroomacoustics")
 RATE, C = 16000, 343.0
@@ -164,8 +165,8 @@ def test_arrays_and_settings_that_cannot_be() -> None:
         heard(sound, array, replace(COARSE, low_hz=9000.0, high_hz=9500.0))
     with pytest.raises(UsageError, match="finds fewer than there are microphones"):
         heard(sound, array, replace(COARSE, algorithm="music", sources=4))
-    with pytest.raises(UsageError, match="give --speed-of-sound"):
+    with pytest.raises(UsageError, match="give the speed of sound"):
         list(listen([sound], RATE, array, "unit", COARSE, 0, Listened()))
     for wrong in ({"low_hz": 5000.0}, {"frame_s": 0.01}, {"sources": 0, "algorithm": "music"}, {"grid_deg": 0.01}):
-        with pytest.raises(UsageError):
+        with pytest.raises(SettingError):
             ListenConfig(**wrong)

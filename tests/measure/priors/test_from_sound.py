@@ -10,7 +10,8 @@ import pytest
 from occlog.core.sight.camera import wrap_angle
 from occlog.core.sight.locate_sources import Directions
 from occlog.errors import InputError, UsageError
-from occlog.measure.priors.from_sound import AcousticConfig, acoustic_config, acoustic_priors
+from occlog.measure.priors.config import AcousticConfig
+from occlog.measure.priors.from_sound import acoustic_priors
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa, Occluders
 
@@ -65,7 +66,7 @@ def walking(k: int):
 def test_people_who_walk_are_followed(false: float, seed: int) -> None:
     """For a while an array sees both nearly in line, so that two ghosts fit as well: then they may be missed."""
     doa = recording(walking, 60, 3, seed=seed, false=false)
-    table = Occluders.concat(acoustic_priors([doa], scene(), acoustic_config("m")))
+    table = Occluders.concat(acoustic_priors([doa], scene(), AcousticConfig.in_unit("m")))
     late = table.take((table.t_ns >= 10 * TENTH) & (table.occluder_id >= 0))
     errors = []
     for k in range(10, 60):
@@ -93,7 +94,7 @@ def test_silence_and_bad_input() -> None:
     doa = recording(walking, 20, 3)
     quiet = doa.take((doa.t_ns < 10 * TENTH) | (doa.t_ns == 19 * TENTH))
     last = quiet.take(quiet.t_ns == 19 * TENTH)
-    table = Occluders.concat(acoustic_priors([quiet], scene(), replace(acoustic_config("m"), silence_s=0.5)))
+    table = Occluders.concat(acoustic_priors([quiet], scene(), replace(AcousticConfig.in_unit("m"), silence_s=0.5)))
     assert table.occluder_id[table.t_ns == 19 * TENTH].tolist() == [-1]  # all are new
     with pytest.raises(UsageError, match="at least 2"):
         list(acoustic_priors([doa], scene(1), AcousticConfig()))

@@ -9,14 +9,15 @@ import pytest
 import shapely
 
 from occlog.errors import InputError
-from occlog.measure.priors.from_views import HullConfig, hull_config, hull_priors
+from occlog.measure.priors.config import HullConfig
+from occlog.measure.priors.from_views import hull_priors
 from occlog.records.scene import Camera, Scene, camera_rotation
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Hulls, Occluders, Views
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])
 PLACES = {"a": (0, 0, 39), "b": (10, 0, 141), "c": (10, 8, 219), "d": (0, 8, -39)}
 TENTH = 100_000_000
-CONFIG = replace(hull_config("m"), persist_s=0.0)
+CONFIG = replace(HullConfig.in_unit("m"), persist_s=0.0)
 
 
 def scene(names="abcd", pitch_deg: float = 0.0) -> Scene:

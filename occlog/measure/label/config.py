@@ -1,0 +1,31 @@
+"""Settings of `occlog label`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class LabelConfig(Settings):
+    """When a candidate agrees with a track."""
+
+    OWNER: ClassVar[str] = "label"
+
+    gate: float = setting(
+        3.0, "Standard deviations within which a candidate agrees with a track.", above=0, option="--gate"
+    )
+    max_gap_s: float = setting(
+        1.0,
+        "Longest time between two rows of a track that is bridged.",
+        unit="s",
+        at_least=0,
+        at_most=1e9,
+        option="--max-gap",
+        metavar="SECONDS",
+    )
+    keep_rest: bool = setting(
+        False, "Keep candidates of nobody, without a label.", option="--keep-rest", shown="leave them out"
+    )

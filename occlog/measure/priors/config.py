@@ -1,0 +1,156 @@
+"""Settings of `occlog priors`: of positions, of views and of sound.
+
+Default lengths are those of the objects in the reference scene of [Ercan] Sec. 6, or of people
+in a room where the scene's unit is metres, feet or inches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import METRES, Settings, setting
+
+CHANGE = "Change of the velocity in a second, per axis."
+
+
+@dataclass(frozen=True)
+class KalmanConfig(Settings):
+    """How measured positions become priors; with the defaults of the reference scene the RMS error is 6.67."""
+
+    OWNER: ClassVar[str] = "priors"
+
+    sigma: float = setting(
+        8.0,
+        "Standard deviation of a measurement, per axis; 0: places are known.",
+        unit="length",
+        at_least=0,
+        people=0.3,
+        option="--sigma",
+        metavar="LENGTH",
+        shown="8, or 0.3 m; 0 for --measured tracks, added to their own covariance",
+    )
+    q: float = setting(1.2, CHANGE, unit="length/s", above=0, people=0.6, option="--q")
+    silence_s: float = setting(
+        2.0,
+        "Leave out objects that are not measured for so long.",
+        unit="s",
+        above=0,
+        option="--silence",
+        metavar="SECONDS",
+    )
+
+
+@dataclass(frozen=True)
+class HullConfig(Settings):
+    """How views become polygons."""
+
+    OWNER: ClassVar[str] = "hull"
+
+    misses: int = setting(1, "Cameras that may overlook an object.", at_least=0, option="--misses")
+    least: int = setting(2, "Cameras that must see an object.", at_least=1, option="--least")
+    dilate: float = setting(
+        0.01,
+        "Added to both sides of every run, besides twice the camera's sigma_yaw.",
+        unit="rad",
+        at_least=0,
+        option="--dilate",
+        metavar="RADIANS",
+    )
+    smallest: float = setting(
+        1.0,
+        "Area of the smallest polygon.",
+        unit="length^2",
+        at_least=0,
+        people=0.02,
+        option="--smallest",
+        metavar="AREA",
+    )
+    persist_s: float = setting(
+        0.2,
+        "A polygon must have been there so long.",
+        unit="s",
+        at_least=0,
+        option="--persist",
+        metavar="SECONDS",
+    )
+    memory_s: float = setting(
+        2.0,
+        "How long it counts that a polygon was the only one to explain a run.",
+        unit="s",
+        at_least=0,
+        option="--memory",
+        metavar="SECONDS",
+    )
+    lost_s: float = setting(0.5, "How long an identity is kept without a polygon.", unit="s", at_least=0)
+    hold_s: float = setting(
+        0.3,
+        "How long a certain polygon is kept when it is not there.",
+        unit="s",
+        at_least=0,
+        option="--hold",
+        metavar="SECONDS",
+    )
+    speed: float = setting(3.0, "Speed of the fastest object.", unit="length/s", at_least=0, people=2.5)
+    reach: float = setting(
+        3.33, "Length by which the middle of a polygon may jump.", unit="length", at_least=0, people=0.5
+    )
+    window_s: float = setting(
+        0.0,
+        "Frames so close together are of one moment.",
+        unit="s",
+        at_least=0,
+        option="--window",
+        metavar="SECONDS",
+    )
+    exclude_targets: bool = setting(
+        True,
+        "Leave out clusters that are known to be of a target.",
+        option="--exclude-targets/--include-targets",
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """A polygon must be allowed to move."""
+        yield "reach", self.speed + self.reach > 0, "above 0 where speed is 0"
+
+
+@dataclass(frozen=True)
+class AcousticConfig(Settings):
+    """How directions of arrival become priors."""
+
+    OWNER: ClassVar[str] = "acoustic"
+
+    gate: float = setting(
+        3.0, "Standard deviations within which a direction or a place is of a source.", above=0, option="--gate"
+    )
+    q: float = setting(
+        1.2,
+        CHANGE,
+        unit="length/s",
+        above=0,
+        people={unit: 0.6 / metres for unit, metres in METRES.items()},
+        option="--q",
+    )
+    persist_s: float = setting(
+        0.3, "A source must have been heard so long.", unit="s", at_least=0, option="--persist", metavar="SECONDS"
+    )
+    silence_s: float = setting(
+        2.0,
+        "Leave out sources that are not heard for so long.",
+        unit="s",
+        at_least=0,
+        option="--silence",
+        metavar="SECONDS",
+    )
+    window_s: float = setting(
+        0.0,
+        "Directions so close together are of one moment.",
+        unit="s",
+        at_least=0,
+        option="--window",
+        metavar="SECONDS",
+    )
+    min_crossing: float = setting(
+        0.1, "Directions that cross at a smaller angle give no place.", unit="rad", at_least=0
+    )
