@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.occlusion.priors import Priors
@@ -35,7 +36,7 @@ class Scan(NamedTuple):
     occluders: Priors | None = None  # at this time; None: nothing is known about moving occluders
 
     @classmethod
-    def of(cls, t_ns: int, sensor: Any, **columns: Any) -> Scan:
+    def of(cls, t_ns: int, sensor: Sequence[int] | Ints, **columns: ArrayLike) -> Scan:
         """A scan of array-likes; columns left out say nothing: no label, seen, and NaN."""
         n = len(sensor)
         known = {"sensor": np.asarray(sensor, dtype=np.int64)}
@@ -48,7 +49,7 @@ class Scan(NamedTuple):
         """(R,) rows whose target is known."""
         return np.asarray(self.target_id != UNLABELLED)
 
-    def take(self, rows: Any) -> Scan:
+    def take(self, rows: Bools | Ints | slice) -> Scan:
         """The rows selected by a mask, a slice or an index array."""
         return Scan._make((self.t_ns, *(column[rows] for column in self[1:-1]), self.occluders))
 

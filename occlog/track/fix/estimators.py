@@ -22,10 +22,9 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats
 
-from .config import ESTIMATORS
+from .config import ESTIMATORS, FixConfig
 from .repeated_median import repeated_median, repeated_median_jackknife
 
-BEND = 1.5
 ITERATIONS = 300
 TIGHT = 1e-10
 
@@ -48,7 +47,12 @@ class _Equations(NamedTuple):
 
 
 def fix(
-    places: Floats, bearings: Floats, sigma: Floats, estimator: str, bend: float = BEND, estimated: bool = True
+    places: Floats,
+    bearings: Floats,
+    sigma: Floats,
+    estimator: str,
+    bend: float = FixConfig.bend,
+    estimated: bool = True,
 ) -> Fix | None:
     """The position that a set of bearings points at; None where they do not tell one.
 
