@@ -81,3 +81,15 @@ def test_polynomials_go_through_values_at_their_points(n: int) -> None:
 def test_more_polynomials_for_wider_clouds_and_smaller_errors() -> None:
     assert terms(0.0, 1e-8) < terms(0.5, 1e-8) < terms(2.0, 1e-8)
     assert terms(1.0, 1e-4) < terms(1.0, 1e-8)
+
+
+@pytest.mark.parametrize("spread", [0.3, 1.0])
+def test_smooth_probabilities_are_interpolated_and_not_computed(spread: float) -> None:
+    """Interpolated values differ from computed ones, but by less than the tail that is left out."""
+    rng = np.random.default_rng(7)
+    xy, priors, rows = 50.0 + spread * rng.standard_normal((400, 2)), occluders(rng, 6.0, 1.0, 5), np.arange(400)
+    grid = make_grid(xy, np.ones(400, dtype=bool), priors, 5.5)
+    assert 0 < len(grid.points) <= 200
+    found = unhidden_over(grid, xy, rows, *CAMERA, priors, IMPROVED, 5.5)
+    computed = unhidden(xy, rows, *CAMERA, priors, IMPROVED, 5.5)
+    assert 0.0 < np.abs(found - computed).max() < grid.tolerance
