@@ -9,15 +9,12 @@ from typing import Any, TypeVar
 import click
 
 from occlog.cli import options
+from occlog.cli.setting_options import SettingsCommand, with_options
 
 from .plan import FRAMES, SIZE, IngestPlan
 
 F = TypeVar("F", bound=Callable[..., Any])
-CALIBRATIONS = ("auto", "qualisys", "tsai", "projection", "opencv-toml", "opencv-storage")
-TRUTHS = ("auto", "csv", "mot", "xml", "caliscope")
-DOAS = ("auto", "csv", "frida", "telemetr")
-
-# Names and order of the fields of IngestPlan; several values of one option are given by repeating it.
+# Several values of one option are given by repeating it.
 INPUTS = (
     click.option("--video", multiple=True, metavar="CAM=FILE", help="Video of a camera."),
     click.option("--images", multiple=True, metavar="CAM=FOLDER", help="Images of a camera, in natural order."),
@@ -40,19 +37,6 @@ INPUTS = (
 PLACES = (
     click.option("--calibration", multiple=True, type=options.PATH, metavar="FILE", help="Calibration of the cameras."),
     click.option(
-        "--calibration-format",
-        type=click.Choice(CALIBRATIONS),
-        default="auto",
-        show_default=True,
-        help="Format of the calibration.",
-    ),
-    click.option(
-        "--calibration-unit",
-        type=click.Choice(["m", "cm", "mm"]),
-        default=None,
-        help="Length unit of the calibration. [default: the format's own, or m]",
-    ),
-    click.option(
         "--image-size",
         type=SIZE,
         default=None,
@@ -71,11 +55,8 @@ PLACES = (
         metavar="[NAME=]FILE",
         help="Places of direction finders, or microphones of one array.",
     ),
-    click.option(
-        "--allow-uncalibrated", is_flag=True, help="Take cameras without calibration too; they give no bearings."
-    ),
 )
-SETTINGS = (
+TIMES = (
     click.option(
         "--start-time",
         multiple=True,
@@ -90,66 +71,23 @@ SETTINGS = (
         metavar="A:B",
         help="Only frames A <= number < B; for boxes also: every camera has all of them.",
     ),
-    click.option(
-        "--first-number",
-        type=click.IntRange(min=0),
-        default=None,
-        help="Number of frame 0 in names of images and tables. [default: lowest image; 0 in tables]",
-    ),
-    click.option(
-        "--store",
-        type=click.Choice(["jpeg", "png", "link"]),
-        default=None,
-        help="How frames are kept; link: only their times, beside the video. [default: PNG and JPEG files "
-        "as they are, all else as jpeg]",
-    ),
-    click.option(
-        "--jpeg-quality", type=click.IntRange(1, 100), default=95, show_default=True, help="Of frames kept as JPEG."
-    ),
-    click.option(
-        "--confidence-scale",
-        type=click.FloatRange(min=0, min_open=True),
-        default=1.0,
-        show_default=True,
-        help="Divide the detector's confidences by this.",
-    ),
-    click.option("--ignore-extra-columns", is_flag=True, help="Skip unknown columns of tables."),
-    click.option(
-        "--truth-format",
-        type=click.Choice(TRUTHS),
-        default="auto",
-        show_default=True,
-        help="Format of the ground truth.",
-    ),
-    click.option(
-        "--doa-format", type=click.Choice(DOAS), default="auto", show_default=True, help="Format of the DOA logs."
-    ),
-    click.option(
-        "--doa-unit",
-        type=click.Choice(["deg", "rad"]),
-        default=None,
-        help="Unit of angles in columns whose name does not state it.",
-    ),
-    click.option(
-        "--doa-convention",
-        type=click.Choice(["math", "compass", "array"]),
-        default=None,
-        help="Azimuth from +x towards +y; clockwise from north (+y); or from the array's own x axis. "
-        "[default: the format's own, or math]",
-    ),
-    click.option("--doa-algorithm", default=None, help="Whose estimates to take, where a log holds several."),
 )
 
 
 def _all_options(command: F) -> F:
-    for option in reversed((*INPUTS, *PLACES, *SETTINGS)):
+    for option in reversed((*INPUTS, *PLACES, *TIMES)):
         command = option(command)
     return command
 
 
-@click.command(name="ingest", short_help="Gather video, detections, DOA logs and calibration into one recording.")
+@click.command(
+    name="ingest",
+    cls=SettingsCommand,
+    short_help="Gather video, detections, DOA logs and calibration into one recording.",
+)
 @options.output_opt("Recording (MCAP).")
 @_all_options
+@with_options(IngestPlan)
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt

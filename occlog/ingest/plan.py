@@ -6,11 +6,13 @@ import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import click
 
+from occlog.cli.setting_options import given
 from occlog.errors import UsageError
+from occlog.settings import Settings, setting
 
 T = TypeVar("T")
 _NAME = re.compile(r"^[^\s,/=:]{1,64}$")
@@ -36,9 +38,16 @@ FRAMES = _Pattern("range", r"^(\d{0,9}):(\d{1,9})$", "A:B with A < B, for exampl
 SIZE = _Pattern("size", r"^(\d{1,5})[xX](\d{1,5})$", "WIDTHxHEIGHT, for example 1920x1080", lambda a, b: a > 0 < b)
 
 
-@dataclass(frozen=True)
-class IngestPlan:
-    """The options of `occlog ingest`.  Pairs are (camera or array, value); None: not named."""
+CALIBRATIONS = ("auto", "qualisys", "tsai", "projection", "opencv-toml", "opencv-storage")
+TRUTHS = ("auto", "csv", "mot", "xml", "caliscope")
+DOAS = ("auto", "csv", "frida", "telemetr")
+
+
+@dataclass(frozen=True, kw_only=True)
+class IngestPlan(Settings):
+    """The inputs and settings of `occlog ingest`.  Pairs are (camera or array, value); None: not named."""
+
+    OWNER: ClassVar[str] = "ingest"
 
     output: Path
     video: dict[str, Path]
@@ -48,39 +57,87 @@ class IngestPlan:
     truth: tuple[tuple[str | None, Path], ...]
     timestamps: tuple[tuple[str | None, Path], ...]
     calibration: tuple[Path, ...]
-    calibration_format: str
-    calibration_unit: str | None
     image_size: tuple[int, int] | None
     scene: Path | None
     arrays: tuple[tuple[str | None, Path], ...]
-    allow_uncalibrated: bool
     start_time: tuple[tuple[str | None, str], ...]
     fps: tuple[tuple[str | None, str], ...]
     frames: tuple[int, int] | None
-    first_number: int | None
-    store: str | None
-    jpeg_quality: int
-    confidence_scale: float
-    ignore_extra_columns: bool
-    truth_format: str
-    doa_format: str
-    doa_unit: str | None
-    doa_convention: str | None
-    doa_algorithm: str | None
+
+    calibration_format: str = setting(
+        "auto", "Format of the calibration.", choices=CALIBRATIONS, option="--calibration-format"
+    )
+    calibration_unit: str | None = setting(
+        None,
+        "Length unit of the calibration.",
+        choices=("m", "cm", "mm"),
+        option="--calibration-unit",
+        nothing="the format's own, or m",
+    )
+    allow_uncalibrated: bool = setting(
+        False,
+        "Take cameras without calibration too; they give no bearings.",
+        option="--allow-uncalibrated",
+        shown="refused",
+    )
+    first_number: int | None = setting(
+        None,
+        "Number of frame 0 in names of images and tables.",
+        at_least=0,
+        option="--first-number",
+        nothing="lowest image; 0 in tables",
+    )
+    store: str | None = setting(
+        None,
+        "How frames are kept; link: only their times, beside the video.",
+        choices=("jpeg", "png", "link"),
+        option="--store",
+        nothing="PNG and JPEG files as they are, all else as jpeg",
+    )
+    jpeg_quality: int = setting(95, "Of frames kept as JPEG.", at_least=1, at_most=100, option="--jpeg-quality")
+    confidence_scale: float = setting(
+        1.0, "Divide the detector's confidences by this.", above=0, option="--confidence-scale"
+    )
+    ignore_extra_columns: bool = setting(
+        False, "Skip unknown columns of tables.", option="--ignore-extra-columns", shown="refused"
+    )
+    truth_format: str = setting("auto", "Format of the ground truth.", choices=TRUTHS, option="--truth-format")
+    doa_format: str = setting("auto", "Format of the DOA logs.", choices=DOAS, option="--doa-format")
+    doa_unit: str | None = setting(
+        None,
+        "Unit of angles in columns whose name does not state it.",
+        choices=("deg", "rad"),
+        option="--doa-unit",
+        nothing="the format's own",
+    )
+    doa_convention: str | None = setting(
+        None,
+        "Azimuth from +x towards +y; clockwise from north (+y); or from the array's own x axis.",
+        choices=("math", "compass", "array"),
+        option="--doa-convention",
+        nothing="the format's own, or math",
+    )
+    doa_algorithm: str | None = setting(
+        None,
+        "Whose estimates to take, where a log holds several.",
+        option="--doa-algorithm",
+        nothing="a log must hold one",
+    )
 
     @classmethod
     def of(cls, output: Path, values: dict[str, Any]) -> IngestPlan:
         """The plan of the command's options; UsageError where they contradict each other."""
-        mot = _named("--mot", values.pop("mot"))
+        mot = _named("--mot", values["mot"])
+        settings = given(cls, values)
         taken = {
-            **values,
+            **{key: values[key] for key in ("calibration", "image_size", "scene", "frames")},
             "video": _named("--video", values["video"]),
             "images": _named("--images", values["images"]),
             "boxes": (*pairs(values["boxes"], Path), *mot.items()),
             **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays")},
             **{key: pairs(values[key], str) for key in ("start_time", "fps")},
         }
-        plan = cls(output=output, **taken)
+        plan = cls(output=output, **taken, **settings)
         plan.check()
         return plan
 

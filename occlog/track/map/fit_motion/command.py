@@ -8,79 +8,20 @@ from typing import Any
 import click
 
 from occlog.cli import options
-from occlog.errors import UsageError
+from occlog.cli.setting_options import SettingsCommand, given, with_options
+from occlog.settings import configure
 
-POSITIVE = click.FloatRange(min=0, min_open=True)
-
-
-def parse_noise(text: str) -> float | str:
-    """A length, or `estimated` or `covariance`; UsageError otherwise."""
-    if text in ("estimated", "covariance"):
-        return text
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value < float("inf"):
-        raise UsageError(f"--noise {text}: want a length of at least 0, `estimated` or `covariance`")
-    return value
+from .config import FitConfig
 
 
-@click.command(name="fit-motion", short_help="Identify a motion model from trajectories, for `track --method map`.")
+@click.command(
+    name="fit-motion",
+    cls=SettingsCommand,
+    short_help="Identify a motion model from trajectories, for `track --method map`.",
+)
 @click.argument("positions", type=options.PATH, nargs=-1, required=True)
 @options.output_opt("The model (JSON).")
-@click.option(
-    "--form",
-    type=click.Choice(["cv", "damped", "full"]),
-    default="cv",
-    show_default=True,
-    help="A: constant velocity, velocity that dies out, or free.",
-)
-@click.option(
-    "--sigma",
-    "disturbance",
-    type=click.Choice(["white", "diagonal", "full"]),
-    default="white",
-    show_default=True,
-    help="Sigma: white acceleration and jitter of the position, a diagonal, or free.",
-)
-@click.option(
-    "--axes",
-    type=click.Choice(["same", "each"]),
-    default="same",
-    show_default=True,
-    help="One disturbance for x and y, or one for each.",
-)
-@click.option(
-    "--method",
-    type=click.Choice(["em", "differences"]),
-    default="em",
-    show_default=True,
-    help="Most likely model of noisy positions, or regression on differences of exact ones.",
-)
-@click.option(
-    "--noise",
-    default="estimated",
-    show_default=True,
-    metavar="LENGTH|estimated|covariance",
-    help="Standard deviation of positions' errors, per axis; `covariance`: that of tracks.",
-)
-@click.option(
-    "--step",
-    "step_s",
-    type=POSITIVE,
-    default=None,
-    metavar="SECONDS",
-    help="Step of the model. [default: the median time between positions]",
-)
-@click.option(
-    "--gap",
-    "gap_s",
-    type=POSITIVE,
-    default=None,
-    metavar="SECONDS",
-    help="Cut trajectories where positions are farther apart in time. [default: 5 steps]",
-)
+@with_options(FitConfig)
 @click.option(
     "--target",
     "targets",
@@ -93,7 +34,13 @@ def parse_noise(text: str) -> float | str:
 @options.quiet_opt
 @options.json_opt
 def command(
-    positions: tuple[Path, ...], output: Path, noise: str, overwrite: bool, quiet: bool, as_json: bool, **values: Any
+    positions: tuple[Path, ...],
+    output: Path,
+    targets: tuple[int, ...],
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+    **own: Any,
 ) -> int:
     """Identify A and Sigma of linear Gaussian motion from POSITIONS: truth or tracks, tables or recordings.
 
@@ -106,7 +53,7 @@ def command(
     """
     from .run import FitRequest, run_fit
 
-    request = FitRequest(positions=positions, noise=parse_noise(noise), **values)
+    request = FitRequest(positions, configure(FitConfig(), given(FitConfig, own)), targets)
     options.check_outputs(positions, [output], overwrite)
     summary, losses = run_fit(request, output, overwrite, quiet)
     return options.finish(summary, losses, as_json)

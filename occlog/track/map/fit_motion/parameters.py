@@ -18,7 +18,7 @@ and `full` (a 4 x 4 covariance) which leaves some of it to the start of the sear
 from __future__ import annotations
 
 import functools
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,6 @@ from occlog.track.map.kernels.gauss_markov import VELOCITY
 
 from .smoother import CV, Sums
 
-Form = Literal["cv", "damped", "full"]
-Disturbance = Literal["white", "diagonal", "full"]
 SMALLEST, LARGEST = 1e-5, 1e3
 """Limits of standard deviations, in scales of the data."""
 FASTEST_DECAY = 20.0
@@ -41,8 +39,8 @@ NODE, WEIGHT = np.polynomial.legendre.leggauss(12)
 class Shape(NamedTuple):
     """What is fitted."""
 
-    form: Form = "cv"
-    disturbance: Disturbance = "white"
+    form: str = "cv"  # cv, damped or full
+    disturbance: str = "white"  # white, diagonal or full
     alike: bool = True  # one disturbance for both axes
     noise: bool = True  # measurement noise is fitted, too
     free: tuple[int, ...] = VELOCITY  # rows of A that `full` fits

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
@@ -16,8 +15,9 @@ from occlog.io.models.motion_models import Motion, write_motion
 from occlog.io.open import check_unit, losses_of, open_input
 from occlog.records.tables import Tracks, Truth
 
+from .config import COVARIANCE, ESTIMATED, FitConfig
 from .em import fit_differences, fit_em
-from .parameters import Disturbance, Form, Shape
+from .parameters import Shape
 from .report import Fit
 from .steps import Path, median_step
 
@@ -34,31 +34,26 @@ class FitRequest:
     """What to fit, and to what."""
 
     positions: tuple[FilePath, ...]
-    noise: float | str = "estimated"  # or "covariance"
-    form: Form = "cv"
-    disturbance: Disturbance = "white"
-    axes: str = "same"
-    method: str = "em"
-    step_s: float | None = None
-    gap_s: float | None = None
+    config: FitConfig = FitConfig()
     targets: tuple[int, ...] = ()
 
     @property
     def shape(self) -> Shape:
         """What the fit has for parameters."""
-        return Shape(self.form, self.disturbance, self.axes == "same", self.noise == "estimated")
+        c = self.config
+        return Shape(form=c.form, disturbance=c.disturbance, alike=c.axes == "same", noise=c.noise == ESTIMATED)
 
 
 def run_fit(
     request: FitRequest, output: FilePath, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Fit and write; the summary, and what had been lost before."""
-    _check(request)
+    config = request.config
     paths, unit, losses = read_paths(request)
     where = ", ".join(str(p) for p in request.positions)
     try:
-        step_s = request.step_s or median_step(paths)
-        gap_s = request.gap_s if request.gap_s is not None else GAP_STEPS * step_s
+        step_s = config.step_s or median_step(paths)
+        gap_s = config.gap_s if config.gap_s is not None else GAP_STEPS * step_s
         _check_step(paths, step_s, gap_s)
         fit = _fit(request, paths, step_s, gap_s)
     except ValueError as error:
@@ -71,26 +66,17 @@ def run_fit(
         "sigma_error": fit.sigma_error.tolist(),
         "fit": figures,
     }
-    if isinstance(request.noise, float) and request.method == "em":
-        details["noise"] = request.noise
-    parameters = {k: v for k, v in asdict(request).items() if k != "positions"}
-    made = Provenance(
-        "fit-motion", {**parameters, "step_s": step_s, "gap_s": gap_s}, None, hash_inputs(request.positions), losses
-    )
+    noise = config.noise if config.noise_length is None else config.noise_length
+    if config.noise_length is not None:
+        details["noise"] = noise
+    used = {"noise": noise, "step_s": step_s, "gap_s": gap_s, "targets": request.targets}
+    made = Provenance("fit-motion", asdict(config) | used, None, hash_inputs(request.positions), losses)
     write_motion(output, motion, details, made, overwrite=overwrite)
     for line in warnings(fit, request, paths):
         options.note(f"warning: {line}", quiet)
     shown = {"A": motion.A.tolist(), "sigma": motion.sigma.tolist()}
-    shown["noise"] = request.noise if details["noise"] is None else details["noise"]
+    shown["noise"] = noise if details["noise"] is None else details["noise"]
     return {"motion": str(output), "step_s": step_s, "length_unit": unit, **figures, **shown}, losses
-
-
-def _check(request: FitRequest) -> None:
-    if request.method == "differences" and request.noise != "estimated":
-        raise UsageError("--noise goes with --method em; differences take positions for exact")
-    for name, value in (("--step", request.step_s), ("--gap", request.gap_s)):
-        if value is not None and not math.isfinite(value):
-            raise UsageError(f"{name} {value}: want a finite number of seconds")
 
 
 def _check_step(paths: list[Path], step_s: float, gap_s: float) -> None:
@@ -105,19 +91,19 @@ def _check_step(paths: list[Path], step_s: float, gap_s: float) -> None:
 
 
 def _fit(request: FitRequest, paths: list[Path], step_s: float, gap_s: float) -> Fit:
-    if request.method == "differences":
+    if request.config.method == "differences":
         return fit_differences(paths, step_s, request.shape, longest_gap_s=gap_s)
-    noise = request.noise if isinstance(request.noise, float) else None
+    noise = request.config.noise_length
     return fit_em(paths, step_s, request.shape, longest_gap_s=gap_s, noise=noise)
 
 
 def _figures(fit: Fit, request: FitRequest) -> dict[str, Any]:
     """How it was fitted, and how well."""
     return {
-        "method": request.method,
-        "form": request.form,
-        "disturbance": request.disturbance,
-        "axes": request.axes,
+        "method": request.config.method,
+        "form": request.config.form,
+        "disturbance": request.config.disturbance,
+        "axes": request.config.axes,
         "transitions": fit.transitions,
         "measurements": fit.measurements,
         "skipped": fit.skipped,
@@ -153,7 +139,7 @@ def warnings(fit: Fit, request: FitRequest, paths: list[Path]) -> list[str]:
         out.append(f"at its limit, so too small to be told from 0 (or too large): {', '.join(fit.at_limit)}")
     if fit.undecided:
         out.append(f"not decided by the data: {', '.join(fit.undecided)}; their standard errors are null")
-    if request.form == "full":
+    if request.config.form == "full":
         xy = np.concatenate([p.xy for p in paths])
         if (np.abs(xy.mean(axis=0)) > xy.std(axis=0)).any():
             out.append("--form full pulls towards the origin of the scene, which is far from these positions")
@@ -166,7 +152,7 @@ def read_paths(request: FitRequest) -> tuple[list[Path], str, tuple[Loss, ...]]:
     inputs = [open_input(file, Truth, Tracks) for file in request.positions]
     for opened in inputs:
         table = opened.read(Truth) if opened.has(Truth) else opened.read(Tracks)
-        if request.noise == "covariance" and not isinstance(table, Tracks):
+        if request.config.noise == COVARIANCE and not isinstance(table, Tracks):
             raise UsageError(
                 f"{opened.path}: truth has no covariance; give --noise LENGTH, or leave it to be estimated"
             )

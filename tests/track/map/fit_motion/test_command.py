@@ -155,7 +155,11 @@ def test_a_recording_with_truth(folder: Path) -> None:
         (("truth.parquet", "--noise", "covariance"), ExitCode.USAGE, "truth has no covariance"),
         (("truth.parquet", "--noise", "-1"), ExitCode.USAGE, "--noise -1"),
         (("truth.parquet", "--noise", "nan"), ExitCode.USAGE, "--noise nan"),
-        (("truth.parquet", "--noise", "0.1", "--method", "differences"), ExitCode.USAGE, "goes with --method em"),
+        (
+            ("truth.parquet", "--noise", "0.1", "--method", "differences"),
+            ExitCode.USAGE,
+            "must be estimated unless the method is em",
+        ),
         (("truth.parquet", "--step", "0.001"), ExitCode.BAD_INPUT, "give a larger --step"),
         (("truth.parquet", "--step", "inf"), ExitCode.USAGE, "finite"),
         (("truth.parquet", "--gap", "0.1"), ExitCode.BAD_INPUT, "give a larger --gap"),

@@ -1,0 +1,80 @@
+"""Settings of the identification of a motion model, with their defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, setting
+
+ESTIMATED, COVARIANCE = "estimated", "covariance"
+"""Where the positions' errors come from, if they are not given: they are fitted, or those of tracks."""
+
+
+@dataclass(frozen=True)
+class FitConfig(Settings):
+    """What is fitted, and how ([Rahimi] Sec. 7); lengths in the unit of the positions."""
+
+    OWNER: ClassVar[str] = "fit-motion"
+
+    form: str = setting(
+        "cv",
+        "A: constant velocity, velocity that dies out, or free.",
+        choices=("cv", "damped", "full"),
+        option="--form",
+    )
+    disturbance: str = setting(
+        "white",
+        "Sigma: white acceleration and jitter of the position, a diagonal, or free.",
+        choices=("white", "diagonal", "full"),
+        option="--sigma",
+    )
+    axes: str = setting(
+        "same", "One disturbance for x and y, or one for each.", choices=("same", "each"), option="--axes"
+    )
+    method: str = setting(
+        "em",
+        "Most likely model of noisy positions, or regression on differences of exact ones.",
+        choices=("em", "differences"),
+        option="--method",
+    )
+    noise: str = setting(
+        ESTIMATED,
+        "Standard deviation of positions' errors, per axis; `covariance`: that of tracks.",
+        option="--noise",
+        metavar="LENGTH|estimated|covariance",
+    )
+    step_s: float | None = setting(
+        None,
+        "Step of the model.",
+        unit="s",
+        above=0,
+        option="--step",
+        metavar="SECONDS",
+        nothing="the median time between positions",
+    )
+    gap_s: float | None = setting(
+        None,
+        "Cut trajectories where positions are farther apart in time.",
+        unit="s",
+        above=0,
+        option="--gap",
+        metavar="SECONDS",
+        nothing="5 steps",
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """Noise is a length, or where it comes from; differences take positions for exact."""
+        good = self.noise in (ESTIMATED, COVARIANCE) or self.noise_length is not None
+        yield "noise", good, f"a length of at least 0, {ESTIMATED} or {COVARIANCE}"
+        yield "noise", self.method == "em" or self.noise == ESTIMATED, f"{ESTIMATED} unless the method is em"
+
+    @property
+    def noise_length(self) -> float | None:
+        """The standard deviation that is given, at least 0; None: none is."""
+        try:
+            value = float(self.noise)
+        except ValueError:
+            return None
+        return value if 0.0 <= value < float("inf") else None
