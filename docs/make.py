@@ -1,4 +1,4 @@
-"""Writes what the docs hold that is made from the code: commands, tables, folders and the picture of the rooms."""
+"""Writes what the docs hold that is made from the code: commands, settings, tables, folders and the picture of the rooms."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import click
 
 from docs.rooms import folders_page, picture
 from occlog.cli.main import COMMANDS, cli
-from occlog.cli.setting_options import CHOSEN, VariantCommand
+from occlog.cli.setting_options import CHOSEN, VariantCommand, value_words
+from occlog.examine.declared_settings import settings_of, verbs
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES
+from occlog.settings import Settings, declaration, declared, default_in
 
 FOLDER = Path(__file__).resolve().parent
 WIDTH = 100
@@ -84,7 +86,39 @@ def tables_page() -> str:
     return "\n".join([head, *(table_section(t) for t in TABLES.values())])
 
 
-PAGES = {"commands.md": commands_page, "tables.md": tables_page}
+def settings_table(of: type[Settings]) -> str:
+    """Every setting of a class: its name, defaults, range, unit, option and meaning."""
+    rows = []
+    for f in declared(of):
+        said = declaration(f)
+        people, own = (value_words(f, default_in(f, unit)) for unit in ("m", ""))
+        option = f"`{said.option}`" if said.option else ""
+        unit = said.unit.replace("length", "m")
+        cells = (f"`{f.name}`", people, "" if own == people else own, said.limit(), unit, option, said.help)
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    head = "| setting | default | in a unit of its own | range | unit | option | meaning |\n|---|---|---|---|---|---|---|\n"
+    return head + "\n".join(rows) + "\n"
+
+
+def settings_page() -> str:
+    """Every setting of every verb."""
+    parts = [
+        "# Settings\n\nMade by `make docs` from the declarations in the code; `occlog schema VERB` prints them as JSON "
+        "Schema.\n\nDefaults are those of a scene in metres; in feet and inches lengths are converted. Where a scene "
+        "has a unit of its own\nthe next column has the default, if it is another. What has no option of its own is given "
+        "by `--set NAME=VALUE` where\nthe command has it, or as a key of `occlog run` and `occlog sweep`.\n"
+    ]
+    for verb in verbs():
+        classes = settings_of(verb)
+        parts.append(f"## occlog {verb}\n")
+        for name, of in classes.items():
+            title = f"### {name}\n\n" if len(classes) > 1 else ""
+            summary = (of.__doc__ or "").split("\n\n")[0]
+            parts.append(f"{title}{' '.join(summary.split())}\n\n{settings_table(of)}")
+    return "\n".join(parts)
+
+
+PAGES = {"commands.md": commands_page, "settings.md": settings_page, "tables.md": tables_page}
 """Reference pages of the program."""
 ROOMS = {"rooms.svg": picture, "folders.md": folders_page}
 """How the code is laid out."""

@@ -14,7 +14,7 @@ import numbers
 import types
 import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, ClassVar, Self, TypeVar
 
 from occlog.errors import InputError, UsageError
@@ -277,7 +277,7 @@ def json_schema(of: type[Settings]) -> dict[str, Any]:
 
 
 def _property(of: type[Settings], f: Field[Any]) -> dict[str, Any]:
-    """JSON Schema of one setting."""
+    """JSON Schema of one setting; where people in metres have another default, it says so besides."""
     said, kind = declaration(f), kind_of(of, f.name)
     names = {int: "integer", float: "number", bool: "boolean", str: "string", tuple: "array"}
     name = names[plain_kind(kind)]
@@ -297,9 +297,10 @@ def _property(of: type[Settings], f: Field[Any]) -> dict[str, Any]:
         out["enum"] = [*said.choices, None] if optional(kind) else list(said.choices)
     if said.unit:
         out["unit"] = said.unit
-    if f.default is not MISSING:
-        out["default"] = list(f.default) if isinstance(f.default, tuple) else f.default
-    return out
+    defaults = {"default": default_in(f, ""), "default_in_metres": default_in(f, "m")}
+    if defaults["default_in_metres"] == defaults["default"]:
+        del defaults["default_in_metres"]
+    return out | {key: list(value) if isinstance(value, tuple) else value for key, value in defaults.items()}
 
 
 def check_settings(config: Any, method: str, limits: Iterable[tuple[str, bool, str]]) -> None:

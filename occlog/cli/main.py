@@ -47,7 +47,7 @@ COMMANDS = {
         "occlog.examine.diff.command", "Say whether two outputs are the same, and where they first differ."
     ),
     "info": Command("occlog.examine.info", "Print what a scene, a recording or a table holds."),
-    "schema": Command("occlog.examine.schema", "Print the schema of a table, a message or a file format."),
+    "schema": Command("occlog.examine.schema", "Print the schema of a table, a message, a file format or settings."),
 }
 """Every command, in the order of a pipeline; a table of text, so that --help loads none of the modules."""
 

@@ -83,13 +83,13 @@ def default_words(f: Field[Any]) -> str:
         return said.nothing or "none"
     people, own = default_in(f, "m"), default_in(f, "")
     unit = {"length": "m"}.get(said.unit, said.unit.replace("length", "m"))
-    told = _value_words(f, people)
+    told = value_words(f, people)
     if unit:
         told += f" {unit}"
-    return told if people == own else f"{told}, or {_value_words(f, own)} in a unit of its own"
+    return told if people == own else f"{told}, or {value_words(f, own)} in a unit of its own"
 
 
-def _value_words(f: Field[Any], value: Any) -> str:
+def value_words(f: Field[Any], value: Any) -> str:
     """A value as it is typed on the command line."""
     if value is None:
         return declaration(f).nothing or "none"

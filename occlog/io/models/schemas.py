@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -60,8 +60,8 @@ SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
 """Every published schema by name; `schemas/NAME.json` holds its text."""
 
 
-def schema_text(name: str) -> str:
-    """A published schema as JSON text; UsageError for a name that is none."""
-    if name not in SCHEMAS:
-        raise UsageError(f"no schema {name!r}; there are {', '.join(SCHEMAS)}")
-    return json.dumps(SCHEMAS[name](), indent=2) + "\n"
+def schema_text(name: str, schemas: Mapping[str, Callable[[], dict[str, Any]]] = SCHEMAS) -> str:
+    """A schema as JSON text; UsageError for a name that is none."""
+    if name not in schemas:
+        raise UsageError(f"no schema {name!r}; there are {', '.join(schemas)}")
+    return json.dumps(schemas[name](), indent=2) + "\n"
