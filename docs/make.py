@@ -1,4 +1,4 @@
-"""Writes what the docs hold that is made from the code: commands, settings, tables, folders and the picture of the rooms."""
+"""Writes the pages that are made from the code: commands, settings, tables, folders and the picture of the rooms."""
 
 from __future__ import annotations
 
@@ -96,8 +96,8 @@ def settings_table(of: type[Settings]) -> str:
         unit = said.unit.replace("length", "m")
         cells = (f"`{f.name}`", people, "" if own == people else own, said.limit(), unit, option, said.help)
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    head = "| setting | default | in a unit of its own | range | unit | option | meaning |\n|---|---|---|---|---|---|---|\n"
-    return head + "\n".join(rows) + "\n"
+    head = "| setting | default | in a unit of its own | range | unit | option | meaning |\n|" + 7 * "---|"
+    return "\n".join([head, *rows]) + "\n"
 
 
 def settings_page() -> str:
@@ -105,8 +105,8 @@ def settings_page() -> str:
     parts = [
         "# Settings\n\nMade by `make docs` from the declarations in the code; `occlog schema VERB` prints them as JSON "
         "Schema.\n\nDefaults are those of a scene in metres; in feet and inches lengths are converted. Where a scene "
-        "has a unit of its own\nthe next column has the default, if it is another. What has no option of its own is given "
-        "by `--set NAME=VALUE` where\nthe command has it, or as a key of `occlog run` and `occlog sweep`.\n"
+        "has a unit of its own\nthe next column has the default, if it is another. What has no option of its own is "
+        "given by `--set NAME=VALUE` where\nthe command has it, or as a key of `occlog run` and `occlog sweep`.\n"
     ]
     for verb in verbs():
         classes = settings_of(verb)

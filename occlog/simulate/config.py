@@ -23,7 +23,7 @@ class WorldConfig(Settings):
     people 0.5 m wide who walk at 1.2 m/s and change their destination every 10 s on average.
     """
 
-    OWNER: ClassVar[str] = "simulate"
+    OWNER: ClassVar[str] = "world"
 
     steps: int = setting(4000, "Time steps, the start included.", people=600, at_least=1, option="--steps")
     step_s: float = setting(1.0, "Time between two steps.", unit="s", people=0.1, at_least=1e-6)

@@ -69,10 +69,10 @@ def test_a_setting_that_is_not_there_is_not_valid(verb: str, name: str, of: type
 @pytest.mark.parametrize(
     ("verb", "name", "values", "good"),
     [
-        ("simulate", "simulate", {"redirect": 1}, True),
-        ("simulate", "simulate", {"redirect": 1.001}, False),
-        ("simulate", "simulate", {"diameter": 0}, False),
-        ("simulate", "simulate", {"z": None}, True),
+        ("simulate", "world", {"redirect": 1}, True),
+        ("simulate", "world", {"redirect": 1.001}, False),
+        ("simulate", "world", {"diameter": 0}, False),
+        ("simulate", "world", {"z": None}, True),
         ("simulate", "sound", {"silence": [4, 1]}, True),
         ("simulate", "sound", {"silence": [4]}, False),
         ("simulate", "video", {"store": "jpeg"}, False),
