@@ -109,8 +109,8 @@ def recorded_of(request: ReproduceRequest) -> tuple[Experiment, ...]:
             return ()
         return recorded_experiments(source, target_of(source))
     except InputError as error:
-        told = str(error) if str(path) in str(error) else f"{path}: {error}"
-        raise InputError(told) from error
+        message = str(error) if str(path) in str(error) else f"{path}: {error}"
+        raise InputError(message) from error
 
 
 def _check_recorded(request: ReproduceRequest) -> None:

@@ -86,9 +86,9 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     """
     _check(spec, KEYS)
     config, single = balls_config(spec.get("balls", {})), "methods" not in spec
-    told = {"": {k: spec[k] for k in OWN if k in spec}} if single else spec["methods"]
-    runners = {label: runner_of(config, spec, own) for label, own in told.items()}
-    for own in told.values():
+    described = {"": {k: spec[k] for k in OWN if k in spec}} if single else spec["methods"]
+    runners = {label: runner_of(config, spec, own) for label, own in described.items()}
+    for own in described.values():
         warm(str(own["method"]))
     done, truth, radius = follow(config, int(spec["seed"]), runners)
     out: dict[str, float] = {}
@@ -96,7 +96,7 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
         true, reach = of_views(truth, float(spec.get("tau", 1.0)) * radius, runners[label].use)
         figures = scores(true, followed, reach)
         figures |= {"particles": float(runners[label].config.particles)}
-        figures |= alarms(true, followed, reach, told[label].get("wrong"))
+        figures |= alarms(true, followed, reach, described[label].get("wrong"))
         if len(followed.parts):
             names = ("local_ms", "interaction_ms", "collaboration_ms", "step_ms")
             times = [*followed.parts.mean(axis=0).tolist(), float(followed.seconds.mean())]
@@ -119,8 +119,8 @@ def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, An
     _check(own, OWN)
     visual = visual_of(str(own.get("method")))
     settings = configure(visual.config(), dict(own.get("set", {})), str(own["method"]))
-    told = own.get("fundamental", "true")
-    kind, amount = (told, 0.0) if isinstance(told, str) else told
+    matrices = own.get("fundamental", "true")
+    kind, amount = (matrices, 0.0) if isinstance(matrices, str) else matrices
     use = int(own.get("use", config.views))
     if not 1 <= use <= config.views:
         raise InputError(f"trial: use is {use}, must be 1 to {config.views}, the number of views")

@@ -101,26 +101,28 @@ def cooperation_trial(spec: Mapping[str, Any]) -> dict[str, float]:
         `share_N` (share of the steps of the N-th `BIN` in which cameras were asked).
     """
     made = environment(spec["scene"], spec["seed"], spec["run"])
-    told = follow(made, spec)
-    heard = made.heard[spec["array"], : len(told.xy)] > 0
-    error2 = ((told.xy - made.truth.xyz[: len(told.xy), :, :2]) ** 2).sum(axis=2)
+    output = follow(made, spec)
+    heard = made.heard[spec["array"], : len(output.xy)] > 0
+    error2 = ((output.xy - made.truth.xyz[: len(output.xy), :, :2]) ** 2).sum(axis=2)
     out = {}
     for k, number in enumerate(made.truth.ids.tolist()):
         rows = heard[:, k] & np.isfinite(error2[:, k])
         out[f"rmse_{number}"] = float(np.sqrt(error2[rows, k].mean())) if rows.any() else float("nan")
         out[f"final_{number}"] = float(np.sqrt(error2[-1, k])) if heard[-1, k] else float("nan")
-    fixes = sum(r.answer.place is not None for r in told.requests)
-    tens = {f"share_{n}": float(told.asked[n * BIN : (n + 1) * BIN].mean()) for n in range(len(told.asked) // BIN)}
+    fixes = sum(r.answer.place is not None for r in output.requests)
+    shares = {
+        f"share_{n}": float(output.asked[n * BIN : (n + 1) * BIN].mean()) for n in range(len(output.asked) // BIN)
+    }
     errors = [v for k, v in out.items() if k.startswith("rmse") and v == v]
     return {
         "rmse": float(np.mean(errors)) if errors else float("nan"),
         **out,
-        **tens,
-        "requests": float(sum("shared" not in r.answer.ask.causes for r in told.requests)),
-        "frames": float(sum(r.frames for r in told.requests)),
+        **shares,
+        "requests": float(sum("shared" not in r.answer.ask.causes for r in output.requests)),
+        "frames": float(sum(r.frames for r in output.requests)),
         "fixes": float(fixes),
         "period": float(heard.sum()) / fixes if fixes else float("nan"),
-        **{f"asked_{c}": float(sum(c in r.answer.ask.causes for r in told.requests)) for c in CAUSES},
+        **{f"asked_{c}": float(sum(c in r.answer.ask.causes for r in output.requests)) for c in CAUSES},
     }
 
 

@@ -229,8 +229,8 @@ def bounds(scenario: int, steps: int) -> tuple[Floats, Floats]:
         rows = plane_axes(p)
         each = plane_bound(xyz, w.dt, w.sensors, sigmas, w.P0[np.ix_(rows, rows)], p)
         own[p][:, list(axes)] = each[:, range(2), range(2)]
-        told = [plane_variance(xyz, at, np.eye(3), *sigmas, p) for at in w.places]
-        variance[:, p] = np.min(told, axis=0)
+        of_arrays = [plane_variance(xyz, at, np.eye(3), *sigmas, p) for at in w.places]
+        variance[:, p] = np.min(of_arrays, axis=0)
     chosen = np.argsort(variance, axis=1, kind="stable")[:, :2]
     flat = np.min(own[chosen.T, np.arange(steps)], axis=0)
     return np.sqrt(direct), np.sqrt(flat)
