@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import tracemalloc
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -313,6 +314,7 @@ def test_memory_does_not_grow_with_the_recording():
             yield Detections(Views.empty(), moved, (), 0, 0)
 
     def peak(n: int) -> int:
+        gc.collect()
         tracemalloc.start()
         for _ in fuse(parts(n), where):
             pass
@@ -321,7 +323,7 @@ def test_memory_does_not_grow_with_the_recording():
         return top
 
     peak(2)
-    assert peak(7) - peak(3) < size
+    assert peak(15) - peak(3) < 2 * size  # rows that are held would take twelve times the size
 
 
 def test_frames_close_in_time_are_one_moment_and_keep_their_own_times():
