@@ -1,4 +1,4 @@
-"""The tables of what sensors saw and heard, true boxes included.  See `records`."""
+"""The tables of what sensors saw and heard, true boxes included.  Conventions: see `tables`."""
 
 from __future__ import annotations
 

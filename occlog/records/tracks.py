@@ -1,4 +1,4 @@
-"""The tables of trackers on the ground or in space, and of their evaluation.  See `records`."""
+"""The tables of trackers on the ground or in space, and of their evaluation.  Conventions: see `tables`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of trackers that work in the images: their estimates, and where these fail.  See `records`."""
+"""The tables of trackers that work in the images: their estimates, and where these fail.  Conventions: see `tables`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of what is where: the truth, and priors of what hides the targets.  See `records`."""
+"""The tables of what is where: the truth, and priors of what hides the targets.  Conventions: see `tables`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MOTChallenge text: boxes of one camera, written for other programs (`boxes` reads it).
+"""MOTChallenge text: boxes of one camera, written for other programs (`reader` reads it).
 
 A line is frame (from 1), id, left, top, width, height [px], and then
 

@@ -2,7 +2,7 @@
 
 A CSV file has the columns
 
-    frame        number of the frame, from 0; with --first-number 1 from 1
+    frame        number of the frame, from 0, or from another first number
     camera       name or number of the camera, where the file holds several
     left, top    corner of the box [px], and right, bottom or width, height
     confidence   0 to 1, if there is one
@@ -15,8 +15,7 @@ not used; -1 stands for what is not known.
 
 Every frame from the first to the last one in the files is taken for a frame of each
 camera: where it has no row, the camera looked and saw nobody.  `frames` states another range.
-
-Times of frames from the times that rows of boxes carry.
+Where rows carry times, the times of all frames are made from these.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Reads a recording: scene, frames and rows of an MCAP file, in the order of time, streaming.
 
-Frames of a video file that a recording links to instead of holding its images.
+Images are in the file, or in a video file that the recording links to; these are decoded forwards only.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ def _sensors(rows: Rows, options: DoaOptions) -> Strings:
 
 
 def _angle(rows: Rows, name: str, options: DoaOptions) -> Floats:
-    """(n,) angles [rad] of a column whose name or `--doa-unit` states the unit; NaN where there is none."""
+    """(n,) angles [rad] of a column whose name, or the option `unit`, states the unit; NaN where there is none."""
     found = [unit for unit in ("", "_deg", "_rad") if rows.has(name + unit)]
     if not found:
         return np.full(len(rows), np.nan)

@@ -1,8 +1,7 @@
-"""Frames of an MP4 or QuickTime file: sample tables (ISO/IEC 14496-12), also of fragmented files.
+"""Frames of an MP4 or QuickTime file: its boxes and sample tables (ISO/IEC 14496-12), with every length checked.
 
-Boxes of MP4 and QuickTime files (ISO/IEC 14496-12), read with every length checked.
-
-Samples of fragmented MP4 files: what recorders write that want to survive a power cut.
+The samples of the video track stand in the tables of the index (moov), and, in files of recorders that are to
+survive a power cut, in fragments (moof) behind it.
 """
 
 from __future__ import annotations
