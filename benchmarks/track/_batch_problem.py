@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from occlog.array_types import Floats
+from occlog.measure.scans.grouping import Rows, scans_of
 from occlog.measure.scans.scan import sensor_names
-from occlog.measure.scans.scans import Rows, scans_of
 from occlog.papers.rahimi.example import example, identified, sparse_scene
 from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.problem import Problem

@@ -15,9 +15,9 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.motion_models import read_motion
+from occlog.measure.scans.grouping import checked, choose_sensors
 from occlog.measure.scans.inputs import Inputs
 from occlog.measure.scans.scan import sensor_names
-from occlog.measure.scans.scans import checked, choose_sensors
 from occlog.measure.scans.sources import in_turn, only_measured
 from occlog.records.tables import Bearings, Calibration, Cooperation, Diagnostics, Tracks
 from occlog.settings import METRES, Settings, configure

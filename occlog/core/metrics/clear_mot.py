@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import Bools, Floats, Ints
 
 from .errors import pair_within, ratio
-from .frames import Frames, reaches
+from .frame_pairs import Frames, reaches
 
 MOSTLY_TRACKED = 0.8
 MOSTLY_LOST = 0.2

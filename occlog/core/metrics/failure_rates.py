@@ -19,7 +19,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 
 from .errors import ratio
-from .frames import Frames, Objects, of_points
+from .frame_pairs import Frames, Objects, of_points
 
 NONE = -1
 """No target: `other` of a position failure, `elsewhere` of a label failure, a tracker without a target of its own."""

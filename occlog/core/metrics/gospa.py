@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Floats, Ints
 
-from .frames import Frames
+from .frame_pairs import Frames
 
 
 class Gospa(NamedTuple):

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from occlog.array_types import Floats, Ints
 
-from .frames import EPS, Frames
+from .frame_pairs import EPS, Frames
 
 ALPHAS: Floats = np.arange(1, 20) / 20.0
 """Thresholds of similarity, 0.05 to 0.95."""

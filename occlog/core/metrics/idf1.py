@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import Ints
 
 from .errors import ratio
-from .frames import Frames, reaches
+from .frame_pairs import Frames, reaches
 
 
 class Identity(NamedTuple):

@@ -8,7 +8,7 @@ from occlog.array_types import Bools
 from occlog.core.metrics.clear_mot import ClearRule, clear_mot
 from occlog.core.metrics.errors import ratio
 from occlog.core.metrics.failure_rates import Failures
-from occlog.core.metrics.frames import Frames, Objects, of_boxes
+from occlog.core.metrics.frame_pairs import Frames, Objects, of_boxes
 from occlog.core.metrics.gospa import gospa
 from occlog.core.metrics.hota import hota
 from occlog.core.metrics.idf1 import identity

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
-from occlog.core.metrics.frames import Objects
+from occlog.core.metrics.frame_pairs import Objects
 from occlog.records.tables import Boxes, TruthBoxes
 
 from .figures import of_view

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.metrics.frames import Objects
+from occlog.core.metrics.frame_pairs import Objects
 from occlog.errors import InputError
 from occlog.records.tables import Boxes, TruthBoxes
 from occlog.records.views import ViewTracks

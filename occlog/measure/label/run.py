@@ -11,8 +11,8 @@ from occlog.cli import options
 from occlog.errors import InputError
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.measure.scans.grouping import choose_sensors
 from occlog.measure.scans.inputs import Inputs
-from occlog.measure.scans.scans import choose_sensors
 from occlog.records.tables import Bearings, Tracks
 
 from .config import LabelConfig

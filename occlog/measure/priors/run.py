@@ -15,7 +15,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import check_unit, open_input
-from occlog.measure.scans.scans import nearest
+from occlog.measure.scans.grouping import nearest
 from occlog.records.columns import Table
 from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Tracks, Truth, Views
 from occlog.settings import configure

@@ -15,8 +15,8 @@ from occlog.core.filter.likelihood_occluded import log_likelihood_among
 from occlog.core.occlusion.priors import Priors
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.priors.from_positions import virtual_priors
+from occlog.measure.scans.grouping import Rows, choose_sensors, scans_of
 from occlog.measure.scans.occluder_priors import OccluderFeed, known_positions
-from occlog.measure.scans.scans import Rows, choose_sensors, scans_of
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.papers.verdicts.trials import KNOWN, NONE

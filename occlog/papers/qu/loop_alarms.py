@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.metrics.frames import Objects
+from occlog.core.metrics.frame_pairs import Objects
 from occlog.track.images.interface import BAD, GOOD
 
 from .follow import Followed

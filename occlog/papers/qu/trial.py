@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.metrics.clear_mot import clear_mot
 from occlog.core.metrics.failure_rates import failures
-from occlog.core.metrics.frames import Objects, of_boxes
+from occlog.core.metrics.frame_pairs import Objects, of_boxes
 from occlog.core.metrics.hota import hota
 from occlog.core.metrics.idf1 import identity
 from occlog.errors import InputError

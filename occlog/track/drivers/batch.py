@@ -8,8 +8,8 @@ from typing import Generic, NamedTuple
 import numpy as np
 
 from occlog.errors import InputError
+from occlog.measure.scans.grouping import scans_of
 from occlog.measure.scans.scan import Scan, sensor_names
-from occlog.measure.scans.scans import scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Calibration, Diagnostics, Tracks
 from occlog.track.interface import Batch, Config, Smoothed, State

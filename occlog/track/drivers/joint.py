@@ -8,8 +8,8 @@ import numpy as np
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError, UsageError
+from occlog.measure.scans.grouping import scans_of
 from occlog.measure.scans.scan import sensor_names
-from occlog.measure.scans.scans import scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation
 from occlog.track.imm import when_to_ask

@@ -10,9 +10,9 @@ import numpy as np
 from occlog.array_types import NS
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import UsageError
+from occlog.measure.scans.grouping import scans_of
 from occlog.measure.scans.occluder_priors import OccluderFeed
 from occlog.measure.scans.scan import Scan, sensor_names
-from occlog.measure.scans.scans import scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.track.apf.selector import Selector, TargetFilter

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Generic
 
 from occlog.errors import UsageError
+from occlog.measure.scans.grouping import Rows
 from occlog.measure.scans.scan import sensor_names
-from occlog.measure.scans.scans import Rows
 from occlog.records.scene import Scene
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.interface import Config

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.array_types import NS, Bools, Floats
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
@@ -46,6 +46,7 @@ from occlog.track.map.kernels.windows import Knowledge, minimise_windows, summar
 
 from .barriers import obstacles
 from .config import MapConfig
+from .fixed_lag import lag_ns, settled
 from .measurements import Stations, constraints, sight_lines, stations
 from .qp_solvers import program_solver
 from .record import EMPTY, Record, after, fill, join, record_of
@@ -83,11 +84,6 @@ def motion_of(config: MapConfig) -> GaussMarkov:
         return constant_velocity(config.acceleration, config.jitter, config.step_s)
     A, sigma = (np.array(m, dtype=np.float64).reshape(4, 4) for m in (config.A, config.Sigma))
     return GaussMarkov(A, sigma, config.step_s)
-
-
-def lag_ns(lag_s: float | None) -> int | None:
-    """A lag in ns."""
-    return None if lag_s is None else round(lag_s * NS)
 
 
 def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
@@ -142,7 +138,7 @@ def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = 
     # Gather the record so far, with a state at least every `fill_s`
     whole = fill(join(pending.record, record_of(scans)), config.fill_s)
     T = len(whole.t_ns)
-    keep = T if last else _settled(whole.t_ns, lag_ns(config.lag_s))
+    keep = T if last else settled(whole.t_ns, lag_ns(config.lag_s))
     # Formulate: prior, likelihood and half-planes of the trajectory (Eqs. 1-5 and 8-9)
     problem = problem_of(pending, whole)
     # Start inside the constraints ([Rahimi] Sec. 6)
@@ -285,13 +281,6 @@ def _solve(
         settled = problem, minimise(problem, start, options._replace(mu=MU), watch)
     solved = settled[0], settled[1]._replace(iterations=settled[1].iterations + iterations)
     return find_detours(problem, solved, around, options, *space, holds, alone)
-
-
-def _settled(t_ns: Ints, lag_ns: int | None) -> int:
-    """Number of states with enough time after them; the last one always stays."""
-    if lag_ns is None:
-        return 0
-    return min(int(np.searchsorted(t_ns, t_ns[-1] - lag_ns, side="right")), len(t_ns) - 1)
 
 
 def _smoothed(

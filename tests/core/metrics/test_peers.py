@@ -18,7 +18,7 @@ import pytest
 from mot_environment import ask
 
 from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, clear_mot
-from occlog.core.metrics.frames import Frames, Objects, of_boxes, of_points, reaches
+from occlog.core.metrics.frame_pairs import Frames, Objects, of_boxes, of_points, reaches
 from occlog.core.metrics.hota import hota
 from occlog.core.metrics.idf1 import identity
 from occlog.io.boxes.mot_challenge import SequenceInfo, write_mot, write_sequence, write_sequence_list

@@ -9,7 +9,7 @@ import pytest
 from mot_published import PUBLISHED
 
 from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot
-from occlog.core.metrics.frames import Frames, Objects, of_boxes
+from occlog.core.metrics.frame_pairs import Frames, Objects, of_boxes
 from occlog.core.metrics.hota import hota
 from occlog.core.metrics.idf1 import identity
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot
 from occlog.core.metrics.failure_rates import failures
-from occlog.core.metrics.frames import Frames, Objects, of_boxes, of_points
+from occlog.core.metrics.frame_pairs import Frames, Objects, of_boxes, of_points
 from occlog.core.metrics.gospa import gospa
 from occlog.core.metrics.hota import ALPHAS, hota
 from occlog.core.metrics.idf1 import identity

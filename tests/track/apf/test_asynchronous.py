@@ -10,8 +10,8 @@ from tracker_scenes import room100
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.measure.priors.from_positions import virtual_priors
+from occlog.measure.scans.grouping import Rows, scans_of
 from occlog.measure.scans.occluder_priors import OccluderFeed
-from occlog.measure.scans.scans import Rows, scans_of
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tracker_scenes import room100
 
-from occlog.measure.scans.scans import Rows, scans_of
+from occlog.measure.scans.grouping import Rows, scans_of
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe

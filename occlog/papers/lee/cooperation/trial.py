@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.measure.scans.scans import Rows, scans_of
+from occlog.measure.scans.grouping import Rows, scans_of
 from occlog.papers.verdicts.model import Size, Spec
 from occlog.settings import configure
 from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests

@@ -15,7 +15,7 @@ from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.stage import fuse
-from occlog.measure.scans.scans import choose_sensors
+from occlog.measure.scans.grouping import choose_sensors
 from occlog.measure.scans.sources import only_measured
 from occlog.papers.ercan.scenes import SQUARE_ORDER, names, square_room
 from occlog.papers.verdicts import verdicts as v

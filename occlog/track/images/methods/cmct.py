@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats
 from occlog.track.images.interface import MODES
-from occlog.track.images.kernels.on_lines import drawn_on_lines
+from occlog.track.images.kernels.epipolar_proposal import drawn_on_lines
 
 from .colours import colours_in
 from .config import CmctConfig

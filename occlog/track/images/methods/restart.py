@@ -18,7 +18,7 @@ from occlog.array_types import Floats
 from occlog.core.image.ellipse import nearness, nearness_between
 from occlog.core.image.histogram_bins import update_bins
 from occlog.track.images.interface import FrameSet
-from occlog.track.images.kernels.bands import anchor, line_of
+from occlog.track.images.kernels.epipolar_bands import anchor, line_of
 
 from .colours import colour_likeness
 from .config import BmctConfig

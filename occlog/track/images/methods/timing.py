@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Ints
 from occlog.track.images.interface import FrameSet
-from occlog.track.images.kernels.sweeps import Neighbours, reweighted
+from occlog.track.images.kernels.collaboration import Neighbours, reweighted
 
 from .config import BmctConfig
 from .state import VisualState

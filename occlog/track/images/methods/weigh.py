@@ -13,15 +13,15 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
 from occlog.track.images.interface import MODES
-from occlog.track.images.kernels.motion import weights_and_means
-from occlog.track.images.kernels.repulsion import Interaction
-from occlog.track.images.kernels.sweeps import (
+from occlog.track.images.kernels.collaboration import (
     CameraCollaboration,
     PastMotion,
     WeighingModel,
     neighbours,
     reweighted,
 )
+from occlog.track.images.kernels.motion import weights_and_means
+from occlog.track.images.kernels.repulsion import Interaction
 
 from .config import BmctConfig, IdmotConfig, MipfConfig
 from .loop_check import affine_maps, at_bottom, helpers

@@ -15,7 +15,7 @@ from occlog.io.models.ellipses import FIRST, MOST_ID, GivenEllipse, read_ellipse
 from occlog.io.open import Opened, losses_of, open_if_ours, open_input
 from occlog.io.recording.reader import Recording
 from occlog.measure.epipolar.matrices import known_geometry
-from occlog.measure.scans.scans import nearest
+from occlog.measure.scans.grouping import nearest
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Boxes, TruthBoxes, Views

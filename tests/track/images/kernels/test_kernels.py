@@ -6,7 +6,14 @@ from ellipse_reference import pixels_inside
 
 from occlog.core.image.ellipse import support_radius
 from occlog.core.sight import fundamental
-from occlog.track.images.kernels.bands import (
+from occlog.track.images.kernels.collaboration import neighbours
+from occlog.track.images.kernels.ellipse_colour import (
+    half_histograms,
+    half_likenesses,
+    histograms,
+    likenesses,
+)
+from occlog.track.images.kernels.epipolar_bands import (
     APART,
     TOGETHER,
     UNKNOWN,
@@ -17,12 +24,7 @@ from occlog.track.images.kernels.bands import (
     loop_check,
     reach_across,
 )
-from occlog.track.images.kernels.ellipse_colour import (
-    half_histograms,
-    half_likenesses,
-    histograms,
-    likenesses,
-)
+from occlog.track.images.kernels.epipolar_proposal import drawn_on_lines
 from occlog.track.images.kernels.motion import (
     EllipseMotion,
     boxes_of,
@@ -31,9 +33,7 @@ from occlog.track.images.kernels.motion import (
     resampled,
     weights_and_means,
 )
-from occlog.track.images.kernels.on_lines import drawn_on_lines
 from occlog.track.images.kernels.repulsion import Interaction, repel_into
-from occlog.track.images.kernels.sweeps import neighbours
 
 SAME = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 MOTION = EllipseMotion(3.0, 0.9, 0.3, 0.15, 0.05, 0.8)

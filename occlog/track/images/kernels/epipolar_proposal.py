@@ -9,7 +9,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from .bands import anchor, line_of, reach_across
+from .epipolar_bands import anchor, line_of, reach_across
 
 
 @kernel

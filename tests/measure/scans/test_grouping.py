@@ -5,7 +5,7 @@ import pytest
 from tracker_scenes import SECOND, camera, room100, with_array
 
 from occlog.errors import InputError
-from occlog.measure.scans.scans import Rows, scans_of
+from occlog.measure.scans.grouping import Rows, scans_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings
 
