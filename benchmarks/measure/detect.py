@@ -14,7 +14,7 @@ import numpy as np
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.measure.clusters.stage import find_clusters
 from occlog.measure.detect.config import CLEAN_PX, DetectConfig
-from occlog.measure.detect.one_camera import CameraState, open_eye
+from occlog.measure.detect.one_camera import CameraState, set_up
 from occlog.measure.detect.stage import Learned, detect
 from occlog.measure.detect.target import Target
 from occlog.measure.regions.background import foreground
@@ -89,18 +89,22 @@ def cost_ms(work: Callable[[], object]) -> float:
 
 def steps_ms(images: list[Image], pngs: list[Any], state: CameraState) -> dict[str, float]:
     """Processor time [ms] a frame of each step of ours, measured one after the other."""
-    eye = open_eye(state, images[0])
+    setup = set_up(state, images[0])
     masks: list[Image] = []
     parts = {
         "decode": cost_ms(lambda: [cv2.imdecode(png, cv2.IMREAD_COLOR) for png in pngs]),
         "background": cost_ms(
-            lambda: masks.extend(foreground(eye.subtractor, image, k, CLEAN_PX) for k, image in enumerate(images))
+            lambda: masks.extend(foreground(setup.subtractor, image, k, CLEAN_PX) for k, image in enumerate(images))
         ),
     }
-    parts["cells"] = cost_ms(lambda: [gather(mask, eye.side) for mask in masks])
-    cells = [gather(mask, eye.side) for mask in masks]
-    parts["clusters (EM)"] = cost_ms(lambda: [find_clusters(c, corners, eye.side, eye.prior) for c, corners in cells])
-    whole = cost_ms(lambda: [cluster_regions(i, m, eye.side, eye.prior) for i, m in zip(images, masks, strict=True)])
+    parts["cells"] = cost_ms(lambda: [gather(mask, setup.side) for mask in masks])
+    cells = [gather(mask, setup.side) for mask in masks]
+    parts["clusters (EM)"] = cost_ms(
+        lambda: [find_clusters(c, corners, setup.side, setup.prior) for c, corners in cells]
+    )
+    whole = cost_ms(
+        lambda: [cluster_regions(i, m, setup.side, setup.prior) for i, m in zip(images, masks, strict=True)]
+    )
     parts["boxes and appearance"] = max(whole - parts["cells"] - parts["clusters (EM)"], 0.0)
     parts["foreground [%]"] = 100.0 * float(np.mean([np.count_nonzero(m) / m.size for m in masks]))
     return parts

@@ -89,10 +89,10 @@ def command(
     """
     from occlog.cli.parse import parse_names
 
-    from .run import Request, run_detect
+    from .run import DetectRequest, run_detect
 
     options.check_outputs([recording, scene, references], [output, views], overwrite)
-    request = Request(
+    request = DetectRequest(
         recording=recording,
         scene=scene,
         only=parse_names(only),

@@ -31,7 +31,7 @@ from .stage import Learned
 from .target import Target
 
 SAMPLE_BYTES = 512 * 1024 * 1024
-"""Memory for the samples of all cameras together."""
+"""TargetMemory for the samples of all cameras together."""
 MOST_SAMPLES, FEWEST_SAMPLES = 48, 12
 THICKNESS = 0.5  # of a person's width: what is filled between the edges of a moving body
 UNKNOWN_THICKNESS = 0.06  # of the image's height, where the size of people is not known yet
@@ -85,7 +85,7 @@ class Samples:
             self.images.append(image)
 
 
-class _Seen(NamedTuple):
+class _LearntCamera(NamedTuple):
     empty: Image
     sizes: SizeMap | None
 
@@ -114,7 +114,7 @@ def learn(
     """
     samples = _sample(frames, scene, boxes, config)
 
-    def study(name: str) -> _Seen | None:
+    def study(name: str) -> _LearntCamera | None:
         return _study(samples[name], scene.camera(name), scene, config)
 
     with ThreadPoolExecutor(workers) as pool:
@@ -163,7 +163,7 @@ def sample_limit(image_bytes: int, n_cameras: int) -> int:
     return int(np.clip(fits, FEWEST_SAMPLES, MOST_SAMPLES)) // 2 * 2
 
 
-def _study(samples: Samples, camera: Camera, scene: Scene, config: DetectConfig) -> _Seen | None:
+def _study(samples: Samples, camera: Camera, scene: Scene, config: DetectConfig) -> _LearntCamera | None:
     """The empty scene, and sizes of people unless the camera's pose tells them; None without images."""
     if not samples.images:
         return None
@@ -172,9 +172,9 @@ def _study(samples: Samples, camera: Camera, scene: Scene, config: DetectConfig)
     thickness = THICKNESS * sizes.width_px / samples.shrink if sizes is not None else UNKNOWN_THICKNESS * height
     empty = empty_scene(samples.images, thickness)
     if sizes is not None:
-        return _Seen(empty, None)
+        return _LearntCamera(empty, None)
     blobs = samples.shrink * person_like_blobs(samples.images, empty)
-    return _Seen(empty, observed_sizes(samples.size, blobs))
+    return _LearntCamera(empty, observed_sizes(samples.size, blobs))
 
 
 def _targets(boxes: Sequence[TargetBox], samples: dict[str, Samples], learned: Learned) -> tuple[Target, ...]:

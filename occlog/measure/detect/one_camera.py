@@ -23,14 +23,14 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 
 from .config import CLEAN_PX, LEAST, MAX_FOREGROUND, PENALTY, STRENGTH, DetectConfig
-from .target import Memory, Target
+from .target import Target, TargetMemory
 
 UNKNOWN_SIDE_PX = 960  # longer side of shrunk images where the size of people is not known
 BLOCK = 16  # codecs cut images at the right and below to whole blocks
 
 
 @dataclass(frozen=True)
-class Eye:
+class CameraSetup:
     """What is fixed for a camera once its first frame is known."""
 
     shape: tuple[int, ...]
@@ -52,13 +52,13 @@ class CameraState:
     empty: Image | None = None
     sizes: SizeMap | None = None
     targets: tuple[Target, ...] = ()
-    eye: Eye | None = None
+    setup: CameraSetup | None = None
     seen: int = 0  # frames given to the background model
-    memory: Memory = field(default_factory=Memory)
+    memory: TargetMemory = field(default_factory=TargetMemory)
 
 
 @dataclass(frozen=True)
-class Found:
+class FrameRegions:
     """Regions of one frame."""
 
     t_ns: int
@@ -67,17 +67,17 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class CameraBatch:
     """What one camera's frames of a batch gave."""
 
-    found: tuple[Found, ...]
+    found: tuple[FrameRegions, ...]
     losses: tuple[Loss, ...]
     warmup: int
 
 
-def process(state: CameraState, frames: list[Frame]) -> Stretch:
+def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
     """Regions of a camera's frames, which must come in order; `state` is brought up to date."""
-    found: list[Found] = []
+    found: list[FrameRegions] = []
     lost: list[tuple[int, str]] = []
     warmup = 0
     for frame in frames:
@@ -92,39 +92,39 @@ def process(state: CameraState, frames: list[Frame]) -> Stretch:
         except InputError as error:
             lost.append((frame.index, str(error)))
             continue
-        if state.eye is None:
-            state.eye = open_eye(state, image)
-        reason, regions = _look(state, state.eye, frame, image)
+        if state.setup is None:
+            state.setup = set_up(state, image)
+        reason, regions = _look(state, state.setup, frame, image)
         if reason:
             lost.append((frame.index, reason))
         elif regions is None:
             warmup += 1
         else:
-            found.append(Found(frame.t_ns, frame.index, regions))
-    return Stretch(tuple(found), stretches(state.camera.name, lost), warmup)
+            found.append(FrameRegions(frame.t_ns, frame.index, regions))
+    return CameraBatch(tuple(found), stretches(state.camera.name, lost), warmup)
 
 
-def _look(state: CameraState, eye: Eye, frame: Frame, image: Image) -> tuple[str, Regions | None]:
+def _look(state: CameraState, setup: CameraSetup, frame: Frame, image: Image) -> tuple[str, Regions | None]:
     """Why a frame cannot be used, or its regions; neither while the background is being learnt."""
-    if image.shape != eye.shape:
-        return f"image is {_size(image.shape)}, the camera's first was {_size(eye.shape)}", None
+    if image.shape != setup.shape:
+        return f"image is {_size(image.shape)}, the camera's first was {_size(setup.shape)}", None
     c = state.config
-    image = shrink(image, eye.shrink)
-    mask = foreground(eye.subtractor, image, frame.index, CLEAN_PX)
+    image = shrink(image, setup.shrink)
+    mask = foreground(setup.subtractor, image, frame.index, CLEAN_PX)
     state.seen += 1
-    if not eye.started and state.seen <= c.warmup:
+    if not setup.started and state.seen <= c.warmup:
         return "", None
     share = np.count_nonzero(mask) / mask.size
     if share > MAX_FOREGROUND:
         return f"foreground covers more than {MAX_FOREGROUND:.0%} of the image (light, or the camera moved)", None
     if c.method == "em":
-        regions = cluster_regions(image, mask, eye.side, eye.prior)
+        regions = cluster_regions(image, mask, setup.side, setup.prior)
     else:
-        regions = component_regions(image, mask, eye.sizes.width_px, eye.prior)
-    return "", enlarge(regions, eye.shrink)
+        regions = component_regions(image, mask, setup.sizes.width_px, setup.prior)
+    return "", enlarge(regions, setup.shrink)
 
 
-def open_eye(state: CameraState, image: Image) -> Eye:
+def set_up(state: CameraState, image: Image) -> CameraSetup:
     """Background model and expected sizes for images like the camera's first.
 
     Raises:
@@ -147,7 +147,7 @@ def open_eye(state: CameraState, image: Image) -> Eye:
         )
     sizes = shrink_sizes(sizes, factor)
     prior = make_prior(sizes, STRENGTH, PENALTY, LEAST)
-    return Eye(image.shape, factor, subtractor, sizes, prior, cell_side(sizes), empty is not None)
+    return CameraSetup(image.shape, factor, subtractor, sizes, prior, cell_side(sizes), empty is not None)
 
 
 def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> SizeMap | None:

@@ -13,7 +13,7 @@ from occlog.records.tables import Bearings, Views
 
 from .bearing import Sights, shape_covariance, sights
 from .config import LONE_TARGET_ID
-from .one_camera import CameraState, Found
+from .one_camera import CameraState, FrameRegions
 from .target import choose, likenesses
 
 BORDER_PX = 1.0  # a box that comes this near to the side of the image is cut by it
@@ -28,20 +28,20 @@ class _Frames(NamedTuple):
     regions: Regions
 
 
-def to_tables(state: CameraState, found: Sequence[Found]) -> tuple[Views, Bearings]:
+def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views, Bearings]:
     """Views and bearings of one camera; its memory of the targets is brought up to date."""
-    if not found or state.eye is None:
+    if not found or state.setup is None:
         return Views.empty(), Bearings.empty()
     frames = _gather(found)
     r = frames.regions
-    covs = shape_covariance(r.person, r.fill, _cut(r.boxes, state.eye.shape[1]))
+    covs = shape_covariance(r.person, r.fill, _cut(r.boxes, state.setup.shape[1]))
     seen = sights(state.camera, r.means, covs, r.covs, r.person)
     like = likenesses(r.appearance, state.targets)
     chosen = _choose(state, frames, like)
     return _views(state, frames, seen, like, chosen), _bearings(state, frames, seen, like, chosen)
 
 
-def _gather(found: Sequence[Found]) -> _Frames:
+def _gather(found: Sequence[FrameRegions]) -> _Frames:
     counts = [len(f.regions.mass) for f in found]
     regions = Regions(*(np.concatenate(parts) for parts in zip(*(f.regions for f in found), strict=True)))
     return _Frames(

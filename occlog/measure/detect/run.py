@@ -19,7 +19,7 @@ from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detections import Detections
-from occlog.measure.fuse.cameras import open_eyes
+from occlog.measure.fuse.cameras import placed_cameras
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.run import FuseTally
 from occlog.measure.fuse.stage import fuse
@@ -36,7 +36,7 @@ from .target import Target
 
 
 @dataclass(frozen=True)
-class Request:
+class DetectRequest:
     """What to detect and how."""
 
     recording: Path
@@ -56,7 +56,7 @@ class Request:
 
 
 def run_detect(
-    request: Request, output: Path, views: Path | None, overwrite: bool, quiet: bool
+    request: DetectRequest, output: Path, views: Path | None, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, Any], list[Loss]]:
     """Detect and write; the summary, and the input that was lost."""
     opened = open_recording(request.recording)
@@ -114,7 +114,7 @@ def _fused(
     detections: Iterator[Detections], scene: Scene, config: FuseConfig, tally: FuseTally
 ) -> Iterator[Detections]:
     """The parts after the fusion, counted; InputError at once for a scene in which nothing can be fused."""
-    open_eyes(scene, config)
+    placed_cameras(scene, config)
 
     def parts() -> Iterator[Detections]:
         for part in fuse(detections, scene, config):
@@ -125,7 +125,7 @@ def _fused(
 
 
 def _detections(
-    request: Request, recording: Recording, scene: Scene, quiet: bool
+    request: DetectRequest, recording: Recording, scene: Scene, quiet: bool
 ) -> tuple[Iterator[Detections], dict[str, Any]]:
     """The parts in the order of time, and the parameters on which they depend.
 
@@ -149,7 +149,7 @@ def _pass_on(chunks: Iterator[Bearings]) -> Iterator[Detections]:
 
 
 def _from_images(
-    request: Request, recording: Recording, scene: Scene, config: DetectConfig, quiet: bool
+    request: DetectRequest, recording: Recording, scene: Scene, config: DetectConfig, quiet: bool
 ) -> tuple[Iterator[Detections], dict[str, Any]]:
     """Learn from a first look where that is asked for, then detect in a second."""
     sensors = _cameras(request, recording)
@@ -171,7 +171,7 @@ def _from_images(
     return detect(frames, scene, config, request.workers, learned, targets), used
 
 
-def _cameras(request: Request, recording: Recording) -> tuple[str, ...]:
+def _cameras(request: DetectRequest, recording: Recording) -> tuple[str, ...]:
     """Names of the cameras in whose images to detect; UsageError for one of which there are no images."""
     for name in request.only:
         if name not in recording.cameras:
@@ -186,7 +186,7 @@ def _frames(recording: Recording, sensors: tuple[str, ...]) -> int:
     return sum(t.messages for t in recording.topics if t.name in wanted)
 
 
-def _references(request: Request, recording: Recording) -> tuple[Target, ...]:
+def _references(request: DetectRequest, recording: Recording) -> tuple[Target, ...]:
     """Appearances of the targets, from a file or attached to the recording; none where there is neither."""
     if request.references is not None:
         where = str(request.references)

@@ -44,7 +44,7 @@ def check_targets(targets: Sequence[Target]) -> None:
 
 
 @dataclass
-class Memory:
+class TargetMemory:
     """The place where one camera last saw each target: number of the target to time [ns], x and y [px]."""
 
     last: dict[int, tuple[int, float, float]] = field(default_factory=dict)
@@ -56,7 +56,7 @@ def likenesses(appearance: Floats, targets: Sequence[Target]) -> Floats:
     return np.column_stack(columns) if columns else np.empty((len(appearance), 0))
 
 
-def choose(t_ns: int, regions: Regions, like: Floats, memory: Memory, least_likeness: float) -> Ints:
+def choose(t_ns: int, regions: Regions, like: Floats, memory: TargetMemory, least_likeness: float) -> Ints:
     """Choose the region of each target in one frame, and update `memory`.
 
     With appearances, pairs of target and region are taken greedily in falling order of

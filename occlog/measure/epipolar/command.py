@@ -81,9 +81,9 @@ def command(
     """
     from occlog.errors import ExitCode
 
-    from .run import Request, run_epipolar
+    from .run import EpipolarRequest, run_epipolar
 
-    request = Request(
+    request = EpipolarRequest(
         recording=recording,
         scene=scene,
         matches=matches,

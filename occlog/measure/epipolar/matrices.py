@@ -19,7 +19,7 @@ from .geometry import view_geometry
 from .views import Geometry, View
 
 
-class Known(NamedTuple):
+class KnownGeometry(NamedTuple):
     """What is known of how views see the same point."""
 
     geometry: Geometry
@@ -27,7 +27,9 @@ class Known(NamedTuple):
     notes: tuple[str, ...]  # lines for whoever gave the file
 
 
-def known_geometry(views: Sequence[View], recording: Recording, given: Scene | None, file: Path | None) -> Known:
+def known_geometry(
+    views: Sequence[View], recording: Recording, given: Scene | None, file: Path | None
+) -> KnownGeometry:
     """The geometry of some views.
 
     For each pair of views the first of these counts that tells of it: the file; poses of the
@@ -55,7 +57,7 @@ def known_geometry(views: Sequence[View], recording: Recording, given: Scene | N
         told = used is not None and used.find(one.name, other.name) is not None
         poses = "poses" if np.isfinite(geometry.fundamental[a, b]).all() else "none"
         sources[f"{one.name}-{other.name}"] = name if told else poses
-    return Known(geometry, sources, notes)
+    return KnownGeometry(geometry, sources, notes)
 
 
 def _without_posed(pairs: ViewPairs, scene: Scene) -> ViewPairs:

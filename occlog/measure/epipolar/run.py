@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Request:
+class EpipolarRequest:
     """Where matrices or matches come from, and what is asked of them."""
 
     recording: Path | None
@@ -55,7 +55,7 @@ class Request:
 
 
 def run_epipolar(
-    request: Request, output: Path | None, overwrite: bool, quiet: bool
+    request: EpipolarRequest, output: Path | None, overwrite: bool, quiet: bool
 ) -> tuple[dict[str, Any], tuple[Loss, ...], bool]:
     """Do it; the summary, what had been lost before, and whether all matches that were checked agree."""
     _check_usage(request, output)
@@ -81,7 +81,7 @@ def run_epipolar(
     return {"epipolar": str(output), "pairs": {f"{p.a}-{p.b}": _summary(p) for p in pairs.pairs}}, losses, True
 
 
-def _check_usage(request: Request, output: Path | None) -> None:
+def _check_usage(request: EpipolarRequest, output: Path | None) -> None:
     if request.matches is not None and request.tracks is not None:
         raise UsageError("--matches and --from-tracks are two sources of matches; give one")
     some = request.matches is not None or request.tracks is not None
@@ -97,13 +97,13 @@ def _check_usage(request: Request, output: Path | None) -> None:
         raise UsageError(f"{output}: a recording is copied; name the one that is to hold the matrices")
 
 
-def _scene(request: Request, recording: Recording | None) -> Scene | None:
+def _scene(request: EpipolarRequest, recording: Recording | None) -> Scene | None:
     if request.scene is not None:
         return options.load_scene(request.scene, None, request.scene)
     return recording.scene if recording is not None else None
 
 
-def _find(request: Request, scene: Scene | None) -> ViewPairs:
+def _find(request: EpipolarRequest, scene: Scene | None) -> ViewPairs:
     """The matrices that are to be written."""
     if request.fundamental is not None:
         return read_epipolar(request.fundamental)
@@ -115,7 +115,7 @@ def _find(request: Request, scene: Scene | None) -> ViewPairs:
     return calibrated_pairs(scene)
 
 
-def _checks(request: Request, recording: Recording | None, scene: Scene | None) -> tuple[PairCheck, ...]:
+def _checks(request: EpipolarRequest, recording: Recording | None, scene: Scene | None) -> tuple[PairCheck, ...]:
     pairs = read_epipolar(request.fundamental) if request.fundamental is not None else None
     if pairs is None and recording is not None:
         pairs = attached_epipolar(recording)
@@ -126,7 +126,7 @@ def _checks(request: Request, recording: Recording | None, scene: Scene | None) 
     return checked_pairs(pairs, _matches(request), scene, request.config.threshold_px)
 
 
-def _matches(request: Request) -> tuple[Matches, ...]:
+def _matches(request: EpipolarRequest) -> tuple[Matches, ...]:
     """Matches of the cameras asked for; InputError if there are none."""
     found = _of_tracks(request.tracks, request.config.points) if request.tracks is not None else ()
     if request.matches is not None:
@@ -148,7 +148,7 @@ def _of_tracks(path: Path, points: str) -> tuple[Matches, ...]:
     return matches_of_tracks(opened.rows(ViewTracks), str(path), points, window if isinstance(window, int) else 0)
 
 
-def _only(pairs: ViewPairs, request: Request) -> ViewPairs:
+def _only(pairs: ViewPairs, request: EpipolarRequest) -> ViewPairs:
     only = parse_names(request.only)
     kept = tuple(p for p in pairs.pairs if not only or (p.a in only and p.b in only))
     if not kept:

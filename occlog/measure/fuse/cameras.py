@@ -1,4 +1,4 @@
-"""The cameras of a scene as the fusion of detections needs them: who sees which place, how well, how reliably."""
+"""Cameras with a pose: which places each sees, how reliably it detects, and at which bearing it would see a place."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ ANYWHERE = 1e7
 
 
 @dataclass(frozen=True, eq=False)
-class Eyes:
+class PlacedCameras:
     """Cameras with a pose, in the order of the scene."""
 
-    cameras: tuple[Camera, ...]
+    placed: tuple[Camera, ...]
     sensors: Sensors
     region: Floats  # (K, 2) polygon in which objects can be
-    far: Floats  # (C,) distance of the farthest place worth asking for
-    p_miss: Floats  # (C,)
-    p_false: Floats  # (C,)
-    person_height: float | None
+    far: Floats  # (C,) distance of the farthest place of the room in range
+    p_miss: Floats  # (C,) probability that a camera misses what it could see, [Lee] P_M
+    p_false: Floats  # (C,) probability that a camera reports what is not there, [Lee] P_F
+    person_height: float | None  # None: not known
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the cameras."""
-        return tuple(c.name for c in self.cameras)
+        return tuple(c.name for c in self.placed)
 
     def sees(self, xy: Floats, which: int) -> Bools:
-        """(N,) which of (N, 2) places a camera can see: field of view, range, walls, and the image's own border."""
+        """(N,) whether a camera can see each of (N, 2) places: field of view, range, walls, border of the image."""
         seen = seen_from(np.ascontiguousarray(xy), which, self.sensors)
-        camera = self.cameras[which]
+        camera = self.placed[which]
         if self.person_height is None or camera.image_size is None or camera.position[2] <= 0:
             return seen
         middle = camera.project(np.column_stack([xy, np.full(len(xy), 0.5 * self.person_height)]))
@@ -57,7 +57,7 @@ class Eyes:
         return np.asarray(xy[good] if good.any() else xy[:1])
 
 
-def open_eyes(scene: Scene, config: FuseConfig) -> Eyes:
+def placed_cameras(scene: Scene, config: FuseConfig) -> PlacedCameras:
     """The cameras of a scene that have a pose; InputError if there are fewer than two of them.
 
     Args:
@@ -81,14 +81,14 @@ def open_eyes(scene: Scene, config: FuseConfig) -> Eyes:
     size = np.hypot(*(corners[None] - ground[:, None]).transpose(2, 0, 1)).max(axis=1)
     reach = np.array([c.range for c in cameras])
     sensors = make_sensors(ground, np.array([c.yaw for c in cameras]), np.array([c.fov for c in cameras]), reach, walls)
-    return Eyes(
-        cameras,
-        sensors,
-        np.ascontiguousarray(region, dtype=np.float64),
-        np.minimum(size, reach),
-        np.array([config.p_miss if c.detection is None else 1.0 - c.detection for c in cameras]),
-        np.array([config.p_false if c.false_alarm is None else c.false_alarm for c in cameras]),
-        config.person_height,
+    return PlacedCameras(
+        placed=cameras,
+        sensors=sensors,
+        region=np.ascontiguousarray(region, dtype=np.float64),
+        far=np.minimum(size, reach),
+        p_miss=np.array([config.p_miss if c.detection is None else 1.0 - c.detection for c in cameras]),
+        p_false=np.array([config.p_false if c.false_alarm is None else c.false_alarm for c in cameras]),
+        person_height=config.person_height,
     )
 
 

@@ -1,4 +1,4 @@
-"""Candidates that may be of anybody, brought together on the ground and followed from moment to moment."""
+"""Candidates without a label: bring them together on the ground, and follow their objects from moment to moment."""
 
 from __future__ import annotations
 
@@ -13,22 +13,28 @@ from occlog.core.numerics.assignment import assign
 from occlog.core.sight.locate_sources import NO_SOURCE, Directions, localise
 from occlog.measure.fuse.kernels.sight_lines import Place, Sight, ahead, misfit, points
 
-from .cameras import Eyes
+from .cameras import PlacedCameras
 from .config import FuseConfig
-from .decide import Decision, Memory, decide
+from .decide import Decision, ObjectMemory, decide
 
 
-class Found(NamedTuple):
-    """What became of the candidates of one moment."""
+class CandidateDecisions(NamedTuple):
+    """Decisions about the candidates of one moment."""
 
-    objects: list[Memory]  # those that are followed further
+    objects: list[ObjectMemory]  # those that are followed further
     decisions: list[tuple[Decision, Ints]]  # with the rows of the candidates that each is about
     nobody: Ints  # rows of candidates of no declared object
 
 
 def fuse_candidates(
-    objects: Sequence[Memory], t_ns: int, sight: Sight, rows: Ints, looked: Ints, eyes: Eyes, config: FuseConfig
-) -> Found:
+    objects: Sequence[ObjectMemory],
+    t_ns: int,
+    sight: Sight,
+    rows: Ints,
+    looked: Ints,
+    cameras: PlacedCameras,
+    config: FuseConfig,
+) -> CandidateDecisions:
     """Decisions about the objects known, then about what the other candidates may be of.
 
     A candidate is of one object at most.
@@ -39,28 +45,30 @@ def fuse_candidates(
         sight: of all rows.
         rows: those of the moment's candidates.
         looked: cameras that delivered a frame, rising.
-        eyes: the cameras.
+        cameras: those with a pose.
         config: settings in the scene's unit.
     """
+    # Decide about known objects with the candidates assigned to each.
     free = rows
-    followed: list[Memory] = []
+    followed: list[ObjectMemory] = []
     decisions: list[tuple[Decision, Ints]] = []
     for memory, mine in zip(objects, _shared_out(objects, t_ns, sight, rows, config), strict=True):
-        decision = decide(memory, t_ns, sight.take(mine), looked, eyes, config)
+        decision = decide(memory, t_ns, sight.take(mine), looked, cameras, config)
         decisions.append((decision, mine))
         free = free[~np.isin(free, mine[decision.kept])]
         if decision.memory.motion is not None:
             followed.append(decision.memory)
-    for mine in _groups(sight, free, eyes, config):
-        decision = decide(Memory(), t_ns, sight.take(mine), looked, eyes, config)
+    # Group the rest, and decide about what each group may be of.
+    for mine in _groups(sight, free, cameras, config):
+        decision = decide(ObjectMemory(), t_ns, sight.take(mine), looked, cameras, config)
         decisions.append((decision, mine))
         free = free[~np.isin(free, mine[decision.kept])]
         if decision.memory.motion is not None:
             followed.append(decision.memory)
-    return Found(followed, decisions, free)
+    return CandidateDecisions(followed, decisions, free)
 
 
-def _shared_out(objects: Sequence[Memory], t_ns: int, sight: Sight, rows: Ints, config: FuseConfig) -> list[Ints]:
+def _shared_out(objects: Sequence[ObjectMemory], t_ns: int, sight: Sight, rows: Ints, config: FuseConfig) -> list[Ints]:
     """Rows of each object: of every camera at most one, within reach of the prediction."""
     out: list[list[int]] = [[] for _ in objects]
     if objects and len(rows):
@@ -73,17 +81,17 @@ def _shared_out(objects: Sequence[Memory], t_ns: int, sight: Sight, rows: Ints, 
     return [np.array(sorted(r), dtype=np.int64) for r in out]
 
 
-def _off(memory: Memory, t_ns: int, sight: Sight, config: FuseConfig) -> Floats:
+def _off(memory: ObjectMemory, t_ns: int, sight: Sight, config: FuseConfig) -> Floats:
     if memory.motion is None:  # objects that are followed have one
         return np.full(len(sight.azimuth), np.inf)
     place = ahead(memory.motion, t_ns, config.acceleration).place
     return misfit(sight, place, config.sigma**2)
 
 
-def _groups(sight: Sight, rows: Ints, eyes: Eyes, config: FuseConfig) -> Iterator[Ints]:
+def _groups(sight: Sight, rows: Ints, cameras: PlacedCameras, config: FuseConfig) -> Iterator[Ints]:
     """Candidates that may be of one object: those that meet, the most first; those with feet in one place; the rest."""
     left = rows
-    for place in [*_meetings(sight.take(rows), eyes, config), *_standing(sight.take(rows))]:
+    for place in [*_meetings(sight.take(rows), cameras, config), *_standing(sight.take(rows))]:
         mine = _nearest(sight, left, place, config.gate)
         if len(mine):
             left = left[~np.isin(left, mine)]
@@ -91,12 +99,12 @@ def _groups(sight: Sight, rows: Ints, eyes: Eyes, config: FuseConfig) -> Iterato
     yield from left[:, None]
 
 
-def _meetings(sight: Sight, eyes: Eyes, config: FuseConfig) -> list[Place]:
+def _meetings(sight: Sight, cameras: PlacedCameras, config: FuseConfig) -> list[Place]:
     if len(np.unique(sight.sensor)) < 2:
         return []
     lines = Directions(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
     crossing = math.radians(config.min_crossing_deg)
-    found = localise(lines, NO_SOURCE, np.empty((0, 2, 2)), eyes.region, config.gate, crossing)
+    found = localise(lines, NO_SOURCE, np.empty((0, 2, 2)), cameras.region, config.gate, crossing)
     order = np.argsort(-found.arrays, kind="stable").tolist()
     return [Place(found.xy[i], found.covariance[i]) for i in order]
 

@@ -54,10 +54,10 @@ def command(
     """
     from occlog.cli.parse import parse_setting
 
-    from .run import Files, run_fuse
+    from .run import FuseFiles, run_fuse
 
     options.check_outputs([bearings, views, scene], [output, fused_views], overwrite)
-    files = Files(
+    files = FuseFiles(
         bearings=bearings, views=views, scene=scene, output=output, fused_views=fused_views, overwrite=overwrite
     )
     chosen = dict(parse_setting(text) for text in settings) | given(FuseConfig, values)

@@ -1,10 +1,11 @@
 """The global decision about one object at one moment, from the local detections of several cameras ([Lee] Ch. 4).
 
 A camera's detection is a sight line, with a distance where its foot on the floor is known.  The global position
-is where the lines meet that agree with each other, or else the mean of the feet, or else where a line passes
-the prediction; the decision is by Eq. 4.13 with qualities W and prior P_1 from the distances to the prediction.
-Unlike in the thesis these are measured in the spread sigma *and* the errors of detection and prediction, and the
-position is weighted by errors and not by W: cameras know a direction much better than a distance.
+is the place where the lines that agree meet, or else the mean of the feet, or else the prediction corrected by a
+line.  The decision is Eq. 4.13 with the qualities W (Eq. 4.20) and the prior P_1 (Eqs. 4.23-4.24), which fall with
+the distance to the prediction.  Two things differ from the thesis: distances are measured in the spread sigma
+together with the errors of detection and prediction, and the position is weighted by errors and not by W, because
+cameras measure a direction much better than a distance.
 """
 
 from __future__ import annotations
@@ -31,17 +32,17 @@ from occlog.measure.fuse.kernels.sight_lines import (
     points,
 )
 
-from .cameras import Eyes
+from .cameras import PlacedCameras
 from .config import FuseConfig
 
 CONFIRMED = 2
 """Moments in which cameras must meet in an object before its prediction counts: any two lines cross somewhere."""
 SAMPLES = 16
-"""Places along a lone sight line at which is asked who sees them."""
+"""Places along a lone sight line at which each camera is asked whether it sees them."""
 
 
-class Memory(NamedTuple):
-    """What is known of an object from the moments before."""
+class ObjectMemory(NamedTuple):
+    """State of an object after the moments before."""
 
     motion: Motion | None = None
     absent: int = 0  # moments in a row without a declaration
@@ -49,14 +50,14 @@ class Memory(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What was decided of one object at one moment."""
+    """The decision about one object at one moment."""
 
     declared: bool
     value: float  # of Eq. 4.13, natural log
     place: Place | None  # global position of a declared object; None: a lone line says no place
     kept: Bools  # (R,) local detections that stand
-    missed: Ints  # places in `eyes` of the cameras that look, see the place, and have no detection that stands
-    memory: Memory
+    missed: Ints  # places in `cameras` of the cameras that look, see the place, and have no detection that stands
+    memory: ObjectMemory
 
     @property
     def at(self) -> Place:
@@ -66,31 +67,37 @@ class Decision(NamedTuple):
         return self.place
 
 
-def decide(memory: Memory, t_ns: int, sight: Sight, looked: Ints, eyes: Eyes, config: FuseConfig) -> Decision:
-    """The decision about one object.
+def decide(
+    memory: ObjectMemory, t_ns: int, sight: Sight, looked: Ints, cameras: PlacedCameras, config: FuseConfig
+) -> Decision:
+    """Decide whether an object is there, which detections of it stand, and which cameras missed it.
 
     Args:
         memory: of the object.
         t_ns: the moment, after the memory's.
-        sight: local detections of it, at most one a camera; `sensor` is a place in `eyes`.
-        looked: places in `eyes` of the cameras that delivered a frame, rising.
-        eyes: the cameras.
+        sight: local detections of it, at most one a camera; `sensor` is a place in `cameras`.
+        looked: places in `cameras` of the cameras that delivered a frame, rising.
+        cameras: those with a pose.
         config: settings in the scene's unit.
     """
+    # Predict ([Lee] Eq. 4.19); a prediction counts once cameras met in the object often enough.
     held = None if memory.motion is None else ahead(memory.motion, t_ns, config.acceleration)
     motion = held if memory.met >= CONFIRMED else None
     if not len(sight.azimuth):
         return _nothing(motion, memory, np.zeros(0, dtype=np.bool_), -math.inf, config)
     sigma2 = config.sigma**2
+    # Gate: detections far from the prediction count as missed.
     near = np.ones(len(sight.azimuth), dtype=np.bool_)
     if motion is not None:
         off = misfit(sight, motion.place, sigma2)
         near = off <= config.reach**2
-    group = agreeing(sight, np.flatnonzero(near), motion, eyes, config)
+    # Locate: the global position from the detections that agree.
+    group = agreeing(sight, np.flatnonzero(near), motion, cameras, config)
     if not len(group) and motion is None:
-        return _lone_lines(sight, looked, eyes, config)
+        return _lone_lines(sight, looked, cameras, config)
     place, after = _locate(motion, t_ns, sight.take(group), config)
-    sees = np.array([bool(eyes.sees(place.xy[None], i)[0]) for i in looked.tolist()])
+    # Weigh: qualities W ([Lee] Eq. 4.20) and prior P_1 (Eqs. 4.23-4.24); 1/2 without a prediction.
+    sees = np.array([bool(cameras.sees(place.xy[None], i)[0]) for i in looked.tolist()])
     used = near if motion is not None else np.isin(np.arange(len(near)), group)
     hit = np.isin(looked, sight.sensor[used])
     quality = np.full(len(looked), 0.5)
@@ -98,22 +105,22 @@ def decide(memory: Memory, t_ns: int, sight: Sight, looked: Ints, eyes: Eyes, co
     if motion is not None:
         quality[np.searchsorted(looked, sight.sensor)] = np.exp(-0.5 * off)
         prior = _prior(place, motion.place, sigma2)
-    value = float(
-        decision_value(hit[None], quality[None], prior, eyes.p_miss[looked], eyes.p_false[looked], (hit | sees)[None])[
-            0
-        ]
-    )
+    # Decide ([Lee] Eq. 4.13) over the cameras that detected the object or can see the place.
+    p_miss, p_false = cameras.p_miss[looked], cameras.p_false[looked]
+    value = float(decision_value(hit[None], quality[None], prior, p_miss, p_false, (hit | sees)[None])[0])
     if not (value > 0.0 and len(group)):
         return _nothing(motion, memory, np.zeros(len(near), dtype=np.bool_), value, config)
+    # Remove detections off the global position; cameras that see it and have none left missed the object.
     kept = used & (_across(sight, place) <= config.gate)
     missed = looked[sees & ~np.isin(looked, sight.sensor[kept])]
+    # Update the motion; an object that was not confirmed before is the same if it is within reach.
     met = memory.met + (len(group) > 1)
     if motion is None and held is not None:
         after, met = _followed(held, after, place, memory, config)
-    return Decision(True, value, place, kept, missed, Memory(after, 0, met))
+    return Decision(True, value, place, kept, missed, ObjectMemory(after, 0, met))
 
 
-def agreeing(sight: Sight, rows: Ints, motion: Motion | None, eyes: Eyes, config: FuseConfig) -> Ints:
+def agreeing(sight: Sight, rows: Ints, motion: Motion | None, cameras: PlacedCameras, config: FuseConfig) -> Ints:
     """Which of some detections make the global position; empty if no place follows from them.
 
     Those whose lines meet in one place; without two that meet, the one nearest to the prediction; without a
@@ -121,7 +128,7 @@ def agreeing(sight: Sight, rows: Ints, motion: Motion | None, eyes: Eyes, config
     """
     if len(rows) > 1:
         mine = sight.take(rows)
-        place = _meeting(mine, motion, eyes, config)
+        place = _meeting(mine, motion, cameras, config)
         if place is not None:
             return rows[_across(mine, place) <= config.gate]
     if motion is not None and len(rows):
@@ -134,7 +141,7 @@ def agreeing(sight: Sight, rows: Ints, motion: Motion | None, eyes: Eyes, config
     return best
 
 
-def _meeting(sight: Sight, motion: Motion | None, eyes: Eyes, config: FuseConfig) -> Place | None:
+def _meeting(sight: Sight, motion: Motion | None, cameras: PlacedCameras, config: FuseConfig) -> Place | None:
     """Where the most lines meet, of equals the nearest to the prediction; None if no two meet."""
     crossing = math.radians(config.min_crossing_deg)
     everything = sight_lines_meet(
@@ -147,7 +154,7 @@ def _meeting(sight: Sight, motion: Motion | None, eyes: Eyes, config: FuseConfig
     known = NO_SOURCE if motion is None else motion.mean[None, :2]
     spread = np.empty((0, 2, 2)) if motion is None else motion.cov[None, :2, :2]
     lines = Directions(sight.sensor, sight.origin, sight.azimuth, sight.sigma)
-    found = localise(lines, known, spread, eyes.region, config.gate, crossing)
+    found = localise(lines, known, spread, cameras.region, config.gate, crossing)
     if not len(found.xy):
         return None
     far = np.zeros(len(found.xy)) if motion is None else np.hypot(*(found.xy - motion.mean[:2]).T)
@@ -169,7 +176,7 @@ def _locate(motion: Motion | None, t_ns: int, sight: Sight, config: FuseConfig) 
     return (place if len(sight.azimuth) > 1 else after.place), after
 
 
-def _followed(held: Motion, new: Motion, place: Place, memory: Memory, config: FuseConfig) -> tuple[Motion, int]:
+def _followed(held: Motion, new: Motion, place: Place, memory: ObjectMemory, config: FuseConfig) -> tuple[Motion, int]:
     """Motion of an object met again that was not confirmed yet, or that of a new one, and how often it was met."""
     away = place.xy - held.mean[:2]
     spread = held.place.cov + place.cov + config.sigma**2 * np.eye(2)
@@ -191,14 +198,14 @@ def _prior(place: Place, predicted: Place, sigma2: float) -> float:
     return float(np.exp(-0.5 * away @ np.linalg.solve(spread, away)))
 
 
-def _nothing(motion: Motion | None, memory: Memory, kept: Bools, value: float, config: FuseConfig) -> Decision:
+def _nothing(motion: Motion | None, memory: ObjectMemory, kept: Bools, value: float, config: FuseConfig) -> Decision:
     """No object is declared; a prediction that was not met for long is dropped, a new one at once."""
     absent = memory.absent + 1
-    after = Memory() if motion is None or absent >= config.hold else Memory(motion, absent, memory.met)
+    after = ObjectMemory() if motion is None or absent >= config.hold else ObjectMemory(motion, absent, memory.met)
     return Decision(False, value, None, kept, np.zeros(0, dtype=np.int64), after)
 
 
-def _lone_lines(sight: Sight, looked: Ints, eyes: Eyes, config: FuseConfig) -> Decision:
+def _lone_lines(sight: Sight, looked: Ints, cameras: PlacedCameras, config: FuseConfig) -> Decision:
     """The decision where no place is known: each line by the cameras that see at least half of it.
 
     Another camera's detection supports a line where the two come together.
@@ -206,12 +213,12 @@ def _lone_lines(sight: Sight, looked: Ints, eyes: Eyes, config: FuseConfig) -> D
     kept = np.zeros(len(sight.azimuth), dtype=np.bool_)
     values = np.empty(len(kept))
     for row in range(len(kept)):
-        spots = eyes.along(sight.take(np.array([row])), SAMPLES)
+        spots = cameras.along(sight.take(np.array([row])), SAMPLES)
         off = np.array([misfit(sight, Place(xy, np.zeros((2, 2)))) for xy in spots])
         hit = np.isin(looked, sight.sensor[(off <= config.gate**2).any(axis=0) | (np.arange(len(kept)) == row)])
-        sees = np.array([eyes.sees(spots, i).mean() >= 0.5 for i in looked.tolist()])
+        sees = np.array([cameras.sees(spots, i).mean() >= 0.5 for i in looked.tolist()])
         half = np.full((1, len(looked)), 0.5)
-        p_miss, p_false = eyes.p_miss[looked], eyes.p_false[looked]
+        p_miss, p_false = cameras.p_miss[looked], cameras.p_false[looked]
         values[row] = decision_value(hit[None], half, 0.5, p_miss, p_false, (hit | sees)[None])[0]
         kept[row] = values[row] > 0.0
-    return Decision(bool(kept.any()), float(values.max()), None, kept, np.zeros(0, dtype=np.int64), Memory())
+    return Decision(bool(kept.any()), float(values.max()), None, kept, np.zeros(0, dtype=np.int64), ObjectMemory())

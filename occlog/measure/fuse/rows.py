@@ -10,7 +10,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.measure.fuse.kernels.sight_lines import Place
 from occlog.records.tables import UNLABELLED, Bearings, Views
 
-from .cameras import Eyes, expected_sight
+from .cameras import PlacedCameras, expected_sight
 from .moments import Part
 from .views import recovered_views, views_of
 
@@ -21,15 +21,15 @@ CAUSES = (KEPT, RECOVERED, REMOVED)
 class Ledger:
     """The rows of a part with what the decisions do to them."""
 
-    def __init__(self, part: Part, eyes: Eyes, eye: Ints) -> None:
+    def __init__(self, part: Part, cameras: PlacedCameras, camera_of: Ints) -> None:
         """Nothing is decided yet.
 
         Args:
             part: of whole moments.
-            eyes: the cameras.
-            eye: (N,) place in `eyes` of each bearing's sensor, -1 for others.
+            cameras: those with a pose.
+            camera_of: (N,) place in `cameras` of each bearing's sensor, -1 for others.
         """
-        self.bearings, self.eyes, self.eye = part.bearings, eyes, eye
+        self.bearings, self.cameras, self.camera_of = part.bearings, cameras, camera_of
         n = len(part.bearings)
         self.cause = np.full(n, "", dtype="U9")
         self.dropped = np.zeros(n, dtype=np.bool_)
@@ -52,7 +52,7 @@ class Ledger:
         if target == UNLABELLED:
             self._fresh.add((t_ns, camera))
         if row is not None:
-            self._sight[row] = expected_sight(self.eyes.cameras[camera], place)
+            self._sight[row] = expected_sight(self.cameras.placed[camera], place)
 
     def tidy_candidates(self, first: int, last: int) -> None:
         """One row "not seen" of a camera's candidates at most, and none beside candidates that stand.
@@ -60,9 +60,9 @@ class Ledger:
         To be called for the rows of a moment after all its decisions.
         """
         rows = np.arange(first, last)
-        mine = rows[(self.bearings.target_id[first:last] == UNLABELLED) & (self.eye[first:last] >= 0)]
-        for camera in np.unique(self.eye[mine]).tolist():
-            own = mine[self.eye[mine] == camera]
+        mine = rows[(self.bearings.target_id[first:last] == UNLABELLED) & (self.camera_of[first:last] >= 0)]
+        for camera in np.unique(self.camera_of[mine]).tolist():
+            own = mine[self.camera_of[mine] == camera]
             gone = own[~self.bearings.seen[own] | (self.cause[own] == REMOVED)]
             if len(gone) < len(own) or (int(self.bearings.t_ns[own[0]]), camera) in self._fresh:
                 self.dropped[gone] = True
@@ -78,14 +78,14 @@ class Ledger:
             frames: number of each camera's last frame so far, brought up to date.
         """
         views = self._changed_views()
-        added = recovered_views(self._new, self.eyes, self._views, self.bearings, frames)
+        added = recovered_views(self._new, self.cameras, self._views, self.bearings, frames)
         return Views.merge([views, added]), Bearings.merge([self._changed_bearings(), self._new_bearings()])
 
     def counts(self) -> Ints:
         """(C, 3) detections of each camera that were kept, recovered, removed."""
-        out = np.zeros((len(self.eyes.cameras), 3), dtype=np.int64)
+        out = np.zeros((len(self.cameras.placed), 3), dtype=np.int64)
         for column, cause in ((0, KEPT), (2, REMOVED)):
-            np.add.at(out[:, column], self.eye[self.cause == cause], 1)
+            np.add.at(out[:, column], self.camera_of[self.cause == cause], 1)
         np.add.at(out[:, 1], np.array([n[1] for n in self._new], dtype=np.int64), 1)
         return out
 
@@ -106,15 +106,17 @@ class Ledger:
 
     def _new_bearings(self) -> Bearings:
         """Recovered rows for which there was none."""
-        told = {(int(self.bearings.t_ns[r]), int(self.eye[r]), int(self.bearings.target_id[r])) for r in self._sight}
+        told = {
+            (int(self.bearings.t_ns[r]), int(self.camera_of[r]), int(self.bearings.target_id[r])) for r in self._sight
+        }
         rows = [n for n in self._new if n[:3] not in told]
         if not rows:
             return Bearings.empty()
-        sights = np.array([expected_sight(self.eyes.cameras[camera], place) for _, camera, _, place in rows])
+        sights = np.array([expected_sight(self.cameras.placed[camera], place) for _, camera, _, place in rows])
         n = len(rows)
         return Bearings.of(
             t_ns=np.array([r[0] for r in rows]),
-            sensor=np.array([self.eyes.cameras[r[1]].name for r in rows]),
+            sensor=np.array([self.cameras.placed[r[1]].name for r in rows]),
             target_id=np.array([r[2] for r in rows], dtype=np.int32),
             seen=np.ones(n, dtype=np.bool_),
             bearing=sights[:, 0],

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Files:
+class FuseFiles:
     """What to read and to write."""
 
     bearings: Path
@@ -42,7 +42,7 @@ class Files:
         return [p for p in (self.bearings, self.views, self.scene) if p is not None]
 
 
-def run_fuse(files: Files, values: Mapping[str, Any], quiet: bool) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+def run_fuse(files: FuseFiles, values: Mapping[str, Any], quiet: bool) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Fuse and write; the summary, and what had been lost before.
 
     Args:

@@ -1,7 +1,8 @@
 """Fusion of the detections of several cameras: false ones are removed, missed ones recovered ([Lee] Ch. 4).
 
-Of every moment the detections of each target, and the candidates that may be of anybody, are brought together on
-the ground; the decision is in `fuse_decide`.  What comes out has the rows that came in, with their cause.
+At each moment the detections of each target, and the candidates that may be of any object, are brought together on
+the ground; `decide` makes the decision about each object.  The output has the rows of the input with their causes,
+and rows for recovered detections.
 """
 
 from __future__ import annotations
@@ -21,17 +22,17 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Views
 
-from .cameras import Eyes, open_eyes
+from .cameras import PlacedCameras, placed_cameras
 from .candidates import fuse_candidates
 from .config import FuseConfig
-from .decide import Decision, Memory, decide
+from .decide import Decision, ObjectMemory, decide
 from .moments import Part, whole_moments
 from .rows import CAUSES, Ledger, distances
 from .views import feet
 
 
 class Fused(NamedTuple):
-    """What came out of some more of the recording; the first five are those of `Detections`."""
+    """A part of the recording after the fusion; the first five fields are those of `Detections`."""
 
     views: Views
     bearings: Bearings
@@ -47,10 +48,10 @@ class Fused(NamedTuple):
 
 @dataclass
 class _State:
-    """What is known from the moments before."""
+    """Targets and objects as known from the moments before, and counts."""
 
-    targets: dict[int, Memory] = field(default_factory=dict)
-    objects: list[Memory] = field(default_factory=list)
+    targets: dict[int, ObjectMemory] = field(default_factory=dict)
+    objects: list[ObjectMemory] = field(default_factory=list)
     frames: dict[str, int] = field(default_factory=dict)
     moments: int = 0
     alone: int = 0
@@ -80,8 +81,8 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
             or two rows of a camera for one target and moment.
     """
     config = config or FuseConfig.in_unit(scene.length_unit)
-    eyes = open_eyes(scene, config)
-    places = {name: i for i, name in enumerate(eyes.names)}
+    cameras = placed_cameras(scene, config)
+    places = {name: i for i, name in enumerate(cameras.names)}
     known = {*(c.name for c in scene.cameras), *(a.name for a in scene.arrays)}
     state = _State()
     for part in whole_moments(parts, round(config.window_s * 1e9)):
@@ -89,91 +90,93 @@ def fuse(parts: Iterable[Detections], scene: Scene, config: FuseConfig | None = 
         for name in names.tolist():
             if name not in known:
                 raise InputError(f"bearings: no sensor {name!r} in the scene; {nearest(name, tuple(sorted(known)))}")
-        eye = np.array([places.get(name, -1) for name in names.tolist()], dtype=np.int64)[inverse]
-        yield _fuse_part(part, eye, eyes, state, config)
+        camera_of = np.array([places.get(name, -1) for name in names.tolist()], dtype=np.int64)[inverse]
+        yield _fuse_part(part, camera_of, cameras, state, config)
 
 
-def _fuse_part(part: Part, eye: Ints, eyes: Eyes, state: _State, config: FuseConfig) -> Fused:
-    ledger = Ledger(part, eyes, eye)
-    sight = sights_of(part.bearings, eye, eyes, distances(part, feet(part.views, eyes)))
+def _fuse_part(part: Part, camera_of: Ints, cameras: PlacedCameras, state: _State, config: FuseConfig) -> Fused:
+    ledger = Ledger(part, cameras, camera_of)
+    sight = sights_of(part.bearings, camera_of, cameras, distances(part, feet(part.views, cameras)))
     before = (state.moments, state.alone, state.declared, state.absent)
     for first, last in zip(part.starts[:-1].tolist(), part.starts[1:].tolist(), strict=True):
         _fuse_moment(ledger, sight, first, last, state, config)
     views, bearings = ledger.tables(state.frames)
     rows = ledger.counts().tolist()
-    counts = {name: dict(zip(CAUSES, row, strict=True)) for name, row in zip(eyes.names, rows, strict=True)}
+    counts = {name: dict(zip(CAUSES, row, strict=True)) for name, row in zip(cameras.names, rows, strict=True)}
     after = (state.moments, state.alone, state.declared, state.absent)
+    more = dict(zip(("moments", "alone", "declared", "absent"), np.subtract(after, before).tolist(), strict=True))
     came = part.losses
     return Fused(
-        views,
-        bearings,
-        came.losses,
-        came.frames,
-        came.warmup,
-        counts,
-        *(a - b for a, b in zip(after, before, strict=True)),
+        views=views,
+        bearings=bearings,
+        losses=came.losses,
+        frames=came.frames,
+        warmup=came.warmup,
+        counts=counts,
+        **more,
     )
 
 
-def sights_of(bearings: Bearings, eye: Ints, eyes: Eyes, distance: Floats) -> Sight:
-    """All rows as sight lines; those of other sensors are of no use."""
-    ground = np.array([c.ground for c in eyes.cameras])
-    return Sight(eye, ground[eye], bearings.bearing, bearings.sigma, distance[:, 0], distance[:, 1])
+def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, distance: Floats) -> Sight:
+    """All rows as sight lines; rows of sensors that are no placed cameras get a camera's place and are not read."""
+    ground = np.array([c.ground for c in cameras.placed])
+    return Sight(camera_of, ground[camera_of], bearings.bearing, bearings.sigma, distance[:, 0], distance[:, 1])
+
+
+class _Moment(NamedTuple):
+    """Rows of one moment."""
+
+    t_ns: int
+    rows: Ints  # of the bearings of cameras
+    looked: Ints  # cameras that delivered a frame, rising
+    t_of: dict[int, int]  # camera to the time of its frame [ns]
 
 
 def _fuse_moment(ledger: Ledger, sight: Sight, first: int, last: int, state: _State, config: FuseConfig) -> None:
-    """All targets and candidates of one moment."""
-    rows = np.arange(first, last)[ledger.eye[first:last] >= 0]
-    looked = np.unique(ledger.eye[rows])
+    """Decide about all targets and candidates in the rows from `first` to before `last`, which are of one moment."""
+    rows = np.arange(first, last)[ledger.camera_of[first:last] >= 0]
+    looked = np.unique(ledger.camera_of[rows])
     if not len(looked):
         return
     state.moments += 1
     state.alone += len(looked) == 1
-    t_ns = int(ledger.bearings.t_ns[last - 1])
+    t_of = {int(ledger.camera_of[r]): int(ledger.bearings.t_ns[r]) for r in rows.tolist()}
+    moment = _Moment(int(ledger.bearings.t_ns[last - 1]), rows, looked, t_of)
     target = ledger.bearings.target_id[rows]
+    # Labelled detections: one decision a target.
     for name in np.unique(target[target != UNLABELLED]).tolist():
-        own = rows[target == name]
-        _fuse_target(ledger, sight, t_ns, name, own, rows, looked, state, config)
+        _fuse_target(ledger, sight, moment, name, state, config)
+    # Candidates: group them on the ground, then one decision an object.
     free = rows[target == UNLABELLED]
     if len(free) or state.objects:
-        t_of = {int(ledger.eye[r]): int(ledger.bearings.t_ns[r]) for r in rows.tolist()}
         free = free[ledger.bearings.seen[free]]
-        found = fuse_candidates(state.objects, t_ns, sight, free, looked, ledger.eyes, config)
+        found = fuse_candidates(state.objects, moment.t_ns, sight, free, looked, ledger.cameras, config)
         state.objects = found.objects
         for decision, candidates in found.decisions:
             state.count(decision, len(candidates))
             ledger.keep(candidates[decision.kept])
             for camera in decision.missed.tolist():
-                ledger.recover(t_of[camera], camera, UNLABELLED, decision.at, None)
+                ledger.recover(moment.t_of[camera], camera, UNLABELLED, decision.at, None)
         ledger.remove(found.nobody)
         ledger.tidy_candidates(first, last)
 
 
-def _fuse_target(
-    ledger: Ledger,
-    sight: Sight,
-    t_ns: int,
-    name: int,
-    own: Ints,
-    rows: Ints,
-    looked: Ints,
-    state: _State,
-    config: FuseConfig,
-) -> None:
-    """One target of one moment."""
-    place = {int(ledger.eye[r]): r for r in own.tolist()}
-    if len(place) < len(own):
-        twice = ledger.bearings.sensor[own[np.flatnonzero(np.diff(np.sort(ledger.eye[own])) == 0)[0]]]
+def _fuse_target(ledger: Ledger, sight: Sight, moment: _Moment, target: int, state: _State, config: FuseConfig) -> None:
+    """Decide about one target at one moment; InputError where a camera has two rows for it."""
+    own = moment.rows[ledger.bearings.target_id[moment.rows] == target]
+    row_of = {int(ledger.camera_of[r]): r for r in own.tolist()}
+    if len(row_of) < len(own):
+        twice = ledger.bearings.sensor[own[np.flatnonzero(np.diff(np.sort(ledger.camera_of[own])) == 0)[0]]]
         raise InputError(
-            f"bearings: sensor {str(twice)!r} has two rows for target {name} at {t_ns} ns; a sensor has one row a "
-            "target and time (candidates that may be of any object have target_id -1)"
+            f"bearings: sensor {str(twice)!r} has two rows for target {target} at {moment.t_ns} ns; a sensor has one "
+            "row a target and time (candidates that may be of any object have target_id -1)"
         )
     seen = own[ledger.bearings.seen[own]]
-    decision = decide(state.targets.get(name, Memory()), t_ns, sight.take(seen), looked, ledger.eyes, config)
-    state.targets[name] = decision.memory
+    memory = state.targets.get(target, ObjectMemory())
+    decision = decide(memory, moment.t_ns, sight.take(seen), moment.looked, ledger.cameras, config)
+    state.targets[target] = decision.memory
     state.count(decision, len(seen))
     ledger.keep(seen[decision.kept])
     ledger.remove(seen[~decision.kept])
-    t_of = {int(ledger.eye[r]): int(ledger.bearings.t_ns[r]) for r in rows.tolist()}
     for camera in decision.missed.tolist():
-        ledger.recover(t_of[camera], camera, name, decision.at, place.get(camera))
+        ledger.recover(moment.t_of[camera], camera, target, decision.at, row_of.get(camera))

@@ -12,7 +12,7 @@ from occlog.measure.fuse.kernels.sight_lines import Place
 from occlog.records.scene import Camera
 from occlog.records.tables import APPEARANCE_BINS, Bearings, Views
 
-from .cameras import Eyes, expected_sight
+from .cameras import PlacedCameras, expected_sight
 
 BORDER_PX = 1.5  # a box that comes this near to the border of the image is cut by it
 STATURE = (0.75, 1.33)
@@ -21,7 +21,7 @@ FOOT = 0.05
 """Standard deviation of the feet's row in the image, in heights of the box, besides the reading noise."""
 
 New = tuple[int, int, int, Place]
-"""Time, camera's place in `Eyes`, target, global position of a detection that was recovered."""
+"""Time, camera's place in `PlacedCameras`, target, global position of a detection that was recovered."""
 
 
 def views_of(views: Views, bearings: Bearings) -> Ints:
@@ -35,17 +35,17 @@ def views_of(views: Views, bearings: Bearings) -> Ints:
     return np.where(bearings.seen, np.array(found, dtype=np.int64), -1)
 
 
-def feet(views: Views, eyes: Eyes) -> Floats:
+def feet(views: Views, cameras: PlacedCameras) -> Floats:
     """(V, 2) distance along the ground of each view's feet, and its standard deviation; NaN where they do not show.
 
     Feet are at the middle of the lower edge, on the floor z = 0.  They do not show in a camera of unknown
     height, at the border of the image, or in a box that is too short or too tall for somebody who stands there.
     """
     out = np.full((len(views), 2), np.nan)
-    for which, camera in enumerate(eyes.cameras):
+    for which, camera in enumerate(cameras.placed):
         mine = np.flatnonzero(views.sensor == camera.name)
-        if len(mine) and camera.position[2] > 0 and eyes.person_height is not None:
-            out[mine] = _feet_of(camera, eyes.person_height, views.take(mine), float(eyes.far[which]))
+        if len(mine) and camera.position[2] > 0 and cameras.person_height is not None:
+            out[mine] = _feet_of(camera, cameras.person_height, views.take(mine), float(cameras.far[which]))
     return out
 
 
@@ -75,14 +75,16 @@ def _on_floor(camera: Camera, pixels: Floats) -> Floats:
         return np.where(rays[:, 2] < 0, -camera.position[2] / rays[:, 2] * np.hypot(rays[:, 0], rays[:, 1]), np.nan)
 
 
-def recovered_views(new: Sequence[New], eyes: Eyes, views: Views, bearings: Bearings, frames: dict[str, int]) -> Views:
+def recovered_views(
+    new: Sequence[New], cameras: PlacedCameras, views: Views, bearings: Bearings, frames: dict[str, int]
+) -> Views:
     """Views of recovered detections: a person's box at the global position, without appearance.
 
     Nothing for cameras without views of their own so far, or where a person's height is not known.
 
     Args:
         new: what was recovered.
-        eyes: the cameras.
+        cameras: those with a pose.
         views: of the part, before.
         bearings: of the part, before; a time of a sensor is a frame.
         frames: number of each camera's last frame so far, brought up to date; a frame without views has the
@@ -90,12 +92,12 @@ def recovered_views(new: Sequence[New], eyes: Eyes, views: Views, bearings: Bear
     """
     counts: dict[tuple[int, str], int] = {}
     numbers = _numbers(views, bearings, frames, counts)
-    height = eyes.person_height
+    height = cameras.person_height
     if height is None:
         return Views.empty()
     rows = []
     for t_ns, which, target, place in new:
-        camera = eyes.cameras[which]
+        camera = cameras.placed[which]
         key = (t_ns, camera.name)
         if key not in numbers:
             continue

@@ -61,10 +61,10 @@ def command(
     """
     from occlog.cli.parse import parse_names
 
-    from .run import Files, Sensors, run_label
+    from .run import LabelFiles, Sensors, run_label
 
     options.check_outputs([bearings, tracks, scene, doa], [output], overwrite)
-    files = Files(
+    files = LabelFiles(
         bearings=bearings,
         tracks=tracks,
         scene=scene,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Files:
+class LabelFiles:
     """What to read and to write."""
 
     bearings: Path
@@ -49,7 +49,9 @@ class Sensors:
     without: tuple[str, ...]
 
 
-def run_label(files: Files, use: Sensors, config: LabelConfig, quiet: bool) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+def run_label(
+    files: LabelFiles, use: Sensors, config: LabelConfig, quiet: bool
+) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Label and write; the summary, and what had been lost before."""
     inputs = Inputs(files.bearings, files.scene, files.doa, files.doa_labels)
     tracks = inputs.open(files.tracks, Tracks)
@@ -57,7 +59,7 @@ def run_label(files: Files, use: Sensors, config: LabelConfig, quiet: bool) -> t
     parameters = {"sensors": sorted(sensors), "doa_labels": files.doa_labels, **asdict(config)}
     losses = inputs.losses
     provenance = Provenance("label", parameters, None, hash_inputs(files.inputs), losses)
-    unit, tally = inputs.scene.length_unit, Tally()
+    unit, tally = inputs.scene.length_unit, LabelTally()
     chunks = options.progress(inputs.chunks, "label", quiet=quiet)
     with TableWriter(files.output, Bearings, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
         for part in label(chunks, tracks, inputs.scene, config, sensors):
@@ -71,7 +73,7 @@ def run_label(files: Files, use: Sensors, config: LabelConfig, quiet: bool) -> t
     return {"bearings": str(files.output), **tally.summary()}, losses
 
 
-class Tally:
+class LabelTally:
     """Figures of the summary, gathered while streaming."""
 
     def __init__(self) -> None:

@@ -94,12 +94,12 @@ def command(
       occlog listen --scene hall.yaml mic1=mic1.wav mic2=mic2.wav -o doa.parquet --start-time 2024-05-01T12:00:00Z
       occlog listen --arrays table=microphones.csv table=talk.wav -o doa.parquet --sources auto --above 10
     """
-    from .run import Request, run_listen
+    from .run import ListenRequest, run_listen
 
     settings = given(ListenConfig, values)
     settings |= {} if most is None else {"sources": most}
     settings |= {} if band is None else {"low_hz": band[0], "high_hz": band[1]}
-    request = Request.of(
+    request = ListenRequest.of(
         sounds=sounds, scene=scene, arrays=arrays, channels=channels, start_time=start_time, settings=settings
     )
     options.check_outputs(request.inputs(), [output], overwrite)

@@ -32,7 +32,7 @@ MOST_POINTS = 200_000
 """Directions that are tried at most."""
 
 
-class Heard(NamedTuple):
+class ArrayDirection(NamedTuple):
     """A direction, in the array's frame."""
 
     azimuth: float
@@ -164,7 +164,7 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: ListenCo
     return Grid(azimuth, elevation, allowed)
 
 
-def locate(at: Locator, X: np.ndarray) -> list[Heard]:
+def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
     """Directions in (M, F, S) spectra, the surest first."""
     config, grid = at.config, at.grid
     at.engine.locate_sources(X, num_src=max(config.sources, 1), freq_bins=at.band.bins)
@@ -175,11 +175,13 @@ def locate(at: Locator, X: np.ndarray) -> list[Heard]:
         u = direction(np.array(azimuth), np.array(elevation))
         agreement = coherence(X, at.band.bins, at.band.omega, at.microphones, u, at.speed)
         if agreement >= config.confidence:
-            heard.append(_told(at, azimuth, elevation, agreement, X.shape[2]))
+            heard.append(_with_uncertainty(at, azimuth, elevation, agreement, X.shape[2]))
     return sorted(heard, key=lambda h: -h.confidence)
 
 
-def _told(at: Locator, azimuth: float, elevation: float, agreement: float, snapshots: int) -> Heard:
+def _with_uncertainty(
+    at: Locator, azimuth: float, elevation: float, agreement: float, snapshots: int
+) -> ArrayDirection:
     count = float(np.clip(snapshots * INDEPENDENT, 1.0, MOST_INDEPENDENT))
     flat = len(at.grid.elevation) == 1
     # Without a third dimension the elevation is taken for known.
@@ -190,7 +192,7 @@ def _told(at: Locator, azimuth: float, elevation: float, agreement: float, snaps
         spread = spread + _off_plane(azimuth, elevation, at.normal)
     # No direction is known worse than not at all.
     sigma = np.minimum(np.sqrt(spread), np.pi / np.sqrt(3.0))
-    return Heard(
+    return ArrayDirection(
         azimuth,
         math.nan if flat else elevation,
         float(sigma[0]),

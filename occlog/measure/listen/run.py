@@ -27,13 +27,13 @@ from occlog.records.tables import Doa
 
 from .config import ListenConfig
 from .locate import library
-from .stage import Listened, frames_of, listen
+from .stage import ListenTally, frames_of, listen
 
 Pairs = tuple[tuple[str | None, Any], ...]
 
 
 @dataclass(frozen=True)
-class Request:
+class ListenRequest:
     """What to listen to and how."""
 
     sounds: Pairs  # (array or None, path)
@@ -53,7 +53,7 @@ class Request:
         channels: str,
         start_time: tuple[str, ...],
         settings: dict[str, Any],
-    ) -> Request:
+    ) -> ListenRequest:
         """The request that the command's options make; UsageError or SettingError for what cannot be."""
         return cls(
             sounds=pairs(sounds, Path),
@@ -81,13 +81,13 @@ def parse_channels(text: str) -> tuple[int, ...]:
     return found
 
 
-def run_listen(request: Request, output: Path, overwrite: bool, quiet: bool) -> tuple[dict[str, Any], list[Loss]]:
+def run_listen(request: ListenRequest, output: Path, overwrite: bool, quiet: bool) -> tuple[dict[str, Any], list[Loss]]:
     """Listen and write; the summary, and what was lost."""
     library()  # before anything is read
     scene = _scene(request)
     chosen = _arrays(request, scene)
     sounds = {name: open_sound(path) for name, path in chosen.items()}
-    tallies = {name: Listened() for name in chosen}
+    tallies = {name: ListenTally() for name in chosen}
     streams = [_directions(scene, name, sounds[name], request, tallies[name], quiet) for name in chosen]
     parameters = {
         **asdict(request.config),
@@ -114,7 +114,7 @@ def run_listen(request: Request, output: Path, overwrite: bool, quiet: bool) -> 
     }, losses
 
 
-def _scene(request: Request) -> Scene:
+def _scene(request: ListenRequest) -> Scene:
     scene = options.load_scene(request.scene, None, request.scene) if request.scene is not None else Scene()
     more = [a for name, path in request.arrays for a in read_arrays(path, name)]
     if more and scene.length_unit != "m":
@@ -129,7 +129,7 @@ def _scene(request: Request) -> Scene:
     return replace(scene, arrays=arrays)
 
 
-def _arrays(request: Request, scene: Scene) -> dict[str, Path]:
+def _arrays(request: ListenRequest, scene: Scene) -> dict[str, Path]:
     """The file of each array that has one."""
     names = [a.name for a in scene.arrays]
     out: dict[str, Path] = {}
@@ -143,7 +143,9 @@ def _arrays(request: Request, scene: Scene) -> dict[str, Path]:
     return out
 
 
-def _directions(scene: Scene, name: str, sound: Sound, request: Request, tally: Listened, quiet: bool) -> Iterator[Doa]:
+def _directions(
+    scene: Scene, name: str, sound: Sound, request: ListenRequest, tally: ListenTally, quiet: bool
+) -> Iterator[Doa]:
     """Directions of one array, by world time."""
     array = next(a for a in scene.arrays if a.name == name)
     _check_channels(sound, array, request.channels)

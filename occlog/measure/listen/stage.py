@@ -14,7 +14,7 @@ from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa
 
 from .config import ListenConfig
-from .locate import Heard, Locator, locate, locator
+from .locate import ArrayDirection, Locator, locate, locator
 from .spectra import direction, levels, spectra
 
 NOISE_S = 30.0
@@ -24,7 +24,7 @@ LEAST_SPECTRA = 3
 
 
 @dataclass
-class Listened:
+class ListenTally:
     """How it went, counted while streaming."""
 
     frames: int = 0
@@ -39,7 +39,7 @@ def listen(
     unit: str,
     config: ListenConfig,
     start_ns: int,
-    tally: Listened,
+    tally: ListenTally,
 ) -> Iterator[Doa]:
     """Directions of each frame that has some, in the order of time, azimuths in the world's frame.
 
@@ -91,7 +91,7 @@ def frames_of(samples: int, rate: int, config: ListenConfig) -> int:
     return max((samples - size) // max(hop, 1) + 1, 0)
 
 
-def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: Listened) -> list[Heard]:
+def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: ListenTally) -> list[ArrayDirection]:
     tally.frames += 1
     X = spectra(samples, at.band.length, at.band.length // 2)
     active = _active(at, X, quiet)
@@ -115,7 +115,7 @@ def _active(at: Locator, X: np.ndarray, quiet: deque[float]) -> Bools:
     return np.asarray(active, dtype=np.bool_)
 
 
-def _table(heard: list[Heard], array: MicrophoneArray, t_ns: int) -> Doa:
+def _table(heard: list[ArrayDirection], array: MicrophoneArray, t_ns: int) -> Doa:
     n = len(heard)
     own = np.array(heard, dtype=np.float64)
     told = ~np.isnan(own[:, 1])

@@ -18,9 +18,9 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Views
 
 from .config import HullConfig
-from .hull import Look, Polygon, hull
-from .hull_cones import Eye, cones, make_eye, runs
-from .hull_identities import Memory, Rules, Seen, follow
+from .hull import CameraCones, Polygon, hull
+from .hull_cones import HullCamera, cones, hull_camera, runs
+from .hull_identities import BelievedPolygon, HullMemory, Rules, follow
 
 MOMENTS_PER_CHUNK = 256
 
@@ -60,13 +60,13 @@ def hull_priors(
     Raises:
         InputError: a camera that the scene does not have, or times that go back.
     """
-    eyes: dict[str, Eye] = {}
+    cameras: dict[str, HullCamera] = {}
     rules = _rules(config)
-    memory = Memory()
-    held: list[tuple[int, list[Seen]]] = []
+    memory = HullMemory()
+    held: list[tuple[int, list[BelievedPolygon]]] = []
     candidates = 0
     for t_ns, moment in _moments(views, frames, scene, round(config.window_s * 1e9)):
-        looks = [_look(f, eyes, scene, config) for f in moment]
+        looks = [_look(f, cameras, scene, config) for f in moment]
         found = hull(looks, scene.region, config.least, config.misses, config.smallest) if looks else []
         memory, seen = follow(memory, t_ns, found, rules)
         candidates += len(found)
@@ -154,24 +154,24 @@ def _split_complete(table: Views | Bearings, names: list[str]) -> Iterator[_Fram
             yield _Frame(int(table.t_ns[a]), str(table.sensor[a]), rows)
 
 
-def _look(frame: _Frame, eyes: dict[str, Eye], scene: Scene, config: HullConfig) -> Look:
+def _look(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: HullConfig) -> CameraCones:
     """What a camera saw, without its targets."""
-    if frame.sensor not in eyes:
-        eyes[frame.sensor] = make_eye(scene.camera(frame.sensor), scene)
-    eye, v = eyes[frame.sensor], frame.views
+    if frame.sensor not in cameras:
+        cameras[frame.sensor] = hull_camera(scene.camera(frame.sensor), scene)
+    view, v = cameras[frame.sensor], frame.views
     boxes = np.column_stack([v.left_px, v.top_px, v.width_px, v.height_px])
-    of_runs = runs(boxes, eye.camera, config.dilate + 2.0 * eye.camera.sigma_yaw)
+    of_runs = runs(boxes, view.camera, config.dilate + 2.0 * view.camera.sigma_yaw)
     own = (v.target_id >= 0) & config.exclude_targets
-    others = cones(eye, of_runs[~own])
-    visible = eye.visible
+    others = cones(view, of_runs[~own])
+    visible = view.visible
     if own.any():
         # Where the target is in front nothing is known, unless another run is there as well.
-        hidden = shapely.difference(shapely.union_all(cones(eye, of_runs[own])), shapely.union_all(others))
+        hidden = shapely.difference(shapely.union_all(cones(view, of_runs[own])), shapely.union_all(others))
         visible = shapely.difference(visible, hidden)
-    return Look(visible, others)
+    return CameraCones(visible, others)
 
 
-def _tables(moments: list[tuple[int, list[Seen]]], candidates: int) -> HullPriors:
+def _tables(moments: list[tuple[int, list[BelievedPolygon]]], candidates: int) -> HullPriors:
     empty = np.array([t for t, found in moments if not found], dtype=np.int64)
     none = none_at(empty)
     rows = [(t, k, _corners(p)) for t, found in moments for k, p in found]

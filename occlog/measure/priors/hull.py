@@ -19,7 +19,7 @@ Run = tuple[int, int]
 """A camera's place in the list of looks, and the number of its run."""
 
 
-class Look(NamedTuple):
+class CameraCones(NamedTuple):
     """What one camera saw."""
 
     visible: shapely.Geometry  # where it can tell whether there is an object
@@ -40,7 +40,7 @@ class _Cell(NamedTuple):
     missed: int
 
 
-def hull(looks: Sequence[Look], room: Floats, least: int, misses: int, smallest: float) -> list[Polygon]:
+def hull(looks: Sequence[CameraCones], room: Floats, least: int, misses: int, smallest: float) -> list[Polygon]:
     """The polygons of the hull, in an order that depends on the looks only.
 
     Args:
@@ -73,7 +73,7 @@ def _best(candidates: list[Polygon], missing: list[Run]) -> list[Polygon]:
     return out
 
 
-def _cells(looks: Sequence[Look], whole: _Cell, allowed: int) -> list[_Cell]:
+def _cells(looks: Sequence[CameraCones], whole: _Cell, allowed: int) -> list[_Cell]:
     """The room cut up by what the cameras saw, without cells that more cameras than allowed contradict."""
     cells = [whole]
     for i, look in enumerate(looks):
@@ -83,7 +83,7 @@ def _cells(looks: Sequence[Look], whole: _Cell, allowed: int) -> list[_Cell]:
     return cells
 
 
-def _cut(cell: _Cell, i: int, look: Look, off: shapely.Geometry, allowed: int) -> Iterator[_Cell]:
+def _cut(cell: _Cell, i: int, look: CameraCones, off: shapely.Geometry, allowed: int) -> Iterator[_Cell]:
     shapes = np.array([*look.cones, off, cell.shape], dtype=object)
     meets = shapely.intersects(shapes, cell.shape)
     for b in range(len(look.cones)):

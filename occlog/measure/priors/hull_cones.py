@@ -15,7 +15,7 @@ STEP = np.pi / 6
 """Largest angle between neighbouring corners of the far side of a wedge."""
 
 
-class Eye(NamedTuple):
+class HullCamera(NamedTuple):
     """A camera with the part of the room in which it can see an object."""
 
     camera: Camera
@@ -23,7 +23,7 @@ class Eye(NamedTuple):
     far: float  # beyond everything, seen from the camera
 
 
-def make_eye(camera: Camera, scene: Scene) -> Eye:
+def hull_camera(camera: Camera, scene: Scene) -> HullCamera:
     """The camera's field of view and range within the room, without what static occluders hide from it."""
     room = shapely.Polygon(scene.region)
     far = 1.0 + 2.0 * float(np.hypot(*(scene.region - camera.ground).T).max())
@@ -32,7 +32,7 @@ def make_eye(camera: Camera, scene: Scene) -> Eye:
         visible = shapely.intersection(visible, shapely.Point(camera.ground).buffer(camera.range, quad_segs=32))
     for wall in scene.blockers(camera.ground):
         visible = shapely.difference(visible, shadow(camera.ground, wall, far))
-    return Eye(camera, visible, far)
+    return HullCamera(camera, visible, far)
 
 
 def wedge(origin: Floats, axis: float, width: float, far: float) -> shapely.Geometry:
@@ -79,10 +79,10 @@ def runs(boxes: Floats, camera: Camera, dilate: float) -> Floats:
     return np.column_stack([wrap_angle(right + half), 2.0 * (np.abs(half) + dilate)])
 
 
-def cones(eye: Eye, of_runs: Floats) -> list[shapely.Geometry]:
-    """Cones of runs (B, 2) within what the eye can see, as many as there are separate ones: those that meet are one."""
-    parts = [wedge(eye.camera.ground, centre, width, eye.far) for centre, width in _merged(of_runs)]
-    return [shapely.intersection(part, eye.visible) for part in parts]
+def cones(view: HullCamera, of_runs: Floats) -> list[shapely.Geometry]:
+    """Cones of runs (B, 2) within what the camera can see; runs that overlap make one cone."""
+    parts = [wedge(view.camera.ground, centre, width, view.far) for centre, width in _merged(of_runs)]
+    return [shapely.intersection(part, view.visible) for part in parts]
 
 
 def _merged(of_runs: Floats) -> list[tuple[float, float]]:

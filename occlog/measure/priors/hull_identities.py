@@ -30,7 +30,7 @@ class Rules(NamedTuple):
     reach: float  # a polygon's centre may move by this besides
 
 
-class Known(NamedTuple):
+class FollowedPolygon(NamedTuple):
     """An identity."""
 
     identity: int
@@ -41,25 +41,27 @@ class Known(NamedTuple):
     evidence_ns: int | None  # when it last had evidence; None: never
 
 
-class Memory(NamedTuple):
+class HullMemory(NamedTuple):
     """What is known from earlier moments."""
 
-    known: tuple[Known, ...] = ()
+    known: tuple[FollowedPolygon, ...] = ()
     next_identity: int = 0
 
 
-class Seen(NamedTuple):
+class BelievedPolygon(NamedTuple):
     """A polygon that is believed in."""
 
     identity: int
     polygon: Polygon
 
 
-def follow(memory: Memory, t_ns: int, polygons: Sequence[Polygon], rules: Rules) -> tuple[Memory, list[Seen]]:
+def follow(
+    memory: HullMemory, t_ns: int, polygons: Sequence[Polygon], rules: Rules
+) -> tuple[HullMemory, list[BelievedPolygon]]:
     """The next memory, and the polygons that are believed in, by identity.
 
     Args:
-        memory: after the last moment; `Memory()` at first.
+        memory: after the last moment; `HullMemory()` at first.
         t_ns: later than that of the last moment.
         polygons: of this moment.
         rules: when polygons are believed in.
@@ -69,10 +71,10 @@ def follow(memory: Memory, t_ns: int, polygons: Sequence[Polygon], rules: Rules)
     seen = [k.identity for k in current]
     gone = [k for k in old if k.identity not in seen]
     newest = max([memory.next_identity, *(i + 1 for i in seen)])
-    after = Memory(tuple(sorted([*current, *gone], key=lambda k: k.identity)), newest)
+    after = HullMemory(tuple(sorted([*current, *gone], key=lambda k: k.identity)), newest)
     held = [k for k in gone if _lately(k, t_ns, rules) and t_ns - k.last_ns <= rules.hold_ns]
     believed = [k for k in _needed(current, t_ns, rules) + held if k.last_ns - k.first_ns >= rules.persist_ns]
-    return after, [Seen(k.identity, k.polygon) for k in sorted(believed, key=lambda k: k.identity)]
+    return after, [BelievedPolygon(k.identity, k.polygon) for k in sorted(believed, key=lambda k: k.identity)]
 
 
 def evidence(polygons: Sequence[Polygon]) -> list[bool]:
@@ -84,10 +86,12 @@ def evidence(polygons: Sequence[Polygon]) -> list[bool]:
     return [any(count[r] == 1 for r in p.runs) for p in polygons]
 
 
-def _identities(old: list[Known], fresh: int, t_ns: int, polygons: Sequence[Polygon], rules: Rules) -> list[Known]:
+def _identities(
+    old: list[FollowedPolygon], fresh: int, t_ns: int, polygons: Sequence[Polygon], rules: Rules
+) -> list[FollowedPolygon]:
     """An identity for each polygon: a known one near by, or a new one."""
     centres = np.array([[p.shape.centroid.x, p.shape.centroid.y] for p in polygons]).reshape(-1, 2)
-    mine: dict[int, Known] = {}
+    mine: dict[int, FollowedPolygon] = {}
     if old and len(centres):
         there = np.array([k.centre for k in old])
         away = np.hypot(*(centres[:, None] - there[None]).transpose(2, 0, 1))
@@ -96,19 +100,19 @@ def _identities(old: list[Known], fresh: int, t_ns: int, polygons: Sequence[Poly
         mine = {i: old[j] for i, j in zip(rows.tolist(), columns.tolist(), strict=True)}
     out = []
     for i, (p, centre, sure) in enumerate(zip(polygons, centres, evidence(polygons), strict=True)):
-        before = mine.get(i) or Known(fresh, p, centre, t_ns, t_ns, None)
+        before = mine.get(i) or FollowedPolygon(fresh, p, centre, t_ns, t_ns, None)
         fresh += i not in mine
         proof = t_ns if sure else before.evidence_ns
         out.append(before._replace(polygon=p, centre=centre, last_ns=t_ns, evidence_ns=proof))
     return out
 
 
-def _lately(known: Known, t_ns: int, rules: Rules) -> bool:
+def _lately(known: FollowedPolygon, t_ns: int, rules: Rules) -> bool:
     """Whether there was evidence of it lately."""
     return known.evidence_ns is not None and t_ns - known.evidence_ns <= rules.memory_ns
 
 
-def _needed(current: list[Known], t_ns: int, rules: Rules) -> list[Known]:
+def _needed(current: list[FollowedPolygon], t_ns: int, rules: Rules) -> list[FollowedPolygon]:
     """Those with evidence, and of the others what explains runs that have none of these.
 
     Which of two polygons that may both be phantoms is one cannot be told from their runs; what

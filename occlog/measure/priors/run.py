@@ -132,7 +132,7 @@ def run_kalman(request: KalmanRequest, output: Path, overwrite: bool, quiet: boo
         priors = virtual_priors(left, config.sigma, config.q, request.seed)
     parameters = {"source": "kalman", "measured": measured, "without": request.without, **asdict(config)}
     provenance = _provenance(parameters, [path, request.scene], source.losses, request.seed)
-    tally = Tally()
+    tally = PriorsTally()
     with TableWriter(output, Occluders, provenance, overwrite=overwrite, length_unit=unit) as writer:
         for table in priors:
             writer.write(table)
@@ -153,7 +153,7 @@ def run_hull(request: HullRequest, output: Path, hulls: Path | None, overwrite: 
     frames = None if bearings is None else _of_cameras(Source(bearings, scene).chunks(Bearings), used)
     parameters = {"source": "hull", "cameras": used, **asdict(config)}
     provenance = _provenance(parameters, [path, scene, bearings], source.losses, None)
-    tally, candidates, moments = Tally(), 0, 0
+    tally, candidates, moments = PriorsTally(), 0, 0
     with ExitStack() as stack:
         outputs = [(output, Occluders)] + ([(hulls, Hulls)] if hulls is not None else [])
         writers = [
@@ -180,7 +180,7 @@ def run_acoustic(
     config = configure(AcousticConfig.in_unit(place.length_unit), values)
     chunks = options.progress(source.chunks(Doa), "acoustic", quiet=quiet)
     provenance = _provenance({"source": "acoustic", **asdict(config)}, [path, scene], source.losses, None)
-    tally = Tally()
+    tally = PriorsTally()
     with TableWriter(output, Occluders, provenance, overwrite=overwrite, length_unit=place.length_unit) as writer:
         for table in acoustic_priors(chunks, place, config):
             writer.write(table)
@@ -199,7 +199,7 @@ def _provenance(
     return Provenance("priors", parameters, seed, hash_inputs([p for p in paths if p is not None]), losses)
 
 
-class Tally:
+class PriorsTally:
     """Figures of the summary, gathered while streaming."""
 
     def __init__(self) -> None:

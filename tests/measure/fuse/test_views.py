@@ -11,7 +11,7 @@ import pytest
 from occlog.measure.clusters.person_size import person_in_image
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.measure.detections import Detections
-from occlog.measure.fuse.cameras import open_eyes
+from occlog.measure.fuse.cameras import placed_cameras
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.stage import fuse
 from occlog.measure.fuse.views import feet
@@ -72,9 +72,9 @@ def run(where: Scene, tables: Sequence[Boxes], config: FuseConfig | None = None)
 
 def test_feet_on_the_floor_tell_the_distance():
     where = scene()
-    eyes = open_eyes(where, FuseConfig.in_unit(where.length_unit))
+    cameras = placed_cameras(where, FuseConfig.in_unit(where.length_unit))
     views = next(iter(detect_boxes([boxes(where, dict.fromkeys("abc", PLACE))], where))).views
-    found = feet(views, eyes)
+    found = feet(views, cameras)
     for row, name in enumerate(views.sensor.tolist()):
         away = np.hypot(*(np.array(PLACE) - where.camera(name).ground))
         # The lower edge is that of the body's nearest side, a few centimetres before its middle.
@@ -84,11 +84,11 @@ def test_feet_on_the_floor_tell_the_distance():
 
 def test_feet_that_do_not_show_tell_nothing():
     where = scene()
-    eyes = open_eyes(where, FuseConfig.in_unit(where.length_unit))
+    cameras = placed_cameras(where, FuseConfig.in_unit(where.length_unit))
     table = boxes(where, dict.fromkeys("abc", PLACE))
     short = box(where.camera("a"), PLACE, cut=0.5)
     cut = replace(table, height_px=np.where(table.sensor == "a", short[3], table.height_px))
-    found = feet(next(iter(detect_boxes([cut], where))).views, eyes)
+    found = feet(next(iter(detect_boxes([cut], where))).views, cameras)
     assert np.isnan(found[0]).all()
     assert np.isfinite(found[1:]).all()
     flat = Scene(
@@ -99,7 +99,7 @@ def test_feet_that_do_not_show_tell_nothing():
         room=where.room,
     )
     views = next(iter(detect_boxes([table], where))).views
-    assert np.isnan(feet(views, open_eyes(flat, FuseConfig.in_unit(flat.length_unit)))).all()
+    assert np.isnan(feet(views, placed_cameras(flat, FuseConfig.in_unit(flat.length_unit)))).all()
 
 
 def test_a_missed_person_gets_a_box_where_it_should_be():

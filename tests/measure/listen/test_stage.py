@@ -10,7 +10,7 @@ import pytest
 from occlog.errors import InputError, UsageError
 from occlog.measure.listen.config import ALGORITHMS, ListenConfig
 from occlog.measure.listen.spectra import direction
-from occlog.measure.listen.stage import Listened, frames, listen
+from occlog.measure.listen.stage import ListenTally, frames, listen
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa
 from occlog.settings import SettingError
@@ -32,7 +32,7 @@ def wave(rng: np.random.Generator, microphones: np.ndarray, u: np.ndarray, n: in
 
 
 def heard(samples: np.ndarray, array: MicrophoneArray, config: ListenConfig = COARSE, start_ns: int = 0) -> Doa:
-    found = list(listen([samples], RATE, array, "m", config, start_ns, Listened()))
+    found = list(listen([samples], RATE, array, "m", config, start_ns, ListenTally()))
     return Doa.concat(found) if found else Doa.empty()
 
 
@@ -96,7 +96,7 @@ def test_several_sources_at_once_and_their_number() -> None:
 def test_silence_and_noise_give_no_rows() -> None:
     rng = np.random.default_rng(7)
     array = MicrophoneArray("mic", np.zeros(3), microphones=SQUARE)
-    tally = Listened()
+    tally = ListenTally()
     noise = rng.standard_normal((RATE, 4))
     sound = np.concatenate([np.zeros((RATE, 4)), 0.1 * noise, 1e-6 * noise])
     assert not list(listen([sound], RATE, array, "m", COARSE, 0, tally))
@@ -166,7 +166,7 @@ def test_arrays_and_settings_that_cannot_be() -> None:
     with pytest.raises(UsageError, match="finds fewer than there are microphones"):
         heard(sound, array, replace(COARSE, algorithm="music", sources=4))
     with pytest.raises(UsageError, match="give the speed of sound"):
-        list(listen([sound], RATE, array, "unit", COARSE, 0, Listened()))
+        list(listen([sound], RATE, array, "unit", COARSE, 0, ListenTally()))
     for wrong in ({"low_hz": 5000.0}, {"frame_s": 0.01}, {"sources": 0, "algorithm": "music"}, {"grid_deg": 0.01}):
         with pytest.raises(SettingError):
             ListenConfig(**wrong)

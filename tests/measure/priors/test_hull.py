@@ -7,9 +7,9 @@ import pytest
 import shapely
 
 from occlog.core.numerics.assignment import assign
-from occlog.measure.priors.hull import Look, hull
-from occlog.measure.priors.hull_cones import cones, make_eye, runs
-from occlog.measure.priors.hull_identities import Memory, Rules, evidence, follow
+from occlog.measure.priors.hull import CameraCones, hull
+from occlog.measure.priors.hull_cones import cones, hull_camera, runs
+from occlog.measure.priors.hull_identities import HullMemory, Rules, evidence, follow
 from occlog.records.scene import Camera, Occluder, Scene, camera_rotation
 
 ROOM = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
@@ -31,14 +31,14 @@ def camera(name: str, x: float, y: float, yaw_deg: float, fov_deg: float = 100.0
 CAMERAS = (camera("south", 5, 0, 90), camera("west", 0, 5, 0), camera("corner", 0, 0, 45), camera("far", 10, 10, 225))
 
 
-def look(cam: Camera, people, scene: Scene, width: float = 0.4) -> Look:
+def look(cam: Camera, people, scene: Scene, width: float = 0.4) -> CameraCones:
     """What a camera sees of people who are discs."""
-    eye = make_eye(cam, scene)
+    view = hull_camera(cam, scene)
     rows = []
     for p in people:
         away = np.asarray(p) - cam.ground
         rows.append([np.arctan2(away[1], away[0]), 2 * np.arcsin(0.5 * width / np.hypot(*away))])
-    return Look(eye.visible, cones(eye, np.array(rows).reshape(-1, 2)))
+    return CameraCones(view.visible, cones(view, np.array(rows).reshape(-1, 2)))
 
 
 def polygons(names, people, missing=(), misses=0, scene=None):
@@ -102,9 +102,9 @@ def test_camera_that_cannot_see_a_place_says_nothing_about_it() -> None:
         scene = Scene(cameras=(*CAMERAS[:2], corner), room=ROOM, occluders=(wall,) if corner.range > 9 else ())
         person = (3.0, 6.5)  # behind the wall as seen from the corner
         looks = [look(scene.camera(n), [person], scene) for n in ("south", "west")]
-        eye = make_eye(corner, scene)
-        assert not eye.visible.contains(shapely.Point(person))
-        found = hull([*looks, Look(eye.visible, [])], ROOM, 2, 0, 1e-3)
+        view = hull_camera(corner, scene)
+        assert not view.visible.contains(shapely.Point(person))
+        found = hull([*looks, CameraCones(view.visible, [])], ROOM, 2, 0, 1e-3)
         assert len(found) == 1
         assert holds(found, person)
 
@@ -124,9 +124,9 @@ def test_runs_of_boxes_are_their_azimuths() -> None:
 
 
 def test_runs_that_overlap_are_one() -> None:
-    eye = make_eye(CAMERAS[0], Scene(cameras=CAMERAS, room=ROOM))
-    assert len(cones(eye, np.array([[1.5, 0.1], [1.58, 0.1], [2.0, 0.1]]))) == 2
-    assert cones(eye, np.empty((0, 2))) == []
+    view = hull_camera(CAMERAS[0], Scene(cameras=CAMERAS, room=ROOM))
+    assert len(cones(view, np.array([[1.5, 0.1], [1.58, 0.1], [2.0, 0.1]]))) == 2
+    assert cones(view, np.empty((0, 2))) == []
 
 
 def test_visible_part_against_sampling() -> None:
@@ -152,7 +152,7 @@ def test_visible_part_against_sampling() -> None:
         ahead = (xy - cam.ground) @ [np.cos(cam.yaw), np.sin(cam.yaw)] > 0
         inside = np.array([p.within(walls_of(walls)) for p in shapely.points(xy)])
         want = seen_from(np.ascontiguousarray(xy), 0, sensors)
-        got = shapely.contains_xy(make_eye(cam, scene).visible, xy)
+        got = shapely.contains_xy(hull_camera(cam, scene).visible, xy)
         check = ahead & ~inside
         assert np.mean(got[check] != want[check]) < 0.005, n  # the range is a polygon, not a circle
 
@@ -163,7 +163,7 @@ def walls_of(walls):
 
 def test_phantoms_vanish_when_people_move() -> None:
     """Two cameras: a third sees them for a while; what was sure then stays so, and phantoms stay out."""
-    memory, seen = Memory(), []
+    memory, seen = HullMemory(), []
     rules = RULES._replace(persist_ns=150_000_000, memory_ns=5 * 10**9)
     for step in range(12):
         people = tuple((x + 0.05 * step, y) for x, y in PEOPLE)
@@ -179,7 +179,7 @@ def test_phantoms_vanish_when_people_move() -> None:
 
 
 def test_identities_stay_through_a_gap() -> None:
-    memory, names = Memory(), []
+    memory, names = HullMemory(), []
     for step, there in enumerate([True, True, False, False, True]):
         found = polygons(("south", "west"), (PEOPLE[0],)) if there else []
         memory, seen = follow(memory, step * 10**8, found, RULES._replace(hold_ns=10**8))
@@ -191,7 +191,7 @@ def test_identities_stay_through_a_gap() -> None:
 
 def test_phantoms_cannot_be_told_apart_without_more_cameras() -> None:
     """All four crossings stay: any two of them may be the people."""
-    _, seen = follow(Memory(), 0, polygons(("south", "west"), PEOPLE), RULES)
+    _, seen = follow(HullMemory(), 0, polygons(("south", "west"), PEOPLE), RULES)
     assert len(seen) == 4
 
 
