@@ -201,3 +201,17 @@ def test_sixteen_cameras_are_summed_over_their_subsets():
     xy, priors = TARGET[None], gaussian_priors(np.array([[40.0, 40.0]]), 4.0 * np.eye(2)[None], 3.0)
     got = log_likelihood_among(xy, given, sensors, noise, model, np.ones(1, dtype=bool), priors, occlusion)
     assert np.isfinite(got).all()
+
+
+@pytest.mark.parametrize("fov_deg", [179.0, 180.0, 200.0, 360.0])
+@pytest.mark.parametrize("probability", [INDEPENDENT, RECURSION])
+def test_people_hide_a_target_from_cameras_of_any_field_of_view(probability, fov_deg):
+    scene = replace(room100(), cameras=(replace(room100().cameras[0], fov=np.radians(fov_deg)),))
+    looks = pack_scan(scan(0, [(0, None)]), read_noise(scene), True)
+    middle = 0.5 * (scene.cameras[0].ground + TARGET)
+    priors = gaussian_priors(middle[None], 0.01 * np.eye(2)[None], 3.0)
+    model = detection(scene)._replace(miss=np.full(1, 1e-3))
+    free = among(scene, looks, TARGET[None], model, no_priors(), probability)
+    hidden = among(scene, looks, TARGET[None], model, priors, probability)
+    assert free[0] == pytest.approx(np.log(1e-3), abs=0.2)
+    assert hidden[0] > -0.01
