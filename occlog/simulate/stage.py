@@ -18,7 +18,8 @@ from occlog.core.plane.room_pockets import pockets
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import Truth
-from occlog.simulate.world.world import CANDIDATES, Draws, Ground, Motion, World, populate, walk
+from occlog.simulate.world.step import Ground, Motion
+from occlog.simulate.world.world import CANDIDATES, Draws, World, populate, walk
 
 from .config import WorldConfig
 

@@ -6,10 +6,30 @@ Walls are packed polygons (`occlog.core.plane.polygons.pack_polygons`) that no s
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 from occlog.core.plane.polygons import distance_to_boundary, point_inside, segment_blocked
+
+
+class Ground(NamedTuple):
+    """Where objects may be."""
+
+    room: Floats  # (K, 2)
+    walls: Floats  # (S, 2) packed polygons: static occluders and pockets of the room
+    starts: Ints  # (P + 1,)
+    clearance: float  # least distance from a centre to walls and room
+
+
+class Motion(NamedTuple):
+    """How objects move, per step."""
+
+    step: float  # speed: length of a step without noise
+    sigma: float  # standard deviation of the noise of a step, per axis
+    redirect: float  # probability of a new destination, 0 to 1
+    diameter: float  # of an object: centres keep this distance
+
 
 TURN = math.radians(15.0)
 """Directions tried by an object that goes around another are this far apart."""
@@ -17,8 +37,9 @@ TURNS = 12
 
 
 @kernel
-def place_free(x: float, y: float, room: Floats, walls: Floats, starts: Ints, clearance: float) -> bool:
-    """True if a centre at (x, y) is in the room, in no wall, and at least `clearance` from all of them."""
+def place_free(x: float, y: float, ground: Ground) -> bool:
+    """True if a centre at (x, y) is in the room, in no wall, and at least the clearance from all of them."""
+    room, walls, starts, clearance = ground.room, ground.walls, ground.starts, ground.clearance
     if not point_inside(x, y, room):
         return False
     if clearance > 0.0 and distance_to_boundary(x, y, room) < clearance:
@@ -33,12 +54,11 @@ def place_free(x: float, y: float, room: Floats, walls: Floats, starts: Ints, cl
 
 
 @kernel
-def step_free(
-    ax: float, ay: float, bx: float, by: float, room: Floats, walls: Floats, starts: Ints, clearance: float
-) -> bool:
+def step_free(ax: float, ay: float, bx: float, by: float, ground: Ground) -> bool:
     """True if a centre may go straight from a to b: b is free and no wall is crossed."""
-    if not place_free(bx, by, room, walls, starts, clearance):
+    if not place_free(bx, by, ground):
         return False
+    walls, starts = ground.walls, ground.starts
     for p in range(starts.shape[0] - 1):  # noqa: SIM110 - numba compiles no generator
         if segment_blocked(ax, ay, bx, by, walls[starts[p] : starts[p + 1]]):
             return False
@@ -72,17 +92,14 @@ def try_into(
     i: int,
     ux: float,
     uy: float,
-    room: Floats,
-    walls: Floats,
-    starts: Ints,
+    ground: Ground,
     diameter: float,
-    clearance: float,
 ) -> bool:
     """Move object i by (ux, uy), in place, if that is free; True if it moved."""
     bx, by = xy[i, 0] + ux, xy[i, 1] + uy
     if first_hit(xy, i, bx, by, diameter) >= 0:
         return False
-    if not step_free(xy[i, 0], xy[i, 1], bx, by, room, walls, starts, clearance):
+    if not step_free(xy[i, 0], xy[i, 1], bx, by, ground):
         return False
     xy[i, 0], xy[i, 1] = bx, by
     return True
@@ -94,11 +111,8 @@ def move_into(
     i: int,
     ux: float,
     uy: float,
-    room: Floats,
-    walls: Floats,
-    starts: Ints,
+    ground: Ground,
     diameter: float,
-    clearance: float,
 ) -> None:
     """Move object i by (ux, uy), in place; where that is not free, turn away step by step, or stay.
 
@@ -107,7 +121,7 @@ def move_into(
     in the way comes first (to the right if that is straight ahead), so that two objects
     that meet pass each other.
     """
-    if try_into(xy, i, ux, uy, room, walls, starts, diameter, clearance):
+    if try_into(xy, i, ux, uy, ground, diameter):
         return
     side = -1.0
     hit = first_hit(xy, i, xy[i, 0] + ux, xy[i, 1] + uy, diameter)
@@ -119,9 +133,9 @@ def move_into(
             turn = -turn
         c, s = math.cos(turn), math.sin(turn)
         vx, vy = c * ux - s * uy, s * ux + c * uy
-        if try_into(xy, i, vx, vy, room, walls, starts, diameter, clearance):
+        if try_into(xy, i, vx, vy, ground, diameter):
             return
-        if try_into(xy, i, 0.5 * vx, 0.5 * vy, room, walls, starts, diameter, clearance):
+        if try_into(xy, i, 0.5 * vx, 0.5 * vy, ground, diameter):
             return
 
 
@@ -132,10 +146,7 @@ def new_destination_into(
     i: int,
     candidates: Floats,
     step: float,
-    room: Floats,
-    walls: Floats,
-    starts: Ints,
-    clearance: float,
+    ground: Ground,
 ) -> bool:
     """Give object i the first of the (K, 2) candidates that is free and not straight behind a wall.
 
@@ -144,24 +155,20 @@ def new_destination_into(
     """
     for k in range(candidates.shape[0]):
         tx, ty = candidates[k, 0], candidates[k, 1]
-        if place_free(tx, ty, room, walls, starts, clearance) and heads_free(
-            xy[i, 0], xy[i, 1], tx, ty, step, room, walls, starts, clearance
-        ):
+        if place_free(tx, ty, ground) and heads_free(xy[i, 0], xy[i, 1], tx, ty, step, ground):
             destination[i, 0], destination[i, 1] = tx, ty
             return True
     return False
 
 
 @kernel
-def heads_free(
-    x: float, y: float, tx: float, ty: float, step: float, room: Floats, walls: Floats, starts: Ints, clearance: float
-) -> bool:
+def heads_free(x: float, y: float, tx: float, ty: float, step: float, ground: Ground) -> bool:
     """True if one step from (x, y) towards (tx, ty), without noise, stays in the room and out of walls."""
     distance = math.hypot(tx - x, ty - y)
     if distance == 0.0:
         return True
     scale = step / distance
-    return step_free(x, y, x + scale * (tx - x), y + scale * (ty - y), room, walls, starts, clearance)
+    return step_free(x, y, x + scale * (tx - x), y + scale * (ty - y), ground)
 
 
 @kernel
@@ -174,47 +181,28 @@ def walk_into(
     chance: Floats,
     candidates: Floats,
     first_step: int,
-    room: Floats,
-    walls: Floats,
-    starts: Ints,
-    step: float,
-    redirect: float,
-    diameter: float,
-    clearance: float,
+    ground: Ground,
+    motion: Motion,
 ) -> None:
     """Move all objects for several steps, [Ercan] Sec. 6; see `occlog.simulate.world.world.walk` for the arguments.
 
     `path` (C, n, 2) and `changed` (C, n) are filled; `xy` and `destination` (n, 2) end as the last state.
     """
-    n = xy.shape[0]
+    n, step = xy.shape[0], motion.step
     for t in range(path.shape[0]):
         for m in range(n):
             i = (m + first_step + t) % n  # each in turn moves first
             tx, ty = destination[i, 0], destination[i, 1]
             arrived = math.hypot(tx - xy[i, 0], ty - xy[i, 1]) < step
             changed[t, i] = False
-            # Regime CD: arrived, or heading into a wall, or (waypoints+) by chance.
-            if (
-                arrived
-                or chance[t, i] < redirect
-                or not heads_free(xy[i, 0], xy[i, 1], tx, ty, step, room, walls, starts, clearance)
-            ):
-                changed[t, i] = new_destination_into(
-                    xy, destination, i, candidates[t, i], step, room, walls, starts, clearance
-                )
-            # Regime MTD, Eq. 5.
+            # Regime CD (change destination, [Ercan] Sec. 6): it has arrived, or heads into a wall, or (the variant
+            # waypoints+) by chance
+            if arrived or chance[t, i] < motion.redirect or not heads_free(xy[i, 0], xy[i, 1], tx, ty, step, ground):
+                changed[t, i] = new_destination_into(xy, destination, i, candidates[t, i], step, ground)
+            # Regime MTD (move toward destination, [Ercan] Sec. 4.1): constant speed plus noise
             dx, dy = destination[i, 0] - xy[i, 0], destination[i, 1] - xy[i, 1]
             distance = math.hypot(dx, dy)
             scale = step / distance if distance > 0.0 else 0.0
-            move_into(
-                xy,
-                i,
-                scale * dx + noise[t, i, 0],
-                scale * dy + noise[t, i, 1],
-                room,
-                walls,
-                starts,
-                diameter,
-                clearance,
-            )
+            ux, uy = scale * dx + noise[t, i, 0], scale * dy + noise[t, i, 1]
+            move_into(xy, i, ux, uy, ground, motion.diameter)
         path[t] = xy

@@ -19,33 +19,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Bools, Floats
 
-from .step import place_free, walk_into
+from .step import Ground, Motion, place_free, walk_into
 
 CANDIDATES = 8
 """Destinations drawn for each object and step; the first one that is free is taken if one is needed."""
 
 ATTEMPTS = 20_000
 """Places tried for each object before the room is called full."""
-
-
-class Ground(NamedTuple):
-    """Where objects may be."""
-
-    room: Floats  # (K, 2)
-    walls: Floats  # (S, 2) packed polygons: static occluders and pockets of the room
-    starts: Ints  # (P + 1,)
-    clearance: float  # least distance from a centre to walls and room
-
-
-class Motion(NamedTuple):
-    """How objects move, per step."""
-
-    step: float  # speed: length of a step without noise
-    sigma: float  # standard deviation of the noise of a step, per axis
-    redirect: float  # probability of a new destination, 0 to 1
-    diameter: float  # of an object: centres keep this distance
 
 
 class World(NamedTuple):
@@ -65,7 +47,7 @@ class Draws(NamedTuple):
 
 
 def populate(n: int, ground: Ground, diameter: float, rng: np.random.Generator) -> World:
-    """`n` objects at random free places, at least a diameter apart, each with a random destination.
+    """Put `n` objects at random free places, at least a diameter apart, each with a random destination.
 
     ValueError says how many were placed when the room is too full.
     """
@@ -82,7 +64,7 @@ def _free_place(ground: Ground, taken: Floats, diameter: float, rng: np.random.G
     for _ in range(ATTEMPTS):
         place: Floats = low + size * rng.random(2)
         far = not len(taken) or bool(np.min(np.sum((taken - place) ** 2, axis=1)) >= diameter**2)
-        if far and place_free(place[0], place[1], ground.room, ground.walls, ground.starts, ground.clearance):
+        if far and place_free(place[0], place[1], ground):
             return place
     raise ValueError(f"no free place found after {len(taken)} objects of diameter {diameter:g}")
 
@@ -104,20 +86,15 @@ def walk(world: World, ground: Ground, motion: Motion, draws: Draws) -> tuple[Wo
     changed = np.zeros(draws.chance.shape, dtype=np.bool_)
     xy, destination = world.xy.copy(), world.destination.copy()
     walk_into(
-        path,
-        changed,
-        xy,
-        destination,
-        motion.sigma * draws.noise,
-        draws.chance,
-        low + size * draws.places,
-        world.step,
-        ground.room,
-        ground.walls,
-        ground.starts,
-        motion.step,
-        motion.redirect,
-        motion.diameter,
-        ground.clearance,
+        path=path,
+        changed=changed,
+        xy=xy,
+        destination=destination,
+        noise=motion.sigma * draws.noise,
+        chance=draws.chance,
+        candidates=low + size * draws.places,
+        first_step=world.step,
+        ground=ground,
+        motion=motion,
     )
     return World(xy, destination, world.step + len(path)), path, changed
