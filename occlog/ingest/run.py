@@ -115,7 +115,12 @@ def _known(plan: IngestPlan, scene: Scene) -> list[str]:
 
 
 def _box_options(plan: IngestPlan) -> BoxOptions:
-    return BoxOptions(plan.frames, plan.first_number or 0, plan.confidence_scale, plan.ignore_extra_columns)
+    return BoxOptions(
+        frames=plan.frames,
+        first_number=plan.first_number or 0,
+        confidence_scale=plan.confidence_scale,
+        ignore_extra=plan.ignore_extra_columns,
+    )
 
 
 def _all_times(
@@ -187,7 +192,14 @@ def _write_tables(
         tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks))
     sync = sync_times(plan) if plan.truth else None
     for camera, path in plan.truth:
-        how = TruthOptions(plan.truth_format, camera, _known(plan, scene), times, sync, _box_options(plan))
+        how = TruthOptions(
+            format=plan.truth_format,
+            camera=camera,
+            cameras=_known(plan, scene),
+            times=times,
+            sync_ns=sync,
+            boxes=_box_options(plan),
+        )
         tables.append(_truth(path, how, plan))
     for chunks in tables:
         for table in chunks:
@@ -208,11 +220,11 @@ def _truth(path: Path, how: TruthOptions, plan: IngestPlan) -> Iterator[Any]:
 
 def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:
     return DoaOptions(
-        plan.doa_format,
-        sensor,
-        plan.doa_unit,
-        plan.doa_convention,
-        plan.doa_algorithm,
-        start_of(plan, sensor or ""),
-        plan.ignore_extra_columns,
+        format=plan.doa_format,
+        sensor=sensor,
+        unit=plan.doa_unit,
+        convention=plan.doa_convention,
+        algorithm=plan.doa_algorithm,
+        start_ns=start_of(plan, sensor or ""),
+        ignore_extra=plan.ignore_extra_columns,
     )

@@ -1,6 +1,6 @@
 """The scene of an ingested recording: calibrated cameras, arrays, and what a scene file adds.
 
-Cameras whose frames have another size than they were calibrated with.
+A camera whose frames have another size than it was calibrated with is scaled, cut or refused.
 """
 
 from __future__ import annotations
@@ -85,7 +85,9 @@ def _scaled(camera: Camera, size: tuple[int, int], scale: np.ndarray, margin: np
     focal = camera.focal_px * scale
     # The centre of the first pixel is (0, 0), so the image's corner is at -0.5.
     principal = (camera.principal_px + 0.5) * scale - 0.5 + margin
-    fov = camera_fov(size, focal, principal, camera.distortion, camera.distortion_model, camera.rotation)
+    fov = camera_fov(
+        size, focal, principal, distortion=camera.distortion, model=camera.distortion_model, rotation=camera.rotation
+    )
     return replace(camera, focal_px=focal, principal_px=principal, image_size=size, fov=fov)
 
 

@@ -240,7 +240,7 @@ def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Gr
     if script is None:
         return simulate_truth(setup.scene, world, seed, start)
     z = math.nan if world.z is None else world.z
-    return simulate_paths(script, world.steps, world.step_s, z, world.start_ns, seed)
+    return simulate_paths(script, steps=world.steps, step_s=world.step_s, z=z, start_ns=world.start_ns, seed=seed)
 
 
 def _recorded(
@@ -250,7 +250,9 @@ def _recorded(
     truth, seen, heard = itertools.tee(_truth(setup, seed, start), 3)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
     silent = silences(setup.script, setup.world.start_ns) if setup.script is not None else {}
-    sounds = observe_arrays(setup.scene, heard, setup.observe or ObserveConfig(), seed, setup.sound, silent)
+    sounds = observe_arrays(
+        setup.scene, heard, setup.observe or ObserveConfig(), seed, sound=setup.sound, silent=silent
+    )
     for chunk in truth:
         writer.table(grid_truth(chunk) if isinstance(chunk, Grid) else chunk)
         if setup.observe is not None:

@@ -41,11 +41,11 @@ def ball_cameras(config: BallsConfig) -> tuple[Camera, ...]:
     for k, (yaw, pitch) in enumerate(VIEWS[: config.views]):
         rotation = rotation_from_angles(math.radians(yaw), math.radians(pitch), 0.0)
         camera = Camera(
-            f"view{k + 1}",
-            middle - config.distance * rotation[:, 2],
-            rotation,
-            np.full(2, config.distance),
-            0.5 * np.array([config.width - 1.0, config.height - 1.0]),
+            name=f"view{k + 1}",
+            position=middle - config.distance * rotation[:, 2],
+            rotation=rotation,
+            focal_px=np.full(2, config.distance),
+            principal_px=0.5 * np.array([config.width - 1.0, config.height - 1.0]),
             image_size=(config.width, config.height),
             fov=2.0 * math.atan(0.5 * config.width / config.distance),
         )

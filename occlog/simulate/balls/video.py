@@ -43,13 +43,13 @@ class BallsFrame(NamedTuple):
     share: Floats  # (V, n) visible share of the part of each ball that is in the image; 0: hidden or outside
 
 
-class _Studio(NamedTuple):
-    """What the drawing of one view needs of everything that does not change."""
+class ViewCanvas(NamedTuple):
+    """What the drawing of one view needs that is the same in all frames."""
 
-    number: int
+    number: int  # of the view
     camera: Camera
-    view: View
-    background: Floats32
+    view: View  # its numbers, for the kernels
+    background: Floats32  # (H, W, 3)
 
 
 def render_balls(
@@ -67,7 +67,7 @@ def render_balls(
         `config.frames` frames, or as many as the paths have; InputError where the balls have no room.
     """
     paths = ball_paths(config, seed) if paths is None else paths
-    studios = [_studio(config, seed, k, camera) for k, camera in enumerate(ball_cameras(config))]
+    canvases = [_view_canvas(config, seed, k, camera) for k, camera in enumerate(ball_cameras(config))]
     noise = _noise(config, generator(seed, Stage.RENDER_SENSOR))
     buffers: SimpleQueue[tuple[Floats, NDArray[np.int32]]] = SimpleQueue()
     for _ in range(workers):
@@ -76,9 +76,9 @@ def render_balls(
 
     def shot(t: int) -> BallsFrame:
         depth, label = buffers.get()
-        drawn = [_draw(config, seed, s, t, paths, noise, depth, label) for s in studios]
+        drawn = [_draw(config, seed, s, t, paths, noise, depth, label) for s in canvases]
         buffers.put((depth, label))
-        outlines = np.stack([ball_ellipses(s.camera, paths.centres[t], config.radius) for s in studios])
+        outlines = np.stack([ball_ellipses(s.camera, paths.centres[t], config.radius) for s in canvases])
         return BallsFrame(t, tuple(image for image, _ in drawn), outlines, np.stack([share for _, share in drawn]))
 
     numbers = range(len(paths.centres))
@@ -93,7 +93,7 @@ def render_balls(
 def _draw(
     config: BallsConfig,
     seed: int,
-    studio: _Studio,
+    canvas: ViewCanvas,
     t: int,
     paths: BallPaths,
     noise: Floats32,
@@ -101,26 +101,26 @@ def _draw(
     label: NDArray[np.int32],
 ) -> tuple[Bytes, Floats]:
     """One image and the visible shares (n,); the buffers are left as they were found."""
-    centres = np.ascontiguousarray((paths.centres[t] - studio.camera.position) @ studio.camera.rotation)
-    turns = np.ascontiguousarray(studio.camera.rotation.T @ paths.turns[t])
+    centres = np.ascontiguousarray((paths.centres[t] - canvas.camera.position) @ canvas.camera.rotation)
+    turns = np.ascontiguousarray(canvas.camera.rotation.T @ paths.turns[t])
     covered, visible = np.zeros((len(centres), 5), dtype=np.int64), np.zeros(len(centres), dtype=np.int64)
-    light = studio.background.copy()
-    trace_balls_into(depth, label, covered, centres, config.radius, studio.view)
+    light = canvas.background.copy()
+    trace_balls_into(depth, label, covered, centres, config.radius, canvas.view)
     paint_balls_into(
         light,
         depth,
         label,
         visible,
         covered,
-        studio.background,
+        canvas.background,
         centres,
         turns,
         config.radius,
-        studio.view,
+        canvas.view,
         FOOTBALL,
     )
     clear_balls(depth, covered)
-    rng = generator(seed, Stage.RENDER_SENSOR, studio.number, t)
+    rng = generator(seed, Stage.RENDER_SENSOR, canvas.number, t)
     image, flat = np.empty(light.shape, dtype=np.uint8), (config.height, 3 * config.width)
     starts = 3 * rng.integers(0, NOISE, config.height)
     deliver_into(image.reshape(flat), light.reshape(flat), noise, starts)
@@ -165,11 +165,11 @@ def _first_or_second(faces: Floats) -> NDArray[np.bool_]:
     return used
 
 
-def _studio(config: BallsConfig, seed: int, number: int, camera: Camera) -> _Studio:
+def _view_canvas(config: BallsConfig, seed: int, number: int, camera: Camera) -> ViewCanvas:
     lamp = LAMP / np.linalg.norm(LAMP)
     cx, cy = camera.principal_px.tolist()
     view = View(float(camera.focal_px[0]), cx, cy, np.ascontiguousarray(camera.rotation.T @ lamp))
-    return _Studio(number, camera, view, _background(config, generator(seed, Stage.RENDER_CLOTHES, number)))
+    return ViewCanvas(number, camera, view, _background(config, generator(seed, Stage.RENDER_CLOTHES, number)))
 
 
 def _background(config: BallsConfig, rng: np.random.Generator) -> Floats32:

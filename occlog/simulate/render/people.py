@@ -49,12 +49,14 @@ class Rendered:
     share: Floats  # visible share of each body that has a box
 
 
-class _Job(NamedTuple):
+class Shot(NamedTuple):
+    """A frame that is to be drawn."""
+
     t_ns: int
     number: int  # of the camera among those drawn
-    frame: int
-    rows: Floats  # (n, 5)
-    ids: NDArray[np.int64]
+    frame: int  # its number
+    rows: Floats  # (n, 5) x, y, vx, vy and phase of the gait of each object, see `walking`
+    ids: NDArray[np.int64]  # (n,)
     clothes: Clothes
 
 
@@ -87,7 +89,7 @@ def render(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: RenderCon
     sigmas = (config.noise, config.colour_noise)
     start_ns: int | None = None
 
-    def shot(job: _Job) -> Rendered:
+    def render_shot(job: Shot) -> Rendered:
         rng = generator(seed, Stage.RENDER_SENSOR, numbers[job.number], job.frame)
         angle = 2 * np.pi * (job.t_ns - (start_ns or 0)) * 1e-9 / config.light_period_s + phase
         gain = 1.0 + config.light_drift * math.sin(angle)
@@ -102,9 +104,9 @@ def render(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: RenderCon
             for _, group in groupby(_jobs(found, grid.ids, clothes), key=lambda job: job.t_ns):
                 jobs = list(group)
                 if config.workers > 1:
-                    yield from pool.map(shot, jobs)
+                    yield from pool.map(render_shot, jobs)
                 else:
-                    yield from map(shot, jobs)
+                    yield from map(render_shot, jobs)
 
 
 def _checked(camera: Camera) -> Camera:
@@ -134,27 +136,35 @@ def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderCo
     return outfit(worn)
 
 
-def _jobs(found: list[Look], ids: NDArray[np.int64], clothes: Clothes) -> list[_Job]:
+def _jobs(found: list[Look], ids: NDArray[np.int64], clothes: Clothes) -> list[Shot]:
     """The frames of a chunk, by time and then by camera."""
     jobs = [
-        _Job(int(t), number, look.first + k, look.xyz[k], ids, clothes)
+        Shot(int(t), number, look.first + k, look.xyz[k], ids, clothes)
         for number, look in enumerate(found)
         for k, t in enumerate(look.t_ns)
     ]
     return sorted(jobs, key=lambda job: (job.t_ns, job.number))
 
 
-def _rendered(camera: Camera, job: _Job, drawn: Drawn, config: RenderConfig) -> Rendered:
+def _rendered(camera: Camera, job: Shot, drawn: Drawn, config: RenderConfig) -> Rendered:
     share = drawn.visible[:, 4] / np.maximum(drawn.extent[:, 4], 1)
     shown = (drawn.extent[:, 4] > 0) & (share >= config.min_visible)
     seen = shown & (drawn.visible[:, 4] > 0)
     ids = job.ids[drawn.present]
     boxes = _boxes(camera, job, ids[shown], drawn.extent[shown], share[shown])
     visible = _boxes(camera, job, ids[seen], drawn.visible[seen], share[seen])
-    return Rendered(job.t_ns, camera.name, job.frame, drawn.image, boxes, visible, share[shown])
+    return Rendered(
+        t_ns=job.t_ns,
+        sensor=camera.name,
+        index=job.frame,
+        image=drawn.image,
+        boxes=boxes,
+        visible=visible,
+        share=share[shown],
+    )
 
 
-def _boxes(camera: Camera, job: _Job, ids: NDArray[np.int64], pixels: NDArray[np.int64], share: Floats) -> TruthBoxes:
+def _boxes(camera: Camera, job: Shot, ids: NDArray[np.int64], pixels: NDArray[np.int64], share: Floats) -> TruthBoxes:
     """Boxes around whole pixels; one empty row for a frame that shows nobody."""
     if not len(ids):
         ids, pixels, share = np.array([-1]), np.full((1, 5), -1), np.array([np.nan])

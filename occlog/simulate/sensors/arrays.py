@@ -23,12 +23,14 @@ from .sounding import Sounding, merge_near
 PLAIN = SoundConfig()
 
 
-class _Ear(NamedTuple):
+class SimulatedArray(NamedTuple):
+    """A microphone array with its own random numbers."""
+
     array: MicrophoneArray
-    noise: np.random.Generator
-    chance: np.random.Generator
-    false_numbers: np.random.Generator
-    false_places: np.random.Generator
+    noise: np.random.Generator  # of the directions
+    chance: np.random.Generator  # of misses
+    false_numbers: np.random.Generator  # how many false directions there are
+    false_places: np.random.Generator  # where they are
 
 
 def observe_arrays(
@@ -39,7 +41,7 @@ def observe_arrays(
     sound: SoundConfig = PLAIN,
     silent: Mapping[int, Ints] | None = None,
 ) -> Iterator[Doa]:
-    """Directions from every microphone array to every target that it hears.
+    """Simulate the directions from every microphone array to every target that it hears.
 
     Sounding targets are of equal strength; sound needs no time and goes past occluders and walls;
     the moving occluders are silent.  Azimuth and polar angle about the array's own axes carry
@@ -61,30 +63,31 @@ def observe_arrays(
         One table for every chunk; InputError names a tilted array that is planar or hears a target
         of unknown height, as its angles are then none of the world.
     """
-    ears = [_ear(a, i, seed) for i, a in enumerate(scene.arrays)]
+    listening = [_simulated_array(a, i, seed) for i, a in enumerate(scene.arrays)]
     sounding: Sounding | None = None
-    for grid, found in looks(map(truth_grid, truth_chunks), [e.array.rate_hz for e in ears]):
+    for grid, found in looks(map(truth_grid, truth_chunks), [s.array.rate_hz for s in listening]):
         columns = np.flatnonzero(grid.target)
         sounding = sounding or Sounding(silent or {}, sound.silence, int(grid.t_ns[0]), seed)
         parts = []
-        for ear, look in zip(ears, found, strict=True):
+        for sensor, look in zip(listening, found, strict=True):
             sounds = sounding.at(look.t_ns, grid.ids[columns])
-            parts.append(_report(ear, look, columns, grid.ids, sounds, config.miss, sound))
+            parts.append(_report(sensor, look, columns, ids=grid.ids, sounds=sounds, miss=config.miss, sound=sound))
         yield Doa.merge(parts)
 
 
-def _ear(array: MicrophoneArray, number: int, seed: int) -> _Ear:
+def _simulated_array(array: MicrophoneArray, number: int, seed: int) -> SimulatedArray:
+    """The array with its own random numbers; InputError for one that is planar and tilted."""
     if array.planar and not _vertical(array):
         raise InputError(
             f"microphone array {array.name} is planar and tilted, so that it tells no azimuth of the world; "
             "set pitch_deg and roll_deg to 0 or planar to false"
         )
-    return _Ear(
-        array,
-        generator(seed, Stage.ARRAY_NOISE, number),
-        generator(seed, Stage.ARRAY_CHANCE, number),
-        generator(seed, Stage.ARRAY_FALSE, number, 0),
-        generator(seed, Stage.ARRAY_FALSE, number, 1),
+    return SimulatedArray(
+        array=array,
+        noise=generator(seed, Stage.ARRAY_NOISE, number),
+        chance=generator(seed, Stage.ARRAY_CHANCE, number),
+        false_numbers=generator(seed, Stage.ARRAY_FALSE, number, 0),
+        false_places=generator(seed, Stage.ARRAY_FALSE, number, 1),
     )
 
 
@@ -94,7 +97,7 @@ def _vertical(array: MicrophoneArray) -> bool:
 
 
 def _report(
-    ear: _Ear,
+    sensor: SimulatedArray,
     look: Look,
     columns: NDArray[np.intp],
     ids: Ints,
@@ -102,30 +105,47 @@ def _report(
     miss: float,
     sound: SoundConfig,
 ) -> Doa:
-    array = ear.array
+    """One array's rows.
+
+    Args:
+        sensor: the array.
+        look: T times with the places of all objects.
+        columns: (n,) which of the objects are targets.
+        ids: numbers of all objects.
+        sounds: (T, n) whether each target sounds.
+        miss: probability that a direction is not reported.
+        sound: false directions, labels.
+    """
+    array = sensor.array
     shape = (len(look.t_ns), len(columns))
-    noise = ear.noise.standard_normal((*shape, 2))
-    chance = ear.chance.random(shape)
+    noise = sensor.noise.standard_normal((*shape, 2))
+    chance = sensor.chance.random(shape)
     to = look.xyz[:, columns] - array.position
+    # Range, in space where the height is known
     known = ~np.isnan(to[..., 2])
     to[..., 2] = np.where(known, to[..., 2], 0.0)
     with np.errstate(invalid="ignore"):
         heard = sounds & (np.hypot(np.hypot(to[..., 0], to[..., 1]), to[..., 2]) <= array.range)
     _check_heights(array, known, heard)
+    # Resolution: sources that are near each other are heard as one
     if array.resolution > 0 and len(columns) > 1:
-        to, known, heard = merge_near(to, known, heard, array.resolution, array.planar)
+        to, known, heard = merge_near(to=to, known=known, heard=heard, resolution=array.resolution, planar=array.planar)
+    # Miss
     heard &= chance >= miss
+    # Measure: azimuth and polar angle about the array's own axes, each with its noise
     azimuth, elevation = _noisy(array, to[heard], noise[heard])
     elevation[~known[heard] | array.planar] = np.nan
     t_ns, source = np.repeat(look.t_ns, len(columns)), np.tile(ids[columns], len(look.t_ns))
     if not sound.label:
         source = np.full(len(source), UNLABELLED)
+    # Add directions without a source
     real = (t_ns[heard.ravel()], source[heard.ravel()], azimuth, elevation)
-    false = _false(ear, look.t_ns, sound)
+    false = _false(sensor, look.t_ns, sound)
     return _rows(array, *(np.concatenate(pair) for pair in zip(real, false, strict=True)))
 
 
 def _check_heights(array: MicrophoneArray, known: Bools, heard: Bools) -> None:
+    """InputError if a tilted array hears a target of unknown height."""
     if (heard & ~known).any() and not _vertical(array):
         raise InputError(
             f"microphone array {array.name} is tilted and hears a target of unknown height; give targets a z"
@@ -152,18 +172,19 @@ def _noisy(array: MicrophoneArray, to: Floats, noise: Floats) -> tuple[Floats, F
     return np.arctan2(world[:, 1], world[:, 0]), np.arctan2(world[:, 2], np.hypot(world[:, 0], world[:, 1]))
 
 
-def _false(ear: _Ear, t_ns: Ints, sound: SoundConfig) -> tuple[Ints, Ints, Floats, Floats]:
+def _false(sensor: SimulatedArray, t_ns: Ints, sound: SoundConfig) -> tuple[Ints, Ints, Floats, Floats]:
     """Directions without a source: their number is Poisson, and they are even over the sphere (or all azimuths)."""
-    period_s = 1.0 / ear.array.rate_hz if ear.array.rate_hz else sound.step_s
-    numbers = ear.false_numbers.poisson(sound.false_rate * period_s, len(t_ns))
-    places = ear.false_places.random((int(numbers.sum()), 2))
+    period_s = 1.0 / sensor.array.rate_hz if sensor.array.rate_hz else sound.step_s
+    numbers = sensor.false_numbers.poisson(sound.false_rate * period_s, len(t_ns))
+    places = sensor.false_places.random((int(numbers.sum()), 2))
     elevation = np.arcsin(2.0 * places[:, 1] - 1.0)
-    if ear.array.planar or not sound.heights:
+    if sensor.array.planar or not sound.heights:
         elevation = np.full(len(places), np.nan)
     return np.repeat(t_ns, numbers), np.full(len(places), UNLABELLED), np.pi * (2.0 * places[:, 0] - 1.0), elevation
 
 
 def _rows(array: MicrophoneArray, t_ns: Ints, source: Ints, azimuth: Floats, elevation: Floats) -> Doa:
+    """The table of an array's directions; all columns are of one length, angles in the world [rad]."""
     n = len(t_ns)
     azimuth = wrap_angle(azimuth)
     order = np.lexsort((azimuth, t_ns))  # by direction, so that the order does not give targets away

@@ -23,24 +23,24 @@ from occlog.simulate.config import ObserveConfig
 from occlog.simulate.world.truth_grid import truth_grid
 
 
-class _Sensor(NamedTuple):
+class SimulatedCamera(NamedTuple):
     """A camera with what stays the same for all its frames."""
 
     camera: Camera
-    walls: tuple[Floats, ...]
+    walls: tuple[Floats, ...]  # (K, 2) polygons that no sight line crosses
     true_ground: Floats  # (2,) where the camera really is
-    true_yaw: float
-    noise: np.random.Generator
-    chance: np.random.Generator
+    true_yaw: float  # [rad]
+    noise: np.random.Generator  # of the readings
+    chance: np.random.Generator  # of misses and false alarms
 
 
 def observe(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: ObserveConfig, seed: int) -> Iterator[Bearings]:
-    """What every camera with a pose reports of every target.
+    """Simulate what every camera with a pose reports of every target ([Ercan] Sec. 3, Eqs. 1-2).
 
     Each camera delivers frames at its own rate from the first time of the truth on, or at
     every time of the truth if it has none.  Times are world times (a camera's clock is
     taken to be corrected).  `sigma_px` is the camera's read noise; `sigma` is the angle
-    that belongs to Eq. 2 with all its parts at the target's true place, which a real
+    that belongs to [Ercan] Eq. 2 with all its parts at the target's true place, which a real
     camera could not know exactly.
 
     Args:
@@ -52,85 +52,105 @@ def observe(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: ObserveC
     Returns:
         One table for every chunk, with a row for each frame and target, `seen` or not.
     """
-    sensors = [_sensor(scene, c, i, config, seed) for i, c in enumerate(scene.cameras) if c.placed]
+    sensors = [_simulated_camera(scene, c, i, config, seed) for i, c in enumerate(scene.cameras) if c.placed]
     rates = [s.camera.rate_hz for s in sensors]
     for grid, found in looks(map(truth_grid, truth_chunks), rates):
         parts = [_report(s, look, grid, config) for s, look in zip(sensors, found, strict=True)]
         yield Bearings.merge(parts)
 
 
-def _sensor(scene: Scene, camera: Camera, number: int, config: ObserveConfig, seed: int) -> _Sensor:
+def _simulated_camera(scene: Scene, camera: Camera, number: int, config: ObserveConfig, seed: int) -> SimulatedCamera:
+    """The camera with its own random numbers, where it really stands if its calibration is wrong."""
     ground, yaw = camera.ground, camera.yaw
     if config.noise == "calibration":
         error = generator(seed, Stage.CAMERA_CALIBRATION, number).standard_normal(3)
         ground = ground + camera.sigma_position * error[:2]
         yaw += camera.sigma_yaw * float(error[2])
-    return _Sensor(
-        camera,
-        scene.blockers(camera.ground),
-        ground,
-        yaw,
-        generator(seed, Stage.CAMERA_NOISE, number),
-        generator(seed, Stage.CAMERA_CHANCE, number),
+    return SimulatedCamera(
+        camera=camera,
+        walls=scene.blockers(camera.ground),
+        true_ground=ground,
+        true_yaw=yaw,
+        noise=generator(seed, Stage.CAMERA_NOISE, number),
+        chance=generator(seed, Stage.CAMERA_CHANCE, number),
     )
 
 
 def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diameter: float) -> Bools:
     """(T,) bool: whether the camera sees object k of the (T, n, 3) places; an absent object is not seen."""
     xy = xyz[:, k, :2]
+    # In front of the camera, in its field of view and range
     seen: Bools = in_view(*planar_offsets(xy, camera.ground, camera.yaw), camera.fov, camera.range)
+    # Not behind a static occluder or a wall
     seen[seen] = ~behind_walls(camera.ground, xy[seen], walls)
+    # Not behind the disc of another object
     if diameter > 0:
         others = np.delete(xyz[seen][:, :, :2], k, axis=1)
         seen[seen] = ~behind_objects(camera.ground, xy[seen], others, diameter)
     return seen
 
 
-def _report(sensor: _Sensor, look: Look, grid: Grid, config: ObserveConfig) -> Bearings:
+def _report(sensor: SimulatedCamera, look: Look, grid: Grid, config: ObserveConfig) -> Bearings:
     """One camera's rows for all targets; random numbers are drawn for every frame and target, used or not."""
     frames, targets = len(look.t_ns), np.flatnonzero(grid.target)
     noise = sensor.noise.standard_normal((frames, len(targets)))
     chance = sensor.chance.random((frames, len(targets), 3))
     parts = [
-        _report_target(sensor, look, k, int(grid.ids[k]), noise[:, j], chance[:, j], config)
+        _report_target(sensor, look, k, target=int(grid.ids[k]), noise=noise[:, j], chance=chance[:, j], config=config)
         for j, k in enumerate(targets.tolist())
     ]
     return Bearings.merge(parts)
 
 
 def _report_target(
-    sensor: _Sensor, look: Look, k: int, target: int, noise: Floats, chance: Floats, config: ObserveConfig
+    sensor: SimulatedCamera, look: Look, k: int, target: int, noise: Floats, chance: Floats, config: ObserveConfig
 ) -> Bearings:
+    """One camera's rows for object k, which is the target of that number.
+
+    Args:
+        sensor: the camera.
+        look: T times with the places of all objects.
+        k: column of the object among those places.
+        target: its number.
+        noise: (T,) standard normal numbers.
+        chance: (T, 3) uniform numbers in [0, 1): of a miss, of a false alarm, and its place in the image.
+        config: noise and losses.
+    """
     camera = sensor.camera
     xy, f = look.xyz[:, k, :2], float(camera.focal_px[0])
     h, d = planar_offsets(xy, camera.ground, camera.yaw)
     true_h, true_d = planar_offsets(xy, sensor.true_ground, sensor.true_yaw)
-    seen = visible(camera, sensor.walls, look.xyz, k, config.diameter) & (true_d > 0)
+    seen = visible(camera, sensor.walls, look.xyz, k, diameter=config.diameter) & (true_d > 0)
+    # Miss
     miss = config.miss if camera.detection is None else 1.0 - camera.detection
     seen &= chance[:, 0] >= miss
+    # Measure: z = f h / d + v ([Ercan] Eq. 1), v with the variance of Eq. 2
     z = np.full(len(h), np.nan)
     if config.noise == "white":
         spread = np.sqrt(_variance(camera, h[seen], d[seen]))
-        z[seen] = f * h[seen] / d[seen] + spread * noise[seen]  # Eq. 1
+        z[seen] = f * h[seen] / d[seen] + spread * noise[seen]
     else:
         z[seen] = f * true_h[seen] / true_d[seen] + camera.sigma_read_px * noise[seen]
+    # False alarm: uniform over the image, of a field of view below 170 degrees
     false_alarm = config.false_alarm if camera.false_alarm is None else camera.false_alarm
     false = ~seen & (chance[:, 1] < false_alarm) & np.isfinite(h)
     half = f * math.tan(0.5 * min(camera.fov, math.radians(170.0)))
     z[false] = half * (2.0 * chance[false, 2] - 1.0)
-    return _rows(camera, look.t_ns, target, seen | false, z, np.hypot(h, d))
+    return _rows(camera, look.t_ns, target, seen=seen | false, z=z, distance=np.hypot(h, d))
 
 
 def _variance(camera: Camera, h: Floats, d: Floats) -> Floats:
-    """Eq. 2 [px^2]."""
+    """Variance of a reading, [Ercan] Eq. 2 [px^2]."""
     f = float(camera.focal_px[0])
-    return noise_variance(h, d, f, camera.sigma_position, camera.sigma_yaw, camera.sigma_read_px)
+    return noise_variance(
+        h, d, f, sigma_position=camera.sigma_position, sigma_yaw=camera.sigma_yaw, sigma_read_px=camera.sigma_read_px
+    )
 
 
 def _rows(camera: Camera, t_ns: Ints, target: int, seen: Bools, z: Floats, distance: Floats) -> Bearings:
     """Rows with the reading z (positive to the left) of a target at the given distance.
 
-    In angles Eq. 2 is sigma_yaw^2 + sigma_position^2 / distance^2
+    In angles [Ercan] Eq. 2 is sigma_yaw^2 + sigma_position^2 / distance^2
     + sigma_read^2 / (f (1 + z^2 / f^2))^2, by d(bearing) = dz / (f (1 + z^2 / f^2)).
     """
     f = float(camera.focal_px[0])

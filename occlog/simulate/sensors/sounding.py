@@ -22,7 +22,7 @@ class Sounding:
     def __init__(self, silent: Mapping[int, Ints], means: tuple[float, float] | None, start_ns: int, seed: int) -> None:
         """`silent` has (k, 2) times from and to [ns] of scripted silence; `means` as `SoundConfig.silence`."""
         self._silent, self._means, self._start, self._seed = dict(silent), means, start_ns, seed
-        self._changes: dict[int, _Changes] = {}
+        self._changes: dict[int, SoundChanges] = {}
 
     def at(self, t_ns: Ints, ids: Ints) -> Bools:
         """(T, n) bool: whether each source sounds at each time."""
@@ -33,12 +33,12 @@ class Sounding:
             if self._means is not None and len(t_ns):
                 if number not in self._changes:
                     rng = generator(self._seed, Stage.SILENCE, number)
-                    self._changes[number] = _Changes(self._means, self._start, rng)
+                    self._changes[number] = SoundChanges(self._means, self._start, rng)
                 out[:, column] &= self._changes[number].sounding(t_ns)
         return out
 
 
-class _Changes:
+class SoundChanges:
     """Times at which one source starts and stops, drawn as far as they are asked for."""
 
     def __init__(self, means: tuple[float, float], start_ns: int, rng: np.random.Generator) -> None:
@@ -50,6 +50,7 @@ class _Changes:
         self._start = start_ns
 
     def sounding(self, t_ns: Ints) -> Bools:
+        """(T,) whether the source sounds at rising times [ns]."""
         seconds = (t_ns - self._start) * 1e-9
         while self._times[-1] <= seconds[-1]:
             lengths = (self._rng.standard_exponential((PAIRS, 2)) * self._means).ravel()

@@ -62,13 +62,13 @@ def _camera(number: int, size: tuple[int, int], rate_hz: float) -> Camera:
     focal_px = np.full(2, focal * min(size[0] / 640.0, size[1] / 480.0))
     principal = 0.5 * (np.asarray(size, dtype=np.float64) - 1.0)
     return Camera(
-        f"view{number + 1}",
-        np.array([x, y, z]),
-        rotation,
-        focal_px,
-        principal,
+        name=f"view{number + 1}",
+        position=np.array([x, y, z]),
+        rotation=rotation,
+        focal_px=focal_px,
+        principal_px=principal,
         image_size=size,
-        fov=camera_fov(size, focal_px, principal, np.zeros(5), "brown", rotation),
+        fov=camera_fov(size, focal_px, principal, distortion=np.zeros(5), model="brown", rotation=rotation),
         rate_hz=rate_hz,
     )
 

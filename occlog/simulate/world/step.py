@@ -199,7 +199,7 @@ def walk_into(
             # waypoints+) by chance
             if arrived or chance[t, i] < motion.redirect or not heads_free(xy[i, 0], xy[i, 1], tx, ty, step, ground):
                 changed[t, i] = new_destination_into(xy, destination, i, candidates[t, i], step, ground)
-            # Regime MTD (move toward destination, [Ercan] Sec. 4.1): constant speed plus noise
+            # Regime MTD (move toward destination, [Ercan] Eq. 5): constant speed plus noise
             dx, dy = destination[i, 0] - xy[i, 0], destination[i, 1] - xy[i, 1]
             distance = math.hypot(dx, dy)
             scale = step / distance if distance > 0.0 else 0.0
