@@ -24,7 +24,7 @@ METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
 LENGTH_POWER = {"length": 1, "length/s": 1, "length/s^2": 1, "length^2": 2, "length^2/s^3": 2}
 """Units that are a length to some power, times something that does not depend on the unit of length."""
 TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-C = TypeVar("C")
+C = TypeVar("C", bound="Settings")
 
 
 class SettingError(InputError):
@@ -219,23 +219,22 @@ def default_in(f: Field[Any], length_unit: str) -> Any:
     return value * metre**power
 
 
-def configure(config: C, values: Mapping[str, Any], owner: str = "") -> C:
+def configure(config: C, values: Mapping[str, Any]) -> C:
     """The settings with some of them replaced; texts are read as the type of the setting.
 
     Raises:
         UsageError: a setting that is not there, or a text that is no value of it.
         SettingError: a value out of its range.
     """
-    known = [f.name for f in fields(config)]  # type: ignore[arg-type]
-    owner = getattr(config, "OWNER", owner)
+    known = [f.name for f in fields(config)]
     changed = {}
     for name, value in values.items():
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known)}"
-            raise UsageError(f"method {owner} has no setting {name!r}; {hint}")
+            raise UsageError(f"{config.OWNER} has no setting {name!r}; {hint}")
         changed[name] = read_value(value, kind_of(type(config), name), name) if isinstance(value, str) else value
-    return replace(config, **changed)  # type: ignore[type-var]
+    return replace(config, **changed)
 
 
 def kind_of(of: type, name: str) -> Any:
@@ -301,15 +300,3 @@ def _property(of: type[Settings], f: Field[Any]) -> dict[str, Any]:
     if defaults["default_in_metres"] == defaults["default"]:
         del defaults["default_in_metres"]
     return out | {key: list(value) if isinstance(value, tuple) else value for key, value in defaults.items()}
-
-
-def check_settings(config: Any, method: str, limits: Iterable[tuple[str, bool, str]]) -> None:
-    """InputError for a setting that is not finite or breaks its limit (name, whether it holds, what it is)."""
-    for f in fields(config):
-        value = getattr(config, f.name)
-        parts = value if isinstance(value, tuple) else (value,)
-        if any(isinstance(n, float) and not math.isfinite(n) for n in parts):
-            raise InputError(f"{method}: {f.name} is {value}, must be finite")
-    for name, holds, limit in limits:
-        if not holds:
-            raise InputError(f"{method}: {name} is {getattr(config, name)}, must be {limit}")

@@ -25,6 +25,16 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.simulate.config:PeopleConfig",
         "occlog.simulate.balls.config:BallsConfig",
     ),
+    "listen": ("occlog.measure.listen.config:ListenConfig",),
+    "epipolar": ("occlog.measure.epipolar.config:EpipolarConfig",),
+    "detect": ("occlog.measure.detect.config:DetectConfig",),
+    "fuse": ("occlog.measure.fuse.config:FuseConfig",),
+    "priors": (
+        "occlog.measure.priors.config:KalmanConfig",
+        "occlog.measure.priors.config:HullConfig",
+        "occlog.measure.priors.config:AcousticConfig",
+    ),
+    "label": ("occlog.measure.label.config:LabelConfig",),
     "fit-motion": ("occlog.track.map.fit_motion.config:FitConfig",),
     "ground": ("occlog.track.images.ground.config:GroundConfig",),
 }

@@ -118,7 +118,7 @@ def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, An
     """Make one method of a trial from its description; InputError or UsageError for values that do not fit."""
     _check(own, OWN)
     visual = visual_of(str(own.get("method")))
-    settings = configure(visual.config(), dict(own.get("set", {})), str(own["method"]))
+    settings = configure(visual.config(), dict(own.get("set", {})))
     matrices = own.get("fundamental", "true")
     kind, amount = (matrices, 0.0) if isinstance(matrices, str) else matrices
     use = int(own.get("use", config.views))

@@ -26,7 +26,7 @@ from occlog.measure.detect.one_camera import stretches
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, Tracks
 from occlog.records.views import ViewTracks
-from occlog.settings import configure
+from occlog.settings import Settings, configure
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import RegionStream
 from occlog.track.images.catalogue import VISUAL
@@ -38,7 +38,7 @@ from .loop_checks import Checks
 from .stage import TrackingSetup, ViewsPart, track_views
 
 S = TypeVar("S")
-C = TypeVar("C")
+C = TypeVar("C", bound=Settings)
 
 FEWEST_CHECKS = 20
 """Loop checks below which the summary does not judge a fundamental matrix."""
