@@ -86,7 +86,7 @@ def _densities_into(density: Floats, cell: Floats, means: Floats, shape: _Shape)
     for k in range(means.shape[0]):
         a, b, c = shape.inverse[k]
         dx, dy = x - means[k, 0], y - means[k, 1]
-        # Mean over the cell's pixels of the squared Mahalanobis distance.
+        # Mean over the cell's pixels of the squared Mahalanobis distance
         d2 = a * dx * dx + 2.0 * b * dx * dy + c * dy * dy + (a * cxx + 2.0 * b * cxy + c * cyy) / n
         density[k] = math.exp(shape.log_scale[k] - 0.5 * d2) if d2 < FAR2 else 0.0
         total += density[k]
@@ -212,7 +212,9 @@ def run_em(
     value, statistics = e_step(cells, mixture, area, labels)
     value += log_prior(mixture.covs, prior_covs, prior_mass)
     for _ in range(max_steps):
+        # M-step: maximum a posteriori of means, covariances and shares
         mixture = m_step(statistics, prior_covs, prior_mass)
+        # E-step: responsibilities, and J
         new, statistics = e_step(cells, mixture, area, labels)
         new += log_prior(mixture.covs, prior_covs, prior_mass)
         risen = new - value

@@ -1,4 +1,4 @@
-"""Merging and splitting of clusters while the penalised objective (`occlog.measure.clusters.person_prior.worth`) rises.
+"""Merge and split clusters while the penalised objective (`person_prior.worth`) rises.
 
 A group is a row (n, x, y, xx, xy, yy): pixels, mean and scatter about it, like a cell.
 """
@@ -65,6 +65,7 @@ def merge(groups: Floats, covs: Floats, entropy: Floats, prior: Prior) -> Floats
     groups, entropy = groups.copy(), entropy.copy()
     worths = np.array([group_worth(groups[k], prior) for k in range(groups.shape[0])])
     while True:
+        # Search: the pair of neighbours whose union gains most
         best, best_a, best_b = 0.0, -1, -1
         for a in range(groups.shape[0]):
             for b in range(a):
@@ -78,7 +79,7 @@ def merge(groups: Floats, covs: Floats, entropy: Floats, prior: Prior) -> Floats
         groups[best_a] = union(groups[best_a], groups[best_b])
         groups[best_b, 0] = 0.0
         worths[best_a] = group_worth(groups[best_a], prior)
-        # At least the entropy between the union and a third.
+        # The entropy between the union and a third group is at least the sum of both
         entropy[best_a] += entropy[best_b]
         entropy[:, best_a] = entropy[best_a]
 
@@ -122,6 +123,7 @@ def _halves(cells: Floats, at: int, prior: Prior) -> Floats:
     # Direction across a person: the minor axis of its covariance.
     xx, xy, yy = prior.cov[at]
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
+    # Sweep: statistics of all cells left and right of every cut
     order = np.argsort(math.cos(angle) * cells[:, 1] + math.sin(angle) * cells[:, 2], kind="mergesort")
     n = cells.shape[0]
     from_left, from_right = np.zeros((n + 1, 6)), np.zeros((n + 1, 6))

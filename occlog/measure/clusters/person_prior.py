@@ -1,4 +1,4 @@
-"""What clustering knows of people, and what a cluster is worth under it."""
+"""Prior of a person's covariance and size in an image, and the worth of a cluster under it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where clusters start: the places with the most foreground in a person-sized window, one after another."""
+"""Seeds of clusters: greedily the places with the most foreground in a person-sized window."""
 
 from __future__ import annotations
 

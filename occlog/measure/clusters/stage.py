@@ -1,8 +1,8 @@
-"""People-sized clusters of foreground: EM, and how many clusters there are.
+"""Find the people-sized clusters of a frame's foreground, and how many there are.
 
-From seeds EM is run; then clusters are merged, cut in two, or dropped as too small for a
-person, even a hidden one, and EM is run again, until nothing changes.  Nothing is drawn
-at random, and nothing is remembered from the frame before.
+EM starts from seeds.  Then clusters are merged, split, or dropped as too small for a person,
+even a hidden one, and EM runs again, until nothing changes.  The result depends on the frame
+alone: no step is random, and no state is carried from frame to frame.
 """
 
 from __future__ import annotations
@@ -58,13 +58,16 @@ def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clus
     Returns:
         Clusters by falling mass; none where nothing is large enough.
     """
+    # Seed: one group at each place with much foreground
     labels = np.full(cells.shape[0], -1, dtype=np.int64)
     groups = _groups_at(seeds(cells, corners, side, prior), prior)
     splits, trials = 0, 0
     while groups.shape[0] > 0:
+        # Fit: EM with the person's prior on each covariance ([Rahimi] Sec. 7)
         fit = _fit(cells, groups, labels, prior)
         before = groups_of(fit.statistics)
         entropy = shared_entropy(cells, fit.mixture, _area(prior))
+        # Merge pairs, then split, then drop unclear groups: each only while J rises
         groups = merge(before, fit.mixture.covs, entropy, prior)
         if groups.shape[0] == before.shape[0] and splits < MAX_SPLITS:
             groups = split(cells, labels, groups, prior)
@@ -72,6 +75,7 @@ def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clus
         if groups.shape[0] == before.shape[0] and trials < MAX_TRIALS:
             groups = _without_the_unclear(cells, groups, entropy, fit.value, prior)
             trials += 1
+        # Drop groups with too few pixels for a person; without a change the fit has converged
         if groups.shape[0] == before.shape[0]:
             groups = _large(groups, prior)
             if groups.shape[0] == before.shape[0]:
@@ -81,7 +85,7 @@ def find_clusters(cells: Floats, corners: Ints, side: int, prior: Prior) -> Clus
 
 
 class _Fit(NamedTuple):
-    """What EM ends with."""
+    """Result of EM."""
 
     mixture: Mixture
     statistics: Statistics
@@ -95,7 +99,7 @@ def _area(prior: Prior) -> float:
 
 @kernel
 def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
-    """EM from groups of pixels; labels are written."""
+    """Run EM from groups of pixels, and write the cells' labels."""
     means = groups[:, 1:3].copy()
     covs, person = person_at(means, _sizes_of(groups, prior), prior)
     nu = prior.strength * person
@@ -113,10 +117,10 @@ def _fit(cells: Floats, groups: Floats, labels: Ints, prior: Prior) -> _Fit:
 
 @kernel
 def _without_the_unclear(cells: Floats, groups: Floats, entropy: Floats, value: float, prior: Prior) -> Floats:
-    """The groups without one whose pixels others explain as well, if J rises without it.
+    """Drop the first group without which J rises, and return the groups of that fit.
 
-    Between two people who touch a third cluster can settle that no merging of pairs
-    removes.  The groups whose pixels could most easily be of another are tried.
+    Between two people who touch a third cluster can settle that no merging of pairs removes.
+    The groups with the highest entropy a pixel are tried, at most `MAX_DOUBTS` of them.
     """
     doubt = entropy.sum(axis=1) / np.maximum(groups[:, 0], 1.0)
     for k in np.argsort(-doubt, kind="mergesort")[:MAX_DOUBTS]:

@@ -1,4 +1,4 @@
-"""From a region in the image to the azimuth of a person, with its uncertainty.
+"""The azimuth of a person from a region in the image, with its uncertainty.
 
 The azimuth is that of the sight line through the region's centre of mass: all points of
 a vertical line have the same azimuth, whatever the camera's pitch and roll.

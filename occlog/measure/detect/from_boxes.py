@@ -1,4 +1,4 @@
-"""A person detector's boxes to views and candidate bearings: detection for those who have a detector already."""
+"""Views and candidate bearings from the boxes of a person detector."""
 
 from __future__ import annotations
 

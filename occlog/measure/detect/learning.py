@@ -97,7 +97,7 @@ def learn(
     boxes: Sequence[TargetBox] = (),
     workers: int = 1,
 ) -> tuple[Learned, tuple[Target, ...]]:
-    """What `detect` is to know beforehand, and the targets in the boxes.
+    """Learn the empty scene, the sizes of people, and the appearances of the targets in boxes.
 
     Frames that cannot be decoded, or are of another size than the camera's first, are
     left out here; `detect` reports them.
@@ -151,7 +151,7 @@ def _sample(
 
 
 def _begin(samples: Samples, image: Image, name: str, scene: Scene, config: DetectConfig) -> None:
-    """What is fixed by a camera's first image."""
+    """Set the shape, the shrinking and the number of samples from a camera's first image."""
     samples.shape = image.shape
     samples.shrink = shrink_of(scene.camera(name), scene, samples.size, config)
     samples.limit = sample_limit(shrink(image, samples.shrink).nbytes, len(scene.cameras))

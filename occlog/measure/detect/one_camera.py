@@ -1,4 +1,7 @@
-"""One camera's stretch of frames to regions: decode, background, regions; what goes wrong is told as a loss."""
+"""Regions in the frames of one camera: decode, subtract the background, find people-sized regions.
+
+Frames that cannot be used become losses.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ BLOCK = 16  # codecs cut images at the right and below to whole blocks
 
 @dataclass(frozen=True)
 class CameraSetup:
-    """What is fixed for a camera once its first frame is known."""
+    """What a camera's first frame fixes for all of its frames."""
 
     shape: tuple[int, ...]
     shrink: int
@@ -68,7 +71,7 @@ class FrameRegions:
 
 @dataclass(frozen=True)
 class CameraBatch:
-    """What one camera's frames of a batch gave."""
+    """Regions and losses of one camera's frames of a batch."""
 
     found: tuple[FrameRegions, ...]
     losses: tuple[Loss, ...]
@@ -109,14 +112,17 @@ def _look(state: CameraState, setup: CameraSetup, frame: Frame, image: Image) ->
     if image.shape != setup.shape:
         return f"image is {_size(image.shape)}, the camera's first was {_size(setup.shape)}", None
     c = state.config
+    # Subtract the background
     image = shrink(image, setup.shrink)
     mask = foreground(setup.subtractor, image, frame.index, CLEAN_PX)
     state.seen += 1
     if not setup.started and state.seen <= c.warmup:
         return "", None
+    # Refuse frames in which too much changed
     share = np.count_nonzero(mask) / mask.size
     if share > MAX_FOREGROUND:
         return f"foreground covers more than {MAX_FOREGROUND:.0%} of the image (light, or the camera moved)", None
+    # Find people-sized regions
     if c.method == "em":
         regions = cluster_regions(image, mask, setup.side, setup.prior)
     else:

@@ -1,4 +1,4 @@
-"""Regions of a camera's frames to rows of views and bearings."""
+"""Rows of views and bearings from the regions of a camera's frames."""
 
 from __future__ import annotations
 

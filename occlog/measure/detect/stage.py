@@ -1,4 +1,4 @@
-"""Frames to people-sized regions and bearings of the target, camera by camera, streaming.
+"""Detect people-sized regions and the targets' bearings in frames, camera by camera, streaming.
 
 Frames are taken in small batches.  Within a batch each camera's frames are one job, in
 order; jobs run on threads (OpenCV and the kernels let go of Python's lock), and a
@@ -35,7 +35,7 @@ IN_FLIGHT = 2  # batches that wait or run while the oldest is finished
 
 @dataclass(frozen=True)
 class Learned:
-    """What was learnt from a first look at a recording (`occlog.measure.detect.learning`), by camera."""
+    """Images and sizes learnt from a first look at a recording (`learning.learn`), by camera."""
 
     empty: Mapping[str, Image] = field(default_factory=dict)  # images of the empty scene
     sizes: Mapping[str, SizeMap] = field(default_factory=dict)  # of people, where the pose does not tell

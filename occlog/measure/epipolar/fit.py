@@ -1,4 +1,4 @@
-"""Fundamental matrices that fit matches best, what error they have, and whether the matches tell them at all.
+"""Least-squares fits of fundamental matrices and homographies to matches, with the expected error of the lines.
 
 The error of a match is its Sampson distance: to first order how far, in the four
 coordinates of its two points together, it is from a pair that fits.  With noise of standard
@@ -75,6 +75,7 @@ def _affine_matrix(normal: Floats, offset: float) -> Floats:
 
 def eight_points(a: Floats, b: Floats) -> Floats:
     """(3, 3) of rank 2 from at least 8 matches (N, 2): least squares of b' F a, for `fit_perspective` to start from."""
+    # Normalised eight-point algorithm: linear least squares, then the nearest matrix of rank 2
     a1, b1, change_a, change_b = _about_zero(a, b)
     rows = homogeneous(b1)[:, :, None] * homogeneous(a1)[:, None, :]
     u, sizes, vt = np.linalg.svd(_least(rows.reshape(-1, 9)).reshape(3, 3))
@@ -106,6 +107,7 @@ def fit_perspective(a: Floats, b: Floats, start: Floats | None = None, steps: in
     u, sizes, vt = np.linalg.svd(np.linalg.inv(change_b).T @ first @ np.linalg.inv(change_a))
     angle, damping = float(np.arctan2(sizes[1], sizes[0])), 1e-3
     residual = sampson(_rank2(u, angle, vt), a1, b1)
+    # Levenberg-Marquardt on the manifold of matrices of rank 2
     for _ in range(steps):
         slopes = np.einsum("nij,kij->nk", sampson_slopes(_rank2(u, angle, vt), a1, b1), _tangents(u, angle, vt))
         normal, downhill = slopes.T @ slopes, slopes.T @ residual
@@ -166,7 +168,7 @@ def _tangents(u: Floats, angle: float, vt: Floats) -> Floats:
 
 
 def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> Fit:
-    """A fit with its noise and expected error; `tangents` (p, 3, 3): how the matrix can change."""
+    """The fit with its noise and expected error; `tangents` (p, 3, 3) say how the matrix can change."""
     residuals = sampson(matrix, a, b)
     free = max(len(a) - len(tangents), 1)
     noise = float(np.sqrt((residuals**2).sum() / free))

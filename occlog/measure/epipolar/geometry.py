@@ -76,5 +76,5 @@ def _check_pixels(pair: ViewPair, a: Camera | None, b: Camera | None) -> None:
         )
     raise InputError(
         f"the fundamental matrix of {pair.a} and {pair.b} is for pixels as recorded, but the scene tells the lens "
-        "distortion of these cameras; make the matrix again with `occlog epipolar --scene`"
+        "distortion of these cameras; make the matrix again with `occlog epipolar` and the scene"
     )

@@ -73,6 +73,6 @@ def _check_pairs(pairs: ViewPairs, views: Sequence[View], file: Path) -> tuple[s
     if len(others) == len(pairs.pairs):
         raise InputError(
             f"{file}: none of its pairs ({', '.join(others)}) is of two of the views used ({', '.join(names)}); "
-            "give matrices of these views, or leave --fundamental out"
+            "give matrices of these views, or none"
         )
     return (f"{file}: not used: {', '.join(others)}; the views are {', '.join(names)}",) if others else ()

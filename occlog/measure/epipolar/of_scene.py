@@ -1,4 +1,4 @@
-"""Fundamental matrices of a scene's cameras, and from matches in two images, some of them wrong.
+"""Fundamental matrices from the poses of cameras, and from matches of which some are wrong.
 
 Sets of matches that do not tell the matrix are refused: too few, all on a line, on one
 plane, or from one place.  Floors are such planes: a matrix from people's feet is wrong by
@@ -124,6 +124,7 @@ def estimate_fundamental(
         raise ValueError("matches must be two finite tables of as many points x, y")
     if len(a) < min_matches:
         raise ValueError(f"{len(a)} matches, must be at least {min_matches} for a fundamental matrix")
+    # Fit robustly: MAGSAC, then least squares over the inliers; affine by random sampling
     _not_on_a_line(a, b, threshold_px)
     fit, inliers, affine = _robust(a, b, config.model, threshold_px)
     agree = int(inliers.sum())
@@ -131,6 +132,7 @@ def estimate_fundamental(
         raise ValueError(
             f"{agree} of {len(a)} matches agree with a fundamental matrix, must be at least {AGREEING * min_matches:g}"
         )
+    # Refuse degenerate sets: a line, a plane, one place
     _not_on_a_line(a[inliers], b[inliers], threshold_px)
     parallax = _not_on_a_plane(a, b, inliers, max(fit.noise_px, BEST_NOISE_PX))
     if not fit.error_px <= config.max_error_px:

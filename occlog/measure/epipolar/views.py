@@ -1,4 +1,4 @@
-"""Views and how they see the same points."""
+"""Views, and the epipolar geometry between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What became of the rows of bearings and views: changed in place, taken out, or added."""
+"""Rows of bearings and views after the fusion: kept, removed, recovered in place, or added."""
 
 from __future__ import annotations
 

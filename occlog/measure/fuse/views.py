@@ -1,4 +1,4 @@
-"""Views in the fusion of detections: where feet are on the floor, and boxes of people whom a camera missed."""
+"""Views in the fusion: distances of feet on the floor, and boxes of recovered detections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Candidates to labelled bearings: each gets the identity of the track that it agrees with."""
+"""Label candidates: assign each to the track whose bearing it agrees with."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ANY_DIRECTION = np.pi**2 / 3.0
 
 
 class Labelled(NamedTuple):
-    """Some more rows, by time, sensor and target, and what became of the candidates."""
+    """Rows of some whole times, by time, sensor and target, and counts of the candidates."""
 
     bearings: Bearings
     given: Ints32  # target of each candidate that got a label
@@ -136,11 +136,14 @@ class _Paths:
 
 def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: LabelConfig) -> Labelled:
     """The rows of whole times, ordered by the key, with labels."""
+    # Frames: the rows of one sensor at one time
     fresh = np.ones(len(table), dtype=np.bool_)
     fresh[1:] = (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])
     first, frame = np.flatnonzero(fresh), np.cumsum(fresh) - 1
+    # Interpolate the tracks at the frames' times
     states = paths.at(table.t_ns[first])
     places = np.array([ground[name] for name in table.sensor[first].tolist()])
+    # Gate and assign: squared normalised differences of bearings, one to one in each frame
     rows = np.flatnonzero(table.seen & (table.target_id == UNLABELLED))
     cost = _apart2(table, rows, frame[rows], states, places)
     wanted = states.there & ~_told(table, frame, len(first), states.target)
@@ -148,6 +151,7 @@ def _label(table: Bearings, paths: _Paths, ground: dict[str, Floats], config: La
     target = table.target_id.copy()
     target[rows[picked]] = states.target[track]
     wanted[frame[rows[picked]], track] = False
+    # Tracks without a candidate in a frame get a row that is not seen
     empty, missing = np.nonzero(wanted)
     keep = np.full(len(table), config.keep_rest) | (target != UNLABELLED)
     unseen = not_seen(table.take(first[empty]), states.target[missing])

@@ -1,4 +1,7 @@
-"""Directions in a frame of spectra, by pyroomacoustics: the map of an algorithm, and its peaks."""
+"""Directions of arrival in a frame of spectra: peaks of the map that an algorithm of pyroomacoustics gives.
+
+Each direction has a standard deviation from the Cramer-Rao bound of the array (`spectra.sharpness`).
+"""
 
 from __future__ import annotations
 
@@ -96,7 +99,11 @@ def make_band(rate: int, config: ListenConfig) -> Band:
 
 
 def locator(array: MicrophoneArray, rate: int, unit: str, config: ListenConfig) -> Locator:
-    """Makes ready to find directions; InputError for an array that cannot tell any."""
+    """Prepare to find directions; InputError for an array that cannot tell any.
+
+    UsageError where pyroomacoustics is missing, the band or the grid does not suit the array, or
+    the algorithm finds fewer sources than `config.sources`.
+    """
     doa, band = library(), make_band(rate, config)
     rank, _ = extents(array.microphones) if len(array.microphones) else (0, np.zeros(3))
     if rank < 2:
@@ -165,11 +172,13 @@ def make_grid(array: MicrophoneArray, band: Band, speed: float, config: ListenCo
 
 
 def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
-    """Directions in (M, F, S) spectra, the surest first."""
+    """Directions in (M, F, S) spectra, by falling confidence; none with less than `config.confidence`."""
     config, grid = at.config, at.grid
+    # Map of the algorithm over the grid (SRP-PHAT, MUSIC, ...)
     at.engine.locate_sources(X, num_src=max(config.sources, 1), freq_bins=at.band.bins)
     chart = np.asarray(at.engine.grid.values, dtype=np.float64).reshape(grid.allowed.shape)
     heard = []
+    # Peaks, refined by parabolas; confidence is the coherence of the phases
     for row, column in peaks(chart, grid, config):
         azimuth, elevation = refined(chart, grid, row, column)
         u = direction(np.array(azimuth), np.array(elevation))
@@ -182,6 +191,7 @@ def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
 def _with_uncertainty(
     at: Locator, azimuth: float, elevation: float, agreement: float, snapshots: int
 ) -> ArrayDirection:
+    """The direction with its standard deviations, at least `FLOOR` and at most those of no knowledge."""
     count = float(np.clip(snapshots * INDEPENDENT, 1.0, MOST_INDEPENDENT))
     flat = len(at.grid.elevation) == 1
     # Without a third dimension the elevation is taken for known.
@@ -202,7 +212,7 @@ def _with_uncertainty(
 
 
 def _off_plane(azimuth: float, elevation: float, normal: Floats) -> Floats:
-    """(2,) variances of azimuth and elevation that are due to the angle to a flat array's plane."""
+    """(2,) variances [rad^2] of azimuth and elevation from the error of the angle to a flat array's plane."""
     u = direction(np.array(azimuth), np.array(elevation))
     out = float(abs(u @ normal))
     towards = normal - (normal @ u) * u

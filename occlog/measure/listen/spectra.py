@@ -1,4 +1,4 @@
-"""Microphone arrays: what they can tell, spectra of their signals, and how sharp a direction is.
+"""Spectra of a microphone array's signals, coherence with a plane wave, and the bound of a direction's error.
 
 Directions are unit vectors towards the source in the array's frame.  A plane wave from u
 reaches microphone m earlier by p_m . u / c, so that its spectrum there has the phase

@@ -1,4 +1,4 @@
-"""Sound to directions of arrival, frame by frame; memory does not grow with the recording."""
+"""Directions of arrival of sound, frame by frame; memory does not grow with the recording."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LEAST_SPECTRA = 3
 
 @dataclass
 class ListenTally:
-    """How it went, counted while streaming."""
+    """Counts of frames, gathered while streaming."""
 
     frames: int = 0
     silent: int = 0  # frames without enough sound
@@ -92,6 +92,7 @@ def frames_of(samples: int, rate: int, config: ListenConfig) -> int:
 
 
 def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: ListenTally) -> list[ArrayDirection]:
+    # Spectra, half overlapping; only those above silence count
     tally.frames += 1
     X = spectra(samples, at.band.length, at.band.length // 2)
     active = _active(at, X, quiet)
@@ -104,7 +105,7 @@ def _heard(at: Locator, samples: Floats, quiet: deque[float], tally: ListenTally
 
 
 def _active(at: Locator, X: np.ndarray, quiet: deque[float]) -> Bools:
-    """Spectra that are no silence."""
+    """(S,) whether each spectrum is no silence: above `level_db`, and above the quietest of `NOISE_S` by `above_db`."""
     with np.errstate(divide="ignore"):
         level = 10.0 * np.log10(levels(X, at.band.bins))
     active = level > at.config.level_db

@@ -1,7 +1,7 @@
-"""Priors of moving occluders from measurements of their places: a Kalman filter each.
+"""Priors of moving occluders from measured positions, by a Kalman filter for each occluder.
 
-Measurements are real ones (of another tracker, of tags that people wear), or virtual ones:
-true places with noise added, as [Ercan] Sec. 6 does.
+Measurements are real (of another tracker, of tags that people wear) or virtual: true
+positions with noise added, as in [Ercan] Sec. 6.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .config import KalmanConfig
 
 
 class _Moment:
-    """What is measured at one time; rows by identity."""
+    """Measurements of one time; rows by rising identity."""
 
     def __init__(self, t_ns: int, identity: Ints32, xy: Floats, noise: Floats) -> None:
         self.t_ns, self.identity, self.xy, self.noise = t_ns, identity, xy, noise
@@ -144,21 +144,24 @@ def _step(state: _State, m: _Moment, config: KalmanConfig) -> None:
     if state.t_ns is not None:
         if m.t_ns < state.t_ns:
             raise InputError(f"priors: time {m.t_ns} ns comes after {state.t_ns} ns; sort the rows by t_ns")
-        # One that comes back after a long silence starts afresh.
+        # Drop filters after a long silence: an occluder that comes back starts afresh
         keep = m.t_ns - state.measured_ns <= config.silence_s * 1e9
         _keep(state, keep)
+        # Predict
         state.walkers = predict(state.walkers, (m.t_ns - state.t_ns) * 1e-9, config.q)
     state.t_ns = m.t_ns
+    # Update with measurements of known occluders
     known = np.isin(m.identity, state.identity)
     rows = np.searchsorted(state.identity, m.identity[known])
     _measure(state.walkers, rows, m.xy[known], m.noise[known])
     state.measured_ns[rows] = m.t_ns
+    # Begin filters for new occluders
     if not known.all():
         _add(state, m, ~known, config.q)
 
 
 def _measure(walkers: Walkers, rows: Ints, xy: Floats, noise: Floats) -> None:
-    """Take measurements of some objects in, in place."""
+    """Update the filters in some rows with measurements, in place."""
     if not len(rows):
         return
     updated = update(take(walkers, rows), xy, noise)

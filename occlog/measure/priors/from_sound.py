@@ -1,4 +1,4 @@
-"""Directions of arrival to priors of moving occluders: people who speak are located and followed."""
+"""Priors of moving occluders from directions of arrival: locate people who speak, and follow each by Kalman filter."""
 
 from __future__ import annotations
 
@@ -49,11 +49,14 @@ def acoustic_priors(chunks: Iterable[Doa], scene: Scene, config: AcousticConfig)
     before, fresh = 0, 0
     held: list[Occluders] = []
     for t_ns, rows in _moments(chunks, round(config.window_s * 1e9)):
+        # Predict; drop sources that fell silent
         followed = _aged(followed, t_ns, (t_ns - before) * 1e-9, config)
+        # Locate: places where directions of two arrays or more meet
         d = _directions(rows, scene)
         found = localise(
             d, followed.walkers.xy, followed.walkers.cov, scene.region, config.gate, max(config.min_crossing, 1e-6)
         )
+        # Associate, update, begin
         followed, fresh = _heard(followed, t_ns, found.xy, found.covariance, fresh, config)
         before = t_ns
         held.append(_table(followed, t_ns, config))

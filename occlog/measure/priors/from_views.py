@@ -1,4 +1,4 @@
-"""Views to priors of moving occluders: the visual hull of all cameras, moment by moment."""
+"""Priors of moving occluders from views: at each moment the visual hull of all cameras."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MOMENTS_PER_CHUNK = 256
 
 
 class HullPriors(NamedTuple):
-    """Some more moments."""
+    """Polygons and Gaussians of some moments."""
 
     hulls: Hulls  # the polygons
     occluders: Occluders  # Gaussians with their means and covariances
@@ -35,7 +35,7 @@ class HullPriors(NamedTuple):
 
 
 class _Frame(NamedTuple):
-    """One camera's rows of one time; none: it saw nobody."""
+    """One camera's rows of one time; no rows: the camera saw no people."""
 
     t_ns: int
     sensor: str
@@ -66,8 +66,10 @@ def hull_priors(
     held: list[tuple[int, list[BelievedPolygon]]] = []
     candidates = 0
     for t_ns, moment in _moments(views, frames, scene, round(config.window_s * 1e9)):
+        # Cones of what each camera sees, then their visual hull
         looks = [_look(f, cameras, scene, config) for f in moment]
         found = hull(looks, scene.region, config.least, config.misses, config.smallest) if looks else []
+        # Identities over time; phantoms are left out
         memory, seen = follow(memory, t_ns, found, rules)
         candidates += len(found)
         held.append((t_ns, seen))
@@ -155,7 +157,7 @@ def _split_complete(table: Views | Bearings, names: list[str]) -> Iterator[_Fram
 
 
 def _look(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: HullConfig) -> CameraCones:
-    """What a camera saw, without its targets."""
+    """Cones of a camera's clusters that are no targets, and where the camera can tell whether there is an object."""
     if frame.sensor not in cameras:
         cameras[frame.sensor] = hull_camera(scene.camera(frame.sensor), scene)
     view, v = cameras[frame.sensor], frame.views
@@ -165,7 +167,7 @@ def _look(frame: _Frame, cameras: dict[str, HullCamera], scene: Scene, config: H
     others = cones(view, of_runs[~own])
     visible = view.visible
     if own.any():
-        # Where the target is in front nothing is known, unless another run is there as well.
+        # Behind the target the camera sees nothing, except where another run overlaps
         hidden = shapely.difference(shapely.union_all(cones(view, of_runs[own])), shapely.union_all(others))
         visible = shapely.difference(visible, hidden)
     return CameraCones(visible, others)

@@ -20,7 +20,7 @@ Run = tuple[int, int]
 
 
 class CameraCones(NamedTuple):
-    """What one camera saw."""
+    """Evidence of one camera."""
 
     visible: shapely.Geometry  # where it can tell whether there is an object
     cones: list[shapely.Geometry]  # of its runs
@@ -50,8 +50,10 @@ def hull(looks: Sequence[CameraCones], room: Floats, least: int, misses: int, sm
         misses: cameras that may have none at a place that they can see.
         smallest: polygons of a smaller area are left out.
     """
+    # Hull of all cameras (N of N): places that no camera contradicts
     whole = _Cell(shapely.Polygon(room), (), 0)
     found = _polygons(_cells(looks, whole, 0), least, smallest)
+    # Runs without such a place: places that one more camera overlooked (N-1 of N)
     for allowed in range(1, misses + 1):
         explained = sorted({r for p in found for r in p.runs})
         missing = [(i, b) for i, look in enumerate(looks) for b in range(len(look.cones)) if (i, b) not in explained]
@@ -64,7 +66,7 @@ def hull(looks: Sequence[CameraCones], room: Floats, least: int, misses: int, sm
 
 
 def _best(candidates: list[Polygon], missing: list[Run]) -> list[Polygon]:
-    """Of the candidates those that explain missing runs best: most runs first, as long as they explain more."""
+    """Choose candidates greedily: the one that explains most missing runs first, while runs are left."""
     left, out = list(missing), []
     for p in sorted(candidates, key=lambda p: (-sum(r in missing for r in p.runs), -p.shape.area, p.runs)):
         if any(r in left for r in p.runs):

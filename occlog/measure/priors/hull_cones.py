@@ -1,4 +1,4 @@
-"""What cameras see, seen from above: visible parts of the room, and cones of scan-line runs."""
+"""Cameras on the ground plane: the visible part of the room, and the cones of scan-line runs."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Rules(NamedTuple):
 
 
 class FollowedPolygon(NamedTuple):
-    """An identity."""
+    """A polygon with its identity, at the last moment at which it was there."""
 
     identity: int
     polygon: Polygon  # the last one
@@ -42,7 +42,7 @@ class FollowedPolygon(NamedTuple):
 
 
 class HullMemory(NamedTuple):
-    """What is known from earlier moments."""
+    """Identities of polygons after the earlier moments."""
 
     known: tuple[FollowedPolygon, ...] = ()
     next_identity: int = 0
