@@ -59,6 +59,10 @@ class Declaration:
         metavar: how the option's value is called.
         shown: how --help tells the default; None: as it is.
         nothing: what None means, in words.
+        scale: the option's number times this is the value, where people give another unit (degrees).
+        repeat: the option may be repeated; each time it adds names, separated by commas.
+        apart: the option takes the numbers of a tuple one after the other, not with commas.
+        kinds: kinds of input that the setting is for, where the command has several; empty: all.
     """
 
     help: str
@@ -76,6 +80,10 @@ class Declaration:
     metavar: str | None = None
     shown: str | None = None
     nothing: str | None = None
+    scale: float = 1.0
+    repeat: bool = False
+    apart: bool = False
+    kinds: tuple[str, ...] = ()
 
     def limit(self) -> str:
         """The range in words: `above 0 and at most 1`, `one of a, b`; empty if every value will do."""
@@ -169,6 +177,7 @@ KIND_WORDS: dict[Any, str] = {
     float: "a number",
     str: "a text",
     (tuple, float): "numbers with commas",
+    (tuple, int): "whole numbers with commas",
     (tuple, str): "a list of names",
 }
 """What a value of a type is, in words."""
@@ -187,7 +196,7 @@ def _is_a(value: Any, kind: Any) -> bool:
     """Whether a value is of the annotated type; a whole number is a number, true is none."""
     key = item_kind(kind)
     if isinstance(key, tuple):
-        items = numbers.Real if key[1] is float else str
+        items = {float: numbers.Real, int: numbers.Integral}.get(key[1], str)
         return isinstance(value, tuple) and all(isinstance(v, items) for v in value)
     if key in (int, float):
         return isinstance(value, numbers.Integral if key is int else numbers.Real) and not isinstance(value, bool)

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 import click
+from click.types import FloatParamType
 
 
 class Finite(click.FloatRange):
@@ -17,6 +18,14 @@ class Finite(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
+
+
+class AnyFinite(FloatParamType):
+    """Any number but NaN and infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number; a usage error for one that is not finite."""
+        return Finite().convert(value, param, ctx)
 
 
 POSITIVE = Finite(min=0, min_open=True)

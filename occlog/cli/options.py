@@ -34,7 +34,8 @@ json_opt = click.option("--json", "as_json", is_flag=True, help="Print the summa
 seed_opt = click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random numbers."
 )
-scene_opt = click.option("--scene", type=PATH, default=None, help="Scene file (YAML), or a recording that holds one.")
+SCENE_HELP = "Scene file (YAML), or a recording that holds one."
+scene_opt = click.option("--scene", type=PATH, default=None, help=SCENE_HELP)
 quiet_opt = click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on standard error.")
 workers_opt = click.option(
     "--workers",

@@ -15,14 +15,16 @@ from typing import Any, TypeVar
 
 import click
 
-from occlog.cli.numbers import Finite
+from occlog.cli.numbers import AnyFinite, Finite
 from occlog.settings import (
+    Declaration,
     SettingError,
     Settings,
     declaration,
     declared,
     default_in,
     kind_of,
+    listed,
     plain_kind,
 )
 
@@ -52,6 +54,8 @@ class SettingOption(click.Option):
             type=None if kind is bool else _type_of(settings, f),
             is_flag=True if kind is bool else None,
             default=None,
+            multiple=said.repeat,
+            nargs=said.counts[0] if said.apart else None,
             metavar=said.metavar,
             help=f"{said.help} [default: {default_words(f)}]",
         )
@@ -67,9 +71,14 @@ def _type_of(settings: type[Settings], f: Field[Any]) -> click.ParamType[Any]:
     low = said.at_least if said.above is None else said.above
     high = said.at_most if said.below is None else said.below
     if kind is int:
+        if low is None and high is None:
+            return click.INT
         whole = (None if low is None else int(low), None if high is None else int(high))
         return click.IntRange(*whole, min_open=said.above is not None, max_open=said.below is not None)
+    if said.apart:
+        return AnyFinite()
     if kind is float:
+        low, high = (end if not end or said.scale == 1.0 else end / said.scale for end in (low, high))
         return Finite(low, high, min_open=said.above is not None, max_open=said.below is not None)
     return click.Choice(said.choices) if said.choices and not said.several else click.STRING
 
@@ -98,7 +107,7 @@ def value_words(f: Field[Any], value: Any) -> str:
         return flags[not value].removeprefix("--") if len(flags) == 2 else str(value).lower()
     if isinstance(value, tuple):
         return ",".join(n if isinstance(n, str) else f"{n:g}" for n in value)
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{value / declaration(f).scale:g}" if isinstance(value, float) else str(value)
 
 
 def with_options(
@@ -115,11 +124,11 @@ def with_options(
     return add_options(options_of(settings, only=only, without=without, prefix=prefix))
 
 
-def add_options(listed: Sequence[click.Option]) -> Callable[[F], F]:
+def add_options(added: Sequence[click.Option]) -> Callable[[F], F]:
     """Decorator that gives a command these options, in their order."""
 
     def decorate(command: F) -> F:
-        for option in reversed(listed):
+        for option in reversed(added):
             _add(command, option)
         return command
 
@@ -152,8 +161,16 @@ def options_of(
 
 def given(settings: type[Settings], values: Mapping[str, Any], *, prefix: str = "") -> dict[str, Any]:
     """Those values of a command's options that are settings of this class and were given."""
-    names = [f.name for f in declared(settings) if declaration(f).option is not None]
-    return {name: values[prefix + name] for name in names if values.get(prefix + name) is not None}
+    wanted = {f.name: declaration(f) for f in declared(settings) if declaration(f).option is not None}
+    found = {name: values.get(prefix + name) for name in wanted}
+    return {name: _in_own_unit(value, wanted[name]) for name, value in found.items() if value not in (None, ())}
+
+
+def _in_own_unit(value: Any, said: Declaration) -> Any:
+    """The value of a setting that an option gives."""
+    if said.repeat:
+        return tuple(name for text in value for name in listed(text))
+    return value if said.scale == 1.0 else value * said.scale
 
 
 def flag_of(settings: type[Settings], name: str) -> str:

@@ -21,9 +21,11 @@ from occlog.evaluate.bearings.held_out import held_out_metrics
 from occlog.evaluate.bearings.meeting import meeting_metrics
 from occlog.evaluate.errors.bound import bound_metrics, compute_bound
 from occlog.evaluate.errors.on_ground import compare, error_metrics, settled
-from occlog.evaluate.matching.config import EvaluateConfig, Evaluation
+from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Errors, Tracks, Truth, TruthBoxes, Views
+
+from .evaluation import Evaluation
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -89,9 +91,6 @@ def find_metric(metrics: Mapping[str, float], name: str) -> list[str]:
     if name in metrics:
         return [name]
     return [full for full in (f"{name}_{unit}" for unit in UNITS) if full in metrics]
-
-
-__all__ = ["EvaluateConfig", "Evaluation", "Threshold", "evaluate", "failures", "parse_threshold"]
 
 
 def evaluate(

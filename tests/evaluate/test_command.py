@@ -11,9 +11,6 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
-from occlog.evaluate.command import SETTINGS
-from occlog.evaluate.run import make_config
-from occlog.evaluate.stage import EvaluateConfig
 from occlog.evaluate.text import number, summary_lines
 from occlog.io.files.parquet import read_provenance, read_table, write_table
 from occlog.io.files.provenance import Provenance
@@ -211,7 +208,6 @@ def test_exit_code_7_when_an_output_exists(folder: Path, capsys: pytest.CaptureF
         (["tracks.parquet", "--truth", "recording.mcap", "--bearings", "recording.mcap"], "holds no bearings"),
         (["--views", "tracks.parquet", "--truth", "recording.mcap"], "holds no true boxes"),
         ([*FULL[1:], "--held-out", "cam9"], "sensor 'cam9' is not in the scene"),
-        ([*FULL[1:], "--prior", "1", "2", "1"], "prior_cov"),
     ],
 )
 def test_exit_code_4_for_bad_input_is_one_line(
@@ -277,20 +273,46 @@ def test_views_against_true_boxes(folder: Path, capsys: pytest.CaptureFixture[st
     assert (values["views_recall"], values["views_precision"]) == (0.0, None)
 
 
-def test_defaults_of_the_options_are_those_of_the_configuration() -> None:
-    from occlog.evaluate.command import command
+def test_options_are_given_in_degrees_and_milliradians_and_names_with_commas(folder: Path) -> None:
+    more = [
+        "--held-out",
+        "east,north",
+        "--held-out-gate-mrad",
+        "20",
+        "--lines-crossing-deg",
+        "3",
+        "--prior",
+        "4",
+        "1",
+        "4",
+    ]
+    assert run([*FULL, *more, "-o", "m.json"]) == ExitCode.DONE
+    used = json.loads((folder / "m.json").read_text())["_provenance"]["parameters"]
+    assert used["held_out"] == ["east", "north"]
+    assert used["held_out_gate"] == pytest.approx(0.02)
+    assert used["lines_min_crossing"] == pytest.approx(math.radians(3))
+    assert used["prior_cov"] == [4.0, 1.0, 4.0]
 
-    fields = set(EvaluateConfig.__dataclass_fields__)
-    parsed = command.make_context("evaluate", ["tracks.parquet"]).params
-    given = {name: value for name, value in parsed.items() if name in fields}
-    assert set(given) == fields
-    assert len(SETTINGS) == len(fields)
-    assert make_config(given) == EvaluateConfig()
+
+def test_a_prior_that_is_no_covariance_is_an_error_of_usage(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    assert run([*FULL, "--prior", "1", "2", "1"]) == ExitCode.USAGE
+    assert "--prior (1.0, 2.0, 1.0): must be xx, xy, yy of a positive covariance" in capsys.readouterr().err
 
 
-def test_names_of_held_out_sensors_may_have_commas() -> None:
-    values = {"lines_min_crossing": 5.0, "held_out_gate": 50.0, "held_out": ("a,b", "c")}
-    assert make_config(values).held_out == ("a", "b", "c")
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ([*FULL, "--tau", "1"], "--tau is for tracks in images"),
+        ([*FULL, "--doa-gate", "1"], "--doa-gate is for directions against true ones (--truth-azimuths)"),
+        (["evaluate", "--bearings", "bearings.parquet", "--own", "label"], "not for bearings, views, or TRACKS"),
+        (["evaluate", "--truth-azimuths", "a.csv", "--motion", "cv"], "--motion is for TRACKS on the ground"),
+    ],
+)
+def test_options_of_another_kind_of_input_are_refused(
+    folder: Path, args: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(args) == ExitCode.USAGE
+    assert words in capsys.readouterr().err
 
 
 def test_motion_and_diameter_of_a_simulation_are_taken_over(folder: Path) -> None:

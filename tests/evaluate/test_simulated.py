@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from evaluate_scenes import box, camera, scene, tracks
 
-from occlog.evaluate.stage import EvaluateConfig, evaluate
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import evaluate
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.config import ObserveConfig, WorldConfig

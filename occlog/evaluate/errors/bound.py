@@ -20,7 +20,7 @@ from occlog.core.bounds import in_plane as crlb
 from occlog.core.bounds import in_space as bounds3d
 from occlog.core.metrics.errors import ratio, root_mean_square
 from occlog.errors import InputError
-from occlog.evaluate.matching.config import EvaluateConfig, default_sigma_v
+from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import Looks, SensorLooks
 from occlog.evaluate.matching.paths import Path, Sensor, paths_of, sensors_of
 from occlog.records.scene import Scene
@@ -238,8 +238,9 @@ def _recursion(times: Ints, information: Floats, scene: Scene, config: EvaluateC
     dt = np.diff(times, prepend=times[0]) / NS
     P0 = _prior(d, scene, config)
     if config.motion == "waypoint":
-        sigma_v = default_sigma_v(scene.length_unit) if config.sigma_v is None else config.sigma_v
-        return crlb.posterior_bound(information, *crlb.known_drift_steps(dt, sigma_v, d), P0)
+        usual = EvaluateConfig.in_unit(scene.length_unit)
+        sigma_v = usual.sigma_v if config.sigma_v is None else config.sigma_v
+        return crlb.posterior_bound(information, *crlb.known_drift_steps(dt, sigma_v or 0.0, d), P0)
     prior = np.zeros((2 * d, 2 * d))
     prior[:d, :d], prior[d:, d:] = P0, config.sigma_speed**2 * np.eye(d)
     return bounds3d.motion_bound(information, dt, prior, config.acceleration_density)[:, :d, :d]

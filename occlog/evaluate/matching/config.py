@@ -1,93 +1,227 @@
-"""What `evaluate` is asked for, and what it gives back."""
+"""Settings of `occlog evaluate`, and the kinds of input that they are for."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
 
-from occlog.array_types import NS
-from occlog.errors import InputError
-from occlog.records.tables import Bound, Errors
-from occlog.records.views import Failures
+from occlog.settings import METRES, Settings, setting
 
-METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+AZIMUTHS, IMAGES, GROUND, OTHERS = "azimuths", "images", "ground", "others"
+KINDS = {
+    AZIMUTHS: "directions against true ones (--truth-azimuths)",
+    IMAGES: "tracks in images (view_tracks, boxes, MOTChallenge text)",
+    GROUND: "TRACKS on the ground with --truth",
+    OTHERS: "bearings, views, or TRACKS without --truth",
+}
+"""Kinds of input, in words; the first that fits the input is its kind."""
+WORLD = (GROUND, OTHERS)
 
 
 @dataclass(frozen=True)
-class EvaluateConfig:
-    """Options of `evaluate`; lengths in the scene's unit.
+class EvaluateConfig(Settings):
+    """Settings of `evaluate`; lengths in the scene's unit.
 
     The motion of the bound: `waypoint` is a walk with noise `sigma_v` whose drift is known
     ([Ercan] Eq. 5 with known destination and speed); `cv` is a constant velocity
     disturbed by white acceleration, not known in advance.
     """
 
-    max_gap_s: float = 1.0  # truth is interpolated between samples at most this far apart
-    match: str = "id"  # tracks to truth: `id`, or `optimal` (least overall RMSE)
-    skip_s: float = 0.0  # `settled_` figures leave out this much after each target's first estimate
-    from_ns: int | None = None  # and everything before this time
-    gate_sigma: float = 4.0  # a bearing within this many standard deviations of the truth is of the target
-    gate_px: float | None = None  # the same in pixels, for cameras, instead of gate_sigma
-    occluder_diameter: float | None = None  # of moving objects; None: they hide nothing
-    motion: str = "waypoint"
-    sigma_v: float | None = None  # noise gathered in 1 s per axis; None: `default_sigma_v`
-    acceleration_density: float = 1.0  # of `cv` [length^2 / s^3]
-    sigma_speed: float = 1.5  # prior of each velocity component, `cv` [length / s]
-    prior_cov: tuple[float, float, float] | None = None  # xx, xy, yy at the first look; None: anywhere in the room
-    prior_z: float | None = None  # variance of the height there; None: anywhere below the room's ceiling
-    bound_in: str = "auto"  # `ground`, `space`, or in space for targets whose errors are
-    held_out: tuple[str, ...] = ()  # sensors that the tracks were made without
-    held_out_gate: float = 0.05  # [rad]
-    lines_min_sensors: int = 2  # sight lines that must meet
-    lines_window_s: float = 0.0  # looks this close together count as one time
-    lines_loss: str = "huber"  # `gauss`, `huber` or `cauchy`
-    lines_limit: float | None = None  # share of the distances up to this is given
-    lines_min_crossing: float = math.radians(5.0)
-    box_overlap: float = 0.5  # intersection over union from which a view is of a true box
+    OWNER: ClassVar[str] = "evaluate"
 
-    def __post_init__(self) -> None:
-        for name in ("max_gap_s", "skip_s", "acceleration_density", "lines_window_s", "lines_min_crossing"):
-            _check(name, getattr(self, name), getattr(self, name) >= 0, "at least 0")
-        for name in ("gate_sigma", "sigma_speed", "held_out_gate"):
-            _check(name, getattr(self, name), getattr(self, name) > 0, "above 0")
-        for name in ("gate_px", "occluder_diameter", "lines_limit", "prior_z"):
-            value = getattr(self, name)
-            _check(name, value, value is None or value > 0, "above 0")
-        _check("sigma_v", self.sigma_v, self.sigma_v is None or self.sigma_v >= 0, "at least 0")
-        _check("box_overlap", self.box_overlap, 0 < self.box_overlap <= 1, "above 0 and at most 1")
-        _check("lines_min_sensors", self.lines_min_sensors, self.lines_min_sensors >= 2, "at least 2")
-        _check("match", self.match, self.match in ("id", "optimal"), "id or optimal")
-        _check("motion", self.motion, self.motion in ("waypoint", "cv"), "waypoint or cv")
-        _check("bound_in", self.bound_in, self.bound_in in ("ground", "space", "auto"), "ground, space or auto")
-        _check("lines_loss", self.lines_loss, self.lines_loss in ("gauss", "huber", "cauchy"), "gauss, huber or cauchy")
+    max_gap_s: float = setting(
+        1.0,
+        "Interpolate between samples at most this far apart; nothing is extrapolated.",
+        unit="s",
+        at_least=0,
+        option="--max-gap",
+        metavar="SECONDS",
+        kinds=(AZIMUTHS, *WORLD),
+    )
+    match: str = setting(
+        "id",
+        "Tracks to true targets: by equal numbers, or so that the overall RMSE is least.",
+        choices=("id", "optimal"),
+        option="--match",
+        kinds=WORLD,
+    )
+    skip_s: float = setting(
+        0.0,
+        "Give `settled_` figures too, without this much after each target's first estimate.",
+        unit="s",
+        at_least=0,
+        option="--skip-seconds",
+        metavar="SECONDS",
+        kinds=WORLD,
+    )
+    from_ns: int | None = setting(
+        None,
+        "Give `settled_` figures too, from this time on [ns since 1970].",
+        option="--from",
+        metavar="T_NS",
+        nothing="the first estimate",
+        kinds=WORLD,
+    )
+    gate_sigma: float = setting(
+        4.0,
+        "A bearing this many standard deviations from the truth is still of the target.",
+        above=0,
+        option="--gate-sigma",
+        kinds=WORLD,
+    )
+    gate_px: float | None = setting(
+        None,
+        "The same in pixels, for cameras, instead of --gate-sigma.",
+        above=0,
+        option="--gate-px",
+        metavar="PX",
+        kinds=WORLD,
+    )
+    occluder_diameter: float | None = setting(
+        None,
+        "Moving objects of the truth hide what is behind them.",
+        above=0,
+        option="--occluder-diameter",
+        metavar="LENGTH",
+        nothing="that of `simulate` if it made the truth, else they hide nothing",
+        kinds=WORLD,
+    )
+    motion: str = setting(
+        "waypoint",
+        "Motion of the bound: a walk whose drift is known, or constant velocity with noise.",
+        choices=("waypoint", "cv"),
+        option="--motion",
+        kinds=WORLD,
+    )
+    sigma_v: float | None = setting(
+        None,
+        "Noise of the walk, per axis, after 1 s.",
+        unit="length",
+        at_least=0,
+        people={unit: 0.05 / metres for unit, metres in METRES.items()},
+        own=0.33,
+        option="--sigma-v",
+        metavar="LENGTH",
+        shown="that of `simulate` if it made the truth, else 0.05 m, or 0.33 in units of its own",
+        kinds=WORLD,
+    )
+    acceleration_density: float = setting(
+        1.0,
+        "Of --motion cv [length^2 / s^3].",
+        at_least=0,
+        option="--acceleration-density",
+        kinds=WORLD,
+    )
+    sigma_speed: float = setting(
+        1.5,
+        "Prior of each velocity component, --motion cv [length / s].",
+        above=0,
+        option="--sigma-speed",
+        kinds=WORLD,
+    )
+    prior_cov: tuple[float, float, float] | None = setting(
+        None,
+        "Covariance of the position at the first look.",
+        counts=(3,),
+        apart=True,
+        option="--prior",
+        metavar="XX XY YY",
+        nothing="anywhere in the room",
+        kinds=WORLD,
+    )
+    prior_z: float | None = setting(
+        None,
+        "Variance of the height at the first look, for a bound in space.",
+        above=0,
+        option="--prior-z",
+        metavar="ZZ",
+        nothing="anywhere below the room's ceiling",
+        kinds=WORLD,
+    )
+    bound_in: str = setting(
+        "auto",
+        "Bound of (x, y) from azimuths, or of (x, y, z) from elevations too; auto: in space for "
+        "targets whose track and truth have heights.",
+        choices=("auto", "ground", "space"),
+        option="--bound-in",
+        kinds=WORLD,
+    )
+    held_out: tuple[str, ...] = setting(
+        (),
+        "Predict this sensor from tracks made without it; may be repeated.",
+        repeat=True,
+        option="--held-out",
+        metavar="SENSOR",
+        shown="none",
+        kinds=WORLD,
+    )
+    held_out_gate: float = setting(
+        0.05,
+        "A bearing this near to the prediction counts as predicted.",
+        above=0,
+        scale=1e-3,
+        option="--held-out-gate-mrad",
+        kinds=WORLD,
+    )
+    lines_min_sensors: int = setting(
+        2,
+        "Sight lines that must meet for a scan to be compared with the track.",
+        at_least=2,
+        option="--lines-min-sensors",
+        kinds=WORLD,
+    )
+    lines_window_s: float = setting(
+        0.0,
+        "Looks this close together in time make one scan.",
+        unit="s",
+        at_least=0,
+        option="--lines-window",
+        metavar="SECONDS",
+        shown="equal times",
+        kinds=WORLD,
+    )
+    lines_loss: str = setting(
+        "huber",
+        "How lines that miss the others count.",
+        choices=("gauss", "huber", "cauchy"),
+        option="--lines-loss",
+        kinds=WORLD,
+    )
+    lines_limit: float | None = setting(
+        None,
+        "Give the share of scans in which the track is this near to the meeting point.",
+        above=0,
+        option="--lines-limit",
+        metavar="LENGTH",
+        kinds=WORLD,
+    )
+    lines_min_crossing: float = setting(
+        math.radians(5.0),
+        "Refuse scans whose lines cross at smaller angles.",
+        at_least=0,
+        scale=math.radians(1.0),
+        option="--lines-crossing-deg",
+        metavar="DEGREES",
+        kinds=WORLD,
+    )
+    box_overlap: float = setting(
+        0.5,
+        "Intersection over union from which a view or a track is of a true box.",
+        above=0,
+        at_most=1,
+        option="--box-overlap",
+        kinds=(IMAGES, *WORLD),
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """The prior must be a covariance."""
         if self.prior_cov is not None:
             xx, xy, yy = self.prior_cov
-            _check("prior_cov", self.prior_cov, xx > 0 and xx * yy > xy**2, "xx, xy, yy of a positive covariance")
+            yield "prior_cov", xx > 0 and xx * yy > xy**2, "xx, xy, yy of a positive covariance"
 
     @property
     def limit_ns(self) -> int:
         """Widest gap of the truth that is bridged [ns]."""
-        return round(self.max_gap_s * NS)
-
-
-def _check(name: str, value: object, good: bool, limit: str) -> None:
-    if isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"evaluate: {name} is {value}, must be a finite number")
-    if not good:
-        raise InputError(f"evaluate: {name} is {value}, must be {limit}")
-
-
-def default_sigma_v(length_unit: str) -> float:
-    """Noise of a walker after 1 s: [Ercan]'s 0.33 in units of its own, 0.05 m for people, as `simulate` has it."""
-    return 0.33 if length_unit not in METRES else 0.05 / METRES[length_unit]
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """What came out; `metrics` are flat, with the unit as the end of the name."""
-
-    metrics: dict[str, float]
-    errors: Errors = field(default_factory=Errors.empty)
-    bound: Bound = field(default_factory=Bound.empty)
-    failures: Failures = field(default_factory=Failures.empty)
-    notes: tuple[str, ...] = ()  # what the user must know of
+        return round(self.max_gap_s * 1e9)

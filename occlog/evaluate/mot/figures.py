@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from occlog.array_types import Bools
-from occlog.core.metrics.clear_mot import ClearRule, clear_mot
+from occlog.core.metrics.clear_mot import CHALLENGE, CLASSIC, ClearRule, clear_mot
 from occlog.core.metrics.errors import ratio
 from occlog.core.metrics.failure_rates import Failures
 from occlog.core.metrics.frame_pairs import Frames, Objects, of_boxes
@@ -16,6 +16,8 @@ from occlog.core.metrics.idf1 import identity
 from .config import ManyConfig
 
 Metrics = dict[str, float]
+RULES = {"classic": CLASSIC, "challenge": CHALLENGE}
+"""How CLEAR-MOT pairs objects, by `ManyConfig.clear_rule`."""
 
 
 def mot_figures(frames: Frames, config: ManyConfig, cells: int, whose: str = "", unit: str = "") -> Metrics:
@@ -29,7 +31,7 @@ def mot_figures(frames: Frames, config: ManyConfig, cells: int, whose: str = "",
         unit: of the distance; empty: 1 - IoU.
     """
     points = not np.isnan(frames.limit)
-    rule = config.rule._replace(threshold=0.5) if points else config.rule
+    rule = RULES[config.clear_rule]._replace(threshold=0.5 if points else config.overlap)
     out = _clear(frames, rule, whose, unit) | _identity(frames, rule.threshold, whose)
     named = {"hota": "hota", "det_a": "deta", "ass_a": "assa", "loc_a": "loca"}
     named |= {"det_re": "detre", "det_pr": "detpr", "ass_re": "assre", "ass_pr": "asspr"}

@@ -9,7 +9,7 @@ import numpy as np
 from occlog.array_types import Ints
 from occlog.core.metrics.frame_pairs import Objects, of_points
 from occlog.errors import InputError
-from occlog.evaluate.matching.config import Evaluation
+from occlog.evaluate.evaluation import Evaluation
 from occlog.evaluate.matching.paths import Path, paths_of
 from occlog.records.tables import Tracks, Truth
 

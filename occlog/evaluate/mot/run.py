@@ -1,4 +1,4 @@
-"""Work of `occlog evaluate` on tracks in images: view tracks, boxes with identities, MOTChallenge text."""
+"""Run of `occlog evaluate` on many targets: in images (view tracks, boxes, MOTChallenge text) and on the ground."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ import numpy as np
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.evaluate.inputs import Paths, provenance_of
-from occlog.evaluate.matching.config import Evaluation
+from occlog.evaluate.evaluation import Evaluation
+from occlog.evaluate.inputs import Paths, Tables, provenance_of
+from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.io.boxes.mot_challenge import SequenceInfo
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.boxes.trackeval_folder import MotSequence, write_layout
@@ -27,11 +28,12 @@ from occlog.io.open import open_if_ours, open_input
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes
 from occlog.records.views import ViewTracks
+from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
 from .config import ManyConfig
 from .mot_files import frame_rate, image_size, view_boxes
-from .options import FIELDS
+from .on_ground import evaluate_ground
 from .stage import evaluate_sides
 from .truth_and_tracks import Sides, boxes_of, lay_boxes
 
@@ -53,18 +55,13 @@ def in_images(path: Path | None) -> bool:
     return opened.recording is None and any(opened.has(table) for table in (ViewTracks, Boxes, TruthBoxes))
 
 
-def many_config(values: Mapping[str, Any], overlap: float, own: str) -> ManyConfig:
-    """Configuration of the options that were given; `own` is what a track's own target is where that was not told."""
-    told = {name: values[name] for name in FIELDS if values[name] is not None}
-    return ManyConfig(**{"own": own, "overlap": overlap, **told})
-
-
-def run_evaluate_many(paths: Paths, values: Mapping[str, Any]) -> Evaluation:
+def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, Any]) -> Evaluation:
     """Read, compare, write; what came out.
 
     Args:
         paths: inputs and outputs; outputs are written whole or not at all.
-        values: the options.
+        overlap: intersection over union from which a track is of a true box.
+        given: settings of `ManyConfig` that were given.
     """
     if paths.tracks is None or paths.truth is None:
         raise UsageError("tracks in images need --truth: a recording or a table with true boxes, or MOTChallenge text")
@@ -73,7 +70,8 @@ def run_evaluate_many(paths: Paths, values: Mapping[str, Any]) -> Evaluation:
     ours = None if text else open_input(paths.tracks)
     named = ours is not None and ours.has(ViewTracks)
     born = born_from_detections(paths.tracks)
-    config = many_config(values, values["box_overlap"], "label" if named and not born else "start")
+    own = "label" if named and not born else "start"
+    config = configure(ManyConfig(), {"own": own, "overlap": overlap, **given})
     by_number = text or _is_text(paths.truth)
     if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
         raise UsageError(
@@ -85,7 +83,7 @@ def run_evaluate_many(paths: Paths, values: Mapping[str, Any]) -> Evaluation:
         looked = _strings(ours.provenance.parameters.get("cameras")) if named and ours is not None else ()
         sides = lay_boxes(tracks, truth, config, by_number=by_number, looked=looked)
     result = evaluate_sides(sides, config)
-    told = own_notes(paths.tracks, config.own, values["own"])
+    told = own_notes(paths.tracks, config.own, given.get("own"))
     result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
     _write(paths, result, sides, config, scene)
     return result
@@ -183,3 +181,43 @@ def _sequences(sides: Sides, scene: Scene | None) -> list[MotSequence]:
         info = SequenceInfo(name, frames, frame_rate(sides, view), width, height)
         out.append(MotSequence(info, *view_boxes(sides, view)))
     return out
+
+
+def ground_figures(
+    result: Evaluation,
+    tables: Tables,
+    config: EvaluateConfig,
+    *,
+    told: Mapping[str, Any],
+    wanted: bool,
+    path: Path | None = None,
+) -> tuple[Evaluation, dict[str, Any]]:
+    """The evaluation with the figures of many targets, and the options behind these.
+
+    They are given where there are several tracks or targets, or where they are asked for.
+
+    Args:
+        result: the other figures.
+        tables: what was read.
+        config: of the other figures.
+        told: options of many targets that were given.
+        wanted: the table of failures is to be written.
+        path: file of the tracks.
+    """
+    tracks, truth, unit = tables.tracks, tables.truth, tables.scene.length_unit
+    if tracks is None or truth is None:
+        return result, {}
+    several = max(len(np.unique(tracks.target_id)), len(np.unique(truth.target_id[truth.role == "target"]))) > 1
+    if not (several or told or wanted):
+        return result, {}
+    numbered = "start" if born_from_detections(path) else "label"
+    own = numbered if config.match == "id" else "best"
+    many = configure(ManyConfig.in_unit(unit), {"own": own, **told})
+    if many.match_distance is None:
+        line = f"lengths are in {unit}: give --match-distance for the figures of many targets"
+        return replace(result, notes=(*result.notes, line)), {}
+    made = evaluate_ground(tracks, truth, many, config.limit_ns, unit)
+    metrics = {**result.metrics, **{name: value for name, value in made.metrics.items() if name not in result.metrics}}
+    notes = (*result.notes, *made.notes, *own_notes(path, many.own, told.get("own")))
+    whole = replace(result, metrics=metrics, failures=made.failures, notes=notes)
+    return whole, {"many": asdict(many)}

@@ -14,7 +14,7 @@ from occlog.array_types import Floats, Ints, Strings
 from occlog.core.metrics import failure_rates
 from occlog.core.metrics.failure_rates import NONE
 from occlog.core.metrics.frame_pairs import Objects, of_boxes, of_points
-from occlog.evaluate.matching.config import Evaluation
+from occlog.evaluate.evaluation import Evaluation
 from occlog.records.views import Failures
 
 from .config import ManyConfig

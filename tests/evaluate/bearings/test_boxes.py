@@ -11,7 +11,8 @@ from evaluate_scenes import scene, seconds
 
 from occlog.errors import InputError
 from occlog.evaluate.bearings.boxes import CLEAR, FRONT, HIDDEN, box_classes
-from occlog.evaluate.stage import EvaluateConfig, evaluate
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import evaluate
 from occlog.records.tables import APPEARANCE_BINS, TruthBoxes, Views
 
 Box = tuple[float, float, float, float]

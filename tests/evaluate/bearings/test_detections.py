@@ -9,7 +9,8 @@ import pytest
 from evaluate_scenes import array, both, box, camera, directions, pixels, scene, truth
 
 from occlog.errors import InputError
-from occlog.evaluate.stage import EvaluateConfig, evaluate
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import evaluate
 from occlog.records.scene import Scene
 
 T5 = [0.0, 1.0, 2.0, 3.0, 4.0]

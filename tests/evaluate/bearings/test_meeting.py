@@ -10,7 +10,8 @@ from evaluate_scenes import array, both, camera, directions, pixels, scene, seco
 
 from occlog.core.sight import triangulate
 from occlog.evaluate.bearings.meeting import meeting_points, scan_starts
-from occlog.evaluate.stage import EvaluateConfig, evaluate
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import evaluate
 from occlog.records.tables import Bearings
 
 T5 = [0.0, 1.0, 2.0, 3.0, 4.0]

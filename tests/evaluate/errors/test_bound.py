@@ -9,7 +9,8 @@ import pytest
 from evaluate_scenes import FOCAL, array, both, camera, directions, pixels, scene, seconds, tracks, truth
 
 from occlog.core.bounds import in_plane as crlb
-from occlog.evaluate.stage import EvaluateConfig, evaluate
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import evaluate
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Tracks, Truth
 

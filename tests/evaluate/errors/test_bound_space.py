@@ -12,7 +12,8 @@ from evaluate_scenes import array, both, camera, directions, heard, heights, pix
 from occlog.core.bounds import in_plane as crlb
 from occlog.core.bounds import in_space as bounds3d
 from occlog.errors import InputError
-from occlog.evaluate.stage import EvaluateConfig, evaluate
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import evaluate
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import UNLABELLED, Bearings, Bound
 

@@ -9,7 +9,8 @@ import pytest
 from evaluate_scenes import both, heights, scene, tracks, truth
 
 from occlog.core.metrics.errors import CHI2_95_3D, normalised_squared_errors_in_space
-from occlog.evaluate.stage import EvaluateConfig, evaluate
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import evaluate
 
 T4 = [0.0, 1.0, 2.0, 3.0]
 

@@ -10,7 +10,8 @@ from evaluate_scenes import both, scene, seconds, tracks, truth
 
 from occlog.errors import InputError
 from occlog.evaluate.errors.on_ground import match_tracks
-from occlog.evaluate.stage import EvaluateConfig, evaluate
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import evaluate
 from occlog.records.tables import Tracks
 
 T5 = [0.0, 1.0, 2.0, 3.0, 4.0]

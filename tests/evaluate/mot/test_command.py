@@ -258,8 +258,8 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
         ([*EVALUATE, "--gospa-px", "nan"], 2, "nan is not a finite number"),
         ([*EVALUATE, "--gospa-p", "inf"], 2, "inf is not a finite number"),
         ([*EVALUATE, "--box-overlap", "nan"], 2, "nan is not a finite number"),
-        ([*EVALUATE, "--bearings", "b.parquet"], 2, "--bearings has no meaning for tracks in images"),
-        ([*EVALUATE, "--match-distance", "1"], 2, "--match-distance has no meaning"),
+        ([*EVALUATE, "--bearings", "b.parquet"], 2, "--bearings is for TRACKS on the ground"),
+        ([*EVALUATE, "--match-distance", "1"], 2, "--match-distance is for TRACKS on the ground"),
         ([*EVALUATE, "--gospa-cutoff", "3"], 2, "at most 1 apart"),
         ([*EVALUATE, "--camera", "west"], 4, "recording.mcap: no camera west; there is east, north"),
         ([*EVALUATE, "--frames", "90:99"], 4, "recording.mcap: no row in frames 90:99; they are 0 to 9"),
@@ -277,7 +277,11 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
         (["report", "view_tracks.parquet", "-o", "page.html"], 4, "view_tracks.parquet: holds view_tracks; want"),
         (["evaluate", "other.parquet", "--truth", "recording.mcap"], 4, "other.parquet: their cameras (west)"),
         (["evaluate", "away.parquet", "--truth", "recording.mcap"], 4, "away.parquet: the time of no frame"),
-        (["evaluate", "--failures", "f.parquet", "--truth", "recording.mcap"], 2, "needs TRACKS"),
+        (
+            ["evaluate", "--failures", "f.parquet", "--truth", "recording.mcap"],
+            2,
+            "or TRACKS on the ground with --truth",
+        ),
     ],
 )
 def test_bad_input(
@@ -334,7 +338,7 @@ def test_tracks_on_the_ground(folder: Path, capsys: pytest.CaptureFixture[str], 
     assert len(read_table(folder / "f.parquet", Failures)) == wanted["label_failures"]
     assert figures([*ground, "--match-distance", "0.4"], capsys)["fr_p"] == 1.0
     code, line = error([*ground, "--tau", "2"], capsys)
-    assert (code, "--match-distance" in line) == (2, True)
+    assert (code, "--tau is for tracks in images" in line) == (2, True)
 
 
 def test_units_without_a_length_need_a_distance(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.evaluate.mot.config import ManyConfig, default_distance
+from occlog.evaluate.evaluation import Evaluation
+from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.on_ground import evaluate_ground
-from occlog.evaluate.mot.stage import Evaluation, evaluate_sides
+from occlog.evaluate.mot.stage import evaluate_sides
 from occlog.evaluate.mot.truth_and_tracks import boxes_of, lay_boxes
 from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
 from occlog.records.views import ViewTracks
@@ -344,6 +345,6 @@ def test_tracks_on_the_ground_are_interpolated_only_so_far() -> None:
 
 
 def test_a_metre_in_other_units() -> None:
-    assert default_distance("m") == 1.0
-    assert default_distance("ft") == pytest.approx(3.2808, abs=1e-4)
-    assert default_distance("px") is None
+    assert ManyConfig.in_unit("m").match_distance == 1.0
+    assert ManyConfig.in_unit("ft").match_distance == pytest.approx(3.2808, abs=1e-4)
+    assert ManyConfig.in_unit("px").match_distance is None

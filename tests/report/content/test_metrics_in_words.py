@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from made_up import run
 
-from occlog.evaluate.stage import EvaluateConfig, evaluate
+from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import evaluate
 from occlog.report.content.metrics_in_words import WORDS, groups, number
 from occlog.report.summary import rms, with_bound
 

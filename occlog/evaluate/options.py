@@ -1,0 +1,136 @@
+"""Options of `occlog evaluate` that are no settings, and the kinds of input that options are for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import click
+
+from occlog.cli import options
+from occlog.cli.numbers import Finite
+from occlog.errors import UsageError
+from occlog.ingest.plan import FRAMES
+from occlog.settings import declaration, declared
+
+from .matching.config import AZIMUTHS, GROUND, IMAGES, KINDS, OTHERS, WORLD, EvaluateConfig
+from .mot.config import MANY, ManyConfig
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class KindOption(click.Option):
+    """An option that is for some kinds of input only."""
+
+    def __init__(self, *args: Any, kinds: Sequence[str], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.kinds = tuple(kinds)
+
+
+def file_option(*names: str, kinds: Sequence[str], help: str, metavar: str | None = None) -> Callable[[F], F]:
+    """An option that names a file."""
+    return click.option(
+        *names, cls=KindOption, kinds=kinds, type=options.PATH, default=None, help=help, metavar=metavar
+    )
+
+
+COMPARED = (
+    file_option(
+        "--truth",
+        kinds=(IMAGES, GROUND, OTHERS),
+        help="True positions or boxes: a recording or a table, or MOTChallenge text.",
+    ),
+    file_option("--bearings", kinds=WORLD, help="Bearings: for detections, bound, sight lines."),
+    file_option(
+        "--doa",
+        kinds=(AZIMUTHS, *WORLD),
+        help="Directions of arrival to use along with the bearings. [default: those of the same recording]",
+    ),
+    click.option(
+        "--doa-labels",
+        cls=KindOption,
+        kinds=WORLD,
+        is_flag=True,
+        help="Identities in the log of directions are those of targets.",
+    ),
+    file_option(
+        "--truth-azimuths",
+        kinds=(AZIMUTHS,),
+        help="True directions to compare those of --doa with: a log (time, azimuth_deg) or a table.",
+    ),
+    click.option(
+        "--doa-gate",
+        "doa_gate_deg",
+        cls=KindOption,
+        kinds=(AZIMUTHS,),
+        type=Finite(0, 180),
+        default=10.0,
+        show_default=True,
+        metavar="DEGREES",
+        help="A direction further from the truth is a false one, and the true one missed.",
+    ),
+    file_option("--views", kinds=WORLD, help="Views to compare with the true boxes of --truth."),
+    file_option("--cooperation", kinds=WORLD, help="What cameras were asked; gives its cost too."),
+    file_option("--scene", kinds=(AZIMUTHS, *WORLD), help=options.SCENE_HELP),
+)
+"""Options that name what is compared."""
+
+WRITTEN = (
+    file_option("--errors", kinds=WORLD, help="Write the error of every estimate (Parquet)."),
+    file_option("--bound", kinds=WORLD, help="Write the posterior Cramer-Rao bound (Parquet)."),
+)
+"""Options that name tables to write."""
+
+FRAMES_OPTION = click.option(
+    "--frames",
+    cls=KindOption,
+    kinds=(IMAGES,),
+    type=FRAMES,
+    default=None,
+    metavar="A:B",
+    help="Of tracks in images: only frames A <= number < B.",
+)
+
+OF_MANY = (
+    FRAMES_OPTION,
+    file_option(
+        "--failures", kinds=MANY, help="Write each failure of a tracker: frame, camera, target, cause (Parquet)."
+    ),
+    file_option(
+        "--mot",
+        kinds=(IMAGES,),
+        metavar="DIR",
+        help="Write truth and tracks as MOTChallenge files, as TrackEval wants them; DIR may hold tracks of "
+        "others already.",
+    ),
+)
+"""Options of the evaluation of many targets that are no settings with a type of their own."""
+
+
+def with_all(added: Sequence[Callable[[F], F]]) -> Callable[[F], F]:
+    """Decorator that gives a command several options, in order."""
+
+    def decorate(command: F) -> F:
+        for option in reversed(added):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def kinds_of(param: click.Parameter) -> tuple[str, ...]:
+    """Kinds of input that an option is for; empty: all."""
+    if isinstance(param, KindOption):
+        return param.kinds
+    settings = (*declared(EvaluateConfig), *declared(ManyConfig))
+    return next((declaration(f).kinds for f in settings if f.name == param.name), ())
+
+
+def check_kind(context: click.Context, kind: str) -> None:
+    """UsageError for an option that was given and is not for this kind of input; it names the kinds that have it."""
+    for param in context.command.params:
+        given = context.get_parameter_source(param.name or "") is click.core.ParameterSource.COMMANDLINE
+        kinds = kinds_of(param)
+        if given and kinds and kind not in kinds:
+            wanted = ", or ".join(KINDS[name] for name in kinds)
+            raise UsageError(f"{param.opts[0]} is for {wanted}; not for {KINDS[kind]}")
