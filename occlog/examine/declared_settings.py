@@ -36,6 +36,10 @@ CLASSES: dict[str, tuple[str, ...]] = {
     ),
     "label": ("occlog.measure.label.config:LabelConfig",),
     "fit-motion": ("occlog.track.map.fit_motion.config:FitConfig",),
+    "evaluate": (
+        "occlog.evaluate.matching.config:EvaluateConfig",
+        "occlog.evaluate.mot.config:ManyConfig",
+    ),
     "ground": ("occlog.track.images.ground.config:GroundConfig",),
 }
 """Classes of settings of each verb but `track`."""

@@ -20,7 +20,7 @@ class ManyConfig(Settings):
     it is on; `best`, by the one-to-one assignment in which most estimates are on their own target.
     """
 
-    OWNER: ClassVar[str] = "evaluate"
+    OWNER: ClassVar[str] = "many targets"
 
     tau: float = setting(
         1.0,

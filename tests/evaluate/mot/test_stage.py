@@ -253,7 +253,7 @@ def test_nothing_that_was_asked_for(config: ManyConfig, words: str) -> None:
     ],
 )
 def test_options_that_cannot_be(name: str, value: Any) -> None:
-    with pytest.raises(InputError, match=f"evaluate: {name} "):
+    with pytest.raises(InputError, match=f"many targets: {name} is"):
         ManyConfig(**{name: value})
 
 
