@@ -282,6 +282,11 @@ def test_hota_counts_a_pair_whose_similarity_is_the_threshold() -> None:
     assert got.tp.tolist() == [1, 1, 0]
     assert got.loc_a[:2].tolist() == pytest.approx([0.95, 0.95])
     assert got.loc_a[2] == 1.0
+    assert got.det_re.tolist() == got.det_pr.tolist() == got.ass_re.tolist() == [1.0, 1.0, 0.0]
+
+
+def test_the_thresholds_of_hota_are_those_of_every_twentieth() -> None:
+    assert hota(of_points(nothing(), nothing(), 1.0)).alpha.tolist() == pytest.approx([k / 20 for k in range(1, 20)])
 
 
 def test_each_target_is_given_the_track_that_meets_it_most_and_none_if_none_does() -> None:
