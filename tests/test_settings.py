@@ -5,7 +5,8 @@ import math
 import pytest
 
 from occlog.errors import InputError, UsageError
-from occlog.settings import configure
+from occlog.settings import configure, json_schema
+from occlog.simulate.config import WorldConfig
 from occlog.track.apf.config import ApfConfig
 from occlog.track.catalogue import METHODS, settings_of
 
@@ -79,3 +80,32 @@ def test_every_method_has_valid_defaults_for_every_unit():
     for method in METHODS:
         for unit in ("m", "ft", "in", "unit"):
             assert isinstance(settings_of(method).in_unit(unit), settings_of(method))
+
+
+def test_the_schema_has_the_default_of_people_where_it_is_another():
+    properties = json_schema(WorldConfig)["properties"]
+    assert (properties["diameter"]["default"], properties["diameter"]["default_in_metres"]) == (3.33, 0.5)
+    assert properties["diameter"]["exclusiveMinimum"] == 0
+    assert "default_in_metres" not in properties["redirect"]
+    assert properties["z"]["type"] == ["number", "null"]
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"redirect": 1.001}, "world: redirect is 1.001, must be at least 0 and at most 1"),
+        ({"diameter": 0.0}, "world: diameter is 0.0, must be above 0"),
+        ({"steps": 1.5}, "world: steps is 1.5, must be a whole number"),
+        ({"steps": True}, "world: steps is True, must be a whole number"),
+        ({"z": math.nan}, "world: z is nan, must be finite and at least 0"),
+    ],
+)
+def test_a_value_beyond_its_range_is_told_with_the_range(values, says):
+    with pytest.raises(InputError, match=says):
+        WorldConfig(**values)
+
+
+def test_values_at_the_ends_of_their_ranges_are_taken():
+    assert WorldConfig(redirect=0).redirect == 0
+    assert WorldConfig(redirect=1).redirect == 1
+    assert WorldConfig(steps=1, z=0.0).steps == 1

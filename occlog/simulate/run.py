@@ -180,7 +180,7 @@ def people_setup(given: Mapping[str, object], request: Request) -> Setup:
 def run_simulate(
     inputs: list[Path], setup: Setup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
 ) -> dict[str, Any]:
-    """Write the recording; what it holds."""
+    """Write the recording and summarise what it holds."""
     made = Provenance("simulate", _parameters(setup), seed, hash_inputs(inputs))
     start = _places_apart(setup, seed) if setup.apart else None
     if setup.render is not None and setup.script is not None:

@@ -90,11 +90,14 @@ def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
             f"balls: a radius of {config.radius:g} px does not fit into the box of half lengths "
             f"{', '.join(f'{h:g}' for h in reach + config.radius)}; make the balls smaller or the images larger"
         )
+    # Place the balls in the scene that all views see ([Qu] Sec. 4.1)
     start = _start(config, reach, generator(seed, Stage.WORLD_START))
     rngs = [generator(seed, Stage.WORLD_MOTION, k) for k in range(config.balls)]
+    # Move them independently of each other, or as balls that collide
     speeds = config.speed * np.array([rng.uniform(0.5, 1.5) for rng in rngs])
     velocity = speeds[:, None] * _directions(rngs)
     centres = _bounce(config, start, velocity, reach) if config.collide else _fly(config, start, velocity, reach)
+    # Turn each about an axis of its own
     axes = _directions(rngs)
     first = np.array([rng.uniform(0.0, 2.0 * np.pi) for rng in rngs])
     angles = first + config.spin * np.arange(config.frames)[:, None]

@@ -81,7 +81,7 @@ def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:
 def run_balls(
     setup: BallsSetup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
 ) -> dict[str, Any]:
-    """Write the recording; what it holds."""
+    """Write the recording and summarise what it holds."""
     paths = _paths(setup.config, seed)
     counts: Counter[str] = Counter()
     frames = options.progress(
@@ -93,9 +93,10 @@ def run_balls(
         RecordingWriter(output, setup.scene, made, overwrite=overwrite, together=together) as writer,
     ):
         if setup.store.store == "ffv1":
-            _files(writer, setup, balls_videos(setup, output), paths, frames, counts, overwrite)
+            videos = balls_videos(setup, output)
+            _write_files(writer, setup, videos, paths, frames=frames, counts=counts, overwrite=overwrite)
         else:
-            _images(writer, setup, paths, frames, counts)
+            _write_images(writer, setup, paths, frames=frames, counts=counts)
     return {
         "recording": str(output),
         "seed": seed,
@@ -106,16 +107,17 @@ def run_balls(
 
 
 def _made(setup: BallsSetup, seed: int) -> Provenance:
+    """How the recording is made; views as their yaw and pitch [deg]."""
     values = asdict(setup.config)
     values["views"] = [list(view) for view in VIEWS[: setup.config.views]]
     made = {"balls": values, "rate_hz": setup.rate_hz, "store": setup.store.store, "grey": setup.store.grey}
     return Provenance("simulate", made, seed)
 
 
-def _truth(
+def _write_truth(
     writer: RecordingWriter, setup: BallsSetup, paths: BallPaths, frame: BallsFrame, counts: Counter[str]
 ) -> int:
-    """Write what is truly in the frames of one time; the time [ns]."""
+    """Write what is truly in the frames of one time; return the time [ns]."""
     t_ns = START_NS + int(step_times(frame.frame, 1, 1.0 / setup.rate_hz)[0])
     writer.table(balls_truth(paths.centres[frame.frame], t_ns))
     for boxes in balls_boxes(frame, setup.scene.cameras, t_ns):
@@ -125,20 +127,21 @@ def _truth(
 
 
 def _delivered(setup: BallsSetup, frame: BallsFrame) -> tuple[Image, ...]:
+    """The images of all views, grey where that is asked for."""
     return tuple(map(grey, frame.images)) if setup.store.grey else frame.images
 
 
-def _images(
+def _write_images(
     writer: RecordingWriter,
     setup: BallsSetup,
     paths: BallPaths,
     frames: Iterator[BallsFrame],
     counts: Counter[str],
 ) -> None:
-    """PNG images into the recording; some are compressed while the next ones are drawn."""
+    """Write PNG images into the recording; some are compressed while the next ones are drawn."""
 
     def write(frame: BallsFrame, coded: list[Future[bytes]]) -> None:
-        t_ns = _truth(writer, setup, paths, frame, counts)
+        t_ns = _write_truth(writer, setup, paths, frame, counts=counts)
         for camera, future in zip(setup.scene.cameras, coded, strict=True):
             writer.image(camera.name, t_ns, frame.frame, future.result(), "png")
             counts["video_bytes"] += len(future.result())
@@ -154,7 +157,7 @@ def _images(
             write(frame, coded)
 
 
-def _files(
+def _write_files(
     writer: RecordingWriter,
     setup: BallsSetup,
     videos: dict[str, Path],
@@ -163,7 +166,7 @@ def _files(
     counts: Counter[str],
     overwrite: bool,
 ) -> None:
-    """FFV1 files beside the recording."""
+    """Write FFV1 files beside the recording."""
     size = (setup.config.width, setup.config.height)
     with ExitStack() as stack:
         open_videos = {
@@ -173,7 +176,7 @@ def _files(
             for name, path in videos.items()
         }
         for frame in frames:
-            t_ns = _truth(writer, setup, paths, frame, counts)
+            t_ns = _write_truth(writer, setup, paths, frame, counts=counts)
             for (name, video), image in zip(open_videos.items(), _delivered(setup, frame), strict=True):
                 video.write(image)
                 writer.video_frame(name, t_ns, frame.frame)

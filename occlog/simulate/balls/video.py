@@ -55,7 +55,7 @@ class ViewCanvas(NamedTuple):
 def render_balls(
     config: BallsConfig, seed: int, workers: int = 1, paths: BallPaths | None = None
 ) -> Iterator[BallsFrame]:
-    """The video, frame by frame.
+    """Draw the synthetic video of [Qu] Sec. 4.1, frame by frame.
 
     Args:
         config: balls, motion and views.
@@ -74,20 +74,22 @@ def render_balls(
         shape = (config.height, config.width, 4)
         buffers.put((np.full(shape, np.inf), np.zeros(shape, dtype=np.int32)))
 
-    def shot(t: int) -> BallsFrame:
+    def drawn_at(t: int) -> BallsFrame:
         depth, label = buffers.get()
-        drawn = [_draw(config, seed, s, t, paths, noise, depth, label) for s in canvases]
+        drawn = [
+            _draw(config, seed, canvas, t, paths=paths, noise=noise, depth=depth, label=label) for canvas in canvases
+        ]
         buffers.put((depth, label))
-        outlines = np.stack([ball_ellipses(s.camera, paths.centres[t], config.radius) for s in canvases])
+        outlines = np.stack([ball_ellipses(c.camera, paths.centres[t], config.radius) for c in canvases])
         return BallsFrame(t, tuple(image for image, _ in drawn), outlines, np.stack([share for _, share in drawn]))
 
     numbers = range(len(paths.centres))
     if workers == 1:
-        yield from map(shot, numbers)
+        yield from map(drawn_at, numbers)
         return
     with ThreadPoolExecutor(workers) as pool:
         for first in range(0, len(numbers), 8 * workers):
-            yield from pool.map(shot, numbers[first : first + 8 * workers])
+            yield from pool.map(drawn_at, numbers[first : first + 8 * workers])
 
 
 def _draw(
@@ -105,21 +107,24 @@ def _draw(
     turns = np.ascontiguousarray(canvas.camera.rotation.T @ paths.turns[t])
     covered, visible = np.zeros((len(centres), 5), dtype=np.int64), np.zeros(len(centres), dtype=np.int64)
     light = canvas.background.copy()
-    trace_balls_into(depth, label, covered, centres, config.radius, canvas.view)
+    # Cast: which ball each sight line meets first
+    trace_balls_into(depth=depth, label=label, covered=covered, centres=centres, radius=config.radius, view=canvas.view)
+    # Shade the balls, and count the pixels in which each can be seen
     paint_balls_into(
         light,
         depth,
         label,
         visible,
         covered,
-        canvas.background,
-        centres,
-        turns,
-        config.radius,
-        canvas.view,
-        FOOTBALL,
+        background=canvas.background,
+        centres=centres,
+        turns=turns,
+        radius=config.radius,
+        view=canvas.view,
+        skin=FOOTBALL,
     )
     clear_balls(depth, covered)
+    # Sensor: noise, then whole grey levels
     rng = generator(seed, Stage.RENDER_SENSOR, canvas.number, t)
     image, flat = np.empty(light.shape, dtype=np.uint8), (config.height, 3 * config.width)
     starts = 3 * rng.integers(0, NOISE, config.height)

@@ -122,22 +122,22 @@ def report(
     size = spread(lambda at: np.array([_plain(k, v) * u for k, v, u in zip(known, at, units, strict=True)]))
     errors = spread(matrices)
     return Fit(
-        model,
-        noise,
-        values,
-        {k: float(e) for k, e, u in zip(known, size, units, strict=True) if u},
-        errors[:16].reshape(4, 4),
-        errors[16:].reshape(4, 4),
-        best.value,
-        counts[0],
-        counts[1],
-        counts[2],
-        counts[3],
-        best.iterations,
-        best.converged,
-        tuple(k for k, hit in zip(known, stuck, strict=True) if hit),
-        tuple(k for k, row in zip(known, base, strict=True) if (np.abs(row) > 0.3).any()),
-        best.trace,
+        model=model,
+        noise=noise,
+        parameters=values,
+        errors={k: float(e) for k, e, u in zip(known, size, units, strict=True) if u},
+        A_error=errors[:16].reshape(4, 4),
+        sigma_error=errors[16:].reshape(4, 4),
+        log_likelihood=best.value,
+        transitions=counts[0],
+        measurements=counts[1],
+        skipped=counts[2],
+        trajectories=counts[3],
+        iterations=best.iterations,
+        converged=best.converged,
+        at_limit=tuple(k for k, hit in zip(known, stuck, strict=True) if hit),
+        undecided=tuple(k for k, row in zip(known, base, strict=True) if (np.abs(row) > 0.3).any()),
+        trace=best.trace,
     )
 
 
