@@ -1,7 +1,4 @@
-"""Tracks, truth and bearings to figures: errors, detections, the posterior bound, and checks without truth.
-
-Conditions such as `rmse>0.5` under which an evaluation counts as failed.
-"""
+"""Computes every figure that tracks, truth and bearings allow, and judges figures by conditions such as `rmse>0.5`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The figures of `evaluate` as a person reads them: a few lines, then a table by target and one by sensor.
-
-What a person reads of the figures of many targets; see `evaluate_text`.
-"""
+"""Figures of `evaluate` as text: a few lines in groups, then a table by target and one by sensor."""
 
 from __future__ import annotations
 

@@ -1,12 +1,8 @@
-"""The posterior Cramer-Rao bound, on the ground or in space, for the sensors that really saw the targets.
+"""Posterior Cramer-Rao bound, on the ground or in space, for the sensors that saw the targets; and the RMSE beside it.
 
-RMSE against the bound, on the ground and in space.
-
-What the bearings of one sensor tell about the target's position: the one place that knows kinds of sensors.
-
-Cameras count by Eq. 2 of [Ercan] with the bearing's own read noise, about (x, y) only;
-directions without pixels by their standard deviations, which are of angles about the
-sensor's own z axis, whatever its pose ([Lee] Eq. 2.40).
+The information of a camera is that of Eq. 2 of [Ercan] with the bearing's own read noise, about (x, y)
+only.  Directions without pixels have their standard deviations, which are of angles about the sensor's
+own z axis, whatever its pose ([Lee] Eq. 2.40).
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""Tracks against the truth: which track is which target, errors at each estimate, and their figures.
+"""Errors of tracks: which track is of which target, the error of each estimate, and figures of the errors.
 
-Errors in space: of tracks with heights whose target's height is known, beside the errors on the ground.
+Errors are those of (x, y).  Where a track has heights and its target's height is known, errors in space
+stand beside them.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Which estimate belongs to which true target, and what evaluation makes of its input."""
+"""Pairs estimates and measurements with true targets."""

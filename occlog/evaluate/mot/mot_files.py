@@ -9,15 +9,15 @@ from occlog.core.metrics.frame_pairs import Objects
 from occlog.records.tables import Boxes, TruthBoxes
 
 from .figures import of_view
-from .truth_and_tracks import Sides
+from .truth_and_tracks import TruthAndTracks
 
 
-def view_boxes(sides: Sides, view: int) -> tuple[TruthBoxes, Boxes]:
+def view_boxes(compared: TruthAndTracks, view: int) -> tuple[TruthBoxes, Boxes]:
     """True boxes and tracks of one view, in the frames that are compared."""
-    t_ns, number, name = sides.t_ns[view], sides.number[view], sides.views[view]
+    t_ns, number, name = compared.t_ns[view], compared.number[view], compared.views[view]
     return (
-        TruthBoxes.of(**_columns(of_view(sides.truth, view), t_ns, number, name)),
-        Boxes.of(**_columns(of_view(sides.tracks, view), t_ns, number, name)),
+        TruthBoxes.of(**_columns(of_view(compared.truth, view), t_ns, number, name)),
+        Boxes.of(**_columns(of_view(compared.tracks, view), t_ns, number, name)),
     )
 
 
@@ -38,15 +38,15 @@ def _columns(side: Objects, t_ns: Ints, number: Ints, name: str) -> dict[str, ob
     }
 
 
-def frame_rate(sides: Sides, view: int) -> float:
+def frame_rate(compared: TruthAndTracks, view: int) -> float:
     """Frames a second of a view, from the median of its intervals; 1 where it has a single frame."""
-    steps = np.diff(sides.t_ns[view]) / np.maximum(np.diff(sides.number[view]), 1)
+    steps = np.diff(compared.t_ns[view]) / np.maximum(np.diff(compared.number[view]), 1)
     return float(NS / np.median(steps)) if len(steps) and np.median(steps) > 0 else 1.0
 
 
-def image_size(sides: Sides, view: int) -> tuple[int, int]:
+def image_size(compared: TruthAndTracks, view: int) -> tuple[int, int]:
     """Width and height that hold the true boxes of a view; at least 1 x 1."""
-    place: Floats = of_view(sides.truth, view).place
+    place: Floats = of_view(compared.truth, view).place
     if not len(place):
         return 1, 1
     far = np.ceil(np.max(place[:, :2] + place[:, 2:], axis=0))

@@ -15,7 +15,7 @@ from occlog.records.tables import Tracks, Truth
 
 from .config import ManyConfig
 from .figures import failure_figures, mot_figures
-from .stage import Places, failure_rows, find_failures, strangers
+from .stage import Places, failure_rows, find_failures, without_common_numbers
 
 
 def evaluate_ground(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int, unit: str = "m") -> Evaluation:
@@ -37,16 +37,16 @@ def evaluate_ground(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: 
     """
     if config.match_distance is None:
         raise InputError("evaluate: targets and tracks on the ground need a distance at which they meet")
-    places = lay_points(tracks, truth, config, limit_ns, unit)
+    places = points_in_true_frames(tracks, truth, config, limit_ns, unit)
     found = find_failures(places, config)
     frames = of_points(places.truth, places.tracks, config.match_distance)
     metrics = failure_figures(found, found.frame >= 0, len(places.truth.frame))
     metrics |= mot_figures(frames, config, len(places.t_ns[0]), unit=unit) | {"frames": len(places.t_ns[0])}
     flat = {name: float(value) for name, value in metrics.items()}
-    return Evaluation(flat, failures=failure_rows(found, places), notes=tuple(strangers(places, config)))
+    return Evaluation(flat, failures=failure_rows(found, places), notes=tuple(without_common_numbers(places, config)))
 
 
-def lay_points(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int, unit: str) -> Places:
+def points_in_true_frames(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int, unit: str) -> Places:
     """Truth and tracks at the times of the truth, as the one view without a name."""
     targets = paths_of(truth, "target")
     if not targets:

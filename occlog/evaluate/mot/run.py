@@ -34,8 +34,8 @@ from occlog.track.images.run.provenance import born_from_detections, other_video
 from .config import ManyConfig
 from .mot_files import frame_rate, image_size, view_boxes
 from .on_ground import evaluate_ground
-from .stage import evaluate_sides
-from .truth_and_tracks import Sides, boxes_of, lay_boxes
+from .stage import evaluate_views
+from .truth_and_tracks import TruthAndTracks, boxes_in_true_frames, boxes_of
 
 B = TypeVar("B", bound=Boxes)
 TEXT = (".txt", ".csv")
@@ -81,11 +81,11 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, Any]) ->
     tracks, truth, scene = _read_both(paths.tracks, paths.truth, config)
     with _named({"tracks": paths.tracks, "truth": paths.truth}):
         looked = _strings(ours.provenance.parameters.get("cameras")) if named and ours is not None else ()
-        sides = lay_boxes(tracks, truth, config, by_number=by_number, looked=looked)
-    result = evaluate_sides(sides, config)
+        compared = boxes_in_true_frames(tracks, truth, config, by_number=by_number, looked=looked)
+    result = evaluate_views(compared, config)
     told = own_notes(paths.tracks, config.own, given.get("own"))
     result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
-    _write(paths, result, sides, config, scene)
+    _write(paths, result, compared, config, scene)
     return result
 
 
@@ -109,7 +109,7 @@ def _is_text(path: Path) -> bool:
 
 
 def _read_both(tracks: Path, truth: Path, config: ManyConfig) -> tuple[Boxes, TruthBoxes, Scene | None]:
-    """Both sides; the camera of text is the one that the other side has."""
+    """Tracks and truth; text is of the camera that the other file has."""
     if not _is_text(truth):
         boxes, scene = _read_truth(truth)
         ours = _read_text(tracks, _sole_camera(truth, boxes, config), Boxes) if _is_text(tracks) else None
@@ -161,10 +161,10 @@ def _read_text(path: Path, camera: str, table: type[B], last: int | None = None)
     return table.concat(rows if last is not None else (part.take(part.box >= 0) for part in rows))
 
 
-def _write(paths: Paths, result: Evaluation, sides: Sides, config: ManyConfig, scene: Scene | None) -> None:
+def _write(paths: Paths, result: Evaluation, compared: TruthAndTracks, config: ManyConfig, scene: Scene | None) -> None:
     provenance = provenance_of(paths, asdict(config))
     if paths.mot is not None and paths.tracks is not None:
-        write_layout(paths.mot, paths.tracks.stem, _sequences(sides, scene), overwrite=paths.overwrite)
+        write_layout(paths.mot, paths.tracks.stem, _sequences(compared, scene), overwrite=paths.overwrite)
     if paths.failures is not None:
         write_table(paths.failures, result.failures, provenance, overwrite=paths.overwrite)
     if paths.output is not None:
@@ -172,14 +172,14 @@ def _write(paths: Paths, result: Evaluation, sides: Sides, config: ManyConfig, s
         write_json(paths.output, values, overwrite=paths.overwrite)
 
 
-def _sequences(sides: Sides, scene: Scene | None) -> list[MotSequence]:
+def _sequences(compared: TruthAndTracks, scene: Scene | None) -> list[MotSequence]:
     sizes = {camera.name: camera.image_size for camera in (scene.cameras if scene is not None else ())}
     out = []
-    for view, name in enumerate(sides.views):
-        width, height = sizes.get(name) or image_size(sides, view)
-        frames = int(sides.number[view].max()) + 1
-        info = SequenceInfo(name, frames, frame_rate(sides, view), width, height)
-        out.append(MotSequence(info, *view_boxes(sides, view)))
+    for view, name in enumerate(compared.views):
+        width, height = sizes.get(name) or image_size(compared, view)
+        frames = int(compared.number[view].max()) + 1
+        info = SequenceInfo(name, frames, frame_rate(compared, view), width, height)
+        out.append(MotSequence(info, *view_boxes(compared, view)))
     return out
 
 

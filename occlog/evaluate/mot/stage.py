@@ -19,10 +19,10 @@ from occlog.records.views import Failures
 
 from .config import ManyConfig
 from .figures import Metrics, across_views, centres, failure_figures, gospa_figures, mot_figures, of_view
-from .truth_and_tracks import Sides
+from .truth_and_tracks import TruthAndTracks
 
 
-class _Near(NamedTuple):
+class NearPairs(NamedTuple):
     """Pairs of a track's row and a true row that are near each other in a frame."""
 
     truth: Ints
@@ -50,7 +50,8 @@ def own_targets(truth: Objects, tracks: Objects, tau: Floats, t_ns: Ints, how: s
     return np.array([own.get(int(k), NONE) for k in keys], dtype=np.int64)[number]
 
 
-def _near(truth: Objects, tracks: Objects, tau: Floats) -> _Near:
+def _near(truth: Objects, tracks: Objects, tau: Floats) -> NearPairs:
+    """Pairs of rows of one frame at most `tau` apart."""
     frames = of_points(truth, tracks, 1.0)
     parts = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0))]
     reach = tau[frames.truth_row]
@@ -59,10 +60,11 @@ def _near(truth: Objects, tracks: Objects, tau: Floats) -> _Near:
         share = frames.compare(t)[0] / reach[left, None]
         i, j = np.nonzero(share <= 1.0)
         parts.append((frames.truth_row[left][i], frames.track_row[right][j], share[i, j]))
-    return _Near(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return NearPairs(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _first(truth: Objects, tracks: Objects, near: _Near, t_ns: Ints) -> dict[int, int]:
+def _first(truth: Objects, tracks: Objects, near: NearPairs, t_ns: Ints) -> dict[int, int]:
+    """For each track the first target that it is on; of several at one time the nearest in terms of tau."""
     out: dict[int, int] = {}
     label = truth.label[near.truth]
     for row in np.lexsort((label, near.share, t_ns[near.track])).tolist():
@@ -70,7 +72,8 @@ def _first(truth: Objects, tracks: Objects, near: _Near, t_ns: Ints) -> dict[int
     return out
 
 
-def _best(truth: Objects, tracks: Objects, near: _Near) -> dict[int, int]:
+def _best(truth: Objects, tracks: Objects, near: NearPairs) -> dict[int, int]:
+    """One-to-one assignment of tracks to targets with the most pairs (Hungarian algorithm); only pairs that met."""
     targets, i = np.unique(truth.label, return_inverse=True)
     keys, j = np.unique(tracks.label, return_inverse=True)
     met = np.zeros((len(keys), len(targets)), dtype=np.int64)
@@ -80,7 +83,7 @@ def _best(truth: Objects, tracks: Objects, near: _Near) -> dict[int, int]:
 
 
 class Places(NamedTuple):
-    """Truth and tracks as points, and what is needed to tell of failures."""
+    """Truth and tracks as points, with the limits of distance and the frames that failures are told by."""
 
     truth: Objects
     tracks: Objects
@@ -92,31 +95,38 @@ class Places(NamedTuple):
     unit: str  # of distances
 
 
-def evaluate_sides(sides: Sides, config: ManyConfig) -> Evaluation:
+def evaluate_views(compared: TruthAndTracks, config: ManyConfig) -> Evaluation:
     """Figures of boxes that have been laid against each other: all views pooled, then each view."""
-    points = as_places(sides, config)
+    points = centres_and_limits(compared, config)
     found = find_failures(points, config)
-    frames = of_boxes(sides.truth, sides.tracks)
-    metrics: Metrics = failure_figures(found, found.frame >= 0, len(sides.truth.frame))
-    metrics |= mot_figures(frames, config, sum(sides.frames)) | sides.counts
+    frames = of_boxes(compared.truth, compared.tracks)
+    metrics: Metrics = failure_figures(found, found.frame >= 0, len(compared.truth.frame))
+    metrics |= mot_figures(frames, config, sum(compared.frames)) | compared.counts
     metrics |= {"targets": len(frames.truth_key), "tracks": len(frames.track_key)}
     if config.gospa_px is not None:
-        metrics |= _centre_gospa(points.truth, points.tracks, config, config.gospa_px, sum(sides.frames))
-    if len(sides.views) > 1:
-        metrics |= across_views(sides.truth, sides.tracks, config.overlap)
-        for v, name in enumerate(sides.views):
-            metrics |= _of_view(sides, found, config, v, f"_sensor_{name}")
-    notes = [*_left_out(sides), *strangers(points, config)]
+        metrics |= _centre_gospa(points.truth, points.tracks, config, config.gospa_px, sum(compared.frames))
+    if len(compared.views) > 1:
+        metrics |= across_views(compared.truth, compared.tracks, config.overlap)
+        for v, name in enumerate(compared.views):
+            metrics |= _of_view(compared, found, config, v, f"_sensor_{name}")
+    notes = [*_left_out(compared), *without_common_numbers(points, config)]
     flat = {name: float(value) for name, value in metrics.items()}
     return Evaluation(flat, failures=failure_rows(found, points), notes=tuple(notes))
 
 
-def as_places(sides: Sides, config: ManyConfig) -> Places:
+def centres_and_limits(compared: TruthAndTracks, config: ManyConfig) -> Places:
     """Middles of the boxes; a target's radius is sqrt(half width * half height)."""
-    radius = 0.5 * np.sqrt(sides.truth.place[:, 2] * sides.truth.place[:, 3])
+    radius = 0.5 * np.sqrt(compared.truth.place[:, 2] * compared.truth.place[:, 3])
     tau = config.tau * radius if config.tau_px is None else np.full(len(radius), config.tau_px)
     return Places(
-        centres(sides.truth), centres(sides.tracks), tau, sides.views, sides.t_ns, sides.number, sides.visible, "px"
+        truth=centres(compared.truth),
+        tracks=centres(compared.tracks),
+        tau=tau,
+        views=compared.views,
+        t_ns=compared.t_ns,
+        number=compared.number,
+        visible=compared.visible,
+        unit="px",
     )
 
 
@@ -175,25 +185,27 @@ def _centre_gospa(
     return gospa_figures(of_points(truth, tracks, cutoff), config, cutoff, cells, whose, "px")
 
 
-def _of_view(sides: Sides, found: failure_rates.Failures, config: ManyConfig, v: int, whose: str) -> Metrics:
-    truth, tracks = of_view(sides.truth, v), of_view(sides.tracks, v)
+def _of_view(
+    compared: TruthAndTracks, found: failure_rates.Failures, config: ManyConfig, v: int, whose: str
+) -> Metrics:
+    truth, tracks = of_view(compared.truth, v), of_view(compared.tracks, v)
     frames = of_boxes(truth, tracks)
     out = failure_figures(found, found.view == v, len(truth.frame), whose)
-    out |= mot_figures(frames, config, sides.frames[v], whose)
+    out |= mot_figures(frames, config, compared.frames[v], whose)
     out |= {f"targets{whose}": len(frames.truth_key), f"tracks{whose}": len(frames.track_key)}
-    out |= {f"frames{whose}": sides.frames[v]}
+    out |= {f"frames{whose}": compared.frames[v]}
     if config.gospa_px is not None:
-        out |= _centre_gospa(centres(truth), centres(tracks), config, config.gospa_px, sides.frames[v], whose)
+        out |= _centre_gospa(centres(truth), centres(tracks), config, config.gospa_px, compared.frames[v], whose)
     return out
 
 
-def _left_out(sides: Sides) -> list[str]:
-    if not sides.left_out:
+def _left_out(compared: TruthAndTracks) -> list[str]:
+    if not compared.left_out:
         return []
-    return [f"left out: {', '.join(sides.left_out)}, which the truth knows and no track is in"]
+    return [f"left out: {', '.join(compared.left_out)}, which the truth knows and no track is in"]
 
 
-def strangers(places: Places, config: ManyConfig) -> list[str]:
+def without_common_numbers(places: Places, config: ManyConfig) -> list[str]:
     """A line if the numbers of tracks and targets have nothing to do with each other."""
     ours, theirs = np.unique(places.tracks.label), np.unique(places.truth.label)
     if config.own != "label" or not len(ours) or np.isin(ours, theirs).any():

@@ -1,4 +1,4 @@
-"""Boxes of tracks and true boxes laid against each other: the same camera, the same frame, each identity once."""
+"""Boxes of tracks and true boxes in the same frames: of one camera and time, each identity once in a frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .config import ManyConfig
 B = TypeVar("B", bound=Boxes)
 
 
-class Sides(NamedTuple):
+class TruthAndTracks(NamedTuple):
     """Truth and tracks in the frames that the truth knows.
 
     A camera is a view, numbered in the order of names; `frame` of the objects counts the true
@@ -75,9 +75,9 @@ def places(boxes: Boxes) -> Floats:
     return np.column_stack([boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px])
 
 
-def lay_boxes(
+def boxes_in_true_frames(
     tracks: Boxes, truth: TruthBoxes, config: ManyConfig, *, by_number: bool = False, looked: Collection[str] = ()
-) -> Sides:
+) -> TruthAndTracks:
     """Tracks and truth of the frames that the truth has, with a box or known to have none.
 
     Args:
@@ -110,7 +110,7 @@ def lay_boxes(
         "estimates_other_frames": int(np.count_nonzero(~known)),
         "views_without_tracks": len(left_out),
     }
-    return Sides(
+    return TruthAndTracks(
         views,
         Objects(true_cell, there.target_id.astype(np.int64), places(there), true_view),
         Objects(cell, found.target_id.astype(np.int64), places(found), view),

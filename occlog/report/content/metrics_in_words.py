@@ -1,7 +1,4 @@
-"""The metrics of an evaluation in words: what each means, its unit, and for which target or sensor it is.
-
-The words for every metric that `occlog evaluate` writes.
-"""
+"""Metrics of an evaluation in words: the meaning and unit of each, and the target or sensor that it is of."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ from occlog.records.views import Failures, ViewTracks
 from occlog.track.images.run.provenance import other_video
 
 from .draw import draw_shot, tile
-from .stage import Rig, Told, frame_shot
+from .stage import FrameRows, Rig, frame_shot
 
 T = TypeVar("T", bound=Table)
 GOOD_HEIGHT = 480
@@ -193,29 +193,30 @@ class _Pictures:
     def __iter__(self) -> Iterator[tuple[int, Image]]:
         images: list[Image] = [np.zeros((v.height, v.width, 3), dtype=np.uint8) for v in self._rig.views]
         numbers = [-1] * len(self.names)
-        told = [Told(None, None, None)] * len(self.names)
+        rows = [FrameRows(None, None, None)] * len(self.names)
         fresh: set[int] = set()
         for frame in self._recording.frames(self.names):
             view = self.names.index(frame.sensor)
             if view in fresh:
-                yield numbers[0], self._drawn(images, numbers, told)
+                yield numbers[0], self._drawn(images, numbers, rows)
                 fresh.clear()
-            images[view], numbers[view], told[view] = frame.decode(), frame.index, self._told(frame)
+            images[view], numbers[view], rows[view] = frame.decode(), frame.index, self._rows_of(frame)
             fresh.add(view)
         if fresh:
-            yield numbers[0], self._drawn(images, numbers, told)
+            yield numbers[0], self._drawn(images, numbers, rows)
 
-    def _told(self, frame: Frame) -> Told:
-        return Told(_at(self._tracks, frame), _at(self._truth, frame), _at(self._failures, frame))
+    def _rows_of(self, frame: Frame) -> FrameRows:
+        """Rows of one frame of every table."""
+        return FrameRows(_at(self._tracks, frame), _at(self._truth, frame), _at(self._failures, frame))
 
-    def _drawn(self, images: list[Image], numbers: list[int], told: list[Told]) -> Image:
-        shots = [frame_shot(view, number, told, self._rig) for view, number in enumerate(numbers)]
+    def _drawn(self, images: list[Image], numbers: list[int], rows: list[FrameRows]) -> Image:
+        shots = [frame_shot(view, number, rows, self._rig) for view, number in enumerate(numbers)]
         pictures = [draw_shot(image, shot, self._scale) for image, shot in zip(images, shots, strict=True)]
         return tile(pictures, len(pictures) if len(pictures) <= 3 else math.ceil(math.sqrt(len(pictures))))
 
 
 def _rig(asked: Asked, recording: Recording, names: list[str], scene: Scene | None, quiet: bool) -> Rig:
-    """The views, as large as their first images, and the geometry that the tracker had, as far as it is told."""
+    """The views, as large as their first images, and the geometry that the tracker had, as far as it is known."""
     cameras = [next((c for c in scene.cameras if c.name == name), None) if scene else None for name in names]
     sizes = [next(recording.frames([name])).decode().shape for name in names]
     views = [View(name, size[1], size[0]) for name, size in zip(names, sizes, strict=True)]

@@ -1,4 +1,4 @@
-"""Tables of a frame to what is drawn over it: estimates, who touches, helps and fails, and what is true."""
+"""From the rows of a frame to its drawing: estimates, those that touch, help and fail, and true places."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BENT = 65
 """Points of a line that lens distortion bends."""
 
 
-class Told(NamedTuple):
+class FrameRows(NamedTuple):
     """The rows of one frame of one view; None: there is no such table."""
 
     tracks: ViewTracks | None
@@ -41,20 +41,20 @@ class Rig(NamedTuple):
     bottom: bool = False  # lines are of the lowest points of ellipses, where people stand; else of their centres
 
 
-def frame_shot(view: int, frame: int, told: Sequence[Told], rig: Rig) -> Shot:
+def frame_shot(view: int, frame: int, rows: Sequence[FrameRows], rig: Rig) -> Shot:
     """What is drawn over one frame.
 
     Args:
         view: its number in the rig.
         frame: its number in the camera's stream.
-        told: for each view of the rig, what is known of its latest frame.
+        rows: for each view of the rig, the rows of its latest frame.
         rig: the views.
 
     Returns:
         Estimates: dashed while only neighbours act on them, strong with help from other views, from whose
         estimates their epipolar lines come; links of those that touch; true places; failures.
     """
-    tracks, truth, failures = told[view]
+    tracks, truth, failures = rows[view]
     labels = _label_failures(failures) if rig.numbered else {}
     missed = _missed(failures)
     places = [] if truth is None else _places(truth, missed, rig.numbered or tracks is None)
@@ -63,7 +63,7 @@ def frame_shot(view: int, frame: int, told: Sequence[Told], rig: Rig) -> Shot:
         title=f"{rig.views[view].name}   frame {frame}",
         outlines=[] if tracks is None else _outlines(tracks, labels),
         links=[] if tracks is None else _links(tracks),
-        lines=[] if tracks is None or rig.geometry is None else _lines(view, tracks, told, rig, rig.geometry),
+        lines=[] if tracks is None or rig.geometry is None else _lines(view, tracks, rows, rig, rig.geometry),
         places=places,
         boxed=tracks is None,
         notes=[f"target {target}: no tracker" for target in sorted(missed - drawn)] + _others(failures, rig.numbered),
@@ -126,14 +126,14 @@ def _places(truth: TruthBoxes, missed: set[int], coloured: bool) -> list[Place]:
 
 
 def _lines(
-    view: int, tracks: ViewTracks, told: Sequence[Told], rig: Rig, geometry: Geometry
+    view: int, tracks: ViewTracks, rows: Sequence[FrameRows], rig: Rig, geometry: Geometry
 ) -> list[tuple[int, Floats]]:
     """The epipolar lines of what other views say of the targets that they help with."""
     numbers = {v.name: n for n, v in enumerate(rig.views)}
     out = []
     for target, names in zip(tracks.target_id.tolist(), tracks.helpers.tolist(), strict=True):
         for helper in (numbers[name] for name in filter(None, names.split(",")) if name in numbers):
-            points = _line(target, helper, view, told[helper].tracks, rig, geometry)
+            points = _line(target, helper, view, rows[helper].tracks, rig, geometry)
             if points is not None:
                 out.append((target, points))
     return out

@@ -1,6 +1,6 @@
-"""What does not move on a floor plan: room, occluders, sensors, what they see, their names, the scale.
+"""Fixed parts of a floor plan: room, occluders, sensors, their fields of view, their names, the scale.
 
-Names beside points, moved until they do not cover each other.
+Names beside points are moved until they do not cover each other.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ from occlog.errors import InputError
 from occlog.evaluate.evaluation import Evaluation
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.on_ground import evaluate_ground
-from occlog.evaluate.mot.stage import evaluate_sides
-from occlog.evaluate.mot.truth_and_tracks import boxes_of, lay_boxes
+from occlog.evaluate.mot.stage import evaluate_views
+from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames, boxes_of
 from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
 from occlog.records.views import ViewTracks
 
@@ -26,7 +26,7 @@ Row = tuple[int, str, int, float, float]
 def evaluate_boxes(tracks: Boxes, truth: TruthBoxes, config: ManyConfig | None = None, **options: bool) -> Evaluation:
     """Figures of tables that have yet to be laid against each other."""
     config = config or ManyConfig()
-    return evaluate_sides(lay_boxes(tracks, truth, config, **options), config)
+    return evaluate_views(boxes_in_true_frames(tracks, truth, config, **options), config)
 
 
 def table(kind: type[Boxes], rows: list[Row], **more: Any) -> Any:
@@ -234,7 +234,7 @@ def test_tracks_that_cannot_be_compared(tracks: list[Row], words: str) -> None:
 )
 def test_nothing_that_was_asked_for(config: ManyConfig, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        lay_boxes(table(Boxes, tracked_rows()), truth(), config)
+        boxes_in_true_frames(table(Boxes, tracked_rows()), truth(), config)
 
 
 @pytest.mark.parametrize(
