@@ -1,0 +1,155 @@
+"""Do the tests notice errors?  Changes a module in one place, then runs its tests: `python -m tests.mutate MODULE TEST`.
+
+    python -m tests.mutate occlog/core/metrics/errors.py tests/core/metrics/test_errors.py --count 20 --seed 1
+
+A change is one of: `<` to `<=` and the like, `==` to `!=`, `+` to `-`, `*` to `/`, `and` to `or`, `min` to `max`,
+`any` to `all`, a sign or `not` left out, a truth value, a whole number plus 1, another number times 1.5.  Changes are
+drawn with the seed.  The work goes on in a copy of the repository's files; kernels run as plain Python
+(`NUMBA_DISABLE_JIT=1`), unless --jit is given.  Each change that no test notices is printed with its line: either
+it makes no difference, or a test at that boundary is missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import copy
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
+OPERATORS = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+}
+NAMES = {"min": "max", "minimum": "maximum", "argmin": "argmax", "any": "all"}
+NAMES |= {other: name for name, other in NAMES.items()}
+
+
+def changed(node: ast.AST) -> Iterator[ast.AST]:
+    """The node with one thing changed, for each change that there is."""
+    if isinstance(node, ast.Compare):
+        for i, op in enumerate(node.ops):
+            if type(op) in COMPARISONS:
+                other = copy.deepcopy(node)
+                other.ops[i] = COMPARISONS[type(op)]()
+                yield other
+    elif isinstance(node, ast.BinOp | ast.AugAssign) and type(node.op) in OPERATORS:
+        other = copy.deepcopy(node)
+        other.op = OPERATORS[type(node.op)]()
+        yield other
+    elif isinstance(node, ast.BoolOp):
+        other = copy.deepcopy(node)
+        other.op = ast.And() if isinstance(node.op, ast.Or) else ast.Or()
+        yield other
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
+        yield node.operand
+    elif isinstance(node, ast.Constant) and type(node.value) in (bool, int, float):
+        value = node.value
+        rest = value + 1 if type(value) is int else 1.5 * value or 1.0
+        yield ast.copy_location(ast.Constant(not value if type(value) is bool else rest), node)
+    elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in NAMES:
+        yield ast.copy_location(ast.Name(NAMES[node.id], node.ctx), node)
+    elif isinstance(node, ast.Attribute) and node.attr in NAMES:
+        yield ast.copy_location(ast.Attribute(node.value, NAMES[node.attr], node.ctx), node)
+
+
+def untouched(tree: ast.AST) -> set[int]:
+    """Nodes whose change no test can notice: annotations, decorators, messages of errors."""
+    out: set[int] = set()
+    for node in ast.walk(tree):
+        parts = [getattr(node, name, None) for name in ("annotation", "returns")]
+        parts += getattr(node, "decorator_list", [])
+        parts += [node] if isinstance(node, ast.Raise) else []
+        out |= {id(inner) for part in parts if part is not None for inner in ast.walk(part)}
+    return out
+
+
+def mutants(source: str) -> Iterator[tuple[int, str, str, str]]:
+    """Line, what stands there, what stands there instead, and the whole changed source, for each change."""
+    tree = ast.parse(source)
+    skip = untouched(tree)
+    for parent in list(ast.walk(tree)):
+        for name, value in list(ast.iter_fields(parent)):
+            for i, node in enumerate(value if isinstance(value, list) else [value]):
+                if not isinstance(node, ast.AST) or id(node) in skip:
+                    continue
+                for other in changed(node):
+                    _put(parent, name, i, other)
+                    yield getattr(node, "lineno", 0), ast.unparse(node), ast.unparse(other), ast.unparse(tree)
+                    _put(parent, name, i, node)
+
+
+def _put(parent: ast.AST, name: str, place: int, node: ast.AST) -> None:
+    """Put a node into a field of its parent, or into the list that the field is."""
+    value = getattr(parent, name)
+    if isinstance(value, list):
+        value[place] = node
+    else:
+        setattr(parent, name, node)
+
+
+def copied(folder: Path) -> None:
+    """Copy the files of the repository."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for name in listed.splitlines():
+        if (ROOT / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, folder / name)
+
+
+def passes(folder: Path, tests: list[str], jit: bool, limit_s: float) -> bool:
+    """Whether the tests pass within the time."""
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "NUMBA_DISABLE_JIT": "" if jit else "1"}
+    marks = "not slow" if jit else "not slow and not jit"
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", marks, *tests]
+    try:
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, timeout=limit_s)
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
+
+
+def main() -> None:
+    """Try the changes, and print those that no test notices."""
+    parser = argparse.ArgumentParser(prog="python -m tests.mutate", description="Do the tests notice errors?")
+    parser.add_argument("module", help="file of the module, from the root of the repository")
+    parser.add_argument("tests", nargs="+", help="its tests")
+    parser.add_argument("--count", type=int, default=20, help="changes to try; default 20")
+    parser.add_argument("--seed", type=int, default=1, help="of the draw; default 1")
+    parser.add_argument("--jit", action="store_true", help="compile the kernels")
+    parser.add_argument("--limit", type=float, default=120.0, help="seconds after which a change counts as noticed")
+    options = parser.parse_args()
+    every = list(mutants((ROOT / options.module).read_text(encoding="utf-8")))
+    random.Random(options.seed).shuffle(every)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        copied(folder)
+        if not passes(folder, options.tests, options.jit, options.limit):
+            sys.exit("the tests do not pass without a change")
+        noticed = 0
+        for line, before, after, text in every[: options.count]:
+            (folder / options.module).write_text(text, encoding="utf-8")
+            if passes(folder, options.tests, options.jit, options.limit):
+                print(f"{options.module}:{line}: not noticed: {before}  ->  {after}", flush=True)
+            else:
+                noticed += 1
+    print(f"{options.module}: {noticed} of {min(options.count, len(every))} noticed, {len(every)} places")
+
+
+if __name__ == "__main__":
+    main()

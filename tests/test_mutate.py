@@ -1,0 +1,35 @@
+"""Changes that the mutation of a module's source makes."""
+
+from __future__ import annotations
+
+from tests.mutate import mutants
+
+SOURCE = """
+@kernel
+def f(x: int = 1) -> int:
+    if x < 2 and min(x, 0.5) > -x:
+        raise ValueError(f"{x + 1}")
+    return x
+"""
+
+
+def test_each_operator_number_and_name_is_changed_once() -> None:
+    found = [(line, before, after) for line, before, after, _ in mutants(SOURCE)]
+    assert sorted(found) == sorted(
+        [
+            (3, "1", "2"),
+            (4, "x < 2 and min(x, 0.5) > -x", "x < 2 or min(x, 0.5) > -x"),
+            (4, "x < 2", "x <= 2"),
+            (4, "2", "3"),
+            (4, "min(x, 0.5) > -x", "min(x, 0.5) >= -x"),
+            (4, "min", "max"),
+            (4, "0.5", "0.75"),
+            (4, "-x", "x"),
+        ]
+    )
+
+
+def test_a_mutant_is_the_source_with_that_change_alone() -> None:
+    texts = [text for *_, text in mutants(SOURCE)]
+    assert len(set(texts)) == len(texts)
+    assert all(text.count("\n") == texts[0].count("\n") for text in texts)
