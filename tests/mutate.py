@@ -1,4 +1,4 @@
-"""Do the tests notice errors?  Changes a module in one place, then runs its tests: `python -m tests.mutate MODULE TEST`.
+"""Changes a module in one place, then runs its tests: `python -m tests.mutate MODULE TEST`.
 
     python -m tests.mutate occlog/core/metrics/errors.py tests/core/metrics/test_errors.py --count 20 --seed 1
 
