@@ -119,7 +119,7 @@ def _fused(
     def parts() -> Iterator[Detections]:
         for part in fuse(detections, scene, config):
             tally.add(part)
-            yield Detections(*part[:5])
+            yield part.detections
 
     return parts()
 

@@ -32,7 +32,7 @@ from .views import feet
 
 
 class Fused(NamedTuple):
-    """A part of the recording after the fusion; the first five fields are those of `Detections`."""
+    """A part of the recording after the fusion: the fields of `Detections`, and counts."""
 
     views: Views
     bearings: Bearings
@@ -44,6 +44,11 @@ class Fused(NamedTuple):
     alone: int  # moments in which a single camera delivered a frame
     declared: int  # objects declared, one a moment and object
     absent: int  # moments and objects with detections that were not declared
+
+    @property
+    def detections(self) -> Detections:
+        """The part without the counts of the fusion."""
+        return Detections(self.views, self.bearings, self.losses, self.frames, self.warmup)
 
 
 @dataclass
