@@ -133,8 +133,8 @@ def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan) -> Scen
         if found is None and not plan.allow_uncalibrated:
             known = ", ".join(kept) or "none"
             raise InputError(
-                f"camera {name}: has no calibration (calibrated: {known}); add it to --calibration or --scene, "
-                "or give --allow-uncalibrated (it then gives no bearings)"
+                f"camera {name}: has no calibration (calibrated: {known}); add it to the calibration or "
+                "the scene, or allow uncalibrated cameras (they give no bearings)"
             )
         out.append(replace(kept.pop(found), name=name) if found is not None else _unplaced(name, plan))
     if plan.scene is not None:

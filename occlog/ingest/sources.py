@@ -44,7 +44,7 @@ def read_sidecars(plan: IngestPlan, cameras: list[str]) -> Sidecars:
     for name, path in plan.timestamps:
         names = [name] if name is not None else cameras
         if name is not None and name not in cameras:
-            raise UsageError(f"--timestamps {name}={path}: there is no camera {name}; cameras: {', '.join(cameras)}")
+            raise UsageError(f"{path}: time stamps of camera {name}, which there is not; cameras: {', '.join(cameras)}")
         for camera, times in read_sidecar(path, names).items() if names else ():
             if camera in out:
                 raise UsageError(f"camera {camera}: has times in {out[camera][1]} and in {path.name}; give one")
@@ -57,7 +57,7 @@ def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | No
     rate = for_sensor(plan.fps, name)
     if name in sidecars:
         if any(key == name for key, _ in plan.fps):
-            raise UsageError(f"camera {name}: has both --timestamps and --fps; give one")
+            raise UsageError(f"camera {name}: has both time stamps and a frame rate; give one")
         return sidecar_times(*sidecars[name], start_of(plan, name))
     return rate_times(as_rate(rate), "given", start_of(plan, name)) if rate is not None else None
 
