@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from occlog.cli import options
+from occlog.cli.setting_options import VariantCommand
 from occlog.errors import InputError, UsageError
 
-from .options import overlay_options, split
+from .options import PAGE, VARIANTS, chosen
 
 if TYPE_CHECKING:
     from occlog.records.columns import Table
@@ -23,30 +24,26 @@ if TYPE_CHECKING:
 T = TypeVar("T", bound="Table")
 
 
-@click.command(name="report", short_help="Show a run as one offline page and a picture.")
+@click.command(
+    cls=VariantCommand,
+    name="report",
+    short_help="Show a run as one offline page and a picture.",
+    variants=VARIANTS,
+    choose=chosen,
+    default=PAGE,
+    shows_default=True,
+    what="kind",
+    chosen_by="report [--recording PATH]",
+)
 @click.argument("tracks", type=options.PATH, required=False)
 @options.scene_opt
 @click.option("--truth", type=options.PATH, default=None, help="True positions: a recording or a table.")
-@click.option("--bearings", type=options.PATH, default=None, help="What each sensor saw: a table or a recording.")
-@click.option("--errors", type=options.PATH, default=None, help="Errors written by evaluate.")
-@click.option("--bound", type=options.PATH, default=None, help="Bound written by evaluate.")
-@click.option("--diagnostics", type=options.PATH, default=None, help="Diagnostics written by track.")
-@click.option(
-    "--occluders",
-    type=options.PATH,
-    default=None,
-    help="Moving occluders as the tracker was told: hulls or occluders, written by priors.",
-)
-@click.option("--metrics", type=options.PATH, default=None, help="Figures written by evaluate (JSON).")
-@click.option("--title", default="Tracking report", show_default=True, help="Heading of the page.")
-@options.output_opt("The page: one HTML file that needs nothing else.", required=False)
 @click.option(
     "--png",
     type=options.PATH,
     default=None,
     help="Also write the main figures as a picture; with --frame that frame, drawn over.",
 )
-@overlay_options
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
@@ -64,12 +61,14 @@ def command(**given: Any) -> int:
 
     With --recording no page is made: TRACKS (in images) and true boxes are drawn over the frames.
     """
-    as_json, quiet, title = given.pop("as_json"), given.pop("quiet"), given.pop("title")
-    overlay = split(given, title)
-    if overlay is not None:
+    as_json, quiet = given.pop("as_json"), given.pop("quiet")
+    if "recording" in given:
         from occlog.report.overlay.command import Asked, run_overlay
 
-        return options.finish(run_overlay(Asked(**overlay), quiet=quiet), (), as_json)
+        return options.finish(run_overlay(Asked(**given), quiet=quiet), (), as_json)
+    title = given.pop("title")
+    if given["output"] is None:
+        raise UsageError("no output: give -o (the page), or --recording with --video or --frame")
     paths = from_folder(Paths(**given))
     data = run_report(paths, title)
     for loss in data.losses:

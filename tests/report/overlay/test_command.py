@@ -211,7 +211,7 @@ def test_views_that_end_early_or_are_slower_keep_their_last_picture(tmp_path: Pa
 @pytest.mark.parametrize(
     ("args", "code", "words"),
     [
-        (["t", "--video", "o.avi"], ExitCode.USAGE, "--video needs --recording"),
+        (["t", "--video", "o.avi"], ExitCode.USAGE, "--video is an option of --recording"),
         (["t"], ExitCode.USAGE, "no output: give -o (the page), or --recording with --video or --frame"),
         (["R", "--video", "o.avi"], ExitCode.USAGE, "nothing to draw"),
         (["t", "R", "--frame", "1", "--png", "o.png", "--scale", "nan"], ExitCode.USAGE, "nan is not a finite number"),
@@ -219,7 +219,11 @@ def test_views_that_end_early_or_are_slower_keep_their_last_picture(tmp_path: Pa
         (["t", "R"], ExitCode.USAGE, "no output: give --video, or --png with --frame"),
         (["t", "R", "--frame", "1"], ExitCode.USAGE, "--png and --frame belong together"),
         (["t", "R", "--video", "o.mov"], ExitCode.USAGE, "o.mov: video can be .avi or .mp4"),
-        (["t", "R", "--video", "o.avi", "-o", "p.html"], ExitCode.USAGE, "--output is about a page"),
+        (
+            ["t", "R", "--video", "o.avi", "-o", "p.html"],
+            ExitCode.USAGE,
+            "-o is an option of a page, not of --recording",
+        ),
         (["t", "R", "--video", "o.avi", "--camera", "view9"], ExitCode.BAD_INPUT, "no video of camera 'view9'"),
         (["t", "R", "--video", "o.avi", "--frames", "50:60"], ExitCode.BAD_INPUT, "has no frame in 50:60"),
         (["t", "R", "--frame", "50", "--png", "o.png"], ExitCode.BAD_INPUT, "camera view1 has no frame 50"),
