@@ -26,7 +26,7 @@ test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -m serial
 
 test-fast: $(VENV)/installed-dev
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit" tests/core tests/measure tests/simulate tests/track tests/evaluate
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit and not serial" tests/core tests/measure tests/simulate tests/track tests/evaluate
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
@@ -63,3 +63,4 @@ $(VENV)/installed-dev: $(VENV)/bin/python pyproject.toml constraints.txt
 
 clean:
 	rm -rf $(VENV) $(RUN) build dist *.egg-info
+	find occlog tests -name "*.nb[ic]" -delete

@@ -36,7 +36,7 @@ class OutputError(OcclogError):
 
 
 class OutputExistsError(OcclogError):
-    """The output is already there and may not be overwritten."""
+    """The output is already there and may not be overwritten; the command line says how to replace it."""
 
     exit_code = ExitCode.EXISTS
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import click
 
 from occlog import __version__
-from occlog.errors import ExitCode, OcclogError
+from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
 
 class Command(NamedTuple):
@@ -131,6 +131,8 @@ def run(args: list[str] | None = None) -> int:
         return _fail(f"{error.format_message().rstrip('.')}; see {path} --help", ExitCode.USAGE)
     except click.ClickException as error:
         return _fail(error.format_message(), ExitCode.BAD_INPUT)
+    except OutputExistsError as error:
+        return _fail(f"{error}; give --overwrite to replace it", error.exit_code)
     except OcclogError as error:
         return _fail(str(error), error.exit_code)
     except BrokenPipeError:

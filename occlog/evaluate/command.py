@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,7 @@ import click
 
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
-from occlog.errors import ExitCode
+from occlog.errors import ExitCode, UsageError
 from occlog.settings import configure
 
 from .matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, EvaluateConfig
@@ -19,6 +19,7 @@ from .options import COMPARED, OF_MANY, WRITTEN, check_kind, with_all
 
 if TYPE_CHECKING:
     from .inputs import Paths
+    from .stage import Threshold
 
 
 @click.command(
@@ -64,9 +65,8 @@ def command(**values: Any) -> int:
 
     from .inputs import Paths
     from .run import run_evaluate
-    from .stage import parse_threshold
 
-    thresholds = [parse_threshold(text) for text in values["fail_if"]]
+    thresholds = _thresholds(values["fail_if"])
     as_json, quiet, azimuths = values["as_json"], values["quiet"], values["truth_azimuths"]
     paths = Paths(**{name: values[name] for name in Paths.__annotations__})
     chosen, many = given(EvaluateConfig, values), given(ManyConfig, values)
@@ -114,11 +114,21 @@ def _show(metrics: Mapping[str, float], unit: str, as_json: bool) -> None:
     click.echo("\n".join(summary_lines(metrics, unit)))
 
 
-def _judged(metrics: Mapping[str, Any], thresholds: list[Any]) -> int:
+def _thresholds(texts: Iterable[str]) -> list[Threshold]:
+    """Conditions of --fail-if; UsageError for a text that is none."""
+    from .stage import parse_threshold
+
+    try:
+        return [parse_threshold(text) for text in texts]
+    except UsageError as error:
+        raise UsageError(f"--fail-if {error}") from error
+
+
+def _judged(metrics: Mapping[str, Any], thresholds: Iterable[Threshold]) -> int:
     """Exit code 6 if a threshold was broken, each told in a line."""
     from .stage import failures
 
     broken = failures(metrics, thresholds)
     for line in broken:
-        click.echo(f"occlog: {line}", err=True)
+        click.echo(f"occlog: --fail-if {line}", err=True)
     return ExitCode.THRESHOLD if broken else ExitCode.DONE

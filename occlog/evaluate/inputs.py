@@ -122,7 +122,7 @@ def read_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scen
     if directions is not None:
         parts += bearings_of_doa([directions.read(Doa)], scene, labels)
     elif labels:
-        raise UsageError("--doa-labels wants directions of arrival; give them with --doa")
+        raise UsageError("doa_labels wants directions of arrival; give some (doa)")
     return Bearings.merge(parts) if len(parts) > 1 else next(iter(parts), None)
 
 

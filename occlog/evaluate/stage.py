@@ -58,7 +58,7 @@ def parse_threshold(text: str) -> Threshold:
     except ValueError:
         limit = math.nan
     if not found or not math.isfinite(limit):
-        raise UsageError(f"--fail-if {text!r}: must be a metric, one of > >= < <=, and a number, as in 'rmse>0.5'")
+        raise UsageError(f"{text!r}: must be a metric, one of > >= < <=, and a number, as in 'rmse>0.5'")
     return Threshold(found[1], found[2], limit)
 
 
@@ -72,14 +72,14 @@ def _failure(metrics: Mapping[str, float], threshold: Threshold) -> str | None:
     if not names:
         near = difflib.get_close_matches(threshold.metric, metrics, n=3, cutoff=0.5)
         hint = f"; did you mean {' or '.join(near)}?" if near else ""
-        return f"--fail-if {threshold}: there is no metric {threshold.metric!r}{hint}"
+        return f"{threshold}: there is no metric {threshold.metric!r}{hint}"
     if len(names) > 1:
-        return f"--fail-if {threshold}: {threshold.metric!r} can be {' or '.join(names)}; name one"
+        return f"{threshold}: {threshold.metric!r} can be {' or '.join(names)}; name one"
     value = metrics[names[0]]
     if not math.isfinite(value):
-        return f"--fail-if {threshold}: {names[0]} is not a number ({value}): there was nothing to compute it from"
+        return f"{threshold}: {names[0]} is not a number ({value}): there was nothing to compute it from"
     if OPERATORS[threshold.operator](value, threshold.limit):
-        return f"--fail-if {threshold}: {names[0]} is {value:.6g}"
+        return f"{threshold}: {names[0]} is {value:.6g}"
     return None
 
 

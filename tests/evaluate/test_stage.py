@@ -45,7 +45,7 @@ def test_parse(text: str, expected: Threshold) -> None:
     ["", "rmse", "rmse>", ">0.5", "rmse=0.5", "rmse==0.5", "rmse>>1", "rmse>a", "rmse>nan", "rmse>inf", "1<rmse<2"],
 )
 def test_parse_refuses(text: str) -> None:
-    with pytest.raises(UsageError, match="--fail-if") as refused:
+    with pytest.raises(UsageError, match="must be a metric") as refused:
         parse_threshold(text)
     assert refused.value.exit_code == ExitCode.USAGE
 
@@ -77,7 +77,7 @@ def test_comparisons_at_and_around_the_limit(text: str, breaks: bool) -> None:
 
 
 def test_message_gives_metric_and_value() -> None:
-    assert broken("rmse>0.5") == ["--fail-if rmse>0.5: rmse_m is 0.7"]
+    assert broken("rmse>0.5") == ["rmse>0.5: rmse_m is 0.7"]
 
 
 def test_missing_metric_breaks_and_names_the_nearest() -> None:
@@ -99,4 +99,4 @@ def test_not_a_number_breaks() -> None:
 
 def test_every_broken_threshold_is_told_in_order() -> None:
     lines = failures(METRICS, [parse_threshold(t) for t in ("rmse>0.5", "bound_ratio>9", "none>0", "rmse_x>0.1")])
-    assert [line.split(":")[0] for line in lines] == ["--fail-if rmse>0.5", "--fail-if none>0", "--fail-if rmse_x>0.1"]
+    assert [line.split(":")[0] for line in lines] == ["rmse>0.5", "none>0", "rmse_x>0.1"]

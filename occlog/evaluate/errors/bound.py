@@ -183,7 +183,7 @@ def _dimension(target: int, path: Path, errors: Errors, config: EvaluateConfig) 
         return 2
     if not path.high.any():
         raise InputError(
-            f"truth: target {target} has no height (z), which a bound in space needs; give --bound-in ground"
+            f"truth: target {target} has no height (z), which a bound in space needs; bound_in ground needs none"
         )
     return 3
 

@@ -115,7 +115,7 @@ def match_tracks(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> dict[i
         if estimated and not pairs:
             raise InputError(
                 f"tracks: no track number ({_some(list(estimated))}) is a target of the truth "
-                f"({_some(list(targets))}); give --match optimal to pair them by distance"
+                f"({_some(list(targets))}); pair them by distance (match optimal)"
             )
         return pairs
     squares = [[_squares(path, target, config) for target in targets.values()] for path in estimated.values()]
@@ -150,7 +150,7 @@ def compare(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> Matched:
     if not len(errors) and len(tracks):
         raise InputError(
             f"tracks: the truth covers the time of no estimate: tracks {_span(tracks)}, truth {_span(truth)}, "
-            f"gaps of at most {config.max_gap_s:g} s are bridged; check the clocks or raise --max-gap"
+            f"gaps of at most {config.max_gap_s:g} s are bridged; check the clocks or raise max_gap"
         )
     matched = np.isin(tracks.target_id, list(pairs))
     counts: Metrics = {

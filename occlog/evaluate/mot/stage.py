@@ -212,7 +212,7 @@ def without_common_numbers(places: Places, config: ManyConfig) -> list[str]:
         return []
     return [
         f"no track has the number of a target ({_some(ours)}; {_some(theirs)}), so that every tracker is on another "
-        "target than its own; --own start gives each track the first target that it is on"
+        "target than its own; own start gives each track the first target that it is on"
     ]
 
 

@@ -87,7 +87,7 @@ def _move(beside: Path, folder: Path, overwrite: bool) -> None:
             target = folder / path.relative_to(beside)
             same = target.is_file() and target.read_bytes() == path.read_bytes()
             if target.exists() and not same and not overwrite:
-                raise OutputExistsError(f"{target}: exists with another content; give --overwrite to replace it")
+                raise OutputExistsError(f"{target}: exists with another content")
             if not same:
                 new.append((path, target))
         for path, target in new:

@@ -26,7 +26,7 @@ def check_writable(path: Path, overwrite: bool) -> None:
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
     if path.exists() and not overwrite:
-        raise OutputExistsError(f"{path}: exists; give --overwrite to replace it")
+        raise OutputExistsError(f"{path}: exists")
     if not path.parent.is_dir():
         raise OutputError(f"{path}: the folder {path.parent} does not exist; make it first")
 
@@ -156,7 +156,7 @@ def _create(path: Path) -> tuple[int, Path | None]:
 
 def _check_absent(path: Path, overwrite: bool) -> None:
     if not overwrite and path.exists():
-        raise OutputExistsError(f"{path}: another program has written it meanwhile; give --overwrite to replace it")
+        raise OutputExistsError(f"{path}: another program has written it meanwhile")
 
 
 def _name(fd: int, name: Path | None, path: Path) -> None:

@@ -87,7 +87,7 @@ def _prepare(folder: Path, made: dict[str, Any], overwrite: bool) -> None:
     if marker.exists() and msgspec.json.decode(msgspec.json.encode(read_json(marker))) == msgspec.to_builtins(made):
         return
     if any((folder / name).exists() for name in (MADE, STORE, *RESULTS)) and not overwrite:
-        raise OutputExistsError(f"{folder}: holds another sweep; give another folder, or --overwrite to replace it")
+        raise OutputExistsError(f"{folder}: holds another sweep; give another folder")
     for name in (STORE, *RESULTS):
         (folder / name).unlink(missing_ok=True)
     write_json(marker, made, overwrite=True)

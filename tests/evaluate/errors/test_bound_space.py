@@ -218,7 +218,7 @@ def test_auto_is_in_space_for_targets_whose_errors_are() -> None:
 
 
 def test_bound_in_space_needs_true_heights() -> None:
-    with pytest.raises(InputError, match=r"target 0 has no height .*--bound-in ground"):
+    with pytest.raises(InputError, match=r"target 0 has no height .*bound_in"):
         evaluate(None, truth(TIMES, PATH[:, :2]), everything(), PLACE, EvaluateConfig(bound_in="space"))
 
 

@@ -65,7 +65,7 @@ def test_time_limits_of_the_truth() -> None:
 
 
 def test_truth_that_covers_no_estimate_is_an_error() -> None:
-    with pytest.raises(InputError, match=r"covers the time of no estimate.*max-gap"):
+    with pytest.raises(InputError, match=r"covers the time of no estimate.*max_gap"):
         evaluate(tracks([100, 101], [0, 0]), truth(T5, [0, 0]), None, scene())
 
 
@@ -92,7 +92,7 @@ def test_identities_that_agree_are_matched_and_the_rest_counted() -> None:
 
 
 def test_no_identity_agrees() -> None:
-    with pytest.raises(InputError, match=r"no track number \(4\).*truth \(0\).*--match optimal"):
+    with pytest.raises(InputError, match=r"no track number \(4\).*truth \(0\).*match optimal"):
         evaluate(tracks(T5, [0, 0], 4), truth(T5, [0, 0]), None, scene())
 
 

@@ -9,6 +9,7 @@ from numpy.testing import assert_array_equal
 from occlog.array_types import NS
 from occlog.errors import InputError
 from occlog.track.map.config import MapConfig
+from occlog.track.map.fixed_lag import lag_ns
 from occlog.track.map.record import EMPTY, Record, fill
 
 
@@ -38,10 +39,10 @@ def test_what_is_filled_is_not_filled_again(longest_s: float) -> None:
 
 @pytest.mark.parametrize("lag_s", [1e-10, 0.0, -1.0, 1e10, 1e300])
 def test_lags_fit_into_times(lag_s: float) -> None:
-    with pytest.raises(InputError, match=r"lag_s is .*, must be from 1e-9 to 1e9"):
+    with pytest.raises(InputError, match=r"lag_s is .*, must be at least 1e-09 and at most 1e\+09"):
         MapConfig(lag_s=lag_s)
 
 
 def test_the_longest_and_the_shortest_lag() -> None:
-    assert MapConfig(lag_s=1e-9).lag_ns == 1
-    assert MapConfig(lag_s=1e9).lag_ns == 10**18
+    assert lag_ns(MapConfig(lag_s=1e-9).lag_s) == 1
+    assert lag_ns(MapConfig(lag_s=1e9).lag_s) == 10**18
