@@ -61,7 +61,7 @@ def test_an_error_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
 def test_existing_output_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.bin"
     path.write_bytes(b"old")
-    with pytest.raises(OutputExistsError, match="--overwrite"), atomic.open_output(path):
+    with pytest.raises(OutputExistsError, match="exists"), atomic.open_output(path):
         pass
     assert path.read_bytes() == b"old"
 

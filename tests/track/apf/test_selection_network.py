@@ -52,8 +52,8 @@ def of_array(steps=STEPS):
     )
 
 
-def whole(bearings, selection, *, scene=SCENE, seed=3, config=CONFIG, **options):
-    parts = list(track([bearings], scene, Tracking(config, seed, selection=selection, **options)))
+def whole(bearings, selection, *, scene=SCENE, seed=3, config=CONFIG, occluders=None, **options):
+    parts = list(track([bearings], scene, Tracking(config, seed, selection=selection, **options), occluders))
     return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
 
 
