@@ -14,7 +14,7 @@ from occlog.cli.setting_options import SettingsCommand, given, with_options
 from .config import ListenConfig
 
 
-class SourceCount(click.ParamType[int]):
+class SourceCount(click.ParamType):  # type: ignore[type-arg,unused-ignore]
     """Number of directions a frame, or `auto`, which is 0."""
 
     name = "number"
