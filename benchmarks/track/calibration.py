@@ -12,7 +12,7 @@ from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.records.scene import Scene
 from occlog.simulate.config import ObserveConfig, WorldConfig
-from occlog.track.apf.config import MODES, ApfConfig
+from occlog.track.apf.config import CALIBRATE, ApfConfig
 
 NAME = "calibration"
 SUMMARY = "fixed errors of camera poses: RMSE with calibrate=joint to that with white noise, 4 cameras"
@@ -34,7 +34,7 @@ def one(cameras: int, noise: Any, seed: int) -> dict[str, float]:
     recording = record(scene, WorldConfig(steps=STEPS), ObserveConfig(noise=noise), seed)
     errors = true_errors(scene, seed) if noise == "calibration" else np.zeros((cameras, 3))
     out = {}
-    for mode in MODES:
+    for mode in CALIBRATE:
         state, found = follow(scene, recording, ApfConfig(particles=1000, calibrate=mode), seed)
         out[f"{mode} RMSE"] = rmse(found, recording.xy, SKIP)
         out[f"{mode} NEES"] = nees(found, recording.xy, SKIP)
@@ -59,7 +59,7 @@ def run(repeats: int = 3) -> dict[str, Any]:
             runs = [one(cameras, noise, seed) for seed in range(repeats)]
             table = {name: np.array([r[name] for r in runs]) for name in runs[0]}
             head = f"{what}, {cameras} cameras:"
-            for mode in MODES[1:]:
+            for mode in CALIBRATE[1:]:
                 ratios = table[f"{mode} RMSE"] / table["none RMSE"]
                 error = float(np.std(ratios, ddof=1) / math.sqrt(repeats)) if repeats > 1 else math.nan
                 parts[f"{head} {mode} / none"] = f"{ratios.mean():.3f} +- {error:.3f}"

@@ -9,6 +9,8 @@ from typing import ClassVar
 from occlog.settings import Settings, setting
 
 FORMS = ("printed", "improved", "quadrature")
+CALIBRATE = ("none", "joint", "initial")
+"""How errors of the cameras' poses are treated."""
 PROBABILITIES = ("recursion", "independent", "exact")
 
 
@@ -90,7 +92,7 @@ class ApfConfig(Settings):
         "none",
         "Errors of the cameras' poses: white noise (`none`), estimated along with the track (`joint`), "
         "or at first only (`initial`).",
-        choices=("none", "joint", "initial"),
+        choices=CALIBRATE,
     )
     calibrate_s: float = setting(100.0, "How long `initial` gathers.", unit="s", above=0)
 
