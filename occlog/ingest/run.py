@@ -21,10 +21,9 @@ from occlog.io.files.provenance import Provenance, hash_file, hash_inputs
 from occlog.io.frames.camera_source import CameraSource
 from occlog.io.frames.process import Delivered
 from occlog.io.recording.writer import RecordingWriter
+from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
-from occlog.io.sound.rows import DoaOptions
-from occlog.io.truth.positions import TruthOptions
-from occlog.io.truth.reader import read_truth
+from occlog.io.truth.reader import TruthOptions, read_truth
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Truth

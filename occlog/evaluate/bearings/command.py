@@ -14,8 +14,8 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.json_file import write_json
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import open_if_ours, open_input
+from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
-from occlog.io.sound.rows import DoaOptions
 from occlog.records.scene import MicrophoneArray
 from occlog.records.tables import Doa
 

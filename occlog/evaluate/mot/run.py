@@ -16,9 +16,8 @@ from occlog.errors import InputError, UsageError
 from occlog.evaluate.evaluation import Evaluation
 from occlog.evaluate.inputs import Paths, Tables, provenance_of
 from occlog.evaluate.matching.config import EvaluateConfig
-from occlog.io.boxes.mot_challenge import SequenceInfo
+from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layout
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
-from occlog.io.boxes.trackeval_folder import MotSequence, write_layout
 from occlog.io.files.csv_rows import first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.json_file import write_json

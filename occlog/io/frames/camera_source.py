@@ -13,8 +13,8 @@ from occlog.errors import InputError
 from occlog.io.files.frame_times import FrameTimes, as_rate
 from occlog.records.losses import Loss
 
+from .folder import ImageFolder
 from .process import Decoder, Delivered, start_decoder
-from .stream import ImageFolder
 from .video_stream import rate_times
 
 TRIAL = 4

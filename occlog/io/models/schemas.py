@@ -12,8 +12,8 @@ import msgspec
 from occlog.errors import UsageError
 from occlog.io.recording.rows import RECORDED, message_schema, schema_of
 from occlog.io.recording.writer import VIDEO_FRAME, VIDEO_FRAME_SCHEMA
-from occlog.io.scenes.path_keys import paths_schema
-from occlog.io.scenes.scene_keys import SceneSpec
+from occlog.io.scenes.paths import paths_schema
+from occlog.io.scenes.scene import SceneSpec
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES
 

@@ -14,7 +14,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.csv_rows import first_line, is_header, read_plain, read_rows
 from occlog.records.scene import MicrophoneArray
 
-from .rows import DoaOptions, DoaRows, azimuths_only
+from .csv_log import DoaOptions, DoaRows, azimuths_only
 
 WHAT = "a table of places of arrays"
 _DATE = re.compile(r"^\d\d/\d\d/\d\d$")

@@ -29,10 +29,7 @@ from occlog.records.scene import Clock, MicrophoneArray
 from occlog.records.tables import Doa
 
 from .author_formats import looks_like_telemetr, read_frida, read_telemetr
-from .csv_log import COLUMNS, read_table
-from .rows import DoaOptions, DoaRows
-
-WHAT = "a log of directions of arrival"
+from .csv_log import COLUMNS, WHAT, DoaOptions, DoaRows, read_table
 
 
 class DoaFormat(NamedTuple):

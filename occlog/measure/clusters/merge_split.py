@@ -1,4 +1,4 @@
-"""Merge and split clusters while the penalised objective (`person_prior.worth`) rises.
+"""Merge and split clusters while the penalised objective (`person_size.worth`) rises.
 
 A group is a row (n, x, y, xx, xy, yy): pixels, mean and scatter about it, like a cell.
 """
@@ -13,7 +13,7 @@ from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from .em import Statistics
-from .person_prior import Prior, place, worth
+from .person_size import Prior, place, worth
 
 NEIGHBOUR2 = 16.0  # squared Mahalanobis distance up to which two clusters may be merged
 

@@ -18,8 +18,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.measure.clusters.person_size import SizeMap
 from occlog.measure.regions.appearance import histogram
-from occlog.measure.regions.difference import difference
-from occlog.measure.regions.empty_scene import empty_scene
+from occlog.measure.regions.empty_scene import difference, empty_scene
 from occlog.measure.regions.observed_size import DIFFERENCE, observed_sizes, person_like_blobs
 from occlog.measure.regions.shrink import shrink
 from occlog.records.frames import Frame, Image

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.measure.clusters.person_prior import Prior, make_prior
-from occlog.measure.clusters.person_size import SizeMap, constant_sizes, sizes_from_camera
+from occlog.measure.clusters.person_size import Prior, SizeMap, constant_sizes, make_prior, sizes_from_camera
 from occlog.measure.clusters.stage import cell_side
 from occlog.measure.detections import PERSON_HEIGHT
 from occlog.measure.regions.background import Subtractor, foreground, make_subtractor

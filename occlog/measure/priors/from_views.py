@@ -18,8 +18,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders, Views
 
 from .config import HullConfig
-from .hull import CameraCones, Polygon, hull
-from .hull_cones import HullCamera, cones, hull_camera, runs
+from .hull import CameraCones, HullCamera, Polygon, cones, hull, hull_camera, runs
 from .hull_identities import BelievedPolygon, HullMemory, Rules, follow
 
 MOMENTS_PER_CHUNK = 256

@@ -8,7 +8,7 @@ import numpy as np
 from occlog.array_types import Bytes, Floats, Ints, Ints32
 from occlog.core.image.histogram_bins import N_BINS, as_colour, pixel_bin
 from occlog.core.numerics.jit import kernel
-from occlog.measure.clusters.person_prior import Prior, place
+from occlog.measure.clusters.person_size import Prior, place
 
 from .appearance import normalised
 from .regions import Regions

@@ -16,8 +16,6 @@ import numpy as np
 from occlog.array_types import Bytes
 from occlog.core.numerics.jit import kernel
 
-from .difference import difference
-
 CHANGE = 12.0  # grey levels between two samples that mean motion, after smoothing
 SMOOTHING_PX = 0.7  # more hides the edges of slow bodies
 COARSE_THICKNESS_PX = 30.0  # bodies are thinned to this before their edges are sought
@@ -91,3 +89,12 @@ def _masked_median(samples: Bytes, masks: Bytes) -> Bytes:
                     count += 1
             out[p, c] = values[(count - 1) // 2]
     return out
+
+
+def difference(a: Bytes, b: Bytes) -> Bytes:
+    """(height, width) largest absolute difference over the channels of two images of one shape."""
+    change = cv2.absdiff(a, b)
+    if change.ndim == 2:
+        return change  # type: ignore[no-any-return]
+    blue, green, red = cv2.split(change)
+    return cv2.max(cv2.max(blue, green), red)  # type: ignore[no-any-return]

@@ -17,7 +17,7 @@ import numpy as np
 from occlog.array_types import Bytes, Floats
 from occlog.measure.clusters.person_size import LOG_SIZE_SPREAD, SizeMap, cell_centres, sizes_from_heights
 
-from .difference import difference
+from .empty_scene import difference
 
 DIFFERENCE = 30  # grey levels from the empty scene that mean foreground
 ASPECT = (1.5, 4.5)

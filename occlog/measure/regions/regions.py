@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Bytes, Floats, Ints
 from occlog.core.image.histogram_bins import N_BINS, as_colour, pixel_bin
 from occlog.core.numerics.jit import kernel
-from occlog.measure.clusters.person_prior import Prior
+from occlog.measure.clusters.person_size import Prior
 from occlog.measure.clusters.stage import Clusters, find_clusters
 
 from .appearance import normalised

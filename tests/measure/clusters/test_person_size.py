@@ -5,8 +5,14 @@ import numpy as np
 import pytest
 
 from occlog.core.sight.camera import rotation_from_angles
-from occlog.measure.clusters.person_prior import make_prior, place
-from occlog.measure.clusters.person_size import SizeMap, cell_centres, constant_sizes, sizes_from_camera
+from occlog.measure.clusters.person_size import (
+    SizeMap,
+    cell_centres,
+    constant_sizes,
+    make_prior,
+    place,
+    sizes_from_camera,
+)
 from occlog.measure.regions.observed_size import observed_sizes, person_like_blobs
 from occlog.measure.regions.regions import Regions
 from occlog.measure.regions.shrink import enlarge, shrink, shrink_factor, shrink_sizes

@@ -7,8 +7,7 @@ import pytest
 import shapely
 
 from occlog.core.numerics.assignment import assign
-from occlog.measure.priors.hull import CameraCones, hull
-from occlog.measure.priors.hull_cones import cones, hull_camera, runs
+from occlog.measure.priors.hull import CameraCones, cones, hull, hull_camera, runs
 from occlog.measure.priors.hull_identities import HullMemory, Rules, evidence, follow
 from occlog.records.scene import Camera, Occluder, Scene, camera_rotation
 

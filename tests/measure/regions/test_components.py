@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from occlog.core.image.histogram_bins import pixel_bin
-from occlog.measure.clusters.person_prior import make_prior
-from occlog.measure.clusters.person_size import constant_sizes
+from occlog.measure.clusters.person_size import constant_sizes, make_prior
 from occlog.measure.regions.appearance import histogram
 from occlog.measure.regions.components import component_regions
 from occlog.measure.regions.regions import Regions, cluster_regions

@@ -15,7 +15,7 @@ from occlog.measure.detect.learning import learn
 from occlog.measure.detect.one_camera import known_sizes, plain_image
 from occlog.measure.detect.stage import detect
 from occlog.measure.epipolar.views import View
-from occlog.measure.regions.difference import difference
+from occlog.measure.regions.empty_scene import difference
 from occlog.measure.regions.observed_size import DIFFERENCE
 from occlog.measure.regions.shrink import shrink
 from occlog.records.frames import Frame, Image
