@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.track import _space_problem as problem
 from benchmarks.track._space_problem import Plain, Recording, numba_step, numpy_step, scan_of
 from occlog.array_types import Floats
-from occlog.core.filter.log_weights import effective_size, normalise
+from occlog.core.filter.particles import effective_size, normalise
 from occlog.core.motion.in_space import moved
 from occlog.core.sight.projected_planes import XY
 from occlog.track.in_space import direct3d, projected_planes

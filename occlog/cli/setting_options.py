@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import click
 
-from occlog.cli.numbers import AnyFinite, Finite
+from occlog.cli.values import AnyFinite, Finite
 from occlog.settings import (
     Declaration,
     SettingError,

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import click
 
 from occlog.cli import options
-from occlog.cli.numbers import Finite
+from occlog.cli.values import Finite
 from occlog.errors import UsageError
 from occlog.ingest.plan import FRAMES
 from occlog.settings import declaration, declared

@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.core.plane.convexity import pockets
 from occlog.core.plane.polygons import inside_polygon
-from occlog.core.plane.room_pockets import pockets
 from occlog.core.sight import camera as cam
 from occlog.errors import InputError
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import click
 
 from occlog.cli import options
-from occlog.cli.numbers import Finite
 from occlog.cli.setting_options import Variant
+from occlog.cli.values import Finite
 from occlog.ingest.plan import FRAMES
 
 PAGE, OVERLAY = "page", "overlay"

@@ -13,13 +13,12 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.plane.convexity import pockets
 from occlog.core.plane.polygons import pack_polygons
-from occlog.core.plane.room_pockets import pockets
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import Truth
-from occlog.simulate.world.step import Ground, Motion
-from occlog.simulate.world.world import CANDIDATES, Draws, World, populate, walk
+from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, Motion, World, populate, walk
 
 from .config import WorldConfig
 

@@ -111,7 +111,7 @@ def command(
       occlog track balls.mcap --method bmct --initial balls.mcap -o view_tracks.parquet
       occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
     """
-    from occlog.cli.parse import parse_names, parse_setting, parse_window
+    from occlog.cli.values import parse_names, parse_setting, parse_window
 
     from .apf.selection_config import SelectConfig
 

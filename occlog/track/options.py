@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import click
 
-from occlog.cli.numbers import Finite
 from occlog.cli.options import PATH
-from occlog.cli.parse import LONGEST_WINDOW_S
 from occlog.cli.setting_options import options_of
+from occlog.cli.values import LONGEST_WINDOW_S, Finite
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.catalogue import METHODS, settings_of
 

@@ -12,7 +12,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.bounds.in_space import sight_angles
 from occlog.core.numerics.interpolate import hold_positions, interpolate_positions
 from occlog.core.sight.camera import planar_offsets, wrap_angle
-from occlog.core.sight.line_of_sight import behind_walls, in_view
+from occlog.core.sight.visibility import behind_walls, in_view
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Tracks, Truth

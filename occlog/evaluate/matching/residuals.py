@@ -9,8 +9,8 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.camera import wrap_angle
-from occlog.core.sight.line_of_sight import behind_objects
 from occlog.core.sight.projected_planes import direction, direction_angles, polar_from_elevation
+from occlog.core.sight.visibility import behind_objects
 from occlog.records.tables import Bearings
 
 from .config import EvaluateConfig

@@ -87,7 +87,7 @@ def command(
       occlog detect walk.mcap -o bearings.parquet --views views.parquet --fuse
       occlog detect hall.mcap -o bearings.parquet --target-box cam1:120:310,95,40,110 --background knn
     """
-    from occlog.cli.parse import parse_names
+    from occlog.cli.values import parse_names
 
     from .run import DetectRequest, run_detect
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from occlog.cli import options
-from occlog.cli.parse import parse_names
+from occlog.cli.values import parse_names
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.fundamental_matrices import (

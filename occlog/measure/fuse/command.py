@@ -52,7 +52,7 @@ def command(
       occlog fuse bearings.parquet --views views.parquet --scene walk.mcap -o fused.parquet --fused-views both.parquet
       occlog fuse labelled.parquet --scene hall.mcap -o fused.parquet --p-miss 0.3 --p-false 0.05
     """
-    from occlog.cli.parse import parse_setting
+    from occlog.cli.values import parse_setting
 
     from .run import FuseFiles, run_fuse
 

@@ -59,7 +59,7 @@ def command(
       occlog track boxes.parquet --scene hall.mcap --start 2.9,0.5,0.3 -o tracks.parquet
       occlog label boxes.parquet --scene hall.mcap --tracks tracks.parquet -o labelled.parquet
     """
-    from occlog.cli.parse import parse_names
+    from occlog.cli.values import parse_names
 
     from .run import LabelFiles, Sensors, run_label
 

@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from occlog.cli import options
-from occlog.cli.numbers import POSITIVE
 from occlog.cli.setting_options import SettingsCommand, given, with_options
+from occlog.cli.values import POSITIVE
 
 from .config import ListenConfig
 

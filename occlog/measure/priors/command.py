@@ -115,7 +115,7 @@ def hull(
     \b
       occlog priors hull views.parquet --scene hall.mcap -o occluders.parquet --hulls hulls.parquet
     """
-    from occlog.cli.parse import parse_names, parse_setting
+    from occlog.cli.values import parse_names, parse_setting
 
     from .run import Cameras, HullRequest, run_hull
 
@@ -160,7 +160,7 @@ def acoustic(
     \b
       occlog priors acoustic talk.mcap -o occluders.parquet --window 0.05
     """
-    from occlog.cli.parse import parse_setting
+    from occlog.cli.values import parse_setting
 
     from .run import run_acoustic
 

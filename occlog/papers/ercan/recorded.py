@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools
-from occlog.core.sight.line_of_sight import behind_objects
+from occlog.core.sight.visibility import behind_objects
 from occlog.errors import InputError
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.measure.scans.occluder_priors import known_positions

@@ -26,9 +26,8 @@ from occlog.settings import METRES
 from occlog.simulate.config import RenderConfig
 from occlog.simulate.world.truth_grid import truth_grid
 
-from .body import Clothes, dress, outfit
+from .body import Clothes, dress, outfit, walking
 from .frame import Drawn, canvas, draw
-from .gait import walking
 
 NOISE = 1 << 22
 """Numbers drawn once for the sensor noise; every row of every frame takes a stretch at random."""

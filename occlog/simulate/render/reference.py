@@ -15,9 +15,8 @@ from occlog.measure.regions.appearance import add_pixels_into, normalised
 from occlog.records.scene import Camera, Scene
 from occlog.simulate.config import RenderConfig
 
-from .body import STATURE, Clothes, dress, outfit
+from .body import STATURE, WALKING, Clothes, dress, outfit
 from .frame import Canvas, bare_canvas, draw
-from .gait import WALKING
 from .light import lamps
 from .people import scene_metre
 

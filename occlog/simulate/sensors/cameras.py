@@ -16,7 +16,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.numerics.time_grid import Grid, Look, looks
 from occlog.core.sight.camera import noise_variance, planar_offsets, u_to_azimuth
-from occlog.core.sight.line_of_sight import behind_objects, behind_walls, in_view
+from occlog.core.sight.visibility import behind_objects, behind_walls, in_view
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Bearings, Truth
 from occlog.simulate.config import ObserveConfig

@@ -22,7 +22,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats
 from occlog.core.filter.likelihood import Noise, PackedScan
-from occlog.core.filter.log_weights import mean_and_covariance
+from occlog.core.filter.particles import mean_and_covariance
 from occlog.core.plane.polygons import inside_polygon
 from occlog.core.sight.camera import angles_from_rotation, rotation_from_angles
 from occlog.core.sight.visibility import Sensors

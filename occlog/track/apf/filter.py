@@ -25,8 +25,7 @@ from numpy.random import Generator
 from occlog.array_types import NS, Bools, Floats
 from occlog.core.filter.likelihood import Detection, Noise, PackedScan, agreement, log_likelihood
 from occlog.core.filter.likelihood_occluded import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
-from occlog.core.filter.log_weights import effective_size, log_of, mean_and_covariance, normalise
-from occlog.core.filter.resampling import systematic_ancestors
+from occlog.core.filter.particles import effective_size, log_of, mean_and_covariance, normalise, systematic_ancestors
 from occlog.core.occlusion.priors import Priors, without_own
 from occlog.core.plane.floor import Floor, make_floor, on_floor, sample_floor
 from occlog.core.sight.visibility import Sensors

@@ -19,7 +19,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats
 from occlog.core.filter.likelihood import Noise
-from occlog.core.filter.log_weights import mean_and_covariance
+from occlog.core.filter.particles import mean_and_covariance
 from occlog.core.occlusion.priors import Priors, no_priors
 from occlog.core.sight.visibility import Sensors
 from occlog.errors import UsageError

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.filter.resampling import systematic_ancestors
+from occlog.core.filter.particles import systematic_ancestors
 from occlog.core.motion.turns import move_under_all
 from occlog.core.numerics.jit import array_kernel, kernel
 from occlog.core.sight.camera import wrap_angle

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.filter.log_weights import effective_size, normalise
+from occlog.core.filter.particles import effective_size, normalise
 from occlog.core.motion.in_space import moved
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene

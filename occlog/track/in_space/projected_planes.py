@@ -24,7 +24,7 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.bounds.in_space import plane_axes
-from occlog.core.filter.log_weights import effective_size, normalise
+from occlog.core.filter.particles import effective_size, normalise
 from occlog.core.motion.in_space import Motion, moved, turn_jump
 from occlog.core.sight.projected_planes import AXES, PLANES, XY
 from occlog.measure.scans.scan import Scan

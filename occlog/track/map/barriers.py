@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from occlog.array_types import Bools, Floats
-from occlog.core.plane.convex_pieces import convex_pieces
+from occlog.core.plane.convexity import convex_pieces
 from occlog.core.plane.polygons import counter_clockwise
 from occlog.core.plane.separating_lines import offset
 from occlog.track.map.kernels.obstacles import Obstacle

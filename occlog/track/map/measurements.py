@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.plane.convex_pieces import convex_pieces
+from occlog.core.plane.convexity import convex_pieces, pockets
 from occlog.core.plane.polygons import counter_clockwise
-from occlog.core.plane.room_pockets import pockets
 from occlog.core.sight.camera import wrap_angle
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene

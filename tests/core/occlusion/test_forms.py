@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from occlog.core.occlusion.hidden import hiding_all, unhidden
-from occlog.core.occlusion.hidden_disjoint import sum_disjoint
-from occlog.core.occlusion.hidden_together import clear_exact, over_subsets
+from occlog.core.occlusion.hidden_together import clear_exact, over_subsets, sum_disjoint
 from occlog.core.occlusion.priors import Priors, gaussian_priors, polygon_priors
 from occlog.papers.ercan.blocking import IMPROVED, PRINTED, QUADRATURE, blocking, blocking_all
 from occlog.papers.ercan.eta import patterns, seen_by_recursion, seen_exactly

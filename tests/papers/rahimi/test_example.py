@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from occlog.core.sight.camera import planar_offsets
-from occlog.core.sight.line_of_sight import in_view
+from occlog.core.sight.visibility import in_view
 from occlog.papers import catalogue
 from occlog.papers.rahimi import example as sparse
 from occlog.papers.rahimi import results, search, trust

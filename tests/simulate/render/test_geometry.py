@@ -8,8 +8,7 @@ import pytest
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.records.scene import Camera, Occluder, Scene
 from occlog.simulate.render.body import Poses, dress, outfit, solids
-from occlog.simulate.render.bounds import around_ellipsoids, ideal_limits, pixel_boxes
-from occlog.simulate.render.frame import canvas, draw
+from occlog.simulate.render.frame import around_ellipsoids, canvas, draw, ideal_limits, pixel_boxes
 
 ROOM = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
 PILLAR = np.array([[4.0, 2.0], [4.5, 2.0], [4.5, 2.5], [4.0, 2.5]])

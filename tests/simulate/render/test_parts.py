@@ -8,8 +8,7 @@ import pytest
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.numerics.time_grid import Grid
 from occlog.simulate.render import texture
-from occlog.simulate.render.body import FULL_SWING, SHIRT, Poses, dress, outfit, solids
-from occlog.simulate.render.gait import STRIDE, walking
+from occlog.simulate.render.body import FULL_SWING, SHIRT, STRIDE, Poses, dress, outfit, solids, walking
 from occlog.simulate.render.light import in_shadow, lamps, light_at
 
 

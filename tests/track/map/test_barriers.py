@@ -11,7 +11,7 @@ from map_scenes import FOCAL, place, record, scans_of
 from numpy.testing import assert_allclose
 from shapely.geometry import Point, Polygon
 
-from occlog.core.sight.line_of_sight import in_view
+from occlog.core.sight.visibility import in_view
 from occlog.records.scene import Occluder
 from occlog.track.map.barriers import BORDER, obstacles, view_polygon
 from occlog.track.map.config import MapConfig

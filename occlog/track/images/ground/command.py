@@ -56,7 +56,7 @@ def command(
       occlog ground view_tracks.parquet --scene scene.yaml -o tracks.parquet
       occlog ground view_tracks.parquet --scene hall.mcap --set height=0 -o tracks.parquet
     """
-    from occlog.cli.parse import parse_names, parse_setting
+    from occlog.cli.values import parse_names, parse_setting
 
     from .run import GroundFiles, run_ground
 

@@ -19,8 +19,7 @@ from occlog.records.tables import Tracks
 from occlog.records.views import ViewTracks
 
 from .config import GroundConfig, in_scene
-from .place import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Meeting, Rig, Sights
-from .robust_place import meet_in_space
+from .place import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Meeting, Rig, Sights, meet_in_space
 
 WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", APART: "contradict"}
 """Names in `GroundPart.counts` of the reasons why a target has no place at a time."""

@@ -15,7 +15,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from .epipolar_bands import add_band, anchor, line_of, reach_across
+from .epipolar_lines import add_band, anchor, line_of, reach_across
 from .motion import mean_into, normalise_into
 from .repulsion import Interaction, add_inertia, half_reach, repel_into
 

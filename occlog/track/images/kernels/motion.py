@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.filter.resampling import systematic_ancestors
+from occlog.core.filter.particles import systematic_ancestors
 from occlog.core.numerics.jit import kernel
 
 SHORTEST = 0.5

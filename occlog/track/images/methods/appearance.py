@@ -15,6 +15,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.track.images.interface import Birth, FrameSet, Image, TrackerKey
+from occlog.track.images.kernels.ellipse_colour import level
 from occlog.track.images.kernels.patch_pca import (
     PatchModels,
     disc_points,
@@ -23,7 +24,6 @@ from occlog.track.images.kernels.patch_pca import (
     stack_models,
 )
 
-from .colours import level
 from .config import MipfConfig
 
 AppearanceModels = Mapping[TrackerKey, PatchModels]

@@ -12,9 +12,9 @@ from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats
 from occlog.track.images.interface import MODES
-from occlog.track.images.kernels.epipolar_proposal import drawn_on_lines
+from occlog.track.images.kernels.ellipse_colour import colours_in
+from occlog.track.images.kernels.epipolar_lines import drawn_on_lines
 
-from .colours import colours_in
 from .config import CmctConfig
 from .loop_check import affine_maps, at_bottom
 from .restart import APART, nearest

@@ -6,7 +6,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.track.images.interface import BAD, GOOD, NONE
-from occlog.track.images.kernels.epipolar_bands import TOGETHER, UNKNOWN, hysteresis, loop_check
+from occlog.track.images.kernels.epipolar_lines import TOGETHER, UNKNOWN, hysteresis, loop_check
 
 from .config import BmctConfig, CmctConfig, MipfConfig
 from .state import Trackers, VisualState

@@ -22,17 +22,16 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Bytes, Floats, Ints
-from occlog.core.filter.log_weights import effective_size, normalise
-from occlog.core.filter.resampling import systematic_ancestors
+from occlog.core.filter.particles import effective_size, normalise, systematic_ancestors
 from occlog.core.image.ellipse import touching
 from occlog.core.image.histogram_bins import update_bins
 from occlog.track.images.interface import MODES, FrameSet, Image, Outlines, Visual
+from occlog.track.images.kernels.ellipse_colour import colour_likeness
 from occlog.track.images.kernels.joint_samples import crowding_of_samples, distinct_size, run_chain
 from occlog.track.images.kernels.motion import boxes_of, covariance_and_ess, moved, weights_and_means
 from occlog.track.images.kernels.patch_pca import PatchModels
 
 from .appearance import log_patches
-from .colours import colour_likeness
 from .config import McmcConfig
 from .regions import OwnRegions, log_region_likelihood, mask_outside, own_regions
 from .state import (

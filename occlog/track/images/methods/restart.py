@@ -18,9 +18,9 @@ from occlog.array_types import Floats
 from occlog.core.image.ellipse import nearness, nearness_between
 from occlog.core.image.histogram_bins import update_bins
 from occlog.track.images.interface import FrameSet
-from occlog.track.images.kernels.epipolar_bands import anchor, line_of
+from occlog.track.images.kernels.ellipse_colour import colour_likeness
+from occlog.track.images.kernels.epipolar_lines import anchor, line_of
 
-from .colours import colour_likeness
 from .config import BmctConfig
 from .loop_check import affine_maps, at_bottom
 from .regions import mask_outside

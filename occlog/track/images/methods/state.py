@@ -17,10 +17,10 @@ from occlog.array_types import Bools, Bytes, Floats, Ints
 from occlog.core.image.histogram_bins import update_bins
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.track.images.interface import Birth, FrameSet, TrackerKey
+from occlog.track.images.kernels.ellipse_colour import WIDTH, colours_in, level, upright
 from occlog.track.images.kernels.motion import boxes_of
 
 from .appearance import AppearanceModels, learn_appearance
-from .colours import WIDTH, colours_in, level, upright
 from .config import IdmotConfig, MipfConfig
 from .regions import is_masked, mask_outside
 

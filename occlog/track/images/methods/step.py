@@ -15,10 +15,10 @@ from numpy.random import Generator
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.image.histogram_bins import update_bins
 from occlog.track.images.interface import LEFT, LOST, FrameSet, Outlines
+from occlog.track.images.kernels.ellipse_colour import colour_likeness
 from occlog.track.images.kernels.motion import EllipseMotion, boxes_of, covariance_and_ess, moved, resampled
 
 from .appearance import log_appearance
-from .colours import colour_likeness
 from .config import MipfConfig
 from .loop_check import counterpart_status
 from .regions import OwnRegions, drawn_at_regions, log_region_likelihood, mask_outside, own_regions

@@ -12,8 +12,7 @@ import math
 import numpy as np
 
 from occlog.array_types import Floats, Ints
-from occlog.core.filter.log_weights import effective_size, normalise
-from occlog.core.filter.resampling import systematic_ancestors
+from occlog.core.filter.particles import effective_size, normalise, systematic_ancestors
 from occlog.core.motion.in_space import half_normals
 from occlog.core.numerics.jit import array_kernel
 

@@ -1,4 +1,4 @@
-"""Colours inside ellipses against sums over every pixel."""
+"""Colours inside ellipses against sums over every pixel, and those of their halves."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ellipse_reference import ellipse_distance
 
-from occlog.track.images.kernels.ellipse_colour import histograms, likenesses
+from occlog.track.images.kernels.ellipse_colour import histograms, level, likenesses, upright
 
 W, H = 40, 30
 
@@ -73,3 +73,26 @@ def test_total_weight_is_that_of_the_continuous_kernel():
 def test_numbers_above_the_bins_are_left_out():
     bins = np.full((H, W), 255, dtype=np.uint8)
     assert not histograms(bins, np.array([[20.0, 15, 8, 5, 0.3]]), 3, 1).any()
+
+
+@pytest.mark.parametrize(("height", "split"), [(12.0, True), (12.0 - 1e-9, False), (8.0, False)])
+def test_targets_as_many_times_higher_than_wide_have_halves(height, split):
+    ellipse = np.array([[40.0, 40.0, 8.0, height, 0.0]])
+    assert upright(ellipse, 1.5).tolist() == [split]
+    # The other order of the axes is the same ellipse
+    turned = np.array([[40.0, 40.0, height + 1e-6 * split, 8.0, 0.5 * np.pi]])
+    assert upright(turned, 1.5).tolist() == [split]
+
+
+def test_no_target_has_halves_for_a_share_of_none():
+    assert not upright(np.array([[40.0, 40.0, 8.0, 80.0, 0.0]]), 0.0).any()
+
+
+@pytest.mark.parametrize("rho", [-1.5, -0.8, -0.7, 0.0, 0.7, 0.8, 1.5, 3.0])
+def test_the_first_axis_is_the_more_horizontal_one_of_the_same_ellipse(rho):
+    given = np.array([[40.0, 40.0, 8.0, 12.0, rho]])
+    out = level(given)[0]
+    assert -0.25 * np.pi <= out[4] <= 0.25 * np.pi
+    for angle in np.linspace(0.0, np.pi, 7):
+        reach = [np.hypot(e[2] * np.cos(angle - e[4]), e[3] * np.sin(angle - e[4])) for e in (given[0], out)]
+        assert reach[0] == pytest.approx(reach[1])

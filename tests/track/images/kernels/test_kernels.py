@@ -13,18 +13,18 @@ from occlog.track.images.kernels.ellipse_colour import (
     histograms,
     likenesses,
 )
-from occlog.track.images.kernels.epipolar_bands import (
+from occlog.track.images.kernels.epipolar_lines import (
     APART,
     TOGETHER,
     UNKNOWN,
     add_band,
     anchor,
+    drawn_on_lines,
     hysteresis,
     line_of,
     loop_check,
     reach_across,
 )
-from occlog.track.images.kernels.epipolar_proposal import drawn_on_lines
 from occlog.track.images.kernels.motion import (
     EllipseMotion,
     boxes_of,

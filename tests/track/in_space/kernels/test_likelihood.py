@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from occlog.core.bounds import in_space as bounds3d
-from occlog.core.filter.log_weights import effective_size, normalise
+from occlog.core.filter.particles import effective_size, normalise
 from occlog.core.motion.in_space import Motion, known_jump, moved, turn_jump
 from occlog.core.motion.turns import acceleration_root, turn_matrix
 from occlog.core.numerics.special_functions import fast_atan2

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from shapely.geometry import LineString, Point, Polygon
 from trajectory_reference import dense_chain, make_steps
 
-from occlog.core.plane.convex_pieces import convex_pieces
+from occlog.core.plane.convexity import convex_pieces
 from occlog.track.map.kernels.detours import Detours, find_detours, settle
 from occlog.track.map.kernels.gauss_markov import constant_velocity
 from occlog.track.map.kernels.newton_search import Options, derivatives, minimise

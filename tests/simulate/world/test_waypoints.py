@@ -3,10 +3,9 @@ import pytest
 from scipy.spatial.distance import pdist
 from scipy.special import ive
 
+from occlog.core.plane.convexity import pockets
 from occlog.core.plane.polygons import distance_to_boundary, inside_polygon, pack_polygons, sight_blocked
-from occlog.core.plane.room_pockets import pockets
-from occlog.simulate.world.step import Ground, Motion
-from occlog.simulate.world.world import CANDIDATES, Draws, populate, walk
+from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, Motion, populate, walk
 
 SQUARE = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 PILLAR = np.array([[40.0, 40.0], [60.0, 40.0], [60.0, 60.0], [40.0, 60.0]])

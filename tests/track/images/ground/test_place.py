@@ -5,8 +5,17 @@ import pytest
 from epipolar_rigs import looking
 from scipy.optimize import minimize
 
-from occlog.track.images.ground.place import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Rig, Sights
-from occlog.track.images.ground.robust_place import meet_in_space
+from occlog.track.images.ground.place import (
+    APART,
+    BEHIND,
+    MET,
+    NEAR_PARALLEL,
+    TOO_FEW,
+    Height,
+    Rig,
+    Sights,
+    meet_in_space,
+)
 
 HEIGHT = Height(0.9, 0.1)
 

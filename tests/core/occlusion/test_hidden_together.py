@@ -7,8 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from occlog.core.occlusion.hidden_disjoint import by_weight, clear, sum_disjoint, that_matter
-from occlog.core.occlusion.hidden_together import over_subsets
+from occlog.core.occlusion.hidden_together import by_weight, clear, over_subsets, sum_disjoint, that_matter
 
 
 def written_out(q: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:

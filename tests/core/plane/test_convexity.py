@@ -1,4 +1,4 @@
-"""Polygons cut into convex pieces: shapely and random points as references."""
+"""Convex pieces and pockets of polygons: shapely and random points as references."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, Polygon
 from shapely.ops import unary_union
 
-from occlog.core.plane.convex_pieces import convex_pieces
-from occlog.core.plane.polygons import inside_polygon
+from occlog.core.plane.convexity import convex_pieces, pockets
+from occlog.core.plane.polygons import inside_polygon, sight_blocked, signed_area
 
 L_SHAPE = np.array([[0.0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]])
 SQUARE = np.array([[0.0, 0], [2, 0], [2, 2], [0, 2]])
@@ -137,3 +137,40 @@ def test_towers_whose_walls_meet_in_line(towers: list[tuple[int, int]]) -> None:
         x += width
     corners += [(x, 0.0), (0.0, 0.0)]
     check_pieces(np.array(corners, float)[::-1], np.random.default_rng(2))
+
+
+L_ROOM = np.array([[0.0, 0.0], [160.0, 0.0], [160.0, 53.0], [53.0, 53.0], [53.0, 160.0], [0.0, 160.0]])
+SQUARE = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
+
+
+def star_room(seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    return np.column_stack([np.cos(angle), np.sin(angle)]) * rng.uniform(10, 50, 12)[:, None]
+
+
+def test_a_convex_room_has_none():
+    assert pockets(SQUARE) == []
+    halved = np.insert(SQUARE, 1, [50.0, 0.0], axis=0)  # a corner in the middle of a side
+    assert pockets(halved) == []
+
+
+@pytest.mark.parametrize("room", [L_ROOM, L_ROOM[::-1], np.roll(L_ROOM, 4, axis=0)])
+def test_the_l_shaped_room_has_one(room):
+    (pocket,) = pockets(room)
+    assert signed_area(pocket) == pytest.approx(0.5 * 107 * 107)
+    assert {tuple(p) for p in pocket} == {(160.0, 53.0), (53.0, 53.0), (53.0, 160.0)}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_pockets_fill_the_hull_and_block_what_leaves_the_room(seed):
+    room = star_room(seed)
+    shape = Polygon(room)
+    parts = pockets(room)
+    assert sum(signed_area(p) for p in parts) == pytest.approx(shape.convex_hull.area - shape.area)
+    points = np.random.default_rng(seed).uniform(-50, 50, (400, 2))
+    points = points[inside_polygon(points, room)]
+    origin, others = points[0], points[1:]
+    blocked = np.any([sight_blocked(origin, others, p) for p in parts], axis=0)
+    leaves = [LineString([origin, p]).difference(shape).length > 1e-9 for p in others]
+    assert blocked.tolist() == leaves

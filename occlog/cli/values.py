@@ -1,0 +1,66 @@
+"""Values of options: finite numbers, which the ranges of click alone do not promise, names, times, settings."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import click
+from click.types import FloatParamType
+
+from occlog.errors import UsageError
+
+
+class Finite(click.FloatRange):
+    """A range of numbers without NaN, which click lets pass every range, and without infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number; a usage error for one that is not finite or not in the range."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
+class AnyFinite(FloatParamType):
+    """Any number but NaN and infinity."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number; a usage error for one that is not finite."""
+        return Finite().convert(value, param, ctx)
+
+
+POSITIVE = Finite(min=0, min_open=True)
+AT_LEAST_0 = Finite(min=0)
+RATE = Finite(1e-3, 1_000_000)
+"""Frames or steps a second: times are whole nanoseconds, and recordings last days at most."""
+
+
+LONGEST_WINDOW_S = 1e9
+
+
+def parse_names(text: str) -> tuple[str, ...]:
+    """Names separated by commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def parse_window(seconds: float) -> int:
+    """Nanoseconds; UsageError for what is not finite or longer than times can be apart."""
+    return round(parse_seconds("--window", seconds) * 1e9)
+
+
+def parse_seconds(option: str, seconds: float) -> float:
+    """The seconds; UsageError for what is not a number or longer than times can be apart."""
+    if seconds != seconds:
+        raise UsageError(f"{option} {seconds}: must be a number")
+    if not seconds <= LONGEST_WINDOW_S:
+        raise UsageError(f"{option} {seconds}: must be at most {LONGEST_WINDOW_S:g} seconds")
+    return seconds
+
+
+def parse_setting(text: str) -> tuple[str, str]:
+    """NAME=VALUE."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise UsageError(f"--set {text}: want NAME=VALUE")
+    return name.strip(), value
