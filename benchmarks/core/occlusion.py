@@ -47,7 +47,7 @@ class Moment:
     """A filter in the middle of its work, and the scan that comes next."""
 
     scene: Scene
-    state: apf.State
+    state: apf.ApfState
     scan: Scan
 
 

@@ -58,7 +58,7 @@ def lost_in_hiding(scene: Scene, recording: Recording, config: ApfConfig, seed: 
     return _until_found(state, recording, 20 + HIDDEN, rng)
 
 
-def _until_found(state: apf.State, recording: Recording, first: int, rng: np.random.Generator) -> int:
+def _until_found(state: apf.ApfState, recording: Recording, first: int, rng: np.random.Generator) -> int:
     """Scans from the first one that two cameras see the target in, up to the first estimate near it.
 
     0 if two cameras never see it.

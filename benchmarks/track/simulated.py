@@ -53,7 +53,7 @@ def record(scene: Scene, world: WorldConfig, how: ObserveConfig, seed: int) -> R
     return Recording(truth, scans, np.column_stack([truth.x[own], truth.y[own]])[at])
 
 
-def follow(scene: Scene, recording: Recording, config: ApfConfig, seed: int) -> tuple[apf.State, list[Estimate]]:
+def follow(scene: Scene, recording: Recording, config: ApfConfig, seed: int) -> tuple[apf.ApfState, list[Estimate]]:
     """The filter over a whole recording: its last state and all estimates."""
     rng = generator(seed, Stage.TRACK, TARGET)
     state, out = apf.init(scene, config, rng), []

@@ -53,7 +53,7 @@ def per_call(work: Callable[[], Any], calls: int = 20) -> float:
     return 1e6 * (time.perf_counter() - start) / calls
 
 
-def baseline_step(ref: ModuleType, scene: Scene, state: apf.State, scan: Scan, rng: np.random.Generator) -> Any:
+def baseline_step(ref: ModuleType, scene: Scene, state: apf.ApfState, scan: Scan, rng: np.random.Generator) -> Any:
     """The same step in plain NumPy, random numbers included, as a function without arguments."""
     cameras = [
         ref.RefCamera(c.ground, c.yaw, c.focal_px[0], c.fov, c.range, c.sigma_position, c.sigma_yaw)
@@ -79,7 +79,7 @@ def baseline_step(ref: ModuleType, scene: Scene, state: apf.State, scan: Scan, r
     return step
 
 
-def parts_of(state: apf.State, scan: Scan, rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
+def parts_of(state: apf.ApfState, scan: Scan, rng: np.random.Generator) -> dict[str, Callable[[], Any]]:
     """The dearer parts of a step."""
     model, particles = state.model, state.particles
     looks = pack_scan(scan, model.read_px, True)

@@ -59,7 +59,7 @@ class Model(NamedTuple):
     priors: Priors | None = None  # those at the time of the scan
 
 
-class State(NamedTuple):
+class ApfState(NamedTuple):
     """Weighted particles at the time of the last scan; `t_ns` is None before the first."""
 
     model: Model
@@ -92,7 +92,7 @@ def occlusion_of(config: ApfConfig) -> Occlusion:
     return Occlusion(kind, FORMS.index(config.q), config.p_floor, 0.0)
 
 
-def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
+def init(scene: Scene, config: ApfConfig, rng: Generator) -> ApfState:
     """State before the first scan: particles around `config.start`, or all over the floor.
 
     InputError if the scene has no free floor.
@@ -115,10 +115,10 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> State:
         raise InputError(f"scene: {error}; make the room larger") from error
     weights = np.full(len(particles.speed), 1.0 / len(particles.speed))
     calibration = begin(scene, model.noise, model.read_px, model.sensors, config.calibrate)
-    return State(model, particles, weights, None, 0, calibration)
+    return ApfState(model, particles, weights, None, 0, calibration)
 
 
-def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
+def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimate]:
     """The state after a scan and the estimate ([Ercan] Alg. 1 with start, restart and calibration around it).
 
     ValueError for a scan that is earlier than the last.
@@ -148,10 +148,10 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     # Calibrate: learn the errors of the poses
     if calibration is not None:
         calibration, estimate = learned(calibration, scan, estimate, config.calibrate_s)
-    return State(base, draw.particles, draw.weights, scan.t_ns, astray, calibration), estimate
+    return ApfState(base, draw.particles, draw.weights, scan.t_ns, astray, calibration), estimate
 
 
-def _informed(model: Model, priors: Priors, state: State) -> Model:
+def _informed(model: Model, priors: Priors, state: ApfState) -> Model:
     """The model with what is known about moving occluders; priors of the target itself are left out."""
     config = model.config
     if config.own_gate > 0.0 and state.t_ns is not None:
@@ -162,7 +162,7 @@ def _informed(model: Model, priors: Priors, state: State) -> Model:
     return model._replace(priors=priors, occlusion=occlusion, detection=model.informed)
 
 
-def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
+def predict(state: ApfState, t_ns: int, rng: Generator) -> Cloud:
     """Where the target is thought to be at a time not before the last scan; the state stays as it is.
 
     Particles are drawn from the importance density, as [Ercan] Sec. 5 wants them for the
@@ -184,7 +184,7 @@ def _drift(model: Model, particles: Particles, dt: float, rng: Generator) -> Par
     return particles
 
 
-def _take_in(state: State, t_ns: int, looks: PackedScan, rng: Generator) -> Draw:
+def _take_in(state: ApfState, t_ns: int, looks: PackedScan, rng: Generator) -> Draw:
     """Weighted particles at the time of a scan; drawn anew at the start, after a gap, and where none agrees."""
     model = state.model
     if state.t_ns is None:
@@ -283,7 +283,7 @@ def _restart(model: Model, looks: PackedScan, reason: str, rng: Generator) -> Dr
     return _weigh_start(model, _fresh(model, None, rng), looks, reason, rng)
 
 
-def _astray(state: State, draw: Draw, looks: PackedScan) -> int:
+def _astray(state: ApfState, draw: Draw, looks: PackedScan) -> int:
     """How many more reports spoke against where the target is thought to be than for it, since they last were even.
 
     A report speaks against it if the target should be elsewhere; a scan counts for two

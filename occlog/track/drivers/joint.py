@@ -15,7 +15,7 @@ from occlog.records.tables import Bearings, Cooperation
 from occlog.track.imm import when_to_ask
 from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests
 from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.filter import Report, State
+from occlog.track.imm.filter import ImmState, Report
 from occlog.track.imm.listening import Listener
 from occlog.track.interface import Joint
 
@@ -26,7 +26,7 @@ from .tracking import Tracking
 def track_joint(
     bearings: Iterable[Bearings],
     scene: Scene,
-    method: Joint[State, ImmConfig, Report],
+    method: Joint[ImmState, ImmConfig, Report],
     tracking: Tracking[ImmConfig],
 ) -> Iterator[Tracked]:
     """Tracks of all targets that arrays hear, chunk by chunk; see `occlog.track.drivers.stage.track`.

@@ -43,7 +43,7 @@ FREE = 0.5
 """A bearing that is of no target with more than this probability may be a new target's."""
 
 
-class State(NamedTuple):
+class ImmState(NamedTuple):
     """All targets at the time of the last scan; `t_ns` is None before the first."""
 
     world: ImmWorld
@@ -79,13 +79,13 @@ class Report(NamedTuple):
     log_evidence: float  # of all bearings
 
 
-def init(scene: Scene, config: ImmConfig, rng: Generator) -> State:
+def init(scene: Scene, config: ImmConfig, rng: Generator) -> ImmState:
     """The state before the first scan: no tracks, or those of the targets in `config.start`."""
     tracks = given(config, 0, rng)
-    return State(make_world(scene, config), tracks, None, len(tracks))
+    return ImmState(make_world(scene, config), tracks, None, len(tracks))
 
 
-def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Report]:
+def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, Report]:
     """The state after a scan of any arrays, and what came of it.
 
     Args:
@@ -122,7 +122,7 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Report]:
         for m in moved
         if m.track.number != UNNUMBERED
     )
-    return State(world, tracks, t_ns, least), Report(beliefs, tuple(counts), scan, evidence)
+    return ImmState(world, tracks, t_ns, least), Report(beliefs, tuple(counts), scan, evidence)
 
 
 def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:

@@ -24,7 +24,7 @@ from occlog.measure.scans.scan import Scan
 from . import kernel as imm
 from .after_fix import moved_to, updated
 from .config import ImmConfig
-from .filter import Belief, Count, Report, State
+from .filter import Belief, Count, ImmState, Report
 from .tracks import UNLABELLED, UNNUMBERED, Track, at_place, on_line
 
 CAUSES = ("periodic", "count", "bearing", "ellipse", "spread")
@@ -59,7 +59,7 @@ class Answer(NamedTuple):
     label: int
 
 
-def asks(state: State, report: Report, memory: Memory, rng: Generator) -> tuple[list[Ask], Memory]:
+def asks(state: ImmState, report: Report, memory: Memory, rng: Generator) -> tuple[list[Ask], Memory]:
     """What to ask after a scan, by track, and what to remember."""
     assert state.t_ns is not None
     config, t_ns = state.world.config, state.t_ns
@@ -95,7 +95,7 @@ def asks(state: State, report: Report, memory: Memory, rng: Generator) -> tuple[
     return out, memory._replace(period_ns=since, bearings=bearings)
 
 
-def others(state: State, report: Report, asked: Sequence[Ask]) -> list[Ask]:
+def others(state: ImmState, report: Report, asked: Sequence[Ask]) -> list[Ask]:
     """Targets that no question is about, and that the frames may show as well; none if `config.share` is false."""
     if not state.world.config.share or not asked:
         return []
@@ -113,7 +113,7 @@ def _count_asks(config: ImmConfig, count: Count, memory: Memory) -> bool:
     return "count" in config.policies and count.bearings != memory.bearings.get(count.array, count.targets)
 
 
-def _own_causes(state: State, report: Report, belief: Belief) -> list[str]:
+def _own_causes(state: ImmState, report: Report, belief: Belief) -> list[str]:
     """Causes that lie in one track."""
     config, estimate, found = state.world.config, belief.estimate, []
     if "printed" in config.policies and "bearing" in config.printed:
@@ -133,7 +133,7 @@ def _own_causes(state: State, report: Report, belief: Belief) -> list[str]:
     return found
 
 
-def _reaches(state: State, array: int, belief: Belief) -> bool:
+def _reaches(state: ImmState, array: int, belief: Belief) -> bool:
     away = belief.estimate.mean[::2] - state.world.places[array]
     return math.hypot(*away) <= float(state.world.reach[array])
 
@@ -142,7 +142,7 @@ def _where(estimate: imm.Estimate) -> tuple[Floats, Floats]:
     return estimate.mean[::2], estimate.covariance[::2, ::2]
 
 
-def _leads(state: State, report: Report, unknown: Iterable[Count], rng: Generator) -> list[Ask]:
+def _leads(state: ImmState, report: Report, unknown: Iterable[Count], rng: Generator) -> list[Ask]:
     """Questions about targets not known yet: tracks that are not confirmed, or else bearings of no target."""
     waiting = [t for t in state.tracks if t.number == UNNUMBERED]
     if not waiting:
@@ -150,7 +150,7 @@ def _leads(state: State, report: Report, unknown: Iterable[Count], rng: Generato
     return [Ask(UNNUMBERED, ("count",), t.label, *_middle(t)) for t in waiting]
 
 
-def _lead(state: State, scan: Scan, array: int, i: int, rng: Generator) -> Track:
+def _lead(state: ImmState, scan: Scan, array: int, i: int, rng: Generator) -> Track:
     """A track on the sight line of bearing i of an array."""
     heard = dict(scan.by_sensor())[state.world.cameras + array]
     assert state.t_ns is not None
@@ -163,8 +163,8 @@ def _middle(track: Track) -> tuple[Floats, Floats]:
 
 
 def located(
-    state: State, report: Report, answers: Iterable[Answer], memory: Memory, rng: Generator
-) -> tuple[State, Report, Memory]:
+    state: ImmState, report: Report, answers: Iterable[Answer], memory: Memory, rng: Generator
+) -> tuple[ImmState, Report, Memory]:
     """The state with what the cameras found, the report of it, and when they found nothing."""
     assert state.t_ns is not None
     config, t_ns, free = state.world.config, state.t_ns, state.free

@@ -41,7 +41,7 @@ PATIENCE = 4
 """How many times longer a sensor must speak against a filter that has already started anew because of it."""
 
 
-class State(NamedTuple):
+class Direct3dState(NamedTuple):
     """Weighted particles after the last scan; `t_ns` is None before the first."""
 
     space: Space[Direct3dConfig]
@@ -61,13 +61,13 @@ class Draw(NamedTuple):
     fallback: str
 
 
-def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> State:
+def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> Direct3dState:
     """State before the first scan: particles around `config.start`, or none yet."""
     space = make_space(scene, config, cone=config.likelihood == "cone")
     n = config.particles * config.start_factor
     cloud = np.empty((6, 0)) if config.start is None else around(space, config.start, n, rng)
     near = scene.region.mean(axis=0) if config.start is None else np.array(config.start[:2])
-    return State(
+    return Direct3dState(
         space=space,
         cloud=cloud,
         log_weights=np.full(cloud.shape[1], -math.log(n)),
@@ -77,7 +77,7 @@ def init(scene: Scene, config: Direct3dConfig, rng: Generator) -> State:
     )
 
 
-def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
+def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dState, Estimate]:
     """The state after a scan and the estimate; ValueError for a scan that is earlier than the last."""
     space, config = state.space, state.space.config
     heard = pack_directions(scan, space.ears, state.near, use_score=config.use_score)
@@ -102,10 +102,10 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
         weights = np.full(n, 1.0 / n)
     with np.errstate(divide="ignore"):
         log_weights = np.log(weights)
-    return State(space, cloud, log_weights, mean[:2], scan.t_ns, astray), estimate
+    return Direct3dState(space, cloud, log_weights, mean[:2], scan.t_ns, astray), estimate
 
 
-def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
+def predict(state: Direct3dState, t_ns: int, rng: Generator) -> Cloud:
     """Where the target is thought to be at a time not before the last scan; the state stays as it is."""
     cloud, weights = state.cloud, np.exp(state.log_weights)
     if not cloud.shape[1]:
@@ -117,7 +117,7 @@ def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
     return Cloud(np.ascontiguousarray(cloud[:2].T), weights / weights.sum())
 
 
-def _take_in(state: State, t_ns: int, heard: ScanDirections, rng: Generator) -> Draw:
+def _take_in(state: Direct3dState, t_ns: int, heard: ScanDirections, rng: Generator) -> Draw:
     """Weighted particles at the time of a scan; drawn anew at the start, after a gap, and where none agrees."""
     space, dt = state.space, 0.0
     if state.t_ns is None and not state.cloud.shape[1]:

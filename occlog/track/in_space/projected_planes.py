@@ -46,7 +46,7 @@ Clouds = tuple[tuple[Floats, Floats], ...]
 """Particles (4, L) and log weights (L,) of each plane."""
 
 
-class State(NamedTuple):
+class PpsState(NamedTuple):
     """Three planes' particles after the last scan; `t_ns` is None before the first."""
 
     space: Space[PpsConfig]
@@ -58,11 +58,11 @@ class State(NamedTuple):
     astray: Ints  # (S,) see `direct3d.contradicted`
 
 
-def init(scene: Scene, config: PpsConfig, rng: Generator) -> State:  # noqa: ARG001
+def init(scene: Scene, config: PpsConfig, rng: Generator) -> PpsState:  # noqa: ARG001
     """State before the first scan."""
     space = make_space(scene, config)
     astray = np.zeros(len(space.ears.reach), dtype=np.int64)
-    return State(space, plane_motions(space.motion), (), None, NOTHING, None, astray)
+    return PpsState(space, plane_motions(space.motion), (), None, NOTHING, None, astray)
 
 
 def plane_motions(motion: Motion) -> tuple[Motion, ...]:
@@ -74,7 +74,7 @@ def plane_motions(motion: Motion) -> tuple[Motion, ...]:
     return tuple(parts)
 
 
-def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
+def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimate]:
     """The state after a scan and the estimate ([Lee] Alg. 1); ValueError for a scan that is earlier than the last."""
     space, config = state.space, state.space.config
     near = 0.5 * (space.low + space.high) if state.joined is None else state.joined.mean[:3]
@@ -106,7 +106,7 @@ def step(state: State, scan: Scan, rng: Generator) -> tuple[State, Estimate]:
     return after, _estimate(joined, heard, config, ess, log_sum, "", pair)
 
 
-def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
+def predict(state: PpsState, t_ns: int, rng: Generator) -> Cloud:
     """Where the target is thought to be at a time not before the last scan; the state stays as it is."""
     space, n = state.space, state.space.config.particles
     even = np.full(n, 1.0 / n)
@@ -120,7 +120,7 @@ def predict(state: State, t_ns: int, rng: Generator) -> Cloud:
     return Cloud(np.ascontiguousarray(ahead[:2].T), np.exp(log_weights))
 
 
-def _first(state: State, heard: ScanDirections, rng: Generator) -> Draw:
+def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> Draw:
     """Particles in space around the start, weighed by the first scan, or where that says."""
     space, config = state.space, state.space.config
     if config.start is None:
@@ -132,8 +132,8 @@ def _first(state: State, heard: ScanDirections, rng: Generator) -> Draw:
 
 
 def _started(
-    state: State, t_ns: int, heard: ScanDirections, angles: Angles, draw: Draw, rng: Generator
-) -> tuple[State, Estimate]:
+    state: PpsState, t_ns: int, heard: ScanDirections, angles: Angles, draw: Draw, rng: Generator
+) -> tuple[PpsState, Estimate]:
     """All planes anew from particles in space."""
     config = state.space.config
     mean, covariance = moments(draw.cloud, draw.weights)
@@ -152,7 +152,7 @@ def _started(
     return after, _estimate(joined, heard, config, ess, draw.log_likelihood, draw.fallback, pair)
 
 
-def _woken(state: State, pair: Pair, rng: Generator) -> State:
+def _woken(state: PpsState, pair: Pair, rng: Generator) -> PpsState:
     """Planes that had to wait start from the combined estimate when they are chosen."""
     if state.space.config.running == "all" or state.joined is None:
         return state
@@ -174,7 +174,7 @@ def _reseeded(joined: Joined, plane: int, n: int, rng: Generator) -> Floats:
     return cloud + joined.mean[rows][:, None]
 
 
-def _moved(state: State, pair: Pair, dt: float, rng: Generator) -> Clouds:
+def _moved(state: PpsState, pair: Pair, dt: float, rng: Generator) -> Clouds:
     """Particles of the planes that run, dt later."""
     if dt == 0.0:
         return state.clouds
@@ -185,12 +185,12 @@ def _moved(state: State, pair: Pair, dt: float, rng: Generator) -> Clouds:
     return tuple(clouds)
 
 
-def _running(state: State, pair: Pair) -> list[int]:
+def _running(state: PpsState, pair: Pair) -> list[int]:
     chosen = {p for _, p in pair}
     return [p for p in ALL if state.space.config.running == "all" or p in chosen]
 
 
-def _turned(state: State, plane: int, dt: float) -> Floats | None:
+def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
     """(4,) what a turn in another plane does to the axis that this one has of it, at the combined velocity."""
     motion, axes = state.space.motion, AXES[plane]
     if motion.turn == 0.0 or axes == motion.axes or state.joined is None:
@@ -205,7 +205,7 @@ def _turned(state: State, plane: int, dt: float) -> Floats | None:
 
 
 def _weighed(
-    state: State, clouds: Clouds, pair: Pair, heard: ScanDirections, angles: Angles, rng: Generator
+    state: PpsState, clouds: Clouds, pair: Pair, heard: ScanDirections, angles: Angles, rng: Generator
 ) -> tuple[Clouds, dict[int, Flat]]:
     """The running planes' particles after the scan, resampled where that is due, and what they know."""
     config, n = state.space.config, state.space.config.particles

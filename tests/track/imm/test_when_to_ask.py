@@ -11,7 +11,7 @@ from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan, concat, in_vain
 from occlog.track.imm import kernel as imm
 from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.filter import Belief, Count, Report, State
+from occlog.track.imm.filter import Belief, Count, ImmState, Report
 from occlog.track.imm.tracks import UNNUMBERED, known, make_world, standing
 from occlog.track.imm.when_to_ask import Answer, Memory, asks, located, others
 
@@ -26,7 +26,7 @@ def at(policy, *places, t_s=0.0, config=None, counts=(), looks=(), predicted=Non
     config = replace(config or ImmConfig.in_unit("m"), cooperate=policy)
     world = make_world(SCENE, config)
     tracks = tuple(known(config, k, (x, y, sigma, 0, 0, 0.1), 0, RNG(k)) for k, (x, y) in enumerate(places))
-    state = State(world, tracks, round(t_s * NS), len(tracks))
+    state = ImmState(world, tracks, round(t_s * NS), len(tracks))
     beliefs = []
     for track in tracks:
         moved = standing(world, track)

@@ -20,7 +20,7 @@ from occlog.papers.verdicts.model import Size, Spec
 from occlog.settings import configure
 from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests
 from occlog.track.imm.config import ImmConfig
-from occlog.track.imm.filter import Report, State, init, step
+from occlog.track.imm.filter import ImmState, Report, init, step
 from occlog.track.imm.listening import Listener
 from occlog.track.imm.tracks import known
 from occlog.track.imm.when_to_ask import CAUSES, Memory, asks, located, others
@@ -162,7 +162,9 @@ def follow(made: Environment, spec: Mapping[str, Any]) -> FilterOutput:
     return out
 
 
-def _roster(state: State, made: Environment, config: ImmConfig, array: int, n: int, rng: np.random.Generator) -> State:
+def _roster(
+    state: ImmState, made: Environment, config: ImmConfig, array: int, n: int, rng: np.random.Generator
+) -> ImmState:
     """Start tracks of targets that are heard for the first time, and end those of targets that are heard no more."""
     heard, ids = made.heard[array] > 0, made.truth.ids.tolist()
     there = {t.number for t in state.tracks}
