@@ -198,10 +198,10 @@ def command(
         options.check_outputs([], [output, *balls_videos(balls, output).values()], overwrite)
         return options.finish(run_balls(balls, output, seed, overwrite=overwrite, quiet=quiet), [], as_json)
 
-    from .run import Request, people_setup, run_simulate, scene_setup
+    from .run import SimulateRequest, people_setup, run_simulate, scene_setup
     from .video import video_paths
 
-    request = Request(
+    request = SimulateRequest(
         scene=scene,
         paths=own.get("paths"),
         world=given(WorldConfig, own),

@@ -41,7 +41,7 @@ APPEARANCE = "appearance.json"
 
 
 @dataclass(frozen=True)
-class Request:
+class SimulateRequest:
     """What is asked for; of settings those that were given.
 
     Attributes:
@@ -80,14 +80,14 @@ class Request:
         return [path for path in (self.scene, self.paths) if path is not None]
 
 
-def scene_setup(request: Request) -> Setup:
+def scene_setup(request: SimulateRequest) -> Setup:
     """Everything that decides on the recording of a scene from a file."""
     assert request.scene is not None  # the command asks for it
     scene = options.load_scene(request.scene, None, request.scene)
     return make_setup(scene, request, None if request.paths is None else read_paths(request.paths))
 
 
-def make_setup(scene: Scene, request: Request, script: Script | None = None) -> Setup:
+def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = None) -> Setup:
     """The request's settings with the defaults that suit the scene; UsageError for what does not go together.
 
     Args:
@@ -115,7 +115,7 @@ def make_setup(scene: Scene, request: Request, script: Script | None = None) -> 
     )
 
 
-def _check_request(scene: Scene, request: Request) -> None:
+def _check_request(scene: Scene, request: SimulateRequest) -> None:
     """UsageError for settings that say nothing about this scene, or that say one thing twice."""
     of_video = [flag_of(RenderConfig, name) for name in request.render]
     of_video += [flag_of(StoreConfig, name) for name in request.store]
@@ -128,7 +128,7 @@ def _check_request(scene: Scene, request: Request) -> None:
         raise UsageError("--seconds and --steps both say how long the recording is; give one")
 
 
-def _walkers(scene: Scene, request: Request) -> WorldConfig:
+def _walkers(scene: Scene, request: SimulateRequest) -> WorldConfig:
     """Settings of objects that walk at random; in video nobody walks into a wall."""
     defaults = WorldConfig.in_unit(scene.length_unit)
     world = configure(defaults, {**_times(defaults, request.rate_hz, request.seconds), **request.world})
@@ -137,7 +137,7 @@ def _walkers(scene: Scene, request: Request) -> WorldConfig:
     return world
 
 
-def _scripted(scene: Scene, request: Request, script: Script) -> WorldConfig:
+def _scripted(scene: Scene, request: SimulateRequest, script: Script) -> WorldConfig:
     """Number and times of the steps, and sizes; options go before the file of paths, and that before the defaults."""
     if script.length_unit not in (None, scene.length_unit):
         raise InputError(f"--paths: its length unit is {script.length_unit}, the scene's {scene.length_unit}; make one")
@@ -161,7 +161,7 @@ def _times(defaults: WorldConfig, rate_hz: float | None, seconds: float | None) 
     return {"step_s": step_s, **steps}
 
 
-def people_setup(given: Mapping[str, object], request: Request) -> Setup:
+def people_setup(given: Mapping[str, object], request: SimulateRequest) -> Setup:
     """Everything that decides on the video of people who look alike.
 
     Args:

@@ -18,7 +18,7 @@ from occlog.core.plane.polygons import pack_polygons
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import Truth
-from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, Motion, World, populate, walk
+from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, WaypointMotion, WaypointState, populate, walk
 
 from .config import WorldConfig
 
@@ -26,10 +26,10 @@ CHUNK_STEPS = 256
 """Steps computed and yielded at a time; random numbers are drawn for whole chunks, so do not change it."""
 
 
-def motion_in_a_step(config: WorldConfig) -> Motion:
+def motion_in_a_step(config: WorldConfig) -> WaypointMotion:
     """Speed, noise and change of destination per step, from those per second."""
     redirect, step_s = config.redirect, config.step_s
-    return Motion(
+    return WaypointMotion(
         step=config.speed * step_s,
         sigma=config.sigma * math.sqrt(step_s),
         redirect=-math.expm1(step_s * math.log1p(-redirect)) if redirect < 1 else 1.0,
@@ -71,7 +71,7 @@ def simulate_truth(scene: Scene, config: WorldConfig, seed: int, start: Floats |
         yield _truth(places, first, config)
 
 
-def _first(floor: Ground, n: int, config: WorldConfig, seed: int) -> World:
+def _first(floor: Ground, n: int, config: WorldConfig, seed: int) -> WaypointState:
     if n == 0:
         raise InputError("simulate: targets and occluders are both 0; give at least one object")
     try:

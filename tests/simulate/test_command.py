@@ -18,7 +18,7 @@ from occlog.io.scenes.scene import read_scene
 from occlog.records.tables import Bearings, Doa, Truth, TruthBoxes
 from occlog.simulate.config import ObserveConfig, RenderConfig, WorldConfig
 from occlog.simulate.render.people import render
-from occlog.simulate.run import Request, make_setup
+from occlog.simulate.run import SimulateRequest, make_setup
 from occlog.simulate.stage import simulate_truth
 
 pytestmark = pytest.mark.jit
@@ -102,7 +102,7 @@ def test_video_boxes_and_appearance(room: Path, tmp_path: Path, capsys: pytest.C
     assert simulate(room, out, *args, "--image-noise", "0.5", "--texture", "0.2") == ExitCode.DONE
     summary = json.loads(capsys.readouterr().out)
     scene, world = read_scene(room), WorldConfig.in_unit("m")
-    setup = make_setup(scene, Request(seconds=2.0, world={"targets": 2, "occluders": 1}, video=True))
+    setup = make_setup(scene, SimulateRequest(seconds=2.0, world={"targets": 2, "occluders": 1}, video=True))
     assert setup.world.steps == 21
     assert setup.world.clearance == world.clearance
     config = RenderConfig(noise=0.5, texture=0.2, diameter=world.diameter)
@@ -219,12 +219,12 @@ def test_exit_code_7_for_an_output_that_exists(room: Path, tmp_path: Path) -> No
 
 def test_defaults_follow_the_length_unit_and_rendering(room: Path) -> None:
     scene = read_scene(EXAMPLES / "room100.yaml")
-    setup = make_setup(scene, Request(world={"occluders": 40}))
+    setup = make_setup(scene, SimulateRequest(world={"occluders": 40}))
     assert setup.world == WorldConfig(occluders=40)
     assert setup.observe == ObserveConfig(diameter=3.33)
     assert setup.render is None
-    people = make_setup(read_scene(room), Request(video=True, world={"diameter": 0.6}))
+    people = make_setup(read_scene(room), SimulateRequest(video=True, world={"diameter": 0.6}))
     assert people.observe is None
     assert people.world.clearance == pytest.approx(0.3)
     with pytest.raises(UsageError):
-        make_setup(scene, Request(render={"shadows": False}))
+        make_setup(scene, SimulateRequest(render={"shadows": False}))

@@ -17,7 +17,7 @@ from occlog.core.numerics.jit import array_kernel, kernel
 from .turns import _turned, acceleration_root
 
 
-class Motion(NamedTuple):
+class AccelerationModel(NamedTuple):
     """How a target moves on d axes."""
 
     acceleration: Floats  # (d,) known [length/s^2]
@@ -31,17 +31,19 @@ def known_jump(acceleration: Floats, dt: float) -> Floats:
     return np.concatenate([0.5 * dt * dt * acceleration, dt * acceleration])
 
 
-def motion_noise(motion: Motion, dt: float) -> Floats:
+def motion_noise(motion: AccelerationModel, dt: float) -> Floats:
     """(d, 2, 2) lower roots of the noise of a step, of position and velocity of each axis."""
     return np.sqrt(motion.density)[:, None, None] * acceleration_root(1.0, dt)
 
 
-def moved(cloud: Floats, motion: Motion, dt: float, rng: np.random.Generator, jump: Floats | None = None) -> Floats:
+def moved(
+    cloud: Floats, motion: AccelerationModel, dt: float, rng: np.random.Generator, jump: Floats | None = None
+) -> Floats:
     """Move a cloud by dt >= 0 seconds; the result is a new array.
 
     Args:
         cloud: (2d, L).
-        motion: see `Motion`.
+        motion: see `AccelerationModel`.
         dt: [s].
         rng: draws the noise; nothing is drawn where the density is 0 on all axes.
         jump: (2d,) known change besides; see `known_jump`.

@@ -24,7 +24,7 @@ class Grid(NamedTuple):
     xyz: Floats  # (C, n, k) x, y, z and whatever else changes with time; NaN where an object is absent
 
 
-class Look(NamedTuple):
+class SensorFrames(NamedTuple):
     """What one sensor looks at during a chunk: T frames."""
 
     t_ns: Ints  # (T,)
@@ -59,7 +59,7 @@ def frame_times(start_ns: int, after_ns: int, last_ns: int, rate_hz: float) -> t
     return times[inside], first + int(np.argmax(inside)) if inside.any() else 0
 
 
-def looks(chunks: Iterable[Grid], rates_hz: Sequence[float | None]) -> Iterator[tuple[Grid, list[Look]]]:
+def looks(chunks: Iterable[Grid], rates_hz: Sequence[float | None]) -> Iterator[tuple[Grid, list[SensorFrames]]]:
     """Yield each chunk with what every sensor looks at during it.
 
     A sensor without a rate looks at every time of the chunk.
@@ -82,10 +82,10 @@ def looks(chunks: Iterable[Grid], rates_hz: Sequence[float | None]) -> Iterator[
         found = []
         for rate in rates_hz:
             if rate is None:
-                found.append(Look(chunk.t_ns, done, chunk.xyz))
+                found.append(SensorFrames(chunk.t_ns, done, chunk.xyz))
             else:
                 times, first = frame_times(start_ns, after_ns, int(chunk.t_ns[-1]), rate)
-                found.append(Look(times, first, _places(joined, times)))
+                found.append(SensorFrames(times, first, _places(joined, times)))
         yield chunk, found
         done += len(chunk.t_ns)
         last = chunk._replace(t_ns=chunk.t_ns[-1:], xyz=chunk.xyz[-1:])

@@ -46,7 +46,7 @@ class MotionSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     )
 
 
-class Motion(NamedTuple):
+class MotionModel(NamedTuple):
     """A motion model and the unit of its lengths."""
 
     A: Floats  # (4, 4)
@@ -60,7 +60,7 @@ def motion_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(MotionSpec)}
 
 
-def read_motion(path: Path) -> Motion:
+def read_motion(path: Path) -> MotionModel:
     """The model in a file; InputError, one line, names the field that is wrong."""
     values = read_json(path)
     if "occlog_motion" not in values:
@@ -72,11 +72,11 @@ def read_motion(path: Path) -> Motion:
     A, sigma = np.array(spec.A, dtype=np.float64), np.array(spec.sigma, dtype=np.float64)
     _check_numbers(path, spec, A, sigma)
     _check_sigma(path, sigma)
-    return Motion(A, 0.5 * (sigma + sigma.T), spec.step_s, spec.length_unit)
+    return MotionModel(A, 0.5 * (sigma + sigma.T), spec.step_s, spec.length_unit)
 
 
 def write_motion(
-    path: Path, motion: Motion, details: Mapping[str, Any], provenance: Provenance, *, overwrite: bool = False
+    path: Path, motion: MotionModel, details: Mapping[str, Any], provenance: Provenance, *, overwrite: bool = False
 ) -> None:
     """Write a model, whole or not at all; what is not finite in `details` becomes null.
 

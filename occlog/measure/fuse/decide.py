@@ -20,7 +20,7 @@ from occlog.core.sight.locate_sources import NO_SOURCE, Directions, localise
 from occlog.core.sight.triangulate import MET, sight_lines_meet
 from occlog.measure.fuse.kernels.decision_rule import decision_value
 from occlog.measure.fuse.kernels.sight_lines import (
-    Motion,
+    MotionEstimate,
     Place,
     Sight,
     ahead,
@@ -44,7 +44,7 @@ SAMPLES = 16
 class ObjectMemory(NamedTuple):
     """State of an object after the moments before."""
 
-    motion: Motion | None = None
+    motion: MotionEstimate | None = None
     absent: int = 0  # moments in a row without a declaration
     met: int = 0  # moments in which cameras met in it
 
@@ -120,7 +120,9 @@ def decide(
     return Decision(True, value, place, kept, missed, ObjectMemory(after, 0, met))
 
 
-def agreeing(sight: Sight, rows: Ints, motion: Motion | None, cameras: PlacedCameras, config: FuseConfig) -> Ints:
+def agreeing(
+    sight: Sight, rows: Ints, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig
+) -> Ints:
     """Which of some detections make the global position; empty if no place follows from them.
 
     Those whose lines meet in one place; without two that meet, the one nearest to the prediction; without a
@@ -141,7 +143,7 @@ def agreeing(sight: Sight, rows: Ints, motion: Motion | None, cameras: PlacedCam
     return best
 
 
-def _meeting(sight: Sight, motion: Motion | None, cameras: PlacedCameras, config: FuseConfig) -> Place | None:
+def _meeting(sight: Sight, motion: MotionEstimate | None, cameras: PlacedCameras, config: FuseConfig) -> Place | None:
     """Where the most lines meet, of equals the nearest to the prediction; None if no two meet."""
     crossing = math.radians(config.min_crossing_deg)
     everything = sight_lines_meet(
@@ -162,7 +164,7 @@ def _meeting(sight: Sight, motion: Motion | None, cameras: PlacedCameras, config
     return Place(found.xy[best], found.covariance[best])
 
 
-def _locate(motion: Motion | None, t_ns: int, sight: Sight, config: FuseConfig) -> tuple[Place, Motion]:
+def _locate(motion: MotionEstimate | None, t_ns: int, sight: Sight, config: FuseConfig) -> tuple[Place, MotionEstimate]:
     """Global position from the detections that make it, and the motion after it."""
     place = meet(sight, math.radians(config.min_crossing_deg))
     if motion is None:
@@ -176,7 +178,9 @@ def _locate(motion: Motion | None, t_ns: int, sight: Sight, config: FuseConfig) 
     return (place if len(sight.azimuth) > 1 else after.place), after
 
 
-def _followed(held: Motion, new: Motion, place: Place, memory: ObjectMemory, config: FuseConfig) -> tuple[Motion, int]:
+def _followed(
+    held: MotionEstimate, new: MotionEstimate, place: Place, memory: ObjectMemory, config: FuseConfig
+) -> tuple[MotionEstimate, int]:
     """Motion of an object met again that was not confirmed yet, or that of a new one, and how often it was met."""
     away = place.xy - held.mean[:2]
     spread = held.place.cov + place.cov + config.sigma**2 * np.eye(2)
@@ -198,7 +202,9 @@ def _prior(place: Place, predicted: Place, sigma2: float) -> float:
     return float(np.exp(-0.5 * away @ np.linalg.solve(spread, away)))
 
 
-def _nothing(motion: Motion | None, memory: ObjectMemory, kept: Bools, value: float, config: FuseConfig) -> Decision:
+def _nothing(
+    motion: MotionEstimate | None, memory: ObjectMemory, kept: Bools, value: float, config: FuseConfig
+) -> Decision:
     """No object is declared; a prediction that was not met for long is dropped, a new one at once."""
     absent = memory.absent + 1
     after = ObjectMemory() if motion is None or absent >= config.hold else ObjectMemory(motion, absent, memory.met)

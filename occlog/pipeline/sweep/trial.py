@@ -39,7 +39,7 @@ WORLDS = 2
 """Number of simulated worlds that are kept, since neighbouring trials share them."""
 
 
-class World(NamedTuple):
+class SimulatedWorld(NamedTuple):
     """The simulated truth and bearings, which do not depend on the tracker."""
 
     truth: Truth
@@ -111,12 +111,14 @@ def _frozen(values: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
 
 
 @functools.lru_cache(maxsize=WORLDS)
-def _world(text: str, simulate: tuple[tuple[str, Any], ...], measured: tuple[tuple[str, Any], ...], seed: int) -> World:
+def _world(
+    text: str, simulate: tuple[tuple[str, Any], ...], measured: tuple[tuple[str, Any], ...], seed: int
+) -> SimulatedWorld:
     scene = _scene(text)
     config: WorldConfig = configure(WorldConfig.in_unit(scene.length_unit), dict(simulate))
     looks: ObserveConfig = configure(ObserveConfig(diameter=config.diameter), dict(measured))
     truth = Truth.concat(list(simulate_truth(scene, config, seed)))
-    return World(truth, Bearings.concat(list(observe(scene, [truth], looks, seed))))
+    return SimulatedWorld(truth, Bearings.concat(list(observe(scene, [truth], looks, seed))))
 
 
 def _priors(values: Mapping[str, Any], truth: Truth, seed: int) -> Occluders | None:

@@ -145,7 +145,7 @@ def _frames(heading: Floats) -> Floats:
     return np.stack(columns, axis=-1)
 
 
-class Look(NamedTuple):
+class Outfit(NamedTuple):
     """What one body looks like; colours are BGR, 0 to 255."""
 
     first: Floats  # (5, 3) colour of skin, hair, shirt, trousers, shoes
@@ -154,7 +154,7 @@ class Look(NamedTuple):
     stature: float  # height over 1.75 m
 
 
-def dress(number: int, target: bool, rng: np.random.Generator) -> Look:
+def dress(number: int, target: bool, rng: np.random.Generator) -> Outfit:
     """Clothes for one body: targets wear warm hooped shirts, each its own hue, others cool or grey ones.
 
     Args:
@@ -174,16 +174,16 @@ def dress(number: int, target: bool, rng: np.random.Generator) -> Look:
     first = np.array([skin, _bgr(0.07, 0.5, dark), _bgr(hue, vivid, value), trousers, shoes])
     patterns = np.zeros(5, dtype=np.int64)
     patterns[SHIRT] = pattern
-    return Look(first, first * other, patterns, stature)
+    return Outfit(first, first * other, patterns, stature)
 
 
-def outfit(looks: Sequence[Look]) -> Clothes:
-    """The looks of n bodies as arrays."""
+def clothes_of(outfits: Sequence[Outfit]) -> Clothes:
+    """The outfits of n bodies as arrays."""
     return Clothes(
-        np.array([look.first for look in looks]).reshape(-1, 5, 3),
-        np.array([look.second for look in looks]).reshape(-1, 5, 3),
-        np.array([look.pattern for look in looks], dtype=np.int64).reshape(-1, 5),
-        np.array([look.stature for look in looks], dtype=np.float64),
+        np.array([outfit.first for outfit in outfits]).reshape(-1, 5, 3),
+        np.array([outfit.second for outfit in outfits]).reshape(-1, 5, 3),
+        np.array([outfit.pattern for outfit in outfits], dtype=np.int64).reshape(-1, 5),
+        np.array([outfit.stature for outfit in outfits], dtype=np.float64),
     )
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bytes, Floats
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.core.numerics.time_grid import Grid, Look, looks
+from occlog.core.numerics.time_grid import Grid, SensorFrames, looks
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Truth, TruthBoxes
@@ -26,7 +26,7 @@ from occlog.settings import METRES
 from occlog.simulate.config import RenderConfig
 from occlog.simulate.world.truth_grid import truth_grid
 
-from .body import Clothes, dress, outfit, walking
+from .body import Clothes, clothes_of, dress, walking
 from .frame import Drawn, canvas, draw
 
 NOISE = 1 << 22
@@ -132,10 +132,10 @@ def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderCo
         rank = targets.index(model) if model in targets else -1
         look = dress(rank, rank >= 0, generator(seed, Stage.RENDER_CLOTHES, model))
         worn.append(look)
-    return outfit(worn)
+    return clothes_of(worn)
 
 
-def _jobs(found: list[Look], ids: NDArray[np.int64], clothes: Clothes) -> list[Shot]:
+def _jobs(found: list[SensorFrames], ids: NDArray[np.int64], clothes: Clothes) -> list[Shot]:
     """The frames of a chunk, by time and then by camera."""
     jobs = [
         Shot(int(t), number, look.first + k, look.xyz[k], ids, clothes)

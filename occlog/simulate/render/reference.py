@@ -15,7 +15,7 @@ from occlog.measure.regions.appearance import add_pixels_into, normalised
 from occlog.records.scene import Camera, Scene
 from occlog.simulate.config import RenderConfig
 
-from .body import STATURE, WALKING, Clothes, dress, outfit
+from .body import STATURE, WALKING, Clothes, clothes_of, dress
 from .frame import Canvas, bare_canvas, draw
 from .light import lamps
 from .people import scene_metre
@@ -49,7 +49,7 @@ def reference_appearances(
         look = dress(hue, True, generator(seed, Stage.RENDER_CLOTHES, model))
         counts = np.zeros(N_BINS)
         for side, view in enumerate(views):
-            _add_into(counts, view, outfit([look]), 2 * math.pi * side / SIDES)
+            _add_into(counts, view, clothes_of([look]), 2 * math.pi * side / SIDES)
         found.append({"target_id": int(target), "appearance": normalised(counts).tolist()})
     return found
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.core.numerics.time_grid import Grid, Look, looks
+from occlog.core.numerics.time_grid import Grid, SensorFrames, looks
 from occlog.core.sight.camera import wrap_angle
 from occlog.errors import InputError
 from occlog.records.scene import MicrophoneArray, Scene
@@ -98,7 +98,7 @@ def _vertical(array: MicrophoneArray) -> bool:
 
 def _report(
     sensor: SimulatedArray,
-    look: Look,
+    look: SensorFrames,
     columns: NDArray[np.intp],
     ids: Ints,
     sounds: Bools,

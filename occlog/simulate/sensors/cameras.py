@@ -14,7 +14,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.core.numerics.time_grid import Grid, Look, looks
+from occlog.core.numerics.time_grid import Grid, SensorFrames, looks
 from occlog.core.sight.camera import noise_variance, planar_offsets, u_to_azimuth
 from occlog.core.sight.visibility import behind_objects, behind_walls, in_view
 from occlog.records.scene import Camera, Scene
@@ -90,7 +90,7 @@ def visible(camera: Camera, walls: tuple[Floats, ...], xyz: Floats, k: int, diam
     return seen
 
 
-def _report(sensor: SimulatedCamera, look: Look, grid: Grid, config: ObserveConfig) -> Bearings:
+def _report(sensor: SimulatedCamera, look: SensorFrames, grid: Grid, config: ObserveConfig) -> Bearings:
     """One camera's rows for all targets; random numbers are drawn for every frame and target, used or not."""
     frames, targets = len(look.t_ns), np.flatnonzero(grid.target)
     noise = sensor.noise.standard_normal((frames, len(targets)))
@@ -103,7 +103,13 @@ def _report(sensor: SimulatedCamera, look: Look, grid: Grid, config: ObserveConf
 
 
 def _report_target(
-    sensor: SimulatedCamera, look: Look, k: int, target: int, noise: Floats, chance: Floats, config: ObserveConfig
+    sensor: SimulatedCamera,
+    look: SensorFrames,
+    k: int,
+    target: int,
+    noise: Floats,
+    chance: Floats,
+    config: ObserveConfig,
 ) -> Bearings:
     """One camera's rows for object k, which is the target of that number.
 

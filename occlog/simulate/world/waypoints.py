@@ -34,7 +34,7 @@ class Ground(NamedTuple):
     clearance: float  # least distance from a centre to walls and room
 
 
-class Motion(NamedTuple):
+class WaypointMotion(NamedTuple):
     """How objects move, per step."""
 
     step: float  # speed: length of a step without noise
@@ -194,7 +194,7 @@ def walk_into(
     candidates: Floats,
     first_step: int,
     ground: Ground,
-    motion: Motion,
+    motion: WaypointMotion,
 ) -> None:
     """Move all objects for several steps, [Ercan] Sec. 6; see `occlog.simulate.world.waypoints.walk` for the arguments.
 
@@ -227,7 +227,7 @@ ATTEMPTS = 20_000
 """Places tried for each object before the room is called full."""
 
 
-class World(NamedTuple):
+class WaypointState(NamedTuple):
     """Where the objects are and want to go."""
 
     xy: Floats  # (n, 2)
@@ -243,7 +243,7 @@ class Draws(NamedTuple):
     places: Floats  # (C, n, CANDIDATES, 2) uniform in [0, 1)
 
 
-def populate(n: int, ground: Ground, diameter: float, rng: np.random.Generator) -> World:
+def populate(n: int, ground: Ground, diameter: float, rng: np.random.Generator) -> WaypointState:
     """Put `n` objects at random free places, at least a diameter apart, each with a random destination.
 
     ValueError says how many were placed when the room is too full.
@@ -253,7 +253,7 @@ def populate(n: int, ground: Ground, diameter: float, rng: np.random.Generator) 
         xy[i] = _free_place(ground, xy[:i], diameter, rng)
     none = np.empty((0, 2))
     destination = np.array([_free_place(ground, none, diameter, rng) for _ in range(n)]).reshape(n, 2)
-    return World(xy, destination, 0)
+    return WaypointState(xy, destination, 0)
 
 
 def _free_place(ground: Ground, taken: Floats, diameter: float, rng: np.random.Generator) -> Floats:
@@ -271,7 +271,9 @@ def _bounds(room: Floats) -> tuple[Floats, Floats]:
     return low, room.max(axis=0) - low
 
 
-def walk(world: World, ground: Ground, motion: Motion, draws: Draws) -> tuple[World, Floats, Bools]:
+def walk(
+    world: WaypointState, ground: Ground, motion: WaypointMotion, draws: Draws
+) -> tuple[WaypointState, Floats, Bools]:
     """Move all objects by as many steps as there are draws.
 
     Returns:
@@ -294,4 +296,4 @@ def walk(world: World, ground: Ground, motion: Motion, draws: Draws) -> tuple[Wo
         ground=ground,
         motion=motion,
     )
-    return World(xy, destination, world.step + len(path)), path, changed
+    return WaypointState(xy, destination, world.step + len(path)), path, changed

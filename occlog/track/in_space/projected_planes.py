@@ -25,7 +25,7 @@ from numpy.random import Generator
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.bounds.in_space import plane_axes
 from occlog.core.filter.particles import effective_size, normalise
-from occlog.core.motion.in_space import Motion, moved, turn_jump
+from occlog.core.motion.in_space import AccelerationModel, moved, turn_jump
 from occlog.core.sight.projected_planes import AXES, PLANES, XY
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
@@ -50,7 +50,7 @@ class PpsState(NamedTuple):
     """Three planes' particles after the last scan; `t_ns` is None before the first."""
 
     space: Space[PpsConfig]
-    motions: tuple[Motion, ...]  # of each plane
+    motions: tuple[AccelerationModel, ...]  # of each plane
     clouds: Clouds
     joined: Joined | None  # None: nothing is known
     pair: Pair
@@ -65,12 +65,12 @@ def init(scene: Scene, config: PpsConfig, rng: Generator) -> PpsState:  # noqa: 
     return PpsState(space, plane_motions(space.motion), (), None, NOTHING, None, astray)
 
 
-def plane_motions(motion: Motion) -> tuple[Motion, ...]:
+def plane_motions(motion: AccelerationModel) -> tuple[AccelerationModel, ...]:
     """The motion of each plane's axes; a turn in another plane comes to it as a known change, see `_turned`."""
     parts = []
     for axes in AXES:
         turn = motion.turn if axes == motion.axes else 0.0
-        parts.append(Motion(motion.acceleration[list(axes)], motion.density[list(axes)], turn))
+        parts.append(AccelerationModel(motion.acceleration[list(axes)], motion.density[list(axes)], turn))
     return tuple(parts)
 
 

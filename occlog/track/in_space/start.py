@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Bools, Floats
-from occlog.core.motion.in_space import Motion
+from occlog.core.motion.in_space import AccelerationModel
 from occlog.core.plane.floor import Floor, make_floor, on_floor
 from occlog.core.sight.projected_planes import AXES
 from occlog.records.scene import Scene
@@ -30,7 +30,7 @@ class Space(NamedTuple, Generic[C]):
 
     config: C
     ears: Ears
-    motion: Motion
+    motion: AccelerationModel
     chances: Chances
     cone: bool
     low: Floats  # (3,) of the box that holds the room and all sensors
@@ -39,11 +39,11 @@ class Space(NamedTuple, Generic[C]):
     ceiling: float
 
 
-def motion_of(config: SpaceConfig) -> Motion:
+def motion_of(config: SpaceConfig) -> AccelerationModel:
     """The motion model's part of the settings."""
     up = config.q if config.q_z is None else config.q_z
     axes = AXES[PLANES.index(config.turn_plane)]
-    return Motion(np.array(config.acceleration), np.array([config.q, config.q, up]), config.turn, axes)
+    return AccelerationModel(np.array(config.acceleration), np.array([config.q, config.q, up]), config.turn, axes)
 
 
 def chances_of(config: SpaceConfig) -> Chances:

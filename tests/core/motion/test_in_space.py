@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from occlog.array_types import Floats
-from occlog.core.motion.in_space import Motion, drift, half_normals, known_jump, motion_noise, moved, turn_jump
+from occlog.core.motion.in_space import (
+    AccelerationModel,
+    drift,
+    half_normals,
+    known_jump,
+    motion_noise,
+    moved,
+    turn_jump,
+)
 from occlog.core.motion.turns import move
 
 
@@ -18,7 +26,7 @@ def cloud(rng: np.random.Generator, particles: int, axes: int = 3) -> Floats:
 def test_each_draw_serves_two_particles_with_opposite_signs(particles: int) -> None:
     rng = np.random.default_rng(particles)
     start, jump, dt = cloud(rng, particles), rng.normal(size=6), 0.4
-    motion = Motion(np.zeros(3), np.array([0.5, 1.0, 2.0]))
+    motion = AccelerationModel(np.zeros(3), np.array([0.5, 1.0, 2.0]))
     half = half_normals(particles, 6, rng)
     assert half.shape == (6, (particles + 1) // 2)
     normals = np.concatenate([half, -half], axis=1)[:, :particles]
@@ -31,14 +39,14 @@ def test_each_draw_serves_two_particles_with_opposite_signs(particles: int) -> N
 
 def test_the_noise_of_a_step_is_that_of_white_acceleration() -> None:
     density, dt = np.array([0.5, 2.0]), 0.7
-    for q, root in zip(density, motion_noise(Motion(np.zeros(2), density), dt), strict=True):
+    for q, root in zip(density, motion_noise(AccelerationModel(np.zeros(2), density), dt), strict=True):
         np.testing.assert_allclose(root @ root.T, q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]))
 
 
 def test_without_density_nothing_is_drawn_and_a_known_acceleration_moves_all() -> None:
     rng, acceleration, dt = np.random.default_rng(1), np.array([1.0, -2.0, 0.5]), 2.0
     start, untouched = cloud(rng, 7), np.random.default_rng(9)
-    got = moved(start, Motion(acceleration, np.zeros(3)), dt, untouched, known_jump(acceleration, dt))
+    got = moved(start, AccelerationModel(acceleration, np.zeros(3)), dt, untouched, known_jump(acceleration, dt))
     assert untouched.random() == np.random.default_rng(9).random()
     np.testing.assert_allclose(got[:3], start[:3] + dt * start[3:] + dt**2 * acceleration[:, None])
     np.testing.assert_allclose(got[3:], start[3:] + 2.0 * dt * acceleration[:, None])
@@ -49,7 +57,7 @@ def test_a_turn_is_that_of_the_plane_about_the_chosen_axes(lateral: float) -> No
     rng, dt = np.random.default_rng(2), 1.5
     start = cloud(rng, 20)
     start[3:, 0] = 0.0  # at rest: nothing turns
-    motion = Motion(np.zeros(3), np.zeros(3), lateral, (2, 0))
+    motion = AccelerationModel(np.zeros(3), np.zeros(3), lateral, (2, 0))
     got = moved(start, motion, dt, rng)
     rows = start[[2, 5, 0, 3]].T  # [x, vx, y, vy] of axes 2 and 0
     model = np.array([lateral, 0.0, 0.0])

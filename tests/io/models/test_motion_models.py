@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 
 from occlog.errors import InputError, OcclogError
 from occlog.io.files.provenance import Provenance
-from occlog.io.models.motion_models import Motion, motion_schema, read_motion, write_motion
+from occlog.io.models.motion_models import MotionModel, motion_schema, read_motion, write_motion
 
 A = np.kron(np.eye(2), [[1.0, 0.25], [0.0, 1.0]])
 GOOD = {"occlog_motion": 1, "length_unit": "m", "step_s": 0.25, "A": A.tolist(), "sigma": np.eye(4).tolist()}
@@ -22,7 +22,7 @@ def test_written_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "motion.json"
     sigma = np.diag([0.1, 0.2, 0.3, 1 / 3])
     details = {"noise": float("nan"), "A_error": np.full((4, 4), np.nan).tolist(), "fit": {"form": "cv"}}
-    write_motion(path, Motion(A, sigma, 0.25, "ft"), details, Provenance("fit-motion"))
+    write_motion(path, MotionModel(A, sigma, 0.25, "ft"), details, Provenance("fit-motion"))
     back = read_motion(path)
     assert_array_equal(back.A, A)
     assert_array_equal(back.sigma, sigma)
@@ -33,7 +33,7 @@ def test_written_is_read_again(tmp_path: Path) -> None:
     assert values["A_error"][0] == [None] * 4
     assert values["_provenance"]["command"] == "fit-motion"
     with pytest.raises(OcclogError, match="exists"):
-        write_motion(path, Motion(A, sigma, 0.25, "ft"), details, Provenance("fit-motion"))
+        write_motion(path, MotionModel(A, sigma, 0.25, "ft"), details, Provenance("fit-motion"))
 
 
 def changed(**values: object) -> str:

@@ -11,7 +11,7 @@ import pytest
 from occlog.measure.fuse.cameras import PlacedCameras, placed_cameras
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.fuse.decide import CONFIRMED, Decision, ObjectMemory, agreeing, decide
-from occlog.measure.fuse.kernels.sight_lines import Motion, Sight
+from occlog.measure.fuse.kernels.sight_lines import MotionEstimate, Sight
 from occlog.records.scene import Camera, Scene, camera_rotation
 
 STEP = 10**8
@@ -51,7 +51,7 @@ def sight(which: Sequence[int], xy: Sequence[float] = PLACE, off: float = 0.0) -
 
 def confirmed(absent: int = 0, xy: Sequence[float] = PLACE, met: int = CONFIRMED) -> ObjectMemory:
     """An object at rest that cameras met in often enough for its prediction to count."""
-    motion = Motion(0, np.array([*xy, 0.0, 0.0]), np.diag([0.01, 0.01, 0.01, 0.01]))
+    motion = MotionEstimate(0, np.array([*xy, 0.0, 0.0]), np.diag([0.01, 0.01, 0.01, 0.01]))
     return ObjectMemory(motion, absent, met)
 
 

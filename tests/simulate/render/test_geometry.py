@@ -7,7 +7,7 @@ import pytest
 
 from occlog.core.sight.camera import rotation_from_angles
 from occlog.records.scene import Camera, Occluder, Scene
-from occlog.simulate.render.body import Poses, dress, outfit, solids
+from occlog.simulate.render.body import Poses, clothes_of, dress, solids
 from occlog.simulate.render.frame import around_ellipsoids, canvas, draw, ideal_limits, pixel_boxes
 
 ROOM = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
@@ -48,7 +48,7 @@ def sheet(number):
 
 
 def shot(cam, places, **values):
-    clothes = outfit([person(i) for i in range(len(places))])
+    clothes = clothes_of([person(i) for i in range(len(places))])
     on = sheet(VIEWS.index(cam)) if cam in VIEWS else canvas(SCENE, cam, 1.0, NOISE)
     return draw(on, rows(*places, **values), clothes, 1.0, (0.0, 0.0), False, np.random.default_rng(0))
 
@@ -92,7 +92,7 @@ def test_a_body_reaches_as_far_as_its_projected_surface(cam, place):
         np.array([1.0]),
         np.array([0.5 * np.hypot(*velocity) / 1.2]),
     )
-    parts = solids(pose, outfit([person(0)]), 1.0)
+    parts = solids(pose, clothes_of([person(0)]), 1.0)
     a, z = np.meshgrid(np.linspace(0, 2 * np.pi, 120), np.linspace(-1, 1, 121))
     sphere = np.stack([np.sqrt(1 - z**2) * np.cos(a), np.sqrt(1 - z**2) * np.sin(a), z], axis=-1).reshape(-1, 3)
     surface = [c + np.linalg.solve(m, sphere.T).T for c, m in zip(parts.centre, parts.axes, strict=True)]
@@ -111,7 +111,7 @@ def test_the_axis_of_a_standing_body_is_in_the_middle_of_its_pixels(place):
     cam = camera((yaw, 0.0, 0.0), focal=195.0)
     toward = -np.array([np.cos(np.radians(yaw)), np.sin(np.radians(yaw))]) * 1e-6
     sheet = canvas(SCENE, cam, 1.0, NOISE)
-    clothes, still = outfit([person(0)]), rows(place, velocity=tuple(toward))
+    clothes, still = clothes_of([person(0)]), rows(place, velocity=tuple(toward))
     image = draw(sheet, still, clothes, 1.0, (0.0, 0.0), False, np.random.default_rng(0)).image
     empty = sheet.empty.colour
     changed = np.abs(image.astype(float) - np.floor(np.clip(empty, 0, 255) + 0.5)).max(axis=2) > 3

@@ -8,7 +8,7 @@ import pytest
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.numerics.time_grid import Grid
 from occlog.simulate.render import texture
-from occlog.simulate.render.body import FULL_SWING, SHIRT, STRIDE, Poses, dress, outfit, solids, walking
+from occlog.simulate.render.body import FULL_SWING, SHIRT, STRIDE, Poses, clothes_of, dress, solids, walking
 from occlog.simulate.render.light import in_shadow, lamps, light_at
 
 
@@ -25,7 +25,7 @@ def reach(parts):
 @pytest.mark.parametrize("phase", np.linspace(0, 2 * np.pi, 9))
 @pytest.mark.parametrize("swing", [0.0, FULL_SWING])
 def test_feet_touch_the_floor_and_heads_are_at_the_stature(phase, swing):
-    worn = outfit([dress(0, True, np.random.default_rng(1))])
+    worn = clothes_of([dress(0, True, np.random.default_rng(1))])
     low, high = reach(solids(standing(phase, swing), worn, 1.0))
     assert low[:, 2].min() == pytest.approx(0.0, abs=0.02)
     tall = high[:, 2].max() / (1.75 * worn.stature[0])
@@ -34,7 +34,7 @@ def test_feet_touch_the_floor_and_heads_are_at_the_stature(phase, swing):
 
 
 def test_axes_are_orthogonal_with_the_stated_half_lengths_and_scale():
-    worn = outfit([dress(0, True, np.random.default_rng(1))])
+    worn = clothes_of([dress(0, True, np.random.default_rng(1))])
     small, large = solids(standing(0.7, 0.4), worn, 1.0), solids(standing(0.7, 0.4), worn, 3.0)
     gram = np.einsum("pij,pkj->pik", small.axes, small.axes)
     assert gram == pytest.approx(np.eye(3) / small.half[:, None, :] ** 2, abs=1e-9)
@@ -43,7 +43,7 @@ def test_axes_are_orthogonal_with_the_stated_half_lengths_and_scale():
 
 
 def test_a_body_turns_with_its_heading():
-    worn = outfit([dress(0, True, np.random.default_rng(1))])
+    worn = clothes_of([dress(0, True, np.random.default_rng(1))])
     east, north = solids(standing(1.0, 0.5), worn, 1.0), solids(standing(1.0, 0.5, (0.0, 1.0)), worn, 1.0)
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     assert north.centre == pytest.approx(east.centre @ turn.T)

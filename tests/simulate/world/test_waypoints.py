@@ -5,12 +5,12 @@ from scipy.special import ive
 
 from occlog.core.plane.convexity import pockets
 from occlog.core.plane.polygons import distance_to_boundary, inside_polygon, pack_polygons, sight_blocked
-from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, Motion, populate, walk
+from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, WaypointMotion, populate, walk
 
 SQUARE = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 PILLAR = np.array([[40.0, 40.0], [60.0, 40.0], [60.0, 60.0], [40.0, 60.0]])
 L_ROOM = np.array([[0.0, 0.0], [80.0, 0.0], [80.0, 26.0], [26.0, 26.0], [26.0, 80.0], [0.0, 80.0]])
-REFERENCE = Motion(step=1.0, sigma=0.33, redirect=0.095, diameter=3.33)
+REFERENCE = WaypointMotion(step=1.0, sigma=0.33, redirect=0.095, diameter=3.33)
 
 
 def ground(room, pillars=(), clearance=0.0):
@@ -52,7 +52,7 @@ def test_objects_stay_in_the_room_out_of_pillars_and_apart(seed, room, pillars, 
 def test_steps_have_the_stated_speed_and_noise():
     """Without obstacles a step is the unit step towards the destination plus N(0, 0.33^2 I)."""
     huge = 1e6 * SQUARE
-    path, _ = run(ground(huge), Motion(1.0, 0.33, 0.0, 1e-9), 50, 1000, 3)
+    path, _ = run(ground(huge), WaypointMotion(1.0, 0.33, 0.0, 1e-9), 50, 1000, 3)
     steps = np.diff(path, axis=0)
     heading = path[-1] - path[0]
     heading /= np.linalg.norm(heading, axis=1)[:, None]
@@ -72,7 +72,7 @@ def test_steps_have_the_stated_speed_and_noise():
 @pytest.mark.jit
 def test_destinations_change_with_the_stated_probability():
     """With destinations out of reach the time between changes is geometric with mean 1 / 0.095."""
-    _, changed = run(ground(1e6 * SQUARE), Motion(1.0, 0.33, 0.095, 1e-9), 20, 2000, 4)
+    _, changed = run(ground(1e6 * SQUARE), WaypointMotion(1.0, 0.33, 0.095, 1e-9), 20, 2000, 4)
     n = changed.size
     assert abs(changed.mean() - 0.095) < 4 * np.sqrt(0.095 * 0.905 / n)
     gaps = np.concatenate([np.diff(np.flatnonzero(c)) for c in changed.T])
@@ -83,7 +83,7 @@ def test_destinations_change_with_the_stated_probability():
 def test_plain_waypoints_take_the_mean_distance_between_two_random_points():
     """Without noise a leg of length d takes floor(d / s) steps; E d = 0.5214 L between uniform points of a square."""
     mean = 100 * (2 + np.sqrt(2) + 5 * np.log(1 + np.sqrt(2))) / 15
-    _, changed = run(ground(SQUARE), Motion(1.0, 0.0, 0.0, 1e-9), 40, 4000, 5)
+    _, changed = run(ground(SQUARE), WaypointMotion(1.0, 0.0, 0.0, 1e-9), 40, 4000, 5)
     legs = np.concatenate([np.diff(np.flatnonzero(c)) for c in changed.T])
     spread = legs.std() / np.sqrt(len(legs))
     assert abs(legs.mean() - (mean - 0.5)) < 4 * spread + 0.5  # a leg starts up to a step off the old destination
@@ -102,7 +102,7 @@ def test_two_objects_that_meet_go_around_each_other():
     world = populate(2, floor, 3.0, np.random.default_rng(0))._replace(
         xy=np.array([[5.0, 10.0], [35.0, 10.0]]), destination=np.array([[35.0, 10.0], [5.0, 10.0]])
     )
-    motion = Motion(1.0, 0.0, 0.0, 3.0)
+    motion = WaypointMotion(1.0, 0.0, 0.0, 3.0)
     _, path, _ = walk(world, floor, motion, draws(np.random.default_rng(1), 32, 2))
     assert path[:, 0, 0].max() > 32
     assert path[:, 1, 0].min() < 8

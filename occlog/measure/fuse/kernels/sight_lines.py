@@ -115,7 +115,7 @@ def points(sight: Sight) -> tuple[Floats, Floats]:
     return xy, np.stack([xx, cross, cross, yy], axis=1).reshape(-1, 2, 2)
 
 
-class Motion(NamedTuple):
+class MotionEstimate(NamedTuple):
     """A target that moves at nearly constant velocity: x, y, vx, vy and their covariance."""
 
     t_ns: int
@@ -128,28 +128,28 @@ class Motion(NamedTuple):
         return Place(self.mean[:2], self.cov[:2, :2])
 
 
-def begin(t_ns: int, place: Place, speed: float) -> Motion:
+def begin(t_ns: int, place: Place, speed: float) -> MotionEstimate:
     """A target found at a place; each component of its velocity is 0 with standard deviation `speed`."""
     cov = np.zeros((4, 4))
     cov[:2, :2], cov[2, 2], cov[3, 3] = place.cov, speed**2, speed**2
-    return Motion(t_ns, np.append(place.xy, [0.0, 0.0]), cov)
+    return MotionEstimate(t_ns, np.append(place.xy, [0.0, 0.0]), cov)
 
 
-def ahead(motion: Motion, t_ns: int, acceleration: float) -> Motion:
+def ahead(motion: MotionEstimate, t_ns: int, acceleration: float) -> MotionEstimate:
     """The motion at a later time ([Lee] Eq. 4.19), with white acceleration of a density [length^2/s^3]."""
     dt = (t_ns - motion.t_ns) * 1e-9
     step = np.eye(4)
     step[0, 2] = step[1, 3] = dt
     noise = acceleration * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
-    return Motion(t_ns, step @ motion.mean, step @ motion.cov @ step.T + np.kron(noise, np.eye(2)))
+    return MotionEstimate(t_ns, step @ motion.mean, step @ motion.cov @ step.T + np.kron(noise, np.eye(2)))
 
 
-def corrected_by_place(motion: Motion, place: Place) -> Motion:
+def corrected_by_place(motion: MotionEstimate, place: Place) -> MotionEstimate:
     """The motion after its position was found by itself."""
     return _corrected(motion, np.eye(2, 4), place.xy - motion.mean[:2], place.cov)
 
 
-def corrected_by_line(motion: Motion, sight: Sight) -> Motion:
+def corrected_by_line(motion: MotionEstimate, sight: Sight) -> MotionEstimate:
     """The motion after one line, or several that are nearly parallel, passed by it; distances are not used."""
     for row in range(len(sight.azimuth)):
         offset, variance = deviations(sight.take(np.array([row])), motion.place)
@@ -161,9 +161,9 @@ def corrected_by_line(motion: Motion, sight: Sight) -> Motion:
     return motion
 
 
-def _corrected(motion: Motion, H: Floats, innovation: Floats, R: Floats) -> Motion:
+def _corrected(motion: MotionEstimate, H: Floats, innovation: Floats, R: Floats) -> MotionEstimate:
     """Kalman update in Joseph's form."""
     P = motion.cov
     gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
     rest = np.eye(4) - gain @ H
-    return Motion(motion.t_ns, motion.mean + gain @ innovation, rest @ P @ rest.T + gain @ R @ gain.T)
+    return MotionEstimate(motion.t_ns, motion.mean + gain @ innovation, rest @ P @ rest.T + gain @ R @ gain.T)

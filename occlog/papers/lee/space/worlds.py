@@ -23,7 +23,7 @@ from occlog.core.bounds.in_space import (
     plane_variance,
     sight_angles,
 )
-from occlog.core.motion.in_space import Motion
+from occlog.core.motion.in_space import AccelerationModel
 from occlog.core.motion.turns import turn_matrix
 from occlog.core.sight.projected_planes import AXES, XY, YZ
 from occlog.measure.scans.scan import Scan
@@ -60,7 +60,7 @@ NOISE, FILTER = 0, 1
 """Purpose of random numbers, the last part of their key."""
 
 
-class World(NamedTuple):
+class SpaceWorld(NamedTuple):
     """A path of T instants, and S upright arrays."""
 
     states: Floats  # (T, 6) x, y, z [m], then their velocities [m/s]
@@ -79,7 +79,7 @@ class World(NamedTuple):
         return self.places, np.tile(np.eye(3), (len(self.places), 1, 1))
 
 
-def world(scenario: int, steps: int) -> World:
+def world(scenario: int, steps: int) -> SpaceWorld:
     """Make scenario 1 to 4 of Sec. 2.4, or `TABLE`, the world of Tables 2.1 and 2.2."""
     if scenario == TABLE:
         return _table_world(steps)
@@ -87,10 +87,10 @@ def world(scenario: int, steps: int) -> World:
     dt[0] = 0.0
     states = accelerated_path(np.array(STARTS[scenario]), np.tile(ACCELERATION, (steps, 1)), dt)
     places = [(0.0, 0.0, 0.0), SECOND_ARRAY] if scenario == 4 else [(0.0, 0.0, 0.0)]
-    return World(states, dt, np.array(places), PRIOR)
+    return SpaceWorld(states, dt, np.array(places), PRIOR)
 
 
-def _table_world(steps: int) -> World:
+def _table_world(steps: int) -> SpaceWorld:
     states = np.empty((steps, 6))
     states[0] = TABLE_START
     turn = turn_matrix(TABLE_TURN / math.hypot(*TABLE_START[4:]), TABLE_STEP_S)  # of y, vy, z, vz
@@ -100,10 +100,10 @@ def _table_world(steps: int) -> World:
         states[k, [1, 4, 2, 5]] = turn @ before[[1, 4, 2, 5]]
     dt = np.full(steps, TABLE_STEP_S)
     dt[0] = 0.0
-    return World(states, dt, np.zeros((1, 3)), TABLE_PRIOR)
+    return SpaceWorld(states, dt, np.zeros((1, 3)), TABLE_PRIOR)
 
 
-def scans(w: World, rng: Generator) -> list[Scan]:
+def scans(w: SpaceWorld, rng: Generator) -> list[Scan]:
     """Draw the arrays' reports: both angles with noise, labelled, at every instant."""
     T, S = len(w.states), len(w.places)
     angles = [sight_angles(w.states[:, :3], p, np.eye(3)) for p in w.places]
@@ -124,7 +124,7 @@ def scans(w: World, rng: Generator) -> list[Scan]:
     ]
 
 
-def scene_of(w: World) -> Scene:
+def scene_of(w: SpaceWorld) -> Scene:
     """Return a scene of the arrays, without a room."""
     arrays = tuple(MicrophoneArray(f"array{i}", p, sigma=SIGMA) for i, p in enumerate(w.places))
     return Scene(arrays=arrays, length_unit="m")
@@ -164,7 +164,7 @@ def space_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _track(
-    w: World, given: list[Scan], start: tuple[float, ...], spec: Mapping[str, Any], rng: Generator
+    w: SpaceWorld, given: list[Scan], start: tuple[float, ...], spec: Mapping[str, Any], rng: Generator
 ) -> tuple[Floats, list[list[int]]]:
     """Run the filter; return (T, 3) estimates, and the planes of each (none for the direct method)."""
     table, settings = spec["scenario"] == TABLE, dict(spec["settings"])
@@ -180,7 +180,7 @@ def _track(
     return _track_by_planes(w, given, PpsConfig(**common, **settings), models if table else None, rng)
 
 
-def _track_directly(w: World, given: list[Scan], config: Direct3dConfig, rng: Generator) -> Floats:
+def _track_directly(w: SpaceWorld, given: list[Scan], config: Direct3dConfig, rng: Generator) -> Floats:
     state, places = direct3d.init(scene_of(w), config, rng), np.empty((len(given), 3))
     for k, scan in enumerate(given):
         state, estimate = direct3d.step(state, scan, rng)
@@ -190,7 +190,11 @@ def _track_directly(w: World, given: list[Scan], config: Direct3dConfig, rng: Ge
 
 
 def _track_by_planes(
-    w: World, given: list[Scan], config: PpsConfig, models: list[tuple[Motion, ...]] | None, rng: Generator
+    w: SpaceWorld,
+    given: list[Scan],
+    config: PpsConfig,
+    models: list[tuple[AccelerationModel, ...]] | None,
+    rng: Generator,
 ) -> tuple[Floats, list[list[int]]]:
     """Run PPS; `models`: each plane's motion on the way to every instant, None: that of the settings."""
     state, places = projected_planes.init(scene_of(w), config, rng), np.empty((len(given), 3))
@@ -205,12 +209,12 @@ def _track_by_planes(
     return places, pairs
 
 
-def _table_motions(w: World, k: int, wrong: bool) -> tuple[Motion, ...]:
+def _table_motions(w: SpaceWorld, k: int, wrong: bool) -> tuple[AccelerationModel, ...]:
     """Return each plane's model on the way to instant k: a turn in yz, the known acceleration of one axis elsewhere."""
     change = (w.states[k] - w.states[max(k - 1, 0)])[3:] / TABLE_STEP_S
     still = np.zeros(2)
-    parts = [Motion(change[list(axes)], still) for axes in AXES]
-    parts[YZ] = Motion(still, still, 0.0 if wrong else TABLE_TURN)
+    parts = [AccelerationModel(change[list(axes)], still) for axes in AXES]
+    parts[YZ] = AccelerationModel(still, still, 0.0 if wrong else TABLE_TURN)
     return tuple(parts)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.models.motion_models import Motion, write_motion
+from occlog.io.models.motion_models import MotionModel, write_motion
 from occlog.io.open import check_unit, losses_of, open_input
 from occlog.records.tables import Tracks, Truth
 
@@ -58,7 +58,7 @@ def run_fit(
         fit = _fit(request, paths, step_s, gap_s)
     except ValueError as error:
         raise InputError(f"{where}: {error}") from error
-    motion = Motion(fit.model.A, fit.model.sigma, step_s, unit)
+    motion = MotionModel(fit.model.A, fit.model.sigma, step_s, unit)
     figures = {**_figures(fit, request), "objects": len(paths), "gap_s": gap_s}
     details = {
         "noise": fit.noise,

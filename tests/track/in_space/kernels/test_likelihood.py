@@ -9,7 +9,7 @@ import pytest
 
 from occlog.core.bounds import in_space as bounds3d
 from occlog.core.filter.particles import effective_size, normalise
-from occlog.core.motion.in_space import Motion, known_jump, moved, turn_jump
+from occlog.core.motion.in_space import AccelerationModel, known_jump, moved, turn_jump
 from occlog.core.motion.turns import acceleration_root, turn_matrix
 from occlog.core.numerics.special_functions import fast_atan2
 from occlog.core.sight import projected_planes
@@ -161,9 +161,11 @@ def test_scan_is_the_better_of_target_and_nothing_or_a_mixture_of_candidates() -
 
 def test_known_acceleration_moves_as_the_path_of_the_bound() -> None:
     state, a, rng = np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3]), np.array([0.5, -0.1, 0.2]), np.random.default_rng(0)
-    got = moved(state[:, None], Motion(a, np.zeros(3)), 0.7, rng)
+    got = moved(state[:, None], AccelerationModel(a, np.zeros(3)), 0.7, rng)
     np.testing.assert_allclose(got[:, 0], bounds3d.accelerated_path(state, a[None], np.array([0.7]))[0])
-    again = moved(moved(state[:, None], Motion(a, np.zeros(3)), 0.3, rng), Motion(a, np.zeros(3)), 0.4, rng)
+    again = moved(
+        moved(state[:, None], AccelerationModel(a, np.zeros(3)), 0.3, rng), AccelerationModel(a, np.zeros(3)), 0.4, rng
+    )
     np.testing.assert_allclose(again, got)
     assert known_jump(a, 2.0).tolist() == [1.0, -0.2, 0.4, 1.0, -0.2, 0.4]
 
@@ -173,7 +175,7 @@ def test_turn_is_that_of_the_plane_and_leaves_the_third_axis_alone(axes: tuple[i
     state, rng = np.array([1.0, 2.0, 3.0, 0.6, -0.2, 0.8]), np.random.default_rng(0)
     i, j = axes
     rate = -0.3 / math.hypot(state[3 + i], state[3 + j])
-    got = moved(state[:, None], Motion(np.zeros(3), np.zeros(3), -0.3, axes), 1.7, rng)[:, 0]
+    got = moved(state[:, None], AccelerationModel(np.zeros(3), np.zeros(3), -0.3, axes), 1.7, rng)[:, 0]
     rows = [i, i + 3, j, j + 3]
     np.testing.assert_allclose(got[rows], turn_matrix(rate, 1.7) @ state[rows], rtol=1e-12)
     k = 3 - i - j
@@ -186,7 +188,7 @@ def test_turn_is_that_of_the_plane_and_leaves_the_third_axis_alone(axes: tuple[i
 @pytest.mark.jit
 def test_noise_has_the_covariance_of_white_acceleration() -> None:
     rng, n, q, dt = np.random.default_rng(4), 200_000, np.array([0.5, 0.0, 2.0]), 0.8
-    cloud = moved(np.zeros((6, n)), Motion(np.zeros(3), q), dt, rng)
+    cloud = moved(np.zeros((6, n)), AccelerationModel(np.zeros(3), q), dt, rng)
     root = acceleration_root(1.0, dt)
     for k in range(3):
         pair = cloud[[k, k + 3]]
