@@ -74,8 +74,8 @@ class Declaration:
     choices: tuple[str, ...] = ()
     several: bool = False
     counts: tuple[int, ...] = ()
-    people: Any = None
-    own: Any = None
+    people: object = None
+    own: object = None
     option: str | None = None
     metavar: str | None = None
     shown: str | None = None
@@ -119,7 +119,7 @@ def setting(default: Any, help: str, **declared: Any) -> Any:
     return field(default=default, metadata={"setting": Declaration(help, **declared)})
 
 
-def declaration(of: Field[Any]) -> Declaration:
+def declaration(of: Field[object]) -> Declaration:
     """What is said of a field of a class of settings."""
     found: Declaration = of.metadata["setting"]
     return found
@@ -150,7 +150,7 @@ class Settings:
         """Rules between settings: name of the one that is wrong, whether the rule holds, what it says."""
         return ()
 
-    def _check(self, f: Field[Any]) -> None:
+    def _check(self, f: Field[object]) -> None:
         """SettingError for a value of another type, that is not finite, or out of its range."""
         value, said = getattr(self, f.name), declaration(f)
         kind = kind_of(type(self), f.name)
@@ -171,7 +171,7 @@ class Settings:
         return cls(**{f.name: default_in(f, length_unit) for f in declared(cls)})
 
 
-KIND_WORDS: dict[Any, str] = {
+KIND_WORDS: dict[type | tuple[type, type], str] = {
     bool: "true or false",
     int: "a whole number",
     float: "a number",
@@ -183,7 +183,7 @@ KIND_WORDS: dict[Any, str] = {
 """What a value of a type is, in words."""
 
 
-def item_kind(kind: Any) -> Any:
+def item_kind(kind: object) -> type | tuple[type, type]:
     """Key of `KIND_WORDS` of an annotated type: the plain type, or a tuple with the type of its items."""
     plain = plain_kind(kind)
     if plain is not tuple:
@@ -192,7 +192,7 @@ def item_kind(kind: Any) -> Any:
     return tuple, typing.get_args(whole)[0]
 
 
-def _is_a(value: Any, kind: Any) -> bool:
+def _is_a(value: object, kind: object) -> bool:
     """Whether a value is of the annotated type; a whole number is a number, true is none."""
     key = item_kind(kind)
     if isinstance(key, tuple):
@@ -208,12 +208,12 @@ def counted(counts: tuple[int, ...]) -> str:
     return " or ".join(str(n) for n in counts) + " numbers"
 
 
-def declared(of: type[Settings]) -> tuple[Field[Any], ...]:
+def declared(of: type[Settings]) -> tuple[Field[object], ...]:
     """The fields of a class that are settings, in the order of declaration."""
     return tuple(f for f in fields(of) if "setting" in f.metadata)
 
 
-def default_in(f: Field[Any], length_unit: str) -> Any:
+def default_in(f: Field[object], length_unit: str) -> object:
     """The default of a setting in scenes of that unit; lengths of people are told in metres and converted."""
     said = declaration(f)
     if length_unit not in METRES:
@@ -228,7 +228,7 @@ def default_in(f: Field[Any], length_unit: str) -> Any:
     return value * metre**power
 
 
-def configure(config: C, values: Mapping[str, Any]) -> C:
+def configure(config: C, values: Mapping[str, object]) -> C:
     """The settings with some of them replaced; texts are read as the type of the setting.
 
     Raises:
@@ -246,24 +246,24 @@ def configure(config: C, values: Mapping[str, Any]) -> C:
     return replace(config, **changed)
 
 
-def kind_of(of: type, name: str) -> Any:
+def kind_of(of: type, name: str) -> object:
     """Type of a setting as annotated, for example `float | None`."""
     return typing.get_type_hints(of)[name]
 
 
-def plain_kind(kind: Any) -> Any:
+def plain_kind(kind: object) -> type:
     """The type without None: `float` of `float | None`; `tuple` of a tuple of numbers."""
     if isinstance(kind, types.UnionType):
         kind = next(k for k in typing.get_args(kind) if k is not types.NoneType)
-    return typing.get_origin(kind) or kind
+    return typing.cast(type, typing.get_origin(kind) or kind)
 
 
-def optional(kind: Any) -> bool:
+def optional(kind: object) -> bool:
     """Whether a setting of this type may be None."""
     return isinstance(kind, types.UnionType) and types.NoneType in typing.get_args(kind)
 
 
-def read_value(text: str, kind: Any, name: str) -> Any:
+def read_value(text: str, kind: object, name: str) -> object:
     """The value that a text says; UsageError where it says none."""
     if optional(kind) and text.strip().lower() in ("none", ""):
         return None
@@ -278,18 +278,18 @@ def read_value(text: str, kind: Any, name: str) -> Any:
         raise UsageError(f"setting {name}: want {KIND_WORDS[item_kind(kind)]}, got {text!r}") from error
 
 
-def json_schema(of: type[Settings]) -> dict[str, Any]:
+def json_schema(of: type[Settings]) -> dict[str, object]:
     """JSON Schema of an object that gives some of the settings; what is left out has its default."""
     properties = {f.name: _property(of, f) for f in declared(of)}
     return {"type": "object", "properties": properties, "additionalProperties": False}
 
 
-def _property(of: type[Settings], f: Field[Any]) -> dict[str, Any]:
+def _property(of: type[Settings], f: Field[object]) -> dict[str, object]:
     """JSON Schema of one setting; where people in metres have another default, it says so besides."""
     said, kind = declaration(f), kind_of(of, f.name)
     names = {int: "integer", float: "number", bool: "boolean", str: "string", tuple: "array"}
     name = names[plain_kind(kind)]
-    out: dict[str, Any] = {"type": [name, "null"] if optional(kind) else name, "description": said.help}
+    out: dict[str, object] = {"type": [name, "null"] if optional(kind) else name, "description": said.help}
     if name == "array":
         out["items"] = {"type": "string" if item_kind(kind) == (tuple, str) else "number"}
         if said.counts:

@@ -15,7 +15,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
 
-F = TypeVar("F", bound=Callable[..., Any])
+F = TypeVar("F", bound=Callable[..., object])
 T = TypeVar("T")
 PATH = click.Path(path_type=Path)
 
@@ -73,7 +73,7 @@ def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet:
     yield from tqdm(items, desc=label, total=total, file=sys.stderr, leave=False)
 
 
-def echo_summary(summary: Mapping[str, Any], as_json: bool) -> None:
+def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
     """The result on standard output: one JSON object, or `key: value` lines for a person."""
     if as_json:
         click.echo(json.dumps(_plain(summary), sort_keys=True))
@@ -85,7 +85,7 @@ def echo_summary(summary: Mapping[str, Any], as_json: bool) -> None:
         click.echo(f"{key.replace('_', ' ') + ':':<{width + 2}}{_shown(value)}")
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, dict):
@@ -95,7 +95,7 @@ def _shown(value: Any) -> str:
     return str(value)
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """JSON-ready: paths as text, NaN as null."""
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
@@ -106,7 +106,7 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, str | int | float | bool | type(None)) else str(value)
 
 
-def finish(summary: Mapping[str, Any], losses: Iterable[Loss], as_json: bool) -> int:
+def finish(summary: Mapping[str, object], losses: Iterable[Loss], as_json: bool) -> int:
     """Print the summary and list what was lost; exit code 0, or 3 if anything was."""
     lost = list(losses)
     echo_summary({**summary, "losses": [loss.as_dict() for loss in lost]} if as_json else summary, as_json)

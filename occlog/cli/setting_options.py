@@ -28,7 +28,7 @@ from occlog.settings import (
     plain_kind,
 )
 
-F = TypeVar("F", bound=Callable[..., Any])
+F = TypeVar("F", bound=Callable[..., object])
 CHOSEN = "occlog.variant"
 """Key of the chosen variant's name in the metadata of click's context."""
 
@@ -43,7 +43,7 @@ class SettingOption(click.Option):
         under: of the option's name: `--sigma` under `fuse` is `--fuse-sigma`.
     """
 
-    def __init__(self, settings: type[Settings], f: Field[Any], prefix: str = "", under: str = "") -> None:
+    def __init__(self, settings: type[Settings], f: Field[object], prefix: str = "", under: str = "") -> None:
         said = declaration(f)
         if said.option is None:
             raise ValueError(f"setting {f.name} declares no option")
@@ -65,7 +65,7 @@ class SettingOption(click.Option):
         return (self.owner, self.setting) == (error.owner, error.setting)
 
 
-def _type_of(settings: type[Settings], f: Field[Any]) -> click.ParamType[Any]:
+def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]:
     """Type of the option's value, with the range that the setting declares."""
     said, kind = declaration(f), plain_kind(kind_of(settings, f.name))
     low = said.at_least if said.above is None else said.above
@@ -83,7 +83,7 @@ def _type_of(settings: type[Settings], f: Field[Any]) -> click.ParamType[Any]:
     return click.Choice(said.choices) if said.choices and not said.several else click.STRING
 
 
-def default_words(f: Field[Any]) -> str:
+def default_words(f: Field[object]) -> str:
     """How a default is told: `1.7 m, or 3.33 in a unit of its own`."""
     said = declaration(f)
     if said.shown is not None:
@@ -98,7 +98,7 @@ def default_words(f: Field[Any]) -> str:
     return told if people == own else f"{told}, or {value_words(f, own)} in a unit of its own"
 
 
-def value_words(f: Field[Any], value: Any) -> str:
+def value_words(f: Field[object], value: object) -> str:
     """A value as it is typed on the command line."""
     if value is None:
         return declaration(f).nothing or "none"
@@ -135,7 +135,7 @@ def add_options(added: Sequence[click.Option]) -> Callable[[F], F]:
     return decorate
 
 
-def _add(command: Any, option: click.Option) -> None:
+def _add(command: Callable[..., object], option: click.Option) -> None:
     """Give a function that is to be a command, or a command, one more option; as click's decorators do."""
     if isinstance(command, click.Command):
         command.params.append(option)
@@ -159,7 +159,7 @@ def options_of(
     ]
 
 
-def given(settings: type[Settings], values: Mapping[str, Any], *, prefix: str = "") -> dict[str, Any]:
+def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str = "") -> dict[str, Any]:
     """Those values of a command's options that are settings of this class and were given."""
     wanted = {f.name: declaration(f) for f in declared(settings) if declaration(f).option is not None}
     found = {name: values.get(prefix + name) for name in wanted}
@@ -232,7 +232,7 @@ class SettingsCommand(click.Command):
         if self.settings is not None:
             write_settings(formatter, "Settings (--set NAME=VALUE)", self.settings())
 
-    def invoke(self, ctx: click.Context) -> Any:
+    def invoke(self, ctx: click.Context) -> object:
         """Call the command; SettingError becomes a usage error that names the flag, if the setting has one."""
         try:
             return super().invoke(ctx)

@@ -14,7 +14,7 @@ from occlog.errors import UsageError
 class Finite(click.FloatRange):
     """A range of numbers without NaN, which click lets pass every range, and without infinity."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """The number; a usage error for one that is not finite or not in the range."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
@@ -25,7 +25,7 @@ class Finite(click.FloatRange):
 class AnyFinite(FloatParamType):
     """Any number but NaN and infinity."""
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """The number; a usage error for one that is not finite."""
         return Finite().convert(value, param, ctx)
 

@@ -27,7 +27,7 @@ class Column:
     optional: bool
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype[np.generic]:
         """NumPy dtype of the column; "U" stands for strings of any length."""
         return np.dtype(self.kind)
 
@@ -71,7 +71,7 @@ class Table:
         return cls(**{c.name: _empty_column(c, 0) for c in cls.columns()})
 
     @classmethod
-    def of(cls, **values: Any) -> Self:
+    def of(cls, **values: object) -> Self:
         """Build a table from array-likes, cast to the declared dtypes; optional columns may be left out."""
         told = [c for c in cls.columns() if not c.optional or c.name in values]
         return cls(**{c.name: as_column(c, values.pop(c.name)) for c in told}, **values)
@@ -94,7 +94,7 @@ class Table:
         order = np.lexsort([values[name] for name in reversed(cls.KEY)])
         return cls(**{name: column[order] for name, column in values.items()})
 
-    def take(self, rows: Any) -> Self:
+    def take(self, rows: Ints | Bools | slice) -> Self:
         """The rows selected by a mask, a slice or an index array."""
         return type(self)(**{c.name: getattr(self, c.name)[rows] for c in self.columns()})
 
@@ -105,17 +105,17 @@ class Table:
         return self.take(np.lexsort([getattr(self, name) for name in reversed(self.KEY)]))
 
 
-def _absent(c: Column, rows: int) -> NDArray[Any]:
+def _absent(c: Column, rows: int) -> NDArray[np.generic]:
     """Values of an optional column that nothing is known of."""
     return np.full(rows, "") if c.kind == "U" else np.full(rows, np.nan)
 
 
-def _empty_column(c: Column, rows: int) -> NDArray[Any]:
+def _empty_column(c: Column, rows: int) -> NDArray[np.generic]:
     shape = (rows, c.width) if c.width else (rows,)
     return np.empty(shape, dtype="U1" if c.kind == "U" else c.dtype)
 
 
-def as_column(c: Column, values: Any) -> NDArray[Any]:
+def as_column(c: Column, values: object) -> NDArray[np.generic]:
     """Cast array-like values to the dtype of a column; a cast that loses information is an error."""
     array = np.asarray(values)
     if not array.size:
@@ -143,7 +143,7 @@ def check_columns(record: Table) -> None:
             _check_finite(name, c, values)
 
 
-def _check_finite(name: str, c: Column, values: NDArray[Any]) -> None:
+def _check_finite(name: str, c: Column, values: NDArray[np.generic]) -> None:
     bad = ~np.isfinite(values) if c.nan is None else np.isinf(values)
     if bad.any():
         row = int(np.argwhere(bad)[0, 0])

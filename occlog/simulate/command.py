@@ -27,7 +27,7 @@ class ImageSize(click.ParamType):  # type: ignore[type-arg,unused-ignore]
 
     name = "WxH"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
         """(width, height)."""
         if isinstance(value, tuple):
             return value

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from occlog.settings import Settings, setting
 
 START_NS = 1_577_836_800_000_000_000
 """Time of the first step unless the settings say otherwise: 2020-01-01T00:00:00Z."""
-SHARE: dict[str, Any] = {"at_least": 0, "at_most": 1}
+SHARE: dict[str, float] = {"at_least": 0, "at_most": 1}
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from occlog.array_types import Floats
 from occlog.cli import options
@@ -179,7 +178,7 @@ def people_setup(given: Mapping[str, object], request: SimulateRequest) -> Setup
 
 def run_simulate(
     inputs: list[Path], setup: Setup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Write the recording and summarise what it holds."""
     made = Provenance("simulate", _parameters(setup), seed, hash_inputs(inputs))
     start = _places_apart(setup, seed) if setup.apart else None
@@ -202,19 +201,18 @@ def run_simulate(
     return _summary(setup, output, seed, counts)
 
 
-def _parameters(setup: Setup) -> dict[str, Any]:
+def _parameters(setup: Setup) -> dict[str, object]:
     """Every value that changes the result."""
-    parts = {"world": setup.world, "observe": setup.observe, "render": setup.render}
-    values: dict[str, Any] = {}
-    for name, part in parts.items():
-        values[name] = None if part is None else asdict(part)
-    if values["render"] is not None:
-        del values["render"]["workers"]
+    world = asdict(setup.world)
+    if setup.script is not None:
+        world = {k: world[k] for k in ("steps", "step_s", "diameter", "z", "start_ns")}
+    observe = None if setup.observe is None else asdict(setup.observe)
+    values: dict[str, object] = {"world": world, "observe": observe, "render": None}
+    if setup.render is not None:
+        values["render"] = {k: v for k, v in asdict(setup.render).items() if k != "workers"}
         values |= {"store": setup.store.store, "grey": setup.store.grey, "start_apart": setup.apart}
     if setup.sound != SoundConfig(step_s=setup.sound.step_s, heights=setup.sound.heights):
         values["sound"] = asdict(setup.sound)
-    if setup.script is not None:
-        values["world"] = {k: values["world"][k] for k in ("steps", "step_s", "diameter", "z", "start_ns")}
     values["rates_hz"] = {c.name: c.rate_hz for c in setup.scene.cameras}
     return values
 
@@ -270,9 +268,9 @@ def _recorded(
         yield chunk
 
 
-def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dict[str, Any]:
+def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dict[str, object]:
     world = setup.world
-    summary: dict[str, Any] = {
+    summary: dict[str, object] = {
         "recording": str(output),
         "seed": seed,
         "steps": world.steps,

@@ -7,7 +7,7 @@ metrics".  Programs differ in how they pair targets and tracks in a frame; `Clea
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -133,7 +133,7 @@ def match(frames: Frames, rule: ClearRule = CLASSIC) -> Matches:
         parts.append(Matches(at, left.start + i, right.start + j, distance[i, j], similarity[i, j], switch))
     none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
     parts.append(Matches(none, none, none, nothing, nothing, np.zeros(0, dtype=np.bool_)))
-    columns: list[Any] = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     return Matches(*columns)
 
 

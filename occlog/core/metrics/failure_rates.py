@@ -12,7 +12,7 @@ Both are divided by frames x views x targets: all true rows, also of targets tha
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -157,7 +157,7 @@ def _failures(frames: Frames, looks: _Looks) -> Failures:
             none[: len(wrong)],
         ),
     )
-    columns: list[Any] = [np.concatenate(pair) for pair in zip(*sides, strict=True)]
+    columns = [np.concatenate(pair) for pair in zip(*sides, strict=True)]
     order = np.lexsort((columns[3], columns[1], columns[0]))
     cell, target, other, of_label, away, elsewhere = (column[order] for column in columns)
     total = len(frames.truth)

@@ -9,7 +9,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
@@ -80,7 +79,7 @@ def balls_videos(setup: BallsSetup, output: Path) -> dict[str, Path]:
 
 def run_balls(
     setup: BallsSetup, output: Path, seed: int, *, overwrite: bool = False, quiet: bool = False
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Write the recording and summarise what it holds."""
     paths = _paths(setup.config, seed)
     counts: Counter[str] = Counter()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -62,7 +61,7 @@ def command(
 
     options.check_outputs([view_tracks, scene], [output], overwrite)
     files = GroundFiles(view_tracks, scene, output, overwrite)
-    values: dict[str, Any] = dict(parse_setting(text) for text in settings)
+    values: dict[str, object] = dict(parse_setting(text) for text in settings)
     values |= given(GroundConfig, {"window_s": window_s})
     summary, losses = run_ground(files, parse_names(only), values, quiet)
     return options.finish(summary, losses, as_json)

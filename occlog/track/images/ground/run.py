@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
@@ -34,8 +34,8 @@ class GroundFiles(NamedTuple):
 
 
 def run_ground(
-    files: GroundFiles, cameras: Sequence[str], values: Mapping[str, Any], quiet: bool
-) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+    files: GroundFiles, cameras: Sequence[str], values: Mapping[str, object], quiet: bool
+) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Find the places and write them; return the summary, and what the view tracks say was lost."""
     view_tracks = open_input(files.view_tracks)
     if view_tracks.recording is not None:
@@ -90,21 +90,24 @@ class GroundSummary:
 
     def _why(self) -> str:
         """Reasons for times without a place, with their numbers."""
-        return ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in self.summary()["no_place"].items() if n)
+        return ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in self._no_place().items() if n)
 
-    def summary(self) -> dict[str, Any]:
+    def _no_place(self) -> dict[str, int]:
+        """Times without a place, by the reason."""
+        return {name: self.counts[name] for name in ("one_view", "parallel", "behind", "contradict")}
+
+    def summary(self) -> dict[str, object]:
         """The figures of the summary.
 
         times: of targets with a tracker in some view.  views: places by the number of views that made them.
         left_out: views that did not agree with the others.  no_place: times without a place, and why.
         """
         views = {k.removeprefix("views_"): n for k, n in sorted(self.counts.items()) if k.startswith("views_")}
-        why = ("one_view", "parallel", "behind", "contradict")
         return {
             "targets": sorted(self.targets),
             "times": self.counts["times"],
             "rows": sum(views.values()),
             "views": views,
             "left_out": self.counts["left_out"],
-            "no_place": {name: self.counts[name] for name in why},
+            "no_place": self._no_place(),
         }

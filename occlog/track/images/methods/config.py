@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from occlog.settings import Settings, setting
 
-ABOVE_0: dict[str, Any] = {"above": 0.0, "at_most": 1e4}
+ABOVE_0: dict[str, float] = {"above": 0.0, "at_most": 1e4}
 """Of settings that are lengths, or factors of them."""
-AT_LEAST_0: dict[str, Any] = {"at_least": 0.0, "at_most": 1e4}
-SHARE: dict[str, Any] = {"at_least": 0.0, "at_most": 1.0}
-TURNS: dict[str, Any] = {"at_least": 1, "at_most": 1000}
+AT_LEAST_0: dict[str, float] = {"at_least": 0.0, "at_most": 1e4}
+SHARE: dict[str, float] = {"at_least": 0.0, "at_most": 1.0}
+TURNS: dict[str, float] = {"at_least": 1, "at_most": 1000}
 """Of settings that are numbers of turns of a loop."""
 ANCHORS = ("centre", "bottom")
 

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
@@ -41,7 +40,7 @@ class ViewsRequest:
     recording: Path
     scene: Path | None
     method: str
-    settings: Mapping[str, Any]
+    settings: Mapping[str, object]
     initial: Path | None
     detections: Path | None
     fundamental: Path | None

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from occlog.io.files.atomic import Together
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.measure.detect.one_camera import stretches
+from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.tables import Boxes, Tracks
 from occlog.records.views import ViewTracks
@@ -103,7 +104,7 @@ class ViewsSummary:
             loss for view, lost in zip(self.inputs.views, self.lost, strict=True) for loss in stretches(view.name, lost)
         ]
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """The figures of the summary."""
         names = self.inputs.names
         total = max(sum(self.modes.values()), 1)
@@ -190,7 +191,7 @@ class ViewsSummary:
 
 def run_track_views(
     request: ViewsRequest, wanted: ViewsOutputs, overwrite: bool, quiet: bool
-) -> tuple[dict[str, Any], list[Loss]]:
+) -> tuple[dict[str, object], list[Loss]]:
     """Track and write; return the summary, and what was lost."""
     visual = VISUAL[request.method]
     config, stage = view_settings(request, visual)
@@ -229,7 +230,7 @@ def run_track_views(
     made = Provenance("track", parameters, request.seed, hash_inputs(request.paths), earlier)
     summary = ViewsSummary(request.method, inputs)
     with ExitStack() as stack:
-        rows, places = _writers(stack, wanted, made, {"overwrite": overwrite, "length_unit": inputs.length_unit})
+        rows, places = _writers(stack, wanted, made, overwrite=overwrite, length_unit=inputs.length_unit)
         passed = _passed(parts, rows, summary)
         if places is not None:
             for part in inputs.on_ground(passed, window):
@@ -251,14 +252,17 @@ def run_track_views(
 
 
 def _writers(
-    stack: ExitStack, wanted: ViewsOutputs, made: Provenance, how: dict[str, Any]
+    stack: ExitStack, wanted: ViewsOutputs, made: Provenance, *, overwrite: bool, length_unit: str
 ) -> tuple[TableWriter, TableWriter | None]:
     """Writers of the tracks in the images and, where wanted, in the world; the two files then appear together."""
-    if wanted.world is None:
-        return stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, **how)), None
-    how = {**how, "together": stack.enter_context(Together())}
-    rows = stack.enter_context(TableWriter(wanted.tracks, ViewTracks, made, **how))
-    return rows, stack.enter_context(TableWriter(wanted.world, Tracks, made, **how))
+    together = None if wanted.world is None else stack.enter_context(Together())
+
+    def writer(path: Path, table: type[Table]) -> TableWriter:
+        return stack.enter_context(
+            TableWriter(path, table, made, overwrite=overwrite, length_unit=length_unit, together=together)
+        )
+
+    return writer(wanted.tracks, ViewTracks), None if wanted.world is None else writer(wanted.world, Tracks)
 
 
 def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: ViewsInput) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -330,7 +330,7 @@ def _tracked(o: Outlines, moment: Moment, views: Sequence[View], ended: Sequence
 
 def _places(
     view: Ints, target: Ints, ellipse: Floats, moment: Moment, views: Sequence[View]
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, NDArray[np.generic]]:
     """Columns of time, camera, frame, target and ellipse."""
     rho = (ellipse[:, 4] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
     return {

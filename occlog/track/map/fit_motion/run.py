@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from occlog.array_types import Floats
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -46,7 +47,7 @@ class FitRequest:
 
 def run_fit(
     request: FitRequest, output: FilePath, overwrite: bool, quiet: bool
-) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Fit and write; the summary, and what had been lost before."""
     config = request.config
     paths, unit, losses = read_paths(request)
@@ -97,7 +98,7 @@ def _fit(request: FitRequest, paths: list[Path], step_s: float, gap_s: float) ->
     return fit_em(paths, step_s, request.shape, longest_gap_s=gap_s, noise=noise)
 
 
-def _figures(fit: Fit, request: FitRequest) -> dict[str, Any]:
+def _figures(fit: Fit, request: FitRequest) -> dict[str, object]:
     """How it was fitted, and how well."""
     return {
         "method": request.config.method,
@@ -119,7 +120,7 @@ def _figures(fit: Fit, request: FitRequest) -> dict[str, Any]:
     }
 
 
-def spectral_radius(A: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+def spectral_radius(A: Floats) -> float:
     """Largest size of an eigenvalue; of a block-triangular A exact, where a general method has 1e-8 of rounding."""
     pairs = A.reshape(2, 2, 2, 2)
     if not (pairs[0, :, 1].any() or pairs[1, :, 0].any() or A[1, 0] or A[3, 2]):
