@@ -10,7 +10,7 @@ import click
 from docs.rooms import folders_page, picture
 from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import CHOSEN, VariantCommand, value_words
-from occlog.examine.declared_settings import settings_of, verbs
+from occlog.examine.schema import settings_of, verbs
 from occlog.records.columns import Table
 from occlog.records.tables import TABLES
 from occlog.settings import Settings, declaration, declared, default_in

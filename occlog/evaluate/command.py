@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -18,7 +17,6 @@ from .mot.config import ManyConfig
 from .options import COMPARED, OF_MANY, WRITTEN, check_kind, with_all
 
 if TYPE_CHECKING:
-    from .inputs import Paths
     from .stage import Threshold
 
 
@@ -64,7 +62,7 @@ def command(**values: Any) -> int:
     from occlog.evaluate.mot.run import in_images, run_evaluate_many
 
     from .inputs import Paths
-    from .run import run_evaluate
+    from .run import run_evaluate, run_evaluate_doa
 
     thresholds = _thresholds(values["fail_if"])
     as_json, quiet, azimuths = values["as_json"], values["quiet"], values["truth_azimuths"]
@@ -79,7 +77,7 @@ def command(**values: Any) -> int:
     check_kind(click.get_current_context(), kind)
     config = configure(EvaluateConfig(), chosen)
     if azimuths is not None:
-        figures = _azimuths(paths, azimuths, values["doa_gate_deg"], config.max_gap_s)
+        figures = run_evaluate_doa(paths, azimuths, values["doa_gate_deg"], config.max_gap_s)
         options.echo_summary(figures, as_json)
         return _judged(figures, thresholds)
     if kind == IMAGES:
@@ -94,15 +92,6 @@ def command(**values: Any) -> int:
         if path is not None:
             options.note(f"wrote {path}", quiet)
     return code
-
-
-def _azimuths(paths: Paths, azimuths: Path, gate_deg: float, max_gap_s: float) -> dict[str, Any]:
-    """Directions against true ones; UsageError where tracks are to be compared too."""
-    from occlog.evaluate.bearings.command import run_evaluate_doa
-
-    if paths.tracks is not None:
-        raise click.UsageError("--truth-azimuths goes with --doa and nothing else to compare; leave TRACKS out")
-    return run_evaluate_doa(paths.doa, azimuths, paths.output, gate_deg, max_gap_s, paths.overwrite)
 
 
 def _show(metrics: Mapping[str, float], unit: str, as_json: bool) -> None:

@@ -1,26 +1,37 @@
-"""Work of `occlog evaluate`: files and option values to an evaluation, and that to files."""
+"""Work of `occlog evaluate`: files and option values to an evaluation, and that to files.
+
+`run_evaluate` compares tracks and bearings with the truth, `run_evaluate_doa` directions of arrival with true ones.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from occlog.array_types import NS
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.evaluate.bearings.cost_of_asking import cooperation_figures
+from occlog.evaluate.bearings.azimuths import doa_metrics
+from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import ground_figures
 from occlog.io.files.json_file import write_json
 from occlog.io.files.parquet import write_table
-from occlog.io.open import open_input
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.open import open_if_ours, open_input
+from occlog.io.sound.csv_log import DoaOptions
+from occlog.io.sound.directions import read_doa
+from occlog.records.scene import MicrophoneArray
+from occlog.records.tables import Doa
 from occlog.settings import configure
 from occlog.track.images.run.provenance import other_video
 
-from .evaluation import Evaluation
 from .inputs import Paths, provenance_of, read_tables
-from .matching.config import EvaluateConfig
-from .stage import evaluate
+from .stage import Evaluation, evaluate
 
 
 def run_evaluate(paths: Paths, given: Mapping[str, Any], many_given: Mapping[str, Any]) -> tuple[Evaluation, str]:
@@ -37,9 +48,16 @@ def run_evaluate(paths: Paths, given: Mapping[str, Any], many_given: Mapping[str
     unit = t.scene.length_unit
     config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **given})
     _check_held_out(paths.tracks, config.held_out)
-    result = evaluate(t.tracks, t.truth, t.bearings, t.scene, config, views=t.views, truth_boxes=t.truth_boxes)
-    if t.cooperation is not None:
-        result.metrics.update(cooperation_figures(t.cooperation, t.tracks))
+    result = evaluate(
+        t.tracks,
+        t.truth,
+        t.bearings,
+        t.scene,
+        config,
+        views=t.views,
+        truth_boxes=t.truth_boxes,
+        cooperation=t.cooperation,
+    )
     result, many = ground_figures(
         result, t, config, told=many_given, wanted=paths.failures is not None, path=paths.tracks
     )
@@ -90,3 +108,42 @@ def _write(paths: Paths, result: Evaluation, unit: str, config: EvaluateConfig, 
     if paths.output is not None:
         values = {**result.metrics, "_provenance": provenance.as_dict()}
         write_json(paths.output, values, overwrite=paths.overwrite)
+
+
+def run_evaluate_doa(paths: Paths, truth: Path, gate_deg: float, max_gap_s: float) -> dict[str, float]:
+    """Read, compare, write; the figures.
+
+    Args:
+        paths: `doa`, directions: a table, or a recording that holds them; `output`, JSON to write.
+        truth: true directions: the same, or a log (CSV: time, azimuth_deg, perhaps sensor).
+        gate_deg: pairs further apart are a missed and a false direction.
+        max_gap_s: a set is compared with the true one nearest in time, at most half of this away.
+    """
+    doa, output = paths.doa, paths.output
+    if paths.tracks is not None:
+        raise UsageError("--truth-azimuths goes with --doa and nothing else to compare; leave TRACKS out")
+    if doa is None:
+        raise UsageError("--truth-azimuths wants directions to compare; give them with --doa")
+    options.check_outputs([doa, truth], [output], paths.overwrite)
+    found = open_input(doa).read(Doa)
+    if not len(found):
+        raise InputError(f"{doa}: has no directions; nothing can be compared")
+    metrics = doa_metrics(found, _true_directions(truth, found), math.radians(gate_deg), round(0.5 * max_gap_s * NS))
+    if metrics["doa_found"] == 0:
+        raise InputError(f"{truth}: has no time near those of {doa}; look at the times, or give a larger --max-gap")
+    if output is not None:
+        parameters = {"doa_gate_deg": gate_deg, "max_gap_s": max_gap_s}
+        provenance = Provenance("evaluate", parameters, None, hash_inputs([doa, truth]))
+        write_json(output, {**metrics, "_provenance": provenance.as_dict()}, overwrite=paths.overwrite)
+    return metrics
+
+
+def _true_directions(path: Path, found: Doa) -> Doa:
+    """True directions; a log without a column of sensors is of the only one that there is."""
+    opened = open_if_ours(path)
+    if opened is not None:
+        return opened.read(Doa)
+    names = np.unique(found.sensor).tolist()
+    arrays = [MicrophoneArray(name, np.zeros(3)) for name in names]
+    sole = names[0] if len(names) == 1 else None
+    return Doa.merge(list(read_doa(path, arrays, DoaOptions(sensor=sole))))

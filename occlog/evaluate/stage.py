@@ -1,4 +1,7 @@
-"""Computes every figure that tracks, truth and bearings allow, and judges figures by conditions such as `rmse>0.5`."""
+"""Computes every figure that tracks, truth, bearings and requests of cameras allow.
+
+Figures are judged by conditions such as `rmse>0.5`.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,13 @@ import difflib
 import math
 import operator
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from occlog.array_types import NS
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.boxes import view_metrics
 from occlog.evaluate.bearings.detections import detection_metrics, looks_of
@@ -20,9 +25,8 @@ from occlog.evaluate.errors.bound import bound_metrics, compute_bound
 from occlog.evaluate.errors.on_ground import compare, error_metrics, settled
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Bound, Errors, Tracks, Truth, TruthBoxes, Views
-
-from .evaluation import Evaluation
+from occlog.records.tables import Bearings, Bound, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
+from occlog.records.views import Failures
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -33,6 +37,27 @@ OPERATORS: dict[str, Callable[[float, float], bool]] = {
 CONDITION = re.compile(r"\s*([^<>=]+?)\s*(<=|>=|<|>)\s*([^<>=]+?)\s*")
 UNITS = ("m", "unit", "ft", "in", "px", "mrad")
 """Units that end the names of metrics and may be left away."""
+SHARED = "shared"
+CAUSES = ("periodic", "count", "bearing", "ellipse", "spread")
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Figures, and the tables behind them.
+
+    Attributes:
+        metrics: flat; the unit is the end of the name.
+        errors: of every estimate that has a truth.
+        bound: posterior Cramer-Rao bound.
+        failures: of trackers.
+        notes: lines that the user must know of.
+    """
+
+    metrics: dict[str, float]
+    errors: Errors = field(default_factory=Errors.empty)
+    bound: Bound = field(default_factory=Bound.empty)
+    failures: Failures = field(default_factory=Failures.empty)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -99,12 +124,14 @@ def evaluate(
     *,
     views: Views | None = None,
     truth_boxes: TruthBoxes | None = None,
+    cooperation: Cooperation | None = None,
 ) -> Evaluation:
     """Every figure that the given tables allow.
 
     Tracks and truth give errors; bearings and truth give detections and the bound;
     bearings alone give the distance of the tracks from where sight lines meet, and the
-    prediction of held-out sensors; views and true boxes give recall and precision.
+    prediction of held-out sensors; views and true boxes give recall and precision;
+    requests of cameras give their cost.
     Lengths are in the scene's unit, which ends the names of such metrics (`rmse_m`).
 
     Raises:
@@ -132,6 +159,8 @@ def evaluate(
     metrics |= _without_truth(tracks, bearings, scene, config)
     if views is not None and truth_boxes is not None:
         metrics |= view_metrics(views, truth_boxes, config)
+    if cooperation is not None:
+        metrics |= cooperation_figures(cooperation, tracks)
     return Evaluation({name: float(value) for name, value in metrics.items()}, errors, bound)
 
 
@@ -162,3 +191,32 @@ def _settled(errors: Errors, bound: Bound, unit: str, config: EvaluateConfig) ->
     figures = error_metrics(late, unit) | {"estimates": len(late)}
     figures |= bound_metrics(late, bound, unit) if len(bound) and len(late) else {}
     return {f"settled_{name}": value for name, value in figures.items()}
+
+
+def cooperation_figures(asked: Cooperation, tracks: Tracks | None = None) -> dict[str, float]:
+    """Requests, frames and their mean period.
+
+    Args:
+        asked: requests; rows of cause `shared` are none, but places that came along with others.
+        tracks: what was tracked; the period is their length by the number of times at which
+            cameras were asked.  None: the mean time between these.
+
+    Returns:
+        `cooperation_requests` (one for each target and time), `cooperation_answered`,
+        `cooperation_shared`, `cooperation_frames`, `cooperation_period_s` (NaN if it cannot be
+        told), and `cooperation_requests_CAUSE`; a request with several causes counts for each.
+    """
+    own = asked.take(asked.cause != SHARED)
+    causes = Counter(cause for text in own.cause.tolist() for cause in text.split(","))
+    times = np.unique(own.t_ns)
+    span, count = (times[-1] - times[0] if len(times) else 0), len(times) - 1
+    if tracks is not None and len(tracks):
+        span, count = tracks.t_ns[-1] - tracks.t_ns[0], len(times)
+    return {
+        "cooperation_requests": float(len(own)),
+        "cooperation_answered": float(np.count_nonzero(own.answered)),
+        "cooperation_shared": float(len(asked) - len(own)),
+        "cooperation_frames": float(asked.frames.sum()),
+        "cooperation_period_s": float(span) / NS / count if count > 0 else math.nan,
+        **{f"cooperation_requests_{c}": float(causes[c]) for c in (*CAUSES, *sorted(set(causes) - set(CAUSES)))},
+    }

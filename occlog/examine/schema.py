@@ -1,12 +1,99 @@
-"""The `occlog schema` command."""
+"""The `occlog schema` command, and the JSON Schemas of every verb's settings, made from the declarations.
+
+The classes of settings are named as text and are loaded when they are asked for: a verb may load others only so.
+"""
 
 from __future__ import annotations
 
+import importlib
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
 from occlog.cli import options
+from occlog.settings import Settings, json_schema
+
+METHODS = "occlog.track.catalogue:METHODS"
+"""The tracking methods, each with the text of its class of settings."""
+CLASSES: dict[str, tuple[str, ...]] = {
+    "ingest": ("occlog.ingest.plan:IngestPlan",),
+    "simulate": (
+        "occlog.simulate.config:WorldConfig",
+        "occlog.simulate.config:ObserveConfig",
+        "occlog.simulate.config:SoundConfig",
+        "occlog.simulate.config:RenderConfig",
+        "occlog.simulate.config:StoreConfig",
+        "occlog.simulate.config:PeopleConfig",
+        "occlog.simulate.balls.config:BallsConfig",
+    ),
+    "listen": ("occlog.measure.listen.config:ListenConfig",),
+    "epipolar": ("occlog.measure.epipolar.config:EpipolarConfig",),
+    "detect": ("occlog.measure.detect.config:DetectConfig",),
+    "fuse": ("occlog.measure.fuse.config:FuseConfig",),
+    "priors": (
+        "occlog.measure.priors.config:KalmanConfig",
+        "occlog.measure.priors.config:HullConfig",
+        "occlog.measure.priors.config:AcousticConfig",
+    ),
+    "label": ("occlog.measure.label.config:LabelConfig",),
+    "fit-motion": ("occlog.track.map.fit_motion.config:FitConfig",),
+    "evaluate": (
+        "occlog.evaluate.matching.config:EvaluateConfig",
+        "occlog.evaluate.mot.config:ManyConfig",
+    ),
+    "ground": ("occlog.track.images.ground.config:GroundConfig",),
+}
+"""Classes of settings of each verb but `track`."""
+AROUND_METHODS = ("occlog.track.images.births.config:ViewsConfig", "occlog.track.apf.selection_config:SelectConfig")
+"""Settings that several methods of `track` share."""
+NAMES = {"epipolar": "epipolar-settings"}
+"""Verbs whose name is that of a file's schema."""
+
+
+def load(where: str) -> Any:
+    """The value of `module:name`."""
+    module, _, name = where.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def verbs() -> tuple[str, ...]:
+    """Every verb that has settings."""
+    return (*CLASSES, "track")
+
+
+def settings_of(verb: str) -> dict[str, type[Settings]]:
+    """Classes of settings of a verb by the name of what has them; of `track` by the name of the method."""
+    if verb != "track":
+        classes = [load(where) for where in CLASSES[verb]]
+        return {of.OWNER: of for of in classes}
+    methods = {name: load(entry.settings) for name, entry in load(METHODS).items()}
+    return methods | {of.OWNER: of for of in map(load, AROUND_METHODS)}
+
+
+def settings_schema(verb: str) -> dict[str, Any]:
+    """JSON Schema of the settings of a verb: one definition for each of its classes, an object is of one of them."""
+    parts = {name: json_schema(of) for name, of in settings_of(verb).items()}
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"occlog {verb}: settings"}
+    if len(parts) == 1:
+        return head | next(iter(parts.values()))
+    return head | {"anyOf": [{"$ref": f"#/$defs/{part_key(name)}"} for name in parts], "$defs": _keyed(parts)}
+
+
+def part_key(name: str) -> str:
+    """The key of a definition: its name without blanks."""
+    return name.replace(" ", "-")
+
+
+def _keyed(parts: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    return {part_key(name): part for name, part in parts.items()}
+
+
+def settings_schemas() -> dict[str, Callable[[], dict[str, Any]]]:
+    """The schema of every verb's settings by its published name."""
+    return {NAMES.get(verb, verb): partial(settings_schema, verb) for verb in verbs()}
 
 
 @click.command(name="schema", short_help="Print the schema of a table, a message, a file format or settings.")
@@ -25,8 +112,6 @@ def command(name: str | None, output: Path | None, overwrite: bool) -> None:
     """
     from occlog.io.files.atomic import write_bytes
     from occlog.io.models.schemas import SCHEMAS, schema_text
-
-    from .declared_settings import settings_schemas
 
     schemas = SCHEMAS | settings_schemas()
     if output is not None:

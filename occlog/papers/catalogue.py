@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from occlog.errors import UsageError
-from occlog.papers.ercan import accuracy, laboratory, recorded_figures, selection, speed, square
+from occlog.papers.ercan import accuracy, recorded_figures, selection, speed, square
 from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS
 from occlog.papers.lee.cooperation.room import ROOM_EXPERIMENTS
 from occlog.papers.lee.fusion.cases import DECISION_EXPERIMENTS
@@ -23,7 +23,7 @@ from occlog.papers.rahimi import results, search, trust
 from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
-    "ercan": (*square.EXPERIMENTS, speed.FIG10, selection.FIG12, laboratory.FIG14, selection.FIG15, accuracy.FIG17),
+    "ercan": (*square.EXPERIMENTS, speed.FIG10, selection.FIG12, selection.FIG14, selection.FIG15, accuracy.FIG17),
     "rahimi": (search.FIG3, results.FIG4, results.FIG5, trust.FALSE, trust.COVARIANCE),
     "lee": (
         # Chapter 2

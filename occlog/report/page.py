@@ -20,8 +20,14 @@ from occlog.report.drawing.style import COLOURS, DARK, house_style, label, new_f
 from occlog.report.drawing.svg import page_svg
 from occlog.report.plots.accuracy import axes_of, draw_accuracy
 from occlog.report.plots.filterplot import deviation, draw_filter, has_particles
-from occlog.report.plots.floorplan import MOST_MOVING_OCCLUDERS, bold_from, draw_floorplan, outside, plan_limits
-from occlog.report.plots.occluders import moments
+from occlog.report.plots.floorplan import (
+    MOST_MOVING_OCCLUDERS,
+    bold_from,
+    draw_floorplan,
+    moments,
+    outside,
+    plan_limits,
+)
 from occlog.report.plots.selectionplot import cameras_of, draw_selection, expected_and_found, selected_targets, spans
 from occlog.report.plots.sensortable import sensor_rows
 from occlog.report.plots.sightplot import draw_sight

@@ -12,7 +12,7 @@ from places import ROOT
 
 from occlog.cli.main import COMMANDS, run
 from occlog.errors import ExitCode
-from occlog.examine.declared_settings import part_key, settings_of, settings_schema, settings_schemas, verbs
+from occlog.examine.schema import part_key, settings_of, settings_schema, settings_schemas, verbs
 from occlog.io.models.schemas import SCHEMAS, schema_text
 from occlog.settings import Settings, declared
 from occlog.track.catalogue import METHODS

@@ -1,24 +1,118 @@
 """Bearings against the truth, look by look: what a sensor said of a target and what it should have said.
 
 A look is one frame of one sensor together with one true target of which the frame says
-something: a labelled row (`target_id` >= 0, seen or not), or unlabelled candidates.
+something: a labelled row (`target_id` >= 0, seen or not), or unlabelled candidates, which are
+paired one to one with the true objects of their frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.metrics.errors import pair_within
 from occlog.records.tables import Bearings
 
 from .config import EvaluateConfig
-from .pairing import pair_candidates
 from .paths import Path, Sensor
 from .residuals import behind_moving, gated, residuals
+
+
+class Paired(NamedTuple):
+    """One row for each frame with candidates and each target asked for."""
+
+    rows: Bearings  # the candidate paired with the target, or a `not seen` row
+    target: Ints  # identity of the target of each row
+    stray: int  # candidates that are near no true object
+
+
+class _Frames(NamedTuple):
+    """Frames of a sensor (N) against true objects (M)."""
+
+    starts: list[int]  # first row of each frame, then the number of rows
+    present: Bools  # (N, M) the object's position is known
+    visible: Bools  # (N, M) and it should have been seen
+    cost: Floats  # (R, M) residual of each row as a share of the gate; infinite where it cannot be
+
+
+def pair_candidates(
+    sensor: Sensor,
+    rows: Bearings,
+    told: Collection[tuple[int, int]],
+    targets: Mapping[int, Path],
+    everyone: Mapping[int, Path],
+    config: EvaluateConfig,
+) -> Paired:
+    """Pair the candidates of every frame: with objects that should be visible first, then with hidden ones.
+
+    A candidate may be of an occluder: it is stray only if it is near no true object at all.
+
+    Args:
+        sensor: whose rows these are.
+        rows: unlabelled rows of that sensor.
+        told: (time, target) of which a labelled row says something already; they get no row here.
+        targets: true paths of the targets.
+        everyone: true paths of targets and occluders.
+        config: gates, limits.
+    """
+    frames = _compare(sensor, rows, everyone, config)
+    names = list(everyone)
+    is_target = np.array([k in targets for k in names], dtype=np.bool_)
+    picked: list[tuple[int, int, bool]] = []  # row, target, whether that row is of the target
+    stray = 0
+    for n, (start, end) in enumerate(pairwise(frames.starts)):
+        present = frames.present[n]
+        if not (present & is_target).any():
+            continue
+        found = _pair(frames.cost[start:end], frames.visible[n])
+        stray += int(np.count_nonzero(rows.seen[start:end])) - len(found)
+        for j in np.flatnonzero(present & is_target).tolist():
+            if (int(rows.t_ns[start]), names[j]) not in told:
+                picked.append((start + found.get(j, 0), names[j], j in found))
+    row, target, seen = (np.array(c) for c in zip(*picked, strict=True)) if picked else [np.zeros(0)] * 3
+    chosen = _chosen(rows, row.astype(np.int64), seen.astype(np.bool_))
+    return Paired(chosen, target.astype(np.int64), stray)
+
+
+def _compare(sensor: Sensor, rows: Bearings, everyone: Mapping[int, Path], config: EvaluateConfig) -> _Frames:
+    times, first, frame = np.unique(rows.t_ns, return_index=True, return_inverse=True)
+    shape = (len(times), len(everyone))
+    places, heights = np.full((*shape, 2), np.nan), np.full(shape, np.nan)
+    hidden = np.zeros(shape, dtype=np.bool_)
+    for j, (k, path) in enumerate(everyone.items()):
+        places[:, j], _ = path.at(times, config.limit_ns)
+        heights[:, j] = path.height_at(times, config.limit_ns)
+        hidden[:, j] = behind_moving(sensor, times, places[:, j], k, everyone, config)
+    present = np.isfinite(places[:, :, 0])
+    expected = sensor.expect(places.reshape(-1, 2), heights.ravel()).reshape(shape)
+    cost = gated(residuals(rows, expected.take(frame), sensor), config)
+    possible = present[frame] & rows.seen[:, None] & (cost <= 1.0)
+    starts = [*first.tolist(), len(rows)]
+    return _Frames(starts, present, present & expected.clear & ~hidden, np.where(possible, cost, np.inf))
+
+
+def _pair(cost: Floats, visible: Bools) -> dict[int, int]:
+    """Object to candidate of one frame."""
+    if not np.isfinite(cost).any():
+        return {}
+    found = {j: i for i, j in pair_within(np.where(visible, cost, np.inf), 1.0)}
+    rest = cost.copy()
+    rest[:, list(found)] = np.inf
+    rest[list(found.values())] = np.inf
+    return found | {j: i for i, j in pair_within(rest, 1.0)}
+
+
+def _chosen(rows: Bearings, row: Ints, seen: Bools) -> Bearings:
+    """These rows, without their measurement where they are not of the target."""
+    taken = rows.take(row)
+    names = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma_elevation")
+    measured = {name: np.where(seen, getattr(taken, name), np.nan) for name in names}
+    return Bearings(t_ns=taken.t_ns, sensor=taken.sensor, target_id=taken.target_id, seen=seen, **measured)
 
 
 @dataclass(frozen=True, eq=False)

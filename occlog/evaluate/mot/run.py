@@ -13,9 +13,9 @@ import numpy as np
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.evaluate.evaluation import Evaluation
 from occlog.evaluate.inputs import Paths, Tables, provenance_of
 from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.stage import Evaluation
 from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layout
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.files.csv_rows import first_line, is_header
@@ -31,10 +31,8 @@ from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
 from .config import ManyConfig
-from .mot_files import frame_rate, image_size, view_boxes
-from .on_ground import evaluate_ground
-from .stage import evaluate_views
-from .truth_and_tracks import TruthAndTracks, boxes_in_true_frames, boxes_of
+from .stage import evaluate_ground, evaluate_views
+from .truth_and_tracks import TruthAndTracks, boxes_in_true_frames, boxes_of, frame_rate, image_size, view_boxes
 
 B = TypeVar("B", bound=Boxes)
 TEXT = (".txt", ".csv")

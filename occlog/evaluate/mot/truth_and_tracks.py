@@ -1,4 +1,7 @@
-"""Boxes of tracks and true boxes in the same frames: of one camera and time, each identity once in a frame."""
+"""Boxes of tracks and true boxes in the same frames: of one camera and time, each identity once in a frame.
+
+`boxes_in_true_frames` selects them, `view_boxes` gives those of a view back as tables.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,14 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import NS, Floats, Ints
 from occlog.core.metrics.frame_pairs import Objects
 from occlog.errors import InputError
 from occlog.records.tables import Boxes, TruthBoxes
 from occlog.records.views import ViewTracks
 
 from .config import ManyConfig
+from .figures import of_view
 
 B = TypeVar("B", bound=Boxes)
 
@@ -204,3 +208,44 @@ def _check_identities(what: str, boxes: Boxes, view: Ints, cell: Ints) -> None:
                 f"{what}: camera {boxes.sensor[row]}, frame {boxes.frame[row]}: {found}; "
                 "each object needs an identity of its own in every frame"
             )
+
+
+def view_boxes(compared: TruthAndTracks, view: int) -> tuple[TruthBoxes, Boxes]:
+    """True boxes and tracks of one view, in the frames that are compared."""
+    t_ns, number, name = compared.t_ns[view], compared.number[view], compared.views[view]
+    return (
+        TruthBoxes.of(**_columns(of_view(compared.truth, view), t_ns, number, name)),
+        Boxes.of(**_columns(of_view(compared.tracks, view), t_ns, number, name)),
+    )
+
+
+def _columns(side: Objects, t_ns: Ints, number: Ints, name: str) -> dict[str, object]:
+    order = np.lexsort((side.label, side.frame))
+    frame, place, n = side.frame[order], side.place[order], len(order)
+    return {
+        "t_ns": t_ns[frame],
+        "sensor": np.full(n, name),
+        "frame": number[frame],
+        "box": np.arange(n, dtype=np.int32),
+        "target_id": side.label[order].astype(np.int32),
+        "left_px": place[:, 0],
+        "top_px": place[:, 1],
+        "width_px": place[:, 2],
+        "height_px": place[:, 3],
+        "confidence": np.full(n, np.nan),
+    }
+
+
+def frame_rate(compared: TruthAndTracks, view: int) -> float:
+    """Frames a second of a view, from the median of its intervals; 1 where it has a single frame."""
+    steps = np.diff(compared.t_ns[view]) / np.maximum(np.diff(compared.number[view]), 1)
+    return float(NS / np.median(steps)) if len(steps) and np.median(steps) > 0 else 1.0
+
+
+def image_size(compared: TruthAndTracks, view: int) -> tuple[int, int]:
+    """Width and height that hold the true boxes of a view; at least 1 x 1."""
+    place: Floats = of_view(compared.truth, view).place
+    if not len(place):
+        return 1, 1
+    far = np.ceil(np.max(place[:, :2] + place[:, 2:], axis=0))
+    return max(int(far[0]), 1), max(int(far[1]), 1)

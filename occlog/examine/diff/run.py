@@ -6,7 +6,7 @@ import difflib
 import fnmatch
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -22,11 +22,25 @@ from occlog.io.recording.rows import RECORDED, schema_of
 from occlog.records.columns import Table, check_order, column
 from occlog.records.tables import TABLES
 
-from .files import diff_bytes, diff_schemas, stage_order
 from .json import diff_json
 from .result import Comparison, Difference, Tolerances
-from .stage import diff_tables
+from .stage import diff_bytes, diff_schemas, diff_tables
 
+STAGES = (
+    "scene",
+    "truth",
+    "recording",
+    "views",
+    "bearings",
+    "occluders",
+    "tracks",
+    "diagnostics",
+    "errors",
+    "bound",
+    "metrics",
+    "report",
+)
+"""Names of outputs, those of earlier stages first: the first output that differs is nearest to the cause."""
 RUN_STATE = "run.json"
 """State of `occlog run`: hashes of everything, so it counts as provenance."""
 ROWS = 4096
@@ -101,6 +115,17 @@ def _check_tables(a: Path, b: Path, settings: DiffSettings) -> None:
             near = difflib.get_close_matches(wanted, names, n=1)
             hint = f"did you mean {near[0]!r}?" if near else f"columns: {', '.join(names)}"
             raise UsageError(f"--tol {wanted}: {said_a['schema']} has no such column; {hint}")
+
+
+def stage_order(names: Iterable[str]) -> list[str]:
+    """Sort file names: those of earlier stages first, others after them by name."""
+
+    def place(name: str) -> tuple[int, str]:
+        stem = name.rsplit("/", maxsplit=1)[-1].split(".")[0].lower()
+        found = [n for n, stage in enumerate(STAGES) if stage in stem]
+        return (min(found) if found else len(STAGES), name)
+
+    return sorted(names, key=place)
 
 
 def _compare_folders(a: Path, b: Path, settings: DiffSettings) -> list[Comparison]:

@@ -1,12 +1,13 @@
-"""Comparison of two tables: rows are joined by their keys, and columns of joined rows compared value by value.
+"""Comparison of two tables: rows, columns of joined rows, and what the tables declare; and of two files byte by byte.
 
-Both tables are read side by side in pieces that cover the same time, so that memory does not grow with
-their length.
+Rows are joined by their keys, and columns of joined rows are compared value by value.  Both tables
+are read side by side in pieces that cover the same time, so that memory does not grow with their
+length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
@@ -21,6 +22,8 @@ from .join import Join, join, times
 from .result import ColumnDifference, Comparison, Difference, Limit, Tolerances
 
 TURN = 2.0 * np.pi
+T = TypeVar("T", bound=Table)
+LAST = np.iinfo(np.int64).max
 
 
 class Values(NamedTuple):
@@ -82,10 +85,6 @@ def _worst(differ: Bools, apart: Floats, allowed: Floats) -> Values:
     entry = np.argmax(badness, axis=1)
     rows = np.arange(len(differ))
     return Values(np.asarray(differ.any(axis=1)), apart[rows, entry], allowed[rows, entry], entry)
-
-
-T = TypeVar("T", bound=Table)
-LAST = np.iinfo(np.int64).max
 
 
 class _Side:
@@ -277,3 +276,66 @@ def _size(difference: float | None) -> float:
 
 def _key(table: Table, row: int) -> dict[str, Any]:
     return {name: getattr(table, name)[row].item() for name in type(table).KEY}
+
+
+def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[Difference, ...]:
+    """Compare what two tables declare.
+
+    Args:
+        name: of the table or file.
+        a: `schema` (name), `version`, `length_unit` and `columns`, a list of mappings with
+            `name`, `type` and `unit`; other entries are not compared.
+        b: the same of the second table.
+    """
+    out = [
+        Difference("schema", name, {}, entry, a=a.get(entry), b=b.get(entry))
+        for entry in ("schema", "version", "length_unit")
+        if a.get(entry) != b.get(entry)
+    ]
+    columns_a = {c["name"]: c for c in a.get("columns", ())}
+    columns_b = {c["name"]: c for c in b.get("columns", ())}
+    out += [Difference("schema", name, {}, c, a="column") for c in columns_a if c not in columns_b]
+    out += [Difference("schema", name, {}, c, b="column") for c in columns_b if c not in columns_a]
+    lengths = (a.get("length_unit"), b.get("length_unit"))
+    for column in (c for c in columns_a if c in columns_b):
+        for entry in ("type", "unit"):
+            left, right = columns_a[column].get(entry), columns_b[column].get(entry)
+            # Another unit of length is one difference of the table, not one of each column.
+            if left != right and not (entry == "unit" and _swapped(left, lengths) == right):
+                out.append(Difference("schema", name, {"entry": entry}, column, a=left, b=right))
+    return tuple(out)
+
+
+def _swapped(unit: Any, lengths: tuple[Any, Any]) -> Any:
+    """Return a unit with the second length unit in place of the first."""
+    old, new = lengths
+    units = [f"{old}{rest}" for rest in ("", "^2", "/s", "^2/s", "^2/s^2")]
+    return str(unit).replace(str(old), str(new)) if unit in units else unit
+
+
+def diff_bytes(name: str, a: bytes, b: bytes) -> Comparison:
+    """Compare two files byte by byte; the first difference is named by byte, and by line in text."""
+    if a == b:
+        return Comparison(name, "bytes", count_a=len(a), count_b=len(b), matched=len(a))
+    shorter = min(len(a), len(b))
+    at = next((n for n in range(0, shorter, 4096) if a[n : n + 4096] != b[n : n + 4096]), shorter)
+    while at < shorter and a[at] == b[at]:
+        at += 1
+    key: dict[str, Any] = {"byte": at}
+    found_a: str | None = None
+    found_b: str | None = None
+    if b"\0" not in a[:4096] and b"\0" not in b[:4096]:
+        key["line"] = a.count(b"\n", 0, at) + 1
+        found_a, found_b = _line(a, at), _line(b, at)
+    first = Difference("content", name, key, a=found_a, b=found_b)
+    return Comparison(name, "bytes", count_a=len(a), count_b=len(b), matched=at, first=first)
+
+
+def _line(data: bytes, at: int) -> str | None:
+    """Return the line around a byte, shortened; None at the end of the file."""
+    if at >= len(data):
+        return None
+    start = data.rfind(b"\n", 0, at) + 1
+    end = data.find(b"\n", at)
+    text = data[max(start, at - 30) : end if end >= 0 else len(data)].decode("utf-8", "replace")
+    return text[:80]

@@ -11,8 +11,7 @@ from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Spec, Table, Verdict
 from occlog.papers.verdicts.trials import KNOWN, NONE, PRIOR
 
-from .recorded import CLEAR, crowd_size, recorded_spec, recorded_trial
-from .recorded_files import Source
+from .recorded import CLEAR, Source, crowd_size, recorded_spec, recorded_trial
 from .recorded_target import Recorded
 from .selection import ALL, BRUTE, CLOSEST, FIXED, GREEDY, HEURISTICS, RANDOM
 

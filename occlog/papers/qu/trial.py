@@ -1,19 +1,20 @@
 """One trial of tracking in images: draw a video, track with one or several methods, score against the truth.
 
 A trial is described by plain values.  Several methods share the drawing, which costs as much as one
-or two of them.
+or two of them.  `alarms` compares the answers of the loop check ([Qu] Sec. 3.4.2) with the trackers'
+true distances from their targets.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import Bools, Floats
 from occlog.core.metrics.clear_mot import clear_mot
 from occlog.core.metrics.failure_rates import failures
 from occlog.core.metrics.frame_pairs import Objects, of_boxes
@@ -24,11 +25,10 @@ from occlog.papers.verdicts.model import Spec
 from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
 from occlog.track.images.catalogue import VISUAL
-from occlog.track.images.interface import LEFT, LOST, MODES, AnyVisual
+from occlog.track.images.interface import BAD, GOOD, LEFT, LOST, MODES, AnyVisual
 
 from .follow import Followed, Runner, follow
-from .loop_alarms import alarms, timeline
-from .world import balls_config, births_of, boxes_of, first_frame, geometry_of, of_views
+from .world import births_of, boxes_of, first_frame, geometry_of, of_views
 
 KEYS = (
     "kind",
@@ -49,6 +49,89 @@ OWN = ("method", "set", "fundamental", "wrong", "use", "timed", "track_seed")
 KIND = "qu-views"
 WARM = {"frames": 8, "balls": 3, "radius": 12.0, "width": 96, "height": 96, "start_apart": False, "clutter": 0}
 """A video that has everything compiled before anything is timed."""
+
+
+def alarms(truth: Objects, followed: Followed, tau: Floats, wrong: Sequence[int] | None = None) -> dict[str, float]:
+    """Compare the answers of the loop check with the truth.
+
+    A target is sound in a frame if all its trackers are on it.
+
+    Args:
+        truth: boxes by view and frame.
+        followed: output of a method.
+        tau: (n,) largest distance of a tracker on its target, for each true row [px].
+        wrong: (view, target, other) of a tracker that starts on another target, or (view, target, other, frame)
+            of one that is put on it before that frame.
+
+    Returns:
+        `checked`: share of the rows that were checked; `bad`: share of those that is `bad`; `false_alarm`: of those
+        of sound targets, the share that is `bad`; `missed`: of those of the others, the share that is `good`; with
+        `wrong`, `noticed`: frames until the tracker is first `bad`, `recovered`: frames until it is on its own
+        target for the first time, and `returned`: frames until it is so for good.  NaN where there is nothing to
+        divide by; inf: never.
+    """
+    f = followed
+    on = on_own(truth, followed, tau)
+    sound, later = _sound(f, on), f.mode >= 0
+    checked = later & np.isin(f.counterpart, (BAD, GOOD))
+    out = {
+        "checked": _share(checked, later),
+        "bad": _share(checked & (f.counterpart == BAD), checked),
+        "false_alarm": _share(checked & sound & (f.counterpart == BAD), checked & sound),
+        "missed": _share(checked & ~sound & (f.counterpart == GOOD), checked & ~sound),
+    }
+    if wrong is not None:
+        start = wrong[3] - 1 if len(wrong) > 3 else 0
+        own = (f.view == wrong[0]) & (f.target == wrong[1]) & (f.frame > start)
+        out["noticed"] = _first(f, own & (f.counterpart == BAD)) - start
+        out |= {"recovered": _first(f, own & on) - start, "returned": _for_good(f, own, on) - start}
+    return out
+
+
+def timeline(truth: Objects, followed: Followed, tau: Floats, parts: int) -> dict[str, float]:
+    """Return the share of true rows without their tracker: `off_0`, ... of the video's parts, `off_end` of its end."""
+    f = followed
+    last = int(truth.frame.max())
+    on = on_own(truth, followed, tau)
+    there, all_rows = np.bincount(f.frame[on], minlength=last + 1), np.bincount(truth.frame, minlength=last + 1)
+    part = np.arange(last + 1) * parts // (last + 1)
+    held, of = np.bincount(part, there, parts), np.bincount(part, all_rows, parts)
+    out = {f"off_{k}": 1.0 - float(held[k] / of[k]) if of[k] else math.nan for k in range(parts)}
+    return {**out, "off_end": 1.0 - float(there[last] / all_rows[last])}
+
+
+def on_own(truth: Objects, followed: Followed, tau: Floats) -> Bools:
+    """Return (n,) whether each tracker is within tau of its own target."""
+    f = followed
+    assert truth.view is not None
+    place = {key: i for i, key in enumerate(zip(truth.frame, truth.view, truth.label, strict=True))}
+    rows = np.array([place.get(key, -1) for key in zip(f.frame, f.view, f.target, strict=True)], dtype=np.int64)
+    middle = truth.place[:, :2] + 0.5 * truth.place[:, 2:]
+    away = np.hypot(*(f.ellipse[:, :2] - middle[rows]).T)
+    return np.asarray((rows >= 0) & (away <= tau[rows]))
+
+
+def _sound(followed: Followed, on: Bools) -> Bools:
+    """Return (n,) whether all trackers of the row's target in its frame are on it."""
+    _, cell = np.unique(np.column_stack([followed.frame, followed.target]), axis=0, return_inverse=True)
+    off = np.bincount(cell.ravel(), weights=~on)
+    return np.asarray(off[cell.ravel()] == 0)
+
+
+def _share(some: Bools, of: Bools) -> float:
+    return float(np.sum(some) / np.sum(of)) if of.any() else math.nan
+
+
+def _first(followed: Followed, rows: Bools) -> float:
+    return float(followed.frame[rows].min()) if rows.any() else math.inf
+
+
+def _for_good(followed: Followed, rows: Bools, on: Bools) -> float:
+    """Return the first frame from which a tracker stays on its target to the end; inf: there is none."""
+    frames, held = followed.frame[rows], on[rows]
+    off = frames[~held]
+    after = frames[frames > off.max()] if len(off) else frames
+    return float(after.min()) if len(after) else math.inf
 
 
 def views_spec(seed: int, methods: Mapping[str, Mapping[str, Any]], balls: Mapping[str, Any], **more: Any) -> Spec:
@@ -85,7 +168,7 @@ def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
         InputError, UsageError: values that do not fit.
     """
     _check(spec, KEYS)
-    config, single = balls_config(spec.get("balls", {})), "methods" not in spec
+    config, single = configure(BallsConfig(), spec.get("balls", {})), "methods" not in spec
     described = {"": {k: spec[k] for k in OWN if k in spec}} if single else spec["methods"]
     runners = {label: runner_of(config, spec, own) for label, own in described.items()}
     for own in described.values():
@@ -152,7 +235,7 @@ def _check(spec: Mapping[str, Any], keys: tuple[str, ...]) -> None:
 @functools.lru_cache(maxsize=32)
 def warm(method: str) -> None:
     """Run a method on a few small frames, so that nothing is compiled while a trial is timed."""
-    config = balls_config(WARM)
+    config = configure(BallsConfig(), WARM)
     visual = visual_of(method)
     births = births_of(first_frame(config, 0), 2)
     follow(

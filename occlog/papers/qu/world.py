@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from occlog.core.sight.fundamental import scaled
 from occlog.errors import InputError
 from occlog.measure.epipolar.of_scene import fundamental_of_cameras
 from occlog.measure.epipolar.views import Geometry, View
-from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
 from occlog.simulate.balls.video import BallsFrame, render_balls
@@ -26,11 +24,6 @@ FRAME_NS = 40_000_000
 """Time between frames; there are 25 a second."""
 WRONG = ("true", "none", "shift", "turn", "swap")
 """Kinds of fundamental matrices that a method may be given, right and wrong ones; see `geometry_of`."""
-
-
-def balls_config(values: Mapping[str, Any]) -> BallsConfig:
-    """Make the video's settings from fields of `BallsConfig`; InputError or UsageError for others."""
-    return configure(BallsConfig(), values)
 
 
 def geometry_of(config: BallsConfig, use: int, kind: str = "true", amount: float = 0.0) -> Geometry:

@@ -1,4 +1,4 @@
-"""The floor plan: room, occluders, sensors and what they see, true and estimated paths."""
+"""The floor plan: room, occluders, sensors and what they see, priors of moving occluders, true and estimated paths."""
 
 from __future__ import annotations
 
@@ -9,17 +9,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 from matplotlib.lines import Line2D
-from matplotlib.patches import Ellipse, Patch
+from matplotlib.patches import Ellipse, Patch, Polygon
 
-from occlog.array_types import Bools, Floats
+from occlog.array_types import Bools, Floats, Ints
 from occlog.records.scene import Scene
-from occlog.records.tables import Tracks, Truth
+from occlog.records.tables import Hulls, Occluders, Tracks, Truth
 from occlog.report.content.model import ReportInput
 from occlog.report.content.plane_of_sight import places
 from occlog.report.drawing.style import COLOURS, label, target_colour
 from occlog.report.drawing.thin import broken, thin_path
 
-from .occluders import draw_priors
 from .planscene import draw_scale_bar, draw_scene, name_sensors
 
 CHI2_95 = 5.991
@@ -36,6 +35,8 @@ FAR = 10.0
 LONG = 15.0
 RECENT = 6.0
 """A path longer than `LONG` times the plan's diagonal is drawn faint but for its last `RECENT` diagonals."""
+MOMENTS = 8
+"""Times at which priors are drawn; more hide each other."""
 
 
 def draw_floorplan(figure: FigureBase, data: ReportInput) -> None:
@@ -198,27 +199,18 @@ def _estimate(axes: Axes, tracks: Tracks, target: int, since: int | None, colour
     if not len(own):
         return
     for row in np.unique(np.linspace(0, len(own) - 1, ELLIPSES).round().astype(int)):
-        axes.add_patch(confidence_ellipse(own, int(row), colour))
+        style: dict[str, Any] = {"fill": False, "edgecolor": colour, "linewidth": 0.8, "alpha": 0.75, "zorder": 3.2}
+        axes.add_patch(confidence_ellipse(own, int(row), **style))
     _ends(axes, tracks.take(rows), colour)
 
 
-def confidence_ellipse(tracks: Tracks, row: int, colour: str) -> Ellipse:
-    """Ellipse that holds the target with 95 % probability if the estimate is Gaussian."""
-    covariance = np.array([[tracks.cov_xx[row], tracks.cov_xy[row]], [tracks.cov_xy[row], tracks.cov_yy[row]]])
+def confidence_ellipse(rows: Tracks | Occluders, row: int, **style: Any) -> Ellipse:
+    """Ellipse that holds an object with 95 % probability if its place is Gaussian; a known place has no area."""
+    covariance = np.array([[rows.cov_xx[row], rows.cov_xy[row]], [rows.cov_xy[row], rows.cov_yy[row]]])
     values, vectors = np.linalg.eigh(covariance)
     minor, major = 2.0 * np.sqrt(CHI2_95 * np.maximum(values, 0.0))
     angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
-    return Ellipse(
-        (float(tracks.x[row]), float(tracks.y[row])),
-        float(major),
-        float(minor),
-        angle=angle,
-        fill=False,
-        edgecolor=colour,
-        linewidth=0.8,
-        alpha=0.75,
-        zorder=3.2,
-    )
+    return Ellipse((float(rows.x[row]), float(rows.y[row])), float(major), float(minor), angle=angle, **style)
 
 
 def _ends(axes: Axes, path: Tracks | Truth, colour: str) -> None:
@@ -226,3 +218,36 @@ def _ends(axes: Axes, path: Tracks | Truth, colour: str) -> None:
     edge: dict[str, Any] = {"markerfacecolor": COLOURS["halo"], "markeredgecolor": colour, "markeredgewidth": 1.6}
     axes.plot(path.x[:1], path.y[:1], "o", **edge, **style)
     axes.plot(path.x[-1:], path.y[-1:], "X", color=colour, **style)
+
+
+def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
+    """Draw the priors of a few moments, evenly spread over those that have any; what the legend says of them."""
+    there = priors.take(priors.occluder_id >= 0)
+    if not len(there):
+        return []
+    style: dict[str, Any] = {"facecolor": COLOURS["moving"], "edgecolor": COLOURS["moving"], "linewidth": 0.6}
+    shown = there.take(np.isin(there.t_ns, moments(there.t_ns)))
+    if isinstance(shown, Hulls):
+        kind, patches = "hull of a moving occluder", _polygons(shown, style)
+    else:
+        kind, rows = "95 % ellipse of a moving occluder", range(len(shown))
+        patches = [confidence_ellipse(shown, row, alpha=0.16, zorder=2.4, **style) for row in rows]
+    for patch in patches:
+        axes.add_patch(patch)
+    return [Patch(label=kind, alpha=0.3, **style)]
+
+
+def moments(t_ns: Ints) -> Ints:
+    """The times at which priors are drawn."""
+    times = np.unique(t_ns)
+    if not len(times):
+        return times
+    some: Ints = times[np.unique(np.linspace(0, len(times) - 1, MOMENTS).round().astype(int))]
+    return some
+
+
+def _polygons(hulls: Hulls, style: dict[str, Any]) -> list[Patch]:
+    """One patch a polygon."""
+    first = np.flatnonzero(hulls.corner == 0)
+    corners = np.split(np.column_stack([hulls.x, hulls.y]), first[1:])
+    return [Polygon(xy, closed=True, alpha=0.22, zorder=2.4, **style) for xy in corners]

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
-from occlog.evaluate.evaluation import Evaluation
 from occlog.evaluate.mot.config import ManyConfig
-from occlog.evaluate.mot.on_ground import evaluate_ground
-from occlog.evaluate.mot.stage import evaluate_views
+from occlog.evaluate.mot.stage import evaluate_ground, evaluate_views
 from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames, boxes_of
+from occlog.evaluate.stage import Evaluation
 from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
 from occlog.records.views import ViewTracks
 

@@ -21,8 +21,10 @@ from occlog.papers.ercan.recorded import (
     DIAMETER,
     MOST,
     OCCLUDERS,
+    ROOM,
     crowd_of,
     crowd_size,
+    files_of,
     hidden,
     occluders_of,
     recorded_spec,
@@ -31,11 +33,9 @@ from occlog.papers.ercan.recorded import (
     trial,
 )
 from occlog.papers.ercan.recorded_figures import ITEMS
-from occlog.papers.ercan.recorded_files import ROOM, files_of
 from occlog.papers.ercan.recorded_target import Recorded, recorded_target
 from occlog.papers.verdicts.model import Size
-from occlog.pipeline.sweep.engine import TrialError, run_all
-from occlog.pipeline.sweep.store import key_of
+from occlog.pipeline.sweep.engine import TrialError, key_of, run_all
 from occlog.records.tables import Bearings
 
 FOOT = 0.3048

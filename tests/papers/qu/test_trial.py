@@ -13,9 +13,9 @@ from occlog.errors import InputError, UsageError
 from occlog.papers.qu import follow
 from occlog.papers.qu import world as views_world
 from occlog.papers.qu.follow import Followed
-from occlog.papers.qu.loop_alarms import alarms, on_own, timeline
-from occlog.papers.qu.trial import run_views_trial, runner_of, scores, views_spec
-from occlog.papers.qu.world import balls_config, births_of, boxes_of, geometry_of, truth_of
+from occlog.papers.qu.trial import alarms, on_own, run_views_trial, runner_of, scores, timeline, views_spec
+from occlog.papers.qu.world import births_of, boxes_of, geometry_of, truth_of
+from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame, render_balls
 from occlog.track.images.interface import BAD, GOOD
 
@@ -125,7 +125,7 @@ def test_a_wrong_tracker_is_noticed_and_comes_back() -> None:
 
 
 def test_lines_are_right_or_as_wrong_as_asked_for() -> None:
-    config = balls_config(SMALL)
+    config = BallsConfig(**SMALL)
     a, b = next(render_balls(config, 1)).ellipses[..., :2]
     distance = {
         kind: epipolar_distances(geometry_of(config, 2, kind, amount).fundamental[0, 1], a, b)[:, 1]
@@ -144,7 +144,7 @@ def test_lines_are_right_or_as_wrong_as_asked_for() -> None:
 
 
 def test_trackers_start_on_the_truth_but_for_the_one_that_is_wrong() -> None:
-    frame = next(render_balls(balls_config(SMALL), 1))
+    frame = next(render_balls(BallsConfig(**SMALL), 1))
     births = births_of(frame, 2, (1, 0, 2))
     assert [(b.view, b.target_id) for b in births] == [(v, k) for v in range(2) for k in range(3)]
     np.testing.assert_array_equal(births[3].ellipse, frame.ellipses[1, 2])
@@ -195,7 +195,7 @@ def test_the_first_views_of_the_truth() -> None:
 
 
 def test_exchanged_trackers_are_in_each_others_place() -> None:
-    config = balls_config(SMALL)
+    config = BallsConfig(**SMALL)
     runner = runner_of(config, {"seed": 5}, {"method": "bmct", "wrong": [1, 0, 2, 3]})
     frame = next(render_balls(config, 5))
     state = runner.visual.init(views_world.views_of(config), runner.geometry, runner.config, np.random.default_rng(0))

@@ -15,8 +15,7 @@ from sweep_scene import trial, without_times
 
 from occlog.errors import InputError, UsageError
 from occlog.pipeline.sweep import engine
-from occlog.pipeline.sweep.engine import TrialError, run_all
-from occlog.pipeline.sweep.store import Store, key_of
+from occlog.pipeline.sweep.engine import Store, TrialError, key_of, run_all
 from occlog.pipeline.sweep.trial import run_trial
 
 TRIALS = [trial(run, priors={"kind": "known"}) for run in range(4)]

@@ -14,9 +14,10 @@ from occlog.papers.page.shotplot import Line, Mark, Shot, Shots
 from occlog.papers.qu.common import PARTS, ordered, spec_of
 from occlog.papers.qu.follow import FollowedFrame, TrackerRows, follow
 from occlog.papers.qu.trial import run_views_trial, runner_of
-from occlog.papers.qu.world import balls_config, geometry_of
+from occlog.papers.qu.world import geometry_of
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
 
 SHOWN = ("mipf", "idmot", "bmct")
@@ -33,7 +34,7 @@ class MostHidden(NamedTuple):
 
 def fig7_shots(size: Size) -> Shots:
     """Draw the first video: of each quarter the frame in which most is hidden, for each method and view."""
-    config = balls_config({"frames": size.steps})
+    config = BallsConfig(frames=size.steps)
     seed = size.seed + 1
     spec = {"seed": seed}
     kept: dict[int, MostHidden] = {}
