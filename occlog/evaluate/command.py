@@ -113,7 +113,7 @@ def _thresholds(texts: Iterable[str]) -> list[Threshold]:
         raise UsageError(f"--fail-if {error}") from error
 
 
-def _judged(metrics: Mapping[str, Any], thresholds: Iterable[Threshold]) -> int:
+def _judged(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> int:
     """Exit code 6 if a threshold was broken, each told in a line."""
     from .stage import failures
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
@@ -126,7 +126,7 @@ def read_bearings(path: Path | None, doa: Path | None, labels: bool, scene: Scen
     return Bearings.merge(parts) if len(parts) > 1 else next(iter(parts), None)
 
 
-def provenance_of(paths: Paths, parameters: Mapping[str, Any]) -> Provenance:
+def provenance_of(paths: Paths, parameters: Mapping[str, object]) -> Provenance:
     """Parameters, inputs, and what was lost in making the inputs."""
     losses = losses_of(open_if_ours(path) for path in paths.inputs)
     return Provenance("evaluate", dict(parameters), None, hash_inputs(paths.inputs), losses)

@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -34,7 +33,7 @@ from .inputs import Paths, provenance_of, read_tables
 from .stage import Evaluation, evaluate
 
 
-def run_evaluate(paths: Paths, given: Mapping[str, Any], many_given: Mapping[str, Any]) -> tuple[Evaluation, str]:
+def run_evaluate(paths: Paths, given: Mapping[str, object], many_given: Mapping[str, object]) -> tuple[Evaluation, str]:
     """Read, evaluate, write; the evaluation and the scene's length unit.
 
     Args:
@@ -66,7 +65,7 @@ def run_evaluate(paths: Paths, given: Mapping[str, Any], many_given: Mapping[str
     return result, unit
 
 
-def _check_request(paths: Paths, given: Mapping[str, Any]) -> None:
+def _check_request(paths: Paths, given: Mapping[str, object]) -> None:
     if paths.views is not None and paths.truth is None:
         raise UsageError("--views needs --truth with true boxes")
     if paths.tracks is None and paths.views is None and (paths.directions is None or paths.truth is None):
@@ -99,7 +98,7 @@ def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:
         raise InputError(f"{tracks}: was made with {names}; make it again with `occlog track --without {names}`")
 
 
-def _write(paths: Paths, result: Evaluation, unit: str, config: EvaluateConfig, many: Mapping[str, Any]) -> None:
+def _write(paths: Paths, result: Evaluation, unit: str, config: EvaluateConfig, many: Mapping[str, object]) -> None:
     parameters = asdict(config) | ({"doa_labels": True} if paths.doa_labels else {})
     provenance = provenance_of(paths, {**parameters, **many})
     for path, table in ((paths.errors, result.errors), (paths.bound, result.bound), (paths.failures, result.failures)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -39,7 +39,7 @@ def command(path: Path, rows: int, as_json: bool) -> None:
 class Description(NamedTuple):
     """Content of a file, as plain values for JSON and as lines for a person."""
 
-    values: dict[str, Any]
+    values: Mapping[str, object]
     lines: list[str]
 
 
@@ -90,10 +90,8 @@ def _describe_scene(scene: Scene) -> Description:
     return Description(values, lines)
 
 
-def _camera(c: Camera) -> dict[str, Any]:
-    from occlog.core.sight.camera import angles_from_rotation
-
-    yaw, pitch, roll = (math.degrees(a) for a in angles_from_rotation(c.rotation))
+def _camera(c: Camera) -> dict[str, object]:
+    yaw, pitch, roll = _angles(c)
     return {
         "name": c.name,
         "placed": c.placed,
@@ -106,6 +104,14 @@ def _camera(c: Camera) -> dict[str, Any]:
         "fov_deg": math.degrees(c.fov),
         "noise": {"position": c.sigma_position, "yaw": c.sigma_yaw, "read_px": c.sigma_read_px},
     }
+
+
+def _angles(c: Camera) -> tuple[float, float, float]:
+    """Yaw, pitch and roll [deg]."""
+    from occlog.core.sight.camera import angles_from_rotation
+
+    yaw, pitch, roll = (math.degrees(a) for a in angles_from_rotation(c.rotation))
+    return yaw, pitch, roll
 
 
 def _array_more(array: MicrophoneArray) -> str:
@@ -124,20 +130,16 @@ def _array_more(array: MicrophoneArray) -> str:
 
 def _camera_lines(scene: Scene) -> Iterator[str]:
     for c in scene.cameras:
-        d = _camera(c)
+        yaw, pitch, roll = _angles(c)
         size = "x".join(str(n) for n in c.image_size) + " px, " if c.image_size else ""
         if not c.placed:
             yield f"{c.name}: {size}no pose: gives no bearings"
             continue
         x, y, z = c.position
-        tilt = (
-            f", pitch {d['pitch_deg']:.1f}, roll {d['roll_deg']:.1f}"
-            if abs(d["pitch_deg"]) + abs(d["roll_deg"]) > 0.05
-            else ""
-        )
+        tilt = f", pitch {pitch:.1f}, roll {roll:.1f}" if abs(pitch) + abs(roll) > 0.05 else ""
         yield (
-            f"{c.name}: {size}at ({x:.3g}, {y:.3g}, {z:.3g}), yaw {d['yaw_deg']:.1f}{tilt} deg, "
-            f"f {c.focal_px[0]:.5g} px, fov {d['fov_deg']:.1f} deg"
+            f"{c.name}: {size}at ({x:.3g}, {y:.3g}, {z:.3g}), yaw {yaw:.1f}{tilt} deg, "
+            f"f {c.focal_px[0]:.5g} px, fov {math.degrees(c.fov):.1f} deg"
         )
 
 
@@ -187,7 +189,7 @@ def _utc(t_ns: int) -> str:
     return f"{stamp:%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
 
 
-def _provenance_lines(p: dict[str, Any]) -> list[str]:
+def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
     seed = "" if p.get("seed") is None else f", seed {p['seed']}"
     lines = [f"made by   {p.get('program', '?')} {p.get('version', '?')} {p.get('command', '?')}{seed}"]
     lines += [f"from      {i['name']} (sha256 {i['sha256'][:12]}...)" for i in p.get("inputs", ())]

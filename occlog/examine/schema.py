@@ -73,7 +73,7 @@ def settings_of(verb: str) -> dict[str, type[Settings]]:
     return methods | {of.OWNER: of for of in map(load, AROUND_METHODS)}
 
 
-def settings_schema(verb: str) -> dict[str, Any]:
+def settings_schema(verb: str) -> dict[str, object]:
     """JSON Schema of the settings of a verb: one definition for each of its classes, an object is of one of them."""
     parts = {name: json_schema(of) for name, of in settings_of(verb).items()}
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"occlog {verb}: settings"}
@@ -87,11 +87,11 @@ def part_key(name: str) -> str:
     return name.replace(" ", "-")
 
 
-def _keyed(parts: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def _keyed(parts: dict[str, dict[str, object]]) -> dict[str, dict[str, object]]:
     return {part_key(name): part for name, part in parts.items()}
 
 
-def settings_schemas() -> dict[str, Callable[[], dict[str, Any]]]:
+def settings_schemas() -> dict[str, Callable[[], dict[str, object]]]:
     """The schema of every verb's settings by its published name."""
     return {NAMES.get(verb, verb): partial(settings_schema, verb) for verb in verbs()}
 

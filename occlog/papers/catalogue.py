@@ -6,7 +6,6 @@ import difflib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from occlog.errors import UsageError
 from occlog.papers.ercan import accuracy, recorded_figures, selection, speed, square
@@ -66,7 +65,7 @@ class Finding:
     plans: dict[str, Plan | Shots] = field(default_factory=dict)
     """Floor plans and frames by name."""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the finding without table and pictures, as plain values for JSON."""
         e = self.experiment
         return {

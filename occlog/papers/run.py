@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 from tqdm import tqdm
@@ -27,6 +26,7 @@ from occlog.papers.ercan.recorded_figures import recorded_experiments
 from occlog.papers.page.reproduction import Chart, Curve, Part, build_reproduction, chart_png, picture_png
 from occlog.papers.verdicts.model import EXTRAS, Execute, Experiment, Table, Verdict
 from occlog.pipeline.sweep.engine import run_all
+from occlog.pipeline.sweep.trial import Spec
 
 from .catalogue import PAPERS, RECORDED, TITLES, Finding, choose, reproduce, size_of
 
@@ -161,7 +161,7 @@ def executor(experiment: Experiment, request: ReproduceRequest) -> Execute:
     """Return what runs the trials of an experiment as the options say, with progress on standard error."""
     store = None if request.output is None else request.output / STORE
 
-    def execute(specs: list[dict[str, Any]]) -> list[dict[str, float]]:
+    def execute(specs: Sequence[Spec]) -> list[dict[str, float]]:
         advance, close = _bar(experiment.item, len(specs), request.quiet)
         try:
             return run_all(specs, request.workers, request.scheduler, store, advance, experiment.trial)

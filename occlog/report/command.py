@@ -231,7 +231,7 @@ def _unit(paths: Paths, scene: Scene | None) -> str:
     return unit or "m"
 
 
-def _made(paths: Paths, title: str) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+def _made(paths: Paths, title: str) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """How this report and each of its inputs were made, and what was lost in making them."""
     from occlog.io.files.provenance import Provenance, hash_inputs
     from occlog.io.open import losses_of, open_if_ours

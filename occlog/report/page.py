@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -210,5 +209,5 @@ def _render(data: ReportInput, plots: list[Plot]) -> str:
     )
 
 
-def _provenance(values: Any) -> str:
+def _provenance(values: object) -> str:
     return json.dumps(values, indent=2, sort_keys=True, ensure_ascii=False, default=str) if values else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -20,7 +20,7 @@ class Pairing(NamedTuple):
     errors: Floats  # (k,) estimate minus truth of the pairs [rad], wrapped
 
 
-def doa_metrics(found: Doa, truth: Doa, gate: float, gap_ns: int) -> dict[str, Any]:
+def doa_metrics(found: Doa, truth: Doa, gate: float, gap_ns: int) -> dict[str, float]:
     """Figures of all sets, and by the number of true directions; angles in degrees.
 
     In each set estimates and true directions are paired so that the sum of 1 - cos(error) is
@@ -76,7 +76,7 @@ def _errors(pairs: list[Pairing]) -> Floats:
     return np.concatenate([p.errors for p in pairs]) if pairs else np.empty(0)
 
 
-def _counts(pairs: list[Pairing], gate: float) -> dict[str, Any]:
+def _counts(pairs: list[Pairing], gate: float) -> dict[str, float]:
     true, found = sum(p.true for p in pairs), sum(p.found for p in pairs)
     hits = int((np.abs(_errors(pairs)) <= gate).sum())
     return {

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -52,7 +52,7 @@ def in_images(path: Path | None) -> bool:
     return opened.recording is None and any(opened.has(table) for table in (ViewTracks, Boxes, TruthBoxes))
 
 
-def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, Any]) -> Evaluation:
+def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object]) -> Evaluation:
     """Read, compare, write; what came out.
 
     Args:
@@ -80,10 +80,15 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, Any]) ->
         looked = _strings(ours.provenance.parameters.get("cameras")) if named and ours is not None else ()
         compared = boxes_in_true_frames(tracks, truth, config, by_number=by_number, looked=looked)
     result = evaluate_views(compared, config)
-    told = own_notes(paths.tracks, config.own, given.get("own"))
+    told = own_notes(paths.tracks, config.own, _asked(given))
     result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
     _write(paths, result, compared, config, scene)
     return result
+
+
+def _asked(given: Mapping[str, object]) -> str | None:
+    """Which identities are a target's own, as the user asked for it."""
+    return None if given.get("own") is None else str(given["own"])
 
 
 def _strings(value: object) -> tuple[str, ...]:
@@ -185,10 +190,10 @@ def ground_figures(
     tables: Tables,
     config: EvaluateConfig,
     *,
-    told: Mapping[str, Any],
+    told: Mapping[str, object],
     wanted: bool,
     path: Path | None = None,
-) -> tuple[Evaluation, dict[str, Any]]:
+) -> tuple[Evaluation, dict[str, object]]:
     """The evaluation with the figures of many targets, and the options behind these.
 
     They are given where there are several tracks or targets, or where they are asked for.
@@ -215,6 +220,6 @@ def ground_figures(
         return replace(result, notes=(*result.notes, line)), {}
     made = evaluate_ground(tracks, truth, many, config.limit_ns, unit)
     metrics = {**result.metrics, **{name: value for name, value in made.metrics.items() if name not in result.metrics}}
-    notes = (*result.notes, *made.notes, *own_notes(path, many.own, told.get("own")))
+    notes = (*result.notes, *made.notes, *own_notes(path, many.own, _asked(told)))
     whole = replace(result, metrics=metrics, failures=made.failures, notes=notes)
     return whole, {"many": asdict(many)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ def _ranks(a: Table, b: Table, names: tuple[str, ...]) -> tuple[Ints, Ints]:
     """Return the rank of each row's key among all keys of both tables; equal keys have equal ranks."""
     rank = np.zeros(len(a) + len(b), dtype=np.int64)
     for name in names:
-        values: NDArray[Any] = np.concatenate([getattr(a, name), getattr(b, name)])
+        values: NDArray[np.generic] = np.concatenate([getattr(a, name), getattr(b, name)])
         found, code = np.unique(values, return_inverse=True)
         # Renumber after each column from 0 without gaps, so that the product cannot overflow.
         _, rank = np.unique(rank * max(len(found), 1) + code, return_inverse=True)

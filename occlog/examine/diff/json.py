@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, TypeGuard, cast
 
 from .result import ColumnDifference, Comparison, Difference, Limit, Scalar, Tolerances
 
 
-def diff_json(name: str, a: Any, b: Any, tolerances: Tolerances | None = None, provenance: bool = False) -> Comparison:
+def diff_json(
+    name: str, a: object, b: object, tolerances: Tolerances | None = None, provenance: bool = False
+) -> Comparison:
     """Compare two JSON values, in the order of A's keys.
 
     Fractional numbers are compared with the tolerances (their last key is the column);
@@ -63,7 +65,7 @@ class _Walk(NamedTuple):
     limits: Tolerances
     provenance: bool
 
-    def values(self, path: str, key: str, a: Any, b: Any) -> Iterator[Difference | str]:
+    def values(self, path: str, key: str, a: object, b: object) -> Iterator[Difference | str]:
         """Yield a difference, or `both`, for every value that is not a container.
 
         Args:
@@ -84,7 +86,7 @@ class _Walk(NamedTuple):
         else:
             yield self._value(path or "value", key, a, b)
 
-    def _entry(self, path: str, key: str, a: Any, b: Any) -> Iterator[Difference | str]:
+    def _entry(self, path: str, key: str, a: object, b: object) -> Iterator[Difference | str]:
         """Walk on in an entry of a container that may be absent in one of the files."""
         if a is _ABSENT:
             yield Difference("added", self.name, {"path": path}, key, b=_short(b))
@@ -93,7 +95,7 @@ class _Walk(NamedTuple):
         else:
             yield from self.values(path, key, a, b)
 
-    def _value(self, path: str, key: str, a: Any, b: Any) -> Difference | str:
+    def _value(self, path: str, key: str, a: object, b: object) -> Difference | str:
         """Compare two values of which at least one is no container."""
         if not (_is_number(a) and _is_number(b)):
             same = type(a) is type(b) and a == b
@@ -118,15 +120,15 @@ def _float(value: float) -> float:
         return math.inf if value > 0 else -math.inf
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> TypeGuard[int | float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _is_list(value: Any) -> bool:
+def _is_list(value: object) -> TypeGuard[Sequence[object]]:
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
-def _short(value: Any) -> Scalar:
+def _short(value: object) -> Scalar:
     """Return a container in a few words, any other value as it is."""
     if isinstance(value, Mapping):
         return f"an object of {len(value)} entries"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 Scalar = str | bool | int | float | None
 """A value as JSON has it."""
@@ -71,7 +70,7 @@ class Difference:
 
     kind: str
     place: str
-    key: Mapping[str, Any] = field(default_factory=dict)
+    key: Mapping[str, object] = field(default_factory=dict)
     column: str = ""
     a: Scalar = None
     b: Scalar = None
@@ -79,9 +78,9 @@ class Difference:
     limit: float | None = None
     unit: str = ""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the fields as plain values for JSON, without empty ones."""
-        out: dict[str, Any] = {"kind": self.kind, "place": self.place}
+        out: dict[str, object] = {"kind": self.kind, "place": self.place}
         out |= {"key": dict(self.key)} if self.key else {}
         out |= {"column": self.column} if self.column else {}
         out |= {"a": self.a, "b": self.b} if self.kind not in ("missing", "added") or self.a != self.b else {}
@@ -96,7 +95,7 @@ class ColumnDifference:
     rows: int
     largest: Difference
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the fields as plain values for JSON."""
         return {"rows": self.rows, "largest": self.largest.as_dict()}
 
@@ -132,7 +131,7 @@ class Comparison:
         """True if nothing differs."""
         return self.first is None and not self.schema
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the fields as plain values for JSON."""
         return {
             "name": self.name,

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError, UsageError
@@ -181,7 +181,7 @@ def _compare_parquet(a: Path, b: Path, name: str, settings: DiffSettings) -> lis
     return [found, _compare_provenance(name, said_a["provenance"], said_b["provenance"])]
 
 
-def _compare_provenance(name: str, a: Any, b: Any) -> Comparison:
+def _compare_provenance(name: str, a: object, b: object) -> Comparison:
     return diff_json(f"{name}: provenance", a, b, provenance=True)
 
 
@@ -207,8 +207,8 @@ def _compare_attachments(a: Recording, b: Recording, name: str, settings: DiffSe
     return diff_json(f"{name}: files", _attached(a), _attached(b), settings.tolerances, provenance=True)
 
 
-def _attached(recording: Recording) -> dict[str, Any]:
-    out: dict[str, Any] = {}
+def _attached(recording: Recording) -> dict[str, object]:
+    out: dict[str, object] = {}
     for name in sorted(recording.attachments):
         data = recording.attachment(name) or b""
         out[name] = _values(name, data)
@@ -216,7 +216,7 @@ def _attached(recording: Recording) -> dict[str, Any]:
     return out | videos
 
 
-def _values(name: str, data: bytes) -> Any:
+def _values(name: str, data: bytes) -> object:
     """Return the values of YAML, the lines of text, or the hash of any other file."""
     try:
         text = data.decode()

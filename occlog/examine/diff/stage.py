@@ -40,7 +40,9 @@ def is_angle(c: Column) -> bool:
     return c.unit == "rad" and not c.name.startswith("sigma")
 
 
-def compare_values(a: NDArray[Any], b: NDArray[Any], c: Column, table: str, tolerances: Tolerances) -> Values:
+def compare_values(
+    a: NDArray[np.generic], b: NDArray[np.generic], c: Column, table: str, tolerances: Tolerances
+) -> Values:
     """Compare two columns of equal length.
 
     Labels, truth values and whole numbers must be equal, the latter within the limit if
@@ -55,7 +57,7 @@ def compare_values(a: NDArray[Any], b: NDArray[Any], c: Column, table: str, tole
     return _worst(*_fractional(a.astype(np.float64), b.astype(np.float64), limit, is_angle(c)))
 
 
-def _whole(a: NDArray[Any], b: NDArray[Any], limit: Limit) -> Values:
+def _whole(a: NDArray[np.generic], b: NDArray[np.generic], limit: Limit) -> Values:
     wide_a, wide_b = a.astype(np.int64), b.astype(np.int64)
     # The difference of two 8-byte integers may overflow; taken as an unsigned number it is right.
     with np.errstate(over="ignore"):
@@ -274,7 +276,7 @@ def _size(difference: float | None) -> float:
     return np.inf if difference is None or np.isnan(difference) else difference
 
 
-def _key(table: Table, row: int) -> dict[str, Any]:
+def _key(table: Table, row: int) -> dict[str, object]:
     return {name: getattr(table, name)[row].item() for name in type(table).KEY}
 
 
@@ -296,7 +298,7 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
     columns_b = {c["name"]: c for c in b.get("columns", ())}
     out += [Difference("schema", name, {}, c, a="column") for c in columns_a if c not in columns_b]
     out += [Difference("schema", name, {}, c, b="column") for c in columns_b if c not in columns_a]
-    lengths = (a.get("length_unit"), b.get("length_unit"))
+    lengths = (a["length_unit"], b["length_unit"])
     for column in (c for c in columns_a if c in columns_b):
         for entry in ("type", "unit"):
             left, right = columns_a[column].get(entry), columns_b[column].get(entry)
@@ -306,11 +308,11 @@ def diff_schemas(name: str, a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple
     return tuple(out)
 
 
-def _swapped(unit: Any, lengths: tuple[Any, Any]) -> Any:
+def _swapped(unit: str | None, lengths: tuple[str, str]) -> str | None:
     """Return a unit with the second length unit in place of the first."""
     old, new = lengths
     units = [f"{old}{rest}" for rest in ("", "^2", "/s", "^2/s", "^2/s^2")]
-    return str(unit).replace(str(old), str(new)) if unit in units else unit
+    return unit.replace(old, new) if unit is not None and unit in units else unit
 
 
 def diff_bytes(name: str, a: bytes, b: bytes) -> Comparison:
@@ -321,7 +323,7 @@ def diff_bytes(name: str, a: bytes, b: bytes) -> Comparison:
     at = next((n for n in range(0, shorter, 4096) if a[n : n + 4096] != b[n : n + 4096]), shorter)
     while at < shorter and a[at] == b[at]:
         at += 1
-    key: dict[str, Any] = {"byte": at}
+    key: dict[str, object] = {"byte": at}
     found_a: str | None = None
     found_b: str | None = None
     if b"\0" not in a[:4096] and b"\0" not in b[:4096]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from .result import Comparison, Difference, Scalar
 
 MOST_SCHEMA_LINES = 12
 
 
-def as_dict(found: Sequence[Comparison]) -> dict[str, Any]:
+def as_dict(found: Sequence[Comparison]) -> dict[str, object]:
     """Return all comparisons as plain values for JSON; `first` is the first difference of the earliest stage."""
     different = [part for part in found if not part.same]
     return {
@@ -21,7 +20,7 @@ def as_dict(found: Sequence[Comparison]) -> dict[str, Any]:
     }
 
 
-def _first(part: Comparison) -> dict[str, Any]:
+def _first(part: Comparison) -> dict[str, object]:
     first = part.schema[0] if part.schema else part.first
     return first.as_dict() if first is not None else {}
 
@@ -112,7 +111,7 @@ def _most(found: Difference) -> str:
     return f"by {found.difference:.6g}{unit} at {where}"
 
 
-def _key(key: Mapping[str, Any]) -> str:
+def _key(key: Mapping[str, object]) -> str:
     """`t_ns 1700000000000000000, sensor cam1` and the like."""
     if "path" in key:
         return str(key["path"])

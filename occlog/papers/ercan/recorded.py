@@ -11,10 +11,10 @@ their calibration.  Other recordings come as a table of bearings and a scene.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,8 +31,8 @@ from occlog.io.open import scene_in
 from occlog.measure.detect.from_boxes import detect_boxes
 from occlog.measure.priors.from_positions import virtual_priors
 from occlog.measure.scans.occluder_priors import known_positions
-from occlog.papers.verdicts.model import Size, Spec
-from occlog.pipeline.sweep.trial import rmse_of_priors
+from occlog.papers.verdicts.model import Size
+from occlog.pipeline.sweep.trial import Spec, rmse_of_priors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Boxes, Occluders, Tracks, Truth
 from occlog.simulate.config import WorldConfig
@@ -244,7 +244,7 @@ def _error(recorded: Recorded, tracks: Tracks) -> float:
     return float(np.sqrt(np.mean((tracks.x - places.x[row]) ** 2 + (tracks.y - places.y[row]) ** 2)))
 
 
-def recorded_spec(source: Source, size: Size, run: int, kind: str, cameras: list[str], **more: Any) -> Spec:
+def recorded_spec(source: Source, size: Size, run: int, kind: str, cameras: list[str], **more: object) -> Spec:
     """Describe a trial for `recorded_trial`."""
     return {
         "recording": {**source._asdict(), "content": list(source.content)},
@@ -257,7 +257,7 @@ def recorded_spec(source: Source, size: Size, run: int, kind: str, cameras: list
     }
 
 
-def recorded_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+def recorded_trial(spec: Spec) -> dict[str, float]:
     """Run the trial that `recorded_spec` describes; see `trial`.
 
     Args:

@@ -8,8 +8,9 @@ from functools import partial
 from itertools import combinations
 
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Spec, Table, Verdict
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.papers.verdicts.trials import KNOWN, NONE, PRIOR
+from occlog.pipeline.sweep.trial import Spec
 
 from .recorded import CLEAR, Source, crowd_size, recorded_spec, recorded_trial
 from .recorded_target import Recorded

@@ -6,7 +6,7 @@ The lab of Figs. 14 and 15 is a simulated stand-in for the paper's.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from occlog.papers.verdicts import verdicts as v
@@ -22,6 +22,7 @@ from occlog.papers.verdicts.trials import (
     trial,
     worst_case,
 )
+from occlog.pipeline.sweep.trial import Spec, Values
 
 from .scenes import L_ORDER, LAB_ORDER, l_room, lab, names
 
@@ -31,7 +32,7 @@ HEURISTICS = (FIXED, RANDOM, CLOSEST)
 L_WORLD = {"occluders": 40}
 L_SIGMA = 16.0
 """Deviation of the virtual measurements that gives the paper's RMSE_occ of 11.5 in the L-shaped room."""
-LAB_WORLD: dict[str, Any] = {"occluders": 20, "step_s": 1.0 / 7.5, "diameter": 12.0}
+LAB_WORLD: Values = {"occluders": 20, "step_s": 1.0 / 7.5, "diameter": 12.0}
 LAB_TRACK = {"occluder_diameter": 12.0}
 LAB_SIGMA, LAB_Q = 12.8, 24.0
 """Deviation and motion noise that give the paper's RMSE_occ of 12.1 inches in the lab, at 7.5 steps a second."""
@@ -41,11 +42,11 @@ EVERY, LAB_EVERY = 5.0, 5.0 / 7.5
 """Five steps between selections, in the tracker's reference steps of a second."""
 
 
-def _select(policy: str, count: int, order: Sequence[int], every: float, model: str = "perspective") -> dict[str, Any]:
+def _select(policy: str, count: int, order: Sequence[int], every: float, model: str = "perspective") -> Values:
     return {"policy": policy, "count": count, "every": every, "model": model, "order": names(order)}
 
 
-def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, dict[str, Any]]:
+def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, Values]:
     """Return the settings of the selection of k cameras by series; `both`: with both camera models, or the weak one."""
     out, every = {}, EVERY if both else LAB_EVERY
     for name, policy in ((GREEDY, "greedy"), (BRUTE, "brute-force")):
@@ -109,7 +110,7 @@ def _heuristics(item: str, table: Table, only: Sequence[float] | None = None) ->
     ]
 
 
-def lab_trial(size: Size, priors: Mapping[str, Any], **more: Any) -> dict[str, Any]:
+def lab_trial(size: Size, priors: Values, **more: Any) -> Spec:
     """Describe a trial in the stand-in for the lab; the RMSE leaves the first steps out."""
     return trial(lab(), size, LAB_WORLD, priors, track=LAB_TRACK, skip=LAB_SKIP, **more)
 
@@ -175,7 +176,7 @@ FIG15 = Experiment(
 def fig14(size: Size, execute: Execute) -> Table:
     """Compute the RMSE against the number of cameras, for known positions, priors and neither."""
     counts = (2, 5, 9) if size.quick else tuple(range(1, 10))
-    kinds = {NONE: {"kind": "none"}, PRIOR: kalman(LAB_SIGMA, LAB_Q), KNOWN: kalman(0.0)}
+    kinds: dict[str, Values] = {NONE: {"kind": "none"}, PRIOR: kalman(LAB_SIGMA, LAB_Q), KNOWN: kalman(0.0)}
     points = [
         Point(name, n, lab_trial(size, priors, cameras=names(LAB_ORDER[:n])))
         for n in counts

@@ -19,6 +19,7 @@ from occlog.papers.verdicts.trials import (
     trial,
     worst_case,
 )
+from occlog.pipeline.sweep.trial import Values
 
 from .scenes import SQUARE_ORDER, names, square_room
 
@@ -36,7 +37,7 @@ def fig6(size: Size, execute: Execute, counts: tuple[int, ...] | None = None) ->
     """Compute the RMSE against the number of cameras, for known positions, priors and neither."""
     scene = square_room(pillar=True)
     counts = counts or ((1, 2, 4, 6, 8) if size.quick else tuple(range(1, 9)))
-    kinds = {NONE: {"kind": "none"}, PRIOR: kalman(8.0), KNOWN: kalman(0.0)}
+    kinds: dict[str, Values] = {NONE: {"kind": "none"}, PRIOR: kalman(8.0), KNOWN: kalman(0.0)}
     points = [
         Point(name, n, trial(scene, size, M40, priors, cameras=_cameras(n)))
         for n in counts

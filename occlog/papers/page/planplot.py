@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from occlog.array_types import Bools, Floats
 from occlog.records.scene import Scene
-from occlog.report.drawing.style import COLOURS, house_style, label, new_figure, target_colour, to_png
+from occlog.report.drawing.style import COLOURS, Style, house_style, label, new_figure, target_colour, to_png
 from occlog.report.plots.planscene import draw_scene
 
 
@@ -46,7 +46,7 @@ WIDTH, HEIGHT = 3.4, 3.5
 """Size of a panel [inch]."""
 MOST = 1.3
 """Distance from the room's middle up to which paths are drawn, in halves of the room's extent."""
-TRUE_PATH: dict[str, Any] = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 4.0}
+TRUE_PATH: Style = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 4.0}
 
 
 def draw_plan(plan: Plan) -> Figure:
@@ -55,7 +55,7 @@ def draw_plan(plan: Plan) -> Figure:
     rows = math.ceil(len(plan.panels) / columns)
     figure = new_figure(WIDTH * columns, HEIGHT * rows + 0.4)
     limits = plan_limits(plan)
-    handles: dict[str, Any] = {}
+    handles: Style = {}
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes, panel in zip(grid.flat, plan.panels, strict=False):
         for handle in [*draw_scene(axes, plan.scene, limits), *_paths(axes, panel)]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
@@ -54,7 +54,7 @@ class Part(NamedTuple):
 
     chart: Chart
     size: str
-    verdicts: list[dict[str, Any]]
+    verdicts: list[dict[str, object]]
     table: list[list[str]]  # first row: heads
     plans: Mapping[str, Plan | Shots] = {}  # floor plans and frames by name
 

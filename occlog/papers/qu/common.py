@@ -10,7 +10,8 @@ import numpy as np
 
 from occlog.array_types import Floats
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Row, Size, Spec, Verdict
+from occlog.papers.verdicts.model import Row, Size, Verdict
+from occlog.pipeline.sweep.trial import Spec
 
 from .trial import views_spec
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from occlog.core.metrics.frame_pairs import Objects, of_boxes
 from occlog.core.metrics.hota import hota
 from occlog.core.metrics.idf1 import identity
 from occlog.errors import InputError
-from occlog.papers.verdicts.model import Spec
+from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.balls.config import BallsConfig
 from occlog.track.images.catalogue import VISUAL
@@ -134,7 +133,7 @@ def _for_good(followed: Followed, rows: Bools, on: Bools) -> float:
     return float(after.min()) if len(after) else math.inf
 
 
-def views_spec(seed: int, methods: Mapping[str, Mapping[str, Any]], balls: Mapping[str, Any], **more: Any) -> Spec:
+def views_spec(seed: int, methods: Mapping[str, Values], balls: Values, **more: object) -> Spec:
     """Describe a trial of several methods for `run_views_trial`."""
     return {
         "kind": KIND,
@@ -145,7 +144,7 @@ def views_spec(seed: int, methods: Mapping[str, Mapping[str, Any]], balls: Mappi
     }
 
 
-def run_views_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+def run_views_trial(spec: Spec) -> dict[str, float]:
     """Run a trial.
 
     Args:
@@ -197,7 +196,7 @@ def visual_of(name: str) -> AnyVisual:
     return VISUAL[name]
 
 
-def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, Any]) -> Runner:
+def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
     """Make one method of a trial from its description; InputError or UsageError for values that do not fit."""
     _check(own, OWN)
     visual = visual_of(str(own.get("method")))
@@ -224,7 +223,7 @@ def runner_of(config: BallsConfig, spec: Mapping[str, Any], own: Mapping[str, An
     )
 
 
-def _check(spec: Mapping[str, Any], keys: tuple[str, ...]) -> None:
+def _check(spec: Spec, keys: tuple[str, ...]) -> None:
     for key in spec:
         if key not in keys:
             raise InputError(f"trial: unknown key {key!r}; it has: {', '.join(keys)}")

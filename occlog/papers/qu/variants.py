@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
@@ -69,7 +69,7 @@ Found = dict[float, Sequence[Mapping[str, float]]]
 
 
 def _of_balls(variant: Variant, points: Sequence[float], size: Size, execute: Execute) -> Found:
-    changed: Sequence[dict[str, Any]] = [
+    changed: Sequence[dict[str, object]] = [
         {"radius": float(x)} if variant is RADIUS else {"balls": int(x)} for x in points
     ]
     results = execute([spec_of(size, run, **balls) for balls in changed for run in range(size.runs)])

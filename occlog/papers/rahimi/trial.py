@@ -12,7 +12,8 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.metrics.errors import normalised_squared_errors
-from occlog.papers.verdicts.model import Size, Spec
+from occlog.papers.verdicts.model import Size
+from occlog.pipeline.sweep.trial import Spec
 from occlog.records.tables import Bearings, Diagnostics, Tracks
 from occlog.settings import configure
 from occlog.track.drivers.batch import track_batch
@@ -23,7 +24,7 @@ from occlog.track.map.kernels.newton_search import Iterate
 
 from .example import FOCAL_PX, READ_PX, SPEED, STEP_S, Example, example, identified, sparse_scene
 
-PAPER: Mapping[str, Any] = {
+PAPER: Mapping[str, object] = {
     "speed": SPEED,
     "walls": False,
     "initial": "axes",
@@ -96,7 +97,7 @@ def sparse_spec(
     }
 
 
-def solve_problem(spec: Mapping[str, Any]) -> Solved:
+def solve_problem(spec: Spec) -> Solved:
     """Solve a problem by the code of `occlog track --method map`, and keep the iterates."""
     problem = example(int(spec["seed"]), int(spec["run"]), int(spec["steps"]), float(spec["false"]))
     scene = sparse_scene(known_range=bool(spec["known_range"]))
@@ -126,7 +127,7 @@ def sightings(bearings: Bearings, t_ns: Ints) -> Sightings:
     )
 
 
-def sparse_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+def sparse_trial(spec: Spec) -> dict[str, float]:
     """Run a trial.
 
     Args:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any
 
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+from occlog.pipeline.sweep.trial import Values
 
 from .trial import sparse_spec, sparse_trial
 
@@ -15,7 +15,7 @@ SQUARE, HUBER, CAUCHY = "square", "huber", "cauchy"
 LINEAR, SQUARE_LINEAR = "cauchy, linear start", "square, linear start"
 SQUARE_ROOM, CAUCHY_ROOM = "square, room and ranges", "cauchy, room and ranges"
 ROOM = {"walls": True, "known_range": True}
-WAYS: dict[str, dict[str, Any]] = {
+WAYS: dict[str, Values] = {
     SQUARE: {},
     HUBER: {"loss": "huber"},
     CAUCHY: {"loss": "cauchy"},
@@ -35,7 +35,7 @@ SAME = 1e-4
 
 HESSIAN, KNOWN, MOMENT = "mode, hessian", "mode, hessian; distances known", "mode, moment"
 INVARIANT, INVARIANT_ROOM, RIGHT = "invariant", "invariant; room and ranges", "consistent"
-ESTIMATES: dict[str, tuple[str, dict[str, Any]]] = {
+ESTIMATES: dict[str, tuple[str, Values]] = {
     HESSIAN: ("nees", {}),
     KNOWN: ("nees_known", {}),
     MOMENT: ("nees", {"covariance": "moment"}),

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from occlog.papers.page.planplot import Plan
 from occlog.papers.page.shotplot import Shots
-from occlog.pipeline.sweep.trial import run_trial
+from occlog.pipeline.sweep.trial import Spec, run_trial
 
-Spec = dict[str, Any]
-"""Description of a trial by plain values (as JSON has them), so that any process can run and store it."""
-Execute = Callable[[list[Spec]], list[dict[str, float]]]
+Execute = Callable[[Sequence[Spec]], list[dict[str, float]]]
 """Runs trials and returns their figures in the order of the trials; see `occlog.pipeline.sweep.engine.run_all`."""
 
 EXTRAS = ("rmse_occ", "hidden", "sir", "restart", "lost", "mean_ess", "messages", "bytes", "track_seconds")
@@ -77,7 +75,7 @@ class Verdict:
     verdict: str  # `reproduced`, `in part` or `not reproduced`
     rule: str  # how the verdict was reached
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the fields as plain values for JSON; NaN and infinities become None."""
         out = asdict(self)
         return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in out.items()}
@@ -97,7 +95,7 @@ class Experiment:
     compute: Callable[[Size, Execute], Table]
     judge: Callable[[Table], list[Verdict]]
     note: str = ""
-    trial: Callable[[Mapping[str, Any]], dict[str, float]] = run_trial  # runs one of the trials of `compute`
+    trial: Callable[[Spec], dict[str, float]] = run_trial  # runs one of the trials of `compute`
     plans: Mapping[str, Callable[[Size], Plan | Shots]] = field(default_factory=dict)  # further pictures by name
 
 

@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from occlog.io.scenes.scene import scene_from_yaml
+from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import simulate_truth
 
-from .model import EXTRAS, Execute, Row, Size, Spec, Table, Verdict
+from .model import EXTRAS, Execute, Row, Size, Table, Verdict
 from .verdicts import find, number
 
 WORST = "no tracking (middle of the room)"
@@ -29,8 +30,8 @@ class Point(NamedTuple):
 def trial(
     scene: str,
     size: Size,
-    simulate: Mapping[str, Any],
-    priors: Mapping[str, Any],
+    simulate: Values,
+    priors: Values,
     *,
     cameras: Sequence[str] | None = None,
     **more: Any,
@@ -45,7 +46,7 @@ def trial(
         cameras: names of the cameras that are used; None: all.
         more: further entries; those of `track` are settings of the filter.
     """
-    spec: Spec = {
+    spec = {
         "scene": scene,
         "seed": size.seed,
         "simulate": {"steps": size.steps, **simulate},
@@ -53,9 +54,7 @@ def trial(
         "track": {"method": "apf", "particles": size.particles, **more.pop("track", {})},
         **more,
     }
-    if cameras is not None:
-        spec["cameras"] = list(cameras)
-    return spec
+    return spec if cameras is None else {**spec, "cameras": list(cameras)}
 
 
 def run_points(points: Sequence[Point], size: Size, execute: Execute) -> Table:
@@ -73,7 +72,7 @@ def _row(point: Point, results: Sequence[Mapping[str, float]]) -> Row:
     return Row(point.series, point.x, tuple(r["rmse"] for r in results), extra)
 
 
-def worst_case(scene_text: str, simulate: Mapping[str, Any], size: Size) -> Row:
+def worst_case(scene_text: str, simulate: Values, size: Size) -> Row:
     """Return RMSE_max of [Ercan] Sec. 6.1: the error of the middle of the room's bounding box as the estimate.
 
     The targets are drawn as those of the trials, without moving occluders.
@@ -101,6 +100,6 @@ def judge_worst_case(table: Table, item: str, paper: float) -> list[Verdict]:
     return [number(f"{item}-rmse-max", said, paper=paper, measured=row.mean, error=row.error, runs=row.runs)]
 
 
-def kalman(sigma: float, q: float = 1.2) -> dict[str, Any]:
+def kalman(sigma: float, q: float = 1.2) -> Values:
     """Describe priors by a Kalman filter on virtual measurements of deviation `sigma`; 0 means known positions."""
     return {"kind": "kalman", "sigma": sigma, "q": q} if sigma > 0 else {"kind": "known"}

@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from occlog import __version__
 from occlog.cli import options
@@ -82,7 +81,7 @@ def _worst(codes: list[int]) -> int:
     return ExitCode.DONE
 
 
-def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, Any]:
+def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, object]:
     metrics = folder / "metrics.json"
     values = read_json(metrics) if metrics.is_file() else {}
     numbers = {k: v for k, v in values.items() if not k.startswith("_")}

@@ -10,7 +10,6 @@ import difflib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -42,11 +41,12 @@ class Config:
     """A run configuration: its file and its keys."""
 
     path: Path
-    values: dict[str, Any]
+    values: dict[str, object]
 
-    def stage(self, name: str) -> dict[str, Any]:
+    def stage(self, name: str) -> dict[str, object]:
         """Keys of a stage; none for a stage that the configuration does not name."""
-        return dict(self.values.get(name) or {})
+        values = self.values.get(name)
+        return dict(values) if isinstance(values, dict) else {}
 
 
 def read_config(path: Path) -> Config:
@@ -98,7 +98,7 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
 
 
 def _priors(
-    config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, Any]
+    config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
 ) -> tuple[Stage, str]:
     """Make the stage that finds moving occluders, and name the file that `track` reads: polygons if there are any."""
     values = config.stage("priors")
@@ -140,7 +140,7 @@ def _held(recording: Path) -> tuple[bool, bool]:
     return opened.has(Truth), opened.has(TruthBoxes)
 
 
-def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, Any]) -> Stage:
+def _report(config: Config, folder: Path, out: dict[str, Path], metrics: Path, inputs: dict[str, object]) -> Stage:
     page = {"output": folder / "report.html", "png": folder / "report.png"}
     names = ("bearings", "diagnostics", "errors", "bound")
     results = {n: str(out[n]) for n in names}
@@ -152,7 +152,7 @@ def _stage(
     name: str,
     outputs: dict[str, Path],
     arguments: tuple[str, ...],
-    inputs: dict[str, Any] | None = None,
+    inputs: dict[str, object] | None = None,
     command: click.Command | None = None,
 ) -> Stage:
     if command is None:
@@ -165,15 +165,16 @@ def _stage(
     return Stage(name, command, tuple(args), tuple(str(p) for p in outputs.values()))
 
 
-def _common(config: Config, command: click.Command) -> dict[str, Any]:
+def _common(config: Config, command: click.Command) -> dict[str, object]:
     names = {p.name for p in params_of(command)}
     return {k: config.values[k] for k in ("seed",) if k in config.values and k in names}
 
 
-def _to_args(config: Config, name: str, command: click.Command, values: dict[str, Any]) -> list[str]:
+def _to_args(config: Config, name: str, command: click.Command, values: dict[str, object]) -> list[str]:
     """Make the command-line arguments of a stage from its keys."""
     # Of an argument and an option of one name, the sorted order keeps the argument.
-    params = params_of(command, values.get("method"))
+    method = values.get("method")
+    params = params_of(command, None if method is None else str(method))
     options = {_key(p): p for p in sorted(params, key=lambda p: isinstance(p, click.Argument))}
     ahead: list[str] = []
     args: list[str] = []
@@ -194,13 +195,13 @@ def _key(param: click.Parameter) -> str:
     return long[0].removeprefix("--").replace("-", "_") if long else str(param.name)
 
 
-def _listed(value: Any) -> list[Any]:
+def _listed(value: object) -> list[object]:
     if isinstance(value, dict):
         return [f"{k}={v}" for k, v in value.items()]
     return value if isinstance(value, list) else [value]
 
 
-def _option_args(config: Config, name: str, key: str, param: click.Parameter, value: Any) -> list[str]:
+def _option_args(config: Config, name: str, key: str, param: click.Parameter, value: object) -> list[str]:
     flag = param.opts[-1] if not param.opts[0].startswith("--") else param.opts[0]
     if isinstance(param, click.Option) and param.is_flag:
         if not isinstance(value, bool):

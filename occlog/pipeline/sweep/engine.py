@@ -22,9 +22,8 @@ from typing import Any, NamedTuple
 from occlog import __version__
 from occlog.errors import InputError, OcclogError, OutputError, UsageError
 
-from .trial import run_trial
+from .trial import Spec, run_trial
 
-Spec = Mapping[str, Any]
 Result = dict[str, float]
 Trial = Callable[[Spec], Result]
 """Runs a trial; a function of a module, so that other processes can import it."""
@@ -32,7 +31,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 """Variables that give each worker one thread: as many workers as processors then share them evenly."""
 
 
-def key_of(spec: Mapping[str, Any]) -> str:
+def key_of(spec: Spec) -> str:
     """Hash what identifies a trial: its description and the version of the program."""
     text = json.dumps([__version__, spec], sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 from msgspec import Meta
@@ -27,23 +27,23 @@ class SweepSpec(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True, 
     scene: Annotated[str, Meta(description="scene file, beside the sweep file")]
     seed: Annotated[int, Meta(ge=0)] = 0
     runs: Annotated[int, Meta(ge=1, description="runs of every setting, each with a world of its own")] = 5
-    simulate: Annotated[dict[str, Any], Meta(description="as the options of `occlog simulate`")] = {}
-    observe: Annotated[dict[str, Any], Meta(description="noise, miss, false_alarm, diameter")] = {}
-    priors: Annotated[dict[str, Any], Meta(description="kind: none, known or kalman; sigma; q")] = {}
-    track: Annotated[dict[str, Any], Meta(description="method and its settings")] = {}
-    select: Annotated[dict[str, Any], Meta(description="policy, count, every, model, order")] | None = None
+    simulate: Annotated[dict[str, object], Meta(description="as the options of `occlog simulate`")] = {}
+    observe: Annotated[dict[str, object], Meta(description="noise, miss, false_alarm, diameter")] = {}
+    priors: Annotated[dict[str, object], Meta(description="kind: none, known or kalman; sigma; q")] = {}
+    track: Annotated[dict[str, object], Meta(description="method and its settings")] = {}
+    select: Annotated[dict[str, object], Meta(description="policy, count, every, model, order")] | None = None
     cameras: Annotated[list[str] | int | None, Meta(description="names, or how many of `order`; all")] = None
     order: Annotated[list[str], Meta(description="order in which cameras are used")] = []
     skip: Annotated[int, Meta(ge=0, description="estimates left out at the start")] = 0
-    vary: Annotated[dict[str, list[Any]], Meta(description="values to be combined with each other")] = {}
-    cases: Annotated[list[dict[str, Any]], Meta(description="named settings, each combined with `vary`")] = []
+    vary: Annotated[dict[str, list[object]], Meta(description="values to be combined with each other")] = {}
+    cases: Annotated[list[dict[str, object]], Meta(description="named settings, each combined with `vary`")] = []
 
 
 class Setting(NamedTuple):
     """One combination of the varied values, and its trials."""
 
-    label: dict[str, Any]  # the varied values by name
-    trials: tuple[dict[str, Any], ...]  # one for each run
+    label: dict[str, object]  # the varied values by name
+    trials: tuple[dict[str, object], ...]  # one for each run
 
 
 def read_sweep(path: Path) -> SweepSpec:
@@ -66,7 +66,7 @@ def settings_of(spec: SweepSpec, folder: Path) -> list[Setting]:
         if not values:
             raise InputError(f"vary: {name}: has no values; give at least one")
     axes = [[(name, value) for value in values] for name, values in spec.vary.items()]
-    cases: list[dict[str, Any]] = spec.cases or [{}]
+    cases: list[dict[str, object]] = spec.cases or [{}]
     count = len(cases) * spec.runs
     for axis in axes:
         count *= len(axis)
@@ -80,8 +80,8 @@ def settings_of(spec: SweepSpec, folder: Path) -> list[Setting]:
     return found
 
 
-def _trials(spec: SweepSpec, scene: str, label: Mapping[str, Any]) -> tuple[dict[str, Any], ...]:
-    trial: dict[str, Any] = {"scene": scene, "seed": spec.seed, "skip": spec.skip, "cameras": spec.cameras}
+def _trials(spec: SweepSpec, scene: str, label: Mapping[str, object]) -> tuple[dict[str, object], ...]:
+    trial: dict[str, object] = {"scene": scene, "seed": spec.seed, "skip": spec.skip, "cameras": spec.cameras}
     for part in PARTS:
         value = getattr(spec, part)
         if value is not None:
@@ -93,14 +93,15 @@ def _trials(spec: SweepSpec, scene: str, label: Mapping[str, Any]) -> tuple[dict
     return tuple({**trial, "run": run} for run in range(spec.runs))
 
 
-def _put(trial: dict[str, Any], name: str, value: Any) -> None:
+def _put(trial: dict[str, object], name: str, value: object) -> None:
     part, dot, key = name.partition(".")
     if not dot and name in WHOLE:
         trial[name] = value
     elif not dot and name == "select" and value is None:
         trial.pop("select", None)
     elif dot and part in PARTS:
-        trial[part] = {**trial.get(part, {}), key: value}
+        before = trial.get(part)
+        trial[part] = {**(before if isinstance(before, dict) else {}), key: value}
     else:
         raise InputError(
             f"vary: {name}: want {' or '.join(WHOLE)}, or a part and its key, e.g. track.particles "
@@ -108,7 +109,7 @@ def _put(trial: dict[str, Any], name: str, value: Any) -> None:
         )
 
 
-def _cameras(value: Any, order: Sequence[str]) -> list[str] | None:
+def _cameras(value: object, order: Sequence[str]) -> list[str] | None:
     """Return the names of the cameras that are used; a number takes the first of the order."""
     if value is None or isinstance(value, list):
         return value

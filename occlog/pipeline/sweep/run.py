@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import click
 import msgspec
@@ -34,7 +34,7 @@ from .plan import Setting, read_sweep, settings_of
 STORE = "trials.jsonl"
 MADE = "sweep.json"
 RESULTS = ("trials.csv", "summary.csv")
-Row = dict[str, Any]
+Row = dict[str, object]
 
 
 def run_sweep(
@@ -73,7 +73,8 @@ def run_sweep(
     with _progress(len(trials), quiet) as progress:
         results = run_all(trials, workers, scheduler, folder / STORE, progress)
     unknown = [name for name in figures if name not in results[0]]
-    rows = summary_rows(settings, results)
+    summary = summary_rows(settings, results)
+    rows = [row.as_row() for row in summary]
     write_bytes(folder / "trials.csv", to_csv(trial_rows(settings, results)), overwrite=True)
     write_bytes(folder / "summary.csv", to_csv(rows), overwrite=True)
     if unknown:
@@ -81,12 +82,12 @@ def run_sweep(
     if as_json:
         options.echo_summary({"sweep": str(folder), "trials": len(trials), "settings": rows}, as_json=True)
     else:
-        click.echo(to_text(rows, figures))
+        click.echo(to_text(summary, figures))
         click.echo(f"\n{len(trials)} trials; {folder / 'trials.csv'}, {folder / 'summary.csv'}")
     return ExitCode.DONE
 
 
-def _prepare(folder: Path, made: dict[str, Any], overwrite: bool) -> None:
+def _prepare(folder: Path, made: dict[str, object], overwrite: bool) -> None:
     """Make the folder; refuse one that holds another sweep, unless it may be replaced."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -127,6 +128,18 @@ class Summary(NamedTuple):
     high: float
 
 
+class SummaryRow(NamedTuple):
+    """Statistics of one figure of one setting."""
+
+    label: Row  # the varied values by name
+    figure: str
+    summary: Summary
+
+    def as_row(self) -> Row:
+        """Return the row as it is written."""
+        return {**self.label, "figure": self.figure, **self.summary._asdict()}
+
+
 def summarise(values: Sequence[float], confidence: float = 0.95) -> Summary:
     """Summarise a figure over runs, without those in which it is NaN.
 
@@ -157,15 +170,14 @@ def trial_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float
     return rows
 
 
-def summary_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[Row]:
+def summary_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[SummaryRow]:
     """Make a row for each setting and figure: n, mean, sd, se and the 95 % confidence interval of the mean."""
-    rows, place = [], 0
+    rows: list[SummaryRow] = []
+    place = 0
     for setting in settings:
         own = results[place : place + len(setting.trials)]
         place += len(setting.trials)
-        for name in own[0]:
-            found = summarise([result[name] for result in own])
-            rows.append({**_label(setting), "figure": name, **found._asdict()})
+        rows += [SummaryRow(_label(setting), name, summarise([result[name] for result in own])) for name in own[0]]
     return rows
 
 
@@ -185,16 +197,16 @@ def to_csv(rows: Sequence[Row]) -> bytes:
     return text.getvalue().encode()
 
 
-def to_text(rows: Sequence[Row], figures: Sequence[str]) -> str:
+def to_text(rows: Sequence[SummaryRow], figures: Sequence[str]) -> str:
     """Write a table for reading: a line for each setting, mean and half-width of the interval of some figures."""
-    lines: dict[tuple[Any, ...], dict[str, str]] = {}
+    lines: dict[tuple[object, ...], dict[str, str]] = {}
     for row in rows:
-        label = {k: v for k, v in row.items() if k not in ("figure", "n", "mean", "sd", "se", "low", "high")}
-        line = lines.setdefault(tuple(label.items()), {k: str(v) for k, v in label.items()} | {"runs": str(row["n"])})
-        if row["figure"] in figures:
-            reach = row["high"] - row["mean"]
-            line[row["figure"]] = f"{row['mean']:.4g}" + (f" ± {reach:.2g}" if reach == reach else "")
-            line["runs"] = str(max(int(line["runs"]), row["n"]))
+        label, found = {k: str(v) for k, v in row.label.items()}, row.summary
+        line = lines.setdefault(tuple(row.label.items()), label | {"runs": str(found.n)})
+        if row.figure in figures:
+            reach = found.high - found.mean
+            line[row.figure] = f"{found.mean:.4g}" + ("" if math.isnan(reach) else f" ± {reach:.2g}")
+            line["runs"] = str(max(int(line["runs"]), found.n))
     names = list(dict.fromkeys(name for line in lines.values() for name in line))
     table = [names, *([line.get(name, "") for name in names] for line in lines.values())]
     widths = [max(len(row[i]) for row in table) for i in range(len(names))]

@@ -33,6 +33,12 @@ from occlog.track.drivers.messages import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 
+Values = Mapping[str, Any]
+"""Plain values by name, as JSON and YAML have them."""
+Spec = Values
+"""Description of a trial by plain values (as JSON has them), so that any process can run and store it."""
+Frozen = tuple[tuple[str, object], ...]
+"""Values by name that can be a key of a cache."""
 PRIORS = ("none", "known", "kalman")
 KEYS = ("scene", "seed", "run", "simulate", "observe", "priors", "track", "cameras", "select", "skip")
 WORLDS = 2
@@ -46,7 +52,7 @@ class SimulatedWorld(NamedTuple):
     bearings: Bearings
 
 
-def run_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+def run_trial(spec: Spec) -> dict[str, float]:
     """Run a trial.
 
     Args:
@@ -87,7 +93,7 @@ def run_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     return figures | _filter_figures(diagnostics) | {"track_seconds": seconds}
 
 
-def _check(spec: Mapping[str, Any]) -> None:
+def _check(spec: Spec) -> None:
     for key in spec:
         if key not in KEYS:
             raise InputError(f"trial: unknown key {key!r}; it has: {', '.join(KEYS)}")
@@ -106,14 +112,12 @@ def _scene(text: str) -> Scene:
     return scene_from_yaml(text, "scene")
 
 
-def _frozen(values: Mapping[str, Any]) -> tuple[tuple[str, Any], ...]:
+def _frozen(values: Values) -> Frozen:
     return tuple(sorted(values.items()))
 
 
 @functools.lru_cache(maxsize=WORLDS)
-def _world(
-    text: str, simulate: tuple[tuple[str, Any], ...], measured: tuple[tuple[str, Any], ...], seed: int
-) -> SimulatedWorld:
+def _world(text: str, simulate: Frozen, measured: Frozen, seed: int) -> SimulatedWorld:
     scene = _scene(text)
     config: WorldConfig = configure(WorldConfig.in_unit(scene.length_unit), dict(simulate))
     looks: ObserveConfig = configure(ObserveConfig(diameter=config.diameter), dict(measured))
@@ -121,7 +125,7 @@ def _world(
     return SimulatedWorld(truth, Bearings.concat(list(observe(scene, [truth], looks, seed))))
 
 
-def _priors(values: Mapping[str, Any], truth: Truth, seed: int) -> Occluders | None:
+def _priors(values: Values, truth: Truth, seed: int) -> Occluders | None:
     kind = values.get("kind", "none")
     if kind not in PRIORS:
         raise InputError(f"trial: priors.kind is {kind!r}, must be one of {', '.join(PRIORS)}")

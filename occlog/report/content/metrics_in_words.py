@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -172,6 +172,10 @@ class Group:
     breakdowns: list[Breakdown] = field(default_factory=list)
 
 
+Value = str | int | float | np.number | np.bool_ | None
+"""A figure of merit, as a file of metrics holds it."""
+
+
 class Metric(NamedTuple):
     """One number and what it is of."""
 
@@ -179,10 +183,10 @@ class Metric(NamedTuple):
     settled: bool
     kind: str  # "", "target", "sensor" or "box"
     whose: str
-    value: Any
+    value: Value
 
 
-def number(value: Any) -> str:
+def number(value: Value) -> str:
     """A number with about four digits, thousands apart; a dash for NaN and None."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–" if value is None or math.isnan(value) else ("∞" if value > 0 else "\N{MINUS SIGN}∞")
@@ -190,12 +194,13 @@ def number(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, str):
         return value
-    if isinstance(value, int | np.integer) or (1000 <= abs(value) < 1e15 and float(value).is_integer()):
+    size = float(value)
+    if isinstance(value, int | np.integer) or (1000 <= abs(size) < 1e15 and size.is_integer()):
         return f"{int(value):,}".replace(",", "\N{NARROW NO-BREAK SPACE}").replace("-", "\N{MINUS SIGN}")
-    return f"{float(value):.4g}".replace("-", "\N{MINUS SIGN}")
+    return f"{size:.4g}".replace("-", "\N{MINUS SIGN}")
 
 
-def groups(metrics: Mapping[str, Any], length_unit: str) -> list[Group]:
+def groups(metrics: Mapping[str, object], length_unit: str) -> list[Group]:
     """All metrics, gathered in the order of the vocabulary; unknown ones last, under their own names."""
     parsed = [_parse(key, value, length_unit) for key, value in _flat(metrics)]
     order = {word.base + word.unit: n for n, word in enumerate(WORDS)}
@@ -207,9 +212,9 @@ def groups(metrics: Mapping[str, Any], length_unit: str) -> list[Group]:
     return [_group(title, members, length_unit) for title, members in out.items()]
 
 
-def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
+def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Value]]:
     """Scalars of a mapping with dotted paths; entries that begin with `_` (provenance) are left out."""
-    out: list[tuple[str, Any]] = []
+    out: list[tuple[str, Value]] = []
     for key, value in values.items():
         if str(key).startswith("_"):
             continue
@@ -220,7 +225,7 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
     return out
 
 
-def _parse(key: str, value: Any, length_unit: str) -> Metric:
+def _parse(key: str, value: Value, length_unit: str) -> Metric:
     settled = key.startswith(SETTLED)
     plain = key.removeprefix(SETTLED)
     for word in LONGEST_FIRST:
@@ -261,9 +266,9 @@ def _unit(word: Word, length_unit: str) -> str:
 def _shown(metric: Metric) -> str:
     """The number as a person reads it: shares in per cent, angles in degrees."""
     value = metric.value
-    measured = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    if measured and metric.word.unit == SHARE:
-        value = 100.0 * value
-    if measured and metric.word.unit == "mrad":
-        value = math.degrees(value / 1000.0)
+    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        if metric.word.unit == SHARE:
+            return number(100.0 * value)
+        if metric.word.unit == "mrad":
+            return number(math.degrees(value / 1000.0))
     return number(value)

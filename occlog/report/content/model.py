@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -91,8 +90,8 @@ class ReportInput:
     bound: Bound | None = None
     diagnostics: Diagnostics | None = None
     occluders: Occluders | Hulls | None = None
-    metrics: Mapping[str, Any] = field(default_factory=dict)
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    metrics: Mapping[str, object] = field(default_factory=dict)
+    provenance: Mapping[str, object] = field(default_factory=dict)
     losses: tuple[Loss, ...] = ()
     length_unit: str = "m"
 

@@ -58,6 +58,8 @@ DARK = {
 }
 """The same on a dark screen."""
 
+Style = dict[str, Any]
+"""Keyword arguments of an artist of Matplotlib."""
 RC: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "occlog",

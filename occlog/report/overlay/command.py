@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from occlog.array_types import Bools
+from occlog.array_types import Bools, Ints
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import write_bytes
@@ -95,11 +95,12 @@ class Rows(Generic[T]):
         return self._held.take(own)
 
     @staticmethod
-    def _times(table: T) -> Any:
-        return table.t_ns  # type: ignore[attr-defined]
+    def _times(table: T) -> Ints:
+        times: Ints = table.t_ns  # type: ignore[attr-defined]
+        return times
 
 
-def run_overlay(asked: Asked, *, quiet: bool = False) -> dict[str, Any]:
+def run_overlay(asked: Asked, *, quiet: bool = False) -> dict[str, object]:
     """Draw, write the video and the picture; what they show."""
     asked.check()
     recording = open_recording(asked.recording)
@@ -143,8 +144,8 @@ def _check_shown(asked: Asked, shown: int, png: bytes, pictures: _Pictures) -> N
         )
 
 
-def _summary(asked: Asked, names: list[str], shown: int, rate: float, pictures: _Pictures) -> dict[str, Any]:
-    summary: dict[str, Any] = {}
+def _summary(asked: Asked, names: list[str], shown: int, rate: float, pictures: _Pictures) -> dict[str, object]:
+    summary: dict[str, object] = {}
     if asked.video is not None:
         summary |= {"video": str(asked.video), "frames": shown, "fps": round(rate, 3)}
     if asked.png is not None:

@@ -16,7 +16,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Hulls, Occluders, Tracks, Truth
 from occlog.report.content.model import ReportInput
 from occlog.report.content.plane_of_sight import places
-from occlog.report.drawing.style import COLOURS, label, target_colour
+from occlog.report.drawing.style import COLOURS, Style, label, target_colour
 from occlog.report.drawing.thin import broken, thin_path
 
 from .planscene import draw_scale_bar, draw_scene, name_sensors
@@ -27,7 +27,7 @@ ELLIPSES = 24
 PATH_POINTS = 700
 MOST_MOVING_OCCLUDERS = 8
 MOST_NAMES = 6
-TRUE_PATH: dict[str, Any] = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2))}
+TRUE_PATH: Style = {"color": COLOURS["ink"], "linewidth": 1.0, "linestyle": (0, (4, 2))}
 
 
 FAR = 10.0
@@ -140,7 +140,7 @@ def _moving_occluders(axes: Axes, truth: Truth) -> list[Line2D | Patch]:
     identities = np.unique(truth.target_id[rows])
     if not len(identities) or len(identities) > MOST_MOVING_OCCLUDERS:
         return []
-    style: dict[str, Any] = {"color": COLOURS["muted"], "linewidth": 0.6, "alpha": 0.45, "zorder": 2.2}
+    style: Style = {"color": COLOURS["muted"], "linewidth": 0.6, "alpha": 0.45, "zorder": 2.2}
     for identity in identities:
         _line(axes, truth, rows & (truth.target_id == identity), **style)
     return [Line2D([], [], label="moving occluder", **style)]
@@ -182,7 +182,7 @@ def _paths(axes: Axes, data: ReportInput) -> list[Line2D | Patch]:
 
 def _path_handles(data: ReportInput) -> list[Line2D | Patch]:
     """What the legend says of all paths."""
-    mark: dict[str, Any] = {"color": COLOURS["ink"], "linestyle": "none", "markersize": 6}
+    mark: Style = {"color": COLOURS["ink"], "linestyle": "none", "markersize": 6}
     out: list[Line2D | Patch] = []
     if data.truth is not None:
         out.append(Line2D([], [], label="true path", **TRUE_PATH))
@@ -199,7 +199,7 @@ def _estimate(axes: Axes, tracks: Tracks, target: int, since: int | None, colour
     if not len(own):
         return
     for row in np.unique(np.linspace(0, len(own) - 1, ELLIPSES).round().astype(int)):
-        style: dict[str, Any] = {"fill": False, "edgecolor": colour, "linewidth": 0.8, "alpha": 0.75, "zorder": 3.2}
+        style: Style = {"fill": False, "edgecolor": colour, "linewidth": 0.8, "alpha": 0.75, "zorder": 3.2}
         axes.add_patch(confidence_ellipse(own, int(row), **style))
     _ends(axes, tracks.take(rows), colour)
 
@@ -214,8 +214,8 @@ def confidence_ellipse(rows: Tracks | Occluders, row: int, **style: Any) -> Elli
 
 
 def _ends(axes: Axes, path: Tracks | Truth, colour: str) -> None:
-    style: dict[str, Any] = {"linestyle": "none", "zorder": 5, "markersize": 7}
-    edge: dict[str, Any] = {"markerfacecolor": COLOURS["halo"], "markeredgecolor": colour, "markeredgewidth": 1.6}
+    style: Style = {"linestyle": "none", "zorder": 5, "markersize": 7}
+    edge: Style = {"markerfacecolor": COLOURS["halo"], "markeredgecolor": colour, "markeredgewidth": 1.6}
     axes.plot(path.x[:1], path.y[:1], "o", **edge, **style)
     axes.plot(path.x[-1:], path.y[-1:], "X", color=colour, **style)
 
@@ -225,7 +225,7 @@ def draw_priors(axes: Axes, priors: Occluders | Hulls) -> list[Line2D | Patch]:
     there = priors.take(priors.occluder_id >= 0)
     if not len(there):
         return []
-    style: dict[str, Any] = {"facecolor": COLOURS["moving"], "edgecolor": COLOURS["moving"], "linewidth": 0.6}
+    style: Style = {"facecolor": COLOURS["moving"], "edgecolor": COLOURS["moving"], "linewidth": 0.6}
     shown = there.take(np.isin(there.t_ns, moments(there.t_ns)))
     if isinstance(shown, Hulls):
         kind, patches = "hull of a moving occluder", _polygons(shown, style)
@@ -246,7 +246,7 @@ def moments(t_ns: Ints) -> Ints:
     return some
 
 
-def _polygons(hulls: Hulls, style: dict[str, Any]) -> list[Patch]:
+def _polygons(hulls: Hulls, style: Style) -> list[Patch]:
     """One patch a polygon."""
     first = np.flatnonzero(hulls.corner == 0)
     corners = np.split(np.column_stack([hulls.x, hulls.y]), first[1:])

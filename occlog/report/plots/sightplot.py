@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
@@ -12,7 +10,7 @@ from matplotlib.lines import Line2D
 from occlog.array_types import Floats, Ints
 from occlog.report.content.model import ReportInput
 from occlog.report.content.plane_of_sight import Residuals
-from occlog.report.drawing.style import COLOURS, label, target_colour
+from occlog.report.drawing.style import COLOURS, Style, label, target_colour
 from occlog.report.drawing.thin import extremes, running_rms, sensible_top
 
 from .accuracy import line, mark_clipped
@@ -57,7 +55,7 @@ def _residuals(axes: Axes, data: ReportInput, found: Residuals) -> list[Line2D]:
         if not len(rows):
             continue
         keep = rows[extremes(degrees[rows], DOTS)]
-        style: dict[str, Any] = {
+        style: Style = {
             "marker": DOT_MARKERS[i % 6],
             "color": COLOURS[DOT_COLOURS[i % 6]],
             "linestyle": "none",

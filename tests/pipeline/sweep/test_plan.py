@@ -85,8 +85,8 @@ def test_tables(tmp_path):
     assert rows[1] == {"cameras": 1, "run": 1, "rmse": 3.0}
     assert to_csv(rows).decode().splitlines() == ["cameras,run,rmse", "1,0,1.0", "1,1,3.0", "2,0,5.0", "2,1,5.0"]
     summary = summary_rows(found, results)
-    assert summary[0]["mean"] == 2.0
-    assert summary[1]["sd"] == 0.0
+    assert summary[0].summary.mean == 2.0
+    assert summary[1].summary.sd == 0.0
     lines = to_text(summary, ["rmse"]).splitlines()
     assert lines[0].split() == ["cameras", "runs", "rmse"]
     assert lines[2].split() == ["2", "2", "5", "±", "0"]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+from occlog.pipeline.sweep.trial import Values
 
 from .trial import cooperation_spec, cooperation_trial
 
@@ -31,7 +31,7 @@ AVERAGE = 5.59
 """Average RMS error without cameras, Table 3.1 [m]."""
 
 
-def trials(size: Size, execute: Execute, points: Sequence[tuple[str, str, float, dict[str, Any]]]) -> Table:
+def trials(size: Size, execute: Execute, points: Sequence[tuple[str, str, float, Values]]) -> Table:
     """Run all trials and return a row for every point, with the RMSE of each run and the means of its figures.
 
     Args:
@@ -79,7 +79,7 @@ def judge_period(table: Table) -> list[Verdict]:
 def by_policy(size: Size, execute: Execute) -> Table:
     """Compute the RMSE against the frames that are asked for, for every policy."""
     grid = QUICK_GRID if size.quick else GRID
-    points: list[tuple[str, str, float, dict[str, Any]]] = []
+    points: list[tuple[str, str, float, Values]] = []
     for name, form in FORMS.items():
         points.append((f"{NONE}, {name}", form, math.nan, {}))
         points += [(f"{PERIODIC}, {name}", form, math.nan, {"cooperate": "periodic", "period_s": p}) for p in grid]
@@ -171,7 +171,7 @@ def _saved(errors: Floats, frames: Floats, of_periods: Floats, frames_of: Floats
 
 def by_object(size: Size, execute: Execute) -> Table:
     """Compute the RMSE of each object, without cameras and with the printed triggers."""
-    ways: list[tuple[str, dict[str, Any]]] = [(NONE, {}), (PRINTED, {"cooperate": "printed"})]
+    ways: list[tuple[str, Values]] = [(NONE, {}), (PRINTED, {"cooperate": "printed"})]
     specs = [cooperation_spec(size, r, "field", "thesis", **s) for _, s in ways for r in range(size.runs)]
     results = execute(specs)
     rows = []

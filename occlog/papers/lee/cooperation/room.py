@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+from occlog.pipeline.sweep.trial import Spec
 
 from .trial import BIN, cooperation_spec, cooperation_trial
 
@@ -34,7 +35,7 @@ def shares(first: int, last: int) -> Callable[[Size, Execute], Table]:
     return compute
 
 
-def _specs(size: Size, array: int, way: str) -> list[dict[str, object]]:
+def _specs(size: Size, array: int, way: str) -> list[Spec]:
     return [
         cooperation_spec(size, r, "room", "thesis", array, way == WITH, cooperate="printed") for r in range(size.runs)
     ]

@@ -8,7 +8,6 @@ not say.)  Trials differ in the policy, the association, and the noise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,8 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.measure.scans.grouping import Rows, scans_of
-from occlog.papers.verdicts.model import Size, Spec
+from occlog.papers.verdicts.model import Size
+from occlog.pipeline.sweep.trial import Spec
 from occlog.settings import configure
 from occlog.track.imm.ask_cameras import CameraRequest, CameraRequests
 from occlog.track.imm.config import ImmConfig
@@ -43,11 +43,11 @@ THESIS = {
     "silent_s": 5.0,
 }
 """Settings of the thesis' filter, with its weights corrected (Eqs. 3.7 to 3.11 as printed are no mean of x)."""
-FORMS: dict[str, dict[str, Any]] = {
+FORMS: dict[str, dict[str, object]] = {
     "thesis": THESIS,
     "joint": {**THESIS, "association": "joint", "fix": "update", "hold_s": 50.0},
 }
-SCENES: dict[str, dict[str, Any]] = {
+SCENES: dict[str, dict[str, object]] = {
     "field": {"alpha": FIELD_ALPHA, "sigma_v": 0.01, "speed": 0.2, "frame_age_s": 0.5},
     "room": {"alpha": ROOM_ALPHA, "sigma_v": 0.1, "speed": 0.3, "frame_age_s": 0.2},
 }
@@ -88,7 +88,7 @@ def cooperation_spec(
     }
 
 
-def cooperation_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+def cooperation_trial(spec: Spec) -> dict[str, float]:
     """Run a trial.
 
     Args:
@@ -126,7 +126,7 @@ def cooperation_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def follow(made: Environment, spec: Mapping[str, Any]) -> FilterOutput:
+def follow(made: Environment, spec: Spec) -> FilterOutput:
     """Run the filter of one array, with cameras, over all steps."""
     values = {**SCENES[spec["scene"]], **FORMS[spec["form"]], **spec["settings"]}
     config: ImmConfig = configure(ImmConfig(), values)

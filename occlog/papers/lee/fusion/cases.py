@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from occlog.measure.fuse.kernels.decision_rule import (
     weighted_value,
 )
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Spec, Table, Verdict
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.pipeline.sweep.trial import Spec
 
 SENSORS = 6
 CHANCE = 0.2
@@ -32,7 +33,7 @@ CROSSINGS = ((2, 0.55), (3, 1.74))
 """Above this variance one detecting sensor declares more often than so many, as printed."""
 
 
-def declaration_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+def declaration_trial(spec: Spec) -> dict[str, float]:
     """Return the share of trials in which an object is declared, by rule.
 
     Args:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -19,8 +18,8 @@ from occlog.measure.scans.grouping import choose_sensors
 from occlog.measure.scans.sources import only_measured
 from occlog.papers.ercan.scenes import SQUARE_ORDER, names, square_room
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Spec, Table, Verdict
-from occlog.pipeline.sweep.trial import errors_of
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.pipeline.sweep.trial import Spec, errors_of
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks, Truth, Views
 from occlog.settings import configure
@@ -37,7 +36,7 @@ START = 10
 """Estimates left out at the start of a track."""
 
 
-def fusion_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+def fusion_trial(spec: Spec) -> dict[str, float]:
     """Run a trial: one simulated recording before and after the fusion of its detections.
 
     Args:
@@ -57,7 +56,7 @@ def fusion_trial(spec: Mapping[str, Any]) -> dict[str, float]:
     looks = ObserveConfig(diameter=DIAMETER, miss=float(spec["miss"]), false_alarm=float(spec["false"]))
     raw = Bearings.concat(list(observe(scene, [truth], looks, seed)))
     raw = raw.take(np.isin(raw.sensor, list(spec["cameras"])))
-    options: dict[str, Any] = {"p_miss": float(spec["miss"]), "p_false": float(spec["false"])}
+    options: dict[str, object] = {"p_miss": float(spec["miss"]), "p_false": float(spec["false"])}
     options |= dict(spec.get("fuse", {}))
     parts = fuse(
         [Detections(Views.empty(), raw, (), 0, 0)], scene, configure(FuseConfig.in_unit(scene.length_unit), options)

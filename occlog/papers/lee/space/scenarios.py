@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -14,11 +13,12 @@ from occlog.core.bounds.in_space import sight_angles
 from occlog.core.sight.projected_planes import YZ, select_as_printed
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.pipeline.sweep.trial import Values
 
 from .worlds import AXIS_NAMES, bounds, space_spec, space_trial, world
 
 DIRECT, PPS, THESIS = "direct3d", "pps", "pps as printed"
-WAYS: dict[str, tuple[str, dict[str, Any]]] = {
+WAYS: dict[str, tuple[str, Values]] = {
     DIRECT: ("direct3d", {}),
     PPS: ("pps", {}),
     THESIS: (
@@ -27,7 +27,7 @@ WAYS: dict[str, tuple[str, dict[str, Any]]] = {
     ),
 }
 DIRECT_COPIES, PPS_COPIES = "direct3d, copies", "pps, copies"
-COUNTED_WAYS: dict[str, tuple[str, dict[str, Any]]] = {
+COUNTED_WAYS: dict[str, tuple[str, Values]] = {
     **WAYS,
     DIRECT_COPIES: ("direct3d", {"kernel": 0.0}),
     PPS_COPIES: ("pps", {"kernel": 0.0}),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +26,8 @@ from occlog.core.motion.in_space import AccelerationModel
 from occlog.core.motion.turns import turn_matrix
 from occlog.core.sight.projected_planes import AXES, XY, YZ
 from occlog.measure.scans.scan import Scan
-from occlog.papers.verdicts.model import Size, Spec
+from occlog.papers.verdicts.model import Size
+from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.track.in_space import direct3d, projected_planes
 from occlog.track.in_space.config import Direct3dConfig, PpsConfig
@@ -144,7 +144,7 @@ def space_spec(size: Size, run: int, scenario: int, method: str, particles: int,
     }
 
 
-def space_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+def space_trial(spec: Spec) -> dict[str, float]:
     """Run a trial; equal seed, run and scenario have equal noise and prior for every method.
 
     Returns:
@@ -164,17 +164,15 @@ def space_trial(spec: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _track(
-    w: SpaceWorld, given: list[Scan], start: tuple[float, ...], spec: Mapping[str, Any], rng: Generator
+    w: SpaceWorld, given: list[Scan], start: tuple[float, ...], spec: Spec, rng: Generator
 ) -> tuple[Floats, list[list[int]]]:
     """Run the filter; return (T, 3) estimates, and the planes of each (none for the direct method)."""
     table, settings = spec["scenario"] == TABLE, dict(spec["settings"])
     wrong = settings.pop("wrong", False)
-    common: dict[str, Any] = {"particles": spec["particles"], "start": start, "start_factor": 1}
-    common |= {"q": 0.0, "lost_after": 0}
-    if not table:
-        common["acceleration"] = ACCELERATION
+    common: Values = {"particles": spec["particles"], "start": start, "start_factor": 1, "q": 0.0, "lost_after": 0}
+    common = common if table else {**common, "acceleration": ACCELERATION}
     if spec["method"] == "direct3d":
-        turn: dict[str, Any] = {"turn": TABLE_TURN, "turn_plane": "yz"} if table else {}
+        turn: Values = {"turn": TABLE_TURN, "turn_plane": "yz"} if table else {}
         return _track_directly(w, given, Direct3dConfig(**common, **turn, **settings), rng), []
     models = [_table_motions(w, k, wrong and WRONG_FROM <= k < WRONG_FROM + WRONG_FOR) for k in range(len(given))]
     return _track_by_planes(w, given, PpsConfig(**common, **settings), models if table else None, rng)

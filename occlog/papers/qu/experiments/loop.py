@@ -7,8 +7,7 @@ and with wrong epipolar lines.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -28,7 +27,7 @@ WITHIN = 60
 BMCT, IDMOT = "BMCT", "IDMOT"
 
 
-def _methods(quick: bool, frames: int, balls: int = 6) -> dict[str, dict[str, Any]]:
+def _methods(quick: bool, frames: int, balls: int = 6) -> dict[str, dict[str, object]]:
     pairs, at = range(1 if quick else INJECTED), max(1, round(AT * frames))
     shifts = SHIFTS[::3] if quick else SHIFTS
     others = {} if quick else OTHERS
@@ -67,7 +66,7 @@ def _alarmed(row: Row, results: Sequence[Mapping[str, float]], label: str) -> Ro
     return Row(row.series, row.x, row.values, extra, plotted=row.plotted)
 
 
-def _injected(methods: Mapping[str, Any], results: Sequence[Mapping[str, float]]) -> list[Row]:
+def _injected(methods: Iterable[str], results: Sequence[Mapping[str, float]]) -> list[Row]:
     labels = [label for label in methods if label.startswith("wrong ")]
     columns = {"noticed": "frames until a wrong tracker is noticed", "returned": "frames until it is back for good"}
     rows = [

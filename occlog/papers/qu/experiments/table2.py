@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,9 @@ from occlog.array_types import Floats
 from occlog.papers.qu.common import seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Spec, Table, Verdict, deviation
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
 from occlog.papers.verdicts.verdicts import find
+from occlog.pipeline.sweep.trial import Spec
 
 BMCT, MCMC, SIR = "BMCT", "MCMC", "joint SIR"
 TOTAL, TIME = "total particles", "CPU ms a frame"
@@ -153,7 +154,7 @@ class Filter(NamedTuple):
 
     name: str
     method: str
-    settings: Mapping[str, Any]
+    settings: Mapping[str, object]
     joint: bool  # one state of all targets in a view; false: every target has particles of its own
     tried: Callable[[int], Sequence[int]]  # values of the setting `particles`, about those needed, by number of targets
 
