@@ -16,6 +16,8 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.json_file import read_json
 from occlog.io.files.parquet import describe, iter_table
 from occlog.io.files.yaml_file import parse_yaml
+from occlog.io.frames.codec import image_kind
+from occlog.io.open import Content, content_of
 from occlog.io.recording.guard import open_mcap
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.io.recording.rows import RECORDED, schema_of
@@ -41,11 +43,15 @@ STAGES = (
     "report",
 )
 """Names of outputs, those of earlier stages first: the first output that differs is nearest to the cause."""
+HTML = re.compile(rb"\s*<(!doctype )?html\b", re.IGNORECASE)
+"""Beginning of a page."""
 RUN_STATE = "run.json"
 """State of `occlog run`: hashes of everything, so it counts as provenance."""
 ROWS = 4096
 """Messages in a chunk."""
 YAML = (".yaml", ".yml")
+NAMED = {".mcap": Content.RECORDING, ".parquet": Content.TABLE}
+"""What a file is thought to be whose content has no signature: its reader says what is wrong with it."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +103,22 @@ def compare_paths(a: Path, b: Path, settings: DiffSettings) -> list[Comparison]:
         raise UsageError(f"{folder} is a folder and {file} is a file; give two of one kind")
     if a.is_dir() and b.is_dir():
         return _compare_folders(a, b, settings)
-    if a.suffix.lower() != b.suffix.lower():
-        raise UsageError(f"{a.name} and {b.name} are of different kinds; give two files with the same ending")
-    if a.suffix.lower() == ".parquet":
+    kind = kind_of(a)
+    if kind != kind_of(b):
+        raise UsageError(
+            f"{a.name} and {b.name} are of different kinds; give two tables, two recordings, "
+            "or two other files with the same ending"
+        )
+    if kind is Content.TABLE:
         _check_tables(a, b, settings)
     return compare_files(a, b, a.name, settings)
+
+
+def kind_of(path: Path) -> Content | str:
+    """Kind of a file by its content; of one without a signature (text, other formats) the ending of its name."""
+    content = content_of(path) if path.stat().st_size else Content.OTHER
+    suffix = path.suffix.lower()
+    return NAMED.get(suffix, suffix) if content is Content.OTHER else content
 
 
 def _check_tables(a: Path, b: Path, settings: DiffSettings) -> None:
@@ -153,18 +170,20 @@ def _files(folder: Path, settings: DiffSettings) -> set[str]:
 
 
 def compare_files(a: Path, b: Path, name: str, settings: DiffSettings) -> list[Comparison]:
-    """Compare two files of one kind; recordings have several parts."""
-    kind = a.suffix.lower()
-    if kind == ".parquet":
-        return _compare_parquet(a, b, name, settings)
-    if kind == ".mcap":
+    """Compare two files, those of different kinds byte by byte; recordings have several parts."""
+    kind = kind_of(a)
+    if kind != kind_of(b):
+        return [diff_bytes(name, _content(a, settings), _content(b, settings))]
+    if kind is Content.TABLE:
+        return _compare_tables(a, b, name, settings)
+    if kind is Content.RECORDING:
         return _compare_recordings(a, b, name, settings)
     if kind == ".json":
         return [diff_json(name, read_json(a), read_json(b), settings.tolerances, settings.provenance)]
     return [_compare_bytes(a, b, name, settings)]
 
 
-def _compare_parquet(a: Path, b: Path, name: str, settings: DiffSettings) -> list[Comparison]:
+def _compare_tables(a: Path, b: Path, name: str, settings: DiffSettings) -> list[Comparison]:
     said_a, said_b = describe(a), describe(b)
     schema = diff_schemas(name, said_a, said_b)
     if said_a["schema"] not in TABLES:
@@ -280,9 +299,9 @@ def _content(path: Path, settings: DiffSettings) -> bytes:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     if settings.provenance:
         return data
-    if path.suffix.lower() == ".html":
+    if HTML.match(data):
         return re.sub(rb"<footer>.*?</footer>", b"", data, flags=re.DOTALL)
-    return _without_texts(data) if path.suffix.lower() == ".png" else data
+    return _without_texts(data) if image_kind(data) == "png" else data
 
 
 def _without_texts(png: bytes) -> bytes:

@@ -83,7 +83,7 @@ def folder(tmp_path: Path) -> tuple[Path, Path]:
         write_json(place / "metrics.json", {"rmse_m": 0.5, "_provenance": made.as_dict()})
         write_json(place / "run.json", {"stages": {"track": name}})
         (place / "notes.txt").write_text("one\ntwo\n")
-        (place / "report.html").write_text(f"<p>same</p><footer>\n{name}</footer>")
+        (place / "report.html").write_text(f"<!DOCTYPE html>\n<p>same</p><footer>\n{name}</footer>")
         (place / ".hidden").write_text(name)
     return tmp_path / "a", tmp_path / "b"
 
@@ -269,6 +269,48 @@ def test_exit_code_4_for_damaged_files(folder: tuple[Path, Path], capsys: Any, n
         assert (code, out) == (ExitCode.BAD_INPUT, "")
         assert name in err
         assert len(err.splitlines()) == 1
+
+
+def test_tables_and_recordings_are_known_by_their_content(folder: tuple[Path, Path], capsys: Any) -> None:
+    a, b = folder
+    for name, parts in (("tracks.parquet", "50 rows"), ("recording.mcap", "frames")):
+        shutil.copy(b / name, b / "renamed.txt")
+        code, out, _ = diff(capsys, a / name, b / "renamed.txt")
+        assert (code, parts in out) == (ExitCode.DONE, True)
+
+
+def test_a_table_and_a_recording_are_of_different_kinds_whatever_their_names(
+    folder: tuple[Path, Path], capsys: Any
+) -> None:
+    a, b = folder
+    shutil.copy(b / "recording.mcap", b / "tracks.parquet")
+    code, _, err = diff(capsys, a / "tracks.parquet", b / "tracks.parquet")
+    assert (code, "different kinds" in err) == (ExitCode.USAGE, True)
+    code, out, _ = diff(capsys, a, b)
+    assert code == ExitCode.DIFFERENT
+    assert "different  tracks.parquet" in out
+
+
+def test_empty_files_are_compared_as_others(folder: tuple[Path, Path], capsys: Any) -> None:
+    a, b = folder
+    for place in folder:
+        (place / "notes.txt").write_bytes(b"")
+    assert diff(capsys, a / "notes.txt", b / "notes.txt")[0] == ExitCode.DONE
+    (b / "notes.txt").write_bytes(b"x")
+    assert diff(capsys, a / "notes.txt", b / "notes.txt")[0] == ExitCode.DIFFERENT
+    (b / "tracks.parquet").write_bytes(b"")
+    code, _, err = diff(capsys, a / "tracks.parquet", b / "tracks.parquet")
+    assert (code, "tracks.parquet" in err) == (ExitCode.BAD_INPUT, True)
+
+
+def test_pages_and_pictures_are_known_by_their_content(folder: tuple[Path, Path], capsys: Any) -> None:
+    """What a report says of its making is left out of a page and of a picture, whatever their names."""
+    a, b = folder
+    for place, made in ((a, "one"), (b, "two")):
+        (place / "page").write_text(f"<!doctype html><p>same</p><footer>{made}</footer>")
+        (place / "text").write_text(f"no page <footer>{made}</footer>")
+    assert diff(capsys, a / "page", b / "page")[0] == ExitCode.DONE
+    assert diff(capsys, a / "text", b / "text")[0] == ExitCode.DIFFERENT
 
 
 def test_copies_of_a_folder_are_the_same_with_provenance_too(folder: tuple[Path, Path], capsys: Any) -> None:
