@@ -75,13 +75,13 @@ def read_tables(paths: Paths) -> Tables:
     if paths.views is not None and truth is not None and boxes is None:
         truth.require(TruthBoxes)
     return Tables(
-        scene,
-        None if tracks is None else tracks.read(Tracks),
-        _rows_of(truth, Truth),
-        boxes,
-        read_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
-        None if paths.views is None else open_input(paths.views).read(Views),
-        None if paths.cooperation is None else open_input(paths.cooperation).read(Cooperation),
+        scene=scene,
+        tracks=None if tracks is None else tracks.read(Tracks),
+        truth=_rows_of(truth, Truth),
+        truth_boxes=boxes,
+        bearings=read_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
+        views=None if paths.views is None else open_input(paths.views).read(Views),
+        cooperation=None if paths.cooperation is None else open_input(paths.cooperation).read(Cooperation),
     )
 
 

@@ -50,13 +50,20 @@ def _meet(rows: Bearings, grounds: Mapping[str, Floats], config: EvaluateConfig)
     starts = np.concatenate([[0], np.cumsum(size)])
     origins = np.array([grounds[name] for name in rows.sensor.tolist()]).reshape(-1, 2)
     found = triangulate.sight_lines_meet(
-        origins, rows.bearing, rows.sigma, starts, config.lines_loss, config.lines_min_crossing
+        origins, rows.bearing, rows.sigma, starts=starts, loss=config.lines_loss, min_crossing=config.lines_min_crossing
     )
     scan = np.repeat(np.arange(len(size)), size)
     since = np.bincount(scan, weights=(rows.t_ns - rows.t_ns[starts[scan]]).astype(np.float64), minlength=len(size))
     t_ns = rows.t_ns[starts[:-1]] + np.rint(since / np.maximum(size, 1)).astype(np.int64)
     checked = (size > 2) & (found.status == triangulate.MET)
-    return Meetings(t_ns, found.xy, found.covariance, found.status, size, found.residual[checked[scan]])
+    return Meetings(
+        t_ns=t_ns,
+        xy=found.xy,
+        covariance=found.covariance,
+        status=found.status,
+        n_lines=size,
+        residual=found.residual[checked[scan]],
+    )
 
 
 def scan_starts(rows: Bearings, window_ns: int) -> Ints:

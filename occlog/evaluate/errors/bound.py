@@ -101,9 +101,13 @@ def space_information(sensor: Sensor, seen: Looks) -> Floats:
     sigma_theta = np.where(pixels, np.inf, seen.sigma)
     sigma_phi = np.where(tells, seen.sigma_elevation, np.inf)
     xyz = np.column_stack([seen.xy, seen.z])
-    total = bounds3d.direction_information(xyz, sensor.position, np.eye(3), sigma_theta, sigma_phi)
+    total = bounds3d.direction_information(
+        xyz, position=sensor.position, rotation=np.eye(3), sigma_theta=sigma_theta, sigma_phi=sigma_phi
+    )
     if not sensor.upright:
-        own = bounds3d.direction_information(xyz, sensor.position, sensor.rotation, sigma_theta, sigma_phi)
+        own = bounds3d.direction_information(
+            xyz, position=sensor.position, rotation=sensor.rotation, sigma_theta=sigma_theta, sigma_phi=sigma_phi
+        )
         total = np.where(tells[:, None, None], own, total)
     if pixels.any():
         total[:, :2, :2] += np.where(pixels[:, None, None], _of_pixels(sensor, seen, pixels), 0.0)
@@ -115,7 +119,13 @@ def _of_pixels(sensor: Sensor, seen: Looks, pixels: Bools) -> Floats:
     assert camera is not None
     noise = np.where(pixels, seen.sigma_px, 1.0)
     return crlb.camera_information(
-        seen.xy, sensor.ground, camera.yaw, float(camera.focal_px[0]), camera.sigma_position, camera.sigma_yaw, noise
+        seen.xy,
+        position=sensor.ground,
+        yaw=camera.yaw,
+        focal_px=float(camera.focal_px[0]),
+        sigma_position=camera.sigma_position,
+        sigma_yaw=camera.sigma_yaw,
+        sigma_read_px=noise,
     )
 
 
@@ -128,7 +138,9 @@ def _without_pixels(sensor: Sensor, seen: Looks) -> Floats:
     z = np.where(np.isnan(seen.z), sensor.height + flat * np.tan(seen.elevation), seen.z)
     xyz = np.column_stack([seen.xy, np.where(tells, z, sensor.height)])
     sigma_phi = np.where(tells, seen.sigma_elevation, np.inf)
-    whole = bounds3d.direction_information(xyz, sensor.position, sensor.rotation, seen.sigma, sigma_phi)
+    whole = bounds3d.direction_information(
+        xyz, position=sensor.position, rotation=sensor.rotation, sigma_theta=seen.sigma, sigma_phi=sigma_phi
+    )
     return np.asarray(np.where(tells[:, None, None], bounds3d.ground_information(whole), by_azimuth))
 
 

@@ -117,7 +117,9 @@ class Sensor:
             with np.errstate(invalid="ignore"):
                 near = np.hypot(np.hypot(*(xy - self.ground).T), rise) <= self.reach
             nan = np.full(len(xy), np.nan)
-            return Expected(bearing, nan, nan, near, near, theta, phi)  # sound goes past walls
+            return Expected(
+                bearing=bearing, u_px=nan, variance_px=nan, in_view=near, clear=near, theta=theta, phi=phi
+            )  # sound goes past walls
         camera, f = self.camera, float(self.camera.focal_px[0])
         h, d = planar_offsets(xy, self.ground, camera.yaw)
         view = in_view(h, d, camera.fov, self.reach)
@@ -126,7 +128,15 @@ class Sensor:
         spread = (1.0 + rho**2) * camera.sigma_yaw**2 + (camera.sigma_position / np.where(front, d, 1.0)) ** 2
         clear = view.copy()
         clear[view] = ~behind_walls(self.ground, xy[view], self.walls)
-        return Expected(bearing, -f * rho, f**2 * (1.0 + rho**2) * spread, view, clear, theta, phi)
+        return Expected(
+            bearing=bearing,
+            u_px=-f * rho,
+            variance_px=f**2 * (1.0 + rho**2) * spread,
+            in_view=view,
+            clear=clear,
+            theta=theta,
+            phi=phi,
+        )
 
 
 def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> dict[str, Sensor]:
@@ -137,10 +147,26 @@ def sensors_of(scene: Scene, names: Iterable[str], source: str = "bearings") -> 
     for name in sorted(set(names)):
         if name in cameras:
             c = cameras[name]
-            out[name] = Sensor(name, c.ground, c, c.range, scene.blockers(c.ground), float(c.position[2]))
+            out[name] = Sensor(
+                name=name,
+                ground=c.ground,
+                camera=c,
+                reach=c.range,
+                walls=scene.blockers(c.ground),
+                height=float(c.position[2]),
+            )
         elif name in arrays:
             a = arrays[name]
-            out[name] = Sensor(name, a.position[:2], None, a.range, (), float(a.position[2]), a.rotation, a.upright)
+            out[name] = Sensor(
+                name=name,
+                ground=a.position[:2],
+                camera=None,
+                reach=a.range,
+                walls=(),
+                height=float(a.position[2]),
+                rotation=a.rotation,
+                upright=a.upright,
+            )
         else:
             known = ", ".join([*cameras, *arrays]) or "none"
             raise InputError(f"{source}: sensor {name!r} is not in the scene, or has no pose; the scene has: {known}")

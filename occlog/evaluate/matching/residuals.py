@@ -54,7 +54,13 @@ def residuals(rows: Bearings, expected: Expected, sensor: Sensor) -> Residuals:
     behind = pixels & np.isnan(expected.u_px)
     px = np.where(behind, np.inf, u_px - expected.u_px)
     normalised = np.where(pixels, px / np.sqrt(expected.variance_px + sigma_px**2), rad / sigma)
-    return Residuals(px, rad, np.where(behind, np.inf, normalised), up, up / sigma_up)
+    return Residuals(
+        px=px,
+        rad=rad,
+        normalised=np.where(behind, np.inf, normalised),
+        elevation=up,
+        elevation_normalised=up / sigma_up,
+    )
 
 
 def _in_own_frame(rows: Bearings, expected: Expected, sensor: Sensor, shape: tuple[int, ...]) -> tuple[Floats, Floats]:

@@ -264,7 +264,16 @@ def points_in_true_frames(tracks: Tracks, truth: Truth, config: ManyConfig, limi
     left = _points(targets, times, limit_ns)
     right = _points(paths_of(tracks), times, config.gap_ns(limit_ns))
     tau = np.full(len(left.frame), config.match_distance)
-    return Places(left, right, tau, ("",), (times,), (np.arange(len(times)),), np.full(len(tau), np.nan), unit)
+    return Places(
+        truth=left,
+        tracks=right,
+        tau=tau,
+        views=("",),
+        t_ns=(times,),
+        number=(np.arange(len(times)),),
+        visible=np.full(len(tau), np.nan),
+        unit=unit,
+    )
 
 
 def _points(paths: Mapping[int, Path], times: Ints, limit_ns: int) -> Objects:

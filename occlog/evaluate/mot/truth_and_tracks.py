@@ -115,14 +115,14 @@ def boxes_in_true_frames(
         "views_without_tracks": len(left_out),
     }
     return TruthAndTracks(
-        views,
-        Objects(true_cell, there.target_id.astype(np.int64), places(there), true_view),
-        Objects(cell, found.target_id.astype(np.int64), places(found), view),
-        there.visible,
-        times,
-        numbers,
-        {name: float(n) for name, n in counts.items()},
-        left_out,
+        views=views,
+        truth=Objects(true_cell, there.target_id.astype(np.int64), places(there), true_view),
+        tracks=Objects(cell, found.target_id.astype(np.int64), places(found), view),
+        visible=there.visible,
+        t_ns=times,
+        number=numbers,
+        counts={name: float(n) for name, n in counts.items()},
+        left_out=left_out,
     )
 
 

@@ -269,7 +269,15 @@ def recorded_trial(spec: Spec) -> dict[str, float]:
     seed = int(spec["seed"])
     select = None if spec.get("select") is None else read_selection(spec["select"])
     size = Size(1, int(spec["steps"]), particles=int(spec["particles"]))
-    return trial(target_of(source), _crowd(source, seed), spec["kind"], spec["cameras"], size, seed, select)
+    return trial(
+        target_of(source),
+        _crowd(source, seed),
+        kind=spec["kind"],
+        cameras=spec["cameras"],
+        size=size,
+        seed=seed,
+        select=select,
+    )
 
 
 @functools.lru_cache(maxsize=1)

@@ -128,10 +128,21 @@ def _likelihood(scene: Scene, form: LikelihoodForm) -> Callable[[LikelihoodInput
     def compute(step: LikelihoodInput) -> Floats:
         free = np.ones(len(step.xy), dtype=np.bool_)
         if not informed:
-            return np.asarray(log_likelihood(step.xy, step.looks, sensors, noise, detection, free))
+            return np.asarray(
+                log_likelihood(step.xy, step.looks, sensors=sensors, noise=noise, model=detection, free=free)
+            )
         priors = step.priors[form.series]
         occlusion = occlusion_of(form.config)._replace(far=FINE)
-        return log_likelihood_among(step.xy, step.looks, sensors, noise, detection, free, priors, occlusion)
+        return log_likelihood_among(
+            step.xy,
+            step.looks,
+            sensors=sensors,
+            noise=noise,
+            model=detection,
+            free=free,
+            priors=priors,
+            occlusion=occlusion,
+        )
 
     return compute
 

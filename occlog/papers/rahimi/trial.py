@@ -112,7 +112,14 @@ def solve_problem(spec: Spec) -> Solved:
     found = list(track_batch([problem.bearings], scene, method, Tracking(config, seed=0, method="map")))
     tracks, diagnostics = (Tracks.concat(p.tracks for p in found), Diagnostics.concat(p.diagnostics for p in found))
     solve = found[0].solves[0]
-    return Solved(problem, tracks, diagnostics, tuple(iterates), solve.iterations, solve.converged)
+    return Solved(
+        problem=problem,
+        tracks=tracks,
+        diagnostics=diagnostics,
+        iterates=tuple(iterates),
+        iterations=solve.iterations,
+        converged=solve.converged,
+    )
 
 
 def sightings(bearings: Bearings, t_ns: Ints) -> Sightings:

@@ -150,14 +150,14 @@ def summarise(values: Sequence[float], confidence: float = 0.95) -> Summary:
     good = np.array([v for v in values if not math.isnan(v)], dtype=np.float64)
     n = len(good)
     if n == 0:
-        return Summary(0, math.nan, math.nan, math.nan, math.nan, math.nan)
+        return Summary(n=0, mean=math.nan, sd=math.nan, se=math.nan, low=math.nan, high=math.nan)
     mean = float(good.mean())
     if n == 1:
-        return Summary(1, mean, math.nan, math.nan, math.nan, math.nan)
+        return Summary(n=1, mean=mean, sd=math.nan, se=math.nan, low=math.nan, high=math.nan)
     sd = float(good.std(ddof=1))
     se = sd / math.sqrt(n)
     reach = float(stdtrit(n - 1, 0.5 + 0.5 * confidence)) * se
-    return Summary(n, mean, sd, se, mean - reach, mean + reach)
+    return Summary(n=n, mean=mean, sd=sd, se=se, low=mean - reach, high=mean + reach)
 
 
 def trial_rows(settings: Sequence[Setting], results: Sequence[Mapping[str, float]]) -> list[Row]:

@@ -107,7 +107,9 @@ def residuals(tracks: Tracks, bearings: Bearings, scene: Scene, target: int) -> 
     if label == UNLABELLED:
         keep = _nearest(bearings.t_ns[rows], index[rows], value, keep)
     rows = rows[keep]
-    return Residuals(bearings.t_ns[rows], index[rows], names, value[keep], bearings.sigma[rows])
+    return Residuals(
+        t_ns=bearings.t_ns[rows], sensor=index[rows], names=names, residual=value[keep], sigma=bearings.sigma[rows]
+    )
 
 
 def _nearest(t_ns: Ints, sensor: Ints, value: Floats, rows: Ints) -> Ints:
@@ -139,7 +141,7 @@ def meeting_points(bearings: Bearings, scene: Scene, target: int) -> tuple[Ints,
     origins = np.array([known[n] for n in names]).reshape(-1, 2)[index[rows]]
     _, first = np.unique(scan, return_index=True)
     starts = np.append(first, len(rows))
-    meeting = sight_lines_meet(origins, bearings.bearing[rows], bearings.sigma[rows], starts, "huber")
+    meeting = sight_lines_meet(origins, bearings.bearing[rows], bearings.sigma[rows], starts=starts, loss="huber")
     met = meeting.status == MET
     return bearings.t_ns[rows[first]][met], meeting.xy[met]
 

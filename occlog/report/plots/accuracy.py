@@ -23,9 +23,9 @@ def draw_accuracy(figure: FigureBase, data: ReportInput, all_errors: Errors, tar
     bound = None if data.bound is None else data.bound.take(data.bound.target_id == target)
     tracks = None if data.tracks is None else data.tracks.take(data.tracks.target_id == target)
     colour = target_colour(data.targets.index(target))
-    draw_distance(total, data.time, errors, bound, colour, data.unit)
+    draw_distance(total, data.time, errors=errors, bound=bound, colour=colour, unit=data.unit)
     for axes, name in zip(rest, names, strict=True):
-        _axis_error(axes, data, errors, bound, tracks, name, colour)
+        _axis_error(axes, data, errors=errors, bound=bound, tracks=tracks, name=name, colour=colour)
     rest[-1].set_xlabel(data.time.label)
     rest[-1].set_xlim(0.0, max(data.time.length, 1e-9))
     handles, labels = total.get_legend_handles_labels()
@@ -61,7 +61,7 @@ def draw_distance(axes: Axes, time: TimeAxis, errors: Errors, bound: Bound | Non
     axes.set_ylabel(f"error [{label(unit)}]")
     top = sensible_top(*shown)
     axes.set_ylim(0.0, top)
-    mark_clipped(axes, time, errors.t_ns, errors.error, top, unit)
+    mark_clipped(axes, time, t_ns=errors.t_ns, values=errors.error, top=top, unit=unit)
 
 
 def line(axes: Axes, time: TimeAxis, t_ns: Ints, values: Floats, **style: object) -> None:
@@ -97,7 +97,7 @@ def _axis_error(
     shown = [np.abs(values)]
     if tracks is not None and len(tracks):
         spread = 2.0 * np.sqrt(np.maximum(getattr(tracks, f"cov_{name}{name}"), 0.0))
-        _band(axes, data.time, tracks.t_ns, spread, colour)
+        _band(axes, time=data.time, t_ns=tracks.t_ns, spread=spread, colour=colour)
         shown.append(spread)
     if bound is not None and len(bound):
         spread = 2.0 * np.sqrt(np.maximum(getattr(bound, f"bound_{name}{name}"), 0.0))

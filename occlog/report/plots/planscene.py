@@ -121,7 +121,9 @@ def _view(axes: Axes, scene: Scene, camera: Camera, limits: Floats) -> None:
         walls.append(edges_of(scene.room))
     far = float(np.hypot(*(limits[1] - limits[0])))
     blocks = np.concatenate(walls) if walls else np.empty((0, 2, 2))
-    area = visible_area(camera.ground, camera.yaw, camera.fov, min(camera.range, far), blocks)
+    area = visible_area(
+        origin=camera.ground, yaw=camera.yaw, fov=camera.fov, reach=min(camera.range, far), walls=blocks
+    )
     wedge = Polygon(
         area,
         facecolor=COLOURS["view"],

@@ -26,7 +26,9 @@ def draw_sight(figure: FigureBase, data: ReportInput, target: int) -> None:
     handles: list[Line2D] = []
     if len(distance):
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
-        handles += _distance(above, data, t_ns, distance, target_colour(data.targets.index(target)))
+        handles += _distance(
+            above, data, t_ns=t_ns, distance=distance, colour=target_colour(data.targets.index(target))
+        )
     else:
         below = figure.add_subplot()
     handles += _residuals(below, data, data.residuals[target])
@@ -41,7 +43,7 @@ def _distance(axes: Axes, data: ReportInput, t_ns: Ints, distance: Floats, colou
     line(axes, data.time, t_ns, running_rms(distance), color=colour, linewidth=2.0, label="RMS so far")
     top = sensible_top(distance)
     axes.set_ylim(0.0, top)
-    mark_clipped(axes, data.time, t_ns, distance, top, data.unit)
+    mark_clipped(axes, data.time, t_ns=t_ns, values=distance, top=top, unit=data.unit)
     axes.set_ylabel(f"distance [{label(data.unit)}]")
     return [handle for handle in axes.get_legend_handles_labels()[0] if isinstance(handle, Line2D)]
 

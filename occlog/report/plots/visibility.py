@@ -64,7 +64,13 @@ def sightings(bearings: Bearings, sensor: str, target: int) -> Sightings:
     edges = np.linspace(times[0], times[-1] + max(period, 1), CELLS + 1).astype(np.int64)
     cell = np.searchsorted(edges, times, side="right") - 1
     looked = np.bincount(cell, minlength=CELLS)[:CELLS]
-    return Sightings(sensor, edges, looked, np.bincount(cell, seen, CELLS)[:CELLS].astype(np.int64), free)
+    return Sightings(
+        sensor=sensor,
+        edges=edges,
+        looked=looked,
+        seen=np.bincount(cell, seen, CELLS)[:CELLS].astype(np.int64),
+        any_object=free,
+    )
 
 
 def _frame_cells(times: Ints, seen: Bools, period: int) -> tuple[Ints, Ints, Ints]:

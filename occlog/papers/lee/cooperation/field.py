@@ -146,8 +146,13 @@ def saved_frames(row: Row, period: list[Row]) -> tuple[float, float, float, floa
     errors = np.array([r.values for r in period])
     frames = np.array([_frames(r) for r in period])
     draws = np.random.default_rng(2009).integers(n, size=(RESAMPLES, n))
-    value = _saved(np.array(row.values), _frames(row), errors, frames, np.arange(n))
-    found = [_saved(np.array(row.values), _frames(row), errors, frames, d) for d in draws]
+    value = _saved(
+        errors=np.array(row.values), frames=_frames(row), of_periods=errors, frames_of=frames, runs=np.arange(n)
+    )
+    found = [
+        _saved(errors=np.array(row.values), frames=_frames(row), of_periods=errors, frames_of=frames, runs=d)
+        for d in draws
+    ]
     good = [x for x in found if not math.isnan(x)]
     if math.isnan(value) or len(good) < 0.9 * RESAMPLES:
         return None

@@ -136,9 +136,9 @@ def _figure(item: str, title: str, first: int, last: int, judge: Callable[[Table
 
 
 ROOM_EXPERIMENTS = (
-    _figure("fig3.18", "Requests from 0 to 5 s", 0, 500, judge_shares("fig3.18", 0.0, 5.0)),
-    _figure("fig3.19", "Requests from 5 to 11 s", 500, 1100, judge_silence),
-    _figure("fig3.20", "Requests from 11 to 19 s", 1100, 1900, judge_shares("fig3.20", 11.0, 19.0)),
+    _figure("fig3.18", "Requests from 0 to 5 s", first=0, last=500, judge=judge_shares("fig3.18", 0.0, 5.0)),
+    _figure("fig3.19", "Requests from 5 to 11 s", first=500, last=1100, judge=judge_silence),
+    _figure("fig3.20", "Requests from 11 to 19 s", first=1100, last=1900, judge=judge_shares("fig3.20", 11.0, 19.0)),
     Experiment(
         item="fig3.21",
         title="Errors of the final positions",

@@ -48,8 +48,12 @@ def declaration_trial(spec: Spec) -> dict[str, float]:
     detected = np.isfinite(weight)
     prior = prior_present(fused_position(positions, origin, 1.0), origin, 1.0)
     return {
-        "printed": float(np.mean(decision_value(detected, weight, prior, CHANCE, CHANCE) > 0.0)),
-        "half": float(np.mean(decision_value(detected, weight, 0.5, CHANCE, CHANCE) > 0.0)),
+        "printed": float(
+            np.mean(decision_value(detected, qualities=weight, prior=prior, p_miss=CHANCE, p_false=CHANCE) > 0.0)
+        ),
+        "half": float(
+            np.mean(decision_value(detected, qualities=weight, prior=0.5, p_miss=CHANCE, p_false=CHANCE) > 0.0)
+        ),
         "cases": float(np.mean(decision_value_of_case_studies(detected, weight, prior) > 0.0)),
     }
 
@@ -66,7 +70,7 @@ def decision_value_of_case_studies(detected: Bools, qualities: Floats, prior: Fl
         prior: P_1, one number or (N,).
     """
     weight = np.log(np.clip(np.where(detected, qualities, 1.0), EDGE, 1.0))
-    return weighted_value(detected, weight, prior, CHANCE, CHANCE) / math.log(10.0)
+    return weighted_value(detected, weight=weight, prior=prior, p_miss=CHANCE, p_false=CHANCE) / math.log(10.0)
 
 
 RULES = {"printed": "(4.13)", "half": "(4.13), P_1 = 1/2", "cases": "the sum of the case studies"}
@@ -197,10 +201,24 @@ def case(name: str, size: Size, execute: Execute) -> Table:  # noqa: ARG001
         Row("y", 0.0, (float(xy[0, 1]),)),
         Row("prior", 0.0, (float(prior[0]),)),
     ]
-    rows.append(Row(ITEMS[4], 0.0, (float(decision_value(detected, printed, c.prior, CHANCE, CHANCE, base=10.0)[0]),)))
+    rows.append(
+        Row(
+            ITEMS[4],
+            0.0,
+            (
+                float(
+                    decision_value(
+                        detected, qualities=printed, prior=c.prior, p_miss=CHANCE, p_false=CHANCE, base=10.0
+                    )[0]
+                ),
+            ),
+        )
+    )
     rows.append(Row(ITEMS[5], 0.0, (float(decision_value_of_case_studies(detected, printed, c.prior)[0]),)))
     # Eq. 4.3 is Eq. 4.13 with every W at 1/2.
-    plain = decision_value(detected, np.full(detected.shape, 0.5), 0.5, CHANCE, CHANCE, base=10.0)
+    plain = decision_value(
+        detected, qualities=np.full(detected.shape, 0.5), prior=0.5, p_miss=CHANCE, p_false=CHANCE, base=10.0
+    )
     rows.append(Row(ITEMS[6], 0.0, (float(plain[0]),)))
     return rows
 

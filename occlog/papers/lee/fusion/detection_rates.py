@@ -59,7 +59,9 @@ def fusion_trial(spec: Spec) -> dict[str, float]:
     options: dict[str, object] = {"p_miss": float(spec["miss"]), "p_false": float(spec["false"])}
     options |= dict(spec.get("fuse", {}))
     parts = fuse(
-        [Detections(Views.empty(), raw, (), 0, 0)], scene, configure(FuseConfig.in_unit(scene.length_unit), options)
+        [Detections(views=Views.empty(), bearings=raw, losses=(), frames=0, warmup=0)],
+        scene,
+        configure(FuseConfig.in_unit(scene.length_unit), options),
     )
     fused = Bearings.concat([p.bearings for p in parts])
     figures = _rates(_counts(raw, truth, scene), "before") | _rates(_counts(fused, truth, scene), "after")
@@ -155,8 +157,8 @@ def judge_rates(table: Table) -> list[Verdict]:
     missed = "Missed detections are recovered: detection rate higher by this"
     false = "False detections do not spread: fewer false reports a frame, by this"
     return [
-        *_judged(table, "detection", missed, f"{DETECTED}, before", f"{DETECTED}, after"),
-        *_judged(table, "false", false, f"{REPORTED}, after", f"{REPORTED}, before"),
+        *_judged(table, "detection", said=missed, low=f"{DETECTED}, before", high=f"{DETECTED}, after"),
+        *_judged(table, "false", said=false, low=f"{REPORTED}, after", high=f"{REPORTED}, before"),
     ]
 
 
@@ -164,7 +166,10 @@ def judge_errors(table: Table) -> list[Verdict]:
     """Judge this project's statements about tracking with fused bearings."""
     gains = "A filter gains by the fusion, recovered rows as not seen (of this project): RMSE lower by this"
     twice = "Recovered rows as measured count the same twice (of this project): RMSE higher by this"
-    return [*_judged(table, "fused", gains, IGNORE, RAW), *_judged(table, "twice", twice, IGNORE, USE)]
+    return [
+        *_judged(table, "fused", said=gains, low=IGNORE, high=RAW),
+        *_judged(table, "twice", said=twice, low=IGNORE, high=USE),
+    ]
 
 
 def _judged(table: Table, key: str, said: str, low: str, high: str) -> list[Verdict]:

@@ -61,7 +61,9 @@ def variances(size: Size, execute: Execute) -> Table:  # noqa: ARG001
 
 
 def _blind(theta: float, phi: float, plane: int) -> bool:
-    return bool(blind_planes(np.asarray(theta), np.asarray(phi), SIGMA, SIGMA, EYE)[plane])
+    return bool(
+        blind_planes(np.asarray(theta), np.asarray(phi), sigma_theta=SIGMA, sigma_phi=SIGMA, rotation=EYE)[plane]
+    )
 
 
 def _sampled(theta: float, phi: float, plane: int, draws: int, rng: np.random.Generator) -> float:
@@ -119,7 +121,7 @@ def _wrong_shares(rng: np.random.Generator) -> dict[str, float]:
 
 def _variances(theta: Floats, phi: Floats) -> Floats:
     """Return (N, 3) variances of the projected angles over that of the measurements."""
-    return np.diagonal(projected_covariance(theta, phi, 1.0, 1.0, EYE), axis1=1, axis2=2)
+    return np.diagonal(projected_covariance(theta, phi, sigma_theta=1.0, sigma_phi=1.0, rotation=EYE), axis1=1, axis2=2)
 
 
 def xy_is_worst(seed: int) -> float:

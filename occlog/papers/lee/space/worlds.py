@@ -225,11 +225,11 @@ def bounds(scenario: int, steps: int) -> tuple[Floats, Floats]:
     """
     w = world(scenario, steps)
     xyz, sigmas = w.states[:, :3], (SIGMA, SIGMA)
-    direct = direct_bound(xyz, w.dt, w.sensors, sigmas, w.P0)[:, range(3), range(3)]
+    direct = direct_bound(xyz, dt=w.dt, sensors=w.sensors, sigmas=sigmas, P0=w.P0)[:, range(3), range(3)]
     own, variance = np.full((3, steps, 3), np.inf), np.empty((steps, 3))
     for p, axes in enumerate(AXES):
         rows = plane_axes(p)
-        each = plane_bound(xyz, w.dt, w.sensors, sigmas, w.P0[np.ix_(rows, rows)], p)
+        each = plane_bound(xyz, dt=w.dt, sensors=w.sensors, sigmas=sigmas, P0=w.P0[np.ix_(rows, rows)], plane=p)
         own[p][:, list(axes)] = each[:, range(2), range(2)]
         of_arrays = [plane_variance(xyz, at, np.eye(3), *sigmas, p) for at in w.places]
         variance[:, p] = np.min(of_arrays, axis=0)
