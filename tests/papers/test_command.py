@@ -75,6 +75,7 @@ def test_size_of_one_experiment(capsys: pytest.CaptureFixture[str]) -> None:
         (["ercan", "fig6", "--workers", "0"], ExitCode.USAGE, "workers"),
         (["ercan", "fig6", "--size", "fig6=5"], ExitCode.USAGE, "'fig6=5'"),
         (["ercan", "fig6", "--size", "fig6=1x50"], ExitCode.USAGE, "from 2x10 up"),
+        (["ercan", "fig6", "--size", "fig6=2x9"], ExitCode.USAGE, "from 2x10 up"),
         (["ercan", "fig6", "--size", "fig7=2x50"], ExitCode.USAGE, "fig7 is not among"),
     ],
 )

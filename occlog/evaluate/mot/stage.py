@@ -231,8 +231,9 @@ def evaluate_ground(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: 
     """Figures of points (x, y); heights are not looked at.
 
     A frame is a time at which the truth has a sample of any target.  Truth and tracks are
-    interpolated to it, over gaps of at most `limit_ns` and `config.track_gap_s`; nothing is
-    extrapolated, so that a track that begins late misses its target until then.
+    interpolated to it, the truth over gaps of at most `limit_ns`, tracks over gaps of at most
+    `config.track_gap_s`; nothing is extrapolated, so that a track that begins late misses its
+    target until then.
 
     Args:
         tracks: estimates of any number of targets.

@@ -169,3 +169,16 @@ def test_faults_are_one_line(
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_true_set_is_compared_up_to_the_largest_gap() -> None:
+    truth, found = table([(1, "a", 0)]), table([(0, "a", 0)])
+    assert doa_metrics(found, truth, 0.1, NS)["doa_found"] == 1
+    assert doa_metrics(found, truth, 0.1, NS - 1)["doa_found"] == 0
+
+
+def test_a_pair_as_far_apart_as_the_gate_is_a_hit() -> None:
+    truth, found = table([(0, "a", 0)]), table([(0, "a", 5)])
+    gate = float(found.azimuth[0])
+    assert doa_metrics(found, truth, gate, 0)["doa_hits"] == 1
+    assert doa_metrics(found, truth, np.nextafter(gate, 0.0), 0)["doa_hits"] == 0

@@ -110,3 +110,15 @@ def test_covariance_of_the_meeting_point() -> None:
     m = evaluate(tracks(T5, [10, 10]), None, rows_to([10] * 5, [10] * 5), PLACE).metrics
     # 1 px at f = 100 px and 10 m: 0.1 m along each axis
     assert m["sight_lines_sigma_median_m"] == pytest.approx(math.sqrt(0.01 + 0.01))
+
+
+def test_a_scan_lasts_exactly_as_long_as_the_window() -> None:
+    rows = both(pixels(EAST, [0.0], [0]), pixels(NORTH, [0.05], [0]))
+    assert scan_starts(rows, 50_000_000).tolist() == [0, 2]
+    assert scan_starts(rows, 49_999_999).tolist() == [0, 1, 2]
+
+
+def test_scans_with_as_many_lines_as_asked_for_are_used() -> None:
+    rows = rows_to([10] * 5, [10] * 5)
+    assert len(meeting_points(rows, PLACE, EvaluateConfig(lines_min_sensors=2))[0].t_ns) == 5
+    assert len(meeting_points(rows, PLACE, EvaluateConfig(lines_min_sensors=3))[0].t_ns) == 0

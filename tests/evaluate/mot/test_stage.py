@@ -347,3 +347,18 @@ def test_a_metre_in_other_units() -> None:
     assert ManyConfig.in_unit("m").match_distance == 1.0
     assert ManyConfig.in_unit("ft").match_distance == pytest.approx(3.2808, abs=1e-4)
     assert ManyConfig.in_unit("px").match_distance is None
+
+
+def test_tracks_are_interpolated_over_gaps_up_to_their_limit() -> None:
+    """Estimates at 0 and 2 s, a true place at 1 s."""
+    sides = positions(Tracks, [(0.0, 0, 0.0, 0.0), (2.0, 0, 2.0, 0.0)]), positions(Truth, [(1.0, 0, 1.0, 0.0)])
+    for gap_s, tp in ((2.0, 1), (1.999, 0)):
+        assert evaluate_ground(*sides, ManyConfig(match_distance=1.0, track_gap_s=gap_s), NS).metrics["tp"] == tp
+
+
+def test_the_truth_is_interpolated_over_gaps_up_to_its_limit() -> None:
+    """Target 0 is known at 0 and 2 s, target 1 at 1 s, which makes that a frame."""
+    true = positions(Truth, [(0.0, 0, 0.0, 0.0), (1.0, 1, 9.0, 9.0), (2.0, 0, 2.0, 0.0)])
+    for limit_ns, objects in ((2 * NS, 4), (2 * NS - 1, 3)):
+        found = evaluate_ground(positions(Tracks, [(1.0, 0, 1.0, 0.0)]), true, ManyConfig(match_distance=1.0), limit_ns)
+        assert found.metrics["objects"] == objects

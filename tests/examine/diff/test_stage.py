@@ -353,3 +353,16 @@ def test_rows_add_up_against_sets(left: list[tuple[int, int]], right: list[tuple
     if alone := sorted(set(left) ^ set(right)):
         assert found.first is not None
         assert tuple(found.first.key.values()) <= alone[0]
+
+
+def test_rows_exactly_as_far_apart_in_time_as_allowed_are_the_same() -> None:
+    a, b = bearings([0.1], t_ns=[1000], target=0), bearings([0.1], t_ns=[1010], target=0)
+    assert diff(a, b, Tolerances(time_ns=10)).same
+    assert not diff(a, b, Tolerances(time_ns=9)).same
+
+
+def test_numbers_exactly_as_far_apart_as_the_limit_are_the_same() -> None:
+    a, b = bearings([0.0], target=0), bearings([0.25], target=0)
+    assert diff(a, b, Tolerances(Limit(atol=0.25))).same
+    assert not diff(a, b, Tolerances(Limit(atol=np.nextafter(0.25, 0.0)))).same
+    assert diff(bearings([0.5], target=0), bearings([1.0], target=0), Tolerances(Limit(rtol=0.5))).same

@@ -173,7 +173,8 @@ def test_a_trial_of_several_methods_is_that_of_each() -> None:
         ({"balls": {"views": 9}}, "views is 9, must be at least 1 and at most 6"),
         ({"method": "magic"}, "no method 'magic'"),
         ({"colour": 3}, "unknown key 'colour'"),
-        ({"use": 5}, "use is 5, must be 1 to 2"),
+        ({"use": 3}, "use is 3, must be 1 to 2"),
+        ({"use": 0}, "use is 0, must be 1 to 2"),
     ],
 )
 def test_what_cannot_be_is_refused(change: dict[str, object], said: str) -> None:

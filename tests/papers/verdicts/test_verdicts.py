@@ -134,3 +134,45 @@ def test_closing_gap_of_fig9(last: float, wanted: str) -> None:
     found = by_id(judge9(table))
     assert found["fig9-many"].verdict == wanted
     assert found["fig9-few"].verdict == found["fig9-more"].verdict == v.REPRODUCED
+
+
+@pytest.mark.parametrize(
+    ("measured", "error", "wanted"),
+    [
+        (11.0, math.nan, v.REPRODUCED),
+        (11.001, math.nan, v.IN_PART),
+        (12.0, 1.0, v.REPRODUCED),
+        (12.001, 1.0, v.IN_PART),
+        (12.0, 1.001, v.IN_PART),
+        (13.5, math.nan, v.IN_PART),
+        (13.501, math.nan, v.NOT),
+    ],
+)
+def test_number_at_its_limits(measured: float, error: float, wanted: str) -> None:
+    """Ten per cent, two standard errors of at most ten per cent each, and 35 per cent."""
+    assert v.number("n", "ten", 10.0, measured, error, 3).verdict == wanted
+
+
+@pytest.mark.parametrize(("high", "wanted"), [(2.0, v.IN_PART), (1.999, v.NOT)])
+def test_half_of_the_excess_over_one_is_a_factor_in_part(high: float, wanted: str) -> None:
+    rows = (Row("low", 0.0, (1.0, 1.0)), Row("high", 0.0, (high, high)))
+    assert v.factor("f", "factor", 3.0, *rows).verdict == wanted
+
+
+def test_half_of_the_points_is_in_part() -> None:
+    assert v.share([True, False]) == v.IN_PART
+    assert v.share([True, False, False]) == v.NOT
+    assert v.share([True]) == v.REPRODUCED
+
+
+@pytest.mark.parametrize(("gap", "wanted"), [(1.0, v.REPRODUCED), (1.001, v.NOT)])
+def test_close_means_within_one_standard_deviation(gap: float, wanted: str) -> None:
+    low = Row("low", 0.0, (0.0, 1.0, 2.0))
+    assert v.close("c", "equal", [(low, Row("high", 0.0, (gap, 1.0 + gap, 2.0 + gap)))]).verdict == wanted
+
+
+def test_a_difference_of_exactly_one_standard_error_is_none() -> None:
+    """The differences 0 and 2 have mean 1 and standard error 1."""
+    low = Row("low", 0.0, (0.0, 0.0))
+    assert v.pairs("p", "below", [(low, Row("high", 0.0, (0.0, 2.0)))]).verdict == v.NOT
+    assert v.pairs("p", "below", [(low, Row("high", 0.0, (0.001, 2.0)))]).verdict == v.REPRODUCED

@@ -90,3 +90,10 @@ def test_tables(tmp_path):
     lines = to_text(summary, ["rmse"]).splitlines()
     assert lines[0].split() == ["cameras", "runs", "rmse"]
     assert lines[2].split() == ["2", "2", "5", "±", "0"]
+
+
+def test_as_many_cameras_as_are_ordered_can_be_used(tmp_path):
+    assert settings(tmp_path, "order: [a, b]\ncameras: 2\n")[0].trials[0]["cameras"] == ["a", "b"]
+    for number in (0, 3):
+        with pytest.raises(InputError, match="how many of the 2 names"):
+            settings(tmp_path, f"order: [a, b]\ncameras: {number}\n")

@@ -10,8 +10,8 @@ from sweep_scene import SCENE, trial, without_times
 
 from occlog.errors import InputError, UsageError
 from occlog.io.scenes.scene import scene_from_yaml
-from occlog.pipeline.sweep.trial import rmse_of_priors, run_trial
-from occlog.records.tables import Occluders, Truth
+from occlog.pipeline.sweep.trial import errors_of, rmse_of_priors, run_trial
+from occlog.records.tables import Occluders, Tracks, Truth
 from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
@@ -88,3 +88,19 @@ def test_selection_lowers_the_messages():
 def test_what_does_not_fit_is_told(changes, error, words):
     with pytest.raises(error, match=words):
         run_trial(trial(**changes))
+
+
+def test_an_estimate_is_lost_when_it_is_more_than_a_fifth_of_the_room_away():
+    """The room measures 6 by 8, so that a fifth of its diagonal is 2."""
+    scene = scene_from_yaml("occlog_scene: 1\nroom: [[0, 0], [6, 0], [6, 8], [0, 8]]\n", "scene")
+    t, none = np.arange(2, dtype=np.int64), np.full(2, np.nan)
+    target = np.zeros(2, dtype=np.int32)
+    truth = Truth.of(t_ns=t, target_id=target, role=["target"] * 2, x=np.zeros(2), y=np.zeros(2), z=none)
+    columns = {c.name: none for c in Tracks.columns()} | {"t_ns": t, "target_id": target, "y": np.zeros(2)}
+    for x, lost in ((2.0, 0.0), (2.001, 0.5)):
+        places = {"x": np.array([x, 0.0]), "cov_xx": t + 1.0, "cov_xy": 0.0 * t, "cov_yy": t + 1.0}
+        tracks = Tracks.of(**columns | places)
+        assert errors_of(tracks, truth, scene, 0)["lost"] == lost
+    assert errors_of(tracks, truth, scene, 1)["estimates"] == 1
+    with pytest.raises(InputError, match="skip fewer"):
+        errors_of(tracks, truth, scene, 2)

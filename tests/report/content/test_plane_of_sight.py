@@ -118,3 +118,9 @@ def test_the_nearest_candidate_is_taken_where_none_is_labelled() -> None:
     np.testing.assert_array_equal(found.residual, want.residual)
     np.testing.assert_array_equal(found.t_ns, want.t_ns)
     assert len(meeting_points(both, data.scene, 0)[0]) == 0
+
+
+@pytest.mark.parametrize(("fov", "sensor"), [(2 * np.pi, False), (7.0, False), (2 * np.pi - 1e-6, True)])
+def test_the_sensor_is_a_corner_unless_it_sees_all_around(fov: float, sensor: bool) -> None:
+    seen = visible_area(np.zeros(2), 0.0, fov, 5.0, np.empty((0, 2, 2)))
+    assert bool((seen[0] == 0.0).all()) is sensor

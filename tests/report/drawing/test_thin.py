@@ -84,3 +84,22 @@ def test_running_rms_against_its_definition() -> None:
 )
 def test_an_outlier_does_not_flatten_the_axis(values: list[float], low: float, high: float) -> None:
     assert low < sensible_top(np.array(values)) < high
+
+
+def test_an_axis_shows_all_up_to_twice_the_usual() -> None:
+    """Of 201 values the 99th percentile is the third from the top."""
+    usual = [1.0] * 200
+    assert sensible_top(np.array([*usual, 2.0])) == pytest.approx(2.0 * 1.06)
+    assert sensible_top(np.array([*usual, 2.001])) == pytest.approx(1.3)
+
+
+def test_a_line_breaks_beyond_five_usual_steps() -> None:
+    for last, breaks in ((40 + 50, []), (40 + 51, [5])):
+        t_ns = np.array([0, 10, 20, 30, 40, last], dtype=np.int64)
+        assert np.flatnonzero(gaps(t_ns)).tolist() == breaks
+
+
+@pytest.mark.parametrize("n", [8, 9])
+def test_few_values_all_come_back(n: int) -> None:
+    found = extremes(np.zeros(n), 4)
+    assert len(found) == n if n == 8 else len(found) < n

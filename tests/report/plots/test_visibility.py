@@ -74,3 +74,9 @@ def test_a_sensor_that_names_no_target_has_its_candidates_counted() -> None:
     named, free = sightings(mixed, "camera 2", 0), sightings(mixed, "camera 1", 0)
     assert (named.any_object, free.any_object) == (False, True)
     assert free.share == sightings(data.bearings, "camera 1", 0).share > 0
+
+
+@pytest.mark.parametrize(("next_ns", "frames"), [(35, [1, 1, 1, 1, 1]), (36, [1, 1, 1, 0, 1, 1])])
+def test_a_frame_lasts_at_most_half_as_long_again_as_usual(next_ns: int, frames: list[int]) -> None:
+    t_ns = [0, 10, 20, next_ns, next_ns + 10]
+    assert sightings(looks(t_ns, [True] * 5), "a", 0).looked.tolist() == frames
