@@ -11,7 +11,7 @@ import click
 from occlog.cli import options
 from occlog.errors import ExitCode, UsageError
 
-from .result import RTOL, Limit, Tolerances
+from .result import RTOL, Limit, Tolerances, as_dict, report_lines
 
 DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
@@ -81,7 +81,6 @@ def command(
       occlog diff old.mcap new.mcap --time-tol 1ms --json | jq .first
     """
     from .run import DiffSettings, compare_paths
-    from .text import as_dict, report_lines
 
     limits = make_tolerances(rtol, atol, tol, tol_unit, time_tol)
     found = compare_paths(a, b, DiffSettings(limits, provenance=provenance, pixels=pixels, exclude=exclude))

@@ -9,12 +9,12 @@ from itertools import combinations
 
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
-from occlog.papers.verdicts.trials import KNOWN, NONE, PRIOR
 from occlog.pipeline.sweep.trial import Spec
 
 from .recorded import CLEAR, Source, crowd_size, recorded_spec, recorded_trial
 from .recorded_target import Recorded
 from .selection import ALL, BRUTE, CLOSEST, FIXED, GREEDY, HEURISTICS, RANDOM
+from .trial import KNOWN, NONE, PRIOR
 
 NOBODY = "nobody hides anything"
 KINDS = {NONE: "none", PRIOR: "kalman", KNOWN: "known", NOBODY: CLEAR}

@@ -11,7 +11,10 @@ from typing import Any
 
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
-from occlog.papers.verdicts.trials import (
+from occlog.pipeline.sweep.trial import Spec, Values
+
+from .scenes import L_ORDER, LAB_ORDER, l_room, lab, names
+from .trial import (
     KNOWN,
     NONE,
     PRIOR,
@@ -22,9 +25,6 @@ from occlog.papers.verdicts.trials import (
     trial,
     worst_case,
 )
-from occlog.pipeline.sweep.trial import Spec, Values
-
-from .scenes import L_ORDER, LAB_ORDER, l_room, lab, names
 
 GREEDY, BRUTE, FIXED, RANDOM, CLOSEST, ALL = "greedy", "brute force", "fixed", "random", "closest", "all cameras"
 WEAK = ", weak perspective"

@@ -19,7 +19,6 @@ from occlog.measure.scans.grouping import Rows, choose_sensors, scans_of
 from occlog.measure.scans.occluder_priors import OccluderFeed, known_positions
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
-from occlog.papers.verdicts.trials import KNOWN, NONE
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
 from occlog.simulate.config import ObserveConfig, WorldConfig
@@ -30,6 +29,7 @@ from occlog.track.apf.filter import FINE, occlusion_of
 from occlog.track.apf.sensing import pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
 
 from .scenes import SQUARE_ORDER, names, square_room
+from .trial import KNOWN, NONE
 
 RECURSION, INDEPENDENT = "priors, recursion", "priors, independent"
 SCATTER = 4.0

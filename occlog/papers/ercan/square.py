@@ -7,7 +7,10 @@ from itertools import pairwise
 
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
-from occlog.papers.verdicts.trials import (
+from occlog.pipeline.sweep.trial import Values
+
+from .scenes import SQUARE_ORDER, names, square_room
+from .trial import (
     KNOWN,
     NONE,
     PRIOR,
@@ -19,9 +22,6 @@ from occlog.papers.verdicts.trials import (
     trial,
     worst_case,
 )
-from occlog.pipeline.sweep.trial import Values
-
-from .scenes import SQUARE_ORDER, names, square_room
 
 M40 = {"occluders": 40}
 TARGET = 3.0

@@ -1,1 +1,1 @@
-"""Experiments, their trials, and the rules by which statements are judged."""
+"""Experiments, and the rules by which statements are judged."""

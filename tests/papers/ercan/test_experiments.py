@@ -14,8 +14,8 @@ from occlog.papers.ercan.accuracy import fig17, judge17
 from occlog.papers.ercan.blocking import FORMS
 from occlog.papers.ercan.scenes import L_ORDER, LAB_ORDER, LAB_SIZE, SQUARE_ORDER, l_room, lab, square_room
 from occlog.papers.ercan.square import fig6
+from occlog.papers.ercan.trial import KNOWN, NONE, PRIOR, WORST
 from occlog.papers.verdicts.model import Experiment, Size
-from occlog.papers.verdicts.trials import KNOWN, NONE, PRIOR, WORST
 from occlog.papers.verdicts.verdicts import find
 from occlog.pipeline.sweep.engine import run_all
 

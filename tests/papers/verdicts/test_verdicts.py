@@ -7,9 +7,9 @@ import math
 import pytest
 
 from occlog.papers.ercan.square import NEEDED, crossing, judge6, judge7, judge8, judge9, needed
+from occlog.papers.ercan.trial import KNOWN, NONE, PRIOR, WORST
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Row, Verdict
-from occlog.papers.verdicts.trials import KNOWN, NONE, PRIOR, WORST
 
 NOISE = (-0.1, 0.0, 0.1)
 

@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from occlog.io.scenes.scene import scene_from_yaml
+from occlog.papers.verdicts.model import EXTRAS, Execute, Row, Size, Table, Verdict
+from occlog.papers.verdicts.verdicts import find, number
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.config import WorldConfig
 from occlog.simulate.stage import simulate_truth
-
-from .model import EXTRAS, Execute, Row, Size, Table, Verdict
-from .verdicts import find, number
 
 WORST = "no tracking (middle of the room)"
 NONE, KNOWN, PRIOR = "no priors", "positions known", "priors"
