@@ -79,16 +79,13 @@ def settings_schema(verb: str) -> dict[str, object]:
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"occlog {verb}: settings"}
     if len(parts) == 1:
         return head | next(iter(parts.values()))
-    return head | {"anyOf": [{"$ref": f"#/$defs/{part_key(name)}"} for name in parts], "$defs": _keyed(parts)}
+    definitions = {part_key(name): part for name, part in parts.items()}
+    return head | {"anyOf": [{"$ref": f"#/$defs/{name}"} for name in definitions], "$defs": definitions}
 
 
 def part_key(name: str) -> str:
     """The key of a definition: its name without blanks."""
     return name.replace(" ", "-")
-
-
-def _keyed(parts: dict[str, dict[str, object]]) -> dict[str, dict[str, object]]:
-    return {part_key(name): part for name, part in parts.items()}
 
 
 def settings_schemas() -> dict[str, Callable[[], dict[str, object]]]:

@@ -220,13 +220,13 @@ def difference_words(found: Difference) -> str:
     place = _key(found.key)
     if found.kind in ("missing", "added"):
         where, value = ("A", found.a) if found.kind == "missing" else ("B", found.b)
-        return f"only in {where}: {place}" + (f" = {_value(value)}" if value is not None else "")
+        return f"only in {where}: {place}" + (f" = {value!r}" if value is not None else "")
     if found.kind == "content":
         if found.a is None and found.b is None:
             return f"at {place}"
         return f"at {place}: {_line(found.a)} in A, {_line(found.b)} in B"
     column = f": {found.column}" if found.column and "path" not in found.key else ""
-    return f"{place}{column} is {_value(found.a)} in A, {_value(found.b)} in B{_apart(found)}"
+    return f"{place}{column} is {found.a!r} in A, {found.b!r} in B{_apart(found)}"
 
 
 def _line(text: Scalar) -> str:
@@ -243,7 +243,7 @@ def _apart(found: Difference) -> str:
 def _most(found: Difference) -> str:
     where = _key(found.key)
     if found.difference is None or math.isnan(found.difference):
-        return f"at {where}: {_value(found.a)} and {_value(found.b)}"
+        return f"at {where}: {found.a!r} and {found.b!r}"
     unit = f" {found.unit}" if found.unit else ""
     return f"by {found.difference:.6g}{unit} at {where}"
 
@@ -253,7 +253,3 @@ def _key(key: Mapping[str, object]) -> str:
     if "path" in key:
         return str(key["path"])
     return ", ".join(f"{name} {value}" for name, value in key.items()) or "the row"
-
-
-def _value(value: Scalar) -> str:
-    return repr(value)

@@ -89,7 +89,7 @@ def reflected_path(steps: int, rng: np.random.Generator, smoothing: float = SMOO
     return np.asarray(path[rest : rest + steps])
 
 
-def example(seed: int, run: int, steps: int, false: float = 0.0, smoothing: float = SMOOTHING) -> Example:
+def example(seed: int, run: int, steps: int, false: float = 0.0) -> Example:
     """Draw a random problem: the target's path, and the cameras' bearings.
 
     Args:
@@ -97,9 +97,8 @@ def example(seed: int, run: int, steps: int, false: float = 0.0, smoothing: floa
         run: number of the problem.
         steps: number of times.
         false: share of the measurements that are replaced by one drawn uniformly from the field of view.
-        smoothing: as in `reflected_path`.
     """
-    xy = reflected_path(steps, _rng(seed, run, PATH), smoothing)
+    xy = reflected_path(steps, _rng(seed, run, PATH))
     truth = truth_of(xy)
     noise_seed = int(_rng(seed, run, NOISE).integers(2**31))
     scene = sparse_scene(known_range=True)
@@ -141,7 +140,7 @@ def with_false(bearings: Bearings, scene: Scene, share: float, rng: np.random.Ge
 
 
 @functools.lru_cache(maxsize=8)
-def identified(seed: int, fit_step_s: float = STEP_S, smoothing: float = SMOOTHING) -> tuple[float, float]:
+def identified(seed: int, fit_step_s: float = STEP_S) -> tuple[float, float]:
     """Fit acceleration and jitter of constant-velocity motion (see `MapConfig`) to paths that belong to no problem.
 
     The paths' places are known to a millimetre.  A turn takes several steps: a fit at the paper's step
@@ -150,11 +149,10 @@ def identified(seed: int, fit_step_s: float = STEP_S, smoothing: float = SMOOTHI
     Args:
         seed: of the problems.
         fit_step_s: step at which the paths are sampled [s], a multiple of `STEP_S`.
-        smoothing: as in `reflected_path`.
     """
     rng, every = _rng(seed, 0, TRAINING), round(fit_step_s / STEP_S)
     t_ns = times(TRAINING_STEPS)[::every]
-    paths = [Path(t_ns, reflected_path(TRAINING_STEPS, rng, smoothing)[::every]) for _ in range(TRAINING_PATHS)]
+    paths = [Path(t_ns, reflected_path(TRAINING_STEPS, rng)[::every]) for _ in range(TRAINING_PATHS)]
     shape, step_s = Shape("cv", "white", alike=True, noise=False), every * STEP_S
     fit = fit_em(paths, step_s, shape, longest_gap_s=step_s, noise=TRAINING_NOISE)
     return fit.parameters["acceleration"], fit.parameters["jitter"]

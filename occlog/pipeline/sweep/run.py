@@ -31,6 +31,8 @@ from occlog.io.files.provenance import hash_inputs
 from .engine import run_all
 from .plan import Setting, read_sweep, settings_of
 
+CONFIDENCE = 0.95
+"""Probability of the intervals of means."""
 STORE = "trials.jsonl"
 MADE = "sweep.json"
 RESULTS = ("trials.csv", "summary.csv")
@@ -140,12 +142,13 @@ class SummaryRow(NamedTuple):
         return {**self.label, "figure": self.figure, **self.summary._asdict()}
 
 
-def summarise(values: Sequence[float], confidence: float = 0.95) -> Summary:
+def summarise(values: Sequence[float]) -> Summary:
     """Summarise a figure over runs, without those in which it is NaN.
+
+    The confidence interval is that of Student's t distribution, which holds for means of about normal values.
 
     Args:
         values: one for each run.
-        confidence: of the interval by Student's t distribution, which holds for means of about normal values.
     """
     good = np.array([v for v in values if not math.isnan(v)], dtype=np.float64)
     n = len(good)
@@ -156,7 +159,7 @@ def summarise(values: Sequence[float], confidence: float = 0.95) -> Summary:
         return Summary(n=1, mean=mean, sd=math.nan, se=math.nan, low=math.nan, high=math.nan)
     sd = float(good.std(ddof=1))
     se = sd / math.sqrt(n)
-    reach = float(stdtrit(n - 1, 0.5 + 0.5 * confidence)) * se
+    reach = float(stdtrit(n - 1, 0.5 + 0.5 * CONFIDENCE)) * se
     return Summary(n=n, mean=mean, sd=sd, se=se, low=mean - reach, high=mean + reach)
 
 

@@ -134,10 +134,10 @@ def _path(picture: Bytes, points: Floats, scale: float, colour: Colour, width: i
     cv2.polylines(picture, line, False, colour, width, cv2.LINE_AA, SUB)
 
 
-def _rim(ellipse: Floats, count: int = 72) -> Floats:
-    """(count + 1, 2) points around an ellipse, the first one again at the end."""
+def _rim(ellipse: Floats) -> Floats:
+    """(73, 2) points around an ellipse, the first one again at the end."""
     x, y, a, b, rho = ellipse.tolist()
-    t = np.linspace(0.0, 2.0 * np.pi, count + 1)
+    t = np.linspace(0.0, 2.0 * np.pi, 73)
     u, v = a * np.cos(t), b * np.sin(t)
     return np.column_stack([x + u * math.cos(rho) - v * math.sin(rho), y + u * math.sin(rho) + v * math.cos(rho)])
 

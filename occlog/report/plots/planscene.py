@@ -15,13 +15,13 @@ from occlog.records.scene import Camera, Scene
 from occlog.report.content.plane_of_sight import edges_of, places, visible_area
 from occlog.report.drawing.style import COLOURS, label
 
+FONT_SIZE = 8.5
+"""Size of names [points]."""
 CHARACTER = 0.62
 """Mean width of a character in units of the font's size."""
 
 
-def place_labels(
-    axes: Axes, points: Floats, texts: list[str], limits: Floats, keep_free: list[Floats], size: float = 8.5
-) -> None:
+def place_labels(axes: Axes, points: Floats, texts: list[str], limits: Floats, keep_free: list[Floats]) -> None:
     """Write a name at each point, on the side where it is free, outward first.
 
     Args:
@@ -30,7 +30,6 @@ def place_labels(
         texts: N names.
         limits: (2, 2) lower and upper corner of the axes.
         keep_free: boxes (2, 2) in data coordinates that no name should cover.
-        size: of the font, in points.
     """
     window = axes.get_window_extent()
     extent = limits[1] - limits[0]
@@ -40,7 +39,7 @@ def place_labels(
     mark = np.array([[-5.0, -5.0], [5.0, 5.0]])
     taken = [np.array([p, p]) * scale + mark for p in points] + [box * scale + 0.4 * mark for box in keep_free]
     for point, text in zip(points, texts, strict=True):
-        shape = np.array([CHARACTER * size * len(text), size])
+        shape = np.array([CHARACTER * FONT_SIZE * len(text), FONT_SIZE])
         offsets = _offsets(point - centre, shape)
         boxes = [point * scale + o + np.array([-shape / 2, shape / 2]) for o in offsets]
         costs = [
@@ -56,7 +55,7 @@ def place_labels(
             textcoords="offset points",
             ha="center",
             va="center",
-            fontsize=size,
+            fontsize=FONT_SIZE,
             color=COLOURS["ink"],
             zorder=8,
             annotation_clip=False,

@@ -15,6 +15,7 @@ from occlog.papers.qu.common import RATES, SURE, bootstrap_share, ordered, rate_
 from occlog.papers.qu.trial import run_views_trial, views_spec
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.simulate.balls.config import BallsConfig
 
 SHIFTS = (0, 10, 20, 30, 45, 60, 90)
 OTHERS = {"turned by 20 degrees": ["turn", 20], "turned by 90 degrees": ["turn", 90], "not known": "none"}
@@ -27,9 +28,9 @@ WITHIN = 60
 BMCT, IDMOT = "BMCT", "IDMOT"
 
 
-def _methods(quick: bool, frames: int, balls: int = 6) -> dict[str, dict[str, object]]:
+def _methods(quick: bool, frames: int) -> dict[str, dict[str, object]]:
     pairs, at = range(1 if quick else INJECTED), max(1, round(AT * frames))
-    shifts = SHIFTS[::3] if quick else SHIFTS
+    shifts, balls = SHIFTS[::3] if quick else SHIFTS, BallsConfig().balls
     others = {} if quick else OTHERS
     return {
         "idmot": {"method": "idmot"},
