@@ -75,18 +75,18 @@ def log_likelihood_among(
         return np.asarray(_independent(xy, scan, sensors, noise, model, free, priors, occlusion))
     total, a, b, assigned = _apart(xy, scan, sensors, noise, model, free)
     add_joint(
-        total,
-        xy,
-        scan.sensor,
-        a,
-        b,
-        assigned,
-        sensors.xy,
-        priors,
-        occlusion.probability == EXACT,
-        occlusion.form,
-        occlusion.floor,
-        occlusion.far,
+        total=total,
+        xy=xy,
+        sensor=scan.sensor,
+        a=a,
+        b=b,
+        assigned=assigned,
+        places=sensors.xy,
+        priors=priors,
+        exact=occlusion.probability == EXACT,
+        form=occlusion.form,
+        floor=occlusion.floor,
+        far=occlusion.far,
     )
     return np.asarray(total)
 

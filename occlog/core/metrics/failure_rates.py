@@ -162,14 +162,14 @@ def _failures(frames: Frames, looks: _Looks) -> Failures:
     cell, target, other, of_label, away, elsewhere = (column[order] for column in columns)
     total = len(frames.truth)
     return Failures(
-        frames.frame[cell],
-        frames.view[cell],
-        target,
-        other,
-        of_label,
-        away,
-        elsewhere,
-        total,
-        ratio(len(lost), total),
-        ratio(len(wrong), total),
+        frame=frames.frame[cell],
+        view=frames.view[cell],
+        target=target,
+        other=other,
+        label=of_label,
+        away=away,
+        elsewhere=elsewhere,
+        total=total,
+        fr_p=ratio(len(lost), total),
+        fr_l=ratio(len(wrong), total),
     )

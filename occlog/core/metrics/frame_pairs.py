@@ -149,19 +149,19 @@ def _frames(truth: Objects, tracks: Objects, limit: float) -> Frames:
     truth_row, truth_start = _sorted(truth, cell[:n], target, len(key))
     track_row, track_start = _sorted(tracks, cell[n:], track, len(key))
     return Frames(
-        key[:, 1],
-        key[:, 0],
-        target[truth_row],
-        track[track_row],
-        truth_start,
-        track_start,
-        _rows_of(truth, truth_row),
-        _rows_of(tracks, track_row),
-        truth_key,
-        track_key,
-        truth_row,
-        track_row,
-        limit,
+        frame=key[:, 1],
+        view=key[:, 0],
+        truth=target[truth_row],
+        track=track[track_row],
+        truth_start=truth_start,
+        track_start=track_start,
+        truth_place=_rows_of(truth, truth_row),
+        track_place=_rows_of(tracks, track_row),
+        truth_key=truth_key,
+        track_key=track_key,
+        truth_row=truth_row,
+        track_row=track_row,
+        limit=limit,
     )
 
 

@@ -86,13 +86,13 @@ def gospa(frames: Frames, cutoff: float, p: float = 2.0, alpha: float = 2.0) -> 
     price = cutoff**p / alpha
     total = localisation + price * (n - pairs) + price * (m - pairs)
     return Gospa(
-        frames.frame,
-        frames.view,
-        total ** (1.0 / p),
-        localisation,
-        price * (n - pairs),
-        price * (m - pairs),
-        n - pairs,
-        m - pairs,
-        p,
+        frame=frames.frame,
+        view=frames.view,
+        gospa=total ** (1.0 / p),
+        localisation=localisation,
+        missed=price * (n - pairs),
+        false=price * (m - pairs),
+        n_missed=n - pairs,
+        n_false=m - pairs,
+        p=p,
     )

@@ -57,4 +57,12 @@ def identity(frames: Frames, threshold: float = 0.5) -> Identity:
     idtp, n, m = int(met[rows, columns].sum()), len(frames.truth), len(frames.track)
     given = np.full(targets, -1, dtype=np.int64)
     given[rows] = np.where(met[rows, columns] > 0, columns, -1)
-    return Identity(idtp, m - idtp, n - idtp, ratio(2 * idtp, n + m), ratio(idtp, m), ratio(idtp, n), given)
+    return Identity(
+        idtp=idtp,
+        idfp=m - idtp,
+        idfn=n - idtp,
+        idf1=ratio(2 * idtp, n + m),
+        idp=ratio(idtp, m),
+        idr=ratio(idtp, n),
+        track=given,
+    )

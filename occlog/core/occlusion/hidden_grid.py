@@ -80,15 +80,15 @@ def make_grid(xy: Floats, free: Bools, priors: Priors, far: float) -> Grid:
             points[a * ny + b, 0] = x + hx * math.cos(math.pi * (a + 0.5) / nx)
             points[a * ny + b, 1] = y + hy * math.cos(math.pi * (b + 0.5) / ny)
     return Grid(
-        points,
-        polynomials(xy[:, 0], x, hx, nx),
-        polynomials(xy[:, 1], y, hy, ny),
-        fit(nx),
-        fit(ny),
-        x,
-        y,
-        math.sqrt(hx * hx + hy * hy),
-        tolerance,
+        points=points,
+        first=polynomials(xy[:, 0], x, hx, nx),
+        second=polynomials(xy[:, 1], y, hy, ny),
+        fit_first=fit(nx),
+        fit_second=fit(ny),
+        x=x,
+        y=y,
+        size=math.sqrt(hx * hx + hy * hy),
+        tolerance=tolerance,
     )
 
 

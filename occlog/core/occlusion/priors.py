@@ -48,13 +48,13 @@ def gaussian_priors(mean: Floats, covariance: Floats, diameter: float) -> Priors
         raise ValueError("covariance of an occluder is not positive semi-definite")
     values = np.where(values < NEGLIGIBLE * values[:, 1:], 0.0, values)
     return Priors(
-        np.ascontiguousarray(mean, dtype=np.float64).reshape(M, 2),
-        np.ascontiguousarray(vectors[:, :, 1]),
-        np.sqrt(values[:, 1]),
-        np.sqrt(values[:, 0]),
-        np.full(M, 0.5 * diameter),
-        np.zeros(M + 1, dtype=np.int64),
-        np.empty((0, 2)),
+        mean=np.ascontiguousarray(mean, dtype=np.float64).reshape(M, 2),
+        axis=np.ascontiguousarray(vectors[:, :, 1]),
+        sigma=np.sqrt(values[:, 1]),
+        minor=np.sqrt(values[:, 0]),
+        radius=np.full(M, 0.5 * diameter),
+        first=np.zeros(M + 1, dtype=np.int64),
+        corners=np.empty((0, 2)),
     )
 
 
@@ -112,13 +112,13 @@ def take_priors(priors: Priors, rows: Ints) -> Priors:
     corners = [priors.corners[priors.first[j] : priors.first[j + 1]] for j in rows.tolist()]
     first = np.concatenate([[0], np.cumsum([len(c) for c in corners])]).astype(np.int64)
     return Priors(
-        priors.mean[rows],
-        priors.axis[rows],
-        priors.sigma[rows],
-        priors.minor[rows],
-        priors.radius[rows],
-        first,
-        np.concatenate([np.empty((0, 2)), *corners]),
+        mean=priors.mean[rows],
+        axis=priors.axis[rows],
+        sigma=priors.sigma[rows],
+        minor=priors.minor[rows],
+        radius=priors.radius[rows],
+        first=first,
+        corners=np.concatenate([np.empty((0, 2)), *corners]),
     )
 
 

@@ -153,16 +153,16 @@ def bare_canvas(camera: Camera, lights: Floats, metre: float) -> Canvas:
 
 def _on(camera: Camera, empty: Background, lights: Floats, metre: float, noise: Floats32) -> Canvas:
     return Canvas(
-        camera,
-        empty,
-        Room(camera.position, lights, AMBIENT, metre, NEAR * metre),
-        ideal_limits(camera),
-        np.empty_like(empty.colour),
-        empty.depth.copy(),
-        np.full(empty.depth.shape, -1, dtype=np.int32),
-        np.zeros(empty.depth.shape, dtype=np.int64),
-        noise,
-        np.zeros(1, dtype=np.int64),
+        camera=camera,
+        empty=empty,
+        room=Room(camera.position, lights, AMBIENT, metre, NEAR * metre),
+        limits=ideal_limits(camera),
+        image=np.empty_like(empty.colour),
+        depth=empty.depth.copy(),
+        label=np.full(empty.depth.shape, -1, dtype=np.int32),
+        stamp=np.zeros(empty.depth.shape, dtype=np.int64),
+        noise=noise,
+        last=np.zeros(1, dtype=np.int64),
     )
 
 
@@ -203,11 +203,21 @@ def _shadows(c: Canvas, rows: Floats, worn: Clothes) -> None:
     height: Floats = STATURE * metre * worn.stature
     radius: Floats = RADIUS * metre * worn.stature
     reach = np.full(len(rows), SHADOW_REACH * metre)
-    around = around_shadows(rows[:, :2], height, radius, c.room.lights, reach)
+    around = around_shadows(xy=rows[:, :2], height=height, radius=radius, lights=c.room.lights, reach=reach)
     boxes = pixel_boxes(c.camera, c.limits, around)
     for k in range(len(rows)):
         x, y = float(rows[k, 0]), float(rows[k, 1])
-        shadow_into(c.image, c.empty.floor, c.empty.lamp, x, y, float(height[k]), float(radius[k]), boxes[k], c.room)
+        shadow_into(
+            image=c.image,
+            floor=c.empty.floor,
+            lamp=c.empty.lamp,
+            x=x,
+            y=y,
+            height=float(height[k]),
+            radius=float(radius[k]),
+            box=boxes[k],
+            room=c.room,
+        )
 
 
 def _bodies(c: Canvas, rows: Floats, worn: Clothes) -> tuple[Ints, Ints]:
@@ -216,19 +226,38 @@ def _bodies(c: Canvas, rows: Floats, worn: Clothes) -> tuple[Ints, Ints]:
     parts = solids(poses(rows), worn, c.room.metre)
     boxes = pixel_boxes(c.camera, c.limits, around_ellipsoids(parts.centre, parts.axes, parts.half))
     bodies = Bodies(
-        np.ascontiguousarray(parts.centre),
-        np.ascontiguousarray(parts.axes),
-        np.ascontiguousarray(parts.half),
-        parts.body,
-        worn.first[parts.body, parts.part],
-        worn.second[parts.body, parts.part],
-        worn.pattern[parts.body, parts.part],
-        boxes,
+        centre=np.ascontiguousarray(parts.centre),
+        axes=np.ascontiguousarray(parts.axes),
+        half=np.ascontiguousarray(parts.half),
+        body=parts.body,
+        first=worn.first[parts.body, parts.part],
+        second=worn.second[parts.body, parts.part],
+        pattern=worn.pattern[parts.body, parts.part],
+        boxes=boxes,
     )
     height, width = c.depth.shape[:2]
     extent = np.tile(np.array([width, height, -1, -1, 0]), (n, 1))
     visible = extent.copy()
-    trace_into(c.depth, c.label, c.stamp, extent, c.empty.rays, bodies, c.room, int(c.last[0]) + 1)
+    trace_into(
+        depth=c.depth,
+        label=c.label,
+        stamp=c.stamp,
+        extent=extent,
+        rays=c.empty.rays,
+        bodies=bodies,
+        room=c.room,
+        first_stamp=int(c.last[0]) + 1,
+    )
     c.last[0] += n
-    resolve_into(c.image, c.depth, c.label, visible, c.empty.depth, c.empty.rays, extent, bodies, c.room)
+    resolve_into(
+        image=c.image,
+        depth=c.depth,
+        label=c.label,
+        visible=visible,
+        empty_depth=c.empty.depth,
+        rays=c.empty.rays,
+        extent=extent,
+        bodies=bodies,
+        room=c.room,
+    )
     return extent, visible

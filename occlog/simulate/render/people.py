@@ -92,7 +92,15 @@ def render(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: RenderCon
         rng = generator(seed, Stage.RENDER_SENSOR, numbers[job.number], job.frame)
         angle = 2 * np.pi * (job.t_ns - (start_ns or 0)) * 1e-9 / config.light_period_s + phase
         gain = 1.0 + config.light_drift * math.sin(angle)
-        drawn = draw(canvases[job.number], job.rows, job.clothes, gain, sigmas, config.shadows, rng)
+        drawn = draw(
+            c=canvases[job.number],
+            rows=job.rows,
+            clothes=job.clothes,
+            gain=gain,
+            sigmas=sigmas,
+            shadows=config.shadows,
+            rng=rng,
+        )
         return _rendered(cameras[job.number], job, drawn, config)
 
     grids = walking(map(truth_grid, truth_chunks), metre)

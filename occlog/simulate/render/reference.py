@@ -75,6 +75,8 @@ def _add_into(counts: Floats, view: tuple[Canvas, Floats], clothes: Clothes, pha
     """Add the pixels of one body, walking along x, to a histogram."""
     sheet, place = view
     rows = np.array([[*place, WALKING, 0.0, phase]])
-    image = draw(sheet, rows, clothes, 1.0, (0.0, 0.0), False, np.random.default_rng(0)).image
+    image = draw(
+        c=sheet, rows=rows, clothes=clothes, gain=1.0, sigmas=(0.0, 0.0), shadows=False, rng=np.random.default_rng(0)
+    ).image
     mask = (image.max(axis=2) > 0).astype(np.uint8)
     add_pixels_into(counts, image, mask, 0, 0, *SIZE, 1.0)

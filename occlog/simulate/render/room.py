@@ -154,11 +154,11 @@ def blank(camera: Camera, n_lights: int) -> Background:
         raise ValueError(f"camera {camera.name} has no image size")
     width, height = camera.image_size
     out = Background(
-        np.zeros((height, width, 3), np.float32),
-        np.full((height, width, 4), np.inf, np.float32),
-        np.empty((height, width, 4, 3), np.float32),
-        np.zeros((height, width, 3), np.float32),
-        np.zeros((height, width, n_lights), np.float32),
+        colour=np.zeros((height, width, 3), np.float32),
+        depth=np.full((height, width, 4), np.inf, np.float32),
+        rays=np.empty((height, width, 4, 3), np.float32),
+        floor=np.zeros((height, width, 3), np.float32),
+        lamp=np.zeros((height, width, n_lights), np.float32),
     )
     for top in range(0, height, BAND):
         rows = out.rays[top : top + BAND]
@@ -177,7 +177,16 @@ def _band_into(out: Background, camera: Camera, solid: Solid, top: int, bottom: 
     """Fill some rows."""
     width = out.depth.shape[1]
     rays = out.rays[top:bottom].reshape(-1, 3).astype(np.float64)
-    t, hit = cast(camera.position, rays, solid.faces, solid.room, solid.height, solid.caps, solid.starts, solid.heights)
+    t, hit = cast(
+        origin=camera.position,
+        rays=rays,
+        faces=solid.faces,
+        room=solid.room,
+        height=solid.height,
+        caps=solid.caps,
+        starts=solid.starts,
+        heights=solid.heights,
+    )
     colour = surface_colours(camera.position, rays, t, hit, solid)
     shape = (bottom - top, width, 4)
     out.colour[top:bottom] = colour.reshape(*shape, 3).mean(axis=2)
@@ -197,7 +206,9 @@ def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, ori
                 x, y = origin[0] + t * rays[row, col, 0], origin[1] + t * rays[row, col, 1]
                 floor[row, col, 0], floor[row, col, 1], floor[row, col, 2] = x, y, share[row, col]
                 for k in range(lights.shape[0]):
-                    lamp[row, col, k] = light_at(x, y, 0.0, 0.0, 0.0, 1.0, lights[k : k + 1], 0.0)
+                    lamp[row, col, k] = light_at(
+                        px=x, py=y, pz=0.0, nx=0.0, ny=0.0, nz=1.0, lights=lights[k : k + 1], ambient=0.0
+                    )
 
 
 def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: Solid) -> Floats:
@@ -211,16 +222,16 @@ def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: S
         colour[here], normals[here] = _surface(what, metres[here], solid)
     brightness = np.empty(len(rays))
     shade_into(
-        brightness,
-        points,
-        normals,
-        solid.lights,
-        LAMP_SPREAD * solid.metre,
-        solid.caps,
-        solid.starts,
-        solid.heights,
-        solid.reach,
-        AMBIENT,
+        out=brightness,
+        points=points,
+        normals=normals,
+        lights=solid.lights,
+        spread=LAMP_SPREAD * solid.metre,
+        walls=solid.caps,
+        starts=solid.starts,
+        heights=solid.heights,
+        reach=solid.reach,
+        ambient=AMBIENT,
     )
     return np.where((hit >= 0)[:, None], colour * brightness[:, None], colour)
 

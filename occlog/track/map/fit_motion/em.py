@@ -136,7 +136,7 @@ def e_step(problem: Problem, theta: Floats) -> tuple[float, Sums]:
     A, sigma, noise = build(problem.shape, theta)
     n = problem.nodes
     R = problem.R if noise is None else np.broadcast_to(noise**2 * np.eye(2), problem.R.shape).copy()
-    return smooth(n.first, n.seen, n.off, n.xy, R, np.ascontiguousarray(A), sigma)[:2]
+    return smooth(first=n.first, seen=n.seen, off=n.off, xy=n.xy, R=R, A=np.ascontiguousarray(A), sigma=sigma)[:2]
 
 
 def m_step(shape: Shape, theta: Floats, sums: Sums, iterations: int = 15) -> Floats:

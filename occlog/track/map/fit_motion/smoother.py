@@ -51,8 +51,12 @@ def smooth(
         A: (4, 4).
         sigma: (4, 4), positive definite.
     """
-    log_likelihood, mean, cov, before, before_cov = _filter(first, seen, off, xy, R, A, sigma)
-    n, DD, DX, XX, m, E = _smooth(first, seen, off, xy, mean, cov, before, before_cov, A, CV)
+    log_likelihood, mean, cov, before, before_cov = _filter(
+        first=first, seen=seen, off=off, xy=xy, R=R, A=A, sigma=sigma
+    )
+    n, DD, DX, XX, m, E = _smooth(
+        first=first, seen=seen, off=off, xy=xy, mean=mean, cov=cov, before=before, before_cov=before_cov, A=A, F=CV
+    )
     return log_likelihood, Sums(n, DD, DX, XX, m, E), mean, cov
 
 
