@@ -91,7 +91,7 @@ def _all_options(command: F) -> F:
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
-def command(output: Path, overwrite: bool, quiet: bool, as_json: bool, **values: Any) -> int:
+def command(output: Path, overwrite: bool, quiet: bool, as_json: bool, **values: object) -> int:
     """Gather what cameras and microphone arrays have recorded into one recording.
 
     The time of a frame comes from --timestamps, else from the time stamps of the video

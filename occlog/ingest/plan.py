@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -24,7 +24,7 @@ class _Pattern(click.ParamType):  # type: ignore[type-arg,unused-ignore]
     def __init__(self, name: str, pattern: str, example: str, check: Callable[[int, int], bool]) -> None:
         self.name, self._pattern, self._example, self._check = name, re.compile(pattern), example, check
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
         """The two numbers; a usage error for anything else."""
         if isinstance(value, tuple):
             return value
@@ -125,14 +125,14 @@ class IngestPlan(Settings):
     )
 
     @classmethod
-    def of(cls, output: Path, values: dict[str, Any]) -> IngestPlan:
+    def of(cls, output: Path, values: Mapping[str, Any]) -> IngestPlan:
         """The plan of the command's options; UsageError where they contradict each other."""
-        mot = _named("--mot", values["mot"])
+        mot = _named("mot", values["mot"])
         settings = given(cls, values)
         taken = {
             **{key: values[key] for key in ("calibration", "image_size", "scene", "frames")},
-            "video": _named("--video", values["video"]),
-            "images": _named("--images", values["images"]),
+            "video": _named("video", values["video"]),
+            "images": _named("images", values["images"]),
             "boxes": (*pairs(values["boxes"], Path), *mot.items()),
             **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays")},
             **{key: pairs(values[key], str) for key in ("start_time", "fps")},
@@ -145,11 +145,11 @@ class IngestPlan(Settings):
         """Raise UsageError for options that contradict each other."""
         both = next((name for name in self.video if name in self.images), None)
         if both is not None:
-            raise UsageError(f"camera {both}: has both --video and --images; give one")
+            raise UsageError(f"camera {both}: has both video and images; give one")
         if not (self.video or self.images or self.boxes or self.doa):
-            raise UsageError("nothing to ingest; give --video, --images, --boxes or --doa")
+            raise UsageError("nothing to ingest; give video, images, boxes or directions (doa)")
         if self.store == "link" and self.images:
-            raise UsageError("--store link: only videos can be linked to; give png or jpeg for --images")
+            raise UsageError("store link: only videos can be linked to; give png or jpeg for images")
 
     def files(self) -> list[tuple[Path, str]]:
         """Every input that must be a file, and what it should be."""
@@ -173,9 +173,9 @@ class IngestPlan(Settings):
         """Every file that is read; a folder stands for the files in it."""
         return [file for path in self.paths() for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
 
-    def parameters(self) -> dict[str, Any]:
+    def parameters(self) -> dict[str, object]:
         """Options that change the result, without the folders of the files, for provenance."""
-        shown: dict[str, Any] = {}
+        shown: dict[str, object] = {}
         for key, value in self.__dict__.items():
             if key == "output" or value in (None, (), {}, False):
                 continue
@@ -183,7 +183,7 @@ class IngestPlan(Settings):
         return shown
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     if isinstance(value, Path):
         return value.name
     if isinstance(value, dict):
@@ -203,14 +203,14 @@ def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | 
     return tuple(out)
 
 
-def _named(option: str, values: Iterable[str]) -> dict[str, Path]:
+def _named(setting: str, values: Iterable[str]) -> dict[str, Path]:
     """`NAME=VALUE` pairs with names that differ."""
     out: dict[str, Path] = {}
     for name, path in pairs(values, Path):
         if name is None:
-            raise UsageError(f"{option} {path}: does not name its camera; give {option} CAMERA={path}")
+            raise UsageError(f"{setting} {path}: does not name its camera; give CAMERA={path}")
         if name in out:
-            raise UsageError(f"{option}: camera {name} is given twice; give every camera its own name")
+            raise UsageError(f"{setting}: camera {name} is given twice; give every camera its own name")
         out[name] = path
     return out
 

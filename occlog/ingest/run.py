@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from occlog.cli.options import note as tell
 from occlog.cli.options import progress
@@ -24,9 +23,10 @@ from occlog.io.recording.writer import RecordingWriter
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.io.truth.reader import TruthOptions, read_truth
+from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
-from occlog.records.tables import Boxes, Truth
+from occlog.records.tables import Boxes, Truth, TruthBoxes
 
 from .plan import IngestPlan
 from .scene import base_scene, fit_sizes, match_cameras
@@ -42,7 +42,7 @@ class Ingested(Failures):
     times: dict[str, str] = field(default_factory=dict)
 
 
-def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[str, Any], list[Loss]]:
+def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[str, object], list[Loss]]:
     """Write the recording; the summary and what was lost."""
 
     def note(message: str) -> None:
@@ -75,7 +75,7 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
     return _summary(plan, done), done.losses
 
 
-def _summary(plan: IngestPlan, done: Ingested) -> dict[str, Any]:
+def _summary(plan: IngestPlan, done: Ingested) -> dict[str, object]:
     return {
         "recording": str(plan.output),
         "frames": dict(sorted(done.frames.items())),
@@ -182,7 +182,7 @@ def _write_tables(
     done: Ingested,
 ) -> None:
     """Rows of boxes, directions and truth."""
-    tables: list[Iterator[Any]] = []
+    tables: list[Iterator[Table]] = []
     if survey is not None:
         known = _known(plan, scene)
         tables.append(read_boxes(_box_files(plan), survey, times, known, _box_options(plan), Boxes))
@@ -206,7 +206,7 @@ def _write_tables(
             done.rows[table.NAME] = done.rows.get(table.NAME, 0) + len(table)
 
 
-def _truth(path: Path, how: TruthOptions, plan: IngestPlan) -> Iterator[Any]:
+def _truth(path: Path, how: TruthOptions, plan: IngestPlan) -> Iterator[Truth | TruthBoxes]:
     """Tables of the truth; without cameras a frame rate given for all counts its frames."""
     if not how.times:
         rate = times_of(plan, "", {})

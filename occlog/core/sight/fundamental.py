@@ -17,9 +17,6 @@ import numpy as np
 
 from occlog.array_types import Floats
 
-TOLERANCE_PX = 3.0
-"""A match within this distance of both epipolar lines speaks for a fundamental matrix."""
-
 FEWEST = 8
 """Matches below which nothing is said about whether a fundamental matrix fits."""
 
@@ -106,9 +103,7 @@ def symmetric_errors(matrix: Floats, a: Floats, b: Floats) -> Floats:
     return np.asarray(np.sqrt((epipolar_distances(matrix, a, b) ** 2).mean(axis=1)))
 
 
-def check_fundamental(
-    matrix: Floats, a: Floats, b: Floats, tolerance_px: float = TOLERANCE_PX, min_share: float = 0.5
-) -> FitCheck:
+def check_fundamental(matrix: Floats, a: Floats, b: Floats, tolerance_px: float, min_share: float = 0.5) -> FitCheck:
     """Whether matches, some of which may be wrong, agree with a fundamental matrix.
 
     It fits when at least `min_share` of the matches lie within the tolerance of both lines,
@@ -118,7 +113,7 @@ def check_fundamental(
         matrix: (3, 3).
         a: (N, 2) points of view a [px].
         b: (N, 2) their matches in view b.
-        tolerance_px: largest distance from a line.
+        tolerance_px: a match within this distance of both lines speaks for the matrix.
         min_share: 0 to 1.
 
     Raises:

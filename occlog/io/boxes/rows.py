@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -31,8 +31,7 @@ class BoxRows(NamedTuple):
 
     def pick(self, rows: Ints) -> BoxRows:
         """The rows of an index array."""
-        columns: list[Any] = [column[rows] for column in self]
-        return BoxRows(*columns)
+        return BoxRows._make(column[rows] for column in self)
 
 
 def check_boxes(rows: Rows, boxes: BoxRows) -> BoxRows:

@@ -8,6 +8,7 @@ known.  Xc = R Xw + t; the unit is not stated: metres unless told.
 from __future__ import annotations
 
 import re
+from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ class _Loader(yaml.SafeLoader):
     """Safe loader that knows OpenCV's matrices."""
 
 
-def _node(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
+def _node(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, object]:
     return loader.construct_mapping(node, deep=True)
 
 
@@ -75,7 +76,7 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     return build_camera(pose, where)
 
 
-def _from_yaml(text: str, path: Path) -> dict[str, Any]:
+def _from_yaml(text: str, path: Path) -> dict[str, object]:
     # `%YAML:1.0` (OpenCV 3 and 4) is not a directive of YAML; `%YAML 1.2` (OpenCV 5) is.
     body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
     try:
@@ -87,8 +88,8 @@ def _from_yaml(text: str, path: Path) -> dict[str, Any]:
     return {str(key).lower(): value for key, value in values.items()}
 
 
-def _from_xml(text: str, path: Path) -> dict[str, Any]:
-    values: dict[str, Any] = {}
+def _from_xml(text: str, path: Path) -> dict[str, object]:
+    values: dict[str, object] = {}
     for element in parse_xml(text, path):
         parts = {child.tag: (child.text or "").strip() for child in element}
         values[element.tag.lower()] = (
@@ -97,7 +98,7 @@ def _from_xml(text: str, path: Path) -> dict[str, Any]:
     return values
 
 
-def _matrix(values: dict[str, Any], names: tuple[str, ...], where: str) -> Floats:
+def _matrix(values: dict[str, object], names: tuple[str, ...], where: str) -> Floats:
     """The first of the named values as an array."""
     key = next((name for name in names if name in values), None)
     if key is None:
@@ -117,7 +118,7 @@ def _matrix(values: dict[str, Any], names: tuple[str, ...], where: str) -> Float
         raise InputError(f"{where}: {key} is not a matrix of numbers of the stated shape") from None
 
 
-def _size(values: dict[str, Any]) -> tuple[int, int] | None:
+def _size(values: Mapping[str, Any]) -> tuple[int, int] | None:
     for width, height in SIZE:
         if width in values and height in values:
             try:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -41,7 +40,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     return tuple(cameras)
 
 
-def _tables(root: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _tables(root: dict[str, object]) -> Iterator[tuple[str, dict[str, object]]]:
     """Name and content of every table that describes a camera, at the top or one level down."""
     for key, value in root.items():
         if not isinstance(value, dict):
@@ -55,7 +54,7 @@ def _tables(root: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
                 yield (f"cam_{inner}" if inner.isdigit() else inner), table
 
 
-def _camera(key: str, table: dict[str, Any], path: Path, options: CalibrationOptions) -> Camera:
+def _camera(key: str, table: dict[str, object], path: Path, options: CalibrationOptions) -> Camera:
     name = str(table.get("name", key))
     where = f"{path}: camera {name}"
     if table.get("fisheye"):
@@ -83,14 +82,14 @@ def _camera(key: str, table: dict[str, Any], path: Path, options: CalibrationOpt
     return build_camera(pose, where)
 
 
-def _array(table: dict[str, Any], key: str, where: str) -> Floats:
+def _array(table: dict[str, object], key: str, where: str) -> Floats:
     try:
         return np.array(table[key], dtype=np.float64)
     except (ValueError, TypeError):
         raise InputError(f"{where}: {key} must be numbers in rows of equal length") from None
 
 
-def _size(table: dict[str, Any], where: str) -> tuple[int, int] | None:
+def _size(table: dict[str, object], where: str) -> tuple[int, int] | None:
     if "size" not in table:
         return None
     size = _array(table, "size", where).reshape(-1)

@@ -14,7 +14,7 @@ from .atomic import write_bytes
 from .inputs import check_input
 
 
-def write_json(path: Path, values: Mapping[str, Any], *, overwrite: bool = False) -> None:
+def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = False) -> None:
     """Write one object; NaN and infinity become null."""
     write_bytes(path, (json.dumps(_plain(values), sort_keys=True, indent=2) + "\n").encode(), overwrite)
 
@@ -33,7 +33,7 @@ def read_json(path: Path) -> dict[str, Any]:
     return values
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

@@ -7,15 +7,16 @@ them a damaged page is read as wrong numbers.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypedDict, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from occlog.errors import InputError
 from occlog.records.columns import Column, Table
@@ -90,7 +91,7 @@ def from_arrow(batch: pa.RecordBatch | pa.Table, table: type[T]) -> T:
     return table.of(**{c.name: _column_from_arrow(c, batch.column(c.name)) for c in told})
 
 
-def _column_from_arrow(c: Column, values: Any) -> np.ndarray[Any, Any]:
+def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray[np.generic]:
     if isinstance(values, pa.ChunkedArray):
         values = values.combine_chunks()
     if values.null_count:
@@ -296,7 +297,19 @@ def _metadata(file: pq.ParquetFile) -> dict[bytes, bytes]:
     return {**(file.schema_arrow.metadata or {}), **(file.metadata.metadata or {})}
 
 
-def describe(path: Path) -> dict[str, Any]:
+class TableDescription(TypedDict):
+    """What a Parquet file holds."""
+
+    schema: str  # name of the table
+    version: int  # of the schema; 0: not stated
+    rows: int
+    length_unit: str
+    columns: list[dict[str, str]]  # name, type, and what the file says of it
+    time_ns: list[int] | None  # first and last time; None: not stated
+    provenance: dict[str, Any]
+
+
+def describe(path: Path) -> TableDescription:
     """What a Parquet file holds: schema, rows, columns with units, time span, provenance."""
     with _open(path) as file:
         schema, name = file.schema_arrow, _schema_name(path, file.schema_arrow)
@@ -321,6 +334,6 @@ def describe(path: Path) -> dict[str, Any]:
 
 
 def _time_span(file: pq.ParquetFile) -> list[int] | None:
-    groups: Iterable[Any] = (file.metadata.row_group(i).column(0).statistics for i in range(file.num_row_groups))
+    groups = (file.metadata.row_group(i).column(0).statistics for i in range(file.num_row_groups))
     spans = [(s.min, s.max) for s in groups if s is not None and s.has_min_max]
     return [min(s[0] for s in spans), max(s[1] for s in spans)] if spans else None

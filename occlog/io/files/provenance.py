@@ -7,7 +7,6 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from occlog import __version__
 from occlog.errors import InputError
@@ -29,12 +28,12 @@ class Provenance:
     """
 
     command: str
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, object] = field(default_factory=dict)
     seed: int | None = None
     inputs: tuple[tuple[str, str], ...] = ()
     losses: tuple[Loss, ...] = ()
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """The record as JSON-ready values."""
         return {
             "program": "occlog",

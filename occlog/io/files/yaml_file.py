@@ -85,7 +85,7 @@ def _lines(node: yaml.Node, place: str, source: str, count: list[int] | None = N
             yield from _lines(value, f"{place}[{index}]", source, count)
 
 
-def _check_finite(raw: Any, place: str, lines: dict[str, int], source: str) -> None:
+def _check_finite(raw: object, place: str, lines: dict[str, int], source: str) -> None:
     """NaN and infinity parse as numbers, but no key of ours means them."""
     if isinstance(raw, float) and not math.isfinite(raw):
         line = f"line {lines[place]}: " if place in lines else ""
@@ -95,7 +95,7 @@ def _check_finite(raw: Any, place: str, lines: dict[str, int], source: str) -> N
         _check_finite(value, f"{place}.{key}" if isinstance(raw, dict) else f"{place}[{key}]", lines, source)
 
 
-def _explain(message: str, raw: Any, lines: dict[str, int], kind: type[Any]) -> str:
+def _explain(message: str, raw: object, lines: dict[str, int], kind: type[T]) -> str:
     """The library's message with line, readable place and the nearest valid key."""
     match = re.fullmatch(r"(.*?)(?: - at `(?:key in )?(\$.*)`)?", message, re.DOTALL)
     text, place = (match.group(1), match.group(2) or "$") if match else (message, "$")
@@ -109,7 +109,7 @@ def _explain(message: str, raw: Any, lines: dict[str, int], kind: type[Any]) -> 
     return f"{line}{shown + ': ' if shown else ''}{text[:1].lower() + text[1:]}{got}"
 
 
-def _unknown_key(key: str, place: str, lines: dict[str, int], kind: type[Any]) -> str:
+def _unknown_key(key: str, place: str, lines: dict[str, int], kind: type[T]) -> str:
     line = lines.get(f"{place}.{key}")
     valid = _valid_keys(kind, place)
     near = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
@@ -119,16 +119,15 @@ def _unknown_key(key: str, place: str, lines: dict[str, int], kind: type[Any]) -
     return f"{f'line {line}: ' if line else ''}unknown key {key!r}{where}; {hint}"
 
 
-def _valid_keys(kind: Any, place: str) -> list[str]:
+def _valid_keys(kind: type[T], place: str) -> list[str]:
     """Keys allowed at a path, found by walking the declared types."""
+    info = _strip(msgspec.inspect.type_info(kind))
     for part in re.findall(r"\.([^.\[\]]+)|\[[^\]]*\]", place.removeprefix("$")):
-        info: Any = msgspec.inspect.type_info(kind) if not isinstance(kind, msgspec.inspect.Type) else kind
-        kind = _step(_strip(info), part)
-    info = _strip(msgspec.inspect.type_info(kind) if not isinstance(kind, msgspec.inspect.Type) else kind)
-    return sorted(f.encode_name for f in getattr(info, "fields", ()))
+        info = _strip(_step(info, part))
+    return sorted(f.encode_name for f in info.fields) if isinstance(info, msgspec.inspect.StructType) else []
 
 
-def _strip(info: Any) -> Any:
+def _strip(info: msgspec.inspect.Type) -> msgspec.inspect.Type:
     """The struct or container inside a union with null."""
     if isinstance(info, msgspec.inspect.UnionType):
         inner = [t for t in info.types if not isinstance(t, msgspec.inspect.NoneType)]
@@ -137,15 +136,18 @@ def _strip(info: Any) -> Any:
     return info
 
 
-def _step(info: Any, part: str) -> Any:
-    if part and hasattr(info, "fields"):
+def _step(info: msgspec.inspect.Type, part: str) -> msgspec.inspect.Type:
+    """The type of a field, or of the items of a container."""
+    if part and isinstance(info, msgspec.inspect.StructType):
         for f in info.fields:
             if f.encode_name == part:
                 return f.type
-    return getattr(info, "item_type", getattr(info, "value_type", info))
+    if isinstance(info, msgspec.inspect.CollectionType):
+        return info.item_type
+    return info.value_type if isinstance(info, msgspec.inspect.DictType) else info
 
 
-def _value_at(raw: Any, place: str) -> Any:
+def _value_at(raw: Any, place: str) -> object:
     for name, index in re.findall(r"\.([^.\[\]]+)|\[(\d+)\]", place.removeprefix("$")):
         try:
             raw = raw[name] if name else raw[int(index)]

@@ -14,7 +14,7 @@ from occlog.io.files.frame_times import FrameTimes, as_rate
 from occlog.records.losses import Loss
 
 from .folder import ImageFolder
-from .process import Decoder, Delivered, start_decoder
+from .process import Decoder, DecodingJob, Delivered, start_decoder
 from .video_stream import rate_times
 
 TRIAL = 4
@@ -89,7 +89,7 @@ def video_source(
     name: str, path: Path, times: FrameTimes, *, start: int, stop: int | None, store: str, quality: int
 ) -> CameraSource:
     """Start decoding a video; `store` is png, jpeg, raw or none (times only)."""
-    job = {"kind": "video", "path": str(path), "start": start, "stop": stop, "store": store, "quality": quality}
+    job = DecodingJob(kind="video", path=str(path), start=start, stop=stop, store=store, quality=quality)
     return CameraSource(name, path, start_decoder(job), times, whole=stop is None)
 
 
@@ -100,5 +100,5 @@ def image_source(
     files = [(i, str(file)) for i, file in folder.files if i >= start and (stop is None or i < stop)]
     if not files:
         raise InputError(f"{folder.path}: holds no image of frames {start} to {stop}")
-    job = {"kind": "images", "path": str(folder.path), "files": files, "store": store, "quality": quality}
+    job = DecodingJob(kind="images", path=str(folder.path), files=files, store=store, quality=quality)
     return CameraSource(name, folder.path, start_decoder(job), folder.times, whole=False)

@@ -12,12 +12,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
-from occlog.array_types import NS
+from occlog.array_types import NS, Ints
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
 from occlog.io.video.container import Container
@@ -80,7 +79,7 @@ def examine(path: Path) -> VideoFile:
         capture.release()
 
 
-def _open(path: Path, container: Container | None) -> Any:
+def _open(path: Path, container: Container | None) -> cv2.VideoCapture:
     # One thread: what is decoded from a damaged file must not depend on the machine.
     capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
     if capture.isOpened():
@@ -91,7 +90,7 @@ def _open(path: Path, container: Container | None) -> Any:
     raise InputError(f"{path}: the video cannot be opened{faults}; copy or repair it")
 
 
-def _describe(path: Path, capture: Any, container: Container | None) -> VideoFile:
+def _describe(path: Path, capture: cv2.VideoCapture, container: Container | None) -> VideoFile:
     size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
     if size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"{path}: frames of {size[0]} x {size[1]} px; the limit is {MAX_PIXELS} pixels")
@@ -158,7 +157,7 @@ class _Raw:
     fetch: Callable[[], tuple[bool, Image]]
 
 
-def _raw_pictures(frames: int | None, capture: Any, complaint: Callable[[], str]) -> Iterator[_Raw]:
+def _raw_pictures(frames: int | None, capture: cv2.VideoCapture, complaint: Callable[[], str]) -> Iterator[_Raw]:
     """Every picture that the decoder delivers; failed reads are passed over."""
     ordinal = misses = missed = 0
     while misses <= PATIENCE + max((frames or 0) - ordinal - missed, 0):
@@ -180,7 +179,7 @@ def _raw_pictures(frames: int | None, capture: Any, complaint: Callable[[], str]
         ordinal += 1
 
 
-def _retrieve(capture: Any) -> tuple[bool, Image]:
+def _retrieve(capture: cv2.VideoCapture) -> tuple[bool, Image]:
     try:
         ok, image = capture.retrieve()
     except cv2.error:
@@ -225,7 +224,7 @@ def _place(container: Container | None, raw: _Raw) -> int:
     return near if abs(int(pts[near]) - pos) <= _tolerance(pts, near) else -1
 
 
-def _tolerance(pts: Any, k: int) -> float:
+def _tolerance(pts: Ints, k: int) -> float:
     """Half the way to the nearer neighbour, at most 5 ms: decoders round time stamps."""
     gaps = np.diff(pts[max(k - 1, 0) : k + 2])
     return min(float(gaps.min()) / 2 if len(gaps) else 5e6, 5e6)

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any, Literal, Required, Self, TypedDict
 
 import numpy as np
 
@@ -21,6 +21,33 @@ import occlog
 from occlog.errors import InputError
 from occlog.records.frames import Image
 from occlog.records.losses import Loss
+
+
+class DecodingJob(TypedDict, total=False):
+    """What the decoding process is to do."""
+
+    kind: Required[Literal["video", "images"]]
+    path: Required[str]  # video file, or folder of the images
+    files: list[tuple[int, str]]  # of images: frame number and file
+    start: int  # of a video: first frame
+    stop: int | None  # of a video: frame before which it ends; None: its end
+    store: Required[str]  # png, jpeg, raw or none; of images also keep
+    quality: Required[int]  # of JPEG
+
+
+class Header(TypedDict, total=False):
+    """A message of the decoding process: of the input, of a frame, of the end, or of an error."""
+
+    size: tuple[int, int]
+    frames: int | None
+    rate: float | None
+    bars: tuple[int, int, int, int]
+    i: int  # number of the frame
+    p: float | None  # its time in the file [ns]
+    k: str  # how its data are stored
+    s: tuple[int, ...]  # shape of raw data
+    end: list[dict[str, Any]]  # losses
+    error: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +96,10 @@ class Decoder:
             self.close()
             raise
         header, _ = message
-        self.size, self.frames, self.rate_hz = tuple(header["size"]), header["frames"], header["rate"]
-        self.bars = tuple(header["bars"])
+        width, height = header["size"]
+        left, top, right, bottom = header["bars"]
+        self.size, self.bars = (width, height), (left, top, right, bottom)
+        self.frames, self.rate_hz = header["frames"], header["rate"]
         return self
 
     def __exit__(
@@ -110,14 +139,14 @@ class Decoder:
             kind = header.get("k", "raw" if "s" in header else "none")
             yield Delivered(last, None if pos is None else round(pos), kind, payload, tuple(header.get("s", ())))
 
-    def _receive(self) -> tuple[dict[str, Any], bytes] | None:
+    def _receive(self) -> tuple[Header, bytes] | None:
         """The next message, None if the process died; InputError if it reports one."""
         pipe: IO[bytes] = self.process.stdout  # type: ignore[assignment]
         head = pipe.read(8)
         if len(head) < 8:
             return None
         text, size = struct.unpack(">II", head)
-        header = json.loads(pipe.read(text))
+        header: Header = json.loads(pipe.read(text))
         payload = pipe.read(size)
         if len(payload) < size:
             return None
@@ -134,7 +163,7 @@ class Decoder:
         return f"crashed (signal {-code})"
 
 
-def start_decoder(job: dict[str, Any]) -> Decoder:
+def start_decoder(job: DecodingJob) -> Decoder:
     """Start a decoding process; it is ready to be used in a `with` statement, which waits for it.
 
     Args:

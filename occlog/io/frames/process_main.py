@@ -18,13 +18,15 @@ import tempfile
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from occlog.errors import InputError
 from occlog.records.losses import Loss
 
 if TYPE_CHECKING:
     from occlog.records.frames import Image
+
+    from .process import DecodingJob, Header
 
 _ADDRESS = re.compile(r"\[([^\]@]+) @ 0x[0-9a-f]+\] ?")
 MAX_TEXT = 90
@@ -52,7 +54,7 @@ class Log:
         return lines[0][:MAX_TEXT] if lines else ""
 
 
-def send(out: BinaryIO, header: dict[str, Any], payload: bytes | memoryview = b"") -> None:
+def send(out: BinaryIO, header: Header, payload: bytes | memoryview = b"") -> None:
     """One message: lengths, JSON, data."""
     text = json.dumps(header).encode()
     out.write(struct.pack(">II", len(text), len(payload)))
@@ -82,7 +84,7 @@ def main() -> None:
     os._exit(0)  # nothing is left to do, and decoders may hang in their clean-up
 
 
-def _run(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> None:
+def _run(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
     with suppress(ImportError, ValueError, OSError):
         import resource
 
@@ -97,7 +99,7 @@ def _run(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> No
         _images(job, out, log, losses)
 
 
-def _video(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> None:
+def _video(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
     from .decode import CAPTURE_OPTIONS, decode, examine
     from .sizes import size_changes
 
@@ -110,7 +112,7 @@ def _video(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> 
         _deliver(job, out, picture.index, picture.pos_ns, picture.image)
 
 
-def _images(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) -> None:
+def _images(job: DecodingJob, out: BinaryIO, log: Log, losses: list[Loss]) -> None:
     from .codec import dark_bars, image_kind
     from .folder import load
 
@@ -131,7 +133,7 @@ def _images(job: dict[str, Any], out: BinaryIO, log: Log, losses: list[Loss]) ->
         raise InputError(f"{job['path']}: not one image can be used; first: {losses[0] if losses else 'none'}")
 
 
-def _first_image(job: dict[str, Any], files: list[tuple[int, Path]]) -> Image:
+def _first_image(job: DecodingJob, files: list[tuple[int, Path]]) -> Image:
     """The first image that can be decoded."""
     from .codec import decode_image
 
@@ -144,10 +146,10 @@ def _first_image(job: dict[str, Any], files: list[tuple[int, Path]]) -> Image:
     raise InputError(f"{job['path']}: not one image can be decoded ({reason})")
 
 
-def _deliver(job: dict[str, Any], out: BinaryIO, index: int, pos_ns: float, image: Any) -> None:
+def _deliver(job: DecodingJob, out: BinaryIO, index: int, pos_ns: float, image: Image) -> None:
     from .codec import encode_image
 
-    header: dict[str, Any] = {"i": index, "p": pos_ns if pos_ns == pos_ns else None}
+    header: Header = {"i": index, "p": pos_ns if pos_ns == pos_ns else None}
     store = job["store"]
     if store == "none":
         send(out, header)

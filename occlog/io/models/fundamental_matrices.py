@@ -54,7 +54,7 @@ class EpipolarSpec(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     )
 
 
-def epipolar_schema() -> dict[str, Any]:
+def epipolar_schema() -> dict[str, object]:
     """JSON Schema of epipolar files."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(EpipolarSpec)}
 
@@ -93,7 +93,7 @@ def epipolar_bytes(pairs: ViewPairs, provenance: Provenance) -> bytes:
     return (json.dumps(_values(pairs, provenance), sort_keys=True, indent=2) + "\n").encode()
 
 
-def _values(pairs: ViewPairs, provenance: Provenance) -> dict[str, Any]:
+def _values(pairs: ViewPairs, provenance: Provenance) -> dict[str, object]:
     return {
         "occlog_epipolar": 1,
         "pairs": [{**pair._asdict(), "matrix": pair.matrix.tolist(), **_lengths(pair)} for pair in pairs.pairs],
@@ -107,7 +107,7 @@ def _lengths(pair: ViewPair) -> dict[str, float | None]:
     return {name: float(value) if np.isfinite(value) else None for name, value in lengths.items()}
 
 
-def _pairs(values: Any, where: str) -> ViewPairs:
+def _pairs(values: object, where: str) -> ViewPairs:
     if not isinstance(values, Mapping) or "pairs" not in values:
         raise InputError(f"{where}: is not epipolar geometry (no `pairs`); make it with `occlog epipolar`")
     try:

@@ -55,7 +55,7 @@ class MotionModel(NamedTuple):
     length_unit: str
 
 
-def motion_schema() -> dict[str, Any]:
+def motion_schema() -> dict[str, object]:
     """JSON Schema of motion files."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(MotionSpec)}
 
@@ -76,7 +76,7 @@ def read_motion(path: Path) -> MotionModel:
 
 
 def write_motion(
-    path: Path, motion: MotionModel, details: Mapping[str, Any], provenance: Provenance, *, overwrite: bool = False
+    path: Path, motion: MotionModel, details: Mapping[str, object], provenance: Provenance, *, overwrite: bool = False
 ) -> None:
     """Write a model, whole or not at all; what is not finite in `details` becomes null.
 

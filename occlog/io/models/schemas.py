@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
 
 import msgspec
 
@@ -23,7 +22,7 @@ from .motion_models import motion_schema
 _KINDS = {"i8": "int64", "i4": "int32", "f8": "float64", "f4": "float32", "?": "bool", "U": "string"}
 
 
-def table_definition(table: type[Table]) -> dict[str, Any]:
+def table_definition(table: type[Table]) -> dict[str, object]:
     """Columns of a table as JSON-ready values."""
     return {
         "name": table.NAME,
@@ -43,12 +42,12 @@ def table_definition(table: type[Table]) -> dict[str, Any]:
     }
 
 
-def scene_schema() -> dict[str, Any]:
+def scene_schema() -> dict[str, object]:
     """JSON Schema of scene files, for editors and other programs."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(SceneSpec)}
 
 
-SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
+SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {
     **{name: partial(table_definition, table) for name, table in TABLES.items()},
     **{schema_of(table): partial(message_schema, table) for table in RECORDED},
     VIDEO_FRAME: lambda: VIDEO_FRAME_SCHEMA,
@@ -60,7 +59,7 @@ SCHEMAS: dict[str, Callable[[], dict[str, Any]]] = {
 """Every published schema by name; `schemas/NAME.json` holds its text."""
 
 
-def schema_text(name: str, schemas: Mapping[str, Callable[[], dict[str, Any]]] = SCHEMAS) -> str:
+def schema_text(name: str, schemas: Mapping[str, Callable[[], dict[str, object]]] = SCHEMAS) -> str:
     """A schema as JSON text; UsageError for a name that is none."""
     if name not in schemas:
         raise UsageError(f"no schema {name!r}; there are {', '.join(schemas)}")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
+from mcap.reader import McapReader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from occlog import __version__
@@ -65,7 +65,7 @@ def copy_recording(
     return messages
 
 
-def _copy_messages(reader: Any, writer: Writer) -> int:
+def _copy_messages(reader: McapReader, writer: Writer) -> int:
     """Copy all messages in the order of the file."""
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}

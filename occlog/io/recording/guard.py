@@ -12,13 +12,14 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
+from mcap.records import ChunkIndex
 from mcap.stream_reader import CRCValidationError
 from mcap.summary import Summary
 
@@ -125,7 +126,7 @@ def _check_chunks(path: Path, file: IO[bytes], summary: Summary) -> None:
             )
 
 
-def _packed_size(file: IO[bytes], index: Any) -> int:
+def _packed_size(file: IO[bytes], index: ChunkIndex) -> int:
     """Size that the compressed frame itself declares; the chunk's own figure is not binding."""
     if not index.compression:
         return int(index.compressed_size)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import cv2
 import msgspec
@@ -217,12 +217,12 @@ class _JsonImage(msgspec.Struct):
 
 def _decode(data: bytes, where: str) -> Image:
     try:
-        image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
+        image: Image | None = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
     except cv2.error as error:
         raise InputError(f"{where}: the image cannot be decoded ({error.err})") from error
     if image is None:
         raise InputError(f"{where}: the image cannot be decoded ({len(data)} bytes)")
-    return image  # type: ignore[no-any-return]
+    return image
 
 
 def open_recording(path: Path) -> Recording:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import Any, TypeVar
+from typing import Generic, TypeVar
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
+from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.records.columns import Column, Table
 from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Truth, TruthBoxes
@@ -41,13 +43,13 @@ def _listed(table: type[Table]) -> list[Column]:
     return [c for c in table.columns() if c.name not in ("t_ns", "sensor")]
 
 
-def message_schema(table: type[Table]) -> dict[str, Any]:
+def message_schema(table: type[Table]) -> dict[str, object]:
     """JSON Schema of the messages of a table."""
-    properties: dict[str, Any] = {"t_ns": {"type": "integer", "description": "ns since the Unix epoch, of all rows"}}
+    properties: dict[str, object] = {"t_ns": {"type": "integer", "description": "ns since the Unix epoch, of all rows"}}
     if _has_sensor(table):
         properties["sensor"] = {"type": "string", "description": "sensor of all rows"}
     for c in _listed(table):
-        kind: Any = _JSON_TYPES[c.kind]
+        kind = _JSON_TYPES[c.kind]
         item = {"type": [kind, "null"] if c.nan is not None else kind}
         text = f"{c.doc} [{c.unit}]" + (f"; null: {c.nan}" if c.nan is not None else "")
         properties[c.name] = {"type": "array", "items": item, "description": text}
@@ -67,29 +69,28 @@ def table_to_messages(table: Table) -> Iterator[tuple[str, int, bytes]]:
     if not len(table):
         return
     kind = type(table)
-    t_ns: Any = table.t_ns  # type: ignore[attr-defined]
-    sensor: Any = getattr(table, "sensor", None)
+    t_ns: Ints = table.t_ns  # type: ignore[attr-defined]
+    sensor: Strings | None = getattr(table, "sensor", None)
     change = np.flatnonzero(np.diff(t_ns) != 0) + 1
     if sensor is not None:
         change = np.union1d(change, np.flatnonzero(sensor[1:] != sensor[:-1]) + 1)
     lists = {c.name: getattr(table, c.name).tolist() for c in _listed(kind)}
     bounds = [0, *change.tolist(), len(table)]
     for start, stop in itertools.pairwise(bounds):
-        message: dict[str, Any] = {"t_ns": int(t_ns[start])}
-        if sensor is not None:
-            message["sensor"] = str(sensor[start])
-        message.update({name: values[start:stop] for name, values in lists.items()})
-        yield topic_of(kind, message.get("sensor", "")), message["t_ns"], msgspec.json.encode(message)
+        time, name = int(t_ns[start]), "" if sensor is None else str(sensor[start])
+        named = {} if sensor is None else {"sensor": name}
+        message = {"t_ns": time, **named, **{column: values[start:stop] for column, values in lists.items()}}
+        yield topic_of(kind, name), time, msgspec.json.encode(message)
 
 
-class RowCollector:
+class RowCollector(Generic[T]):
     """Gathers messages of one table and makes chunks of it."""
 
-    def __init__(self, table: type[Table], source: str) -> None:
+    def __init__(self, table: type[T], source: str) -> None:
         """Start without rows; `source` names the file in messages."""
         self.rows = 0
         self._table, self._source = table, source
-        self._lists: dict[str, list[Any]] = {c.name: [] for c in table.columns()}
+        self._lists: dict[str, list[object]] = {c.name: [] for c in table.columns()}
         self._has_sensor = _has_sensor(table)
 
     def add(self, topic: str, data: bytes) -> None:
@@ -114,7 +115,7 @@ class RowCollector:
             ) from error
         self.rows += n
 
-    def take(self) -> Any:
+    def take(self) -> T:
         """The rows so far as a table sorted by its key; the collector is empty afterwards."""
         values = {c.name: _array(c, self._lists[c.name], self._source) for c in self._table.columns()}
         self._lists = {c.name: [] for c in self._table.columns()}
@@ -122,7 +123,7 @@ class RowCollector:
         return self._table(**values).sorted()
 
 
-def _array(c: Column, values: list[Any], source: str) -> np.ndarray[Any, Any]:
+def _array(c: Column, values: list[object], source: str) -> NDArray[np.generic]:
     if not values:
         return np.empty((0, c.width) if c.width else 0, "U1" if c.kind == "U" else c.dtype)
     try:

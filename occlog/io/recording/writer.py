@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.writer import CompressionType, IndexType, Writer
@@ -153,5 +153,5 @@ class RecordingWriter:
 def _schema_data(name: str) -> tuple[str, bytes]:
     if name == VIDEO_FRAME:
         return "jsonschema", json.dumps(VIDEO_FRAME_SCHEMA).encode()
-    descriptor: Any = build_file_descriptor_set(CompressedImage)
+    descriptor = build_file_descriptor_set(CompressedImage)
     return "protobuf", descriptor.SerializeToString(deterministic=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -75,7 +75,7 @@ class PathsSpec(Spec, kw_only=True):
     targets: Annotated[list[TargetSpec], Meta(min_length=1)]
 
 
-def paths_schema() -> dict[str, Any]:
+def paths_schema() -> dict[str, object]:
     """JSON Schema of path files."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(PathsSpec)}
 

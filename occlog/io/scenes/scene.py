@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -300,19 +300,26 @@ def _array(spec: ArraySpec, where: str) -> MicrophoneArray:
     )
 
 
-def _floats(values: Any) -> Any:
-    return np.asarray(values, dtype=np.float64).tolist()
+def _floats(values: Floats) -> list[float]:
+    return [float(value) for value in values]
+
+
+def _rows(values: Floats) -> list[list[float]]:
+    return [_floats(row) for row in values]
+
+
+def _corners(polygon: Floats) -> list[Point2]:
+    return [(float(x), float(y)) for x, y in polygon]
 
 
 def _spec(scene: Scene) -> SceneSpec:
     return SceneSpec(
         occlog_scene=1,
         length_unit=scene.length_unit,  # type: ignore[arg-type]
-        room=[tuple(p) for p in _floats(scene.room)] if scene.room is not None else None,
+        room=_corners(scene.room) if scene.room is not None else None,
         room_height=scene.room_height,
         static_occluders=[
-            OccluderSpec(name=o.name, polygon=[tuple(p) for p in _floats(o.polygon)], height=o.height)
-            for o in scene.occluders
+            OccluderSpec(name=o.name, polygon=_corners(o.polygon), height=o.height) for o in scene.occluders
         ],
         cameras=[_camera_spec(c) for c in scene.cameras],
         microphone_arrays=[_array_spec(a) for a in scene.arrays],
@@ -325,9 +332,9 @@ def _camera_spec(c: Camera) -> CameraSpec:
     return CameraSpec(
         name=c.name,
         position=_floats(c.position) if c.placed else None,
-        rotation=_floats(c.rotation) if c.placed else None,
+        rotation=_rows(c.rotation) if c.placed else None,
         focal_px=_floats(c.focal_px),
-        principal_point_px=tuple(_floats(c.principal_px)),
+        principal_point_px=(float(c.principal_px[0]), float(c.principal_px[1])),
         image_size_px=list(c.image_size) if c.image_size else None,
         distortion=distortion if np.any(c.distortion) else None,
         fov=c.fov,
@@ -349,7 +356,7 @@ def _array_spec(a: MicrophoneArray) -> ArraySpec:
         name=a.name,
         position=_floats(a.position),
         yaw=a.yaw,
-        microphones=_floats(a.microphones),
+        microphones=_rows(a.microphones),
         sigma=a.sigma,
         range=None if math.isinf(a.range) else a.range,
         rate_hz=a.rate_hz,

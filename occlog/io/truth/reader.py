@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -127,10 +127,9 @@ def _row_times(rows: Rows, options: TruthOptions) -> Ints:
 
 def _gather(path: Path, parts: list[Positions]) -> Truth:
     """All positions in the order of time; InputError where a target is at two places at once."""
-    columns: list[Any] = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    p = Positions(*columns)
+    p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((p.target_id, p.t_ns))
-    p = Positions(*(c[order] for c in columns))
+    p = Positions._make(column[order] for column in p)
     double = np.flatnonzero((np.diff(p.t_ns) == 0) & (np.diff(p.target_id) == 0))
     if len(double):
         k = int(double[0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -73,7 +72,7 @@ def command(
     overwrite: bool,
     quiet: bool,
     as_json: bool,
-    **values: Any,
+    **values: object,
 ) -> int:
     """Reduce the frames of RECORDING to bearings of its targets.
 
@@ -109,7 +108,7 @@ def command(
     return options.finish(summary, losses, as_json)
 
 
-def _refuse_options_of_fusion(values: dict[str, Any]) -> None:
+def _refuse_options_of_fusion(values: dict[str, object]) -> None:
     """Usage error for an option that only the fusion takes; the height of a person is an option of detection, too."""
     for option in OF_FUSION:
         if values[str(option.name)] is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from occlog.settings import Settings, setting
 
@@ -103,7 +103,7 @@ class DetectConfig(Settings):
     min_confidence: float = setting(0.3, "Of a detector's box.", at_least=0, at_most=1, option="--min-confidence")
 
 
-def parameters(config: DetectConfig) -> dict[str, Any]:
+def parameters(config: DetectConfig) -> dict[str, object]:
     """The settings and constants that a detection in images depends on, for its provenance."""
     return asdict(config) | {
         "clean_px": CLEAN_PX,

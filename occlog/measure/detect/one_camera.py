@@ -8,9 +8,9 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass, field
 from itertools import groupby
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from occlog.errors import InputError
 from occlog.measure.clusters.person_size import Prior, SizeMap, constant_sizes, make_prior, sizes_from_camera
@@ -192,7 +192,7 @@ def check_size(camera: Camera, size: tuple[int, int]) -> None:
         )
 
 
-def plain_image(image: Any, bits: int | None) -> Image:
+def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
     """8-bit grey or BGR image from what was decoded.
 
     Args:

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -45,9 +44,9 @@ class DetectRequest:
     references: Path | None  # file with appearances of targets; None: those attached to the recording
     boxes: tuple[str, ...]  # around targets, as texts [ID:]CAM:FRAME:X,Y,W,H
     learn: bool  # look through the recording first
-    settings: dict[str, Any]  # of `DetectConfig`, as far as they were given
+    settings: dict[str, object]  # of `DetectConfig`, as far as they were given
     workers: int
-    fusion: dict[str, Any] | None = None  # settings of `FuseConfig` that were given; None: no fusion
+    fusion: dict[str, object] | None = None  # settings of `FuseConfig` that were given; None: no fusion
 
     @property
     def inputs(self) -> list[Path]:
@@ -57,7 +56,7 @@ class DetectRequest:
 
 def run_detect(
     request: DetectRequest, output: Path, views: Path | None, overwrite: bool, quiet: bool
-) -> tuple[dict[str, Any], list[Loss]]:
+) -> tuple[dict[str, object], list[Loss]]:
     """Detect and write; the summary, and the input that was lost."""
     opened = open_recording(request.recording)
     scene = options.load_scene(request.scene, opened.scene, request.recording)
@@ -87,7 +86,7 @@ def run_detect(
         for writer in (rows, regions):
             if writer is not None:
                 writer.annotate(final)
-    summary: dict[str, Any] = {"bearings": str(output), **_figures(tally)}
+    summary: dict[str, object] = {"bearings": str(output), **_figures(tally)}
     if request.fusion is not None:
         fused.warn(quiet)
         summary |= {"fusion": fused.summary()}
@@ -126,12 +125,12 @@ def _fused(
 
 def _detections(
     request: DetectRequest, recording: Recording, scene: Scene, quiet: bool
-) -> tuple[Iterator[Detections], dict[str, Any]]:
+) -> tuple[Iterator[Detections], dict[str, object]]:
     """The parts in the order of time, and the parameters on which they depend.
 
     Images come first; a recording without images gives its boxes, and one without boxes its bearings.
     """
-    config = DetectConfig(**request.settings)
+    config = configure(DetectConfig(), request.settings)
     if recording.cameras:
         return _from_images(request, recording, scene, config, quiet)
     if recording.has(Boxes):
@@ -150,7 +149,7 @@ def _pass_on(chunks: Iterator[Bearings]) -> Iterator[Detections]:
 
 def _from_images(
     request: DetectRequest, recording: Recording, scene: Scene, config: DetectConfig, quiet: bool
-) -> tuple[Iterator[Detections], dict[str, Any]]:
+) -> tuple[Iterator[Detections], dict[str, object]]:
     """Learn from a first look where that is asked for, then detect in a second."""
     sensors = _cameras(request, recording)
     boxes = [_box(text) for text in request.boxes]
@@ -196,7 +195,7 @@ def _references(request: DetectRequest, recording: Recording) -> tuple[Target, .
     if raw is None:
         return ()
     try:
-        found: dict[int, list[Any]] = {}
+        found: dict[int, list[list[float]]] = {}
         for entry in json.loads(raw):
             found.setdefault(int(entry["target_id"]), []).append(entry["appearance"])
         return tuple(Target(i, np.array(rows, dtype=np.float64)) for i, rows in sorted(found.items()))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -62,7 +61,7 @@ def command(
     overwrite: bool,
     quiet: bool,
     as_json: bool,
-    **values: Any,
+    **values: object,
 ) -> int:
     """Find the fundamental matrix of each pair of views: where a point of one view can be in the other.
 
@@ -101,6 +100,6 @@ def command(
     return code if agree else ExitCode.THRESHOLD
 
 
-def _line(figures: dict[str, Any]) -> str:
+def _line(figures: dict[str, object]) -> str:
     """Figures of one pair for a person."""
     return ", ".join(f"{k.replace('_', ' ')} {f'{v:.3g}' if isinstance(v, float) else v}" for k, v in figures.items())

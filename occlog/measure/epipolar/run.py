@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Required, TypedDict
 
 from occlog.cli import options
 from occlog.cli.values import parse_names
@@ -34,6 +34,14 @@ if TYPE_CHECKING:
     from occlog.records.scene import Scene
 
 
+class EpipolarSummary(TypedDict, total=False):
+    """Figures of each pair by its name, and the file that was written or whether all matches agree."""
+
+    epipolar: str
+    pairs: Required[dict[str, dict[str, object]]]
+    agree: bool
+
+
 @dataclass(frozen=True)
 class EpipolarRequest:
     """Where matrices or matches come from, and what is asked of them."""
@@ -56,7 +64,7 @@ class EpipolarRequest:
 
 def run_epipolar(
     request: EpipolarRequest, output: Path | None, overwrite: bool, quiet: bool
-) -> tuple[dict[str, Any], tuple[Loss, ...], bool]:
+) -> tuple[EpipolarSummary, tuple[Loss, ...], bool]:
     """Do it; the summary, what had been lost before, and whether all matches that were checked agree."""
     _check_usage(request, output)
     recording = open_recording(request.recording) if request.recording is not None else None
@@ -174,9 +182,9 @@ def _warn(pairs: ViewPairs, scene: Scene | None, quiet: bool) -> None:
         options.note(f"no fundamental matrix of {', '.join(rest)}", quiet)
 
 
-def _summary(pair: ViewPair) -> dict[str, Any]:
+def _summary(pair: ViewPair) -> dict[str, object]:
     """Figures of one pair."""
-    out: dict[str, Any] = {"source": pair.source, "undistorted": pair.undistorted}
+    out: dict[str, object] = {"source": pair.source, "undistorted": pair.undistorted}
     if pair.source == "calibration":
         return out
     return out | {
@@ -189,5 +197,5 @@ def _summary(pair: ViewPair) -> dict[str, Any]:
     }
 
 
-def _check_summary(check: PairCheck) -> dict[str, Any]:
+def _check_summary(check: PairCheck) -> dict[str, object]:
     return {k: v for k, v in check._asdict().items() if k not in ("a", "b")}

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
-from occlog.core.sight.fundamental import TOLERANCE_PX, check_fundamental, symmetric_errors
+from occlog.core.sight.fundamental import check_fundamental, symmetric_errors
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.records.view_pairs import Matches, ViewPair, ViewPairs
@@ -70,7 +70,7 @@ def estimated_pairs(
 
 
 def checked_pairs(
-    pairs: ViewPairs, matches: Iterable[Matches], scene: Scene | None = None, tolerance_px: float = TOLERANCE_PX
+    pairs: ViewPairs, matches: Iterable[Matches], scene: Scene | None, tolerance_px: float
 ) -> tuple[PairCheck, ...]:
     """How well the matches of each pair agree with its matrix.
 

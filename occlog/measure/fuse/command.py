@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -39,7 +38,7 @@ def command(
     overwrite: bool,
     quiet: bool,
     as_json: bool,
-    **values: Any,
+    **values: object,
 ) -> int:
     """Fuse the detections of several cameras in BEARINGS (Parquet, or a recording that holds bearings).
 

@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from occlog.cli import options
 from occlog.errors import UsageError
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.measure.scans.inputs import Inputs
+from occlog.records.columns import Table
 from occlog.records.tables import Bearings, Views
 from occlog.settings import configure
 
@@ -42,7 +43,7 @@ class FuseFiles:
         return [p for p in (self.bearings, self.views, self.scene) if p is not None]
 
 
-def run_fuse(files: FuseFiles, values: Mapping[str, Any], quiet: bool) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+def run_fuse(files: FuseFiles, values: Mapping[str, object], quiet: bool) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Fuse and write; the summary, and what had been lost before.
 
     Args:
@@ -62,7 +63,7 @@ def run_fuse(files: FuseFiles, values: Mapping[str, Any], quiet: bool) -> tuple[
     tally = FuseTally()
     with ExitStack() as stack:
 
-        def writer(path: Path, table: type[Any]) -> TableWriter:
+        def writer(path: Path, table: type[Table]) -> TableWriter:
             made = TableWriter(path, table, provenance, overwrite=files.overwrite, length_unit=unit)
             return stack.enter_context(made)
 
@@ -91,7 +92,7 @@ class FuseTally:
             self.cameras.setdefault(name, Counter()).update(counts)
         self.totals.update(moments=part.moments, declared=part.declared, not_declared=part.absent, alone=part.alone)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Figures of all cameras, and of each.
 
         declared: objects, one a moment and object; not_declared: those with detections that were not.
@@ -99,7 +100,7 @@ class FuseTally:
         whole: Counter[str] = Counter()
         for counts in self.cameras.values():
             whole.update(counts)
-        out: dict[str, Any] = {k: self.totals[k] for k in ("moments", "declared", "not_declared")}
+        out: dict[str, object] = {k: self.totals[k] for k in ("moments", "declared", "not_declared")}
         out |= {k: whole[k] for k in ("kept", "recovered", "removed")}
         return out | {"cameras": {name: dict(counts) for name, counts in self.cameras.items()}}
 

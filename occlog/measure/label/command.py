@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -47,7 +46,7 @@ def command(
     overwrite: bool,
     quiet: bool,
     as_json: bool,
-    **values: Any,
+    **values: object,
 ) -> int:
     """Give candidates of BEARINGS (Parquet, or a recording that holds bearings) the identity of a track.
 

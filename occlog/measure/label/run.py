@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from occlog.cli import options
 from occlog.errors import InputError
@@ -51,7 +51,7 @@ class Sensors:
 
 def run_label(
     files: LabelFiles, use: Sensors, config: LabelConfig, quiet: bool
-) -> tuple[dict[str, Any], tuple[Loss, ...]]:
+) -> tuple[dict[str, object], tuple[Loss, ...]]:
     """Label and write; the summary, and what had been lost before."""
     inputs = Inputs(files.bearings, files.scene, files.doa, files.doa_labels)
     tracks = inputs.open(files.tracks, Tracks)
@@ -92,7 +92,7 @@ class LabelTally:
         self.left += part.left
         self.frames += part.frames
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """The figures.
 
         rows: in the output.  frames_of_tracks: at whose time there is a track.  labelled, not_seen:

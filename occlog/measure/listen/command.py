@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -19,13 +18,14 @@ class SourceCount(click.ParamType):  # type: ignore[type-arg,unused-ignore]
 
     name = "number"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int:
         """The number; a usage error for one that is not 1 to 100."""
         if value == "auto":
             return 0
-        if not (str(value).isdecimal() and 1 <= int(value) <= 100):
-            self.fail(f"{value}: must be 1 to 100, or auto", param, ctx)
-        return int(value)
+        text = str(value)
+        if not (text.isdecimal() and 1 <= int(text) <= 100):
+            self.fail(f"{text}: must be 1 to 100, or auto", param, ctx)
+        return int(text)
 
 
 @click.command(
@@ -80,7 +80,7 @@ def command(
     overwrite: bool,
     quiet: bool,
     as_json: bool,
-    **values: Any,
+    **values: object,
 ) -> int:
     """Find directions of arrival in the sound that microphone arrays recorded (WAV, a channel a microphone).
 

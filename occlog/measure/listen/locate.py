@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import math
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,7 +75,7 @@ class Locator(NamedTuple):
     config: ListenConfig
 
 
-def library() -> Any:
+def library() -> ModuleType:
     """pyroomacoustics.doa; UsageError if it is not installed."""
     try:
         return importlib.import_module("pyroomacoustics.doa")

@@ -6,7 +6,7 @@ import heapq
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,23 +24,25 @@ from occlog.io.sound.wav import Sound, open_sound
 from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa
+from occlog.settings import configure
 
 from .config import ListenConfig
 from .locate import library
 from .stage import ListenTally, frames_of, listen
 
-Pairs = tuple[tuple[str | None, Any], ...]
+T = TypeVar("T")
+Pairs = tuple[tuple[str | None, T], ...]
 
 
 @dataclass(frozen=True)
 class ListenRequest:
     """What to listen to and how."""
 
-    sounds: Pairs  # (array or None, path)
+    sounds: Pairs[Path]  # (array or None, path)
     scene: Path | None
-    arrays: Pairs  # (name or None, path)
+    arrays: Pairs[Path]  # (name or None, path)
     channels: tuple[int, ...]  # from 0; empty: all
-    start_time: Pairs  # (array or None, text)
+    start_time: Pairs[str]  # (array or None, text)
     config: ListenConfig
 
     @classmethod
@@ -52,7 +54,7 @@ class ListenRequest:
         arrays: tuple[str, ...],
         channels: str,
         start_time: tuple[str, ...],
-        settings: dict[str, Any],
+        settings: dict[str, object],
     ) -> ListenRequest:
         """The request that the command's options make; UsageError or SettingError for what cannot be."""
         return cls(
@@ -61,7 +63,7 @@ class ListenRequest:
             arrays=pairs(arrays, Path),
             channels=parse_channels(channels),
             start_time=pairs(start_time, str),
-            config=ListenConfig(**settings),
+            config=configure(ListenConfig(), settings),
         )
 
     def inputs(self) -> list[Path]:
@@ -81,7 +83,9 @@ def parse_channels(text: str) -> tuple[int, ...]:
     return found
 
 
-def run_listen(request: ListenRequest, output: Path, overwrite: bool, quiet: bool) -> tuple[dict[str, Any], list[Loss]]:
+def run_listen(
+    request: ListenRequest, output: Path, overwrite: bool, quiet: bool
+) -> tuple[dict[str, object], list[Loss]]:
     """Listen and write; the summary, and what was lost."""
     library()  # before anything is read
     scene = _scene(request)

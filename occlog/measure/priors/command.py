@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -44,7 +43,7 @@ def kalman(
     overwrite: bool,
     quiet: bool,
     as_json: bool,
-    **values: Any,
+    **values: object,
 ) -> int:
     """Priors from POSITIONS (a recording with truth, or a table of truth or tracks) by a Kalman filter each.
 
@@ -105,7 +104,7 @@ def hull(
     overwrite: bool,
     quiet: bool,
     as_json: bool,
-    **values: Any,
+    **values: object,
 ) -> int:
     """Priors from VIEWS (of `occlog detect --views`): where the cones of what cameras see meet.
 
@@ -153,7 +152,7 @@ def acoustic(
     overwrite: bool,
     quiet: bool,
     as_json: bool,
-    **values: Any,
+    **values: object,
 ) -> int:
     """Priors from DOA (a table of directions of arrival, or a recording with them) of two arrays or more.
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from occlog.records.scene import Scene
 
 T = TypeVar("T", bound=Table)
-Result = tuple[dict[str, Any], tuple["Loss", ...]]
+S = TypeVar("S", Views, Bearings)
+Result = tuple[dict[str, object], tuple["Loss", ...]]
 
 
 class Cameras(NamedTuple):
@@ -58,7 +59,7 @@ class KalmanRequest:
 
     positions: Path
     scene: Path | None
-    settings: Mapping[str, Any]  # of `KalmanConfig`, as far as they were given
+    settings: Mapping[str, object]  # of `KalmanConfig`, as far as they were given
     measured: bool  # they are real measurements
     without: tuple[int, ...]  # identities that are left out
     seed: int
@@ -72,7 +73,7 @@ class HullRequest:
     bearings: Path | None
     scene: Path | None
     cameras: Cameras
-    settings: Mapping[str, Any]  # of `HullConfig`, as far as they were given
+    settings: Mapping[str, object]  # of `HullConfig`, as far as they were given
 
 
 class Source:
@@ -124,8 +125,12 @@ def run_kalman(request: KalmanRequest, output: Path, overwrite: bool, quiet: boo
     if measured and config.sigma == 0 and not tracks:
         raise UsageError("--measured positions need a --sigma above 0; leave out --measured if they are exact")
     if measured:
-        rows: Iterator[Any] = source.chunks(Tracks) if tracks else source.chunks(Truth)
-        priors = kalman_priors(options.progress(rows, "priors", quiet=quiet), config, without=request.without)
+        rows: Iterator[Tracks] | Iterator[Truth] = (
+            options.progress(source.chunks(Tracks), "priors", quiet=quiet)
+            if tracks
+            else options.progress(source.chunks(Truth), "priors", quiet=quiet)
+        )
+        priors = kalman_priors(rows, config, without=request.without)
     else:
         truth = options.progress(source.chunks(Truth), "priors", quiet=quiet)
         left = (c.take(~np.isin(c.target_id, request.without)) for c in truth)
@@ -172,7 +177,7 @@ def run_hull(request: HullRequest, output: Path, hulls: Path | None, overwrite: 
 
 
 def run_acoustic(
-    path: Path, scene: Path | None, values: Mapping[str, Any], output: Path, overwrite: bool, quiet: bool
+    path: Path, scene: Path | None, values: Mapping[str, object], output: Path, overwrite: bool, quiet: bool
 ) -> Result:
     """Directions of arrival to priors; the summary and what had been lost before."""
     source = Source(path, scene)
@@ -188,13 +193,13 @@ def run_acoustic(
     return {"occluders": str(output), "source": "acoustic", **tally.summary()}, source.losses
 
 
-def _of_cameras(chunks: Iterable[Any], names: list[str]) -> Iterator[Any]:
+def _of_cameras(chunks: Iterable[S], names: list[str]) -> Iterator[S]:
     for chunk in chunks:
         yield chunk.take(np.isin(chunk.sensor, names))
 
 
 def _provenance(
-    parameters: dict[str, Any], paths: list[Path | None], losses: tuple[Loss, ...], seed: int | None
+    parameters: dict[str, object], paths: list[Path | None], losses: tuple[Loss, ...], seed: int | None
 ) -> Provenance:
     return Provenance("priors", parameters, seed, hash_inputs([p for p in paths if p is not None]), losses)
 
@@ -219,7 +224,7 @@ class PriorsTally:
         self.identities.update(table.occluder_id[there].tolist())
         self.spread += float(np.sum(table.cov_xx[there] + table.cov_yy[there]))
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """The figures; `rms_spread` is the RMS error that the priors expect of their means."""
         return {
             "times": self.times,

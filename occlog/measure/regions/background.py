@@ -10,7 +10,6 @@ frame on.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 
@@ -27,7 +26,7 @@ KNN_START_FRAMES = 30  # fills the short, middle and long sample sets of the KNN
 class Subtractor:
     """A background model of one camera; `foreground` advances the OpenCV object inside."""
 
-    model: Any
+    model: cv2.BackgroundSubtractor
     rate: float  # learning rate; negative: OpenCV's automatic one
     seed: int
 

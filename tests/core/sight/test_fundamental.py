@@ -88,12 +88,12 @@ def test_right_matrices_fit_and_wrong_ones_do_not():
         cameras = rig(rng)
         a, b = matches(rng, cameras, room_points(rng, 40), 0.5, wrong=0.3)
         f = fundamental(*cameras)
-        good = check_fundamental(f, a, b)
+        good = check_fundamental(f, a, b, tolerance_px=3.0)
         assert good.fits
         assert good.share > 0.55  # 0.7 but for points near an epipole, whose lines are less exact
         assert good.chance < 0.1
         for wrong in (scaled(f.T), fundamental(*rig(rng))):
-            bad = check_fundamental(wrong, a, b)
+            bad = check_fundamental(wrong, a, b, tolerance_px=3.0)
             assert not bad.fits
             assert bad.share < 0.4
             assert bad.median_px > 5.0
@@ -104,14 +104,14 @@ def test_a_matrix_that_fits_everything_by_chance_is_not_taken_for_right():
     rng = np.random.default_rng(2)
     rows = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     a, b = (np.column_stack([rng.uniform(0, 300, 30), rng.normal(100, 0.3, 30)]) for _ in range(2))
-    check = check_fundamental(rows, a, b)
+    check = check_fundamental(rows, a, b, tolerance_px=3.0)
     assert check.share > 0.95
     assert not check.fits
 
 
 def test_few_matches_tell_nothing():
     with pytest.raises(ValueError, match="7 matches"):
-        check_fundamental(np.eye(3), np.zeros((7, 2)), np.zeros((7, 2)))
+        check_fundamental(np.eye(3), np.zeros((7, 2)), np.zeros((7, 2)), tolerance_px=3.0)
 
 
 ROWS = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
@@ -131,26 +131,26 @@ def test_a_matrix_fits_from_three_standard_deviations_above_chance_on(good, fits
     a = np.repeat([0.0, 100.0], 10)
     b = a.copy()
     b[: 20 - good] = 100.0
-    assert check_fundamental(ROWS, *in_rows(a, b)).fits == fits
+    assert check_fundamental(ROWS, *in_rows(a, b), tolerance_px=3.0).fits == fits
 
 
 def test_half_of_the_matches_have_to_fit_unless_another_share_is_given():
     rows = 100.0 * np.arange(8)
     half, fewer = rows + np.repeat([0.0, 50.0], 4), rows + np.repeat([0.0, 50.0], [3, 5])
-    assert check_fundamental(ROWS, *in_rows(rows, half)).fits
-    assert not check_fundamental(ROWS, *in_rows(rows, fewer)).fits
-    assert check_fundamental(ROWS, *in_rows(rows, fewer), min_share=0.375).fits
+    assert check_fundamental(ROWS, *in_rows(rows, half), tolerance_px=3.0).fits
+    assert not check_fundamental(ROWS, *in_rows(rows, fewer), tolerance_px=3.0).fits
+    assert check_fundamental(ROWS, *in_rows(rows, fewer), tolerance_px=3.0, min_share=0.375).fits
 
 
 def test_a_match_fits_up_to_the_tolerance_from_both_lines():
     rows = 100.0 * np.arange(8)
-    assert check_fundamental(ROWS, *in_rows(rows, rows + 3.0)).share == 1.0
-    assert check_fundamental(ROWS, *in_rows(rows, rows + 3.0 + 1e-9)).share == 0.0
+    assert check_fundamental(ROWS, *in_rows(rows, rows + 3.0), tolerance_px=3.0).share == 1.0
+    assert check_fundamental(ROWS, *in_rows(rows, rows + 3.0 + 1e-9), tolerance_px=3.0).share == 0.0
     assert check_fundamental(ROWS, *in_rows(rows, rows + 3.5), tolerance_px=3.5).share == 1.0
 
 
 def test_eight_matches_are_enough():
-    check_fundamental(ROWS, *in_rows(100.0 * np.arange(8), 100.0 * np.arange(8)))
+    check_fundamental(ROWS, *in_rows(100.0 * np.arange(8), 100.0 * np.arange(8)), tolerance_px=3.0)
 
 
 @pytest.mark.parametrize("scale", [10.0, 0.1])
@@ -158,8 +158,8 @@ def test_a_match_has_to_be_near_its_line_in_both_views(scale):
     """Rows of view b are `scale` times those of view a, so that 20 px in one view are 2 px in the other."""
     rows, a = 100.0 * np.arange(8), scaled(np.array([[0.0, 0, 0], [0, 0, -1], [0, scale, 0]]))
     off = 20.0 if scale > 1.0 else 2.0
-    assert check_fundamental(a, *in_rows(rows, scale * rows)).share == 1.0
-    assert check_fundamental(a, *in_rows(rows, scale * rows + off)).share == 0.0
+    assert check_fundamental(a, *in_rows(rows, scale * rows), tolerance_px=3.0).share == 1.0
+    assert check_fundamental(a, *in_rows(rows, scale * rows + off), tolerance_px=3.0).share == 0.0
 
 
 def test_one_point_alone_has_its_line_and_its_distance():
