@@ -111,7 +111,16 @@ def fill_frames(
         yield from _blocks(chunk, table, cameras, done, end, times)
         done = end
     none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
-    empty = BoxRows(none, none, none, nothing, nothing, nothing, nothing, nothing)
+    empty = BoxRows(
+        frame=none,
+        camera=none,
+        target_id=none,
+        left=nothing,
+        top=nothing,
+        width=nothing,
+        height=nothing,
+        confidence=nothing,
+    )
     yield from _blocks(empty, table, cameras, done, stop, times)
 
 

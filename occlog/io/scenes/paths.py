@@ -109,15 +109,15 @@ def _target(spec: TargetSpec, where: str) -> ScriptedTarget:
         if not low < high:
             raise InputError(f"{where}: silent: [{low:g}, {high:g}] must go from an earlier time to a later one")
     return ScriptedTarget(
-        spec.id,
-        _triple(spec.position, math.nan),
-        _vector(spec.velocity or [0.0, 0.0], flat, f"{where}: velocity"),
-        spec.role,
-        spec.from_s,
-        until_s,
-        spec.noise_density,
-        _segments(spec, flat, where),
-        spec.silent,
+        id=spec.id,
+        position=_triple(spec.position, math.nan),
+        velocity=_vector(spec.velocity or [0.0, 0.0], flat, f"{where}: velocity"),
+        role=spec.role,
+        from_s=spec.from_s,
+        until_s=until_s,
+        noise_density=spec.noise_density,
+        segments=_segments(spec, flat, where),
+        silent=spec.silent,
     )
 
 
@@ -152,12 +152,12 @@ def _segment(spec: SegmentSpec, start: float, end: float, flat: bool, where: str
     if flat and spec.plane in ("yz", "zx"):
         raise InputError(f"{where}: a turn in the plane {spec.plane} needs a target with a height; give z in position")
     return Segment(
-        start,
-        end,
-        spec.lateral or 0.0,
-        spec.plane or "xy",
-        _vector(spec.acceleration or [0.0, 0.0], flat, f"{where}: acceleration"),
-        None if spec.velocity is None else _vector(spec.velocity, flat, f"{where}: velocity"),
+        from_s=start,
+        until_s=end,
+        lateral=spec.lateral or 0.0,
+        plane=spec.plane or "xy",
+        acceleration=_vector(spec.acceleration or [0.0, 0.0], flat, f"{where}: acceleration"),
+        velocity=None if spec.velocity is None else _vector(spec.velocity, flat, f"{where}: velocity"),
     )
 
 

@@ -59,7 +59,17 @@ def azimuths_only(line: Ints, t_ns: Ints, sensor: Strings, azimuth: Floats) -> D
     """Rows of a log that gives nothing but azimuths."""
     unknown = np.full(len(line), np.nan)
     nobody = np.full(len(line), -1, dtype=np.int64)
-    return DoaRows(line, t_ns, sensor, nobody, azimuth, unknown, unknown, unknown, unknown)
+    return DoaRows(
+        line=line,
+        t_ns=t_ns,
+        sensor=sensor,
+        source_id=nobody,
+        azimuth=azimuth,
+        elevation=unknown,
+        sigma_azimuth=unknown,
+        sigma_elevation=unknown,
+        confidence=unknown,
+    )
 
 
 ANGLES = {
@@ -97,15 +107,15 @@ def read_table(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
         confidence = rows.floats("confidence", blank=True) if rows.has("confidence") else np.full(n, np.nan)
         _check_limits(rows, "confidence", (confidence < 0) | (confidence > 1), "must be 0 to 1")
         yield DoaRows(
-            rows.lines,
-            parse_times(rows, unit, unit) + options.start_ns,
-            _sensors(rows, options),
-            rows.ints("id") if rows.has("id") else np.full(n, -1, dtype=np.int64),
-            azimuth,
-            elevation,
-            _sigma(rows, "sigma_azimuth", options),
-            _sigma(rows, "sigma_elevation", options),
-            confidence,
+            line=rows.lines,
+            t_ns=parse_times(rows, unit, unit) + options.start_ns,
+            sensor=_sensors(rows, options),
+            source_id=rows.ints("id") if rows.has("id") else np.full(n, -1, dtype=np.int64),
+            azimuth=azimuth,
+            elevation=elevation,
+            sigma_azimuth=_sigma(rows, "sigma_azimuth", options),
+            sigma_elevation=_sigma(rows, "sigma_elevation", options),
+            confidence=confidence,
         )
 
 

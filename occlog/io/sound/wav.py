@@ -102,7 +102,16 @@ def open_sound(path: Path) -> Sound:
     frames = min(there, length // frame) if known else there
     if frames == 0:
         raise InputError(f"{path}: holds no sound (0 samples); make it again")
-    return Sound(path, channels, rate, bits, floats, start, frames, length // frame if known else None)
+    return Sound(
+        path=path,
+        channels=channels,
+        rate=rate,
+        bits=bits,
+        floats=floats,
+        start=start,
+        frames=frames,
+        promised=length // frame if known else None,
+    )
 
 
 def _chunks(path: Path, file: BinaryIO, large: bool) -> tuple[bytes, int, int]:

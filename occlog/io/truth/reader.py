@@ -103,13 +103,13 @@ def _csv_positions(rows: Rows, options: TruthOptions) -> Positions:
     if len(wrong):
         raise rows.fail(int(wrong[0]), f"role {str(role[wrong[0]])!r} must be target or occluder")
     return Positions(
-        _row_times(rows, options),
-        rows.ints("id") if rows.has("id") else np.zeros(n, dtype=np.int64),
-        role,
-        rows.floats("x"),
-        rows.floats("y"),
-        rows.floats("z", blank=True) if rows.has("z") else np.full(n, np.nan),
-        rows.lines,
+        t_ns=_row_times(rows, options),
+        target_id=rows.ints("id") if rows.has("id") else np.zeros(n, dtype=np.int64),
+        role=role,
+        x=rows.floats("x"),
+        y=rows.floats("y"),
+        z=rows.floats("z", blank=True) if rows.has("z") else np.full(n, np.nan),
+        line=rows.lines,
     )
 
 
@@ -153,7 +153,15 @@ def _mot_positions(rows: Rows, options: TruthOptions) -> Positions | None:
     except InputError as error:
         raise InputError(f"{rows.path}: {error}") from None
     role = np.full(len(known), "target")
-    return Positions(t_ns, rows.ints("1")[known], role, x[known], y[known], z[known], rows.lines[known])
+    return Positions(
+        t_ns=t_ns,
+        target_id=rows.ints("1")[known],
+        role=role,
+        x=x[known],
+        y=y[known],
+        z=z[known],
+        line=rows.lines[known],
+    )
 
 
 class TruthFormat(NamedTuple):

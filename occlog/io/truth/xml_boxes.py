@@ -49,7 +49,16 @@ def _tables(
     frame, identity = values[:, 0].astype(np.int64), values[:, 1].astype(np.int64)
     xc, yc, w, h = values[:, 2:].T
     nobody, unknown = np.zeros(len(rows), dtype=np.int64), np.full(len(rows), np.nan)
-    boxes = BoxRows(frame, nobody, identity, xc - w / 2, yc - h / 2, w, h, unknown)
+    boxes = BoxRows(
+        frame=frame,
+        camera=nobody,
+        target_id=identity,
+        left=xc - w / 2,
+        top=yc - h / 2,
+        width=w,
+        height=h,
+        confidence=unknown,
+    )
     try:
         yield from fill_frames(iter([boxes] if len(rows) else []), TruthBoxes, [camera], run[0], run[-1] + 1, times)
     except InputError as error:

@@ -69,7 +69,13 @@ def sizes_from_heights(image_size: tuple[int, int], heights_px: Floats, spread: 
     shape, centres = cell_centres(image_size)
     widths = WIDTH_SHARE * heights_px
     cov = np.column_stack([widths**2, np.zeros(len(centres)), heights_px**2]) / 12.0
-    return SizeMap(image_size, shape, cov, FILL * widths * heights_px, np.full(len(centres), spread))
+    return SizeMap(
+        image_size=image_size,
+        shape=shape,
+        cov=cov,
+        mass=FILL * widths * heights_px,
+        spread=np.full(len(centres), spread),
+    )
 
 
 def constant_sizes(image_size: tuple[int, int], height_px: float) -> SizeMap:
@@ -143,7 +149,7 @@ def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Fl
     # Box area from the covariance: sqrt(det) = area / 12.
     mass = FILL * 12.0 * np.exp(2.0 * mean)
     flat = np.column_stack([scaled[:, 0, 0], scaled[:, 0, 1], scaled[:, 1, 1]])
-    return SizeMap(image_size, shape, flat, mass, spread)
+    return SizeMap(image_size=image_size, shape=shape, cov=flat, mass=mass, spread=spread)
 
 
 class Prior(NamedTuple):
@@ -166,16 +172,16 @@ def make_prior(sizes: SizeMap, strength: float, penalty: float, least: float) ->
     width, height = sizes.image_size
     rows, columns = sizes.shape
     return Prior(
-        np.ascontiguousarray(sizes.cov),
-        np.ascontiguousarray(sizes.mass),
-        2.0 * sizes.spread,
-        rows,
-        columns,
-        width,
-        height,
-        float(strength),
-        float(penalty),
-        float(least),
+        cov=np.ascontiguousarray(sizes.cov),
+        mass=np.ascontiguousarray(sizes.mass),
+        log_range=2.0 * sizes.spread,
+        rows=rows,
+        columns=columns,
+        width=width,
+        height=height,
+        strength=float(strength),
+        penalty=float(penalty),
+        least=float(least),
     )
 
 

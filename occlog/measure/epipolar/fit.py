@@ -179,8 +179,8 @@ def _judged(matrix: Floats, tangents: Floats, a: Floats, b: Floats) -> Fit:
     per_unit = (turns / sizes[:, None]).T  # unknowns for uncorrelated errors of standard deviation 1
     spread = max(noise, BEST_NOISE_PX) * per_unit
     errors = [
-        _line_variance(matrix, tangents, spread, a, b),
-        _line_variance(matrix.T, tangents.transpose(0, 2, 1), spread, b, a),
+        _line_variance(matrix=matrix, tangents=tangents, spread=spread, a=a, b=b),
+        _line_variance(matrix=matrix.T, tangents=tangents.transpose(0, 2, 1), spread=spread, a=b, b=a),
     ]
     return Fit(matrix, residuals, noise, float(np.sqrt(np.mean(errors))))
 

@@ -85,7 +85,14 @@ def fundamental_of_cameras(a: Camera, b: Camera) -> Floats:
         if not camera.placed:
             raise ValueError(f"camera {camera.name} has no pose; estimate the matrix from matches")
     try:
-        return fundamental_from_poses(_inner(a), a.rotation, a.position, _inner(b), b.rotation, b.position)
+        return fundamental_from_poses(
+            inner_a=_inner(a),
+            rotation_a=a.rotation,
+            centre_a=a.position,
+            inner_b=_inner(b),
+            rotation_b=b.rotation,
+            centre_b=b.position,
+        )
     except ValueError as error:
         raise ValueError(f"cameras {a.name} and {b.name}: {error}") from error
 
@@ -140,7 +147,14 @@ def estimate_fundamental(
             f"the matches leave an expected error of {fit.error_px:.3g} px, must be at most {config.max_error_px:g}; "
             "add matches, spread in depth and over the images"
         )
-    return FundamentalFit(fit.matrix, inliers, fit.noise_px, fit.error_px, parallax, affine)
+    return FundamentalFit(
+        matrix=fit.matrix,
+        inliers=inliers,
+        noise_px=fit.noise_px,
+        error_px=fit.error_px,
+        parallax_px=parallax,
+        affine=affine,
+    )
 
 
 def _not_on_a_line(a: Floats, b: Floats, threshold_px: float) -> None:

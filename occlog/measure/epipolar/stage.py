@@ -116,7 +116,16 @@ def _checked(pairs: ViewPairs, m: Matches, scene: Scene | None, tolerance_px: fl
         raise InputError(f"{m.where}: {error}") from error
     errors = symmetric_errors(pair.matrix, a, b)
     most = float(np.percentile(np.where(np.isnan(errors), np.inf, errors), 95, method="lower"))
-    return PairCheck(m.a, m.b, len(a), found.median_px, most, found.share, found.chance, found.fits)
+    return PairCheck(
+        a=m.a,
+        b=m.b,
+        matches=len(a),
+        median_px=found.median_px,
+        most_px=most,
+        share=found.share,
+        chance=found.chance,
+        fits=found.fits,
+    )
 
 
 def _ideal(m: Matches, scene: Scene | None) -> tuple[Floats, Floats, bool]:

@@ -104,7 +104,11 @@ def expected_sight(camera: Camera, place: Place) -> tuple[float, float, float, f
     h, d = planar_offsets(place.xy[None], camera.ground, camera.yaw)
     across = np.array([-away[1], away[0]]) / float(away @ away)
     slope = focal * (1.0 + float(h[0] / d[0]) ** 2)
-    pose = float(noise_variance(h, d, focal, camera.sigma_position, camera.sigma_yaw, 0.0)[0])
+    pose = float(
+        noise_variance(
+            h, d, focal_px=focal, sigma_position=camera.sigma_position, sigma_yaw=camera.sigma_yaw, sigma_read_px=0.0
+        )[0]
+    )
     sigma_px = slope * float(np.sqrt(across @ place.cov @ across))
     u_px = float(azimuth_to_u(np.asarray(bearing), camera.yaw, focal))
     return float(wrap_angle(bearing)), float(np.hypot(sigma_px, np.sqrt(pose))) / slope, u_px, sigma_px

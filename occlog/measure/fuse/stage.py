@@ -125,7 +125,14 @@ def _fuse_part(part: Part, camera_of: Ints, cameras: PlacedCameras, state: _Stat
 def sights_of(bearings: Bearings, camera_of: Ints, cameras: PlacedCameras, distance: Floats) -> Sight:
     """All rows as sight lines; rows of sensors that are no placed cameras get a camera's place and are not read."""
     ground = np.array([c.ground for c in cameras.placed])
-    return Sight(camera_of, ground[camera_of], bearings.bearing, bearings.sigma, distance[:, 0], distance[:, 1])
+    return Sight(
+        sensor=camera_of,
+        origin=ground[camera_of],
+        azimuth=bearings.bearing,
+        sigma=bearings.sigma,
+        distance=distance[:, 0],
+        sigma_distance=distance[:, 1],
+    )
 
 
 class _Moment(NamedTuple):

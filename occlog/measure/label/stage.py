@@ -218,5 +218,13 @@ def not_seen(rows: Bearings, target: Ints32) -> Bearings:
     """Rows of the same times and sensors which say that these targets, (n,), were looked for and not seen."""
     nothing = np.full(len(rows), np.nan)
     return Bearings(
-        rows.t_ns, rows.sensor, target, np.zeros(len(rows), dtype=np.bool_), nothing, nothing, nothing, nothing, nothing
+        t_ns=rows.t_ns,
+        sensor=rows.sensor,
+        target_id=target,
+        seen=np.zeros(len(rows), dtype=np.bool_),
+        bearing=nothing,
+        sigma=nothing,
+        u_px=nothing,
+        sigma_px=nothing,
+        score=nothing,
     )

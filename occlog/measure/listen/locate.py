@@ -183,7 +183,7 @@ def locate(at: Locator, X: np.ndarray) -> list[ArrayDirection]:
     for row, column in peaks(chart, grid, config):
         azimuth, elevation = refined(chart, grid, row, column)
         u = direction(np.array(azimuth), np.array(elevation))
-        agreement = coherence(X, at.band.bins, at.band.omega, at.microphones, u, at.speed)
+        agreement = coherence(X=X, bins=at.band.bins, omega=at.band.omega, microphones=at.microphones, u=u, c=at.speed)
         if agreement >= config.confidence:
             heard.append(_with_uncertainty(at, azimuth, elevation, agreement, X.shape[2]))
     return sorted(heard, key=lambda h: -h.confidence)
@@ -197,18 +197,26 @@ def _with_uncertainty(
     flat = len(at.grid.elevation) == 1
     # Without a third dimension the elevation is taken for known.
     microphones = at.microphones * np.array([1.0, 1.0, 0.0]) if flat else at.microphones
-    bound = sharpness(at.band.omega, count, microphones, azimuth, elevation, at.speed, agreement)
+    bound = sharpness(
+        omega=at.band.omega,
+        snapshots=count,
+        microphones=microphones,
+        azimuth=azimuth,
+        elevation=elevation,
+        c=at.speed,
+        agreement=agreement,
+    )
     spread = FACTOR**2 * np.diag(bound) + FLOOR**2
     if at.normal is not None and not flat:
         spread = spread + _off_plane(azimuth, elevation, at.normal)
     # No direction is known worse than not at all.
     sigma = np.minimum(np.sqrt(spread), np.pi / np.sqrt(3.0))
     return ArrayDirection(
-        azimuth,
-        math.nan if flat else elevation,
-        float(sigma[0]),
-        math.nan if flat else float(sigma[1]),
-        min(max(agreement, 0.0), 1.0),
+        azimuth=azimuth,
+        elevation=math.nan if flat else elevation,
+        sigma_azimuth=float(sigma[0]),
+        sigma_elevation=math.nan if flat else float(sigma[1]),
+        confidence=min(max(agreement, 0.0), 1.0),
     )
 
 

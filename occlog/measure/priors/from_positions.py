@@ -199,5 +199,13 @@ def _table(moments: list[_Moment], state: _State, config: KalmanConfig) -> Occlu
     xy, cov = np.concatenate([p[2] for p in parts]), np.concatenate([p[3] for p in parts])
     t_ns = np.repeat(np.array([p[0] for p in parts], dtype=np.int64), [len(p[1]) for p in parts])
     identity = np.concatenate([p[1] for p in parts])
-    rows = Occluders(t_ns, identity, xy[:, 0], xy[:, 1], cov[:, 0, 0], cov[:, 0, 1], cov[:, 1, 1])
+    rows = Occluders(
+        t_ns=t_ns,
+        occluder_id=identity,
+        x=xy[:, 0],
+        y=xy[:, 1],
+        cov_xx=cov[:, 0, 0],
+        cov_xy=cov[:, 0, 1],
+        cov_yy=cov[:, 1, 1],
+    )
     return Occluders.merge([rows, none])

@@ -143,11 +143,11 @@ def _table(s: _Sources, t_ns: int, config: AcousticConfig) -> Occluders:
         return none_at(np.array([t_ns], dtype=np.int64))
     xy, cov = s.walkers.xy[sure], s.walkers.cov[sure]
     return Occluders(
-        np.full(len(sure), t_ns, dtype=np.int64),
-        s.identity[sure].astype(np.int32),
-        xy[:, 0],
-        xy[:, 1],
-        cov[:, 0, 0],
-        cov[:, 0, 1],
-        cov[:, 1, 1],
+        t_ns=np.full(len(sure), t_ns, dtype=np.int64),
+        occluder_id=s.identity[sure].astype(np.int32),
+        x=xy[:, 0],
+        y=xy[:, 1],
+        cov_xx=cov[:, 0, 0],
+        cov_xy=cov[:, 0, 1],
+        cov_yy=cov[:, 1, 1],
     )

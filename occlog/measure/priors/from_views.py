@@ -181,8 +181,16 @@ def _tables(moments: list[tuple[int, list[BelievedPolygon]]], candidates: int) -
     identity: Ints32 = np.array([k for _, k, _ in rows], dtype=np.int32)
     corners = np.concatenate([np.empty((0, 2)), *(c for _, _, c in rows)])
     number = np.concatenate([np.empty(0, dtype=np.int32), *(np.arange(n, dtype=np.int32) for n in sizes)])
-    hulls = Hulls(np.repeat(t_ns, sizes), np.repeat(identity, sizes), number, corners[:, 0], corners[:, 1])
-    no_hulls = Hulls(empty, none.occluder_id, np.zeros(len(empty), dtype=np.int32), none.x, none.y)
+    hulls = Hulls(
+        t_ns=np.repeat(t_ns, sizes),
+        occluder_id=np.repeat(identity, sizes),
+        corner=number,
+        x=corners[:, 0],
+        y=corners[:, 1],
+    )
+    no_hulls = Hulls(
+        t_ns=empty, occluder_id=none.occluder_id, corner=np.zeros(len(empty), dtype=np.int32), x=none.x, y=none.y
+    )
     gaussians = Occluders.merge([_gaussians(t_ns, identity, [c for _, _, c in rows]), none])
     return HullPriors(Hulls.merge([hulls, no_hulls]), gaussians, len(moments), candidates)
 
@@ -199,11 +207,11 @@ def _gaussians(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]], identity: Ints3
     c, s = p.axis[:, 0], p.axis[:, 1]
     major, minor = p.sigma**2, p.minor**2
     return Occluders(
-        t_ns,
-        identity,
-        p.mean[:, 0],
-        p.mean[:, 1],
-        major * c**2 + minor * s**2,
-        (major - minor) * c * s,
-        major * s**2 + minor * c**2,
+        t_ns=t_ns,
+        occluder_id=identity,
+        x=p.mean[:, 0],
+        y=p.mean[:, 1],
+        cov_xx=major * c**2 + minor * s**2,
+        cov_xy=(major - minor) * c * s,
+        cov_yy=major * s**2 + minor * c**2,
     )

@@ -48,13 +48,13 @@ def _regions(moments: Floats, counts: Floats, edges: Ints, person: Floats, perso
     covs = moments[:, 3:] / np.maximum(mass, 1.0)[:, None]
     appearance = normalised(counts)
     return Regions(
-        moments[order, 1:3],
-        covs[order],
-        boxes[order],
-        mass[order],
-        mass[order] / person_mass[order],
-        person[order],
-        appearance[order],
+        means=moments[order, 1:3],
+        covs=covs[order],
+        boxes=boxes[order],
+        mass=mass[order],
+        fill=mass[order] / person_mass[order],
+        person=person[order],
+        appearance=appearance[order],
     )
 
 

@@ -107,7 +107,13 @@ def cluster_regions(image: Bytes, mask: Bytes, side: int, prior: Prior) -> Regio
     clusters = find_clusters(cells, corners, side, prior)
     boxes, counts = _measure(as_colour(image), mask, corners, side, cells, clusters)
     return Regions(
-        clusters.means, clusters.covs, boxes, clusters.mass, clusters.fill, clusters.person, normalised(counts)
+        means=clusters.means,
+        covs=clusters.covs,
+        boxes=boxes,
+        mass=clusters.mass,
+        fill=clusters.fill,
+        person=clusters.person,
+        appearance=normalised(counts),
     )
 
 

@@ -101,7 +101,9 @@ def known_positions(truth: Iterable[Truth]) -> Iterator[Occluders]:
         there = chunk.take(chunk.role == "occluder")
         n = len(there)
         zero = np.zeros(n)
-        rows = Occluders(there.t_ns, there.target_id, there.x, there.y, zero, zero, zero)
+        rows = Occluders(
+            t_ns=there.t_ns, occluder_id=there.target_id, x=there.x, y=there.y, cov_xx=zero, cov_xy=zero, cov_yy=zero
+        )
         yield Occluders.merge([rows, none_at(np.setdiff1d(chunk.t_ns, there.t_ns))])
 
 
@@ -122,4 +124,12 @@ def none_at(t_ns: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Occluders:
     """Rows that say that there is no moving occluder at these times."""
     n = len(t_ns)
     nothing = np.full(n, np.nan)
-    return Occluders(t_ns, np.full(n, -1, dtype=np.int32), nothing, nothing, nothing, nothing, nothing)
+    return Occluders(
+        t_ns=t_ns,
+        occluder_id=np.full(n, -1, dtype=np.int32),
+        x=nothing,
+        y=nothing,
+        cov_xx=nothing,
+        cov_xy=nothing,
+        cov_yy=nothing,
+    )

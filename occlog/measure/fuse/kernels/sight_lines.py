@@ -31,12 +31,12 @@ class Sight(NamedTuple):
     def take(self, rows: Ints | Bools) -> Sight:
         """Some of them."""
         return Sight(
-            self.sensor[rows],
-            self.origin[rows],
-            self.azimuth[rows],
-            self.sigma[rows],
-            self.distance[rows],
-            self.sigma_distance[rows],
+            sensor=self.sensor[rows],
+            origin=self.origin[rows],
+            azimuth=self.azimuth[rows],
+            sigma=self.sigma[rows],
+            distance=self.distance[rows],
+            sigma_distance=self.sigma_distance[rows],
         )
 
 
