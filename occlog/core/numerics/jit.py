@@ -6,6 +6,9 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+from occlog import __version__
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -15,7 +18,7 @@ def kernel(function: F) -> F:
 
     With NUMBA_DISABLE_JIT=1 it is the plain Python function.
     """
-    return cast(F, numba.njit(cache=True, nogil=True)(function))
+    return _cached(function, numba.njit(nogil=True)(function))
 
 
 def array_kernel(function: F) -> F:
@@ -24,4 +27,34 @@ def array_kernel(function: F) -> F:
     A division by zero gives inf or NaN as in NumPy, and products may be fused with sums;
     NaN and inf keep their meaning.
     """
-    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function))
+    return _cached(function, numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})(function))
+
+
+def _cached(function: F, compiled: Any) -> F:
+    if compiled is not function:  # not with NUMBA_DISABLE_JIT=1
+        compiled._cache = KernelCache(function)
+    return cast(F, compiled)
+
+
+class KernelCache(FunctionCache):  # type: ignore[misc]
+    """Numba's cache on disk, without what another version of the program has left there.
+
+    Numba takes a kernel from its cache while the kernel's own file is the same, and the kernels
+    of other files that it calls are compiled into it.  So a cached kernel belongs to one
+    version of the program.  An index is unpickled before numba asks whether it is fresh; one
+    that names types or modules that are gone counts as empty.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        """Look for the cache beside the function's file, or where numba is told to."""
+        super().__init__(function)
+        stamp = (self._impl.locator.get_source_stamp(), __version__)
+        self._cache_file = IndexDataCacheFile(self.cache_path, self._impl.filename_base, stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled kernel for a signature; None where there is none."""
+        try:
+            return super().load_overload(sig, target_context)
+        except (AttributeError, ImportError):
+            self.flush()
+            return None
