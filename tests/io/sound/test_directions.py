@@ -92,6 +92,49 @@ def test_faults_are_named(tmp_path: Path, text: str, message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("column", "good", "bad", "message"),
+    [
+        ("elevation_deg", "90", "90.0001", "it must lie within 90 degrees"),
+        ("elevation_deg", "-90", "-90.0001", "it must lie within 90 degrees"),
+        ("confidence", "0", "-1e-9", "it must be 0 to 1"),
+        ("confidence", "1", "1.000000001", "it must be 0 to 1"),
+        ("sigma_deg", "1e-9", "0", "it must be above 0"),
+        ("elevation_rad", "1.5707963267948966", "1.5707963267948968", "it must lie within 90 degrees"),
+    ],
+)
+def test_limits_of_a_column_are_allowed_and_no_more(
+    tmp_path: Path, column: str, good: str, bad: str, message: str
+) -> None:
+    head = f"time,sensor,azimuth_deg,{column}\n0,a1,1,"
+    assert len(read(write(tmp_path, f"{head}{good}\n"))) == 1
+    with pytest.raises(InputError, match=f"line 2: .* is {bad}; {message}"):
+        read(write(tmp_path, f"{head}{bad}\n"))
+
+
+def test_radians_are_at_most_two_turns(tmp_path: Path) -> None:
+    head = "time,sensor,azimuth_rad\n0,a1,"
+    assert len(read(write(tmp_path, f"{head}{4 * math.pi!r}\n"))) == 1
+    with pytest.raises(InputError, match="too large for radians"):
+        read(write(tmp_path, f"{head}{math.nextafter(4 * math.pi, 99)!r}\n"))
+
+
+def test_times_of_an_array_may_repeat_across_its_rows_but_not_go_back(tmp_path: Path) -> None:
+    head = "t_ns,sensor,azimuth_deg\n5,a1,1\n"
+    assert len(read(write(tmp_path, f"{head}5,a1,2\n"))) == 2
+    with pytest.raises(InputError, match="line 3: time of a1 goes back"):
+        read(write(tmp_path, f"{head}4,a1,2\n"))
+
+
+@pytest.mark.parametrize("bad", ["360.001", "-0.001"])
+def test_bearings_of_a_field_log_are_0_to_360(tmp_path: Path, bad: str) -> None:
+    log = tmp_path / "log.dat"
+    (tmp_path / "towers.dat").write_text("0,0\n100,0\n")
+    log.write_text(f"06/10/84 13:31:34 7 S 1 360 2 {bad}\n")
+    with pytest.raises(InputError, match=r"line 1: bearing .*; it must be 0 to 360 degrees"):
+        read(log, read_arrays(tmp_path / "towers.dat"))
+
+
 def telemetr(shared_data: Path) -> tuple[dict[str, np.ndarray], Doa]:
     folder = shared_data / "telemetr_bearings"
     towers = read_arrays(folder / "towers.dat")

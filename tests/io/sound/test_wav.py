@@ -113,3 +113,13 @@ def test_faults_are_one_line(tmp_path: Path, change, message: str) -> None:
         open_sound(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_most_channels_and_the_highest_rate_are_read_and_no_more(tmp_path: Path) -> None:
+    path = tmp_path / "a.wav"
+    assert open_sound(wav(path, bytes(2 * 4096), channels=4096)).channels == 4096
+    assert open_sound(wav(path, bytes(100), rate=10_000_000)).rate == 10_000_000
+    with pytest.raises(InputError, match="4097 channels"):
+        open_sound(wav(path, bytes(2 * 4097), channels=4097))
+    with pytest.raises(InputError, match="at 10000001 Hz"):
+        open_sound(wav(path, bytes(100), rate=10_000_001))

@@ -160,3 +160,12 @@ def test_corners_that_come_and_go_do_not_move_the_board(tmp_path: Path) -> None:
         read_board(path, {s: s for s in range(3)})
     with pytest.raises(UsageError, match=r"give their times \(timestamps\.csv\)"):
         read_board(path, None)
+
+
+@pytest.mark.parametrize(("gone", "times"), [([(2, 3)], [0, 10, 20, 30]), ([(2, 3), (1, 2)], [0, 30])])
+def test_three_corners_that_are_always_there_are_enough_and_two_are_not(
+    tmp_path: Path, gone: list[tuple[int, int]], times: list[int]
+) -> None:
+    rows = [f"{s},0,{k},{k},0,0," for s in range(4) for k in range(4) if (s, k) not in gone]
+    path = write(tmp_path, "sync_index,object_id,keypoint_id,x_coord,y_coord,z_coord,frame_time\n" + "\n".join(rows))
+    assert read_board(path, {s: 10 * s for s in range(4)}).t_ns.tolist() == times
