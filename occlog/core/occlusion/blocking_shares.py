@@ -168,13 +168,9 @@ def shares(x: float, y: float, cameras: Floats, priors: Priors, j: int) -> Float
         if corners.shape[0] > 0:
             _uniform_into(out, rows, bits, _own_axes(corners, priors, j))
         elif sigma == 0.0:
-            _slice_into(
-                out=out, t=0.0, rows=rows, bits=bits, inside=none, sigma=0.0, weight=1.0, ends=ends, flips=flips
-            )
+            _slice_into(out, 0.0, rows, bits, none, 0.0, 1.0, ends, flips)
         elif minor == 0.0:
-            _slice_into(
-                out=out, t=0.0, rows=rows, bits=bits, inside=none, sigma=sigma, weight=1.0, ends=ends, flips=flips
-            )
+            _slice_into(out, 0.0, rows, bits, none, sigma, 1.0, ends, flips)
         else:
             _normal_into(out, rows, bits, sigma, minor)
     out[0] = max(0.0, 1.0 - np.sum(out[1:]))
@@ -320,17 +316,7 @@ def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: flo
     at = cuts(border, -WIDE * minor, WIDE * minor, sigma, minor)
     for k in range(at.shape[0] - 1):
         width = at[k + 1] - at[k]
-        if width <= 0.0 or not _slice_into(
-            out=out,
-            t=at[k] + 0.5 * width,
-            rows=rows,
-            bits=bits,
-            inside=none,
-            sigma=sigma,
-            weight=0.0,
-            ends=ends,
-            flips=flips,
-        ):
+        if width <= 0.0 or not _slice_into(out, at[k] + 0.5 * width, rows, bits, none, sigma, 0.0, ends, flips):
             continue
         slope = steepest(border, at[k], at[k + 1]) * minor / sigma
         small = width * math.sqrt(1.0 + slope * slope) < minor
@@ -342,9 +328,7 @@ def _normal_into(out: Floats, rows: Floats, bits: Ints, sigma: float, minor: flo
             for g in range(8 if small else 16):
                 t = at[k] + half * (2 * p + 1 + nodes[g])
                 weight = half * weights[g] * math.exp(-0.5 * (t / minor) ** 2) / (ROOT_2PI * minor)
-                _slice_into(
-                    out=out, t=t, rows=rows, bits=bits, inside=none, sigma=sigma, weight=weight, ends=ends, flips=flips
-                )
+                _slice_into(out, t, rows, bits, none, sigma, weight, ends, flips)
 
 
 @kernel
@@ -362,17 +346,7 @@ def _uniform_into(out: Floats, rows: Floats, bits: Ints, polygon: Floats) -> Non
         width = at[k + 1] - at[k]
         if width > 0.0:
             t = at[k] + 0.5 * width
-            _slice_into(
-                out=out,
-                t=t,
-                rows=rows,
-                bits=bits,
-                inside=_entered(polygon, t),
-                sigma=0.0,
-                weight=width / area,
-                ends=ends,
-                flips=flips,
-            )
+            _slice_into(out, t, rows, bits, _entered(polygon, t), 0.0, width / area, ends, flips)
 
 
 @kernel

@@ -105,18 +105,7 @@ def blocking_into(q: Floats, rays: Rays, x0: float, y0: float, j: int, priors: P
     ):
         before = along - slack_along > reach  # all of it is in front of the camera
         behind = along + slack_along < rays.nearest - reach  # all of it is nearer than every place
-        isotropic_into(
-            q=q,
-            ux=rays.ux,
-            uy=rays.uy,
-            r=rays.r,
-            mx=mx,
-            my=my,
-            radius=radius,
-            scale=ROOT_HALF / sigma,
-            before=before,
-            behind=behind,
-        )
+        isotropic_into(q, rays.ux, rays.uy, rays.r, mx, my, radius, ROOT_HALF / sigma, before, behind)
         return True
     # Known position: inside the rectangle or not
     if priors.first[j] == priors.first[j + 1] and sigma == 0.0:

@@ -53,8 +53,8 @@ def trace_balls_into(depth: Floats, label: Ints32, covered: Ints, centres: Float
     pixel = 1.0 / view.focal
     for k in range(centres.shape[0]):
         px, py, pz = centres[k, 0], centres[k, 1], centres[k, 2]
-        left, right = _limits(p=px, z=pz, radius=radius, focal=view.focal, middle=view.cx, size=width)
-        top, bottom = _limits(p=py, z=pz, radius=radius, focal=view.focal, middle=view.cy, size=height)
+        left, right = _limits(px, pz, radius, view.focal, view.cx, width)
+        top, bottom = _limits(py, pz, radius, view.focal, view.cy, height)
         count = 0
         for row in range(top, bottom):
             for col in range(left, right):
@@ -136,15 +136,7 @@ def paint_balls_into(
                 t = depth[row, col, first]
                 x = t * pixel * (col + 0.5 * (first & 1) - 0.25 - view.cx) - centres[k, 0]
                 y = t * pixel * (row + 0.5 * (first >> 1) - 0.25 - view.cy) - centres[k, 1]
-                shade_ball_into(
-                    colour=colour,
-                    x=x / radius,
-                    y=y / radius,
-                    z=(t - centres[k, 2]) / radius,
-                    turn=turns[k],
-                    view=view,
-                    skin=skin,
-                )
+                shade_ball_into(colour, x / radius, y / radius, (t - centres[k, 2]) / radius, turns[k], view, skin)
                 for b in range(3):
                     image[row, col, b] += 0.25 * count * (colour[b] - background[row, col, b])
         visible[k] = total

@@ -123,14 +123,12 @@ def shade_body_into(colour: Floats, p: int, t: float, ray: Floats32, bodies: Bod
     ny = a[0, 1] * qx + a[1, 1] * qy + a[2, 1] * qz
     nz = a[0, 2] * qx + a[1, 2] * qy + a[2, 2] * qz
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    light = light_at(
-        px=x, py=y, pz=z, nx=nx / length, ny=ny / length, nz=nz / length, lights=room.lights, ambient=room.ambient
-    )
+    light = light_at(x, y, z, nx / length, ny / length, nz / length, room.lights, room.ambient)
     # The side turned to the camera gets some light thrown back by the room.
     facing = -(nx * rx + ny * ry + nz * rz) / (length * math.sqrt(rx * rx + ry * ry + rz * rz))
     light *= 0.8 + 0.3 * facing
     weave = 0.95 + 0.1 * hash_point(math.floor(qx * 8.0) + 40 * math.floor(qy * 8.0), math.floor(qz * 14.0), p)
-    share = cloth(qx=qx, qy=qy, qz=qz, half=bodies.half[p, 2], pattern=bodies.pattern[p], metre=room.metre)
+    share = cloth(qx, qy, qz, bodies.half[p, 2], bodies.pattern[p], room.metre)
     for b in range(3):
         colour[b] = light * weave * (share * bodies.first[p, b] + (1.0 - share) * bodies.second[p, b])
 

@@ -94,7 +94,7 @@ def lit_share(
     for corner in range(LAMP.shape[0]):
         lx = lamp[0] + spread * LAMP[corner, 0]
         ly = lamp[1] + spread * LAMP[corner, 1]
-        if not in_shadow(px=px, py=py, pz=pz, lx=lx, ly=ly, lz=lamp[2], walls=walls, starts=starts, heights=heights):
+        if not in_shadow(px, py, pz, lx, ly, lamp[2], walls, starts, heights):
             lit += 1
     return float(lit / LAMP.shape[0])
 
@@ -121,11 +121,9 @@ def shade_into(
         nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
         total = ambient
         for k in range(lights.shape[0]):
-            light = light_at(px=px, py=py, pz=pz, nx=nx, ny=ny, nz=nz, lights=lights[k : k + 1], ambient=0.0)
+            light = light_at(px, py, pz, nx, ny, nz, lights[k : k + 1], 0.0)
             if light > 0.0 and may_be_shadowed(px, py, lights[k, 0], lights[k, 1], reach):
-                light *= lit_share(
-                    px=px, py=py, pz=pz, lamp=lights[k], spread=spread, walls=walls, starts=starts, heights=heights
-                )
+                light *= lit_share(px, py, pz, lights[k], spread, walls, starts, heights)
             total += light
         out[i] = total
 

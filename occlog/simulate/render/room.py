@@ -206,9 +206,7 @@ def floor_into(floor: Floats32, lamp: Floats32, share: Floats, rays: Floats, ori
                 x, y = origin[0] + t * rays[row, col, 0], origin[1] + t * rays[row, col, 1]
                 floor[row, col, 0], floor[row, col, 1], floor[row, col, 2] = x, y, share[row, col]
                 for k in range(lights.shape[0]):
-                    lamp[row, col, k] = light_at(
-                        px=x, py=y, pz=0.0, nx=0.0, ny=0.0, nz=1.0, lights=lights[k : k + 1], ambient=0.0
-                    )
+                    lamp[row, col, k] = light_at(x, y, 0.0, 0.0, 0.0, 1.0, lights[k : k + 1], 0.0)
 
 
 def surface_colours(origin: Floats, rays: Floats, t: Floats, hit: Ints, solid: Solid) -> Floats:

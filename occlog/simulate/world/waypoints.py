@@ -167,7 +167,7 @@ def new_destination_into(
     """
     for k in range(candidates.shape[0]):
         tx, ty = candidates[k, 0], candidates[k, 1]
-        if place_free(tx, ty, ground) and heads_free(x=xy[i, 0], y=xy[i, 1], tx=tx, ty=ty, step=step, ground=ground):
+        if place_free(tx, ty, ground) and heads_free(xy[i, 0], xy[i, 1], tx, ty, step, ground):
             destination[i, 0], destination[i, 1] = tx, ty
             return True
     return False
@@ -209,11 +209,7 @@ def walk_into(
             changed[t, i] = False
             # Regime CD (change destination, [Ercan] Sec. 6): it has arrived, or heads into a wall, or (the variant
             # waypoints+) by chance
-            if (
-                arrived
-                or chance[t, i] < motion.redirect
-                or not heads_free(x=xy[i, 0], y=xy[i, 1], tx=tx, ty=ty, step=step, ground=ground)
-            ):
+            if arrived or chance[t, i] < motion.redirect or not heads_free(xy[i, 0], xy[i, 1], tx, ty, step, ground):
                 changed[t, i] = new_destination_into(xy, destination, i, candidates[t, i], step, ground)
             # Regime MTD (move toward destination, [Ercan] Eq. 5): constant speed plus noise
             dx, dy = destination[i, 0] - xy[i, 0], destination[i, 1] - xy[i, 1]
