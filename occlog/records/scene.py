@@ -14,9 +14,10 @@ from occlog.array_types import Floats
 from occlog.core.plane.convexity import pockets
 from occlog.core.plane.polygons import inside_polygon
 from occlog.core.sight import camera as cam
+from occlog.core.sight.view_prior import ViewPrior
 from occlog.errors import InputError
 
-UNKNOWN_ROOM_MARGIN = 1.0
+from .seen_ground import box_around, seen_region, view_prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,16 +152,31 @@ class Scene:
         raise InputError(f"scene: no camera named {name!r}; the scene has: {known}")
 
     @cached_property
+    def views(self) -> ViewPrior | None:
+        """Where a target can be, by what each sensor can see; None: the room says it.
+
+        InputError for a scene with neither a room nor a sensor.
+        """
+        if self.room is not None:
+            return None
+        if not self.cameras and not self.arrays:
+            raise InputError("scene: neither a room nor a sensor says where targets can be; add `room`")
+        return view_prior(self)
+
+    @cached_property
     def region(self) -> Floats:
-        """(K, 2) polygon in which a target can be: the room, or else a box around all sensors."""
+        """(K, 2) polygon in which a target can be: the room, or else the hull of what sensors can see."""
+        views = self.views
+        return self.surroundings if views is None else seen_region(views)
+
+    @cached_property
+    def surroundings(self) -> Floats:
+        """(K, 2) the room, or else a box around all sensors: where a simulated world is, and the scale of the scene."""
         if self.room is not None:
             return self.room
-        places = [c.position[:2] for c in self.cameras] + [a.position[:2] for a in self.arrays]
-        if not places:
+        if not self.cameras and not self.arrays:
             raise InputError("scene: neither a room nor a sensor says where targets can be; add `room`")
-        low, high = np.min(places, axis=0), np.max(places, axis=0)
-        pad = UNKNOWN_ROOM_MARGIN + 0.1 * float(np.max(high - low))
-        (x0, y0), (x1, y1) = low - pad, high + pad
+        (x0, y0), (x1, y1) = box_around(self)
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
 
     def blockers(self, ground: Floats) -> tuple[Floats, ...]:

@@ -39,8 +39,8 @@ def motion_in_a_step(config: WorldConfig) -> WaypointMotion:
 
 def ground(scene: Scene, clearance: float) -> Ground:
     """Where objects may be in a scene."""
-    walls = [o.polygon for o in scene.occluders] + pockets(scene.region)
-    return Ground(np.ascontiguousarray(scene.region, dtype=np.float64), *pack_polygons(walls), clearance)
+    walls = [o.polygon for o in scene.occluders] + pockets(scene.surroundings)
+    return Ground(np.ascontiguousarray(scene.surroundings, dtype=np.float64), *pack_polygons(walls), clearance)
 
 
 def simulate_truth(scene: Scene, config: WorldConfig, seed: int, start: Floats | None = None) -> Iterator[Truth]:
@@ -50,7 +50,7 @@ def simulate_truth(scene: Scene, config: WorldConfig, seed: int, start: Floats |
     or how many steps are asked for.
 
     Args:
-        scene: its room (or the region around its sensors) bounds the world.
+        scene: its room (or a box around its sensors) bounds the world.
         config: numbers, speeds, times.
         seed: of all random numbers.
         start: (n, 2) places of all objects at the first step; None: random ones.

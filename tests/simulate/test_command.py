@@ -64,7 +64,7 @@ def test_the_recording_holds_a_walk_and_the_bearings_of_every_camera(
     # A target and five occluders, at each of the steps, inside the room
     assert len(truth) == 300 * (1 + 5)
     assert sorted(set(zip(truth.role.tolist(), truth.target_id.tolist(), strict=True)))[-1] == ("target", 0)
-    low, high = scene.region.min(axis=0), scene.region.max(axis=0)
+    low, high = scene.surroundings.min(axis=0), scene.surroundings.max(axis=0)
     assert ((truth.x >= low[0]) & (truth.x <= high[0]) & (truth.y >= low[1]) & (truth.y <= high[1])).all()
     assert np.isnan(truth.z).all()
     # It walks a unit a step, with noise of 0.33 on each axis

@@ -61,3 +61,23 @@ def sample_floor(n: int, floor: Floor, rng: np.random.Generator) -> Floats:
     if count < n:
         raise ValueError(f"only {count} of {n} random places were free; static occluders fill the room")
     return np.concatenate(found)[:n]
+
+
+def sample_near(xy: Floats, reach: float, floor: Floor, rng: np.random.Generator) -> Floats:
+    """(N, 2) random places on the floor, each uniform within a distance of one of the (N, 2) points.
+
+    For a point with hardly any floor around it the place is anywhere on the floor.
+
+    Raises:
+        ValueError: there is hardly any floor at all; see `sample_floor`.
+    """
+    out = np.array(xy, dtype=np.float64)
+    left = np.arange(len(out))
+    for _ in range(ROUNDS):
+        if not len(left):
+            return out
+        r, turn = reach * np.sqrt(rng.random(len(left))), 2.0 * np.pi * rng.random(len(left))
+        out[left] = xy[left] + r[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+        left = left[~on_floor(out[left], floor.room, floor.walls, floor.starts)]
+    out[left] = sample_floor(len(left), floor, rng)
+    return out

@@ -161,7 +161,7 @@ def errors_of(tracks: Tracks, truth: Truth, scene: Scene, skip: int) -> dict[str
     error = np.hypot(own.x - true.x[place], own.y - true.y[place])[skip:]
     if not len(error):
         raise InputError(f"trial: skip is {skip}, but there are {len(own)} estimates; skip fewer")
-    far = 0.2 * float(np.hypot(*np.ptp(scene.region, axis=0)))
+    far = 0.2 * float(np.hypot(*np.ptp(scene.surroundings, axis=0)))
     return {
         "rmse": float(np.sqrt(np.mean(error**2))),
         "mean_error": float(error.mean()),

@@ -141,7 +141,7 @@ def canvas(scene: Scene, camera: Camera, metre: float, noise: Floats32, contrast
             a random place on.  N must be well above three times the width of the image.
         contrast: of the surfaces' grain.
     """
-    lights = lamps(scene.region, scene.room_height)
+    lights = lamps(scene.surroundings, scene.room_height)
     return _on(camera, background(scene, camera, metre, contrast), lights, metre, noise)
 
 

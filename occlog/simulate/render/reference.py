@@ -56,7 +56,7 @@ def reference_appearances(
 
 def _view(scene: Scene, metre: float, angle: float) -> tuple[Canvas, Floats]:
     """A camera that looks from a distance at the place under the first lamp, and that place (2,)."""
-    lights = lamps(scene.region, scene.room_height)
+    lights = lamps(scene.surroundings, scene.room_height)
     place = lights[0, :2]
     width, height = SIZE
     away = DISTANCE * metre * np.array([math.cos(angle), math.sin(angle)])

@@ -117,7 +117,7 @@ def solid_scene(scene: Scene, camera: Camera, metre: float, contrast: float) -> 
         np.array([_circle(o.polygon, 2 * LAMP_SPREAD * metre) for o in scene.occluders]).reshape(-1, 3),
         np.empty((0, 2)) if scene.room is None else scene.room,
         scene.room_height,
-        lamps(scene.region, scene.room_height),
+        lamps(scene.surroundings, scene.room_height),
         metre,
         contrast,
     )

@@ -85,7 +85,7 @@ def check_inside(scene: Scene, grid: Grid, start_ns: int) -> None:
     for column, number in enumerate(grid.ids.tolist()):
         there = np.flatnonzero(~np.isnan(grid.xyz[:, column, 0]))
         places = np.ascontiguousarray(grid.xyz[there, column, :2])
-        wrong = [(~inside_polygon(places, scene.region), "outside the room")]
+        wrong = [(~inside_polygon(places, scene.surroundings), "outside the room")]
         wrong += [(inside_polygon(places, o.polygon), f"inside {o.name}") for o in scene.occluders]
         for bad, what in wrong:
             if bad.any():

@@ -27,7 +27,8 @@ from occlog.core.filter.likelihood import Detection, Noise, PackedScan, agreemen
 from occlog.core.filter.likelihood_occluded import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
 from occlog.core.filter.particles import effective_size, log_of, mean_and_covariance, normalise, systematic_ancestors
 from occlog.core.occlusion.priors import Priors, without_own
-from occlog.core.plane.floor import Floor, make_floor, on_floor, sample_floor
+from occlog.core.plane.floor import Floor, make_floor, on_floor, sample_floor, sample_near
+from occlog.core.sight.view_prior import ViewPrior, draw, first_places
 from occlog.core.sight.visibility import Sensors
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan
@@ -37,6 +38,7 @@ from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Predi
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .config import FORMS, ApfConfig
+from .first_places import sight_lines, wander
 from .kernels import waypoint
 from .sensing import pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
 
@@ -56,6 +58,8 @@ class Model(NamedTuple):
     detection: Detection
     informed: Detection  # the same where there are priors of the moving occluders
     occlusion: Occlusion  # how priors of the moving occluders count
+    views: ViewPrior | None = None  # where a target can be without a room; None: all over the floor
+    wander: float = math.inf  # how far a new destination is, without a room
     priors: Priors | None = None  # those at the time of the scan
 
 
@@ -108,6 +112,8 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> ApfState:
         detection=pack_detection(scene, config, informed=False),
         informed=pack_detection(scene, config, informed=True),
         occlusion=occlusion_of(config),
+        views=scene.views,
+        wander=math.inf if scene.views is None else wander(scene, config.speed),
     )
     try:
         particles = _fresh(model, config.start, rng)
@@ -141,7 +147,7 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     # Restart: a filter that most reports have contradicted for some scans is lost
     astray = _astray(state, draw, looks)
     if config.lost_after and astray >= config.lost_after:
-        draw = _restart(model, looks, "restart", rng)
+        draw = _begin(model, looks, "restart", rng)
         astray = 0
     # Estimate: weighted mean and covariance ([Ercan] Alg. 3, last line)
     estimate = _estimate(model, draw, looks)
@@ -188,18 +194,20 @@ def _take_in(state: ApfState, t_ns: int, looks: PackedScan, rng: Generator) -> D
     """Weighted particles at the time of a scan; drawn anew at the start, after a gap, and where none agrees."""
     model = state.model
     if state.t_ns is None:
+        if model.views is not None and model.config.start is None:
+            return _begin(model, looks, "", rng)
         return _weigh_start(model, state.particles, looks, "", rng)
     dt = (t_ns - state.t_ns) / NS
     if dt < 0:
         raise ValueError(f"scan at {t_ns} ns is earlier than the last one at {state.t_ns} ns")
     if dt > model.config.max_gap_s:
-        return _restart(model, looks, "gap", rng)
+        return _begin(model, looks, "gap", rng)
     particles, weights = state.particles, state.weights
     parts = max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
     if parts > 1:
         particles = _drift(model, particles, dt * (parts - 1) / parts, rng)
     draw = _auxiliary_step(model, particles, weights, looks, dt / parts, rng)
-    return draw if math.isfinite(draw.log_likelihood) else _restart(model, looks, "restart", rng)
+    return draw if math.isfinite(draw.log_likelihood) else _begin(model, looks, "restart", rng)
 
 
 def _auxiliary_step(
@@ -246,7 +254,11 @@ def _move(model: Model, particles: Particles, arrived: Bools, dt: float, rng: Ge
     """Draw from the importance density of Sec. 4.1; `arrived` is from `waypoint.reached`."""
     L = len(particles.speed)
     regime = waypoint.choose_regimes(particles, arrived, dt, model.motion, rng.random(L))
-    places = sample_floor(int(np.count_nonzero(regime == waypoint.CHANGE)), model.floor, rng)
+    change = regime == waypoint.CHANGE
+    if model.views is None:
+        places = sample_floor(int(np.count_nonzero(change)), model.floor, rng)
+    else:
+        places = sample_near(particles.xy[change], model.wander, model.floor, rng)
     return waypoint.move(particles, regime, places, rng.standard_normal((L, 2)), dt, model.motion)
 
 
@@ -263,24 +275,52 @@ def _fresh(model: Model, start: tuple[float, ...] | None, rng: Generator) -> Par
     """Many particles, anywhere on the floor or around a start."""
     config = model.config
     n = config.particles * config.start_factor
-    if start is None:
-        xy = sample_floor(n, model.floor, rng)
-    else:
+    if start is not None:
         xy = np.array(start[:2]) + start[2] * rng.standard_normal((n, 2))
-    return waypoint.start_particles(xy, model.floor, config.speed, config.speed_spread, rng)
+    elif model.views is not None:
+        xy = draw(n, model.views, rng)
+    else:
+        xy = sample_floor(n, model.floor, rng)
+    return _at_start(model, xy, rng)
 
 
-def _weigh_start(model: Model, fresh: Particles, looks: PackedScan, fallback: str, rng: Generator) -> Draw:
-    """As many of the fresh particles as the filter has, drawn by how well they agree with the scan."""
+def _at_start(model: Model, xy: Floats, rng: Generator) -> Particles:
+    """Particles at (L, 2) places, on their way to anywhere at the usual speeds."""
+    particles = waypoint.start_particles(xy, model.floor, model.config.speed, model.config.speed_spread, rng)
+    if model.views is None:
+        return particles
+    return particles._replace(destination=sample_near(xy, model.wander, model.floor, rng))
+
+
+def _begin(model: Model, looks: PackedScan, reason: str, rng: Generator) -> Draw:
+    """Particles drawn anew: all over the floor, or, without a room, where the scan says."""
+    if model.views is None:
+        return _weigh_start(model, _fresh(model, None, rng), looks, reason, rng)
+    n = model.config.particles * model.config.start_factor
+    xy, log_prior = first_places(n, sight_lines(looks, model.sensors, model.noise, model.views), model.views, rng)
+    return _weigh_start(model, _at_start(model, xy, rng), looks, reason, rng, log_prior)
+
+
+def _weigh_start(
+    model: Model, fresh: Particles, looks: PackedScan, fallback: str, rng: Generator, log_weights: Floats | None = None
+) -> Draw:
+    """As many of the fresh particles as the filter has, drawn by how well they agree with the scan.
+
+    Args:
+        model: scene and settings.
+        fresh: many particles.
+        looks: the scan.
+        fallback: why the filter starts.
+        rng: draws.
+        log_weights: (L,) of the prior over the density that the particles were drawn from; None: they are of the prior.
+    """
     n = model.config.particles
     log_prior = np.full(len(fresh.speed), -math.log(len(fresh.speed)))
+    if log_weights is not None:
+        log_prior = log_prior + log_weights
     weights, log_sum = normalise(log_prior + _log_likelihood(model, fresh.xy, looks))
     rows = systematic_ancestors(weights, n, rng.random())
     return Draw(waypoint.take(fresh, rows), np.full(n, 1.0 / n), log_sum, fallback)
-
-
-def _restart(model: Model, looks: PackedScan, reason: str, rng: Generator) -> Draw:
-    return _weigh_start(model, _fresh(model, None, rng), looks, reason, rng)
 
 
 def _astray(state: ApfState, draw: Draw, looks: PackedScan) -> int:

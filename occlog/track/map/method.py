@@ -94,13 +94,14 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
         config: settings.
         returned: the target is back after a gap, so that `config.start` no longer holds.
     """
-    region = scene.region
-    low, high = region.min(axis=0), region.max(axis=0)
+    low, high = scene.surroundings.min(axis=0), scene.surroundings.max(axis=0)
     extent = float(np.hypot(*(high - low)))
     if not extent > 0:
         raise InputError("scene: the room has no extent, so that a trajectory has no scale; add `room`")
     origin = 0.5 * (low + high) if _moves_freely(config) else np.zeros(2)
-    place, sigma = 0.5 * (low + high), extent
+    # Without a room a target can be as far as sensors see.
+    farthest = scene.region.max(axis=0) - scene.region.min(axis=0)
+    place, sigma = 0.5 * (low + high), float(np.hypot(*farthest))
     # After a gap the given start no longer holds: the target may be anywhere in the room.
     if config.start is not None and not returned:
         place, sigma = np.array(config.start[:2]), config.start[2]
