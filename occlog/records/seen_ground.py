@@ -61,8 +61,8 @@ def view_prior(scene: Scene) -> ViewPrior:
     far = [sight_limit(c, least, metre if scene.length_unit in METRES else None) for c in cameras]
     far += [a.range if np.isfinite(a.range) else max(HEARING * metre, least) for a in arrays]
     return ViewPrior(
-        origin=np.array([s.position[:2] for s in (*cameras, *arrays)], dtype=np.float64),
-        axis=np.array([s.yaw for s in (*cameras, *arrays)], dtype=np.float64),
+        origin=np.array([c.position[:2] for c in cameras] + [a.position[:2] for a in arrays], dtype=np.float64),
+        axis=np.array([c.yaw for c in cameras] + [a.yaw for a in arrays], dtype=np.float64),
         fov=np.array([min(c.fov, 2.0 * np.pi) for c in cameras] + [2.0 * np.pi] * len(arrays), dtype=np.float64),
         far=np.array(far, dtype=np.float64),
         share=placed / np.count_nonzero(placed),

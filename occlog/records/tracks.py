@@ -108,6 +108,21 @@ class Diagnostics(Table):
         "mean square error expected of the cameras selected since the last row",
         nan="none was selected anew",
     )
+    seen_by: Strings = column(
+        "U",
+        "1",
+        "sensors that saw the target, separated by commas; empty: none, or the method does not say which",
+        optional=True,
+    )
+    doubt: Strings = column(
+        "U",
+        "1",
+        "why the estimate is not to be believed, separated by commas; empty: no reason was found. `edge` (the target "
+        "may be at the edge of the region that was guessed for a scene without a room), `one-sensor` (one sensor "
+        "alone saw the target for long, which says nothing of its distance), `out-of-view` (a sensor is said to see "
+        "the target, and has it outside of its field of view or range)",
+        optional=True,
+    )
 
     def check(self) -> None:
         """Times in order."""

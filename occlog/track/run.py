@@ -29,6 +29,7 @@ from occlog.track.imm.config import START_NUMBERS, ImmConfig
 
 from .catalogue import settings_of, tracker
 from .interface import AnyMethod, Joint, Online
+from .plausibility import WORDS
 
 if TYPE_CHECKING:
     from occlog.records.columns import Table
@@ -45,6 +46,7 @@ class TrackSummary:
         self.rows = 0
         self.targets: set[int] = set()
         self.fallbacks: Counter[str] = Counter()
+        self.doubts: Counter[str] = Counter()
         self.ess = 0.0
         self.messages = Messages()
         self.solves: list[Solve] = []
@@ -57,6 +59,7 @@ class TrackSummary:
         self.rows += len(part.tracks)
         self.targets.update(part.tracks.target_id.tolist())
         self.fallbacks.update(f for f in part.diagnostics.fallback.tolist() if f)
+        self.doubts.update(d for text in part.diagnostics.doubt.tolist() if text for d in text.split(","))
         self.ess += float(part.diagnostics.ess.sum())
         self.messages.add(part.diagnostics)
         self.solves += part.solves
@@ -75,6 +78,7 @@ class TrackSummary:
             "rows": self.rows,
             **(self._searches() if self.solves else self._particles()),
             "fallbacks": dict(sorted(self.fallbacks.items())),
+            **({"doubts": dict(sorted(self.doubts.items()))} if self.doubts else {}),
             **self.messages.summary(),
             **(self._cooperation() if self.cooperated else {}),
         }
@@ -90,7 +94,7 @@ class TrackSummary:
         }
 
     def warnings(self) -> list[str]:
-        """Rows of a batch method's tracks that are to be used with care, and a joint method that reported no target."""
+        """Rows that are to be used with care, and a joint method that reported no target."""
         said = {
             "unobservable": "what was seen does not tell the position (its covariance says how well it is known)",
             "contradiction": "no place holds all constraints; what was seen there was left out",
@@ -101,8 +105,12 @@ class TrackSummary:
             return [
                 "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
             ]
+        counts = [(self.fallbacks, said), (self.doubts, WORDS)]
         return [
-            f"{self.fallbacks[k]} of {self.rows} rows: {k}: {text}" for k, text in said.items() if self.fallbacks[k]
+            f"{found[k]} of {self.rows} rows: {k}: {text}"
+            for found, words in counts
+            for k, text in words.items()
+            if found[k]
         ]
 
     def _particles(self) -> dict[str, Any]:

@@ -151,7 +151,8 @@ def crossings(lines: SightLines, rng: Generator) -> tuple[Floats, Floats]:
         across = np.column_stack([-e[rows, 1], e[rows, 0]])
         sigma = np.hypot(r * lines.sigma[rows], lines.sigma_origin[rows])
         information += across[:, :, None] * across[:, None, :] / sigma[:, None, None] ** 2
-    return lines.origin[i[kept]] + ri[kept, None] * e[i[kept]], WIDER**2 * np.linalg.inv(information)
+    covariance = np.asarray(WIDER**2 * np.linalg.inv(information), dtype=np.float64)
+    return lines.origin[i[kept]] + ri[kept, None] * e[i[kept]], covariance
 
 
 def _along(n: int, lines: SightLines, rng: Generator) -> Floats:

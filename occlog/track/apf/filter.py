@@ -357,6 +357,7 @@ def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
         n_seen=int(np.count_nonzero(seen)),
         fallback=draw.fallback,
         used=tuple(looks.sensor.tolist()),
+        seen_by=tuple(looks.sensor[seen].tolist()),
     )
 
 

@@ -158,5 +158,6 @@ def as_tables(found: Smoothed, target: int, names: tuple[str, ...]) -> Tracked:
         n_offered=found.n_looked.astype(np.int32),
         selected=np.full(T, "", dtype="U1"),
         predicted_mse=nothing,
+        seen_by=np.array([",".join(names[i] for i in sorted(set(by))) for by in found.seen_by], dtype=np.str_),
     )
     return Tracked(tracks, diagnostics, Calibration.empty(), (Solve(target, found.iterations, found.converged),))

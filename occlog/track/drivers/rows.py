@@ -90,6 +90,7 @@ def _diagnostics(rows: Sequence[Row], estimates: list[Estimate], names: tuple[st
         n_offered=np.array([r.n_offered for r in rows], dtype=np.int32),
         selected=np.array([",".join(names[i] for i in r.selected) for r in rows], dtype=np.str_),
         predicted_mse=np.array([r.mse for r in rows], dtype=np.float64),
+        seen_by=np.array([",".join(names[i] for i in e.seen_by or ()) for e in estimates], dtype=np.str_),
     )
 
 

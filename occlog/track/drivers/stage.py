@@ -10,7 +10,8 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.track.catalogue import tracker
 from occlog.track.imm.config import ImmConfig
-from occlog.track.interface import Batch, Config, Online
+from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online
+from occlog.track.plausibility import Doubts
 
 from .batch import track_batch
 from .joint import track_joint
@@ -45,6 +46,21 @@ def track(
             method or the scene does not allow.
     """
     method = tracker(tracking.method)
+    started = not isinstance(method, Joint) and method.started(tracking.config)
+    doubts = Doubts(scene, online=not isinstance(method, Batch), started=started)
+    for part in _tracked(bearings, scene, method, tracking, occluders):
+        tracks, diagnostics = doubts.judged(part.tracks, part.diagnostics)
+        yield part._replace(tracks=tracks, diagnostics=diagnostics)
+
+
+def _tracked(
+    bearings: Iterable[Bearings],
+    scene: Scene,
+    method: AnyMethod,
+    tracking: Tracking[Config],
+    occluders: Iterable[Occluders] | Iterable[Hulls] | None,
+) -> Iterator[Tracked]:
+    """Tracks by the driver for the kind of the method."""
     if isinstance(method, Online):
         yield from track_online(bearings, scene, method, tracking, occluders)
         return

@@ -67,6 +67,7 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
         n_seen=len(used),
         fallback=told,
         used=tuple(used.tolist()),
+        seen_by=tuple(used.tolist()),
     )
 
 

@@ -188,6 +188,7 @@ def estimate_of(mean: Floats, covariance: Floats, draw: Draw, heard: ScanDirecti
         n_seen=int(np.count_nonzero(seen)),
         fallback=draw.fallback,
         used=tuple(heard.sensor.tolist()),
+        seen_by=tuple(heard.sensor[seen].tolist()),
         height=Height(float(mean[2]), float(mean[5]), np.array([covariance[0, 2], covariance[1, 2], covariance[2, 2]])),
     )
 

@@ -245,6 +245,7 @@ def _estimate(
         n_seen=int(np.count_nonzero(seen)),
         fallback=fallback,
         used=tuple(used.tolist()),
+        seen_by=tuple(heard.sensor[seen].tolist()),
         height=Height(float(joined.mean[2]), float(joined.mean[5]), np.array([c[0, 2], c[1, 2], c[2, 2]])),
     )
 

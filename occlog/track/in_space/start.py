@@ -12,6 +12,7 @@ from occlog.array_types import Bools, Floats
 from occlog.core.motion.in_space import AccelerationModel
 from occlog.core.plane.floor import Floor, make_floor, on_floor
 from occlog.core.sight.projected_planes import AXES
+from occlog.core.sight.view_prior import NEAREST
 from occlog.records.scene import Scene
 from occlog.track.in_space.kernels.likelihood import Chances, Sights, log_cone, log_product, scan_log_likelihood
 
@@ -37,6 +38,7 @@ class Space(NamedTuple, Generic[C]):
     high: Floats  # (3,)
     floor: Floor | None  # None: no room is known
     ceiling: float
+    far: Floats | None  # (S,) how far each sensor sees or hears, in a scene without a room; None: there is a room
 
 
 def motion_of(config: SpaceConfig) -> AccelerationModel:
@@ -59,7 +61,18 @@ def make_space(scene: Scene, config: C, *, cone: bool = False) -> Space[C]:
     low = np.append(ground.min(axis=0), heights.min())
     high = np.append(ground.max(axis=0), heights.max())
     floor = None if scene.room is None else make_floor(scene.room, [o.polygon for o in scene.occluders])
-    return Space(config, ears, motion_of(config), chances_of(config), cone, low, high, floor, float(scene.room_height))
+    return Space(
+        config,
+        ears,
+        motion_of(config),
+        chances_of(config),
+        cone,
+        low,
+        high,
+        floor,
+        float(scene.room_height),
+        None if scene.views is None else scene.views.far,
+    )
 
 
 def log_likelihood(xyz: Floats, heard: ScanDirections, space: Space[C]) -> Floats:
@@ -103,7 +116,7 @@ def found(space: Space[C], heard: ScanDirections, n: int, rng: Generator) -> tup
 
     Places are drawn along the sight lines of all candidates, out to where they leave the
     box, and some anywhere in it.  The weights are those of a target that is as likely in any part of
-    the box; the scan's likelihood is in them.
+    the room; without a room, at any distance from a sensor up to its far limit.  The scan's likelihood is in them.
     """
     s = heard.sights
     R = len(s.phi)
@@ -117,8 +130,18 @@ def found(space: Space[C], heard: ScanDirections, n: int, rng: Generator) -> tup
         density += volume * each / n * np.sum(np.exp(log_product(xyz, s, 1.0) - _log_volume(xyz, s, space)), axis=0)
     inside = np.all((xyz >= space.low[:, None]) & (xyz <= space.high[:, None]), axis=0)
     weights = np.where(inside, log_likelihood(xyz, heard, space) - np.log(density), -math.inf)
+    if space.far is not None:
+        weights = weights + np.log(volume) + _log_prior(xyz, space.ears.position, space.far)
     speeds = _speeds(space)[:, None] * rng.standard_normal((3, n))
     return np.concatenate([xyz, speeds]), weights
+
+
+def _log_prior(xyz: Floats, position: Floats, far: Floats) -> Floats:
+    """(n,) log density of a target that is at any distance from one of (S, 3) sensors, in any direction, at (3, n)."""
+    r = np.sqrt(np.sum((xyz.T[:, None] - position) ** 2, axis=2))
+    each = np.where(r <= far, 1.0 / (4.0 * math.pi * far * np.maximum(r, NEAREST * far) ** 2), 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(each.mean(axis=1)))
 
 
 def _speeds(space: Space[C]) -> Floats:

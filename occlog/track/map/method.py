@@ -309,6 +309,10 @@ def _smoothed(
         n_seen=seen[:keep],
         fallback=tuple(flags.tolist()),
         used=tuple(tuple(sensors[a:b]) for a, b in pairwise(bounds)),
+        seen_by=tuple(
+            tuple(s for s, saw in zip(sensors[a:b], record.rows.seen[a:b].tolist(), strict=True) if saw)
+            for a, b in pairwise(bounds)
+        ),
         iterations=solution.iterations,
         converged=solution.converged,
     )

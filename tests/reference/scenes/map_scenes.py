@@ -73,6 +73,7 @@ def joined(parts: list[Smoothed]) -> Smoothed:
         *arrays,
         sum((p.fallback for p in parts), ()),
         sum((p.used for p in parts), ()),
+        sum((p.seen_by for p in parts), ()),
         sum(p.iterations for p in parts),
         all(p.converged for p in parts),
     )

@@ -91,6 +91,7 @@ class Calls:
             none,
             ("",) * keep,
             ((),) * keep,
+            ((),) * keep,
             1,
             True,
         )
