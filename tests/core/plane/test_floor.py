@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.plane.floor import make_floor, on_floor, sample_floor
+from occlog.core.plane.floor import make_floor, on_floor, sample_floor, sample_near
 from occlog.core.plane.polygons import inside_polygon
 
 L_ROOM = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [1.0, 1.0], [1.0, 4.0], [0.0, 4.0]])
@@ -41,3 +41,20 @@ def test_a_room_full_of_walls_is_refused():
     floor = make_floor(L_ROOM, [np.array([[-1.0, -1.0], [5.0, -1.0], [5.0, 5.0], [-1.0, 5.0]])])
     with pytest.raises(ValueError, match="only 0 of 10 random places were free"):
         sample_floor(10, floor, np.random.default_rng(3))
+
+
+def test_places_near_points_are_on_the_floor_and_evenly_within_the_distance():
+    floor = make_floor(L_ROOM, [])
+    low = L_ROOM.min(axis=0) + 0.15 * np.ptp(L_ROOM, axis=0)
+    xy = sample_near(np.tile(low, (4000, 1)), 0.1, floor, np.random.default_rng(4))
+    r = np.hypot(*(xy - low).T)
+    assert r.max() <= 0.1
+    assert np.mean(r < 0.1 * np.sqrt(0.5)) == pytest.approx(0.5, abs=0.03)
+    assert on_floor(xy, *floor).all()
+
+
+def test_a_point_far_off_the_floor_gets_a_place_anywhere_on_it():
+    floor = make_floor(L_ROOM, [])
+    xy = sample_near(np.full((50, 2), 1e6), 1.0, floor, np.random.default_rng(5))
+    assert on_floor(xy, *floor).all()
+    assert sample_near(np.empty((0, 2)), 1.0, floor, np.random.default_rng(6)).shape == (0, 2)
