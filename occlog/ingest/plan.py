@@ -74,6 +74,22 @@ class IngestPlan(Settings):
         option="--calibration-unit",
         nothing="the format's own, or m",
     )
+    up: str | None = setting(
+        None,
+        "What is up in the calibration's world, which is turned with the true positions so that z is: `auto` (by the "
+        "cameras' horizons), an axis with its sign (`-y`), or X,Y,Z.",
+        option="--up",
+        metavar="DIRECTION",
+        nothing="z; a warning if it seems not",
+    )
+    ground: float | None = setting(
+        None,
+        "Height of the ground along `up`, in the calibration's world; it becomes z = 0.",
+        unit="m",
+        option="--ground",
+        metavar="HEIGHT",
+        nothing="0",
+    )
     allow_uncalibrated: bool = setting(
         False,
         "Take cameras without calibration too; they give no bearings.",
@@ -148,6 +164,8 @@ class IngestPlan(Settings):
             raise UsageError(f"camera {both}: has both video and images; give one")
         if not (self.video or self.images or self.boxes or self.doa):
             raise UsageError("nothing to ingest; give video, images, boxes or directions (doa)")
+        if not self.calibration and (self.up is not None or self.ground is not None):
+            raise UsageError("up and ground turn the world of a calibration; give calibration")
         if self.store == "link" and self.images:
             raise UsageError("store link: only videos can be linked to; give png or jpeg for images")
 

@@ -31,6 +31,7 @@ from occlog.records.tables import Boxes, Truth, TruthBoxes
 from .plan import IngestPlan
 from .scene import base_scene, fit_sizes, match_cameras
 from .sources import Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
+from .upright import Turn
 
 
 @dataclass
@@ -51,7 +52,7 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
     for path, what in plan.files():
         check_input(path, what)
     done = Ingested()
-    scene = base_scene(plan, note)
+    scene, turn = base_scene(plan, note)
     survey = _survey(plan, scene)
     wanted = list(dict.fromkeys([*plan.video, *plan.images, *(survey.cameras if survey else ())]))
     scene = match_cameras(scene, wanted, plan)
@@ -61,16 +62,17 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
             raise done.failures[0]
         scene = fit_sizes(scene, [(s.name, s.decoder) for s in sources], note)
         times = _all_times(plan, scene, sources, survey)
-        provenance = Provenance("ingest", plan.parameters(), None, _hashes(plan))
+        settings = plan.parameters() | ({} if turn is None else turn.parameters())
+        provenance = Provenance("ingest", settings, None, _hashes(plan))
         writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=overwrite))
         # Tables first: a fault in one is then told before hours of video have been read.
-        _write_tables(plan, scene, survey, times, writer, done)
+        _write_tables(plan, scene, turn, survey, times, writer, done)
         _write_frames(plan, sources, writer, done, quiet)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
         for name, source in sorted(done.times.items()):
             count = f"{done.frames[name]} frames, " if name in done.frames else ""
             note(f"camera {name}: {count}times from {source}")
-        parameters = {**plan.parameters(), "time_sources": dict(sorted(done.times.items()))}
+        parameters = {**settings, "time_sources": dict(sorted(done.times.items()))}
         writer.annotate(replace(provenance, parameters=parameters, losses=tuple(done.losses)))
     return _summary(plan, done), done.losses
 
@@ -176,6 +178,7 @@ def _guarded(source: CameraSource, done: Ingested) -> Iterator[tuple[int, str, D
 def _write_tables(
     plan: IngestPlan,
     scene: Scene,
+    turn: Turn | None,
     survey: BoxSurvey | None,
     times: dict[str, FrameTimes],
     writer: RecordingWriter,
@@ -199,22 +202,22 @@ def _write_tables(
             sync_ns=sync,
             boxes=_box_options(plan),
         )
-        tables.append(_truth(path, how, plan))
+        tables.append(_truth(path, how, plan, turn))
     for chunks in tables:
         for table in chunks:
             writer.table(table)
             done.rows[table.NAME] = done.rows.get(table.NAME, 0) + len(table)
 
 
-def _truth(path: Path, how: TruthOptions, plan: IngestPlan) -> Iterator[Truth | TruthBoxes]:
-    """Tables of the truth; without cameras a frame rate given for all counts its frames."""
+def _truth(path: Path, how: TruthOptions, plan: IngestPlan, turn: Turn | None) -> Iterator[Truth | TruthBoxes]:
+    """Tables of the truth, turned like the cameras; without cameras a frame rate given for all counts its frames."""
     if not how.times:
         rate = times_of(plan, "", {})
         how = replace(how, times={"": rate} if rate else {})
     for table in read_truth(path, how):
         if isinstance(table, Truth) and not len(table):
             continue
-        yield table
+        yield turn.truth(table, path) if turn is not None and isinstance(table, Truth) else table
 
 
 def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:

@@ -21,6 +21,7 @@ from occlog.io.sound.author_formats import read_arrays
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_fov, camera_rotation
 
 from .plan import IngestPlan
+from .upright import Turn, find_turn
 
 CROP_PX = 16
 """Video codecs cut or pad to multiples of 16 px; a difference up to this is not a change of scale."""
@@ -94,8 +95,12 @@ def _scaled(camera: Camera, size: tuple[int, int], scale: np.ndarray, margin: np
 Note = Callable[[str], None]
 
 
-def base_scene(plan: IngestPlan, note: Note) -> Scene:
-    """Scene of the scene file, the calibration and the tables of arrays, before cameras are matched."""
+def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
+    """Scene of the scene file, the calibration and the tables of arrays, before cameras are matched.
+
+    Also how the world of the calibration was turned; the scene file and the arrays are in the upright world.
+    """
+    turn: Turn | None = None
     scene = load_scene(plan.scene, None, plan.output) if plan.scene is not None else Scene()
     cameras = list(scene.cameras)
     if plan.calibration:
@@ -107,9 +112,10 @@ def base_scene(plan: IngestPlan, note: Note) -> Scene:
         double = next((c.name for c in calibration.cameras if c.name in {k.name for k in cameras}), None)
         if double is not None:
             raise UsageError(f"camera {double}: is both in {plan.scene} and in the calibration; keep one")
-        cameras += calibration.cameras
+        turn = find_turn(calibration.cameras, plan.up, plan.ground, note)
+        cameras += calibration.cameras if turn is None else [turn.camera(c) for c in calibration.cameras]
     arrays = [*scene.arrays, *(a for name, path in plan.arrays for a in _arrays(path, name, note))]
-    return replace(scene, cameras=tuple(cameras), arrays=tuple(arrays))
+    return replace(scene, cameras=tuple(cameras), arrays=tuple(arrays)), turn
 
 
 def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, ...]:

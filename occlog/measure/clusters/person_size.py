@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 from occlog.records.scene import Camera
 
@@ -97,6 +97,9 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
         image_size: width and height [px].
         height: of a person, in the scene's unit.
         reach: distance of the farthest person, in the scene's unit.
+
+    Raises:
+        ValueError: less than half of the image shows where a person can stand.
     """
     shape, centres = cell_centres(image_size)
     near, far = NEAR * height, max(min(reach, camera.range, FAR * height), 2.0 * NEAR * height)
@@ -113,7 +116,7 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
     log_weights = np.where(np.isfinite(miss), -0.5 * miss**2, -np.inf)
     log_weights -= np.max(log_weights, axis=0, initial=-1e300)
     weights = np.exp(log_weights)
-    weights /= weights.sum(axis=0)
+    weights /= np.maximum(weights.sum(axis=0), 1e-300)
     return _mean_sizes(image_size, shape, weights, spans)
 
 
@@ -138,6 +141,9 @@ def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Fl
     det = cov[..., 0, 0] * cov[..., 1, 1] - cov[..., 0, 1] ** 2
     known = np.isfinite(det) & (det > 0)
     weights = np.where(known, weights, 0.0)
+    # A cell in which nobody can stand takes the sizes of the nearest one in which somebody can
+    like = _nearest_standing(weights.sum(axis=0) > 0.0, image_size)
+    weights, known, cov, det = weights[:, like], known[:, like], cov[:, like], det[:, like]
     weights /= np.maximum(weights.sum(axis=0), 1e-300)
     log_size = np.where(known, 0.25 * np.log(np.where(known, det, 1.0)), 0.0)
     mean = (weights * log_size).sum(axis=0)
@@ -150,6 +156,18 @@ def _mean_sizes(image_size: tuple[int, int], shape: tuple[int, int], weights: Fl
     mass = FILL * 12.0 * np.exp(2.0 * mean)
     flat = np.column_stack([scaled[:, 0, 0], scaled[:, 0, 1], scaled[:, 1, 1]])
     return SizeMap(image_size=image_size, shape=shape, cov=flat, mass=mass, spread=spread)
+
+
+def _nearest_standing(standing: Bools, image_size: tuple[int, int]) -> Ints:
+    """(cells,) number of the nearest cell in which a person can stand; ValueError if it is less than half of them."""
+    like = np.arange(len(standing))
+    if 2 * np.count_nonzero(standing) < len(standing):
+        raise ValueError("nobody can stand in most of the image")
+    _, centres = cell_centres(image_size)
+    there = np.flatnonzero(standing)
+    for cell in np.flatnonzero(~standing):
+        like[cell] = there[np.argmin(np.hypot(*(centres[there] - centres[cell]).T))]
+    return like
 
 
 class Prior(NamedTuple):

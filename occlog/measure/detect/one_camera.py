@@ -12,6 +12,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from occlog.core.sight.upright import seems_upright
 from occlog.errors import InputError
 from occlog.measure.clusters.person_size import Prior, SizeMap, constant_sizes, make_prior, sizes_from_camera
 from occlog.measure.clusters.stage import cell_side
@@ -148,7 +149,8 @@ def set_up(state: CameraState, image: Image) -> CameraSetup:
     if sizes is None:
         raise InputError(
             f"camera {camera.name}: nothing says how large people are in its images: it has no pose in metres, feet "
-            "or inches, and no people were seen beforehand; give the height of a person in pixels (person_height_px)"
+            "or inches in an upright world, and no people were seen beforehand; give the height of a person in pixels "
+            "(person_height_px)"
         )
     sizes = shrink_sizes(sizes, factor)
     prior = make_prior(sizes, STRENGTH, PENALTY, LEAST)
@@ -160,15 +162,20 @@ def known_sizes(camera: Camera, scene: Scene, size: tuple[int, int], config: Det
     if config.person_height_px is not None:
         return constant_sizes(size, config.person_height_px)
     height = config.person_height or PERSON_HEIGHT.get(scene.length_unit)
-    if height is None or not camera.placed:
+    if height is None or not camera.placed or not upright(scene):
         return None
     reach = np.inf
     if scene.room is not None:
         reach = float(np.hypot(*(scene.room - camera.ground).T).max())
     try:
         return sizes_from_camera(camera, size, height, reach)
-    except ValueError as error:
-        raise InputError(f"camera {camera.name}: {error}; check its pose, or give person_height_px") from error
+    except ValueError:  # no person who stands on the ground is in the image
+        return None
+
+
+def upright(scene: Scene) -> bool:
+    """Whether the scene's world seems to be upright, so that poses of cameras tell how large people are."""
+    return seems_upright(np.array([c.rotation for c in scene.cameras if c.placed]).reshape(-1, 3, 3))
 
 
 def shrink_of(camera: Camera, scene: Scene, size: tuple[int, int], config: DetectConfig) -> int:

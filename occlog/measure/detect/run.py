@@ -30,6 +30,7 @@ from occlog.settings import configure
 from .config import DetectConfig, parameters
 from .from_boxes import detect_boxes
 from .learning import TargetBox, learn
+from .one_camera import upright
 from .stage import Learned, detect
 from .target import Target
 
@@ -61,6 +62,12 @@ def run_detect(
     opened = open_recording(request.recording)
     scene = options.load_scene(request.scene, opened.scene, request.recording)
     detections, used = _detections(request, opened, scene, quiet)
+    if not upright(scene):
+        options.note(
+            "warning: the world of the scene seems not to be upright: sizes of people come from the images, and "
+            "bearings mean little; turn it upright with `occlog ingest --up auto`",
+            quiet,
+        )
     fused = FuseTally()
     if request.fusion is not None:
         config = configure(FuseConfig.in_unit(scene.length_unit), request.fusion)
