@@ -175,3 +175,14 @@ def test_shrunk_size_maps_keep_place_and_shape() -> None:
     assert small.image_size == (160, 120)
     np.testing.assert_allclose(np.sqrt(12 * small.cov[:, 2]), 100.0)
     np.testing.assert_allclose(small.mass * 16, sizes.mass)
+
+
+def test_a_camera_that_looks_straight_up_shows_nobody_who_stands():
+    with pytest.raises(ValueError, match="nobody can stand"):
+        sizes_from_camera(camera(3.0, 90.0), SIZE, 1.7, 30.0)
+
+
+def test_cells_behind_a_camera_that_looks_down_take_the_sizes_of_their_neighbours():
+    sizes = sizes_from_camera(camera(6.0, -75.0), SIZE, 1.7, 30.0)
+    assert np.isfinite(sizes.cov).all()
+    assert (sizes.mass > 0).all()

@@ -12,6 +12,7 @@ from detect_scenes import BLUE, RED, STEP_NS, picture, scene, walk
 from occlog.cli.main import run
 from occlog.core.sight.camera import wrap_angle
 from occlog.errors import ExitCode
+from occlog.io.calibration.reader import read_calibration
 from occlog.io.files.parquet import describe, read_provenance, read_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
@@ -195,3 +196,31 @@ def test_a_recording_without_a_scene_asks_for_one(tmp_path: Path, capsys: pytest
     source = record(tmp_path / "bare.mcap", where=False)
     assert detect(source, tmp_path) == ExitCode.USAGE
     assert "--scene" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.jit
+@pytest.mark.parametrize("up", [(), ("--up", "auto", "--ground", "0")])
+def test_a_calibration_with_its_world_at_a_camera_is_detected_in(shared_data, tmp_path, capsys, up) -> None:
+    """`caliscope_4cam` as it would be before its alignment; turned upright or not."""
+    folder = shared_data / "caliscope_4cam/session_a"
+    cameras = read_calibration([folder / "camera_array.toml"]).cameras
+    base = cameras[1]
+    tables = []
+    for c in cameras:
+        back = c.rotation.T @ base.rotation
+        lines = [f'[cameras.{c.name}]\nname = "{c.name}"', f"size = {list(c.image_size or ())}"]
+        matrix = [[c.focal_px[0], 0.0, c.principal_px[0]], [0.0, c.focal_px[1], c.principal_px[1]], [0.0, 0.0, 1.0]]
+        lines += [f"matrix = {json.dumps(matrix)}", f"distortions = {c.distortion.tolist()}"]
+        place = base.rotation.T @ (c.position - base.position)
+        lines += [f"translation = {(-back @ place).tolist()}", f"rotation = {back.tolist()}"]
+        tables.append("\n".join(lines))
+    (tmp_path / "rig.toml").write_text("\n".join(tables) + "\n")
+    videos = [v for k in range(4) for v in ("--video", f"cam_{k}={folder}/calibration/extrinsic/cam_{k}.mp4")]
+    walk, bearings = str(tmp_path / "walk.mcap"), str(tmp_path / "b.parquet")
+    source = ["--calibration", str(tmp_path / "rig.toml"), "--store", "link", "--frames", "0:20"]
+    assert run(["ingest", "-o", walk, *videos, *source, *up]) == ExitCode.DONE
+    assert ("seems not to be upright" in capsys.readouterr().err) is not bool(up)
+    assert run(["detect", walk, "-o", bearings]) == ExitCode.DONE
+    assert ("seems not to be upright" in capsys.readouterr().err) is not bool(up)
+    assert read_table(Path(bearings), Bearings).seen.any()

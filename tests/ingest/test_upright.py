@@ -1,0 +1,178 @@
+"""Calibrations whose world is not upright, turned when they are ingested."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode, InputError, UsageError
+from occlog.ingest.upright import find_turn, read_up
+from occlog.io.open import open_input
+from occlog.io.recording.reader import open_recording
+from occlog.io.scenes.scene import scene_to_yaml
+from occlog.records.scene import Camera, Scene, camera_fov, camera_rotation
+from occlog.records.tables import Truth
+
+TRUTH = np.array([[1.0, 2.0, 0.9], [1.5, 2.5, 1.1], [2.0, 2.0, 0.8]])
+
+
+def camera(name: str, x: float, y: float, z: float, yaw: float, pitch: float) -> Camera:
+    rotation = camera_rotation(np.radians(yaw), np.radians(pitch), 0.0)
+    focal, principal, none = np.full(2, 600.0), np.array([319.5, 239.5]), np.zeros(5)
+    fov = camera_fov((640, 480), focal, principal, none, "brown", rotation)
+    return Camera(name, np.array([x, y, z]), rotation, focal, principal, (640, 480), fov=fov)
+
+
+CAMERAS = (
+    camera("a", 0.0, 0.0, 2.5, 40.0, -20.0),
+    camera("b", 5.0, 0.0, 2.2, 130.0, -15.0),
+    camera("c", 2.0, 6.0, 2.8, 265.0, -30.0),
+)
+
+
+def as_seen_by(k: int) -> tuple[tuple[Camera, ...], np.ndarray]:
+    """The cameras and the truth in the world of camera k, and its height above the ground along its up."""
+    base = CAMERAS[k]
+    R = base.rotation.T
+    moved = tuple(
+        Camera(c.name, R @ (c.position - base.position), R @ c.rotation, c.focal_px, c.principal_px, c.image_size)
+        for c in CAMERAS
+    )
+    return moved, (TRUTH - base.position) @ R.T
+
+
+def toml(cameras: tuple[Camera, ...]) -> str:
+    """As caliscope writes it: camera-from-world rotation and translation."""
+    parts = []
+    for c in cameras:
+        back = c.rotation.T
+        matrix = [[c.focal_px[0], 0.0, c.principal_px[0]], [0.0, c.focal_px[1], c.principal_px[1]], [0.0, 0.0, 1.0]]
+        values = {
+            "size": list(c.image_size or ()),
+            "matrix": matrix,
+            "distortions": [0.0] * 5,
+            "translation": (-back @ c.position).tolist(),
+            "rotation": back.tolist(),
+        }
+        lines = "\n".join(f"{key} = {json.dumps(value)}" for key, value in values.items())
+        parts.append(f'[cameras.{c.name}]\nname = "{c.name}"\n{lines}\n')
+    return "\n".join(parts)
+
+
+def distances(places: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(places[:, None] - places, axis=2)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    cameras, truth = as_seen_by(1)
+    (tmp_path / "rig.toml").write_text(toml(cameras))
+    assert set(tomllib.loads((tmp_path / "rig.toml").read_text())["cameras"]) == {"a", "b", "c"}
+    rows = "\n".join(f"{t},0,{x},{y},{z}" for t, (x, y, z) in enumerate(truth))
+    (tmp_path / "truth.csv").write_text(f"time,target_id,x,y,z\n{rows}\n")
+    (tmp_path / "boxes.csv").write_text(
+        "frame,camera,left,top,width,height\n" + "".join(f"0,{c.name},10,10,20,60\n" for c in CAMERAS)
+    )
+    return tmp_path
+
+
+def ingest(folder: Path, *more: str) -> int:
+    source = ["--calibration", str(folder / "rig.toml"), "--boxes", str(folder / "boxes.csv"), "--fps", "1"]
+    return run(["ingest", "-o", str(folder / "out.mcap"), "--overwrite", *source, *more])
+
+
+def test_a_world_at_a_camera_is_noticed_and_stays(folder, capsys):
+    assert ingest(folder) == ExitCode.DONE
+    said = capsys.readouterr().err
+    assert "warning: the world of the calibration seems not to be upright" in said
+    assert "degrees from z" in said
+    np.testing.assert_allclose(open_recording(folder / "out.mcap").scene.camera("b").position, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("up", ["auto", "vector"])
+def test_a_world_at_a_camera_is_turned_with_its_truth_and_provenance_says_how(folder, capsys, up):
+    z = CAMERAS[1].rotation.T @ [0.0, 0.0, 1.0]
+    direction = up if up == "auto" else ",".join(str(v) for v in z)
+    ground = -float(CAMERAS[1].position[2])
+    options = ["--up", direction, "--ground", str(ground), "--truth", str(folder / "truth.csv")]
+    assert ingest(folder, *options) == ExitCode.DONE
+    said = capsys.readouterr().err
+    assert "warning" not in said
+    assert "world turned upright" in said
+    recording = open_input(folder / "out.mcap", Truth)
+    assert recording.scene is not None
+    found = {c.name: c for c in recording.scene.cameras}
+    truth = recording.read(Truth)
+    for c in CAMERAS:
+        assert found[c.name].position[2] == pytest.approx(c.position[2], abs=1e-6)
+        assert found[c.name].fov == pytest.approx(c.fov, abs=1e-6)
+    np.testing.assert_allclose(truth.z, TRUTH[:, 2], atol=1e-6)
+    # The same world but for a turn about z and a shift on the ground
+    ours = np.vstack([*(found[c.name].position for c in CAMERAS), np.column_stack([truth.x, truth.y, truth.z])])
+    theirs = np.vstack([*(c.position for c in CAMERAS), TRUTH])
+    np.testing.assert_allclose(distances(ours), distances(theirs), atol=1e-6)
+    made = open_recording(folder / "out.mcap").provenance.parameters
+    assert made["up"] == direction
+    assert made["ground"] == ground
+    np.testing.assert_allclose(np.array(made["turned_by"]) @ z, [0, 0, 1], atol=1e-6)
+
+
+def test_a_truth_without_heights_is_refused(folder, capsys):
+    text = (folder / "truth.csv").read_text().splitlines()
+    (folder / "flat.csv").write_text("\n".join(",".join(line.split(",")[:4]) for line in text) + "\n")
+    assert ingest(folder, "--up", "auto", "--truth", str(folder / "flat.csv")) == ExitCode.BAD_INPUT
+    assert "has no heights" in capsys.readouterr().err
+
+
+def test_an_unknown_ground_below_no_camera_is_told(folder, capsys):
+    assert ingest(folder, "--up", "auto") == ExitCode.DONE
+    assert "say where the ground is" in capsys.readouterr().err
+
+
+def test_an_upright_world_is_left_alone():
+    said: list[str] = []
+    assert find_turn(CAMERAS, None, None, said.append) is None
+    assert not said
+    turn = find_turn(CAMERAS, None, 0.5, said.append)
+    assert turn is not None
+    np.testing.assert_allclose(turn.camera(CAMERAS[0]).position, [0.0, 0.0, 2.0])
+
+
+def test_cameras_that_look_the_same_way_are_told_to_leave_the_pitch_open():
+    said: list[str] = []
+    find_turn(CAMERAS[:1], "auto", None, said.append)
+    assert "look the same way" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "up"),
+    [("x", (1, 0, 0)), ("-y", (0, -1, 0)), ("+z", (0, 0, 1)), ("0,-1,0.1", (0, -1, 0.1))],
+)
+def test_a_direction_is_an_axis_with_its_sign_or_three_numbers(text, up):
+    np.testing.assert_array_equal(read_up(text), up)
+
+
+@pytest.mark.parametrize("text", ["w", "", "1,2", "0,0,0", "nan,0,1", "-", "1,2,3,4"])
+def test_anything_else_is_no_direction(text):
+    with pytest.raises(UsageError, match="an axis with its sign"):
+        read_up(text)
+
+
+def test_up_without_a_calibration_is_refused(folder, capsys):
+    (folder / "scene.yaml").write_text(scene_to_yaml(Scene(cameras=CAMERAS)))
+    boxes = ["--boxes", str(folder / "boxes.csv"), "--scene", str(folder / "scene.yaml"), "--fps", "1"]
+    assert run(["ingest", "-o", str(folder / "o.mcap"), *boxes, "--up", "auto"]) == ExitCode.USAGE
+    assert "turn the world of a calibration" in capsys.readouterr().err
+
+
+def test_truth_turns_only_with_heights(tmp_path):
+    turn = find_turn(CAMERAS, "z", None, lambda _: None)
+    assert turn is not None
+    truth = Truth.of(t_ns=[0], target_id=[0], role=["target"], x=[1.0], y=[2.0], z=[np.nan])
+    with pytest.raises(InputError, match="add z"):
+        turn.truth(truth, tmp_path / "t.csv")
