@@ -21,6 +21,7 @@ from occlog.evaluate.bearings.boxes import view_metrics
 from occlog.evaluate.bearings.detections import detection_metrics, looks_of
 from occlog.evaluate.bearings.held_out import held_out_metrics
 from occlog.evaluate.bearings.meeting import meeting_metrics
+from occlog.evaluate.bearings.noise import noise_metrics
 from occlog.evaluate.errors.bound import bound_metrics, compute_bound
 from occlog.evaluate.errors.on_ground import compare, error_metrics, settled
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -156,6 +157,7 @@ def evaluate(
         metrics |= bound_metrics(errors, bound, scene.length_unit)
     if len(errors) and (config.skip_s > 0 or config.from_ns is not None):
         metrics |= _settled(errors, bound, scene.length_unit, config)
+    metrics |= {} if bearings is None else noise_metrics(bearings, scene, config)
     metrics |= _without_truth(tracks, bearings, scene, config)
     if views is not None and truth_boxes is not None:
         metrics |= view_metrics(views, truth_boxes, config)

@@ -124,6 +124,14 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         ),
     ),
     (
+        "noise, from how far lines of three sensors and more miss one another",
+        (
+            ("noise_scale", "factor on stated standard deviations", ""),
+            ("noise_px", "noise", "px"),
+            ("noise_scans", "scans", ""),
+        ),
+    ),
+    (
         "held out",
         (
             ("held_out_median", "median residual", "px"),

@@ -13,6 +13,7 @@ region's own spread and g the gradient of the azimuth: two people in one region 
 its centre by about sqrt(v).  The variance of the azimuth is g' P g + v, and of u_px
 that times (du_px / d azimuth)^2.  m, 0 to 1, is what the region has less or more of
 foreground than a person in full view, as a share: part is hidden, or part is another's.
+With a standard deviation given in pixels P = sigma_px^2 I + (c^2 - POSTURE^2) V_p.
 The numbers make normalised errors about 1 on the video of PETS 2009 S2.L1, people in the
 clear (POSTURE) and partly hidden (ODD), frames 0 to 399; CUT is half of a person's width.
 """
@@ -42,21 +43,41 @@ class Sights(NamedTuple):
     sigma_px: Floats  # (K,)
 
 
-def shape_covariance(person: Floats, fill: Floats, cut: Bools) -> Floats:
+class BearingNoise(NamedTuple):
+    """What the settings say of the noise of centres."""
+
+    sigma_px: float | None = None  # of a person in full view [px], instead of POSTURE and reading; None: from these
+    scale: float = 1.0  # factor on all standard deviations
+
+
+AS_MODELLED = BearingNoise()
+"""The noise of the module's model."""
+
+
+def shape_covariance(person: Floats, fill: Floats, cut: Bools, noise: BearingNoise = AS_MODELLED) -> Floats:
     """(K, 3) covariance xx, xy, yy [px^2] of centres of mass as positions of people's axes.
 
     Args:
         person: (K, 3) spread of a person's pixels at the place [px^2].
         fill: (K,) foreground relative to a person in full view.
         cut: (K,) true where the region reaches the left or right border of the image.
+        noise: a standard deviation that it gives in pixels stands for the share of a person's posture.
     """
     odd = np.minimum(np.abs(1.0 - fill), 1.0)
-    c2 = POSTURE**2 + (ODD * odd) ** 2 + CUT**2 * cut
+    posture = POSTURE if noise.sigma_px is None else 0.0
+    c2 = posture**2 + (ODD * odd) ** 2 + CUT**2 * cut
     covs: Floats = c2[:, None] * person
     return covs
 
 
-def sights(camera: Camera, centres: Floats, covs: Floats, spreads: Floats, persons: Floats) -> Sights:
+def sights(
+    camera: Camera,
+    centres: Floats,
+    covs: Floats,
+    spreads: Floats,
+    persons: Floats,
+    noise: BearingNoise = AS_MODELLED,
+) -> Sights:
     """Bearings of centres in the image.
 
     Args:
@@ -65,6 +86,7 @@ def sights(camera: Camera, centres: Floats, covs: Floats, spreads: Floats, perso
         covs: (K, 3) their covariances xx, xy, yy, without reading noise [px^2].
         spreads: (K, 3) spread of the regions' pixels [px^2].
         persons: (K, 3) spread of a person's pixels there [px^2].
+        noise: a standard deviation that it gives in pixels stands for the camera's noise of reading.
     """
     if not camera.placed:
         return Sights(*np.full((4, len(centres)), np.nan))
@@ -72,12 +94,12 @@ def sights(camera: Camera, centres: Floats, covs: Floats, spreads: Floats, perso
         return Sights(*np.empty((4, 0)))
     bearing = camera.bearings(centres)
     gx, gy = _gradient(camera, centres)
-    read2 = camera.sigma_read_px**2
+    read2 = (camera.sigma_read_px if noise.sigma_px is None else noise.sigma_px) ** 2
     excess = np.maximum(_across(spreads, gx, gy) - _across(persons, gx, gy), 0.0)
     variance = _across(covs, gx, gy) + read2 * (gx**2 + gy**2) + excess
     u_px = camera.u_px(bearing)
     focal = float(camera.focal_px[0])
-    sigma = np.sqrt(variance)
+    sigma = noise.scale * np.sqrt(variance)
     return Sights(bearing, sigma, u_px, sigma * focal * (1.0 + (u_px / focal) ** 2))
 
 

@@ -100,6 +100,22 @@ class DetectConfig(Settings):
         at_most=1,
         option="--likeness",
     )
+    sigma_px: float | None = setting(
+        None,
+        "Standard deviation of the centre of a region or box, across, of a person in full view.",
+        unit="px",
+        above=0,
+        option="--sigma-px",
+        metavar="PX",
+        nothing="a tenth of its width, and the camera's noise",
+    )
+    sigma_scale: float = setting(
+        1.0,
+        "Factor on all standard deviations; `evaluate` reports (`noise_scale`) the one that residuals between cameras "
+        "want.",
+        above=0,
+        option="--sigma-scale",
+    )
     min_confidence: float = setting(0.3, "Of a detector's box.", at_least=0, at_most=1, option="--min-confidence")
 
 

@@ -12,7 +12,7 @@ from occlog.measure.detections import Detections
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Views
 
-from .bearing import Sights, shape_covariance, sights
+from .bearing import BearingNoise, Sights, shape_covariance, sights
 from .config import DetectConfig
 
 
@@ -47,8 +47,9 @@ def _of_camera(camera: Camera, boxes: Boxes, config: DetectConfig) -> tuple[View
     good = boxes.take(counts)
     centres = np.column_stack([good.left_px + 0.5 * good.width_px, good.top_px + 0.5 * good.height_px])
     spreads = np.column_stack([good.width_px**2, np.zeros(len(good)), good.height_px**2]) / 12.0
-    covs = shape_covariance(spreads, np.ones(len(good)), _cut(camera, good))
-    seen = sights(camera, centres, covs, spreads, spreads)
+    noise = BearingNoise(config.sigma_px, config.sigma_scale)
+    covs = shape_covariance(spreads, np.ones(len(good)), _cut(camera, good), noise)
+    seen = sights(camera, centres, covs, spreads, spreads, noise)
     return _views(good, centres, spreads, seen), _bearings(camera, boxes, good, seen)
 
 

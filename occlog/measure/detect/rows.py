@@ -11,7 +11,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.measure.regions.regions import Regions
 from occlog.records.tables import Bearings, Views
 
-from .bearing import Sights, shape_covariance, sights
+from .bearing import BearingNoise, Sights, shape_covariance, sights
 from .config import LONE_TARGET_ID
 from .one_camera import CameraState, FrameRegions
 from .target import choose, likenesses
@@ -34,8 +34,9 @@ def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views,
         return Views.empty(), Bearings.empty()
     frames = _gather(found)
     r = frames.regions
-    covs = shape_covariance(r.person, r.fill, _cut(r.boxes, state.setup.shape[1]))
-    seen = sights(state.camera, r.means, covs, r.covs, r.person)
+    noise = BearingNoise(state.config.sigma_px, state.config.sigma_scale)
+    covs = shape_covariance(r.person, r.fill, _cut(r.boxes, state.setup.shape[1]), noise)
+    seen = sights(state.camera, r.means, covs, r.covs, r.person, noise)
     like = likenesses(r.appearance, state.targets)
     chosen = _choose(state, frames, like)
     return _views(state, frames, seen, like, chosen), _bearings(state, frames, seen, like, chosen)

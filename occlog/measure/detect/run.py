@@ -142,7 +142,10 @@ def _detections(
         return _from_images(request, recording, scene, config, quiet)
     if recording.has(Boxes):
         chunks = options.progress(recording.tables(Boxes), "detect", quiet=quiet)
-        return detect_boxes(chunks, scene, config), {"input": "boxes", "min_confidence": config.min_confidence}
+        used: dict[str, object] = {"input": "boxes", "min_confidence": config.min_confidence}
+        if config.sigma_px is not None or config.sigma_scale != 1.0:
+            used |= {"sigma_px": config.sigma_px, "sigma_scale": config.sigma_scale}
+        return detect_boxes(chunks, scene, config), used
     if recording.has(Bearings):
         return _pass_on(recording.tables(Bearings)), {"input": "bearings"}
     raise InputError(f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in")

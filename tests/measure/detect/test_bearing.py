@@ -7,7 +7,7 @@ import pytest
 from detect_scenes import background, camera, frames, scene, walk
 
 from occlog.core.sight.camera import rotation_from_angles, wrap_angle
-from occlog.measure.detect.bearing import CUT, ODD, POSTURE, shape_covariance, sights
+from occlog.measure.detect.bearing import CUT, ODD, POSTURE, BearingNoise, shape_covariance, sights
 from occlog.measure.detect.config import DetectConfig
 from occlog.measure.detect.stage import Learned, detect
 from occlog.records.scene import Camera
@@ -108,3 +108,14 @@ def test_errors_of_made_up_people_stay_within_what_is_stated() -> None:
     assert got.seen.all()
     assert np.sqrt(np.mean(np.square(errors))) < 0.8
     assert np.abs(np.mean(errors)) < 0.3
+
+
+def test_a_given_noise_stands_for_posture_and_reading_and_a_scale_for_all() -> None:
+    person, cut = np.tile([12.0, 1.0, 100.0], (2, 1)), np.array([False, True])
+    given = BearingNoise(sigma_px=4.0)
+    np.testing.assert_allclose(shape_covariance(person, np.ones(2), cut, given), [np.zeros(3), CUT**2 * person[1]])
+    cam, centre = tilted(0.0, 0.0), np.array([[320.0, 240.0]])
+    assert sights(cam, centre, flat(1), flat(1), flat(1), given).sigma_px[0] == pytest.approx(4.0, rel=1e-5)
+    half = sights(cam, centre, flat(1), flat(1), flat(1), BearingNoise(scale=0.5))
+    assert half.sigma_px[0] == pytest.approx(1.0, rel=1e-5)
+    assert half.sigma[0] == pytest.approx(0.5 * sights(cam, centre, flat(1), flat(1), flat(1)).sigma[0])

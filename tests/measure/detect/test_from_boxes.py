@@ -104,3 +104,14 @@ def test_nothing_gives_nothing() -> None:
     assert list(detect_boxes([], scene())) == []
     (got,) = detect_boxes([Boxes.empty()], scene())
     assert (len(got.bearings), len(got.views), got.frames) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("given", "sigma_px"), [({"sigma_px": 4.0}, 4.0), ({"sigma_px": 4.0, "sigma_scale": 0.5}, 2.0)]
+)
+def test_a_given_noise_is_that_of_every_box_in_full_view(given: dict[str, float], sigma_px: float) -> None:
+    (found,) = detect_boxes([BOXES], scene(), DetectConfig(**given))
+    seen = found.bearings.take(found.bearings.seen)
+    middle = np.abs(seen.u_px) < 20.0
+    assert middle.any()
+    np.testing.assert_allclose(seen.sigma_px[middle], sigma_px, rtol=0.02)
