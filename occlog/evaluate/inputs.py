@@ -15,6 +15,7 @@ from occlog.measure.scans.sources import bearings_of_doa
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Cooperation, Doa, Tracks, Truth, TruthBoxes, Views
+from occlog.track.catalogue import smooths
 
 T = TypeVar("T", bound=Table)
 
@@ -61,6 +62,7 @@ class Tables:
     bearings: Bearings | None
     views: Views | None
     cooperation: Cooperation | None
+    smoothed: bool  # the tracks know what came after them
 
 
 def read_tables(paths: Paths) -> Tables:
@@ -82,6 +84,7 @@ def read_tables(paths: Paths) -> Tables:
         bearings=read_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
         views=None if paths.views is None else open_input(paths.views).read(Views),
         cooperation=None if paths.cooperation is None else open_input(paths.cooperation).read(Cooperation),
+        smoothed=tracks is not None and smooths(tracks.provenance.command, tracks.provenance.parameters),
     )
 
 

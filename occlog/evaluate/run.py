@@ -56,6 +56,7 @@ def run_evaluate(paths: Paths, given: Mapping[str, object], many_given: Mapping[
         views=t.views,
         truth_boxes=t.truth_boxes,
         cooperation=t.cooperation,
+        smoothed=t.smoothed,
     )
     result, many = ground_figures(
         result, t, config, told=many_given, wanted=paths.failures is not None, path=paths.tracks

@@ -126,6 +126,7 @@ def evaluate(
     views: Views | None = None,
     truth_boxes: TruthBoxes | None = None,
     cooperation: Cooperation | None = None,
+    smoothed: bool = False,
 ) -> Evaluation:
     """Every figure that the given tables allow.
 
@@ -134,6 +135,7 @@ def evaluate(
     prediction of held-out sensors; views and true boxes give recall and precision;
     requests of cameras give their cost.
     Lengths are in the scene's unit, which ends the names of such metrics (`rmse_m`).
+    `smoothed` says that the tracks know what came after them.
 
     Raises:
         InputError: the tables do not fit together (no common identity, time or sensor).
@@ -158,6 +160,7 @@ def evaluate(
     if len(errors) and (config.skip_s > 0 or config.from_ns is not None):
         metrics |= _settled(errors, bound, scene.length_unit, config)
     metrics |= {} if bearings is None else noise_metrics(bearings, scene, config)
+    metrics |= {"tracks_smoothed": 1.0} if smoothed else {}
     metrics |= _without_truth(tracks, bearings, scene, config)
     if views is not None and truth_boxes is not None:
         metrics |= view_metrics(views, truth_boxes, config)

@@ -80,6 +80,8 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
             ("settled_rmse", "RMSE", "length"),
             ("settled_bound_rmse", "bound", "length"),
             ("settled_bound_ratio", "RMSE / bound", ""),
+            ("settled_smoothed_bound_rmse", "bound of smoothing", "length"),
+            ("settled_smoothed_bound_ratio", "RMSE / bound of smoothing", ""),
             ("settled_rmse_space", "RMSE in space", "length"),
             ("settled_bound_rmse_space", "bound in space", "length"),
             ("settled_bound_ratio_space", "RMSE / bound in space", ""),
@@ -91,9 +93,13 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         (
             ("bound_rmse", "bound on the RMSE", "length"),
             ("bound_ratio", "RMSE / bound", ""),
+            ("smoothed_bound_rmse", "  the future known, too (smoothing)", "length"),
+            ("smoothed_bound_ratio", "  RMSE / bound of smoothing", ""),
             ("bound_rmse_z", "bound along z", "length"),
             ("bound_rmse_space", "bound in space", "length"),
             ("bound_ratio_space", "RMSE / bound in space", ""),
+            ("smoothed_bound_rmse_space", "  the future known, too, in space", "length"),
+            ("smoothed_bound_ratio_space", "  RMSE / bound of smoothing in space", ""),
         ),
     ),
     (
@@ -186,6 +192,10 @@ BY_TARGET = (
     ("nees_mean", "NEES", ""),
     ("estimates", "estimates", ""),
 )
+OF_SMOOTHED = tuple(
+    (f"smoothed_{name}" if name.startswith("bound_") else name, label, of) for name, label, of in BY_TARGET
+)
+"""For tracks that know what came after them: the bound of smoothing beside their errors."""
 BY_SENSOR = (
     ("detection_rate", "rate", ""),
     ("detected", "detected", ""),
@@ -200,14 +210,20 @@ BY_SENSOR = (
 
 
 def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
-    """Lines of text: only groups and columns that the metrics have."""
+    """Lines of text: only groups and columns that the metrics have.
+
+    Of tracks that were smoothed (`tracks_smoothed`) each target's errors stand beside the bound of smoothing.
+    """
     lines: list[str] = []
     for heading, entries in GROUPS:
         shown = [(label, metrics[key], of) for key, label, of in _keys(entries, "", unit) if key in metrics]
         if shown:
             lines += ["", heading] if lines else [heading]
             lines += [f"  {label:<38}{number(value):>12} {of}".rstrip() for label, value, of in shown]
-    for kind, columns in (("target", BY_TARGET), ("sensor", BY_SENSOR)):
+    for kind, columns in (
+        ("target", OF_SMOOTHED if metrics.get("tracks_smoothed") else BY_TARGET),
+        ("sensor", BY_SENSOR),
+    ):
         names = _names(metrics, kind, columns, unit)
         lines += _table(metrics, kind, names, columns, unit) if names else []
     return lines

@@ -188,6 +188,10 @@ class Errors(Table):
         check_order(self)
 
 
+LEAST_SMOOTHED = "with everything known that was seen later, too: lower bound of the error"
+NO_SMOOTHED = "made by an older version"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Bound(Table):
     """Posterior Cramer-Rao bound of the position for the sensors that really saw the target."""
@@ -218,6 +222,16 @@ class Bound(Table):
         "square root of the trace in space: lower bound of the RMSE there",
         nan="a bound on the ground",
         optional=True,
+    )
+    smoothed_xx: Floats = column("f8", "m^2", f"{LEAST_SMOOTHED} covariance", nan=NO_SMOOTHED, optional=True)
+    smoothed_xy: Floats = column("f8", "m^2", f"{LEAST_SMOOTHED} covariance", nan=NO_SMOOTHED, optional=True)
+    smoothed_yy: Floats = column("f8", "m^2", f"{LEAST_SMOOTHED} covariance", nan=NO_SMOOTHED, optional=True)
+    smoothed: Floats = column("f8", "m", f"{LEAST_SMOOTHED} RMSE on the ground", nan=NO_SMOOTHED, optional=True)
+    smoothed_zz: Floats = column(
+        "f8", "m^2", f"{LEAST_SMOOTHED} covariance", nan="a bound on the ground", optional=True
+    )
+    smoothed_space: Floats = column(
+        "f8", "m", f"{LEAST_SMOOTHED} RMSE in space", nan="a bound on the ground", optional=True
     )
 
     def check(self) -> None:

@@ -170,8 +170,18 @@ def read_input(paths: Paths, title: str) -> ReportInput:
         metrics=read_json(paths.metrics) if paths.metrics is not None else {},
         provenance=provenance,
         losses=losses,
+        smoothed=_smoothed(paths.tracks),
         length_unit=unit,
     )
+
+
+def _smoothed(tracks: Path | None) -> bool:
+    """Whether tracks know what came after them, as their provenance says."""
+    from occlog.io.open import open_if_ours
+    from occlog.track.catalogue import smooths
+
+    opened = None if tracks is None else open_if_ours(tracks)
+    return opened is not None and smooths(opened.provenance.command, opened.provenance.parameters)
 
 
 def _scene(paths: Paths) -> Scene | None:

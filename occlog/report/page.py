@@ -106,7 +106,8 @@ def _accuracy(data: ReportInput, target: int) -> list[Plot]:
         f"RMSE {number(rms(errors.error[rows]))} {unit}, largest error {number(float(errors.error[rows].max()))} {unit}"
     )
     if data.bound is not None:
-        _, bound = with_bound(errors.take(rows), data.bound.take(data.bound.target_id == target))
+        its = data.bound.take(data.bound.target_id == target)
+        _, bound = with_bound(errors.take(rows), its, smoothed=data.smoothed)
         caption += f"; the posterior Cramér–Rao bound on the RMSE is {number(bound)} {unit}" if bound > 0 else ""
     axes = axes_of(errors.take(rows))
     if "z" in axes:

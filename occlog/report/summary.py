@@ -39,9 +39,10 @@ def _accuracy(data: ReportInput) -> list[Figure]:
         return _sight(data)
     out = [Figure("RMSE", number(rms(data.errors.error)), data.unit, "estimate to truth")]
     if data.bound is not None and len(data.bound):
-        rmse, bound = with_bound(data.errors, data.bound)
+        rmse, bound = with_bound(data.errors, data.bound, smoothed=data.smoothed)
         if bound > 0:
-            out.append(Figure("bound", number(bound), data.unit, "no filter can do better"))
+            who = "smoother" if data.smoothed else "filter"
+            out.append(Figure("bound", number(bound), data.unit, f"no {who} can do better"))
             out.append(Figure("RMSE / bound", number(round(rmse / bound, 3)), "", "1 is the best possible"))
     return out + _in_space(data, data.errors)
 
@@ -51,7 +52,9 @@ def _in_space(data: ReportInput, errors: Errors) -> list[Figure]:
     high = errors.error_space[np.isfinite(errors.error_space)]
     if not len(high):
         return []
-    rmse, bound = (math.nan, math.nan) if data.bound is None else with_bound(errors, data.bound, "_space")
+    rmse, bound = (math.nan, math.nan)
+    if data.bound is not None:
+        rmse, bound = with_bound(errors, data.bound, "_space", smoothed=data.smoothed)
     note = f"{number(round(rmse / bound, 3))} × bound" if bound > 0 else "heights included"
     return [Figure("RMSE in space", number(rms(high)), data.unit, note)]
 
@@ -61,19 +64,20 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
-def with_bound(errors: Errors, bound: Bound, where: str = "") -> tuple[float, float]:
+def with_bound(errors: Errors, bound: Bound, where: str = "", *, smoothed: bool = False) -> tuple[float, float]:
     """RMSE and root mean square bound over the times and targets that have both; NaN where none has.
 
-    On the ground; `where` "_space": in space.
+    On the ground; `where` "_space": in space.  `smoothed`: the bound of smoothing, where the table has it.
     """
+    kind = "smoothed" if smoothed and np.isfinite(getattr(bound, f"smoothed{where}")).any() else "bound"
     errors = errors.take(np.isfinite(getattr(errors, f"error{where}")))
-    bound = bound.take(np.isfinite(getattr(bound, f"bound{where}")))
+    bound = bound.take(np.isfinite(getattr(bound, f"{kind}{where}")))
     found, least = [np.empty(0)], [np.empty(0)]
     for target in np.unique(bound.target_id):
         mine, its = errors.target_id == target, bound.target_id == target
         _, e, b = np.intersect1d(errors.t_ns[mine], bound.t_ns[its], return_indices=True)
         found.append(getattr(errors, f"error{where}")[mine][e])
-        least.append(getattr(bound, f"bound{where}")[its][b])
+        least.append(getattr(bound, f"{kind}{where}")[its][b])
     return rms(np.concatenate(found)), rms(np.concatenate(least))
 
 

@@ -6,6 +6,7 @@ A method is a folder with its settings (`config.py`) and one line here.
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -151,3 +152,15 @@ def load(where: str) -> Any:
     """The value of `module:name`."""
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)
+
+
+def smooths(command: str, parameters: Mapping[str, object]) -> bool:
+    """Whether tracks that a command made with these parameters know what came after them.
+
+    Args:
+        command: as the tracks' provenance names it.
+        parameters: likewise.
+    """
+    if command != "track":
+        return False
+    return parameters.get("method") == "map" or bool(parameters.get("smooth")) or parameters.get("lag_s") is not None

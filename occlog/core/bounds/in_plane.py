@@ -1,4 +1,4 @@
-"""Posterior Cramér-Rao bound of a moving target: the least error covariance that any filter can reach.
+"""Posterior Cramér-Rao bound of a moving target: the least error covariance of any filter, or of any smoother.
 
 The bound has three parts:
 
@@ -6,7 +6,8 @@ The bound has three parts:
   of sensor (`camera_information`, `bearing_information`), all by `gaussian_information`;
 * a motion model as transition and noise matrices for each step (`known_drift_steps`,
   `constant_velocity_steps`), for steps of any length;
-* the recursion over time (`posterior_bound`), for states of any dimension.
+* the recursion over time, for states of any dimension: forwards for filters (`posterior_bound`), forwards
+  and backwards for smoothers, which know the future (`smoothing_bound`).
 
 The information is meant at the *true* position.  Averaged over many true paths the
 recursion gives the posterior bound of Tichavsky, Muravchik and Nehorai (1998); along one
@@ -176,6 +177,44 @@ def _recursion(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
         P = 0.5 * (P + P.T)
         bounds[k] = P
     return bounds
+
+
+def smoothing_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
+    """Lower bounds of the error covariance at each step of an estimator that has seen all steps.
+
+    These are the diagonal blocks of the inverse of the information matrix of the whole trajectory
+    (Tichavsky et al. 1998, Sec. II), by a forward and a backward recursion.  What the steps after k tell
+    about the state at k is B_k = F^T (Y^-1 + Q)^-1 F, with Y = I' + B' of the step after it; B_T = 0.
+    With the bound P of filtering the bound of smoothing is (P^-1 + B)^-1.  Neither Q nor P has to be regular.
+
+    Args:
+        information: (T, n, n) Fisher information of all measurements of a step.
+        F: (T, n, n) transition into each step, as in `posterior_bound`.
+        Q: (T, n, n) covariance of the motion noise of that transition.
+        P0: (n, n) covariance of the prior.
+
+    Returns:
+        (T, n, n); never above those of `posterior_bound`, and equal to it at the last step.
+    """
+    told, F, Q, P0 = (np.ascontiguousarray(a, dtype=np.float64) for a in (information, F, Q, P0))
+    return np.asarray(_backwards(_recursion(told, F, Q, P0), told, F, Q))
+
+
+@kernel
+def _backwards(bounds: Floats, information: Floats, F: Floats, Q: Floats) -> Floats:
+    smoothed = np.empty_like(bounds)
+    n = bounds.shape[1]
+    eye = np.eye(n)
+    B = np.zeros((n, n))
+    for k in range(bounds.shape[0] - 1, -1, -1):
+        # Combine past and future: (P^-1 + B)^-1 = (1 + P B)^-1 P
+        P = np.linalg.solve(eye + bounds[k] @ B, bounds[k])
+        smoothed[k] = 0.5 * (P + P.T)
+        # Pass the information back: (Y^-1 + Q)^-1 = (1 + Y Q)^-1 Y
+        Y = information[k] + B
+        Z = np.linalg.solve(eye + Y @ Q[k], Y)
+        B = F[k].T @ (0.5 * (Z + Z.T)) @ F[k]
+    return smoothed
 
 
 def polygon_covariance(polygon: Floats) -> Floats:

@@ -24,7 +24,13 @@ from occlog.core.sight.projected_planes import (
     projected_covariance,
 )
 
-from .in_plane import bearing_information, constant_velocity_steps, gaussian_information, posterior_bound
+from .in_plane import (
+    bearing_information,
+    constant_velocity_steps,
+    gaussian_information,
+    posterior_bound,
+    smoothing_bound,
+)
 
 
 def sight_angles(xyz: Floats, position: Floats, rotation: Floats) -> tuple[Floats, Floats]:
@@ -110,7 +116,9 @@ def plane_variance(
     return np.where(blind_planes(theta, phi, *noise)[:, plane] | on_axis, np.inf, variance)
 
 
-def motion_bound(information: Floats, dt: Floats, P0: Floats, acceleration_density: float = 0.0) -> Floats:
+def motion_bound(
+    information: Floats, dt: Floats, P0: Floats, acceleration_density: float = 0.0, *, smoothed: bool = False
+) -> Floats:
     """The recursion (2.30) for a constant velocity, of whatever tells about the position.
 
     Args:
@@ -119,6 +127,7 @@ def motion_bound(information: Floats, dt: Floats, P0: Floats, acceleration_densi
         dt: (T,) times [s] to each step from the one before, the first from the prior, >= 0.
         P0: (2d, 2d) finite covariance of the prior, positions first, then velocities.
         acceleration_density: of the white acceleration [length^2/s^3]; 0 as in [Lee].
+        smoothed: the bound of estimators that have seen all steps (`in_plane.smoothing_bound`).
 
     Returns:
         (T, 2d, 2d) bounds of the error covariance.
@@ -127,7 +136,7 @@ def motion_bound(information: Floats, dt: Floats, P0: Floats, acceleration_densi
     full = np.zeros((len(dt), 2 * d, 2 * d))
     full[:, :d, :d] = information
     F, Q = (_each_axis(m, d) for m in constant_velocity_steps(dt, acceleration_density))
-    return posterior_bound(full, F, Q, P0)
+    return (smoothing_bound if smoothed else posterior_bound)(full, F, Q, P0)
 
 
 def direct_bound(

@@ -28,7 +28,10 @@ Metrics = dict[str, float]
 
 
 def bound_metrics(errors: Errors, bound: Bound, unit: str) -> Metrics:
-    """Root of the mean bound and RMSE over it, over the times that both have, for all targets and for each."""
+    """Root of the mean bound and RMSE over it, over the times that both have, for all targets and for each.
+
+    The bound of filtering, and under `smoothed_` names that of smoothing.
+    """
     out = _ratio(errors, bound, unit, "")
     for k in np.unique(bound.target_id).tolist():
         mine = errors.take(errors.target_id == k)
@@ -38,21 +41,28 @@ def bound_metrics(errors: Errors, bound: Bound, unit: str) -> Metrics:
 
 def _ratio(errors: Errors, bound: Bound, unit: str, whose: str) -> Metrics:
     if not len(errors):
-        return {f"bound_rmse{whose}_{unit}": root_mean_square(bound.bound)} | _least_in_space(bound, unit, whose)
+        own = {
+            f"bound_rmse{whose}_{unit}": root_mean_square(bound.bound),
+            f"smoothed_bound_rmse{whose}_{unit}": root_mean_square(bound.smoothed),
+        }
+        return own | _least_in_space(bound, unit, whose)
     rows, both = _counterparts(errors, bound)
     errors, bound = errors.take(both), bound.take(rows[both])
-    least = root_mean_square(bound.bound)
+    rmse, least, smoothed = (root_mean_square(e) for e in (errors.error, bound.bound, bound.smoothed))
     out = {
         f"bound_rmse{whose}_{unit}": least,
-        f"bound_ratio{whose}": ratio(root_mean_square(errors.error), least),
+        f"bound_ratio{whose}": ratio(rmse, least),
         f"bound_estimates{whose}": len(errors),
+        f"smoothed_bound_rmse{whose}_{unit}": smoothed,
+        f"smoothed_bound_ratio{whose}": ratio(rmse, smoothed),
     }
     high = np.isfinite(errors.error_space) & np.isfinite(bound.bound_space)
     if not high.any():
         return out | _least_in_space(bound, unit, whose)
     out |= _least_in_space(bound.take(high), unit, whose)
-    least = out[f"bound_rmse_space{whose}_{unit}"]
-    out[f"bound_ratio_space{whose}"] = ratio(root_mean_square(errors.error_space[high]), least)
+    rmse = root_mean_square(errors.error_space[high])
+    for kind in ("", "smoothed_"):
+        out[f"{kind}bound_ratio_space{whose}"] = ratio(rmse, out[f"{kind}bound_rmse_space{whose}_{unit}"])
     return out
 
 
@@ -64,6 +74,8 @@ def _least_in_space(bound: Bound, unit: str, whose: str) -> Metrics:
     return {
         f"bound_rmse_z{whose}_{unit}": root_mean_square(np.sqrt(bound.bound_zz[high])),
         f"bound_rmse_space{whose}_{unit}": root_mean_square(bound.bound_space[high]),
+        f"smoothed_bound_rmse_z{whose}_{unit}": root_mean_square(np.sqrt(bound.smoothed_zz[high])),
+        f"smoothed_bound_rmse_space{whose}_{unit}": root_mean_square(bound.smoothed_space[high]),
     }
 
 
@@ -183,10 +195,10 @@ def _bound_of(
     wanted = errors.t_ns[errors.t_ns >= looked[0]] if len(errors) else looked
     times = np.union1d(looked, wanted)
     information, n_seen = _information(times, mine, sensors, d)
-    covariance = _recursion(times, information, scene, config)
+    filtered, smoothed = (_recursion(times, information, scene, config, smoothed=later) for later in (False, True))
     rows = np.searchsorted(times, wanted)
     rows = rows[path.at(wanted, config.limit_ns)[1]]
-    return _table(times[rows], target, covariance[rows], n_seen[rows])
+    return _table(times[rows], target, filtered[rows], smoothed[rows], n_seen[rows])
 
 
 def _dimension(target: int, path: Path, errors: Errors, config: EvaluateConfig) -> int:
@@ -200,7 +212,7 @@ def _dimension(target: int, path: Path, errors: Errors, config: EvaluateConfig) 
     return 3
 
 
-def _table(t_ns: Ints, target: int, covariance: Floats, n_seen: Ints) -> Bound:
+def _table(t_ns: Ints, target: int, covariance: Floats, smoothed: Floats, n_seen: Ints) -> Bound:
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     space = {}
     if covariance.shape[1] == 3:
@@ -210,6 +222,8 @@ def _table(t_ns: Ints, target: int, covariance: Floats, n_seen: Ints) -> Bound:
             "bound_yz": covariance[:, 1, 2],
             "bound_zz": zz,
             "bound_space": np.sqrt(xx + yy + zz),
+            "smoothed_zz": smoothed[:, 2, 2],
+            "smoothed_space": np.sqrt(np.trace(smoothed, axis1=1, axis2=2)),
         }
     return Bound.of(
         t_ns=t_ns,
@@ -219,6 +233,10 @@ def _table(t_ns: Ints, target: int, covariance: Floats, n_seen: Ints) -> Bound:
         bound_yy=yy,
         bound=np.sqrt(xx + yy),
         n_seen=n_seen.astype(np.int32),
+        smoothed_xx=smoothed[:, 0, 0],
+        smoothed_xy=smoothed[:, 0, 1],
+        smoothed_yy=smoothed[:, 1, 1],
+        smoothed=np.sqrt(smoothed[:, 0, 0] + smoothed[:, 1, 1]),
         **space,
     )
 
@@ -240,18 +258,20 @@ def counted(looks: Looks) -> Bools:
     return looks.reported & (looks.in_view | looks.hit)
 
 
-def _recursion(times: Ints, information: Floats, scene: Scene, config: EvaluateConfig) -> Floats:
-    """(T, d, d) bounds of the position, with the motion of the configuration."""
+def _recursion(times: Ints, information: Floats, scene: Scene, config: EvaluateConfig, *, smoothed: bool) -> Floats:
+    """(T, d, d) bounds of the position of filters or smoothers, with the motion of the configuration."""
     d = information.shape[1]
     dt = np.diff(times, prepend=times[0]) / NS
     P0 = _prior(d, scene, config)
     if config.motion == "waypoint":
         usual = EvaluateConfig.in_unit(scene.length_unit)
         sigma_v = usual.sigma_v if config.sigma_v is None else config.sigma_v
-        return crlb.posterior_bound(information, *crlb.known_drift_steps(dt, sigma_v or 0.0, d), P0)
+        bound = crlb.smoothing_bound if smoothed else crlb.posterior_bound
+        return bound(information, *crlb.known_drift_steps(dt, sigma_v or 0.0, d), P0)
     prior = np.zeros((2 * d, 2 * d))
     prior[:d, :d], prior[d:, d:] = P0, config.sigma_speed**2 * np.eye(d)
-    return bounds3d.motion_bound(information, dt, prior, config.acceleration_density)[:, :d, :d]
+    whole = bounds3d.motion_bound(information, dt, prior, config.acceleration_density, smoothed=smoothed)
+    return whole[:, :d, :d]
 
 
 def _prior(d: int, scene: Scene, config: EvaluateConfig) -> Floats:

@@ -78,6 +78,7 @@ class ReportInput:
         metrics: flat figures of `occlog evaluate`, by name.
         provenance: how the inputs were made, as JSON-ready values.
         losses: input that was lost on the way.
+        smoothed: the tracks know what came after them.
         length_unit: unit of lengths where there is no scene to say it.
     """
 
@@ -93,6 +94,7 @@ class ReportInput:
     metrics: Mapping[str, object] = field(default_factory=dict)
     provenance: Mapping[str, object] = field(default_factory=dict)
     losses: tuple[Loss, ...] = ()
+    smoothed: bool = False
     length_unit: str = "m"
 
     def __post_init__(self) -> None:

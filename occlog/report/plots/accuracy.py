@@ -58,6 +58,10 @@ def draw_distance(axes: Axes, time: TimeAxis, errors: Errors, bound: Bound | Non
             label="bound on the RMSE so far",
         )
         shown += [bound.bound, least]
+        if np.isfinite(bound.smoothed).all():
+            smoothed = running_rms(bound.smoothed)
+            style = {"color": COLOURS["bound"], "linewidth": 1.6, "linestyle": (0, (1, 1.5))}
+            line(axes, time, bound.t_ns, smoothed, label="the same of smoothing", **style)
     axes.set_ylabel(f"error [{label(unit)}]")
     top = sensible_top(*shown)
     axes.set_ylim(0.0, top)

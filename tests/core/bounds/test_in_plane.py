@@ -51,6 +51,30 @@ def batch_bound(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats
     return np.linalg.inv(J)[-n:, -n:]
 
 
+def full_information(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
+    """Diagonal blocks of the inverse of the information matrix of the whole trajectory, without the prior point."""
+    steps, n = information.shape[0], P0.shape[0]
+    J = np.zeros(((steps + 1) * n,) * 2)
+    J[:n, :n] = np.linalg.inv(P0)
+    for k in range(steps):
+        both = slice(k * n, (k + 2) * n)
+        A = np.hstack([-F[k], np.eye(n)])
+        J[both, both] += A.T @ np.linalg.inv(Q[k]) @ A
+        J[(k + 1) * n : (k + 2) * n, (k + 1) * n : (k + 2) * n] += information[k]
+    whole = np.linalg.inv(J)
+    return np.array([whole[k * n : (k + 1) * n, k * n : (k + 1) * n] for k in range(1, steps + 1)])
+
+
+def rts_covariances(filtered: Floats, F: Floats, Q: Floats) -> Floats:
+    """Covariances of the textbook Rauch-Tung-Striebel smoother, from those of the Kalman filter."""
+    out = filtered.copy()
+    for k in range(len(F) - 2, -1, -1):
+        M = F[k + 1] @ filtered[k] @ F[k + 1].T + Q[k + 1]
+        G = filtered[k] @ F[k + 1].T @ np.linalg.inv(M)
+        out[k] = filtered[k] + G @ (out[k + 1] - M) @ G.T
+    return out
+
+
 def literal_recursion(information: Floats, F: Floats, Q: Floats, P0: Floats) -> Floats:
     """Tichavsky's recursion in the form that it is printed in."""
     J, out = np.linalg.inv(P0), []
@@ -172,3 +196,48 @@ def test_polygon_covariance_of_the_l_shaped_room() -> None:
         for w, c, (_, _, size) in zip(weight, centre, parts, strict=True)
     )
     np.testing.assert_allclose(crlb.polygon_covariance(room), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("n", [1, 2, 4, 6])
+def test_bound_of_smoothing_is_the_rts_smoother_when_all_is_linear(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    _, F, Q, P0 = random_problem(seed, n, 30)
+    H = rng.normal(size=(30, 3, n))
+    R = np.einsum("t,ij->tij", rng.uniform(0.1, 2.0, 30), np.eye(3))
+    information = np.einsum("tki,tkl,tlj->tij", H, np.linalg.inv(R), H)
+    expected = rts_covariances(kalman_covariances(H, R, F, Q, P0), F, Q)
+    np.testing.assert_allclose(crlb.smoothing_bound(information, F, Q, P0), expected, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("n", [2, 4])
+def test_bound_of_smoothing_is_the_inverse_of_the_whole_information(seed: int, n: int) -> None:
+    problem = random_problem(seed, n, 12)
+    np.testing.assert_allclose(crlb.smoothing_bound(*problem), full_information(*problem), rtol=1e-6, atol=1e-9)
+
+
+def test_bound_of_smoothing_is_never_above_that_of_filtering_and_ends_with_it() -> None:
+    problem = random_problem(3, 4, 40)
+    filtered, smoothed = crlb.posterior_bound(*problem), crlb.smoothing_bound(*problem)
+    assert np.linalg.eigvalsh(filtered - smoothed).min() > -1e-9
+    np.testing.assert_allclose(smoothed[-1], filtered[-1])
+
+
+def test_a_random_walk_seen_long_enough_has_the_bounds_of_the_textbook() -> None:
+    # Scalar: P = M / (1 + M), M = P + q, with q = 2: M = 1 + sqrt(3), P = M - q; smoothed P M / (P + M)
+    T = 200
+    bound = crlb.smoothing_bound(np.ones((T, 1, 1)), np.ones((T, 1, 1)), np.full((T, 1, 1), 2.0), np.eye(1))
+    M = 1.0 + np.sqrt(3.0)
+    P = M - 2.0
+    # The past tells 1/P, the future 1/M of the state at a step in the middle
+    assert bound[T // 2, 0, 0] == pytest.approx(1.0 / (1.0 / P + 1.0 / M))
+
+
+def test_a_target_that_stands_has_one_bound_at_all_steps_when_it_is_smoothed() -> None:
+    told, none = np.tile(np.diag([4.0, 1.0]), (5, 1, 1)), np.zeros((5, 2, 2))
+    F = np.tile(np.eye(2), (5, 1, 1))
+    smoothed = crlb.smoothing_bound(told, F, none, np.eye(2))
+    np.testing.assert_allclose(smoothed, np.tile(np.diag([1 / 21, 1 / 6]), (5, 1, 1)))
+    # What is known for certain stays so
+    np.testing.assert_allclose(crlb.smoothing_bound(told, F, none, np.diag([1.0, 0.0]))[:, 1, 1], 0.0)

@@ -233,3 +233,21 @@ def extended_kalman(u: dict[str, np.ndarray], drift: np.ndarray, sigma_v: float)
         P = P - K @ H @ P
         out.append(x)
     return np.array(out)
+
+
+def test_bound_of_smoothing_stands_beside_that_of_filtering() -> None:
+    # One axis: seen at 0 s and 2 s with information 100 each, prior 1, noise of the walk 0.25 a second
+    bearings = pixels(EAST, [0.0, 2.0], [0, 0])
+    found = tracks([0.0, 1.0, 2.0], [10, 10.3], 0)
+    place = evaluate(found, truth(T5, [10, 10]), bearings, BOTH, EvaluateConfig(prior_cov=(1, 0, 1), sigma_v=0.5))
+    one = 1 / 101
+    late = 1 / (1 / (one + 0.5) + 100)
+    np.testing.assert_allclose(place.bound.bound_yy, [one, one + 0.25, late])
+    middle = 1 / (1 / (one + 0.25) + 1 / (0.25 + 0.01))
+    np.testing.assert_allclose(place.bound.smoothed_yy, [1 / (101 + 1 / 0.51), middle, late])
+    np.testing.assert_allclose(place.bound.smoothed**2, place.bound.smoothed_xx + place.bound.smoothed_yy)
+    least = math.sqrt(np.mean(place.bound.smoothed**2))
+    assert place.metrics["smoothed_bound_rmse_m"] == pytest.approx(least)
+    assert place.metrics["smoothed_bound_ratio"] == pytest.approx(0.3 / least)
+    assert place.metrics["smoothed_bound_ratio"] > place.metrics["bound_ratio"]
+    assert "tracks_smoothed" not in place.metrics
