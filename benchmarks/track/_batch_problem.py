@@ -10,7 +10,7 @@ from occlog.measure.scans.scan import sensor_names
 from occlog.papers.rahimi.example import example, identified, sparse_scene
 from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.problem import Problem
-from occlog.track.map.method import begin, problem_of, start_of
+from occlog.track.map.pending import begin, problem_of, start_of
 from occlog.track.map.record import record_of
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from .columns import Table
 from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, TruthBoxes, Views
-from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, Tracks
+from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, Residuals, Tracks
 from .views import Failures, ViewTracks
 from .world import Hulls, Occluders, Truth
 
@@ -33,6 +33,7 @@ TABLES: dict[str, type[Table]] = {
         Truth,
         Tracks,
         Diagnostics,
+        Residuals,
         Calibration,
         Errors,
         Bound,
@@ -58,6 +59,7 @@ __all__ = [
     "Failures",
     "Hulls",
     "Occluders",
+    "Residuals",
     "Tracks",
     "Truth",
     "TruthBoxes",

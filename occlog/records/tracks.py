@@ -95,9 +95,9 @@ class Diagnostics(Table):
         "1",
         "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew), `gap` (the same after a long gap); "
         "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints that no place "
-        "holds were left out, with what was seen then), `wall` (no way around a wall was found) or `unfinished` (the "
-        "search did not converge); of `fix` `pair` (two lines, whose spread is as stated) or `stated` (the spread was "
-        "not found)",
+        "holds were left out, with what was seen then), `wall` (no way around a wall was found), `unfinished` (the "
+        "search did not converge) or `doubted` (fewer than half of the bearings are believed); of `fix` `pair` (two "
+        "lines, whose spread is as stated) or `stated` (the spread was not found)",
     )
     cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
     n_offered: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")
@@ -127,6 +127,35 @@ class Diagnostics(Table):
     def check(self) -> None:
         """Times in order."""
         check_order(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals(Table):
+    """How each bearing that was used agrees with the estimate, and whether it is believed."""
+
+    NAME: ClassVar[str] = "residuals"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "sensor")
+
+    t_ns: Ints = column("i8", "ns", "time of the estimate since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track")
+    sensor: Strings = column("U", "1", "name of the camera or array in the scene")
+    residual: Floats = column(
+        "f8",
+        "1",
+        "the bearing minus that of the estimate, in standard deviations as stated; without a sign where the estimate "
+        "is not in front of the camera",
+    )
+    expected: Floats = column(
+        "f8", "1", "variance that the residual has if the bearing is true: below 1, since the estimate follows it"
+    )
+    believed: Floats = column("f8", "1", "probability that the bearing is true, given the estimate; 0 behind a camera")
+
+    def check(self) -> None:
+        """Times in order, probabilities and variances in their range."""
+        check_order(self)
+        bad = ~((self.believed >= 0.0) & (self.believed <= 1.0) & (self.expected >= 0.0))
+        if bad.any():
+            raise InputError(f"Residuals: row {first_row(bad)}: want 0 <= believed <= 1 and expected >= 0")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

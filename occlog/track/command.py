@@ -158,6 +158,12 @@ def command(
         motion=own.get("motion"),
         use_recovered=own["use_recovered"],
     )
-    outputs = TrackFiles(output, own["diagnostics"], own.get("calibration"), own.get("cooperation"))
+    outputs = TrackFiles(
+        tracks=output,
+        diagnostics=own["diagnostics"],
+        calibration=own.get("calibration"),
+        cooperation=own.get("cooperation"),
+        residuals=own.get("residuals"),
+    )
     options.check_outputs(request.paths, outputs.paths, overwrite)
     return options.finish(*run_track(request, outputs, overwrite, quiet), as_json)

@@ -43,6 +43,23 @@ class SensorErrors(NamedTuple):
     deviation: Floats  # (S, 3) standard deviations
 
 
+class Fit(NamedTuple):
+    """How n bearings agree with the estimates."""
+
+    row: Ints  # (n,) which estimate, from 0; 0 where there is one alone
+    sensor: Ints  # (n,) place in `sensor_names`
+    residual: Floats  # (n,) in standard deviations as stated
+    expected: Floats  # (n,) variance that it has if the bearing is true
+    believed: Floats  # (n,) probability that it is
+
+
+class Noise(NamedTuple):
+    """By how much variances are larger than stated, as residuals tell."""
+
+    bearings: float
+    motion: float
+
+
 class Estimate(NamedTuple):
     """What a filter knows after a scan, and how it fared."""
 
@@ -58,6 +75,7 @@ class Estimate(NamedTuple):
     seen_by: tuple[int, ...] | None = None  # those of them that saw the target; None: the method does not say which
     calibration: SensorErrors | None = None  # None: not estimated
     height: Height | None = None  # None: the method tracks on the ground
+    fit: Fit | None = None  # None: the method does not judge bearings
 
 
 class Smoothed(NamedTuple):
@@ -75,6 +93,8 @@ class Smoothed(NamedTuple):
     seen_by: tuple[tuple[int, ...], ...]  # (T,) those of them that saw the target
     iterations: int  # that it took
     converged: bool
+    fit: Fit | None = None  # None: the method does not judge bearings
+    noise: Noise | None = None  # None: the method takes it as stated
 
 
 State = TypeVar("State")

@@ -13,6 +13,12 @@ from occlog.track.catalogue import METHODS, settings_of
 LISTED: tuple[click.Option, ...] = (
     click.Option(["--diagnostics"], type=PATH, default=None, help="How the filter fared at each time (Parquet)."),
     click.Option(
+        ["--residuals"],
+        type=PATH,
+        default=None,
+        help="How each bearing agrees with the estimate, and whether it is believed (Parquet).",
+    ),
+    click.Option(
         ["--calibration"],
         type=PATH,
         default=None,

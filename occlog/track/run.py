@@ -19,10 +19,11 @@ from occlog.measure.scans.grouping import checked, choose_sensors
 from occlog.measure.scans.inputs import Inputs
 from occlog.measure.scans.scan import sensor_names
 from occlog.measure.scans.sources import in_turn, only_measured
-from occlog.records.tables import Bearings, Calibration, Cooperation, Diagnostics, Tracks
+from occlog.records.tables import Bearings, Calibration, Cooperation, Diagnostics, Residuals, Tracks
 from occlog.settings import METRES, Settings, configure
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.drivers.messages import Messages
+from occlog.track.drivers.residual_check import ResidualCheck
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.imm.config import START_NUMBERS, ImmConfig
@@ -49,6 +50,7 @@ class TrackSummary:
         self.doubts: Counter[str] = Counter()
         self.ess = 0.0
         self.messages = Messages()
+        self.residuals = ResidualCheck()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
         self.cooperated = False
@@ -62,6 +64,7 @@ class TrackSummary:
         self.doubts.update(d for text in part.diagnostics.doubt.tolist() if text for d in text.split(","))
         self.ess += float(part.diagnostics.ess.sum())
         self.messages.add(part.diagnostics)
+        self.residuals.add(part.residuals, part.solves)
         self.solves += part.solves
         self.offered += part.offered
         if (asked := part.cooperation) is not None:
@@ -79,6 +82,7 @@ class TrackSummary:
             **(self._searches() if self.solves else self._particles()),
             "fallbacks": dict(sorted(self.fallbacks.items())),
             **({"doubts": dict(sorted(self.doubts.items()))} if self.doubts else {}),
+            **self.residuals.figures(),
             **self.messages.summary(),
             **(self._cooperation() if self.cooperated else {}),
         }
@@ -106,12 +110,13 @@ class TrackSummary:
                 "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
             ]
         counts = [(self.fallbacks, said), (self.doubts, WORDS)]
-        return [
+        flagged = [
             f"{found[k]} of {self.rows} rows: {k}: {text}"
             for found, words in counts
             for k, text in words.items()
             if found[k]
         ]
+        return [*flagged, *self.residuals.contradictions()]
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
@@ -167,11 +172,12 @@ class TrackFiles:
     diagnostics: Path | None = None
     calibration: Path | None = None
     cooperation: Path | None = None
+    residuals: Path | None = None
 
     @property
     def paths(self) -> list[Path | None]:
         """All of them."""
-        return [self.tracks, self.diagnostics, self.calibration, self.cooperation]
+        return [self.tracks, self.diagnostics, self.calibration, self.cooperation, self.residuals]
 
 
 def run_track(
@@ -224,6 +230,7 @@ def run_track(
         (wanted.diagnostics, Diagnostics),
         (wanted.calibration, Calibration),
         (wanted.cooperation, Cooperation),
+        (wanted.residuals, Residuals),
     ]
     summary = TrackSummary()
     with ExitStack() as stack:
@@ -236,7 +243,7 @@ def run_track(
             for p, t in outputs
         ]
         for part in tracked:
-            tables = (part.tracks, part.diagnostics, part.calibration, part.cooperation)
+            tables = (part.tracks, part.diagnostics, part.calibration, part.cooperation, part.residuals)
             for writer, table in zip(writers, tables, strict=True):
                 if writer is not None and table is not None:
                     writer.write(table)

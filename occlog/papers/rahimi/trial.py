@@ -27,12 +27,13 @@ from .example import FOCAL_PX, READ_PX, SPEED, STEP_S, Example, example, identif
 PAPER: Mapping[str, object] = {
     "speed": SPEED,
     "walls": False,
+    "loss": "square",
     "initial": "axes",
     "depth": 1.0,
     "estimate": "mode",
     "covariance": "hessian",
 }
-"""Settings that make `map` the paper's method: its start; places in front of the cameras as the only constraint."""
+"""Settings that make `map` the paper's method: cost, start, and places before the cameras as the only constraint."""
 ENDS = 0.1
 """Share of the times in each of the trajectory's two ends."""
 KNOWN = 0.5

@@ -11,10 +11,10 @@ from occlog.errors import InputError
 from occlog.measure.scans.grouping import scans_of
 from occlog.measure.scans.scan import Scan, sensor_names
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Calibration, Diagnostics, Tracks
+from occlog.records.tables import Bearings, Calibration, Diagnostics, Residuals, Tracks
 from occlog.track.interface import Batch, Config, Smoothed, State
 
-from .rows import Solve, Tracked
+from .rows import Solve, Tracked, residual_rows
 from .tracking import Tracking, check_start
 
 FOREVER_NS = 2**62
@@ -109,22 +109,30 @@ def _until(waiting: list[Tracked], horizon_ns: int) -> tuple[list[Tracked], list
     early, late = [], []
     for part in waiting:
         n = int(np.searchsorted(part.tracks.t_ns, horizon_ns, side="right"))
-        early.append(_cut(part, slice(None, n)))
+        early.append(_cut(part, n, first=True))
         if n < len(part.tracks):
-            late.append(_cut(part, slice(n, None)))
+            late.append(_cut(part, n, first=False))
     merged = Tracked(
         Tracks.merge(p.tracks for p in early),
         Diagnostics.merge(p.diagnostics for p in early),
         Calibration.empty(),
         tuple(s for p in early for s in p.solves),
+        residuals=Residuals.merge(p.residuals for p in early if p.residuals is not None),
     )
     return ([merged] if len(merged.tracks) else []), late
 
 
-def _cut(part: Tracked, rows: slice) -> Tracked:
-    """Some of the rows; the solves stay with the first ones."""
-    solves = part.solves if rows.start is None else ()
-    return Tracked(part.tracks.take(rows), part.diagnostics.take(rows), part.calibration, solves)
+def _cut(part: Tracked, n: int, *, first: bool) -> Tracked:
+    """The first n rows with what belongs to them, or the others; the solves stay with the first ones."""
+    rows = slice(None, n) if first else slice(n, None)
+    residuals = part.residuals
+    if residuals is not None and n < len(part.tracks):
+        early = residuals.t_ns < part.tracks.t_ns[n]
+        residuals = residuals.take(early if first else ~early)
+    elif not first:
+        residuals = None
+    solves = part.solves if first else ()
+    return Tracked(part.tracks.take(rows), part.diagnostics.take(rows), part.calibration, solves, residuals=residuals)
 
 
 def as_tables(found: Smoothed, target: int, names: tuple[str, ...]) -> Tracked:
@@ -160,4 +168,6 @@ def as_tables(found: Smoothed, target: int, names: tuple[str, ...]) -> Tracked:
         predicted_mse=nothing,
         seen_by=np.array([",".join(names[i] for i in sorted(set(by))) for by in found.seen_by], dtype=np.str_),
     )
-    return Tracked(tracks, diagnostics, Calibration.empty(), (Solve(target, found.iterations, found.converged),))
+    solve = Solve(target, found.iterations, found.converged, found.noise)
+    residuals = None if found.fit is None else residual_rows(found.fit, found.t_ns, target, names)
+    return Tracked(tracks, diagnostics, Calibration.empty(), (solve,), residuals=residuals)

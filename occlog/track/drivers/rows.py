@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats, Ints, Ints32
-from occlog.records.tables import Calibration, Cooperation, Diagnostics, Tracks
-from occlog.track.interface import Estimate, Height
+from occlog.records.tables import Calibration, Cooperation, Diagnostics, Residuals, Tracks
+from occlog.track.interface import Estimate, Fit, Height, Noise
 
 
 class Solve(NamedTuple):
@@ -19,6 +19,7 @@ class Solve(NamedTuple):
     target: int
     iterations: int
     converged: bool
+    noise: Noise | None = None  # None: taken as stated
 
 
 class Tracked(NamedTuple):
@@ -30,6 +31,7 @@ class Tracked(NamedTuple):
     solves: tuple[Solve, ...] = ()  # of a batch method
     cooperation: Cooperation | None = None  # of a method that asks cameras
     offered: int = 0  # frames that it could have asked for
+    residuals: Residuals | None = None  # of a method that judges bearings
 
 
 ROWS_PER_CHUNK = 4096
@@ -57,7 +59,32 @@ def tables(rows: Sequence[Row], names: tuple[str, ...]) -> Tracked:
     if not rows:
         return Tracked(Tracks.empty(), Diagnostics.empty(), Calibration.empty())
     estimates = [r.estimate for r in rows]
-    return Tracked(_tracks(rows, estimates), _diagnostics(rows, estimates, names), _calibration(rows, names))
+    return Tracked(
+        _tracks(rows, estimates),
+        _diagnostics(rows, estimates, names),
+        _calibration(rows, names),
+        residuals=_residuals(rows, names),
+    )
+
+
+def _residuals(rows: Sequence[Row], names: tuple[str, ...]) -> Residuals | None:
+    """How bearings agree with the estimates; None if the method does not judge them."""
+    fits = [(r, r.estimate.fit) for r in rows if r.estimate.fit is not None]
+    if not fits:
+        return None
+    return Residuals.concat(residual_rows(fit, np.array([r.t_ns], dtype=np.int64), r.target, names) for r, fit in fits)
+
+
+def residual_rows(fit: Fit, t_ns: Ints, target: int, names: tuple[str, ...]) -> Residuals:
+    """The table of how bearings agree with the estimates of a target at T times, t_ns."""
+    return Residuals.of(
+        t_ns=t_ns[fit.row],
+        target_id=np.full(len(fit.row), target, dtype=np.int32),
+        sensor=np.array([names[i] for i in fit.sensor.tolist()], dtype=np.str_),
+        residual=fit.residual,
+        expected=fit.expected,
+        believed=fit.believed,
+    )
 
 
 def _tracks(rows: Sequence[Row], estimates: list[Estimate]) -> Tracks:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from occlog.settings import Settings, setting
 
-LOSSES = ("square", "huber", "cauchy")
+LOSSES = ("mixture", "square", "huber", "cauchy")
 PACKAGES = ("clarabel", "osqp")
 """Solvers of quadratic programs that are packages of their own."""
 LEAST, MOST, FAR = 1e-9, 1e9, 1e12
@@ -41,12 +41,19 @@ class MapConfig(Settings):
     step_s: float = setting(1.0, "Length of the model's step.", unit="s", **POSITIVE)
 
     # Measurements, [Rahimi] Sec. 4
-    loss: str = setting("square", "How residuals count.", choices=LOSSES)
+    loss: str = setting(
+        "mixture",
+        "How residuals count: as of true and false bearings, as the paper's squares, or by a robust loss.",
+        choices=LOSSES,
+    )
     bend: float | None = setting(
         None,
         "Standard deviations beyond which a residual's loss is bent.",
-        nothing="1.345 (huber), 2.385 (cauchy)",
+        nothing="3.7 (mixture), 1.345 (huber), 2.385 (cauchy)",
         **POSITIVE,
+    )
+    adapt: bool = setting(
+        True, "With consensus: motion and bearings are noisier than stated where the residuals say so."
     )
     detection: float | None = setting(None, "P_D of a camera.", above=0, at_most=1, nothing='"not seen" says nothing')
 
@@ -67,8 +74,11 @@ class MapConfig(Settings):
     )
 
     # Search, [Rahimi] Sec. 6
-    initial: str = setting(
-        "axes", "Start from the cameras' axes, or from a linear problem.", choices=("axes", "linear")
+    initial: str | None = setting(
+        None,
+        "Start where most bearings agree, from the cameras' axes as in the paper, or from a linear problem.",
+        choices=("consensus", "axes", "linear"),
+        nothing="consensus; axes with loss square",
     )
     depth: float | None = setting(
         None, "Distance of the start along the axes.", unit="length", nothing="a tenth of the room's extent", **POSITIVE
@@ -103,6 +113,11 @@ class MapConfig(Settings):
         "Rows with a greater standard deviation, as a share of the room's extent, are `unobservable`.",
         **POSITIVE,
     )
+
+    @property
+    def consensus(self) -> bool:
+        """Whether the search starts where most bearings agree."""
+        return self.initial == "consensus" or (self.initial is None and self.loss != "square")
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """A fitted model has both matrices; a start is a place and a spread; the mode needs no constraint."""

@@ -7,14 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane.convexity import convex_pieces, pockets
 from occlog.core.plane.polygons import counter_clockwise
 from occlog.core.sight.camera import wrap_angle
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.apf.sensing import LEAST_SIGMA
-from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, SightLines, join_planes
+from occlog.track.map.kernels.problem import NO_PLANES, HalfPlanes, SightLines, join_planes, some_lines
 
 from .config import MapConfig
 from .record import Record
@@ -124,17 +124,29 @@ def sight_lines(record: Record, at: Stations) -> SightLines:
     )
 
 
-def constraints(lines: SightLines, record: Record, at: Stations, config: MapConfig, T: int) -> HalfPlanes:
+def constraints(
+    lines: SightLines, record: Record, at: Stations, config: MapConfig, T: int, believed: Bools | None = None
+) -> HalfPlanes:
     """Half-planes of a trajectory: in front of every camera that saw the target, within its range, in the room.
 
     A target that is seen is on the camera's side of the first wall behind it on its sight line.
+
+    Args:
+        lines: N sight lines, of the rows of the record that saw the target.
+        record: of T states.
+        at: the sensors.
+        config: which constraints there are.
+        T: number of states.
+        believed: (N,) which sight lines constrain the trajectory; None: all.
     """
+    seen = record.rows.take(record.rows.seen)
+    if believed is not None:
+        lines, seen = some_lines(lines, believed), seen.take(believed)
     along = np.einsum("ni,ni->n", lines.axis, lines.place)
     # A direction says which side the target is on, whatever is known of cameras.
     ahead = lines.direction | config.front
     parts = [HalfPlanes(lines.step[ahead], lines.axis[ahead], along[ahead] + config.near)]
     if config.front:
-        seen = record.rows.take(record.rows.seen)
         reach = at.range[seen.sensor]
         far = np.isfinite(reach)
         parts += [

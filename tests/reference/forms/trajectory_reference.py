@@ -20,6 +20,9 @@ def plain_loss(r: float, loss: int, k: float) -> float:
         return r * r / 2 if abs(r) <= k else k * abs(r) - k * k / 2
     if loss == 2:
         return k * k / 2 * math.log(1 + r * r / (k * k))
+    if loss == 3:
+        c = math.exp(-k * k / 2)
+        return -math.log((math.exp(-r * r / 2) + c) / (1 + c))
     return r * r / 2
 
 

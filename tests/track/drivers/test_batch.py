@@ -21,7 +21,7 @@ from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Batch, Smoothed
 from occlog.track.map.config import MapConfig
 from occlog.track.map.fixed_lag import lag_ns
-from occlog.track.map.method import begin
+from occlog.track.map.pending import begin
 
 SCENE = room100(pillar=False)
 CONFIG = MapConfig.in_unit("unit")

@@ -94,7 +94,7 @@ def test_rows_and_figures_of_a_run(made: Path, capsys) -> None:
     assert np.array_equal(np.isfinite(how.log_likelihood), how.n_seen > 0)
     provenance = read_provenance(made / "new.parquet")
     assert provenance.parameters["method"] == "map"
-    assert provenance.parameters["loss"] == "square"
+    assert provenance.parameters["loss"] == "mixture"
     assert describe(made / "new.parquet")["length_unit"] == "unit"
 
 
@@ -202,7 +202,7 @@ def test_a_fitted_motion_is_used(made: Path, capsys) -> None:
         (["--set", "acceleration=-1"], ExitCode.USAGE, "map: acceleration is -1.0, must be "),
         (["--set", "acceleration=fast"], ExitCode.USAGE, "acceleration"),
         (["--set", "acceleration=nan"], ExitCode.USAGE, "acceleration is nan"),
-        (["--set", "loss=tukey"], ExitCode.USAGE, "loss is tukey, must be one of square, huber, cauchy"),
+        (["--set", "loss=tukey"], ExitCode.USAGE, "loss is tukey, must be one of mixture, square, huber, cauchy"),
         (["--set", "solver=gurobi"], ExitCode.USAGE, "solver is gurobi"),
         (["--set", "detection=1.5"], ExitCode.USAGE, "detection is 1.5"),
         (["--set", "A=1,2,3"], ExitCode.USAGE, "16 numbers"),

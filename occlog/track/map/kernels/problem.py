@@ -25,8 +25,9 @@ from occlog.core.numerics.jit import kernel
 
 from .gauss_markov import GaussMarkov, transitions
 
-SQUARE, HUBER, CAUCHY = 0, 1, 2
-"""Loss of a residual r: r^2/2; Huber's, linear beyond k; Cauchy's, k^2/2 log(1 + (r/k)^2)."""
+SQUARE, HUBER, CAUCHY, MIXTURE = 0, 1, 2, 3
+"""Loss of a residual r: r^2/2; Huber's, linear beyond k; Cauchy's, k^2/2 log(1 + (r/k)^2); or that of a mixture of
+true and false sight lines, - log((exp(-r^2/2) + c) / (1 + c)) with c = exp(-k^2/2), so that at k both are as likely."""
 
 
 class Steps(NamedTuple):
@@ -69,7 +70,7 @@ class Problem(NamedTuple):
     steps: Steps
     lines: SightLines
     planes: HalfPlanes
-    loss: int  # SQUARE, HUBER or CAUCHY
+    loss: int  # SQUARE, HUBER, CAUCHY or MIXTURE
     k: float  # parameter of the loss, in standard deviations
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.core.numerics.jit import kernel
 
-from .problem import CAUCHY, HUBER, HalfPlanes, SightLines, Steps
+from .problem import CAUCHY, HUBER, MIXTURE, HalfPlanes, SightLines, Steps
 
 TINY = 1e-150
 """Squares of distances are not below this, so that a state in a camera gives large numbers, not none."""
@@ -22,7 +22,18 @@ def loss_value(r: float, loss: int, k: float) -> float:
         return k * (abs(r) - 0.5 * k)
     if loss == CAUCHY:
         return 0.5 * k * k * math.log1p((r / k) ** 2)
+    if loss == MIXTURE:
+        # log(1 + e^a) - log(1 + e^b), a the log odds that the line is true at r, b those at 0
+        a, b = 0.5 * (k * k - r * r), 0.5 * k * k
+        return b + math.log1p(math.exp(-b)) - (max(a, 0.0) + math.log1p(math.exp(-abs(a))))
     return 0.5 * r * r
+
+
+@kernel
+def belief(r: float, k: float) -> float:
+    """Probability that a sight line with that residual is true, if it is 1/2 at k."""
+    a = 0.5 * (k * k - r * r)
+    return 1.0 / (1.0 + math.exp(-a)) if a >= 0.0 else math.exp(a) / (1.0 + math.exp(a))
 
 
 @kernel
@@ -33,6 +44,9 @@ def loss_slopes(r: float, loss: int, k: float) -> tuple[float, float, float]:
     if loss == CAUCHY:
         q = 1.0 + (r / k) ** 2
         return r / q, (1.0 - (r / k) ** 2) / (q * q), 1.0 / q
+    if loss == MIXTURE:
+        w = belief(r, k)
+        return w * r, w - w * (1.0 - w) * r * r, w
     return r, 1.0, 1.0
 
 
@@ -61,6 +75,35 @@ def residuals(lines: SightLines, X: Floats) -> Floats:
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
         out[n] = residual(lines, n, h, d)
+    return out
+
+
+@kernel
+def losses(lines: SightLines, X: Floats, loss: int, k: float) -> Floats:
+    """(N,) losses of all sight lines."""
+    out = np.empty(lines.step.shape[0])
+    for n in range(out.shape[0]):
+        h, d = in_camera(lines, n, X)
+        out[n] = loss_value(residual(lines, n, h, d), loss, k)
+    return out
+
+
+@kernel
+def beliefs(lines: SightLines, X: Floats, k: float) -> Floats:
+    """(N,) probability that each sight line is true, 1/2 for a residual of k; 0 behind the camera."""
+    out = np.empty(lines.step.shape[0])
+    for n in range(out.shape[0]):
+        h, d = in_camera(lines, n, X)
+        out[n] = belief(residual(lines, n, h, d), k) if d > 0.0 or lines.direction[n] else 0.0
+    return out
+
+
+@kernel
+def depths(lines: SightLines, X: Floats) -> Floats:
+    """(N,) distance of each state along the axis of the camera that saw it."""
+    out = np.empty(lines.step.shape[0])
+    for n in range(out.shape[0]):
+        out[n] = in_camera(lines, n, X)[1]
     return out
 
 
@@ -148,7 +191,7 @@ def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: float, g
     Args:
         lines: N sight lines.
         X: (T, 4) states.
-        loss: SQUARE, HUBER or CAUCHY.
+        loss: SQUARE, HUBER, CAUCHY or MIXTURE.
         k: its parameter.
         exact: 1: second derivatives; 0: those of Gauss and Newton with reweighting, which are never negative;
             a mixture in between.

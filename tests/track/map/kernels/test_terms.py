@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 from trajectory_reference import dense_hessian, plain_cost, plain_loss, random_lines, random_planes, random_steps
 
 from occlog.track.map.kernels.newton_search import cost, derivatives
-from occlog.track.map.kernels.problem import NO_PLANES, Problem
-from occlog.track.map.kernels.terms import add_planes, barrier_cost, loss_slopes, loss_value, residuals
+from occlog.track.map.kernels.problem import MIXTURE, NO_PLANES, Problem
+from occlog.track.map.kernels.terms import add_planes, barrier_cost, belief, loss_slopes, loss_value, residuals
 
-LOSSES = [(0, 1.0), (1, 1.345), (2, 2.385), (1, 0.3), (2, 0.4)]
+LOSSES = [(0, 1.0), (1, 1.345), (2, 2.385), (3, 3.0), (1, 0.3), (2, 0.4), (3, 1.5)]
 KINDS = ("pixel", "distance", "direction", "linear")
 
 
@@ -43,7 +43,7 @@ def gap_to_bends(p: Problem, X) -> float:
     return float(np.abs(np.abs(r) - p.k).min()) if p.loss == 1 else math.inf
 
 
-@pytest.mark.parametrize("loss", [0, 1, 2])
+@pytest.mark.parametrize("loss", [0, 1, 2, 3])
 def test_losses_are_their_formulas_and_slopes_their_derivatives(loss: int) -> None:
     k = 1.7
     for r in (-30.0, -3.0, -1.2, 1e-9, 0.4, 2.6, 500.0):
@@ -54,7 +54,20 @@ def test_losses_are_their_formulas_and_slopes_their_derivatives(loss: int) -> No
         assert first == pytest.approx((high - low) / (2 * h), rel=1e-6, abs=1e-9)
         assert second == pytest.approx((high - 2 * mid + low) / h**2, rel=1e-4, abs=1e-4)
         assert weight * r == pytest.approx(first, rel=1e-12)
-    assert loss_slopes(0.0, loss, k) == (0.0, 1.0, 1.0)
+    if loss == MIXTURE:
+        assert loss_slopes(0.0, loss, k)[1:] == pytest.approx((1.0 / (1.0 + math.exp(-k * k / 2)),) * 2)
+    else:
+        assert loss_slopes(0.0, loss, k) == (0.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("k", [0.5, 3.7, 60.0])
+def test_belief_is_one_half_at_the_bend_and_the_weight_of_the_mixture(k: float) -> None:
+    assert belief(k, k) == 0.5
+    for r in (0.0, 0.5 * k, 2.0 * k, 1e3):
+        assert belief(r, k) == loss_slopes(r, MIXTURE, k)[2]
+        assert belief(-r, k) == belief(r, k)
+    assert belief(k * (1 + 1e-9), k) < 0.5 < belief(k * (1 - 1e-9), k)
+    assert belief(1e6, k) == 0.0
 
 
 @pytest.mark.parametrize(("loss", "k"), LOSSES)

@@ -1,0 +1,394 @@
+"""Which sight lines are of one target: the most probable choice along a trajectory, by multiple hypotheses.
+
+A hypothesis is a Kalman filter with the motion of the trajectory ([Rahimi] Eq. 1) and a choice of true sight lines so
+far.  Each sight line splits it into one that believes and one that does not; the most probable ones go on, and of
+those that are nearly the same the better one (Reid 1979, An algorithm for tracking multiple targets, IEEE TAC 24(6),
+of one target).  Costs are -2 log of likelihoods, relative to that of a sight line that is met exactly:
+
+* one that is believed costs e^2 / S + log(S / R), e the distance of the predicted place from it, S the variance of
+  that, R the part of the measurement;
+* one that is not costs k^2, so that beyond k standard deviations of a place that is well known it counts as false.
+
+Hypotheses begin where two sight lines cross, or at several distances along one, at first, or later at a price.
+The residual e is linear in the place; only R depends on the distance.  Time and memory are linear in the states.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from .problem import Steps
+
+BEAM = 20
+"""Hypotheses that are kept."""
+MOST = 5
+"""Crossings of a state at which hypotheses begin."""
+RANGES = 6
+"""Distances along a sight line that crosses no other, at which hypotheses begin."""
+ENOUGH = 8
+"""Crossings with sight lines of states around are tried where there are fewer than so many in all."""
+AROUND = 3.0
+"""Seconds within which they are."""
+LEAST_SINE = 1e-3
+"""Sight lines at a smaller angle do not cross."""
+ALIKE = 0.3
+"""Hypotheses all of whose coordinates differ by less than so many standard deviations are the same."""
+JUMP = 2.0
+"""A target that is lost and found elsewhere costs as much as so many false sight lines, and the new place."""
+BITS = 62
+"""Sight lines of a state beyond so many are not believed."""
+
+
+class Rays(NamedTuple):
+    """N sight lines as half-lines, by rising step; the variance of a point d away across them is a d^2 + b."""
+
+    step: Ints  # (N,)
+    sensor: Ints  # (N,) lines of one sensor do not cross
+    place: Floats  # (N, 2)
+    direction: Floats  # (N, 2) unit vectors
+    a: Floats  # (N,) [rad^2]
+    b: Floats  # (N,) squared length
+    reach: Floats  # (N,) farthest distance
+
+
+class Beam(NamedTuple):
+    """Hypotheses at one state; those whose cost is inf are none."""
+
+    x: Floats  # (BEAM, 4)
+    P: Floats  # (BEAM, 4, 4)
+    cost: Floats  # (BEAM,)
+    bits: Ints  # (BEAM,) which sight lines of the state are believed
+    parent: Ints  # (BEAM,) which hypothesis of the state before; -1: none
+
+
+@kernel
+def off_line2(rays: Rays, n: int, x: float, y: float, extra: float) -> tuple[float, float]:
+    """Squared distance of a place from a sight line in standard deviations, and how much more a vague place costs.
+
+    The distance is inf behind the sensor and out of reach.
+
+    Args:
+        rays: the sight lines.
+        n: which.
+        x: of the place.
+        y: of the place.
+        extra: variance of the place across the sight line.
+    """
+    dx, dy = x - rays.place[n, 0], y - rays.place[n, 1]
+    along = rays.direction[n, 0] * dx + rays.direction[n, 1] * dy
+    if along <= 0.0 or along > rays.reach[n]:
+        return math.inf, 0.0
+    across = rays.direction[n, 0] * dy - rays.direction[n, 1] * dx
+    variance = max(rays.a[n] * along * along + rays.b[n], 1e-300)
+    return across * across / (variance + extra), math.log1p(extra / variance)
+
+
+@kernel
+def off_line(rays: Rays, n: int, x: float, y: float, extra: float, k2: float) -> float:
+    """Cost of a sight line at a place; at most k2."""
+    distance2, vague = off_line2(rays, n, x, y, extra)
+    return min(distance2 + vague, k2)
+
+
+@kernel
+def crossing(rays: Rays, i: int, j: int, moved2: float) -> tuple[float, float, float, float]:
+    """Where two sight lines cross: x, y, standard deviation in the worst direction, area; inf where they do not.
+
+    Args:
+        rays: the sight lines.
+        i: of the time that the crossing is for.
+        j: of a time at which the target may have been elsewhere.
+        moved2: variance, per axis, of its motion between these times.
+    """
+    sine = rays.direction[i, 0] * rays.direction[j, 1] - rays.direction[i, 1] * rays.direction[j, 0]
+    if abs(sine) < LEAST_SINE:
+        return 0.0, 0.0, math.inf, math.inf
+    dx, dy = rays.place[j, 0] - rays.place[i, 0], rays.place[j, 1] - rays.place[i, 1]
+    far_i = (dx * rays.direction[j, 1] - dy * rays.direction[j, 0]) / sine
+    far_j = (dx * rays.direction[i, 1] - dy * rays.direction[i, 0]) / sine
+    if far_i <= 0.0 or far_j <= 0.0 or far_i > rays.reach[i] or far_j > rays.reach[j]:
+        return 0.0, 0.0, math.inf, math.inf
+    x, y = rays.place[i, 0] + far_i * rays.direction[i, 0], rays.place[i, 1] + far_i * rays.direction[i, 1]
+    var_i = rays.a[i] * far_i * far_i + rays.b[i]
+    var_j = rays.a[j] * far_j * far_j + rays.b[j] + moved2
+    return x, y, math.sqrt(var_i + var_j) / abs(sine), math.sqrt(var_i * var_j) / abs(sine)
+
+
+@kernel
+def _around(first: Ints, seconds: Floats, t: int, longest: float) -> tuple[int, int]:
+    """Sight lines first .. last - 1 of a state, and of those around it where it has few."""
+    T = seconds.shape[0]
+    a, b = t, t
+    while first[b + 1] - first[a] < ENOUGH:
+        before = seconds[t] - seconds[a - 1] if a > 0 else math.inf
+        after = seconds[b + 1] - seconds[t] if b < T - 1 else math.inf
+        if min(before, after) > longest:
+            break
+        if before <= after:
+            a -= 1
+        else:
+            b += 1
+    return first[a], first[b + 1]
+
+
+@kernel
+def candidates(
+    rays: Rays, first: Ints, seconds: Floats, t: int, speed: float, widest: float, k2: float, out: Floats
+) -> int:
+    """The best crossings for a state into `out` (MOST, 7): and their number.
+
+    Columns of `out`: x, y, standard deviation, area, cost of the sight lines around, and which two lines cross.
+
+    Args:
+        rays: the sight lines.
+        first: (T + 1,) the first sight line of each state.
+        seconds: (T,) times of the states.
+        t: the state.
+        speed: typical speed of the target.
+        widest: standard deviation beyond which a crossing says nothing.
+        k2: most that a sight line costs.
+        out: changed in place.
+    """
+    begin, end = _around(first, seconds, t, AROUND)
+    count = 0
+    for i in range(first[t], first[t + 1]):
+        for j in range(begin, end):
+            own = first[t] <= j < first[t + 1]
+            if rays.sensor[i] == rays.sensor[j] or (own and j <= i):
+                continue
+            away = speed * (seconds[rays.step[j]] - seconds[t])
+            x, y, sigma, area = crossing(rays, i, j, away * away)
+            if sigma > widest:
+                continue
+            # Consensus: the cost of all sight lines around
+            cost = 0.0
+            for n in range(begin, end):
+                away = speed * (seconds[rays.step[n]] - seconds[t])
+                cost += off_line(rays, n, x, y, away * away, k2)
+            # Keep the best ones, by rising cost
+            if count == MOST and cost >= out[MOST - 1, 4]:
+                continue
+            m = min(count, MOST - 1)
+            while m > 0 and out[m - 1, 4] > cost:
+                out[m] = out[m - 1]
+                m -= 1
+            out[m, 0], out[m, 1], out[m, 2], out[m, 3], out[m, 4] = x, y, sigma, area, cost
+            out[m, 5], out[m, 6] = i, j
+            count = min(count + 1, MOST)
+    return count
+
+
+@kernel
+def empty_beam() -> Beam:
+    """No hypotheses."""
+    return Beam(
+        np.zeros((BEAM, 4)),
+        np.zeros((BEAM, 4, 4)),
+        np.full(BEAM, math.inf),
+        np.zeros(BEAM, dtype=np.int64),
+        np.full(BEAM, -1, dtype=np.int64),
+    )
+
+
+@kernel
+def _put(to: Beam, m: int, source: Beam, s: int) -> None:
+    """Copy a hypothesis."""
+    to.x[m], to.P[m], to.cost[m] = source.x[s], source.P[s], source.cost[s]
+    to.bits[m], to.parent[m] = source.bits[s], source.parent[s]
+
+
+@kernel
+def _predict(beam: Beam, A: Floats, sigma: Floats) -> None:
+    """Move all hypotheses on by a step of the chain."""
+    for m in range(BEAM):
+        if beam.cost[m] < math.inf:
+            beam.x[m] = A @ beam.x[m]
+            beam.P[m] = A @ beam.P[m] @ A.T + sigma
+
+
+@kernel
+def believed_cost(rays: Rays, n: int, x: Floats, P: Floats) -> tuple[float, float, float]:
+    """Cost of believing a sight line, the distance from it, and the variance of that; inf behind or out of reach."""
+    c, s = rays.direction[n, 0], rays.direction[n, 1]
+    dx, dy = x[0] - rays.place[n, 0], x[2] - rays.place[n, 1]
+    along = c * dx + s * dy
+    vague = c * c * P[0, 0] + 2.0 * c * s * P[0, 2] + s * s * P[2, 2]
+    if along <= 0.0 or along > rays.reach[n] + 3.0 * math.sqrt(vague):
+        return math.inf, 0.0, 1.0
+    across = c * dy - s * dx
+    R = max(rays.a[n] * (along * along + vague) + rays.b[n], 1e-300)
+    S = R + s * s * P[0, 0] - 2.0 * c * s * P[0, 2] + c * c * P[2, 2]
+    return across * across / S + math.log(S / R), across, S
+
+
+@kernel
+def _update(beam: Beam, m: int, rays: Rays, n: int, across: float, S: float) -> None:
+    """Kalman update of a hypothesis by a sight line that it believes."""
+    c, s = rays.direction[n, 0], rays.direction[n, 1]
+    gain = np.empty(4)
+    for i in range(4):
+        gain[i] = (c * beam.P[m, i, 2] - s * beam.P[m, i, 0]) / S
+    for i in range(4):
+        beam.x[m, i] -= gain[i] * across
+        for j in range(4):
+            beam.P[m, i, j] -= gain[i] * gain[j] * S
+
+
+@kernel
+def _split(beam: Beam, rays: Rays, n: int, bit: int, k2: float, spare: Beam) -> None:
+    """Split all hypotheses by a sight line, and keep the best ones."""
+    mask = np.int64(1) << bit
+    costs, across, S = np.full(2 * BEAM, math.inf), np.zeros(BEAM), np.ones(BEAM)
+    for m in range(BEAM):
+        if beam.cost[m] == math.inf:
+            continue
+        if beam.bits[m] & mask:  # it began with this sight line
+            costs[2 * m] = beam.cost[m]
+            continue
+        costs[2 * m] = beam.cost[m] + k2
+        extra, across[m], S[m] = believed_cost(rays, n, beam.x[m], beam.P[m])
+        costs[2 * m + 1] = beam.cost[m] + extra
+    order = np.argsort(costs)
+    for m in range(BEAM):
+        which = order[m]
+        old = which // 2
+        _put(spare, m, beam, old)
+        spare.cost[m] = costs[which]
+        if which % 2 == 1 and costs[which] < math.inf:
+            spare.bits[m] |= mask
+            _update(spare, m, rays, n, across[old], S[old])
+    for m in range(BEAM):
+        _put(beam, m, spare, m)
+
+
+@kernel
+def _begin(beam: Beam, x: float, y: float, spread: Floats, speed: float, cost: float, bits: int, parent: int) -> None:
+    """Put a new hypothesis in the place of the worst, or where there is none; spread: variances xx, xy, yy.
+
+    It is worse than most at first: nearly all that are kept share what was believed before.
+    """
+    m = int(np.argmax(beam.cost))
+    beam.x[m], beam.P[m] = 0.0, 0.0
+    beam.x[m, 0], beam.x[m, 2] = x, y
+    beam.P[m, 0, 0], beam.P[m, 0, 2], beam.P[m, 2, 0], beam.P[m, 2, 2] = spread[0], spread[1], spread[1], spread[2]
+    beam.P[m, 1, 1] = beam.P[m, 3, 3] = speed * speed
+    beam.cost[m], beam.bits[m], beam.parent[m] = cost, bits, parent
+
+
+@kernel
+def _births(
+    beam: Beam, rays: Rays, first: Ints, seconds: Floats, t: int, price: float, parent: int, ground: Floats, k2: float
+) -> None:
+    """Begin hypotheses at the best crossings of a state, or along its sight lines where none cross.
+
+    Args:
+        beam: changed in place.
+        rays: the sight lines.
+        first: (T + 1,) the first sight line of each state.
+        seconds: (T,) times of the states.
+        t: the state.
+        price: cost of beginning here.
+        parent: hypothesis before; -1: none.
+        ground: (3,) typical speed, standard deviation at which a crossing says nothing, and extent of the place.
+        k2: cost of a false sight line.
+    """
+    found, spread = np.empty((MOST, 7)), np.empty(3)
+    speed, extent2 = ground[0], ground[2] ** 2
+    count = candidates(rays, first, seconds, t, speed, ground[1], k2, found)
+    for m in range(count):
+        i, j = int(found[m, 5]), int(found[m, 6])
+        bits = np.int64(1) << min(i - first[t], BITS)
+        if first[t] <= j < first[t + 1]:
+            bits |= np.int64(1) << min(j - first[t], BITS)
+        spread[0] = spread[2] = found[m, 2] ** 2
+        spread[1] = 0.0
+        rare = 2.0 * math.log(max(extent2 / max(found[m, 3], 1e-300), 1.0))
+        _begin(beam, found[m, 0], found[m, 1], spread, speed, price + rare, bits, parent)
+    if count:
+        return
+    for i in range(first[t], first[t + 1]):
+        c, s, far = rays.direction[i, 0], rays.direction[i, 1], min(rays.reach[i], ground[2])
+        for r in range(RANGES):
+            d = far * 0.6 ** (RANGES - r)
+            along, across = (0.35 * d) ** 2, rays.a[i] * d * d + rays.b[i]
+            spread[0] = c * c * along + s * s * across
+            spread[1] = c * s * (along - across)
+            spread[2] = s * s * along + c * c * across
+            rare = 2.0 * math.log(max(extent2 / math.sqrt(max(along * across, 1e-300)), 1.0))
+            x, y = rays.place[i, 0] + d * c, rays.place[i, 1] + d * s
+            _begin(beam, x, y, spread, speed, price + rare, np.int64(1) << min(i - first[t], BITS), parent)
+
+
+@kernel
+def _merge(beam: Beam) -> None:
+    """Of hypotheses that are nearly the same keep the better one."""
+    for m in range(BEAM):
+        for n in range(m):
+            if beam.cost[m] == math.inf or beam.cost[n] == math.inf:
+                continue
+            alike = True
+            for i in range(4):
+                away2 = (beam.x[m, i] - beam.x[n, i]) ** 2
+                if away2 > ALIKE**2 * min(beam.P[m, i, i], beam.P[n, i, i]):
+                    alike = False
+                    break
+            if alike:
+                beam.cost[m if beam.cost[m] >= beam.cost[n] else n] = math.inf
+
+
+@kernel
+def agreed_path(
+    rays: Rays, first: Ints, seconds: Floats, steps: Steps, ground: Floats, k: float
+) -> tuple[Floats, Bools, float]:
+    """(T, 4) states of the most probable hypothesis as filtered, (N,) the sight lines it believes, and its cost.
+
+    Args:
+        rays: N sight lines.
+        first: (T + 1,) the first sight line of each state, N at the end.
+        seconds: (T,) times of the states.
+        steps: the chain.
+        ground: (3,) typical speed, standard deviation beyond which a crossing says nothing, and extent of the place.
+        k: standard deviations beyond which a sight line counts as false.
+    """
+    T, k2 = seconds.shape[0], k * k
+    parent, bits = np.full((T, BEAM), -1, dtype=np.int8), np.zeros((T, BEAM), dtype=np.int64)
+    places = np.zeros((T, BEAM, 4), dtype=np.float32)
+    beam, spare = empty_beam(), empty_beam()
+    beam.x[0], beam.P[0], beam.cost[0] = steps.mean, steps.spread, 0.0
+    skipped = 0.0
+    for t in range(T):
+        if t > 0:
+            _predict(beam, steps.A[steps.kind[t - 1]], steps.sigma[steps.kind[t - 1]])
+        for m in range(BEAM):
+            beam.bits[m], beam.parent[m] = 0, m
+        if first[t + 1] > first[t]:
+            # Begin: all sight lines before are false, or the target was lost
+            best = int(np.argmin(beam.cost))
+            lost = beam.cost[best] + JUMP * k2
+            _births(beam, rays, first, seconds, t, min(skipped, lost), best if lost < skipped else -1, ground, k2)
+            # Believe each sight line or not
+            for n in range(first[t], min(first[t + 1], first[t] + BITS)):
+                _split(beam, rays, n, n - first[t], k2, spare)
+            _merge(beam)
+            skipped += k2 * (first[t + 1] - first[t])
+        parent[t], bits[t], places[t] = beam.parent, beam.bits, beam.x
+    # Follow the most probable hypothesis back
+    X, believed = np.zeros((T, 4)), np.zeros(rays.step.shape[0], dtype=np.bool_)
+    m = int(np.argmin(beam.cost))
+    least = beam.cost[m]
+    for back in range(T):
+        t = T - 1 - back
+        if m < 0:
+            X[t] = X[t + 1]
+            continue
+        X[t] = places[t, m]
+        for n in range(first[t], min(first[t + 1], first[t] + BITS)):
+            believed[n] = (bits[t, m] >> (n - first[t])) & 1 == 1
+        m = parent[t, m]
+    return X, believed, least

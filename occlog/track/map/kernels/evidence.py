@@ -1,0 +1,108 @@
+"""How noisy bearings and motion really are: the scales that make a trajectory's residuals most probable.
+
+Residuals of N sight lines tell by how much their variances are off, and residuals of the motion by how much its
+variance is; both are compared with what is left of each when gamma degrees of freedom have been fitted
+(MacKay 1992, Bayesian interpolation, Neural Computation 4(3), Eqs. 4.8 to 4.10):
+
+    s^2 = sum w r^2 / (sum w - gamma),   m^2 = chi^2 of the steps / gamma,   gamma = sum of the leverages.
+
+At the maximum of the evidence both are 1.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.numerics.jit import kernel
+
+from .newton_search import covariance
+from .problem import Problem, SightLines, Steps
+from .terms import chain_cost, leverages, loss_slopes, residuals
+
+WORTH = 20.0
+"""What is stated counts as much as so many residuals."""
+
+STEP = 0.01
+"""Of the finite difference of covariances."""
+LEAST_SCALE, MOST_SCALE = 0.2, 20.0
+"""Limits of what residuals are taken to say of variances."""
+
+
+class Evidence(NamedTuple):
+    """Sums of squares of residuals, and how many degrees of freedom they have."""
+
+    lines: float
+    lines_freedom: float
+    steps: float
+    steps_freedom: float
+
+    @property
+    def lines_scale(self) -> float:
+        """Variance of sight lines as a multiple of what is stated."""
+        return (WORTH + self.lines) / (WORTH + self.lines_freedom)
+
+    @property
+    def steps_scale(self) -> float:
+        """Variance of the motion as a multiple of what is stated."""
+        return (WORTH + self.steps) / (WORTH + self.steps_freedom)
+
+
+@kernel
+def weights(lines: SightLines, X: Floats, loss: int, k: float) -> Floats:
+    """(N,) weights of sight lines in iteratively reweighted least squares."""
+    r = residuals(lines, X)
+    out = np.empty(r.shape[0])
+    for n in range(out.shape[0]):
+        out[n] = loss_slopes(r[n], loss, k)[2]
+    return out
+
+
+def evidence(problem: Problem, X: Floats, spread: Floats) -> Evidence:
+    """Sums over all sight lines and steps.
+
+    Args:
+        problem: with the stated variances.
+        X: (T, 4) its minimum.
+        spread: (T, 4, 4) covariances there.
+    """
+    lines, steps = problem.lines, problem.steps
+    w = weights(lines, X, problem.loss, problem.k)
+    r2 = residuals(lines, X) ** 2
+    gamma = float(np.clip(leverages(lines, X, problem.loss, problem.k, spread), 0.0, 1.0).sum())
+    first = steps.whiten_first @ (X[0] - steps.mean)
+    return Evidence(
+        lines=float(w @ r2),
+        lines_freedom=max(float(w.sum()) - gamma, 0.0),
+        steps=max(2.0 * chain_cost(steps, X) - float(first @ first), 0.0),
+        steps_freedom=gamma,
+    )
+
+
+def rescaled(problem: Problem, lines2: float, steps2: float) -> Problem:
+    """The problem with the variances of sight lines and of steps multiplied."""
+    steps: Steps = problem.steps._replace(
+        sigma=problem.steps.sigma * steps2, whiten=problem.steps.whiten / np.sqrt(steps2)
+    )
+    lines = problem.lines._replace(c0=problem.lines.c0 * lines2, c1=problem.lines.c1 * lines2)
+    return problem._replace(steps=steps, lines=lines)
+
+
+def sandwich(problem: Problem, X: Floats, spread: Floats) -> Floats:
+    """(T, 4, 4) covariances of the states if sight lines and motion are as noisy as their residuals tell.
+
+    With C the inverse of M + G, M the information of sight lines and G that of the motion, the covariance is
+    C (s^2 M + m^2 G) C; C M C is the derivative of C by the variance of the sight lines.  The motion counts as stated
+    at least: a target that stood still may move off.
+
+    Args:
+        problem: with the variances that it was solved with.
+        X: (T, 4) its minimum.
+        spread: (T, 4, 4) C.
+    """
+    told = evidence(problem, X, spread)
+    s2, m2 = min(max(told.lines_scale, LEAST_SCALE), MOST_SCALE), min(max(told.steps_scale, 1.0), MOST_SCALE)
+    by_lines = (covariance(rescaled(problem, 1.0 + STEP, 1.0), X) - spread) / STEP
+    return np.asarray(spread + (s2 - 1.0) * by_lines + (m2 - 1.0) * (spread - by_lines))

@@ -1,0 +1,172 @@
+"""The choice of true sight lines against all subsets, crossings and costs against textbook forms."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from occlog.track.map.kernels.consensus import MOST, Rays, agreed_path, believed_cost, candidates, crossing
+from occlog.track.map.kernels.gauss_markov import constant_velocity
+from occlog.track.map.kernels.problem import chain
+
+K = 3.7
+GROUND = np.array([1.0, 2.0, 20.0])
+
+
+def rays(step, sensor, place, angle, a=1e-4, b=0.0, reach=math.inf) -> Rays:
+    n = len(step)
+    return Rays(
+        step=np.array(step, dtype=np.int64),
+        sensor=np.array(sensor, dtype=np.int64),
+        place=np.array(place, dtype=float).reshape(-1, 2),
+        direction=np.column_stack([np.cos(angle), np.sin(angle)]),
+        a=np.full(n, a),
+        b=np.full(n, b),
+        reach=np.full(n, reach),
+    )
+
+
+def towards(places, xy):
+    away = np.asarray(xy, dtype=float) - np.asarray(places, dtype=float)
+    return np.arctan2(away[:, 1], away[:, 0])
+
+
+PLACES = np.array([[-5.0, 0.0], [5.0, 0.0], [0.0, -6.0]])
+
+
+def walk(T: int, rng, false=()):
+    """Three sensors look at a straight walk at 1 Hz; some sight lines are false."""
+    truth = np.column_stack([-1.0 + 0.3 * np.arange(T), 1.0 + 0.1 * np.arange(T)])
+    step = np.repeat(np.arange(T), 3)
+    sensor = np.tile(np.arange(3), T)
+    angle = towards(PLACES[sensor], truth[step]) + 0.01 * rng.standard_normal(3 * T)
+    for n in false:
+        angle[n] += 0.6
+    made = rays(step, sensor, PLACES[sensor], angle)
+    steps = chain(constant_velocity(0.3, 0.0, 1.0), np.ones(T - 1), np.zeros(4), np.diag([25.0, 1.0, 25.0, 1.0]))
+    return made, np.searchsorted(step, np.arange(T + 1)), np.arange(T, dtype=float), steps, truth
+
+
+def filter_cost(made: Rays, first, steps, believed) -> float:
+    """The cost of one choice by a plain Kalman filter from the prior of the first state."""
+    x, P, total = steps.mean.copy(), steps.spread.copy(), 0.0
+    for t in range(len(first) - 1):
+        if t:
+            A, Q = steps.A[steps.kind[t - 1]], steps.sigma[steps.kind[t - 1]]
+            x, P = A @ x, A @ P @ A.T + Q
+        for n in range(first[t], first[t + 1]):
+            if not believed[n]:
+                total += K**2
+                continue
+            c, s = made.direction[n]
+            H = np.array([-s, 0.0, c, 0.0])
+            along = np.array([c, 0.0, s, 0.0])
+            forth = along @ x - np.array([c, s]) @ made.place[n]
+            R = made.a[n] * (forth**2 + along @ P @ along) + made.b[n]
+            e = H @ x - np.array([-s, c]) @ made.place[n]
+            S = H @ P @ H + R
+            total += e * e / S + math.log(S / R)
+            gain = P @ H / S
+            x, P = x - gain * e, P - np.outer(gain, gain) * S
+    return total
+
+
+def test_two_lines_cross_where_they_do() -> None:
+    made = rays([0, 0], [0, 1], [[0, 0], [4, 0]], np.radians([45.0, 135.0]), a=0.01)
+    x, y, sigma, area = crossing(made, 0, 1, 0.0)
+    assert (x, y) == pytest.approx((2.0, 2.0))
+    assert sigma == pytest.approx(math.sqrt(2 * 0.01 * 8.0))
+    assert area == pytest.approx(0.01 * 8.0)
+    assert crossing(made, 0, 1, 1.0)[2] == pytest.approx(math.sqrt(2 * 0.01 * 8.0 + 1.0))
+
+
+@pytest.mark.parametrize("angles", [(45.0, 45.0), (-45.0, -135.0), (135.0, 135.0)])
+def test_parallel_lines_and_lines_that_part_do_not_cross(angles) -> None:
+    made = rays([0, 0], [0, 1], [[0, 0], [4, 0]], np.radians(angles))
+    if angles == (-45.0, -135.0):  # they cross below: in front of both
+        assert crossing(made, 0, 1, 0.0)[1] == pytest.approx(-2.0)
+        made = made._replace(direction=-made.direction * np.array([[1.0], [1.0]]))
+        assert crossing(made, 0, 1, 0.0)[2] == math.inf
+    else:
+        assert crossing(made, 0, 1, 0.0)[2] == math.inf
+
+
+def test_lines_cross_within_the_reach_of_both() -> None:
+    far = math.sqrt(8.0)
+    for reach, finite in ((far * (1 + 1e-9), True), (far * (1 - 1e-9), False)):
+        made = rays([0, 0], [0, 1], [[0, 0], [4, 0]], np.radians([45.0, 135.0]), reach=reach)
+        assert (crossing(made, 0, 1, 0.0)[2] < math.inf) == finite
+
+
+def test_believing_costs_the_squared_distance_and_what_the_prediction_leaves_open() -> None:
+    made = rays([0], [0], [[0, 0]], [0.0], a=0.01, b=0.02)
+    x, P = np.array([3.0, 0.0, 0.5, 0.0]), np.diag([0.2, 1.0, 0.3, 1.0])
+    cost, across, S = believed_cost(made, 0, x, P)
+    R = 0.01 * (9.0 + 0.2) + 0.02
+    assert across == pytest.approx(0.5)
+    assert pytest.approx(R + 0.3) == S
+    assert cost == pytest.approx(0.25 / S + math.log(S / R))
+    assert believed_cost(made, 0, -x, P)[0] == math.inf
+
+
+def test_candidates_are_the_crossings_on_which_most_agree_by_rising_cost() -> None:
+    truth = np.array([1.0, 2.0])
+    angle = towards(PLACES, np.tile(truth, (3, 1)))
+    made = rays([0, 0, 0], [0, 1, 2], PLACES, angle)
+    out = np.empty((MOST, 7))
+    count = candidates(made, np.array([0, 3]), np.zeros(1), 0, 1.0, 2.0, K**2, out)
+    assert count == 3
+    assert_allclose(out[:3, :2], np.tile(truth, (3, 1)), atol=1e-9)
+    assert (np.diff(out[:3, 4]) >= 0.0).all()
+
+
+@pytest.mark.parametrize("false", [(), (4,), (0, 5), (1, 7, 8)])
+def test_the_choice_is_the_best_of_all_subsets(false) -> None:
+    made, first, seconds, steps, _ = walk(3, np.random.default_rng(len(false)), false)
+    _, believed, cost = agreed_path(made, first, seconds, steps, GROUND, K)
+    choices = (np.array(c) for c in itertools.product((False, True), repeat=9))
+    best = min(choices, key=lambda c: filter_cost(made, first, steps, c))
+    assert np.array_equal(believed, best)
+    assert np.flatnonzero(~believed).tolist() == list(false)
+    # Hypotheses that begin at a crossing know no more than the prior does.
+    assert cost <= filter_cost(made, first, steps, best) + 1e-9
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_in_five_false_sight_lines_are_found_over_a_long_walk(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    T = 60
+    false = np.flatnonzero(rng.random(3 * T) < 0.2)
+    made, first, seconds, steps, truth = walk(T, rng, false)
+    X, believed, _ = agreed_path(made, first, seconds, steps, GROUND, K)
+    assert np.setxor1d(np.flatnonzero(~believed), false).size <= 2
+    assert np.median(np.hypot(*(X[5:, ::2] - truth[5:]).T)) < 0.3
+
+
+def test_states_without_sight_lines_are_passed() -> None:
+    made, first, seconds, steps, truth = walk(20, np.random.default_rng(1))
+    gone = (made.step < 3) | ((made.step > 8) & (made.step < 12)) | (made.step > 16)
+    made = Rays._make(column[~gone] for column in made)
+    first = np.searchsorted(made.step, np.arange(21))
+    X, believed, _ = agreed_path(made, first, seconds, steps, GROUND, K)
+    assert believed.all()
+    assert np.hypot(*(X[4:17, ::2] - truth[4:17]).T).max() < 1.0
+    nothing = Rays._make(column[:0] for column in made)
+    X, believed, cost = agreed_path(nothing, np.zeros(21, dtype=np.int64), seconds, steps, GROUND, K)
+    assert np.isfinite(X).all()
+    assert (len(believed), cost) == (0, 0.0)
+
+
+def test_a_target_that_is_elsewhere_all_at_once_is_found_again() -> None:
+    made, first, seconds, steps, truth = walk(40, np.random.default_rng(2))
+    truth[20:] += [4.0, 2.0]
+    rng = np.random.default_rng(3)
+    angle = towards(made.place, truth[made.step]) + 0.01 * rng.standard_normal(len(made.step))
+    made = made._replace(direction=np.column_stack([np.cos(angle), np.sin(angle)]))
+    _, believed, _ = agreed_path(made, first, seconds, steps, GROUND, K)
+    assert believed[made.step < 20].mean() > 0.9
+    assert believed[made.step >= 22].mean() > 0.9
