@@ -16,7 +16,7 @@ from occlog.settings import Settings
 if TYPE_CHECKING:
     from .interface import AnyMethod
 
-SELECTION = ("policy", "count", "every", "model", "order")
+SELECTION = ("policy", "count", "every", "model", "order", "patience")
 IN_WORLD = (
     "diagnostics",
     "doa",

@@ -118,6 +118,9 @@ class Prediction(NamedTuple, Generic[State, Config]):
     cloud: Callable[[State, int, Generator], Cloud]  # at a time not before the last scan; the state stays as it is
     step_s: Callable[[Config], float]  # reference step, in which the time between selections is counted
     detection: Callable[[Config], float | None]  # P_D of cameras of which the scene says none; None: 1
+    hiding: Callable[[Config], int] | None = (
+        None  # form of `core.occlusion.hidden` that occluders count by; None: IMPROVED
+    )
 
 
 class Online(NamedTuple, Generic[State, Config]):

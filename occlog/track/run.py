@@ -304,7 +304,7 @@ def make_selection(request: TrackRequest) -> SelectConfig | None:
     if not given:
         return None
     if "policy" not in given:
-        raise UsageError("--count, --every, --select-model and --select-order go with --select; add it")
+        raise UsageError("--count, --every, --patience, --select-model and --select-order go with --select; add it")
     if "order" in given and given["policy"] != "fixed":
         raise UsageError(f"--select-order goes with --select fixed, not {given['policy']}")
     return configure(SelectConfig(), given)

@@ -99,7 +99,7 @@ def _selections(cameras: int) -> Iterator[tuple[str, float, Spec | None]]:
     policies = {GREEDY: "greedy", BRUTE: "brute-force", FIXED: "fixed", RANDOM: "random", CLOSEST: "closest"}
     for k in range(2, cameras):
         for name, policy in policies.items():
-            yield name, k, {"policy": policy, "count": k, "every": EVERY, "model": "weak"}
+            yield name, k, {"policy": policy, "count": k, "every": EVERY, "patience": 0, "model": "weak"}
     yield ALL, math.nan, None
 
 

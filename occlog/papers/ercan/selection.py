@@ -43,7 +43,7 @@ EVERY, LAB_EVERY = 5.0, 5.0 / 7.5
 
 
 def _select(policy: str, count: int, order: Sequence[int], every: float, model: str = "perspective") -> Values:
-    return {"policy": policy, "count": count, "every": every, "model": model, "order": names(order)}
+    return {"policy": policy, "count": count, "every": every, "patience": 0, "model": model, "order": names(order)}
 
 
 def _policies(k: int, order: Sequence[int], both: bool) -> dict[str, Values]:

@@ -367,6 +367,11 @@ METHOD = Online(
     step=step,
     started=lambda config: config.start is not None,
     occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
-    prediction=Prediction(predict, lambda config: config.reference_s, lambda config: config.detection),
+    prediction=Prediction(
+        predict,
+        step_s=lambda config: config.reference_s,
+        detection=lambda config: config.detection,
+        hiding=lambda config: FORMS.index(config.q),
+    ),
     calibrates=lambda config: config.calibrate != "none",
 )

@@ -10,6 +10,8 @@ from occlog.errors import InputError
 from occlog.settings import Settings, declared, setting
 
 POLICIES = ("greedy", "brute-force", "fixed", "random", "closest", "all")
+BY_ERROR = ("greedy", "brute-force")
+"""Policies that select by the expected error."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,14 @@ class SelectConfig(Settings):
         option="--select-order",
         metavar="A,B,...",
         shown="that of the scene",
+    )
+    patience: int = setting(
+        1,
+        "Scans in a row in which fewer than two of the selected cameras see the target, after which they are selected "
+        "anew; 0: only after the whole interval. Only greedy and brute-force, without priors of the moving occluders.",
+        at_least=0,
+        option="--patience",
+        metavar="SCANS",
     )
 
 

@@ -20,6 +20,7 @@ from numpy.random import Generator
 from occlog.array_types import Floats
 from occlog.core.filter.likelihood import Noise
 from occlog.core.filter.particles import mean_and_covariance
+from occlog.core.occlusion.hidden import IMPROVED
 from occlog.core.occlusion.priors import Priors, no_priors
 from occlog.core.sight.visibility import Sensors
 from occlog.errors import UsageError
@@ -52,6 +53,7 @@ class Network(NamedTuple):
     noise: Noise
     read_px: Floats
     hit: Floats  # (N,) probability that a camera detects a target in plain view
+    hiding: int  # form of the probability that a moving occluder hides the target
 
 
 class Choice(NamedTuple):
@@ -61,7 +63,9 @@ class Choice(NamedTuple):
     mse: float
 
 
-def network(scene: Scene, config: SelectConfig, usable: frozenset[str], detection: float | None) -> Network:
+def network(
+    scene: Scene, config: SelectConfig, usable: frozenset[str], detection: float | None, hiding: int = IMPROVED
+) -> Network:
     """What there is to choose from; UsageError for more cameras than there are, or an order that does not fit.
 
     Args:
@@ -69,6 +73,7 @@ def network(scene: Scene, config: SelectConfig, usable: frozenset[str], detectio
         config: how to select.
         usable: names of the cameras that may be used.
         detection: probability that a camera detects a target in plain view, where the scene does not say.
+        hiding: form of the probability that a moving occluder hides the target, of `occlog.core.occlusion.hidden`.
     """
     names = [c.name for c in scene.cameras]
     cameras = tuple(i for i, c in enumerate(scene.cameras) if c.name in usable and c.placed)
@@ -89,7 +94,9 @@ def network(scene: Scene, config: SelectConfig, usable: frozenset[str], detectio
         )
     own = [scene.cameras[i].detection for i in cameras]
     hit = np.array([p if p is not None else 1.0 if detection is None else detection for p in own], dtype=np.float64)
-    return Network(cameras, tuple(dict.fromkeys(order)), pack_sensors(scene), pack_noise(scene), read_noise(scene), hit)
+    return Network(
+        cameras, tuple(dict.fromkeys(order)), pack_sensors(scene), pack_noise(scene), read_noise(scene), hit, hiding
+    )
 
 
 def choose(cloud: Cloud, priors: Priors | None, net: Network, config: SelectConfig, rng: Generator) -> Choice:
@@ -148,7 +155,7 @@ def greedy(moments: Moments, k: int) -> list[int]:
 def _moments(cloud: Cloud, priors: Priors, net: Network, model: str) -> Moments:
     xy, weights = cloud
     inside = views(xy, net.cameras, net.sensors)
-    together = seen_together(xy, weights, net.cameras, net.sensors, inside, priors, net.hit)
+    together = seen_together(xy, weights, net.cameras, net.sensors, inside, priors, net.hit, net.hiding)
     if model == "weak":
         return weak_moments(xy, weights, net.cameras, net.sensors, net.noise, net.read_px, together)
     return perspective_moments(xy, weights, net.cameras, net.sensors, net.noise, net.read_px, inside, together)

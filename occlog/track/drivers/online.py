@@ -100,6 +100,8 @@ def _stepped(
     if asked is None:  # none of the cameras that are asked had a frame
         return own._replace(offered=offered), None
     state, estimate = method.step(own.state, asked, own.rng)
+    if selector is not None and estimate is not None:
+        own = selector.learned(own, asked, estimate)
     if estimate is None:
         return own._replace(state=state, offered=offered), None
     cameras = () if own.selected is None else own.selected.choice.cameras

@@ -43,7 +43,7 @@ def base(tmp_path):
 def test_every_policy_writes_what_it_selected(policy, base, tmp_path, capsys):
     diagnostics = tmp_path / "d.parquet"
     model = "weak" if policy == "brute-force" else "perspective"
-    args = ["--select", policy, "--count", "3", "--every", "2", "--select-model", model]
+    args = ["--select", policy, "--count", "3", "--every", "2", "--select-model", model, "--patience", "0"]
     assert run([*base, *args, "--diagnostics", str(diagnostics), "--json"]) == ExitCode.DONE
     said = json.loads(capsys.readouterr().out)
     table = read_table(diagnostics, Diagnostics)
@@ -69,6 +69,8 @@ def test_the_order_of_fixed_cameras(base, tmp_path):
     [
         (["--count", "3"], "--select; add it"),
         (["--every", "2"], "--select; add it"),
+        (["--patience", "2"], "--select; add it"),
+        (["--select", "greedy", "--patience", "-1"], "--patience"),
         (["--select-order", "cam1"], "--select; add it"),
         (["--select"], "'--select' requires an argument"),
         (["--select", "greedy", "--count", "-1"], "--count"),
@@ -101,7 +103,7 @@ def test_what_does_not_fit_is_one_line(args, said, base, tmp_path, capsys):
 
 
 def test_without_a_count_there_are_four(base, tmp_path, capsys):
-    assert run([*base, "--select", "greedy", "--json"]) == ExitCode.DONE
+    assert run([*base, "--select", "greedy", "--patience", "0", "--json"]) == ExitCode.DONE
     said = json.loads(capsys.readouterr().out)
     assert said["selections"] == STEPS / 5
     reports = 4 * STEPS
@@ -142,6 +144,7 @@ def test_the_selection_is_in_the_provenance_and_runs_are_alike(base, tmp_path):
     assert tables[0] == tables[1]
     assert read_provenance(tmp_path / "a").parameters["selection"] == {
         "policy": "random",
+        "patience": 1,
         "count": 2,
         "every": 3.0,
         "model": "perspective",

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 from tracker_scenes import PLACES, SECOND, observe, room100, walk, with_array
 
+from occlog.core.occlusion.priors import gaussian_priors
 from occlog.records.tables import Bearings, Diagnostics, Occluders, Tracks
 from occlog.track.apf import selector as stage
 from occlog.track.apf.config import ApfConfig
+from occlog.track.apf.filter import METHOD
 from occlog.track.apf.selection_config import SelectConfig
+from occlog.track.apf.selection_policies import choose, network
 from occlog.track.drivers.messages import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
+from occlog.track.interface import Cloud
 
 pytestmark = pytest.mark.jit
 SCENE = room100(pillar=False)
@@ -104,7 +108,7 @@ def test_orders_are_those_of_the_choices_that_were_made(make, policy, monkeypatc
 
     choose = stage.choose
     monkeypatch.setattr(stage, "choose", spy)
-    _, d = whole(make(), SelectConfig(policy, 5, every=3))
+    _, d = whole(make(), SelectConfig(policy, 5, every=3, patience=0))
     orders, on = 0, set()
     for choice in made:
         orders += len(on ^ set(choice.cameras))
@@ -126,7 +130,7 @@ def test_a_selection_that_no_frame_followed_is_in_no_row(monkeypatch):
     monkeypatch.setattr(stage, "choose", given)
     table = recording(steps=3)[1]
     table = table.take((table.sensor != "cam6") | (table.t_ns != SECOND))
-    _, d = whole(table, SelectConfig("greedy", 1, every=1))
+    _, d = whole(table, SelectConfig("greedy", 1, every=1, patience=0))
     assert len(calls) == 3
     assert d.selected.tolist() == ["cam1", "cam2"]
     np.testing.assert_array_equal(d.n_offered, [8, 15])
@@ -165,7 +169,7 @@ def test_closest_cameras_are_near_the_track():
 def test_microphone_arrays_are_always_used_and_never_selected():
     scene = with_array(SCENE, (50.0, 50.0), sigma=0.05)
     table = Bearings.merge([recording()[1], of_array()])
-    _, d = whole(table, SelectConfig("greedy", 2, every=5), scene=scene)
+    _, d = whole(table, SelectConfig("greedy", 2, every=5, patience=0), scene=scene)
     assert "array" not in ",".join(d.selected)
     np.testing.assert_array_equal(d.n_looked, 3)
     np.testing.assert_array_equal(d.n_offered, 9)
@@ -204,9 +208,25 @@ def test_the_error_that_is_expected_is_about_that_of_the_track():
     config, expected, found = ApfConfig(particles=400, start_factor=2), [], []
     for seed in range(20):
         path, table = recording(seed)
-        tracks, d = whole(table, SelectConfig("greedy", 3, every=1), config=config)
+        tracks, d = whole(table, SelectConfig("greedy", 3, every=1, patience=0), config=config)
         expected.append(d.predicted_mse[5:].mean())
         found.append(np.mean((path[5:, 0] - tracks.x[5:]) ** 2 + (path[5:, 1] - tracks.y[5:]) ** 2))
     error = np.std(found) / np.sqrt(20)
     assert error < 0.2 * np.mean(expected)
     assert abs(np.mean(found) - np.mean(expected)) < 3 * error
+
+
+def test_the_form_in_which_occluders_count_is_that_of_the_filter():
+    """Priors much longer than wide tell the forms apart."""
+    rng = np.random.default_rng(2)
+    mean = rng.uniform(20.0, 80.0, (30, 2))
+    priors = gaussian_priors(mean, np.broadcast_to(np.diag([200.0, 1.0]), (30, 2, 2)), 3.33)
+    cloud = Cloud(rng.uniform(40.0, 60.0, (200, 2)), np.full(200, 1 / 200))
+    found = {}
+    for q in ("printed", "improved"):
+        assert METHOD.prediction is not None
+        assert METHOD.prediction.hiding is not None
+        hiding = METHOD.prediction.hiding(ApfConfig(q=q))
+        net = network(SCENE, SelectConfig("greedy", 3), frozenset(c.name for c in SCENE.cameras), None, hiding)
+        found[q] = choose(cloud, priors, net, SelectConfig("greedy", 3), rng).mse
+    assert found["printed"] != found["improved"]

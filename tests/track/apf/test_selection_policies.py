@@ -200,7 +200,7 @@ def test_a_large_cloud_is_thinned_without_changing_much():
         ({"order": [1, 2]}, "must be a list of names"),
         ({"order": None}, "must be a list of names"),
         ({"policy": ["greedy"]}, "one of greedy"),
-        ({"polcy": "greedy"}, "unknown key 'polcy'; it has: policy, count, every, model, order"),
+        ({"polcy": "greedy"}, "unknown key 'polcy'; it has: policy, count, every, model, order, patience"),
         ({"every": 0.0}, "above 0"),
         ({"every": float("nan")}, "finite and above 0"),
         ({"every": float("inf")}, "finite and above 0"),

@@ -53,7 +53,7 @@ def counted(diagnostics):
 
 
 def test_only_selected_cameras_are_used_and_written():
-    _, d = whole(recording(), SelectConfig("greedy", 3, every=4))
+    _, d = whole(recording(), SelectConfig("greedy", 3, every=4, patience=0))
     assert len(d) == STEPS
     for row in range(STEPS):
         assert len(d.selected[row].split(",")) == 3
@@ -110,7 +110,7 @@ def test_cameras_at_their_own_times():
 
 def test_cameras_at_their_own_times_with_changes():
     table = asynchronous(1)
-    _, d = whole(table, SelectConfig("greedy", 4, every=3))
+    _, d = whole(table, SelectConfig("greedy", 4, every=3, patience=0))
     delivered = [len(table.t_ns[table.t_ns == t]) for t in np.unique(table.t_ns)]
     assert d.n_offered.sum() == len(table) - sum(
         n for n, t in zip(delivered, np.unique(table.t_ns), strict=True) if t > d.t_ns[-1]
@@ -142,6 +142,59 @@ def test_the_same_seed_selects_the_same():
 
 def test_left_out_cameras_are_not_selected():
     usable = frozenset({"cam1", "cam4", "cam6"})
-    _, d = whole(recording(), SelectConfig("greedy", 2, every=1), sensors=usable)
+    _, d = whole(recording(), SelectConfig("greedy", 2, every=1, patience=0), sensors=usable)
     assert set(",".join(d.selected).split(",")) <= usable
     np.testing.assert_array_equal(d.n_offered, 3)
+
+
+def one_target(seen_by_cameras, steps=STEPS):
+    """Exact bearings of a target that stands, labelled, of the cameras that see it in each step; the others look."""
+    table = recording(5)
+    table = table.take(table.t_ns < steps * SECOND)
+    number = np.char.replace(table.sensor, "cam", "").astype(int)
+    wanted = np.array([n in seen_by_cameras(int(t // SECOND)) for n, t in zip(number, table.t_ns, strict=True)])
+    keep = wanted & table.seen
+    nothing = np.where(keep, 0.0, np.nan)
+    columns = {name: getattr(table, name) + nothing for name in ("bearing", "sigma", "u_px", "sigma_px", "score")}
+    return replace(table, seen=keep, **columns)
+
+
+def names(text):
+    return {int(name.removeprefix("cam")) for name in text.split(",") if name}
+
+
+def test_all_cameras_are_asked_until_two_have_seen_the_target_at_once():
+    table = one_target(lambda step: {1} if step < 3 else range(1, 9))
+    _, d = whole(table, SelectConfig("greedy", 3, every=5))
+    assert d.selected[:4].tolist() == [""] * 4
+    np.testing.assert_array_equal(d.n_looked[:4], 8)
+    np.testing.assert_array_equal(d.n_looked[4:], 3)
+
+
+def test_cameras_that_lose_sight_are_replaced_in_the_next_scan_and_not_asked_again_soon():
+    table = recording(6)
+    _, before = whole(table, SelectConfig("greedy", 3, every=100))
+    chosen = names(before.selected[1])
+    blind = one_target(lambda step: set(range(1, 9)) - (chosen if step >= 3 else set()))
+    _, d = whole(blind, SelectConfig("greedy", 3, every=100))
+    first = names(d.selected[1])
+    _, patient = whole(blind, SelectConfig("greedy", 3, every=100, patience=0))
+    assert len(set(patient.selected.tolist())) == 1
+    lost = [k for k in range(1, STEPS) if k >= 3 and d.n_seen[k] < 2]
+    assert all(names(d.selected[k]) != names(d.selected[k + 1]) for k in lost if k + 1 < STEPS)
+    assert names(d.selected[-1]) != first
+
+
+def test_patience_counts_scans_in_a_row():
+    blind = one_target(lambda step: range(1, 9) if step < 2 else set())
+    for patience in (1, 3):
+        _, d = whole(blind, SelectConfig("greedy", 3, every=100, patience=patience), window_ns=0)
+        made = np.flatnonzero(np.isfinite(d.predicted_mse))
+        assert made[0] == 1
+        assert made[1] == 2 + patience
+
+
+def test_baselines_select_without_regard_to_what_was_seen():
+    blind = one_target(lambda step: range(1, 9) if step < 2 else set())
+    _, d = whole(blind, SelectConfig("closest", 3, every=7, patience=1))
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(d.predicted_mse)), [0, 7, 14])

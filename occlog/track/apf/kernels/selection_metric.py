@@ -46,7 +46,14 @@ def views(xy: Floats, cameras: Sequence[int], sensors: Sensors) -> Bools:
 
 
 def seen_together(
-    xy: Floats, weights: Floats, cameras: Sequence[int], sensors: Sensors, inside: Bools, priors: Priors, hit: Floats
+    xy: Floats,
+    weights: Floats,
+    cameras: Sequence[int],
+    sensors: Sensors,
+    inside: Bools,
+    priors: Priors,
+    hit: Floats,
+    hiding: int = IMPROVED,
 ) -> Floats:
     """(N, N) P{eta_i = 1, eta_j = 1}, on the diagonal P{eta_i = 1}; by Eq. 8.
 
@@ -58,12 +65,13 @@ def seen_together(
         inside: (N, L) from `views`.
         priors: of the moving occluders; empty: none hides the target.
         hit: (N,) probabilities that a camera detects a target in plain view.
+        hiding: form of the probability that one occluder hides the target, of `occlog.core.occlusion.hidden`.
     """
     rows = np.arange(len(xy))
     q = np.zeros((len(cameras), len(priors.sigma), len(xy)))
     if len(priors.sigma):
         for n, i in enumerate(cameras):
-            q[n] = hiding_all(xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, IMPROVED, FAR)
+            q[n] = hiding_all(xy, rows, sensors.xy[i, 0], sensors.xy[i, 1], priors, hiding, FAR)
     pairs = np.outer(hit, hit)
     pairs[np.diag_indices(len(cameras))] = hit
     return np.asarray(_together(q, inside, weights)) * pairs
