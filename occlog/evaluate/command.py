@@ -77,7 +77,7 @@ def command(**values: Any) -> int:
     check_kind(click.get_current_context(), kind)
     config = configure(EvaluateConfig(), chosen)
     if azimuths is not None:
-        figures = run_evaluate_doa(paths, azimuths, values["doa_gate_deg"], config.max_gap_s)
+        figures = run_evaluate_doa(paths, azimuths, values["doa_gate_deg"], config.bridge_s)
         options.echo_summary(figures, as_json)
         return _judged(figures, thresholds)
     if kind == IMAGES:

@@ -93,8 +93,8 @@ def frames_of(rows: Bearings) -> Frames:
 
 def _expect(sensor: Sensor, frames: Frames, path: Path, config: EvaluateConfig) -> tuple[Expected, Bools]:
     """What the sensor should report at each frame, and where the track says that the target is in view and clear."""
-    xy, good = path.at(frames.t_ns, config.limit_ns)
-    expected = sensor.expect(xy, path.height_at(frames.t_ns, config.limit_ns))
+    xy, good = path.at(frames.t_ns, config.bridge_ns)
+    expected = sensor.expect(xy, path.height_at(frames.t_ns, config.bridge_ns))
     return expected, good & expected.clear
 
 

@@ -91,7 +91,7 @@ def meeting_metrics(tracks: Tracks, bearings: Bearings, scene: Scene, config: Ev
     distance = [np.zeros(0)]
     for target, m in meetings.items():
         if target in paths:
-            xy, good = paths[target].at(m.t_ns, config.limit_ns)
+            xy, good = paths[target].at(m.t_ns, config.bridge_ns)
             good &= m.status == triangulate.MET
             distance.append(np.hypot(*(xy[good] - m.xy[good]).T))
     return _figures(np.concatenate(distance), list(meetings.values()), total, scene.length_unit, config)

@@ -140,22 +140,24 @@ def compare(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> Matched:
     """
     pairs = match_tracks(tracks, truth, config)
     targets = paths_of(truth, "target")
-    parts, left_out = [], 0
+    parts, left_out, interpolated = [], 0, 0
     for track, target in pairs.items():
         rows = tracks.take(tracks.target_id == track)
         part, good = _errors(rows, target, targets[target], config)
         parts.append(part)
         left_out += int(np.count_nonzero(~good))
+        interpolated += int(np.count_nonzero(~targets[target].sampled(part.t_ns)))
     errors = Errors.merge(parts)
     if not len(errors) and len(tracks):
         raise InputError(
             f"tracks: the truth covers the time of no estimate: tracks {_span(tracks)}, truth {_span(truth)}, "
-            f"gaps of at most {config.max_gap_s:g} s are bridged; check the clocks or raise max_gap"
+            f"gaps of at most {config.bridge_s:g} s are bridged; check the clocks or raise max_gap"
         )
     matched = np.isin(tracks.target_id, list(pairs))
     counts: Metrics = {
         "estimates": len(errors),
         "estimates_without_truth": left_out,
+        "estimates_interpolated_truth": interpolated,
         "estimates_unmatched": int(np.count_nonzero(~matched)),
         "tracks": len(np.unique(tracks.target_id)),
         "tracks_unmatched": len(np.unique(tracks.target_id[~matched])),
@@ -198,7 +200,7 @@ def _coverage(tracks: Tracks, targets: dict[int, Path], pairs: dict[int, int], c
     """Share of the targets' true positions at which their track gives one too (interpolated under the same limit)."""
     estimated = {pairs[k]: path for k, path in paths_of(tracks).items() if k in pairs}
     covered = sum(
-        int(np.count_nonzero(estimated[k].at(path.t_ns, config.limit_ns)[1]))
+        int(np.count_nonzero(estimated[k].at(path.t_ns, config.bridge_ns)[1]))
         for k, path in targets.items()
         if k in estimated
     )

@@ -18,6 +18,8 @@ KINDS = {
 }
 """Kinds of input, in words; the first that fits the input is its kind."""
 WORLD = (GROUND, OTHERS)
+BRIDGE_S = 1.0
+"""Widest gap of tracks that is bridged, and of any truth, unless a width is given [s]."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +33,14 @@ class EvaluateConfig(Settings):
 
     OWNER: ClassVar[str] = "evaluate"
 
-    max_gap_s: float = setting(
-        1.0,
+    max_gap_s: float | None = setting(
+        None,
         "Interpolate between samples at most this far apart; nothing is extrapolated.",
         unit="s",
         at_least=0,
         option="--max-gap",
         metavar="SECONDS",
+        nothing="1.5 times the usual time between a target's true rows, 0.2 s at least and 1 s at most; for tracks 1 s",
         kinds=(AZIMUTHS, *WORLD),
     )
     match: str = setting(
@@ -222,6 +225,16 @@ class EvaluateConfig(Settings):
             yield "prior_cov", xx > 0 and xx * yy > xy**2, "xx, xy, yy of a positive covariance"
 
     @property
-    def limit_ns(self) -> int:
-        """Widest gap of the truth that is bridged [ns]."""
-        return round(self.max_gap_s * 1e9)
+    def limit_ns(self) -> int | None:
+        """Widest gap of the truth that is bridged [ns]; None: by the usual time between its rows."""
+        return None if self.max_gap_s is None else round(self.max_gap_s * 1e9)
+
+    @property
+    def bridge_s(self) -> float:
+        """Widest gap of tracks, and of true directions, that is bridged [s]."""
+        return BRIDGE_S if self.max_gap_s is None else self.max_gap_s
+
+    @property
+    def bridge_ns(self) -> int:
+        """The same [ns]."""
+        return round(self.bridge_s * 1e9)

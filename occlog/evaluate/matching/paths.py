@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.bounds.in_space import sight_angles
 from occlog.core.numerics.interpolate import hold_positions, interpolate_positions
 from occlog.core.sight.camera import planar_offsets, wrap_angle
@@ -16,6 +17,13 @@ from occlog.core.sight.visibility import behind_walls, in_view
 from occlog.errors import InputError
 from occlog.records.scene import Camera, Scene
 from occlog.records.tables import Tracks, Truth
+
+from .config import BRIDGE_S
+
+USUAL = 1.5
+"""Gaps of the truth of up to so many usual steps are bridged, ..."""
+LEAST_BRIDGE_S = 0.2
+"""... all up to this, and none above `BRIDGE_S`, unless a width is given [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +39,38 @@ class Path:
         """(M,) bool: where the height is known."""
         return np.zeros(len(self.t_ns), dtype=np.bool_) if self.z is None else np.isfinite(self.z)
 
-    def at(self, t_ns: Ints, limit_ns: int) -> tuple[Floats, Bools]:
-        """Interpolated positions and where they may be used; see `interpolate_positions`."""
-        return interpolate_positions(t_ns, self.t_ns, self.xy, limit_ns)
+    @property
+    def usual_gap_ns(self) -> int:
+        """Widest gap that is bridged unless one is given: 1.5 times the median time between samples, within limits.
+
+        A sample that is missing is so not made up where they are far enough apart to matter: at 2 a second a second is
+        long for a person.
+        """
+        step_ns = float(np.median(np.diff(self.t_ns))) if len(self.t_ns) > 1 else math.inf
+        return round(min(max(USUAL * step_ns, LEAST_BRIDGE_S * NS), BRIDGE_S * NS))
+
+    def at(self, t_ns: Ints, limit_ns: int | None) -> tuple[Floats, Bools]:
+        """Interpolated positions and where they may be used; see `interpolate_positions`.
+
+        Gaps of at most `limit_ns` are bridged; None: of at most `usual_gap_ns`.
+        """
+        return interpolate_positions(t_ns, self.t_ns, self.xy, self.usual_gap_ns if limit_ns is None else limit_ns)
+
+    def sampled(self, t_ns: Ints) -> Bools:
+        """(N,) whether a time is that of a sample: there nothing is interpolated."""
+        return np.isin(t_ns, self.t_ns)
 
     def roughly_at(self, t_ns: Ints) -> Floats:
         """Positions over gaps of any width, held at the ends."""
         return hold_positions(t_ns, self.t_ns, self.xy)
 
-    def height_at(self, t_ns: Ints, limit_ns: int) -> Floats:
+    def height_at(self, t_ns: Ints, limit_ns: int | None) -> Floats:
         """(N,) heights interpolated as `at` does, between samples with a height; NaN where not known."""
         known = self.high
         if self.z is None or not known.any():
             return np.full(len(t_ns), np.nan)
-        return interpolate_positions(t_ns, self.t_ns[known], self.z[known][:, None], limit_ns)[0][:, 0]
+        limit = self.usual_gap_ns if limit_ns is None else limit_ns
+        return interpolate_positions(t_ns, self.t_ns[known], self.z[known][:, None], limit)[0][:, 0]
 
     def rough_height_at(self, t_ns: Ints) -> Floats:
         """(N,) heights over gaps of any width, held at the ends; NaN if no sample has one."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.evaluate.matching.config import GROUND, IMAGES
+from occlog.evaluate.matching.config import BRIDGE_S, GROUND, IMAGES
 from occlog.settings import Settings, setting
 
 MANY = (IMAGES, GROUND)
@@ -78,7 +78,7 @@ class ManyConfig(Settings):
         at_least=0,
         option="--track-gap",
         metavar="SECONDS",
-        nothing="--max-gap",
+        nothing="--max-gap, or 1 s",
         kinds=(GROUND,),
     )
     gospa_cutoff: float | None = setting(
@@ -117,6 +117,8 @@ class ManyConfig(Settings):
         if self.frames is not None:
             yield "frames", 0 <= self.frames[0] < self.frames[1], "A:B with 0 <= A < B"
 
-    def gap_ns(self, limit_ns: int) -> int:
-        """Widest gap of tracks on the ground that is bridged [ns]; `limit_ns` is that of the truth."""
-        return limit_ns if self.track_gap_s is None else round(self.track_gap_s * 1e9)
+    def gap_ns(self, limit_ns: int | None) -> int:
+        """Widest gap of tracks that is bridged [ns]; `limit_ns` is that of the truth, None: by its samples."""
+        if self.track_gap_s is not None:
+            return round(self.track_gap_s * 1e9)
+        return round(BRIDGE_S * 1e9) if limit_ns is None else limit_ns

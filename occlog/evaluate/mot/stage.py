@@ -227,7 +227,9 @@ def _some(numbers: Ints) -> str:
     return f"{shown}, ..." if len(numbers) > 6 else shown
 
 
-def evaluate_ground(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int, unit: str = "m") -> Evaluation:
+def evaluate_ground(
+    tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int | None, unit: str = "m"
+) -> Evaluation:
     """Figures of points (x, y); heights are not looked at.
 
     A frame is a time at which the truth has a sample of any target.  Truth and tracks are
@@ -239,7 +241,7 @@ def evaluate_ground(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: 
         tracks: estimates of any number of targets.
         truth: rows of role `target` are used.
         config: options; `match_distance` is at once the distance at which a pair still meets, and tau.
-        limit_ns: widest gap of the truth that is bridged [ns].
+        limit_ns: widest gap of the truth that is bridged [ns]; None: by the usual time between its rows.
         unit: of lengths.
 
     Raises:
@@ -251,12 +253,20 @@ def evaluate_ground(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: 
     found = find_failures(places, config)
     frames = of_points(places.truth, places.tracks, config.match_distance)
     metrics = failure_figures(found, found.frame >= 0, len(places.truth.frame))
+    metrics |= {"objects_interpolated": _interpolated(places, truth)}
     metrics |= mot_figures(frames, config, len(places.t_ns[0]), unit=unit) | {"frames": len(places.t_ns[0])}
     flat = {name: float(value) for name, value in metrics.items()}
     return Evaluation(flat, failures=failure_rows(found, places), notes=tuple(without_common_numbers(places, config)))
 
 
-def points_in_true_frames(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int, unit: str) -> Places:
+def _interpolated(places: Places, truth: Truth) -> int:
+    """True objects at times of which the truth has no row for them, but for others."""
+    paths, times = paths_of(truth, "target"), places.t_ns[0]
+    mine = ((path, times[places.truth.frame[places.truth.label == k]]) for k, path in paths.items())
+    return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)
+
+
+def points_in_true_frames(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int | None, unit: str) -> Places:
     """Truth and tracks at the times of the truth, as the one view without a name."""
     targets = paths_of(truth, "target")
     if not targets:
@@ -277,7 +287,7 @@ def points_in_true_frames(tracks: Tracks, truth: Truth, config: ManyConfig, limi
     )
 
 
-def _points(paths: Mapping[int, Path], times: Ints, limit_ns: int) -> Objects:
+def _points(paths: Mapping[int, Path], times: Ints, limit_ns: int | None) -> Objects:
     """Where each path is at these times; no row where that is not known."""
     parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))]
     for label, path in paths.items():

@@ -58,8 +58,11 @@ def test_height_counts_only_where_both_are_known() -> None:
 
 def test_true_heights_are_interpolated_under_the_same_limit() -> None:
     true = truth([0.0, 0.5, 1.0, 3.0], [10, 10], z=[1.0, np.nan, 2.0, 4.0])
-    errors = evaluate(heights(tracks([0.25, 1.0, 2.0, 3.0], [10, 10]), 0.0), true, None, scene()).errors
+    found, limit = heights(tracks([0.25, 1.0, 2.0, 3.0], [10, 10]), 0.0), EvaluateConfig(max_gap_s=1.0)
+    errors = evaluate(found, true, None, scene(), limit).errors
     np.testing.assert_allclose(errors.truth_z, [1.25, 2.0, 4.0])  # no truth at all at 2 s
+    usual = evaluate(found, true, None, scene()).errors  # 0.75 s: heights are 1 s apart
+    np.testing.assert_allclose(usual.truth_z, [np.nan, 2.0, 4.0])
 
 
 def test_tracks_on_the_ground_have_no_figures_in_space() -> None:

@@ -64,6 +64,22 @@ def test_time_limits_of_the_truth() -> None:
     assert wider["estimates_without_truth"] == 2
 
 
+@pytest.mark.parametrize(("step_s", "bridged"), [(0.01, 0.2), (0.1, 0.2), (0.5, 0.75), (0.66, 0.99), (2.0, 1.0)])
+def test_a_gap_of_the_truth_is_bridged_up_to_one_and_a_half_usual_steps(step_s: float, bridged: float) -> None:
+    """At least 0.2 s, at most 1 s."""
+    for gap, good in ((bridged, True), (bridged + 0.001, False)):
+        before = step_s * np.arange(9)
+        times = np.concatenate([before, before[-1] + gap + before])
+        found = tracks([before[-1] + 0.5 * gap, times[-1]], [0, 0])
+        m = evaluate(found, truth(times.tolist(), [0, 0]), None, scene()).metrics
+        assert m["estimates_without_truth"] == (0 if good else 1)
+        assert m["estimates_interpolated_truth"] == (1 if good else 0)
+
+
+def test_estimates_at_the_times_of_the_truth_need_no_interpolation() -> None:
+    assert evaluate(tracks(T5, [0, 0]), truth(T5, [0, 0]), None, scene()).metrics["estimates_interpolated_truth"] == 0
+
+
 def test_truth_that_covers_no_estimate_is_an_error() -> None:
     with pytest.raises(InputError, match=r"covers the time of no estimate.*max_gap"):
         evaluate(tracks([100, 101], [0, 0]), truth(T5, [0, 0]), None, scene())

@@ -362,3 +362,15 @@ def test_the_truth_is_interpolated_over_gaps_up_to_its_limit() -> None:
     for limit_ns, objects in ((2 * NS, 4), (2 * NS - 1, 3)):
         found = evaluate_ground(positions(Tracks, [(1.0, 0, 1.0, 0.0)]), true, ManyConfig(match_distance=1.0), limit_ns)
         assert found.metrics["objects"] == objects
+
+
+def test_a_true_row_that_is_missing_is_not_made_up_at_two_frames_a_second_and_is_counted_where_it_is() -> None:
+    """Two people at 2 frames/s; nobody annotated the second one at 1 s."""
+    true = [(0.5 * k, label, 0.5 * k, 5.0 * label) for k in range(9) for label in (0, 1) if (k, label) != (2, 1)]
+    sides = positions(Tracks, true), positions(Truth, true)
+    config = ManyConfig(match_distance=1.0)
+    usual, second = (evaluate_ground(*sides, config, limit).metrics for limit in (None, NS))
+    assert (usual["objects"], usual["objects_interpolated"]) == (17, 0)
+    assert (second["objects"], second["objects_interpolated"]) == (18, 1)
+    # Tracks are bridged over a second where nothing is given
+    assert usual["fp"] == 1
