@@ -20,6 +20,8 @@ from occlog.array_types import Floats, Ints
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 
+from .smoothing_config import SmoothingConfig
+
 
 class Height(NamedTuple):
     """The third coordinate of an estimate in space."""
@@ -78,6 +80,15 @@ class Estimate(NamedTuple):
     fit: Fit | None = None  # None: the method does not judge bearings
 
 
+class Past(NamedTuple):
+    """A state estimated from what was seen before and after it; as in `Estimate`."""
+
+    xy: Floats  # (2,)
+    velocity: Floats  # (2,) per second
+    covariance: Floats  # (2, 2) of xy
+    height: Height | None = None
+
+
 class Smoothed(NamedTuple):
     """T states of one target, estimated from what was seen before and after them."""
 
@@ -123,6 +134,17 @@ class Prediction(NamedTuple, Generic[State, Config]):
     )
 
 
+class Smoothing(NamedTuple, Generic[State, Config]):
+    """How a filter's estimates are improved by what was seen after them.
+
+    What a step leaves for the way back, its trace, is of a type that the method alone knows.
+    """
+
+    wanted: Callable[[Config], SmoothingConfig]  # whether and how
+    trace: Callable[[State], Any]  # of the last step
+    back: Callable[[Sequence[Any], Config, Generator], list[Past]]  # traces of steps in order; a state for each
+
+
 class Online(NamedTuple, Generic[State, Config]):
     """A method that takes in one scan of one target after the other."""
 
@@ -133,6 +155,7 @@ class Online(NamedTuple, Generic[State, Config]):
     occluders: Callable[[Config], OccluderTerms] | None = None  # None: it knows nothing of moving occluders
     prediction: Prediction[State, Config] | None = None  # None: cameras cannot be selected for it
     calibrates: Callable[[Config], bool] | None = None  # whether poses are estimated; None: they never are
+    smoothing: Smoothing[State, Config] | None = None  # None: it cannot look back
 
 
 class Batch(NamedTuple, Generic[State, Config]):

@@ -27,6 +27,7 @@ class Stage(IntEnum):
     PRIORS = 17  # virtual measurements of moving occluders: one item an occluder
     SELECT = 18  # selection of cameras: one item a target
     COOPERATE = 19  # cameras asked by a tracker of sounds
+    SMOOTH = 20  # trajectories drawn backwards: one item a target
 
 
 def generator(seed: int, stage: Stage, *items: int, run: int = 0) -> np.random.Generator:

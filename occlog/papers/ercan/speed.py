@@ -25,7 +25,7 @@ from occlog.simulate.config import ObserveConfig, WorldConfig
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.stage import simulate_truth
 from occlog.track.apf.config import ApfConfig
-from occlog.track.apf.filter import FINE, occlusion_of
+from occlog.track.apf.model import FINE, occlusion_of
 from occlog.track.apf.sensing import pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
 
 from .scenes import SQUARE_ORDER, names, square_room

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import setting
+from occlog.track.smoothing_config import SmoothingConfig
 
 FORMS = ("printed", "improved", "quadrature")
 CALIBRATE = ("none", "joint", "initial")
@@ -15,7 +16,7 @@ PROBABILITIES = ("recursion", "independent", "exact")
 
 
 @dataclass(frozen=True)
-class ApfConfig(Settings):
+class ApfConfig(SmoothingConfig):
     """Settings of method `apf`; lengths in the scene's unit, times in seconds."""
 
     OWNER: ClassVar[str] = "apf"
@@ -28,18 +29,38 @@ class ApfConfig(Settings):
 
     # Motion, [Ercan] Sec. 4.1; probabilities are those of one reference step.
     reference_s: float = setting(1.0, "Length of the reference step.", unit="s", above=0)
-    # People stop, turn and hurry: their speed is learned faster than that of the reference scene's objects.
+    # People stop, turn and hurry: their velocity changes at random, while the reference scene's objects jump aside.
     speed: float = setting(1.0, "Speed of new particles.", unit="length/s", at_least=0, people=1.0)
     speed_spread: float = setting(
         0.2, "Standard deviation of the speed of new particles.", unit="length/s", at_least=0, people=0.5
     )
     sigma_v: float = setting(
-        0.33, "Motion noise per axis, gathered in a second.", unit="length", at_least=0, people=0.4
+        0.33, "Motion noise per axis, gathered in a second.", unit="length", at_least=0, people=0.1
     )
-    phi: float = setting(0.03, "Share of the last step in the speed of a particle.", at_least=0, at_most=1, people=0.2)
-    beta1: float = setting(0.88, "beta_1: probability that a target on its way goes on.", at_least=0, at_most=1)
+    sigma_a: float = setting(
+        0.0,
+        "Noise of the velocity per axis, gathered in a second; 0 is the paper's.",
+        unit="length/s",
+        at_least=0,
+        people=0.5,
+    )
+    sigma_w: float = setting(
+        0.0,
+        "Motion noise per axis of a target that waits, gathered in a second; 0 is the paper's.",
+        unit="length",
+        at_least=0,
+        people=0.05,
+    )
+    phi: float = setting(0.03, "Share of the last step in the speed of a particle.", at_least=0, at_most=1, people=0.0)
+    beta1: float = setting(
+        0.88, "beta_1: probability that a target on its way goes on.", at_least=0, at_most=1, people=0.7
+    )
     lambda1: float = setting(
-        0.1, "lambda_1: probability that it changes its destination; else it waits.", at_least=0, at_most=1
+        0.1,
+        "lambda_1: probability that it changes its destination; else it waits.",
+        at_least=0,
+        at_most=1,
+        people=0.25,
     )
     beta2: float = setting(0.05, "beta_2: the same as beta_1 once the destination is reached.", at_least=0, at_most=1)
     lambda2: float = setting(
@@ -47,6 +68,11 @@ class ApfConfig(Settings):
     )
 
     # Sampling, [Ercan] Alg. 1
+    proposal: str = setting(
+        "scan",
+        "Importance density: one that looks at the scan, or the paper's, by the motion alone.",
+        choices=("scan", "motion"),
+    )
     defensive: float = setting(0.05, "Share of stage 1 that does not look at the measurements.", at_least=0, at_most=1)
     resample_below: float = setting(
         1.0, "Resample when the effective sample size is below this share of the particles.", at_least=0

@@ -22,45 +22,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from occlog.array_types import NS, Bools, Floats
-from occlog.core.filter.likelihood import Detection, Noise, PackedScan, agreement, log_likelihood
-from occlog.core.filter.likelihood_occluded import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
-from occlog.core.filter.particles import effective_size, log_of, mean_and_covariance, normalise, systematic_ancestors
+from occlog.array_types import NS, Floats
+from occlog.core.filter.likelihood import PackedScan, agreement
+from occlog.core.filter.particles import effective_size, mean_and_covariance
 from occlog.core.occlusion.priors import Priors, without_own
-from occlog.core.plane.floor import Floor, make_floor, on_floor, sample_floor, sample_near
-from occlog.core.sight.view_prior import ViewPrior, draw, first_places
-from occlog.core.sight.visibility import Sensors
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.apf.kernels.waypoint import Particles, WaypointModel
-from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction
+from occlog.track.apf.kernels.waypoint import Particles
+from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction, Smoothing
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
-from .config import FORMS, ApfConfig
-from .first_places import sight_lines, wander
+from .config import ApfConfig
 from .kernels import waypoint
-from .sensing import pack_detection, pack_noise, pack_scan, pack_sensors, read_noise
+from .model import Model, make_model, motion_of, occlusion_of
+from .propose import Draw, auxiliary_step, begin_anew, drift, fresh, parts_of, weigh_start
+from .sensing import pack_scan
+from .smoother import Trace, link, smooth
 
-FINE, ROUGH = 5.5, 3.5
-"""Standard deviations at which a prior of an occluder counts as over; stage 1 only has to be near."""
-
-
-class Model(NamedTuple):
-    """Scene and settings in the form of the kernels; priors of moving occluders are those of one scan."""
-
-    config: ApfConfig
-    floor: Floor
-    sensors: Sensors
-    noise: Noise
-    read_px: Floats
-    motion: WaypointModel
-    detection: Detection
-    informed: Detection  # the same where there are priors of the moving occluders
-    occlusion: Occlusion  # how priors of the moving occluders count
-    views: ViewPrior | None = None  # where a target can be without a room; None: all over the floor
-    wander: float = math.inf  # how far a new destination is, without a room
-    priors: Priors | None = None  # those at the time of the scan
+DEPLETED = 10.0
+"""A row with fewer effective particles is `depleted`: they say little of how uncertain the estimate is."""
 
 
 class ApfState(NamedTuple):
@@ -72,28 +53,7 @@ class ApfState(NamedTuple):
     t_ns: int | None
     astray: int  # reports against the likeliest place more than for it, see `_astray`
     calibration: Calibration | None = None  # None: errors of poses are white noise
-
-
-class Draw(NamedTuple):
-    """Outcome of taking in one scan."""
-
-    particles: Particles
-    weights: Floats
-    log_likelihood: float
-    fallback: str
-
-
-def motion_of(config: ApfConfig) -> WaypointModel:
-    """The motion model's part of the settings."""
-    return WaypointModel(
-        config.reference_s, config.sigma_v, config.phi, config.beta1, config.lambda1, config.beta2, config.lambda2
-    )
-
-
-def occlusion_of(config: ApfConfig) -> Occlusion:
-    """How priors of moving occluders count."""
-    kind = {"independent": INDEPENDENT, "recursion": RECURSION, "exact": EXACT}[config.likelihood]
-    return Occlusion(kind, FORMS.index(config.q), config.p_floor, 0.0)
+    trace: Trace = ()  # what the last step leaves for the way back; none where nothing looks back
 
 
 def init(scene: Scene, config: ApfConfig, rng: Generator) -> ApfState:
@@ -101,22 +61,9 @@ def init(scene: Scene, config: ApfConfig, rng: Generator) -> ApfState:
 
     InputError if the scene has no free floor.
     """
-    floor = make_floor(scene.region, [o.polygon for o in scene.occluders])
-    model = Model(
-        config=config,
-        floor=floor,
-        sensors=pack_sensors(scene),
-        noise=pack_noise(scene),
-        read_px=read_noise(scene),
-        motion=motion_of(config),
-        detection=pack_detection(scene, config, informed=False),
-        informed=pack_detection(scene, config, informed=True),
-        occlusion=occlusion_of(config),
-        views=scene.views,
-        wander=math.inf if scene.views is None else wander(scene, config.speed),
-    )
+    model = make_model(scene, config)
     try:
-        particles = _fresh(model, config.start, rng)
+        particles = fresh(model, config.start, rng)
     except ValueError as error:
         raise InputError(f"scene: {error}; make the room larger") from error
     weights = np.full(len(particles.speed), 1.0 / len(particles.speed))
@@ -143,18 +90,18 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
         model = _informed(model, scan.occluders, state)
         state = state._replace(model=model)
     # Propose, weigh, resample ([Ercan] Alg. 1)
-    draw = _take_in(state, scan.t_ns, looks, rng)
+    draw, trace = _take_in(state, scan.t_ns, looks, rng)
     # Restart: a filter that most reports have contradicted for some scans is lost
     astray = _astray(state, draw, looks)
     if config.lost_after and astray >= config.lost_after:
-        draw = _begin(model, looks, "restart", rng)
+        draw, trace = _begin(model, looks, "restart", rng)
         astray = 0
     # Estimate: weighted mean and covariance ([Ercan] Alg. 3, last line)
     estimate = _estimate(model, draw, looks)
     # Calibrate: learn the errors of the poses
     if calibration is not None:
         calibration, estimate = learned(calibration, scan, estimate, config.calibrate_s)
-    return ApfState(base, draw.particles, draw.weights, scan.t_ns, astray, calibration), estimate
+    return ApfState(base, draw.particles, draw.weights, scan.t_ns, astray, calibration, trace), estimate
 
 
 def _informed(model: Model, priors: Priors, state: ApfState) -> Model:
@@ -178,149 +125,48 @@ def predict(state: ApfState, t_ns: int, rng: Generator) -> Cloud:
         n = len(state.particles.speed)
         return Cloud(state.particles.xy, np.full(n, 1.0 / n))
     dt = min((t_ns - state.t_ns) / NS, state.model.config.max_gap_s)
-    return Cloud(_drift(state.model, state.particles, dt, rng).xy, state.weights)
+    return Cloud(drift(state.model, state.particles, dt, rng).xy, state.weights)
 
 
-def _drift(model: Model, particles: Particles, dt: float, rng: Generator) -> Particles:
-    """Particles a time dt > 0 later, by steps no longer than the reference step."""
-    parts = max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
-    for _ in range(parts):
-        arrived = waypoint.reached(particles, model.motion, model.floor)
-        particles = _move(model, particles, arrived, dt / parts, rng)
-    return particles
-
-
-def _take_in(state: ApfState, t_ns: int, looks: PackedScan, rng: Generator) -> Draw:
+def _take_in(state: ApfState, t_ns: int, looks: PackedScan, rng: Generator) -> tuple[Draw, Trace]:
     """Weighted particles at the time of a scan; drawn anew at the start, after a gap, and where none agrees."""
     model = state.model
     if state.t_ns is None:
-        if model.views is not None and model.config.start is None:
+        start = model.config.start
+        if model.views is not None and start is None:
             return _begin(model, looks, "", rng)
-        return _weigh_start(model, state.particles, looks, "", rng)
+        draw = weigh_start(model, state.particles, None if start is None else start[2], looks, rng)
+        return draw, _last(model, draw, 0.0)
     dt = (t_ns - state.t_ns) / NS
     if dt < 0:
         raise ValueError(f"scan at {t_ns} ns is earlier than the last one at {state.t_ns} ns")
     if dt > model.config.max_gap_s:
         return _begin(model, looks, "gap", rng)
-    particles, weights = state.particles, state.weights
-    parts = max(1, math.ceil(dt / model.motion.reference_s - 1e-9))
-    if parts > 1:
-        particles = _drift(model, particles, dt * (parts - 1) / parts, rng)
-    draw = _auxiliary_step(model, particles, weights, looks, dt / parts, rng)
-    return draw if math.isfinite(draw.log_likelihood) else _begin(model, looks, "restart", rng)
+    # Predict without measurements, as far as one step does not reach
+    particles, weights, parts = state.particles, state.weights, parts_of(dt, model)
+    links: Trace = ()
+    for _ in range(parts - 1):
+        particles = drift(model, particles, dt / parts, rng)
+        if model.config.smoothed:
+            links = (*links, link(particles, weights, None, dt / parts, model))
+    # Take the scan in
+    draw = auxiliary_step(model, particles, weights, looks, dt / parts, rng)
+    if not math.isfinite(draw.log_likelihood):
+        return _begin(model, looks, "restart", rng)
+    return draw, links + _last(model, draw, dt / parts)
 
 
-def _auxiliary_step(
-    model: Model, particles: Particles, weights: Floats, looks: PackedScan, dt: float, rng: Generator
-) -> Draw:
-    """[Ercan] Alg. 1: auxiliary sampling importance resampling over a time dt of at most one reference step.
-
-    Args:
-        model: scene and settings.
-        particles: L of them, a time dt before the scan.
-        weights: (L,) sum 1.
-        looks: the scan.
-        dt: [s], > 0.
-        rng: draws.
-
-    Returns:
-        Particles at the time of the scan; their log-likelihood is -inf if none agrees with it.
-    """
-    config = model.config
-    # Stage 1, weigh the expected states kappa: w_l f(Z|kappa_l)
-    arrived = waypoint.reached(particles, model.motion, model.floor)
-    kappa = waypoint.expected_xy(particles, arrived, dt, model.motion)
-    first, log_sum = normalise(log_of(weights) + _log_likelihood(model, kappa, looks, ROUGH))
-    # Where no expected state agrees with the scan, stage 1 is skipped: plain SIR.
-    fallback = "" if math.isfinite(log_sum) else "sir"
-    if fallback:
-        first = weights
-    # Defensive mixture: a share of stage 1 does not look at the scan
-    first = (1.0 - config.defensive) * first + config.defensive * weights
-    # Resample: systematic; pi_l is the parent of particle l
-    ratio = weights
-    if effective_size(first) < config.resample_below * len(weights) or config.resample_below >= 1.0:
-        parents = systematic_ancestors(first, config.particles, rng.random())
-        particles, arrived = waypoint.take(particles, parents), arrived[parents]
-        ratio = weights[parents] / first[parents] / config.particles
-    # Propose: draw from the importance density f(u(t)|u_pi(t-1)) ([Ercan] Sec. 4.1)
-    particles = _move(model, particles, arrived, dt, rng)
-    # Stage 2, weigh: f(Z|u_l) over the stage-1 weight of the parent
-    weights, log_sum = normalise(log_of(ratio) + _log_likelihood(model, particles.xy, looks))
-    return Draw(particles, weights, log_sum, fallback)
+def _last(model: Model, draw: Draw, dt: float) -> Trace:
+    """The link of a scan; none where nothing looks back."""
+    if not model.config.smoothed:
+        return ()
+    return (link(draw.particles, draw.weights, draw.parents, dt, model, draw.sharpness),)
 
 
-def _move(model: Model, particles: Particles, arrived: Bools, dt: float, rng: Generator) -> Particles:
-    """Draw from the importance density of Sec. 4.1; `arrived` is from `waypoint.reached`."""
-    L = len(particles.speed)
-    regime = waypoint.choose_regimes(particles, arrived, dt, model.motion, rng.random(L))
-    change = regime == waypoint.CHANGE
-    if model.views is None:
-        places = sample_floor(int(np.count_nonzero(change)), model.floor, rng)
-    else:
-        places = sample_near(particles.xy[change], model.wander, model.floor, rng)
-    return waypoint.move(particles, regime, places, rng.standard_normal((L, 2)), dt, model.motion)
-
-
-def _log_likelihood(model: Model, xy: Floats, looks: PackedScan, far: float = FINE) -> Floats:
-    """(L,) log f(Z|u) at (L, 2) places ([Ercan] Eq. 6); `far`: deviations at which a prior counts as over."""
-    free = on_floor(xy, *model.floor)
-    packed = looks, model.sensors, model.noise, model.detection, free
-    if model.priors is None:
-        return np.asarray(log_likelihood(xy, *packed))
-    return log_likelihood_among(xy, *packed, model.priors, model.occlusion._replace(far=far))
-
-
-def _fresh(model: Model, start: tuple[float, ...] | None, rng: Generator) -> Particles:
-    """Many particles, anywhere on the floor or around a start."""
-    config = model.config
-    n = config.particles * config.start_factor
-    if start is not None:
-        xy = np.array(start[:2]) + start[2] * rng.standard_normal((n, 2))
-    elif model.views is not None:
-        xy = draw(n, model.views, rng)
-    else:
-        xy = sample_floor(n, model.floor, rng)
-    return _at_start(model, xy, rng)
-
-
-def _at_start(model: Model, xy: Floats, rng: Generator) -> Particles:
-    """Particles at (L, 2) places, on their way to anywhere at the usual speeds."""
-    particles = waypoint.start_particles(xy, model.floor, model.config.speed, model.config.speed_spread, rng)
-    if model.views is None:
-        return particles
-    return particles._replace(destination=sample_near(xy, model.wander, model.floor, rng))
-
-
-def _begin(model: Model, looks: PackedScan, reason: str, rng: Generator) -> Draw:
+def _begin(model: Model, looks: PackedScan, reason: str, rng: Generator) -> tuple[Draw, Trace]:
     """Particles drawn anew: all over the floor, or, without a room, where the scan says."""
-    if model.views is None:
-        return _weigh_start(model, _fresh(model, None, rng), looks, reason, rng)
-    n = model.config.particles * model.config.start_factor
-    xy, log_prior = first_places(n, sight_lines(looks, model.sensors, model.noise, model.views), model.views, rng)
-    return _weigh_start(model, _at_start(model, xy, rng), looks, reason, rng, log_prior)
-
-
-def _weigh_start(
-    model: Model, fresh: Particles, looks: PackedScan, fallback: str, rng: Generator, log_weights: Floats | None = None
-) -> Draw:
-    """As many of the fresh particles as the filter has, drawn by how well they agree with the scan.
-
-    Args:
-        model: scene and settings.
-        fresh: many particles.
-        looks: the scan.
-        fallback: why the filter starts.
-        rng: draws.
-        log_weights: (L,) of the prior over the density that the particles were drawn from; None: they are of the prior.
-    """
-    n = model.config.particles
-    log_prior = np.full(len(fresh.speed), -math.log(len(fresh.speed)))
-    if log_weights is not None:
-        log_prior = log_prior + log_weights
-    weights, log_sum = normalise(log_prior + _log_likelihood(model, fresh.xy, looks))
-    rows = systematic_ancestors(weights, n, rng.random())
-    return Draw(waypoint.take(fresh, rows), np.full(n, 1.0 / n), log_sum, fallback)
+    draw = begin_anew(model, looks, rng)._replace(fallback=reason)
+    return draw, _last(model, draw, 0.0)
 
 
 def _astray(state: ApfState, draw: Draw, looks: PackedScan) -> int:
@@ -345,17 +191,22 @@ def _astray(state: ApfState, draw: Draw, looks: PackedScan) -> int:
 
 def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
     mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
+    size, fallback = effective_size(draw.weights), draw.fallback
+    if size < DEPLETED:
+        # A few particles look more certain than they are: at least what they were drawn from is open, too
+        covariance = covariance * (size / (size - 1.0) if size > 1.5 else 3.0) + draw.sharpness * np.eye(2)
+        fallback = fallback or "depleted"
     seen = np.diff(looks.first) > 0
     seen &= looks.labelled | agreement(mean[None], looks, model.sensors, model.noise, model.detection)
     return Estimate(
         xy=mean,
         velocity=draw.weights @ waypoint.velocities(draw.particles),
         covariance=covariance,
-        ess=effective_size(draw.weights),
+        ess=size,
         log_likelihood=draw.log_likelihood if math.isfinite(draw.log_likelihood) else math.nan,
         n_looked=len(looks.sensor),
         n_seen=int(np.count_nonzero(seen)),
-        fallback=draw.fallback,
+        fallback=fallback,
         used=tuple(looks.sensor.tolist()),
         seen_by=tuple(looks.sensor[seen].tolist()),
     )
@@ -374,4 +225,9 @@ METHOD = Online(
         hiding=lambda config: FORMS.index(config.q),
     ),
     calibrates=lambda config: config.calibrate != "none",
+    smoothing=Smoothing(
+        wanted=lambda config: config,
+        trace=lambda state: state.trace,
+        back=lambda traces, config, rng: smooth(traces, config, motion_of(config), rng),
+    ),
 )

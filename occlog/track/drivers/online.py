@@ -18,6 +18,7 @@ from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.track.apf.selector import Selector, TargetFilter
 from occlog.track.interface import Config, Online, State
 
+from .lookback import lookback
 from .rows import ROWS_PER_CHUNK, Row, Tracked, tables
 from .tracking import Tracking, check_start
 
@@ -37,6 +38,7 @@ def track_online(
     feed = _feed(occluders, method, tracking)
     selector = _selector(scene, method, tracking)
     filters: dict[int, TargetFilter[State]] = {}
+    later = lookback(method, config, tracking.seed)
     rows: list[Row] = []
     for everything in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
         # Priors of the moving occluders at the time of the scan
@@ -54,10 +56,18 @@ def track_online(
                 filters[target] = TargetFilter(target, state, rng, generator(tracking.seed, Stage.SELECT, target))
             # Step: select cameras, take their rows in, estimate
             filters[target], row = _stepped(filters[target], method, selector, scan)
-            rows += [] if row is None else [row]
+            if row is not None and later is not None:
+                later.add(row, filters[target].state)
+            elif row is not None:
+                rows.append(row)
+        # Smooth: rows that have seen enough of what comes after them
+        if later is not None:
+            rows += later.settled(everything.t_ns)
         if len(rows) >= ROWS_PER_CHUNK:
             yield tables(rows, names)
             rows = []
+    if later is not None:
+        rows += later.rest()
     if rows:
         yield tables(rows, names)
 

@@ -19,7 +19,12 @@ particle can change its mind more than once in them.
 
 One thing is added to the paper.  A particle whose next step would lead into a static
 occluder or out of the room decides as if it had reached its destination; the paper's
-own objects do that (Sec. 6).
+own objects do that (Sec. 6).  Two kinds of noise are added that the paper has not, both 0 in its model:
+
+* of the velocity (`sigma_velocity`): white acceleration, by which speed and direction change.  People turn and hurry
+  more than they jump aside, so that their places need little noise beside it;
+* of the place while waiting (`sigma_waiting`): who stands is never quite still, and particles that never
+  move become copies of one place.
 """
 
 from __future__ import annotations
@@ -35,6 +40,9 @@ from occlog.core.plane.floor import Floor, on_floor, sample_floor
 
 TOWARDS, CHANGE, WAIT = 0, 1, 2
 """Regimes: move towards the destination (MTD), change the destination and move (CD), wait (W)."""
+
+LEAST_VARIANCE = 1e-18
+"""Least variance of a step, so that densities stay finite where the motion has no noise."""
 
 
 class Particles(NamedTuple):
@@ -56,6 +64,8 @@ class WaypointModel(NamedTuple):
     change: float  # lambda_1: of CD; the rest waits
     towards_reached: float  # beta_2: of MTD once the destination is reached
     change_reached: float  # lambda_2: of CD once the destination is reached
+    sigma_velocity: float = 0.0  # noise of the velocity per axis gathered in a second
+    sigma_waiting: float = 0.0  # noise per axis gathered in a second by one that waits
 
 
 @kernel
@@ -127,6 +137,83 @@ def choose_regimes(particles: Particles, arrived: Bools, dt: float, motion: Wayp
 
 
 @kernel
+def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
+    """What noise does in a step that moves: variance of the place per axis, gain of the velocity, variance left of it.
+
+    Noise of the velocity is that of white acceleration: given the place x', the velocity is at
+    c + gain (x' - x - c dt), c being that before, with the variance that is left, per axis.  Without it the gain is
+    that of the speed in Eq. 5.
+
+    Args:
+        dt: length of the step [s].
+        motion: parameters.
+    """
+    q = motion.sigma_velocity * motion.sigma_velocity
+    place = motion.sigma * motion.sigma * dt + q * dt**3 / 3.0
+    if q == 0.0:
+        return place, motion.phi / motion.reference_s, 0.0
+    gain = 0.5 * q * dt * dt / place
+    return place, gain, max(q * dt - gain * gain * place, 0.0)
+
+
+@kernel
+def chances(regime: Ints, arrived: Bools, dt: float, motion: WaypointModel) -> Floats:
+    """(L, 3) probabilities of the regimes in a step, in the order of their numbers.
+
+    Args:
+        regime: (L,) those of the step before.
+        arrived: (L,) from `reached`.
+        dt: length of the step [s], up to the reference step.
+        motion: parameters.
+    """
+    out = np.empty((arrived.shape[0], 3))
+    n = min(1.0, dt / motion.reference_s)
+    for i in range(arrived.shape[0]):
+        out[i, CHANGE] = n * (motion.change_reached if arrived[i] else motion.change)
+        out[i, TOWARDS] = n * (motion.towards_reached if arrived[i] else motion.towards)
+        out[i, WAIT] = max(n - out[i, CHANGE] - out[i, TOWARDS], 0.0)
+        out[i, WAIT if regime[i] == WAIT else TOWARDS] += 1.0 - n
+    return out
+
+
+@kernel
+def hypotheses(
+    particles: Particles, arrived: Bools, destinations: Floats, dt: float, motion: WaypointModel
+) -> tuple[Floats, Floats, Floats]:
+    """What each particle may do in a step: go on (MTD), change its destination (CD), wait (W).
+
+    Args:
+        particles: L states.
+        arrived: (L,) from `reached`.
+        destinations: (L, 2) the destination of each if it changes it.
+        dt: length of the step [s], up to the reference step.
+        motion: parameters.
+
+    Returns:
+        (3, L) probabilities, in the order of the regimes' numbers.
+        (3, L, 2) expected places.
+        (3, L) variances of the places per axis, above 0.
+    """
+    L = particles.speed.shape[0]
+    prior, mean, variance = np.empty((3, L)), np.empty((3, L, 2)), np.empty((3, L))
+    moving, _, _ = gather(dt, motion)
+    moving, waiting = max(moving, LEAST_VARIANCE), max(motion.sigma_waiting**2 * dt, LEAST_VARIANCE)
+    share = chances(particles.regime, arrived, dt, motion)
+    for i in range(L):
+        x, y, step = particles.xy[i, 0], particles.xy[i, 1], particles.speed[i] * dt
+        for r in (TOWARDS, CHANGE):
+            ex = (particles.destination[i, 0] if r == TOWARDS else destinations[i, 0]) - x
+            ey = (particles.destination[i, 1] if r == TOWARDS else destinations[i, 1]) - y
+            distance = math.hypot(ex, ey)
+            scale = step / distance if distance > 0.0 else 0.0
+            prior[r, i], variance[r, i] = share[i, r], moving
+            mean[r, i, 0], mean[r, i, 1] = x + scale * ex, y + scale * ey
+        prior[WAIT, i], variance[WAIT, i] = share[i, WAIT], waiting
+        mean[WAIT, i, 0], mean[WAIT, i, 1] = x, y
+    return prior, mean, variance
+
+
+@kernel
 def move(
     particles: Particles, regime: Ints, destinations: Floats, noise: Floats, dt: float, motion: WaypointModel
 ) -> Particles:
@@ -136,32 +223,94 @@ def move(
         particles: L states.
         regime: (L,) from `choose_regimes`.
         destinations: (K, 2) new destinations, K the number of particles that change theirs, in their order.
-        noise: (L, 2) standard normal.
+        noise: (L, 4) standard normal: of the place, and of the velocity given the place.
         dt: length of the step [s], up to the reference step.
         motion: parameters.
     """
-    xy, destination = particles.xy.copy(), particles.destination.copy()
-    speed = particles.speed.copy()
-    spread, T = motion.sigma * math.sqrt(dt), motion.reference_s
+    L = regime.shape[0]
+    mean, xy, own = np.empty((L, 2)), np.empty((L, 2)), np.zeros((L, 2))
+    place, _, _ = gather(dt, motion)
+    moving, waiting = math.sqrt(place), motion.sigma_waiting * math.sqrt(dt)
     k = 0
+    for i in range(L):
+        spread, step = moving, particles.speed[i] * dt
+        ex, ey = particles.destination[i, 0], particles.destination[i, 1]
+        if regime[i] == WAIT:
+            spread, step = waiting, 0.0
+        elif regime[i] == CHANGE and k < destinations.shape[0]:
+            own[i, 0], own[i, 1] = destinations[k, 0], destinations[k, 1]
+            ex, ey = own[i, 0], own[i, 1]
+            k += 1
+        ex, ey = ex - particles.xy[i, 0], ey - particles.xy[i, 1]
+        distance = math.hypot(ex, ey)
+        scale = step / distance if distance > 0.0 else 0.0
+        mean[i, 0], mean[i, 1] = particles.xy[i, 0] + scale * ex, particles.xy[i, 1] + scale * ey
+        xy[i, 0], xy[i, 1] = mean[i, 0] + spread * noise[i, 0], mean[i, 1] + spread * noise[i, 1]
+    return arrive(particles, regime, own, mean, xy, noise[:, 2:], dt, motion)
+
+
+@kernel
+def arrive(
+    particles: Particles,
+    regime: Ints,
+    destinations: Floats,
+    mean: Floats,
+    xy: Floats,
+    noise: Floats,
+    dt: float,
+    motion: WaypointModel,
+) -> Particles:
+    """Particles that have come to given places in a step: what becomes of their destinations and speeds.
+
+    Args:
+        particles: L states before the step.
+        regime: (L,) what each did.
+        destinations: (L, 2) new destinations of those that change theirs.
+        mean: (L, 2) where each was expected.
+        xy: (L, 2) where each is.
+        noise: (L, 2) standard normal, of the velocity given the place.
+        dt: length of the step [s], up to the reference step.
+        motion: parameters.
+    """
+    destination, speed, T = particles.destination.copy(), particles.speed.copy(), motion.reference_s
+    _, gain, left = gather(dt, motion)
+    spread = math.sqrt(left)
     for i in range(speed.shape[0]):
         if regime[i] == WAIT:
             continue
         # CD: a new destination
-        if regime[i] == CHANGE and k < destinations.shape[0]:
-            destination[i, 0], destination[i, 1] = destinations[k, 0], destinations[k, 1]
-            k += 1
-        # MTD (Eq. 5): towards the destination, with noise
-        ex, ey = destination[i, 0] - xy[i, 0], destination[i, 1] - xy[i, 1]
+        if regime[i] == CHANGE:
+            destination[i, 0], destination[i, 1] = destinations[i, 0], destinations[i, 1]
+        ex, ey = destination[i, 0] - particles.xy[i, 0], destination[i, 1] - particles.xy[i, 1]
         distance = math.hypot(ex, ey)
         if distance > 0.0:
             ex, ey = ex / distance, ey / distance
-        vx, vy, s = spread * noise[i, 0], spread * noise[i, 1], speed[i]
-        xy[i, 0] += s * dt * ex + vx
-        xy[i, 1] += s * dt * ey + vy
+        s, vx, vy = speed[i], xy[i, 0] - mean[i, 0], xy[i, 1] - mean[i, 1]
         # Speed: s' = (1 - phi) s + phi |step|
         speed[i] = (1.0 - motion.phi) * s + motion.phi * math.hypot(s * T * ex + vx, s * T * ey + vy) / T
+        # White acceleration: the velocity given the place; the destination turns with it about the particle
+        if motion.sigma_velocity > 0.0 and distance > 0.0:
+            cx = speed[i] * ex + gain * vx + spread * noise[i, 0]
+            cy = speed[i] * ey + gain * vy + spread * noise[i, 1]
+            speed[i] = math.hypot(cx, cy)
+            if speed[i] > 0.0:
+                far = math.hypot(destination[i, 0] - xy[i, 0], destination[i, 1] - xy[i, 1]) / speed[i]
+                destination[i, 0], destination[i, 1] = xy[i, 0] + far * cx, xy[i, 1] + far * cy
     return Particles(xy, destination, speed, regime)
+
+
+@kernel
+def headings(particles: Particles) -> Floats:
+    """(L, 5) place, speed towards the destination along x and y, and speed; also of particles that wait."""
+    out = np.zeros((particles.speed.shape[0], 5))
+    for i in range(out.shape[0]):
+        dx = particles.destination[i, 0] - particles.xy[i, 0]
+        dy = particles.destination[i, 1] - particles.xy[i, 1]
+        distance = math.hypot(dx, dy)
+        out[i, 0], out[i, 1], out[i, 4] = particles.xy[i, 0], particles.xy[i, 1], particles.speed[i]
+        if distance > 0.0:
+            out[i, 2], out[i, 3] = particles.speed[i] * dx / distance, particles.speed[i] * dy / distance
+    return out
 
 
 @kernel

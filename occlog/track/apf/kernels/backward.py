@@ -1,0 +1,111 @@
+"""Backward simulation of trajectories through the particles of a filter that is over.
+
+Forward filtering, backward simulation (Godsill, Doucet and West 2004): given a particle of the step after, the
+particle before it is drawn with probability w_l p(u'|u_l).  In [Ercan]'s motion model destination and speed go over
+exactly, so that p(u'|u_l) is 0 but for the particle's own parent and its siblings: the smoother would have no more
+than the filter's ancestry.  The destination is therefore integrated out.  What of the state after counts is its
+place, its velocity (speed towards the destination) and its regime:
+
+    W    p_W   N(x'; x, sigma_w^2 dt)     N(c'; c, h^2)
+    MTD  p_MTD N(x'; x + c dt, p0)        N(c'; c + gain (x' - x - c dt), V + h^2)
+    CD   p_CD  N(x'; x + s dt c'/|c'|, p0) N(|c'|; s, V + h^2) / (2 pi |c'|)
+
+c being the velocity, s its amount, p0, gain and V of `occlog.track.apf.kernels.waypoint`, and h a width
+of the kernel that stands for the exact destination, 0 where velocities are noisy themselves.
+
+To compare with every particle would cost L for each trajectory.  Instead a trajectory chooses among K
+particles that are drawn from the filter's weights, and its own parent: one step of iterated sampling importance
+resampling (Andrieu, Doucet and Holenstein 2010), which leaves the smoothing distribution as it is.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from .waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, WaypointModel, gather
+
+X, Y, VX, VY, SPEED = range(5)
+"""Columns of the states of `parents_of`: place, direction times speed, and speed."""
+TOO_FAR = 50.0
+"""Half the squared distance beyond which a density counts as 0."""
+
+
+@kernel
+def parents_of(
+    later: Floats,
+    regime: Ints,
+    own: Ints,
+    states: Floats,
+    chances: Floats,
+    candidates: Ints,
+    dt: float,
+    motion: WaypointModel,
+    width2: float,
+    u: Floats,
+) -> Ints:
+    """Draw the particle before each of M particles.
+
+    Args:
+        later: (M, 5) states of a step.
+        regime: (M,) theirs.
+        own: (M,) the parent of each among the L particles.
+        states: (L, 5) states of the step before.
+        chances: (L, 3) probabilities of MTD, CD and W of each.
+        candidates: (K,) of the L particles, drawn by their weights.
+        dt: time between the steps [s], > 0.
+        motion: parameters.
+        width2: h^2.
+        u: (M,) uniform in [0, 1).
+
+    Returns:
+        (M,) of the L particles.
+    """
+    M, K = later.shape[0], candidates.shape[0]
+    moving, gain, left = gather(dt, motion)
+    waiting = max(motion.sigma_waiting**2 * dt, LEAST_VARIANCE)
+    spread = max(left + width2, LEAST_VARIANCE)
+    steady = max(width2, LEAST_VARIANCE)
+    weights, out = np.empty(K + 1), np.empty(M, dtype=np.int64)
+    for j in range(M):
+        total, r = 0.0, regime[j]
+        x, y, cx, cy, s = later[j, X], later[j, Y], later[j, VX], later[j, VY], later[j, SPEED]
+        ex, ey = (cx / s, cy / s) if s > 0.0 else (0.0, 0.0)
+        for k in range(K + 1):
+            i = own[j] if k == K else candidates[k]
+            weights[k] = 0.0
+            dx, dy = x - states[i, X], y - states[i, Y]
+            if r == WAIT:
+                half = 0.5 * (dx * dx + dy * dy) / waiting
+                half += 0.5 * ((cx - states[i, VX]) ** 2 + (cy - states[i, VY]) ** 2) / steady
+                if half < TOO_FAR:
+                    weights[k] = chances[i, WAIT] * math.exp(-half)
+            elif r == CHANGE:
+                dx -= states[i, SPEED] * dt * ex
+                dy -= states[i, SPEED] * dt * ey
+                along = s - states[i, SPEED] - gain * (dx * ex + dy * ey)
+                half = 0.5 * (dx * dx + dy * dy) / moving + 0.5 * along * along / spread
+                if half < TOO_FAR:
+                    weights[k] = chances[i, CHANGE] * math.exp(-half)
+            else:
+                dx -= states[i, VX] * dt
+                dy -= states[i, VY] * dt
+                fx, fy = cx - states[i, VX] - gain * dx, cy - states[i, VY] - gain * dy
+                half = 0.5 * (dx * dx + dy * dy) / moving + 0.5 * (fx * fx + fy * fy) / spread
+                if half < TOO_FAR:
+                    weights[k] = chances[i, TOWARDS] * math.exp(-half)
+            total += weights[k]
+        # A parent that the densities do not allow (its step was told apart by what was integrated out) stays
+        out[j] = own[j]
+        if total > 0.0:
+            point = u[j] * total
+            for k in range(K + 1):
+                point -= weights[k]
+                if point < 0.0:
+                    out[j] = own[j] if k == K else candidates[k]
+                    break
+    return out

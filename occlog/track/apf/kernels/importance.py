@@ -1,0 +1,221 @@
+"""Importance density that looks at the scan: a Laplace approximation of each particle's posterior.
+
+A particle that moves in a given way is, before the scan, at N(x; m0, p0 I).  The density to draw it from is
+
+    q(x) = (1 - e) N(x; m, P) + e N(x; m0, p0 I),
+
+m the mode of N(x; m0, p0 I) times the densities of the measurements that are believed, P the inverse of its
+information there (Gauss-Newton), e a defensive share.  For a linear sensor without false reports this is the
+optimal importance density (Doucet, Godsill and Andrieu 2000), and the predictive likelihood is exact.
+
+Which measurements are believed is found along with the mode.  The variance of each residual begins with what
+the motion leaves open, and that part falls in steps (`ANNEAL`); a measurement counts by the probability that
+it is the target's and not a false report or another object's.  At the end those above one half are believed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.filter.likelihood import NEAR, NEAREST, ROOT_2PI, TINY, Detection, Noise, PackedScan
+from occlog.core.numerics.jit import kernel
+from occlog.core.sight.visibility import Sensors
+
+ANNEAL, MOST_STEPS = 1e-2, 8
+"""From one Gauss-Newton step to the next the motion's share in the variance of a residual falls by this factor."""
+OPEN, SETTLED = 1e-2, 1e-2
+"""The search ends when that share is below `OPEN` of the noise and the squared step below `SETTLED` variances."""
+BELIEVED, NEGLIGIBLE = 0.5, 1e-6
+LEAST_RIVAL = 1e-30
+"""A sensor without false reports is believed as far as numbers go."""
+
+
+KIND, VALUE, READ, SCALE, X0, Y0, COS, SIN, FOCAL, POSITION2, YAW2, RIVAL = range(12)
+"""Columns of `measurements`."""
+
+
+@kernel
+def measurements(scan: PackedScan, sensors: Sensors, noise: Noise, model: Detection) -> Floats:
+    """(m, 12) what counts of each measurement of a scan, side by side in one array.
+
+    The factor of a look that is assigned to a place is the sum of SCALE times the density of its measurements,
+    plus RIVAL, what is not the target; see `occlog.core.filter.likelihood`.
+    """
+    out = np.empty((scan.value.shape[0], 12))
+    for k in range(scan.sensor.shape[0]):
+        i = scan.sensor[k]
+        for m in range(scan.first[k], scan.first[k + 1]):
+            width = noise.width_px[i] if scan.pixel[m] else noise.width[i]
+            if scan.labelled[k]:
+                scale, rival = model.hit[i], model.miss[i] * model.false[i] / width
+            else:
+                scale, rival = model.candidate[i] * width / model.clutter[i], 1.0 - model.candidate[i]
+            out[m, KIND], out[m, VALUE], out[m, READ] = 1.0 if scan.pixel[m] else 0.0, scan.value[m], scan.variance[m]
+            out[m, SCALE], out[m, RIVAL] = scale * scan.share[m], max(rival, LEAST_RIVAL)
+            out[m, X0], out[m, Y0] = sensors.xy[i, 0], sensors.xy[i, 1]
+            out[m, COS], out[m, SIN], out[m, FOCAL] = sensors.axis[i, 0], sensors.axis[i, 1], noise.focal_px[i]
+            out[m, POSITION2], out[m, YAW2] = noise.sigma_position[i] ** 2, noise.sigma_yaw[i] ** 2
+    return out
+
+
+@kernel
+def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
+    """Residual at (x, y) of a row z of `measurements`, its derivatives by x and y, and its variance.
+
+    The variance is -1 where the place is behind the camera or at the sensor.
+    """
+    dx, dy = x - z[X0], y - z[Y0]
+    if z[KIND] > 0.0:  # [Ercan] Eqs. 1 and 2
+        h, d = z[COS] * dy - z[SIN] * dx, z[COS] * dx + z[SIN] * dy
+        if not d > max(NEAR * abs(h), NEAREST):
+            return 0.0, 0.0, 0.0, -1.0
+        f, ratio = z[FOCAL], h / d
+        spread, scale = 1.0 + ratio * ratio, f / d
+        variance = z[READ] + spread * (f * f * spread * z[YAW2] + scale * scale * z[POSITION2])
+        return z[VALUE] - f * ratio, scale * (-z[SIN] - ratio * z[COS]), scale * (z[COS] - ratio * z[SIN]), variance
+    square = dx * dx + dy * dy
+    if not square > NEAREST:
+        return 0.0, 0.0, 0.0, -1.0
+    residual = z[VALUE] - math.atan2(dy, dx)
+    residual -= 2.0 * math.pi * math.floor((residual + math.pi) / (2.0 * math.pi))
+    return residual, -dy / square, dx / square, z[READ]
+
+
+class Laplace(NamedTuple):
+    """Laplace approximations of n posteriors."""
+
+    mode: Floats  # (n, 2) m
+    root: Floats  # (n, 3) the upper triangle of a root of P: x = m_x + r0 n1 + r1 n2, y = m_y + r2 n2
+    log_volume: Floats  # (n,) log of 2 pi sqrt(det P) N(m; m0, p0 I), the motion's part in the predictive likelihood
+    log_factors: Floats  # (n,) log of the factors of the looks with measurements at m; both sum to the whole
+
+
+@kernel
+def adapt(mean: Floats, variance: Floats, wanted: Bools, first: Ints, rows: Floats) -> Laplace:
+    """Laplace approximations of the posteriors of n Gaussians.
+
+    Args:
+        mean: (n, 2) m0.
+        variance: (n,) p0 per axis, > 0.
+        wanted: (n,) those to approximate; the others keep their prior.
+        first: (K + 1,) measurements of look k are rows first[k] to first[k + 1] - 1.
+        rows: (M, 12) from `measurements`.
+    """
+    n, looks, count = mean.shape[0], first.shape[0] - 1, rows.shape[0]
+    mode, root = mean.copy(), np.zeros((n, 3))
+    log_volume, log_factors = np.zeros(n), np.zeros(n)
+    density, terms = np.empty(count), np.empty((count, 4))
+    for p in range(n):
+        spread = math.sqrt(variance[p])
+        root[p, 0] = root[p, 2] = spread
+        if not wanted[p]:
+            continue
+        x0, y0 = mean[p, 0], mean[p, 1]
+        x, y, share, last = x0, y0, 1.0, False
+        a, b, c = 1.0 / spread, 0.0, 1.0 / spread
+        for step in range(MOST_STEPS):
+            last = last or step == MOST_STEPS - 1
+            open_still = False
+            # Root (a b; 0 c) of the information, and its right side: the motion first
+            a, b, c = 1.0 / spread, 0.0, 1.0 / spread
+            e, f = (x0 - x) / spread, (y0 - y) / spread
+            for k in range(looks):
+                total = 0.0
+                for m in range(first[k], first[k + 1]):
+                    # Expect: the probability that the measurement is the target's
+                    r, hx, hy, v = linearise(x, y, rows[m])
+                    terms[m, 0], terms[m, 1], terms[m, 2], terms[m, 3] = r, hx, hy, v
+                    density[m] = 0.0
+                    if v > 0.0:
+                        wide = share * variance[p] * (hx * hx + hy * hy)
+                        open_still = open_still or wide > OPEN * v
+                        v += wide
+                        density[m] = rows[m, SCALE] * math.exp(-0.5 * r * r / v) / (ROOT_2PI * math.sqrt(v))
+                    total += density[m]
+                for m in range(first[k], first[k + 1]):
+                    g = density[m] / (total + rows[m, RIVAL])
+                    if last:
+                        g = 1.0 if g > BELIEVED else 0.0
+                    if g < NEGLIGIBLE:
+                        continue
+                    # Maximise (Gauss-Newton): one more row of the root of the information, by Givens rotations
+                    weight = math.sqrt(g / terms[m, 3])
+                    r, hx, hy = weight * terms[m, 0], weight * terms[m, 1], weight * terms[m, 2]
+                    norm = math.sqrt(a * a + hx * hx)
+                    co, si = a / norm, hx / norm
+                    a, b, hy = norm, co * b + si * hy, co * hy - si * b
+                    e, r = co * e + si * r, co * r - si * e
+                    norm = math.sqrt(c * c + hy * hy)
+                    f = (c * f + hy * r) / norm
+                    c = norm
+            dy = f / c
+            dx = (e - b * dy) / a
+            x, y = x + dx, y + dy
+            if last:
+                break
+            last = not open_still and e * e + f * f < SETTLED
+            share = share * ANNEAL if open_still else 0.0
+        mode[p, 0], mode[p, 1] = x, y
+        root[p, 0], root[p, 1], root[p, 2] = 1.0 / a, -b / (a * c), 1.0 / c
+        # Laplace: the motion at the mode, and the volume of the approximation
+        log_volume[p] = -math.log(variance[p] * a * c) - 0.5 * ((x - x0) ** 2 + (y - y0) ** 2) / variance[p]
+        product = 1.0
+        for k in range(looks):
+            total = 0.0
+            for m in range(first[k], first[k + 1]):
+                r, _, _, v = linearise(x, y, rows[m])
+                if v > 0.0:
+                    total += rows[m, SCALE] * math.exp(-0.5 * r * r / v) / (ROOT_2PI * math.sqrt(v))
+            if first[k] < first[k + 1]:
+                product *= total + rows[first[k], RIVAL]
+                if product < TINY or product > 1.0 / TINY:
+                    log_factors[p] += math.log(product)
+                    product = 1.0
+        log_factors[p] += math.log(product)
+    return Laplace(mode, root, log_volume, log_factors)
+
+
+@kernel
+def draw(
+    mean: Floats, variance: Floats, mode: Floats, root: Floats, defensive: float, u: Floats, noise: Floats
+) -> tuple[Floats, Floats]:
+    """Places drawn from the importance densities, and the logarithms of prior over importance density.
+
+    Args:
+        mean: (n, 2) m0.
+        variance: (n,) p0.
+        mode: (n, 2) m, from `adapt`.
+        root: (n, 3) of P, from `adapt`.
+        defensive: share e that is drawn from N(m0, p0 I), 0 to 1.
+        u: (n,) uniform in [0, 1).
+        noise: (n, 2) standard normal.
+
+    Returns:
+        (n, 2) places and (n,) log N(x; m0, p0 I) - log q(x).
+    """
+    n = mean.shape[0]
+    places, ratio = np.empty((n, 2)), np.empty(n)
+    for p in range(n):
+        a, b, c, spread = root[p, 0], root[p, 1], root[p, 2], math.sqrt(variance[p])
+        if u[p] < defensive:
+            x, y = mean[p, 0] + spread * noise[p, 0], mean[p, 1] + spread * noise[p, 1]
+        else:
+            x, y = mode[p, 0] + a * noise[p, 0] + b * noise[p, 1], mode[p, 1] + c * noise[p, 1]
+        places[p, 0], places[p, 1] = x, y
+        # Both densities without their common 1 / (2 pi)
+        log_prior = -0.5 * ((x - mean[p, 0]) ** 2 + (y - mean[p, 1]) ** 2) / variance[p] - math.log(variance[p])
+        second = (y - mode[p, 1]) / c
+        first = (x - mode[p, 0] - b * second) / a
+        log_q = -0.5 * (first * first + second * second) - math.log(a * c)
+        if defensive >= 1.0:
+            log_q = log_prior
+        elif defensive > 0.0:
+            one, two = math.log1p(-defensive) + log_q, math.log(defensive) + log_prior
+            top = max(one, two)
+            log_q = top + math.log(math.exp(one - top) + math.exp(two - top))
+        ratio[p] = log_prior - log_q
+    return places, ratio

@@ -1,0 +1,100 @@
+"""Rows of filters that wait for what comes after them, to be smoothed."""
+
+from __future__ import annotations
+
+from typing import Any, Generic, NamedTuple
+
+from numpy.random import Generator
+
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.track.interface import Config, Online, Smoothing, State
+
+from .rows import Row
+
+MOST_STEPS = 4096
+"""Steps of a target that wait at most: a state is smoothed with at least half as many steps after it."""
+
+
+class Waiting(NamedTuple):
+    """The rows of one target that wait, each with what its step left for the way back."""
+
+    rows: list[Row]
+    traces: list[Any]
+    rng: Generator
+
+
+class Lookback(Generic[State, Config]):
+    """Holds the rows of all targets until enough was seen after them, and smooths them then."""
+
+    def __init__(self, smoothing: Smoothing[State, Config], config: Config, seed: int) -> None:
+        """Nothing waits yet.
+
+        Args:
+            smoothing: the method's.
+            config: settings of the method.
+            seed: of all random numbers.
+        """
+        self._smoothing, self._config, self._seed = smoothing, config, seed
+        self._lag_ns = smoothing.wanted(config).lag_ns
+        self._waiting: dict[int, Waiting] = {}
+        self._ready: list[Row] = []
+
+    def add(self, row: Row, state: State) -> None:
+        """One more row of a target, and its filter's state after it."""
+        if row.target not in self._waiting:
+            rng = generator(self._seed, Stage.SMOOTH, row.target)
+            self._waiting[row.target] = Waiting([], [], rng)
+        own = self._waiting[row.target]
+        own.rows.append(row)
+        own.traces.append(self._smoothing.trace(state))
+
+    def settled(self, now_ns: int) -> list[Row]:
+        """Rows that need not wait any longer, of all targets, in the order of time.
+
+        With a lag a target's rows are smoothed whenever they span twice the lag, or when the target was not
+        met for longer than that.
+        """
+        for target, own in list(self._waiting.items()):
+            first, last = own.rows[0].t_ns, own.rows[-1].t_ns
+            if self._lag_ns is not None and now_ns - last > 2 * self._lag_ns:
+                self._release(target, len(own.rows))
+            elif self._lag_ns is not None and last - first >= 2 * self._lag_ns:
+                self._release(target, sum(row.t_ns <= last - self._lag_ns for row in own.rows))
+            elif len(own.rows) >= MOST_STEPS:
+                self._release(target, MOST_STEPS // 2)
+        horizon = min((own.rows[0].t_ns for own in self._waiting.values()), default=now_ns + 1)
+        return self._until(horizon)
+
+    def rest(self) -> list[Row]:
+        """All rows that still wait, in the order of time."""
+        for target, own in list(self._waiting.items()):
+            self._release(target, len(own.rows))
+        return self._until(None)
+
+    def _release(self, target: int, count: int) -> None:
+        """Smooth all rows of a target, and give the first ones out."""
+        own = self._waiting[target]
+        found = self._smoothing.back(own.traces, self._config, own.rng)
+        for row, past in zip(own.rows[:count], found[:count], strict=True):
+            better = row.estimate._replace(
+                xy=past.xy, velocity=past.velocity, covariance=past.covariance, height=past.height
+            )
+            self._ready.append(row._replace(estimate=better))
+        if count == len(own.rows):
+            del self._waiting[target]
+        else:
+            del own.rows[:count], own.traces[:count]
+
+    def _until(self, horizon_ns: int | None) -> list[Row]:
+        """Ready rows before a time; None: all."""
+        self._ready.sort(key=lambda row: (row.t_ns, row.target))
+        early = [row for row in self._ready if horizon_ns is None or row.t_ns < horizon_ns]
+        del self._ready[: len(early)]
+        return early
+
+
+def lookback(method: Online[State, Config], config: Config, seed: int) -> Lookback[State, Config] | None:
+    """What holds the rows back; None where the settings want no smoothing."""
+    if method.smoothing is None or not method.smoothing.wanted(config).smoothed:
+        return None
+    return Lookback(method.smoothing, config, seed)

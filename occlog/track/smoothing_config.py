@@ -1,0 +1,38 @@
+"""Settings of methods that can look back: whether estimates use what was recorded after them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from occlog.array_types import NS
+from occlog.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class SmoothingConfig(Settings):
+    """Whether a filter's estimates are smoothed, and with how much of what comes after them."""
+
+    smooth: bool = setting(
+        False, "Estimate each state from everything that was recorded, before and after it.", option="--smooth"
+    )
+    lag_s: float | None = setting(
+        None,
+        "Smooth with at least so much of what comes after, in bounded memory.",
+        unit="s",
+        at_least=1e-9,
+        at_most=1e9,
+        option="--lag",
+        metavar="SECONDS",
+        nothing="no smoothing, or with --smooth all of it",
+    )
+    trajectories: int = setting(200, "Trajectories that the smoother draws.", at_least=2)
+
+    @property
+    def smoothed(self) -> bool:
+        """Whether estimates use what comes after them."""
+        return self.smooth or self.lag_s is not None
+
+    @property
+    def lag_ns(self) -> int | None:
+        """The lag [ns]; None: estimates wait for everything that was recorded."""
+        return None if self.lag_s is None else round(self.lag_s * NS)
