@@ -25,6 +25,7 @@ from occlog.simulate.stage import simulate_truth
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.kernels import waypoint
+from occlog.track.apf.propose import move
 from occlog.track.apf.sensing import pack_scan
 
 NAME = "track"
@@ -89,7 +90,7 @@ def parts_of(state: apf.ApfState, scan: Scan, rng: np.random.Generator) -> dict[
     return {
         "likelihood (twice a step) us": lambda: log_likelihood(particles.xy, looks, *packed, free),
         "on the floor (3 times a step) us": lambda: on_floor(particles.xy, *model.floor),
-        "draw and move us": lambda: apf._move(model, particles, arrived, 1.0, rng),
+        "draw and move us": lambda: move(model, particles, arrived, 1.0, rng),
         "scan to arrays us": lambda: pack_scan(scan, model.read_px, True),
     }
 
@@ -117,7 +118,7 @@ def run(repeats: int = 5) -> dict[str, Any]:
     """Ratio of a step's time to the baseline's, both measured in turn; median over repeats."""
     scene = read_scene(ROOT / "examples" / "room100.yaml")
     scans, rng = simulated_scans(scene), np.random.default_rng(SEED)
-    config = ApfConfig(particles=PARTICLES)
+    config = ApfConfig(particles=PARTICLES, proposal="motion")
     state = apf.init(scene, config, rng)
     for scan in scans[:-1]:
         state, _ = apf.step(state, scan, rng)

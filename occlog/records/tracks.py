@@ -93,7 +93,8 @@ class Diagnostics(Table):
     fallback: Strings = column(
         "U",
         "1",
-        "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew), `gap` (the same after a long gap); "
+        "empty, `sir` (auxiliary stage skipped), `restart` (particles drawn anew), `gap` (the same after a long gap), "
+        "`depleted` (fewer than ten effective particles: the covariance says little); "
         "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints that no place "
         "holds were left out, with what was seen then), `wall` (no way around a wall was found), `unfinished` (the "
         "search did not converge) or `doubted` (fewer than half of the bearings are believed); of `fix` `pair` (two "

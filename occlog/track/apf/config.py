@@ -21,7 +21,7 @@ class ApfConfig(SmoothingConfig):
 
     OWNER: ClassVar[str] = "apf"
 
-    particles: int = setting(2000, "Particles a target.", at_least=1, option="--particles")
+    particles: int = setting(1000, "Particles a target.", at_least=1, option="--particles")
     start: tuple[float, ...] | None = setting(
         None, "X, Y and SIGMA of the first position.", unit="length", counts=(3,), nothing="anywhere in the room"
     )
@@ -75,7 +75,7 @@ class ApfConfig(SmoothingConfig):
     )
     defensive: float = setting(0.05, "Share of stage 1 that does not look at the measurements.", at_least=0, at_most=1)
     resample_below: float = setting(
-        1.0, "Resample when the effective sample size is below this share of the particles.", at_least=0
+        1.0, "Resample when the effective sample size is below this share; only with proposal=motion.", at_least=0
     )
 
     # Measurements, [Ercan] Secs. 4.2 and 4.3

@@ -13,6 +13,7 @@ from occlog.errors import InputError
 from occlog.records.scene import Occluder, Scene
 from occlog.track.apf import filter as apf
 from occlog.track.apf.config import ApfConfig
+from occlog.track.apf.model import likelihood
 from occlog.track.apf.sensing import pack_scan
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
@@ -34,7 +35,8 @@ def seen_from_everywhere(scene, xy, t_s, noise=None):
 
 
 @pytest.mark.jit
-def test_the_posterior_is_that_of_a_grid_filter():
+@pytest.mark.parametrize("proposal", ["scan", "motion"])
+def test_the_posterior_is_that_of_a_grid_filter(proposal):
     """A target that only diffuses (always MTD at speed 0) has a posterior that can be computed on a grid."""
     scene = room100(cameras=4)
     steps, sigma = 5, 1.5
@@ -52,6 +54,7 @@ def test_the_posterior_is_that_of_a_grid_filter():
         lambda2=0.0,
         lost_after=0,
         defensive=0.1,
+        proposal=proposal,
     )
     rng = np.random.default_rng(1)
     path = np.array([20.0, 50.0]) + np.cumsum(sigma * rng.standard_normal((steps, 2)), axis=0)
@@ -72,7 +75,7 @@ def test_the_posterior_is_that_of_a_grid_filter():
             density = np.apply_along_axis(np.convolve, 0, density, kernel, mode="same")
             density = np.apply_along_axis(np.convolve, 1, density, kernel, mode="same")
         density /= density.sum()
-        loglik = apf._log_likelihood(model, places, pack_scan(given, model.read_px, True)).reshape(x.shape)
+        loglik = likelihood(model, places, pack_scan(given, model.read_px, True)).reshape(x.shape)
         density = density * np.exp(loglik)
         log_evidence.append(math.log(density.sum()))
         density /= density.sum()
@@ -163,6 +166,7 @@ def test_stage_one_is_skipped_when_no_expected_position_can_be():
         lambda1=0.0,
         beta2=1.0,
         lambda2=0.0,
+        proposal="motion",
         lost_after=0,
     )
     rng = np.random.default_rng(0)

@@ -19,13 +19,16 @@ from occlog.track.apf.kernels.waypoint import CHANGE
 def test_a_step_is_that_of_the_plain_form(seed, dt, pillar):
     scene = room100(pillar)
     options = {"defensive": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3}
-    config = ApfConfig(particles=L, phi=0.3, resample_below=1.0, lost_after=0, **options)
+    config = ApfConfig(particles=L, phi=0.3, resample_below=1.0, lost_after=0, proposal="motion", **options)
     state, u = state_with(scene, config, seed), readings(scene, seed)
     rows = [(i, None if np.isnan(u[i]) else u[i]) for i in range(8)]
     rng = Recorder(seed + 100)
     after, estimate = apf.step(state, scan(dt, rows), rng)
     draws = ref.Draws(
-        rng.single[0], rng.uniform[0], rng.normal[0], after.particles.destination[after.particles.regime == CHANGE]
+        rng.single[0],
+        rng.uniform[0],
+        rng.normal[0][:, :2],
+        after.particles.destination[after.particles.regime == CHANGE],
     )
     p = state.particles
     expected, log_sum = ref.step(

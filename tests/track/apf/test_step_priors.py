@@ -11,8 +11,10 @@ from tracker_scenes import room100, scan
 
 from occlog.core.occlusion.priors import gaussian_priors
 from occlog.track.apf import filter as apf
+from occlog.track.apf import propose
 from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.kernels.waypoint import CHANGE
+from occlog.track.apf.model import FINE
 
 
 def people(seed, isotropic):
@@ -30,11 +32,18 @@ def people(seed, isotropic):
 @pytest.mark.parametrize("spread", [1.0, 8.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, likelihood, monkeypatch):
-    monkeypatch.setattr(apf, "ROUGH", apf.FINE)  # stage 1 as near as stage 2, so that parents are the same
+    monkeypatch.setattr(propose, "ROUGH", FINE)  # stage 1 as near as stage 2, so that parents are the same
     scene = room100()
     options = {"defensive": 0.1, "soften": 0.02, "false": 1e-3}
     config = ApfConfig(
-        particles=L, phi=0.3, resample_below=1.0, lost_after=0, own_gate=0.0, likelihood=likelihood, **options
+        particles=L,
+        phi=0.3,
+        resample_below=1.0,
+        lost_after=0,
+        proposal="motion",
+        own_gate=0.0,
+        likelihood=likelihood,
+        **options,
     )
     state, u = state_with(scene, config, seed, spread), readings(scene, seed)
     rows = [(i, None if np.isnan(u[i]) else u[i]) for i in range(8)]
@@ -43,7 +52,10 @@ def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, likelihood, m
     given = scan(1.0, rows)._replace(occluders=gaussian_priors(mean, covariance, 3.33))
     after, estimate = apf.step(state, given, rng)
     draws = ref.Draws(
-        rng.single[0], rng.uniform[0], rng.normal[0], after.particles.destination[after.particles.regime == CHANGE]
+        rng.single[0],
+        rng.uniform[0],
+        rng.normal[0][:, :2],
+        after.particles.destination[after.particles.regime == CHANGE],
     )
     p = state.particles
     expected, log_sum = ref.step(
