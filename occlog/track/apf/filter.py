@@ -33,7 +33,7 @@ from occlog.track.apf.kernels.waypoint import Particles
 from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction, Smoothing
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
-from .config import ApfConfig
+from .config import FORMS, ApfConfig
 from .kernels import waypoint
 from .model import Model, make_model, motion_of, occlusion_of
 from .propose import Draw, auxiliary_step, begin_anew, drift, fresh, parts_of, weigh_start
