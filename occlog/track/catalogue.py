@@ -85,7 +85,7 @@ METHODS: dict[str, Entry] = {
         "each moment's position from its bearings alone (Lenth 1981)",
         "occlog.track.fix.method:METHOD",
         "occlog.track.fix.config:FixConfig",
-        IN_WORLD,
+        (*IN_WORLD, "residuals"),
     ),
     "mipf": Entry(
         "in images: a particle filter for each target and view, on its own (Qu, Schonfeld, Mohamed 2007)",

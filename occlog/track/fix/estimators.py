@@ -22,7 +22,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats
 
-from .config import ESTIMATORS, FixConfig
+from .config import BENDS, ESTIMATORS
 from .repeated_median import repeated_median, repeated_median_jackknife
 
 ITERATIONS = 300
@@ -51,7 +51,7 @@ def fix(
     bearings: Floats,
     sigma: Floats,
     estimator: str,
-    bend: float = FixConfig.bend,
+    bend: float = BENDS["huber"],
     estimated: bool = True,
 ) -> Fix | None:
     """The position that a set of bearings points at; None where they do not tell one.

@@ -1,4 +1,7 @@
-"""Method `fix`: each scan's position from that scan's bearings alone ([Lenth] 1981; `occlog.track.fix.estimators`).
+"""Method `fix`: each scan's position from that scan's bearings alone.
+
+By a mixture of true and false bearings (`occlog.track.fix.mixture`), or by [Lenth] 1981
+(`occlog.track.fix.estimators`).
 
 Nothing is carried from one scan to the next.  A scan that tells no position (one bearing,
 parallel lines, lines that meet behind the sensors) gives no row.
@@ -15,10 +18,11 @@ from numpy.random import Generator
 from occlog.array_types import Floats, Ints
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.interface import Estimate, Online
+from occlog.track.interface import Estimate, Fit, Online
 
-from .config import FixConfig
-from .estimators import fix
+from .config import BENDS, MIXTURE, FixConfig
+from .estimators import Fix, fix
+from .mixture import modes, pooled_factor, spread_of
 from .repeated_median import crossings
 
 MOST_PAIRS = 40_000
@@ -48,7 +52,7 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
         return state, None
     # Estimate ([Lenth] 1981)
     places, bearings, sigma = state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows]
-    found = fix(places, bearings, sigma, config.estimator, config.bend, config.spread == "residuals")
+    found = _estimated(config, places, bearings, sigma)
     if found is None:
         return state, None
     # Score: log-likelihood of the bearings at the estimate
@@ -56,7 +60,13 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
     score = -0.5 * (off / sigma) ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
     looked, used = np.unique(scan.sensor), np.unique(scan.sensor[rows])
     # Two lines leave no residuals from which their spread could be told.
-    told = "" if found.estimated or config.spread == "stated" else (PAIR if len(rows) == 2 else STATED)
+    # Two lines leave no residuals from which their spread could be told, and none of them can be false.
+    scarce = PAIR if len(rows) == 2 else STATED
+    told = "" if found.estimated or (config.spread != "residuals" and len(rows) > 2) else scarce
+    if config.spread == "stated":
+        told = ""
+    believed = found.weights if config.estimator == MIXTURE else _beliefs(off / sigma)
+    saw = np.unique(scan.sensor[rows][believed >= 0.5])
     return state, Estimate(
         xy=found.xy,
         velocity=np.full(2, np.nan),
@@ -67,8 +77,50 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
         n_seen=len(used),
         fallback=told,
         used=tuple(used.tolist()),
-        seen_by=tuple(used.tolist()),
+        seen_by=tuple(saw.tolist()),
+        fit=Fit(
+            np.zeros(len(rows), dtype=np.int64),
+            scan.sensor[rows],
+            off / sigma,
+            _expected(places, sigma, found),
+            believed,
+        ),
     )
+
+
+def _estimated(config: FixConfig, places: Floats, bearings: Floats, sigma: Floats) -> Fix | None:
+    """The position by the estimator of the settings; its weights are those of the bearings."""
+    if config.estimator == MIXTURE:
+        found = modes(places, bearings, sigma, config.bent)
+        if found is None:
+            return None
+        spread = spread_of(found, pooled=config.spread == "pooled")
+        return Fix(found.xy[0], spread, found.believed[0], float((1.0 / sigma**2).mean()), estimated=False)
+    pooled, median = config.spread == "pooled", config.estimator in ("rmr", "jrmr")
+    learned = config.spread == "residuals" or (pooled and not median)
+    fixed = fix(places, bearings, sigma, config.estimator, config.bent, learned)
+    if fixed is None or not pooled:
+        return fixed
+    # As stated, then scaled by what residuals and statement say together
+    stated = float((1.0 / sigma**2).mean())
+    off = _wrapped(bearings - np.arctan2(fixed.xy[1] - places[:, 1], fixed.xy[0] - places[:, 0])) / sigma
+    factor = pooled_factor(float(fixed.weights @ off**2), max(float(fixed.weights.sum()) - 2.0, 0.0))
+    return fixed._replace(covariance=factor * fixed.kappa / stated * fixed.covariance, estimated=False)
+
+
+def _beliefs(residual: Floats) -> Floats:
+    """Probability that bearings are true, given a position."""
+    return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - BENDS[MIXTURE] ** 2), 700.0))))
+
+
+def _expected(places: Floats, sigma: Floats, found: Fix) -> Floats:
+    """Variance of each residual of a true bearing: 1 less its leverage."""
+    away = found.xy - places
+    squared = np.maximum((away**2).sum(axis=1), 1e-24)
+    across = np.column_stack([-away[:, 1], away[:, 0]]) / (squared * sigma)[:, None]
+    information = (across * found.weights[:, None]).T @ across
+    leverage = found.weights * np.einsum("ni,ij,nj->n", across, np.linalg.pinv(information), across)
+    return np.asarray(np.clip(1.0 - leverage, 0.0, 1.0))
 
 
 def _rows(state: FixState, scan: Scan) -> Ints:
