@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats
+from occlog.array_types import NS, Bools, Floats
 from occlog.track.map.kernels.detours import Detours
 from occlog.track.map.kernels.evidence import evidence, rescaled
 from occlog.track.map.kernels.feasible import move_inside
@@ -46,8 +46,8 @@ MODEST, FEW = 1.3, 0.01
 """Other variances are tried where residuals show more than this factor, or more than this share is not believed."""
 ALONE = 0.01
 """Sight lines of which the others tell more than this share are judged by their residuals alone."""
-OVERLAP = 0.5
-"""The paper's start is tried, too, where fewer sight lines have another one of the same time."""
+OVERLAP, TOGETHER = 0.5, 1.0
+"""The paper's start is tried, too, where fewer sight lines have another sensor's one within so many seconds."""
 SETTLED = 0.1
 """Change of a factor's logarithm at which it has settled."""
 ROUNDS = 8
@@ -117,7 +117,7 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
     first = path(pending.scales)
     found = _search(pending, record, around, watch, first, pending.scales)
     # Where few cameras see it at a time, distances hang on the motion: the paper's start may lead to a lower minimum
-    sparse = _overlap(whole.lines) < OVERLAP
+    sparse = _overlap(record) < OVERLAP
     if sparse:
         far = _from_axes(pending, whole, trust_of(config, pending.scales[0]))
         other = _search(pending, record, around, watch, far, pending.scales)
@@ -138,10 +138,18 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
     return _search(pending, record, around, watch, best, scales)
 
 
-def _overlap(lines: SightLines) -> float:
-    """Share of sight lines of states that have another one."""
-    count = np.bincount(lines.step)
-    return float(np.mean(count[lines.step] > 1)) if len(lines.step) else 1.0
+def _overlap(record: Record) -> float:
+    """Share of sight lines near to which, in time, another sensor has one; 1 without any."""
+    seen = record.rows.seen
+    sensor, seconds = record.rows.sensor[seen], (record.t_ns[record.state[seen]] - record.t_ns[0]) / NS
+    near = np.zeros(len(sensor), dtype=np.bool_)
+    for s in np.unique(sensor).tolist():
+        own, others = seconds[sensor == s], seconds[sensor != s]
+        if len(others):
+            after = np.minimum(np.searchsorted(others, own), len(others) - 1)
+            away = np.minimum(np.abs(others[after] - own), np.abs(others[np.maximum(after - 1, 0)] - own))
+            near[sensor == s] = away <= TOGETHER
+    return float(near.mean()) if len(near) else 1.0
 
 
 def _from_axes(pending: Pending, whole: Problem, trust: float) -> Agreed:

@@ -165,3 +165,19 @@ def test_one_camera_at_a_time_still_leads_to_the_minimum_of_the_papers_start() -
     out = solve(scene, made, acceleration=1e-3)
     np.testing.assert_allclose(out.xy, xy, atol=0.03)
     assert (out.fit.believed > 0.5).all()
+
+
+@pytest.mark.parametrize("lively", [False, True])
+def test_cameras_that_look_in_turn_agree_over_neighbouring_times(lively: bool) -> None:
+    scene, t = place(*CORNERS, **ROOM), np.arange(0.0, 30.0, 0.1)
+    rate = 2.5 if lively else 1.0
+    xy = np.column_stack([3.0 * np.sin(0.4 * rate * t), 2.0 * np.cos(0.3 * rate * t)])
+    rng = np.random.default_rng(7)
+    blind = {(k, s) for k in range(len(t)) for s in range(4) if s != k % 4}
+    made = record(scene, t, xy, noise=rng, blind=blind)
+    false = spoil(made, scene, 0.1, rng)
+    out = solve(scene, made)
+    rmse, nees = errors(out, xy)
+    assert rmse < 0.15
+    assert nees.mean() < 4.0
+    assert ((out.fit.believed < 0.5) & false).sum() >= 0.9 * false.sum()

@@ -1,0 +1,33 @@
+"""Real people with false bearings: what the benchmark measures holds for one of its seeds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.track._single_people import LEAST, Noise, people, scene_of
+from benchmarks.track.single_people import ELLIPSE, LIMIT, follow, longest
+
+
+def test_people_who_are_there_for_long_are_followed_among_false_bearings(shared_data: Path) -> None:
+    folder = shared_data / "wildtrack_annotations"
+    if not folder.is_dir():
+        pytest.skip("the annotations of WILDTRACK are not there")
+    scene = scene_of(folder)
+    everybody = people(folder, scene, Noise(), seed=7)
+    assert len(everybody) == 20
+    assert min(len(p.t_ns) for p in everybody) >= LEAST
+    found = [follow(p, scene, "map", {}) for p in everybody]
+    assert np.median([o.rmse for o in found]) < LIMIT
+    assert not any(o.lost for o in found)
+    assert 0.9 < np.mean(np.concatenate([o.nees for o in found]) < ELLIPSE) < 0.98
+    caught = sum(o.caught for o in found)
+    assert caught > 0.9 * sum(o.blamed for o in found)
+    assert caught > 0.9 * sum(o.false for o in found)
+
+
+@pytest.mark.parametrize(("rows", "length"), [([], 0), ([0, 0], 0), ([1], 1), ([1, 1, 0, 1], 2), ([0, 1, 1, 1], 3)])
+def test_the_longest_run(rows, length: int) -> None:
+    assert longest(np.array(rows, dtype=np.bool_)) == length
