@@ -181,6 +181,9 @@ def _filter(data: ReportInput) -> list[Plot]:
         caption = f"Median standard deviation of the position {median} {data.unit}; {fallbacks} of {steps} flagged."
     else:
         return []
+    if doubtful := int(np.count_nonzero(diagnostics.doubt != "")):
+        kinds = sorted({kind for text in diagnostics.doubt.tolist() if text for kind in text.split(",")})
+        caption += f" Doubtful: {doubtful} of {steps} ({', '.join(kinds)})."
     return [_plot("filter", heading, caption, (WIDTH, 2.7), lambda f: draw_filter(f, data, diagnostics))]
 
 

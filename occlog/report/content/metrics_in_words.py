@@ -47,6 +47,7 @@ WORDS: tuple[Word, ...] = (
     Word(_ACCURACY, "bias_z", "bias along z", LENGTH, "mean of estimate minus truth"),
     Word(_ACCURACY, "estimates_space", "estimates in space", "", "with a height and a true height", False),
     Word(_ACCURACY, "estimates", "estimates", "", "compared with the truth"),
+    Word(_ACCURACY, "estimates_interpolated_truth", "truth interpolated", "", "between its own times", False),
     Word(_ACCURACY, "estimates_without_truth", "estimates without truth", "", "no truth near enough in time"),
     Word(_ACCURACY, "estimates_unmatched", "estimates of no target", "", "their track belongs to no true target"),
     Word(_ACCURACY, "tracks", "tracks"),
@@ -114,6 +115,9 @@ WORDS: tuple[Word, ...] = (
         "sight lines nearly parallel, or that do not meet",
     ),
     Word(_MEET, "sight_lines_compared", "scans compared", "", "during the track"),
+    Word(_MEET, "noise_scale", "noise wanted / stated", "", "factor on standard deviations, from three lines and more"),
+    Word(_MEET, "noise_px", "noise wanted", "px", "median"),
+    Word(_MEET, "noise_scans", "scans with three lines or more", "", "", False),
     Word(
         _HELD, "held_out_median", "median miss", "px", "of the nearest reported bearing; the track was made without it"
     ),
