@@ -18,7 +18,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.models.motion_models import read_motion
 from occlog.io.recording.reader import open_recording
 from occlog.io.scenes.scene import scene_to_yaml
-from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks, Truth
+from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Residuals, Tracks, Truth
 
 EXAMPLE = EXAMPLES / "room100.yaml"
 STEPS = 40
@@ -96,6 +96,21 @@ def test_rows_and_figures_of_a_run(made: Path, capsys) -> None:
     assert provenance.parameters["method"] == "map"
     assert provenance.parameters["loss"] == "mixture"
     assert describe(made / "new.parquet")["length_unit"] == "unit"
+
+
+def test_a_table_says_of_each_bearing_whether_it_is_believed(made: Path, capsys) -> None:
+    capsys.readouterr()
+    for lag in ((), ("--lag", "10")):
+        out = made / "residuals.parquet"
+        assert track(made, "--json", "--residuals", str(out), *lag) == ExitCode.DONE
+        summary = json.loads(capsys.readouterr().out)
+        found, how = read_table(out, Residuals), read_table(made / "diagnostics.parquet", Diagnostics)
+        assert len(found) == summary["bearings"] == int(how.n_seen.sum())
+        assert int((found.believed < 0.5).sum()) == summary["bearings_not_believed"] < 0.02 * len(found)
+        assert found.believed @ found.residual**2 / (found.believed @ found.expected) == pytest.approx(summary["nis"])
+        assert 0.8 < summary["nis"] < 1.2
+        assert set(found.sensor.tolist()) <= {f"cam{k}" for k in range(1, 9)}
+        out.unlink()
 
 
 def test_the_covariance_is_whole_and_positive(made: Path) -> None:
@@ -198,7 +213,7 @@ def test_a_fitted_motion_is_used(made: Path, capsys) -> None:
         (["--start", "50,50"], ExitCode.USAGE, "choose one target, e.g."),
         (["--lag", "0"], ExitCode.USAGE, "--lag"),
         (["--lag", "nan"], ExitCode.USAGE, "'--lag': nan is not a finite number"),
-        (["--lag", "5", "--method", "apf"], ExitCode.USAGE, "lag"),
+        (["--lag", "5", "--method", "fix"], ExitCode.USAGE, "lag"),
         (["--set", "acceleration=-1"], ExitCode.USAGE, "map: acceleration is -1.0, must be "),
         (["--set", "acceleration=fast"], ExitCode.USAGE, "acceleration"),
         (["--set", "acceleration=nan"], ExitCode.USAGE, "acceleration is nan"),
