@@ -1,7 +1,8 @@
-"""One step of the auxiliary particle filter, written plainly with vectorised NumPy and SciPy.
+"""Steps of the auxiliary particle filter, written plainly with vectorised NumPy and SciPy.
 
-It shares no code with occlog and follows [Ercan] Sec. 4 line by line, with the
-departures that `occlog.track.apf.filter` states.  Tests compare the fast filter with it;
+It shares no code with occlog.  `step` follows [Ercan] Sec. 4 line by line, with the
+departures that `occlog.track.apf.filter` states; `scan_step` looks at the scan first, as
+`occlog.track.apf.propose` describes, with normal equations in place of rotations.  Tests compare the fast filter with it;
 the benchmark `track` takes it as the baseline.  Random numbers are handed in, so that
 both can be given the same.
 """
@@ -39,6 +40,8 @@ class RefScene:
 class RefConfig:
     reference_s: float = 1.0
     sigma_v: float = 0.33
+    sigma_a: float = 0.0
+    sigma_w: float = 0.0
     phi: float = 0.03
     beta1: float = 0.88
     lambda1: float = 0.1
@@ -200,8 +203,9 @@ def move(particles, there, dt, config, draws):
     return new
 
 
-def systematic(weights, u):
-    points = (np.arange(len(weights)) + u) / len(weights)
+def systematic(weights, u, n=None):
+    n = len(weights) if n is None else n
+    points = (np.arange(n) + u) / n
     return np.minimum(np.searchsorted(np.cumsum(weights), points, side="right"), len(weights) - 1)
 
 
@@ -228,3 +232,170 @@ def step(particles, z, sigma_read, scene, config, dt, draws, priors=None):
     log_sum = logsumexp(log_weights)
     moved.weights = np.exp(log_weights - log_sum)
     return moved, float(log_sum)
+
+
+@dataclass
+class ScanDraws:
+    """Random numbers of one step that looks at the scan, in the order in which the filter uses them."""
+
+    destinations: np.ndarray  # (L, 2)
+    resample: float
+    which: np.ndarray  # (n,) uniform: defensive or not
+    noise: np.ndarray  # (n, 2) of the place
+    velocity: np.ndarray  # (n, 2) of the velocity given the place
+
+
+@dataclass
+class Approximation:
+    """Gaussian approximations of n posteriors."""
+
+    mode: np.ndarray  # (n, 2)
+    covariance: np.ndarray  # (n, 2, 2)
+    log_volume: np.ndarray  # (n,)
+    log_factors: np.ndarray  # (n,)
+
+
+def laplace(mean, p0, z, sigma_read, scene, config, most=8, anneal=1e-2, open_below=1e-2, settled_below=1e-2):
+    """Modes and curvatures of N(x; mean, p0 I) times the factors of the cameras that report a value.
+
+    Gauss-Newton on the expected log-posterior: a camera counts by the probability that its value is the
+    target's, judged with a variance that begins with what the motion leaves open.
+    """
+    n, seeing = len(mean), np.flatnonzero(~np.isnan(z))
+    x, information = mean.copy(), np.empty((n, 2, 2))
+    share, last, done = np.ones(n), np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    for round_ in range(most):
+        last |= round_ == most - 1
+        A = np.eye(2) / p0[:, None, None]
+        b = (mean - x) / p0[:, None]
+        open_still = np.zeros(n, dtype=bool)
+        for i in seeing:
+            r, H, v = residual(x, z[i], sigma_read[i], scene.cameras[i])
+            front = v > 0
+            wide = share * p0 * (H**2).sum(axis=1)
+            open_still |= front & (wide > open_below * v)
+            normal = normal_density(r, np.where(front, v + wide, 1.0)) * front
+            g = config.hit * normal / (config.hit * normal + rival(scene.cameras[i], config))
+            g = np.where(last, g > 0.5, g) * (g >= 1e-6)
+            scaled = np.where(front, g / np.where(front, v, 1.0), 0.0)
+            A += scaled[:, None, None] * H[:, :, None] * H[:, None, :]
+            b += (scaled * r)[:, None] * H
+        step_ = np.linalg.solve(A, b[:, :, None])[:, :, 0]
+        x = np.where(done[:, None], x, x + step_)
+        information = np.where(done[:, None, None], information, A)
+        done |= last
+        if done.all():
+            break
+        last = ~open_still & ((b * step_).sum(axis=1) < settled_below)
+        share = np.where(open_still, share * anneal, 0.0)
+    log_volume = -np.log(p0) - 0.5 * np.log(np.linalg.det(information)) - 0.5 * ((x - mean) ** 2).sum(axis=1) / p0
+    log_factors = np.zeros(n)
+    for i in seeing:
+        r, _, v = residual(x, z[i], sigma_read[i], scene.cameras[i])
+        normal = normal_density(r, np.where(v > 0, v, 1.0)) * (v > 0)
+        log_factors += np.log(config.hit * normal + rival(scene.cameras[i], config))
+    return Approximation(x, np.linalg.inv(information), log_volume, log_factors)
+
+
+def residual(xy, value, sigma, camera):
+    """(n,) residuals of Eq. 1, (n, 2) derivatives of the reading by the place, (n,) variances of Eq. 2 (-1: behind)."""
+    theta = camera.yaw + np.pi
+    h, d = offsets(xy, camera)
+    front = d > 1e-9 * np.abs(h)
+    h, d = np.where(front, h, 0.0), np.where(front, d, 1.0)
+    f = camera.focal
+    by_h, by_d = f / d, -f * h / d**2
+    H = np.column_stack([by_h * np.sin(theta) - by_d * np.cos(theta), -by_h * np.cos(theta) - by_d * np.sin(theta)])
+    variance = (
+        f**2 * (1 + h**2 / d**2) ** 2 * camera.sigma_yaw**2
+        + f**2 * (h**2 + d**2) / d**4 * camera.sigma_position**2
+        + sigma**2
+    )
+    return np.where(front, value - f * h / d, 0.0), H * front[:, None], np.where(front, variance, -1.0)
+
+
+def normal_density(r, v):
+    return np.exp(-0.5 * r**2 / v) / np.sqrt(2 * np.pi * v)
+
+
+def rival(camera, config):
+    """Density of a value that is not the target's."""
+    return max(config.miss * config.false / (2 * camera.focal * np.tan(camera.fov / 2)), 1e-30)
+
+
+def gathered(dt, config):
+    """Variance of the place, gain of the velocity and variance left of it, after white noise of place and velocity."""
+    place = config.sigma_v**2 * dt + config.sigma_a**2 * dt**3 / 3
+    if config.sigma_a == 0:
+        return place, config.phi / config.reference_s, 0.0
+    gain = config.sigma_a**2 * dt**2 / 2 / place
+    return place, gain, config.sigma_a**2 * dt - gain**2 * place
+
+
+def scan_step(particles, z, sigma_read, scene, config, dt, draws):
+    """Alg. 1 with hypotheses and their approximations; new particles with weights, and the scan's log-likelihood."""
+    L, n = len(particles.weights), len(draws.which)
+    there = arrived(particles, scene, config)
+    share = dt / config.reference_s
+    towards = share * np.where(there, config.beta2, config.beta1)
+    change = share * np.where(there, config.lambda2, config.lambda1)
+    goes_on = np.where(particles.regime == W, W, MTD)
+    chances = np.array([towards, change, share - towards - change])
+    chances[goes_on, np.arange(L)] += 1 - share
+    old, _ = direction(particles)
+    new, _ = direction(RefParticles(particles.xy, draws.destinations, None, None, None))
+    way = (particles.speed * dt)[:, None]
+    mean = np.concatenate([particles.xy + way * old, particles.xy + way * new, particles.xy])
+    place, _gain, _left = gathered(dt, config)
+    p0 = np.maximum(np.repeat([place, place, config.sigma_w**2 * dt], L), 1e-18)
+    prior = (chances * particles.weights).ravel()
+    near = laplace(mean, p0, z, sigma_read, scene, config)
+    with np.errstate(divide="ignore"):
+        log_first = (np.log(prior) + near.log_volume + near.log_factors).reshape(3, L)
+    best = np.argmax(log_first, axis=0) * L + np.arange(L)
+    a, _, _ = factors(near.mode[best], z, sigma_read, scene, config)
+    log_first += np.log(a).sum(axis=1) - near.log_factors[best]
+    first = np.exp(log_first - logsumexp(log_first)).ravel()
+    first = (1 - config.defensive) * first + config.defensive * prior
+    chosen = systematic(first, draws.resample, n)
+    parents, regime = chosen % L, chosen // L
+    # The root of the covariance is upper triangular, as the filter's, so that both turn the same noise to the same place
+    P = near.covariance[chosen]
+    r2 = np.sqrt(P[:, 1, 1])
+    r1 = P[:, 0, 1] / r2
+    r0 = np.sqrt(P[:, 0, 0] - r1**2)
+    step_ = np.column_stack([r0 * draws.noise[:, 0] + r1 * draws.noise[:, 1], r2 * draws.noise[:, 1]])
+    blunt = np.sqrt(p0[chosen])[:, None] * draws.noise
+    xy = np.where((draws.which < config.defensive)[:, None], mean[chosen] + blunt, near.mode[chosen] + step_)
+    log_prior = -0.5 * ((xy - mean[chosen]) ** 2).sum(axis=1) / p0[chosen] - np.log(p0[chosen])
+    away = xy - near.mode[chosen]
+    square = (away * np.linalg.solve(P, away[:, :, None])[:, :, 0]).sum(axis=1)
+    with np.errstate(divide="ignore"):
+        log_q = np.logaddexp(
+            np.log1p(-config.defensive) - 0.5 * square - np.log(r0 * r2), np.log(config.defensive) + log_prior
+        )
+        log_weights = log_prior - log_q + np.log(prior[chosen]) - np.log(first[chosen] * n)
+    moved = come(particles, parents, regime, draws, mean[chosen], xy, dt, config)
+    log_weights += log_likelihood(xy, z, sigma_read, scene, config)
+    log_sum = logsumexp(log_weights)
+    moved.weights = np.exp(log_weights - log_sum)
+    return moved, float(log_sum)
+
+
+def come(particles, parents, regime, draws, mean, xy, dt, config):
+    """Particles that have come to given places: destinations, and speeds (Eq. 5, or by white acceleration)."""
+    _, gain, left = gathered(dt, config)
+    T, phi = config.reference_s, config.phi
+    destination = np.where((regime == CD)[:, None], draws.destinations[parents], particles.destination[parents])
+    e, _ = direction(RefParticles(particles.xy[parents], destination, None, None, None))
+    s, v, moves = particles.speed[parents], xy - mean, regime != W
+    step_ = s[:, None] * T * e + v
+    speed = np.where(moves, (1 - phi) * s + phi * np.hypot(step_[:, 0], step_[:, 1]) / T, s)
+    if config.sigma_a > 0:
+        velocity = speed[:, None] * e + gain * v + np.sqrt(left) * draws.velocity
+        turned = np.hypot(velocity[:, 0], velocity[:, 1])
+        away = destination - xy
+        ahead = xy + np.hypot(away[:, 0], away[:, 1])[:, None] * velocity / turned[:, None]
+        speed = np.where(moves, turned, speed)
+        destination = np.where(moves[:, None], ahead, destination)
+    return RefParticles(xy, destination, speed, regime, None)

@@ -172,8 +172,7 @@ def test_all_cameras_are_asked_until_two_have_seen_the_target_at_once():
 
 
 def test_cameras_that_lose_sight_are_replaced_in_the_next_scan_and_not_asked_again_soon():
-    table = recording(6)
-    _, before = whole(table, SelectConfig("greedy", 3, every=100))
+    _, before = whole(one_target(lambda step: range(1, 9)), SelectConfig("greedy", 3, every=100))
     chosen = names(before.selected[1])
     blind = one_target(lambda step: set(range(1, 9)) - (chosen if step >= 3 else set()))
     _, d = whole(blind, SelectConfig("greedy", 3, every=100))

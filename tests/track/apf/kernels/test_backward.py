@@ -1,0 +1,135 @@
+"""Parents drawn backwards: against a brute-force form of the kernel, and at its limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chisquare, multivariate_normal, norm
+
+from occlog.track.apf.kernels import waypoint
+from occlog.track.apf.kernels.backward import parents_of
+from occlog.track.apf.kernels.waypoint import CHANGE, TOWARDS, WAIT, WaypointModel
+from occlog.track.apf.smoother import kernel_variance
+
+PAPER = WaypointModel(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9, sigma_waiting=0.1)
+PEOPLE = WaypointModel(1.0, 0.1, 0.0, 0.7, 0.25, 0.05, 0.9, sigma_velocity=0.5, sigma_waiting=0.05)
+
+
+def states_near(L, rng):
+    """(L, 5) states side by side, with velocities of many directions."""
+    xy, angle, speed = rng.normal([10.0, 10.0], 0.03, (L, 2)), rng.normal(0.3, 0.3, L), rng.uniform(0.7, 1.3, L)
+    return np.column_stack([xy, speed * np.cos(angle), speed * np.sin(angle), speed])
+
+
+def brute_force(later, regime, states, chances, dt, motion, width2):
+    """(L,) densities of a later state given each of those before, from the equations of the module."""
+    p0, gain, left = waypoint.gather(dt, motion)
+    x, c, s = later[:2], later[2:4], later[4]
+    out = []
+    for state, chance in zip(states, chances, strict=True):
+        x0, c0, s0 = state[:2], state[2:4], state[4]
+        if regime == WAIT:
+            place = multivariate_normal.pdf(x, x0, motion.sigma_waiting**2 * dt * np.eye(2))
+            out.append(chance[WAIT] * place * multivariate_normal.pdf(c, c0, width2 * np.eye(2)))
+        elif regime == TOWARDS:
+            v = x - x0 - c0 * dt
+            place = multivariate_normal.pdf(v, np.zeros(2), p0 * np.eye(2))
+            out.append(chance[TOWARDS] * place * multivariate_normal.pdf(c, c0 + gain * v, (left + width2) * np.eye(2)))
+        else:
+            v = x - x0 - s0 * dt * c / s
+            place = multivariate_normal.pdf(v, np.zeros(2), p0 * np.eye(2))
+            # The part of the noise along the way changes the speed
+            speed = norm.pdf(s, s0 + gain * (v @ c) / s, np.sqrt(left + width2))
+            out.append(chance[CHANGE] * place * speed)
+    return np.array(out)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("motion", [PAPER, PEOPLE])
+@pytest.mark.parametrize("regime", [TOWARDS, CHANGE, WAIT])
+@pytest.mark.parametrize("seed", range(3))
+def test_parents_are_drawn_by_the_density_of_the_step(seed, regime, motion):
+    rng, L, M, dt, width2 = np.random.default_rng(seed), 12, 40_000, 0.4, 0.2
+    states = states_near(L, rng)
+    chances = rng.dirichlet(np.ones(3), L)
+    own = int(rng.integers(L))
+    later = states[own].copy()
+    if regime != WAIT:
+        later[:2] += dt * later[2:4]
+    candidates = rng.integers(0, L, 30)
+    drawn = parents_of(
+        np.tile(later, (M, 1)),
+        np.full(M, regime),
+        np.full(M, own),
+        states,
+        chances,
+        candidates,
+        dt,
+        motion,
+        width2,
+        rng.random(M),
+    )
+    density = brute_force(later, regime, states, chances, dt, motion, width2)
+    counts = np.bincount(candidates, minlength=L) + (np.arange(L) == own)
+    share = counts * density / (counts @ density)
+    found = np.bincount(drawn, minlength=L)
+    assert (found[counts == 0] == 0).all()
+    # Those that are expected less than five times count together
+    likely = share * M > 5
+    assert likely.sum() > 2
+    seen = np.append(found[likely], found[~likely].sum())
+    wanted = np.append(share[likely], share[~likely].sum()) * M
+    enough = wanted > 5
+    assert abs(seen[~enough].sum() - wanted[~enough].sum()) < 20
+    wanted = wanted[enough] * seen[enough].sum() / wanted[enough].sum()
+    assert chisquare(seen[enough], wanted).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("regime", [TOWARDS, CHANGE, WAIT])
+def test_a_parent_stays_where_no_density_allows_any(regime):
+    rng = np.random.default_rng(0)
+    states = states_near(5, rng)
+    later = states[[2]] + [[500.0, 0.0, 0.0, 0.0, 0.0]]
+    drawn = parents_of(
+        later, np.array([regime]), np.array([2]), states, np.full((5, 3), 1 / 3), np.arange(5), 0.4, PEOPLE, 0.1,
+        np.array([0.5]),
+    )  # fmt: skip
+    assert drawn.tolist() == [2]
+
+
+def test_a_particle_that_cannot_do_what_was_done_is_no_parent():
+    states = np.tile(states_near(1, np.random.default_rng(0)), (3, 1))
+    chances = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.2, 0.0, 0.8]])
+    u = np.linspace(0.0, 0.999, 400)
+    later, own = np.tile(states[0], (400, 1)), np.zeros(400, dtype=np.int64)
+    drawn = parents_of(later, np.full(400, WAIT), own, states, chances, np.arange(3), 0.4, PEOPLE, 0.1, u)
+    assert set(drawn.tolist()) == {1, 2}
+    assert np.mean(drawn == 1) == pytest.approx(1 / 1.8, abs=0.01)
+
+
+def test_without_noise_while_waiting_the_parent_of_one_that_waits_is_at_its_place():
+    states = states_near(50, np.random.default_rng(1))
+    still = PEOPLE._replace(sigma_waiting=0.0)
+    own = np.arange(50)
+    drawn = parents_of(
+        states, np.full(50, WAIT), own, states, np.full((50, 3), 1 / 3), own, 0.4, still, 0.1, np.full(50, 0.3)
+    )
+    assert drawn.tolist() == own.tolist()
+
+
+def test_the_kernels_width_is_silvermans_for_equal_weights_and_counts_effective_particles():
+    rng = np.random.default_rng(2)
+    states = np.column_stack([np.zeros((1000, 2)), rng.normal([1.0, -2.0], 0.4, (1000, 2)), np.ones(1000)])
+    equal = np.full(1000, 1e-3)
+    variance = 0.5 * np.trace(np.cov(states[:, 2:4].T, bias=True))
+    # h = sigma (4 / (n (d + 2)))^(1 / (d + 4)), d = 4
+    silverman = variance * (4 / (1000 * 6)) ** (2 / 8)
+    assert kernel_variance(states, equal) == pytest.approx(silverman, rel=1e-9)
+    half = np.where(np.arange(1000) < 500, 2e-3, 0.0)
+    few = 0.5 * np.trace(np.cov(states[:500, 2:4].T, bias=True)) * (4 / (500 * 6)) ** (2 / 8)
+    assert kernel_variance(states, half) == pytest.approx(few, rel=1e-9)
+
+
+def test_particles_of_one_velocity_have_a_kernel_without_width():
+    states = np.tile([1.0, 2.0, 0.6, 0.8, 1.0], (10, 1))
+    assert kernel_variance(states, np.full(10, 0.1)) == pytest.approx(0.0, abs=1e-12)

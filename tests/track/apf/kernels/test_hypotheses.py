@@ -1,0 +1,184 @@
+"""What particles may do in a step, with noise of velocity and of waiting: moments, frequencies and densities."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.core.plane.floor import make_floor
+from occlog.track.apf.kernels import waypoint
+from occlog.track.apf.kernels.waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, Particles, WaypointModel
+
+ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
+FLOOR = make_floor(ROOM, [])
+PAPER = WaypointModel(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9)
+PEOPLE = WaypointModel(1.0, 0.1, 0.0, 0.7, 0.25, 0.05, 0.9, sigma_velocity=0.5, sigma_waiting=0.05)
+
+
+def mixed(n, rng):
+    """Particles in all regimes, some of which have no way to go."""
+    xy = rng.uniform(20, 80, (n, 2))
+    destination = np.where(rng.random((n, 1)) < 0.1, xy, rng.uniform(0, 100, (n, 2)))
+    return Particles(xy, destination, rng.uniform(0, 2, n), rng.integers(0, 3, n))
+
+
+def alike(n, regime=TOWARDS, speed=1.5):
+    return Particles(
+        np.tile([20.0, 20.0], (n, 1)), np.tile([60.0, 50.0], (n, 1)), np.full(n, speed), np.full(n, regime)
+    )
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("dt", [0.04, 0.2, 1.0])
+def test_what_noise_gathers_is_that_of_white_acceleration(dt):
+    """Place and velocity of many short steps of a walk whose velocity diffuses."""
+    rng, n, parts = np.random.default_rng(1), 40_000, 200
+    h, q, p = dt / parts, PEOPLE.sigma_velocity, PEOPLE.sigma
+    place, velocity = np.zeros(n), np.zeros(n)
+    for _ in range(parts):
+        place += h * velocity + p * np.sqrt(h) * rng.standard_normal(n)
+        velocity += q * np.sqrt(h) * rng.standard_normal(n)
+    variance, gain, left = waypoint.gather(dt, PEOPLE)
+    found = np.cov(place, velocity)
+    error = 5 * np.sqrt(2 / n) + 2 / parts
+    assert variance == pytest.approx(found[0, 0], rel=error)
+    assert gain * variance == pytest.approx(found[0, 1], rel=2 * error, abs=5 * np.sqrt(variance * q * q * dt / n))
+    assert left + gain**2 * variance == pytest.approx(found[1, 1], rel=error)
+    assert left >= 0.0
+
+
+@pytest.mark.parametrize("dt", [0.1, 1.0])
+def test_without_noise_of_the_velocity_the_gain_is_that_of_the_papers_speed(dt):
+    motion = PAPER._replace(reference_s=2.0)
+    assert waypoint.gather(dt, motion) == pytest.approx((0.33**2 * dt, 0.7 / 2.0, 0.0))
+
+
+def test_noise_of_the_velocity_alone_leaves_a_quarter_of_its_variance():
+    """White acceleration: place dt^3/3, both dt^2/2, velocity dt; given the place a quarter of dt is left."""
+    variance, gain, left = waypoint.gather(0.4, PEOPLE._replace(sigma=0.0))
+    assert (variance, gain, left) == pytest.approx((0.25 * 0.4**3 / 3, 1.5 / 0.4, 0.25 * 0.4 / 4))
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("dt", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("arrived", [False, True])
+@pytest.mark.parametrize("regime", [TOWARDS, CHANGE, WAIT])
+def test_chances_are_the_frequencies_of_the_regimes(regime, arrived, dt):
+    n = 100_000
+    there = np.full(n, arrived)
+    drawn = waypoint.choose_regimes(alike(n, regime), there, dt, PEOPLE, np.random.default_rng(2).random(n))
+    chances = waypoint.chances(np.full(1, regime), there[:1], dt, PEOPLE)[0]
+    assert chances.sum() == pytest.approx(1.0, abs=1e-12)
+    np.testing.assert_allclose(np.bincount(drawn, minlength=3) / n, chances, atol=4 * 0.5 / np.sqrt(n))
+
+
+def test_chances_of_a_step_longer_than_the_reference_step_are_those_of_one():
+    args = np.array([WAIT]), np.array([False])
+    np.testing.assert_array_equal(waypoint.chances(*args, 1.5, PEOPLE), waypoint.chances(*args, 1.0, PEOPLE))
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("motion", [PAPER, PEOPLE])
+@pytest.mark.parametrize("regime", [TOWARDS, CHANGE, WAIT])
+def test_hypotheses_have_the_moments_of_the_particles_that_follow_them(regime, motion):
+    n, dt, rng = 100_000, 0.4, np.random.default_rng(regime)
+    goal = np.array([10.0, 35.0])
+    one = alike(1)
+    _, mean, variance = waypoint.hypotheses(one, np.array([False]), goal[None], dt, motion)
+    goals = np.tile(goal, (n, 1))
+    after = waypoint.move(alike(n), np.full(n, regime), goals, rng.standard_normal((n, 4)), dt, motion)
+    spread = np.sqrt(variance[regime, 0])
+    np.testing.assert_allclose(after.xy.mean(axis=0), mean[regime, 0], atol=max(4 * spread / np.sqrt(n), 1e-9))
+    if variance[regime, 0] > LEAST_VARIANCE:
+        np.testing.assert_allclose(np.cov(after.xy.T), variance[regime, 0] * np.eye(2), atol=5 * spread**2 / np.sqrt(n))
+    else:  # in the paper's model who waits does not move
+        np.testing.assert_array_equal(after.xy, one.xy.repeat(n, axis=0))
+
+
+def test_hypotheses_of_a_particle_sum_to_one_and_are_never_without_variance():
+    rng = np.random.default_rng(4)
+    p = mixed(500, rng)
+    arrived = waypoint.reached(p, PAPER, FLOOR)
+    prior, mean, variance = waypoint.hypotheses(p, arrived, rng.uniform(0, 100, (500, 2)), 0.3, PAPER._replace(sigma=0))
+    np.testing.assert_allclose(prior.sum(axis=0), 1.0, atol=1e-12)
+    assert (prior >= 0).all()
+    assert (variance > 0).all()
+    np.testing.assert_array_equal(mean[WAIT], p.xy)
+    way = np.hypot(*(p.destination - p.xy).T)
+    at = np.hypot(*(mean[TOWARDS] - p.xy).T)
+    np.testing.assert_allclose(at, np.where(way > 0, 0.3 * p.speed, 0.0), atol=1e-9)
+
+
+@pytest.mark.jit
+def test_the_velocity_of_a_moving_particle_diffuses_and_turns_its_destination_with_it():
+    n, dt, rng = 100_000, 0.5, np.random.default_rng(5)
+    start = alike(n)
+    before = waypoint.velocities(alike(1))[0]
+    after = waypoint.move(start, np.full(n, TOWARDS), np.empty((0, 2)), rng.standard_normal((n, 4)), dt, PEOPLE)
+    velocity = waypoint.velocities(after)
+    error = 5 * PEOPLE.sigma_velocity * np.sqrt(dt) / np.sqrt(n)
+    np.testing.assert_allclose(velocity.mean(axis=0), before, atol=error)
+    expected = PEOPLE.sigma_velocity**2 * dt * np.eye(2)
+    np.testing.assert_allclose(np.cov(velocity.T), expected, atol=6 * expected.max() / np.sqrt(n))
+    # The destination is as far as it was from where the particle came to, and lies along the velocity
+    far = np.hypot(*(start.destination - after.xy).T)
+    np.testing.assert_allclose(np.hypot(*(after.destination - after.xy).T), far, rtol=1e-9)
+    np.testing.assert_allclose(np.hypot(*velocity.T), after.speed, rtol=1e-9)
+
+
+@pytest.mark.jit
+def test_place_and_velocity_are_correlated_as_white_acceleration_correlates_them():
+    n, dt, rng = 100_000, 0.5, np.random.default_rng(6)
+    after = waypoint.move(alike(n), np.full(n, TOWARDS), np.empty((0, 2)), rng.standard_normal((n, 4)), dt, PEOPLE)
+    velocity = waypoint.velocities(after)
+    both = np.cov(after.xy[:, 0], velocity[:, 0])[0, 1]
+    assert both == pytest.approx(PEOPLE.sigma_velocity**2 * dt**2 / 2, rel=0.05)
+
+
+@pytest.mark.jit
+def test_one_that_waits_jitters_and_keeps_speed_and_destination():
+    n, dt, rng = 100_000, 0.2, np.random.default_rng(7)
+    before = alike(n)
+    after = waypoint.move(before, np.full(n, WAIT), np.empty((0, 2)), rng.standard_normal((n, 4)), dt, PEOPLE)
+    expected = PEOPLE.sigma_waiting**2 * dt
+    np.testing.assert_allclose(np.cov(after.xy.T), expected * np.eye(2), atol=6 * expected / np.sqrt(n))
+    np.testing.assert_array_equal(after.speed, before.speed)
+    np.testing.assert_array_equal(after.destination, before.destination)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_arriving_where_noise_leads_is_moving_there(seed):
+    """`move` draws the place and calls `arrive`; given the same places both give the same particles."""
+    rng = np.random.default_rng(seed)
+    p, n, dt = mixed(200, rng), 200, 0.3
+    regime, noise, goals = rng.integers(0, 3, n), rng.standard_normal((n, 4)), rng.uniform(0, 100, (n, 2))
+    moved = waypoint.move(p, regime, goals[regime == CHANGE], noise, dt, PEOPLE)
+    _, mean, _ = waypoint.hypotheses(p, np.zeros(n, dtype=bool), goals, dt, PEOPLE)
+    again = waypoint.arrive(p, regime, goals, mean[regime, np.arange(n)], moved.xy, noise[:, 2:], dt, PEOPLE)
+    for a, b in zip(moved, again, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_without_the_added_noises_a_step_is_the_papers(seed):
+    rng = np.random.default_rng(seed)
+    p, n, dt = mixed(200, rng), 200, 0.5
+    regime, noise, goals = rng.integers(0, 3, n), rng.standard_normal((n, 4)), rng.uniform(0, 100, (n, 2))
+    after = waypoint.move(p, regime, goals[regime == CHANGE], noise, dt, PAPER)
+    goal = np.where((regime == CHANGE)[:, None], goals, p.destination)
+    way = goal - p.xy
+    e = way / np.maximum(np.hypot(*way.T), 1e-300)[:, None]
+    v = 0.33 * np.sqrt(dt) * noise[:, :2]
+    moves = regime != WAIT
+    xy = np.where(moves[:, None], p.xy + dt * p.speed[:, None] * e + v, p.xy)
+    speed = 0.3 * p.speed + 0.7 * np.hypot(*(p.speed[:, None] * e + v).T)
+    np.testing.assert_allclose(after.xy, xy, rtol=1e-12)
+    np.testing.assert_allclose(after.speed, np.where(moves, speed, p.speed), rtol=1e-12)
+    np.testing.assert_array_equal(after.destination, goal)
+
+
+def test_headings_hold_place_and_velocity_also_of_those_that_wait():
+    p = alike(3)._replace(regime=np.array([TOWARDS, CHANGE, WAIT]))
+    np.testing.assert_allclose(waypoint.headings(p), [[20.0, 20.0, 1.2, 0.9, 1.5]] * 3)
+    still = p._replace(destination=p.xy)
+    np.testing.assert_allclose(waypoint.headings(still), [[20.0, 20.0, 0.0, 0.0, 1.5]] * 3)
