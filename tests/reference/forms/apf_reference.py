@@ -2,8 +2,8 @@
 
 It shares no code with occlog.  `step` follows [Ercan] Sec. 4 line by line, with the
 departures that `occlog.track.apf.filter` states; `scan_step` looks at the scan first, as
-`occlog.track.apf.propose` describes, with normal equations in place of rotations.  Tests compare the fast filter with it;
-the benchmark `track` takes it as the baseline.  Random numbers are handed in, so that
+`occlog.track.apf.propose` describes, with normal equations in place of rotations.  Tests
+compare the fast filter with it; the benchmark `track` takes it as the baseline.  Random numbers are handed in, so that
 both can be given the same.
 """
 
@@ -359,7 +359,7 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
     first = (1 - config.defensive) * first + config.defensive * prior
     chosen = systematic(first, draws.resample, n)
     parents, regime = chosen % L, chosen // L
-    # The root of the covariance is upper triangular, as the filter's, so that both turn the same noise to the same place
+    # An upper triangular root of the covariance, as the filter's: the same noise makes the same place
     P = near.covariance[chosen]
     r2 = np.sqrt(P[:, 1, 1])
     r1 = P[:, 0, 1] / r2
