@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -315,3 +316,14 @@ def test_cameras_far_away_do_not_make_the_room_a_dot() -> None:
     assert (high - low < 30).all()
     assert (low < [-5, 0]).all()
     assert "far away: remote" in build_page(data)
+
+
+def test_doubtful_rows_are_counted_with_their_reasons() -> None:
+    data = run()
+    assert data.diagnostics is not None
+    assert "Doubtful" not in build_page(data)
+    doubt = np.full(len(data.diagnostics), "", dtype="U24")
+    doubt[:2] = ["edge", "edge,out-of-view"]
+    columns = {c.name: getattr(data.diagnostics, c.name) for c in data.diagnostics.columns()}
+    doubtful = replace(data, diagnostics=type(data.diagnostics)(**(columns | {"doubt": doubt})))
+    assert f"Doubtful: 2 of {len(doubt)} steps (edge, out-of-view)." in build_page(doubtful)

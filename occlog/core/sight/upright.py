@@ -57,7 +57,7 @@ def seems_upright(rotations: Floats) -> bool:
     """Whether the z axis of the world can be the vertical of (C, 3, 3) world-from-camera rotations; true for C = 0.
 
     It cannot if most cameras are rolled by more than `ROLLED` or look up by more than `LOOKS_UP`; if most hang
-    upside down and look up; or if their horizons agree, to `LEVEL`, on a vertical that is `TILTED` off.
+    upside down and look up; or if the horizons of three or more agree, to `LEVEL`, on a vertical that is `TILTED` off.
     """
     if not len(rotations):
         return True
@@ -69,7 +69,8 @@ def seems_upright(rotations: Floats) -> bool:
         return False
     found = vertical(rotations)
     off = float(np.arccos(np.clip(abs(found.up[2]), 0.0, 1.0)))
-    return not (found.certain and found.roll < LEVEL and off > TILTED)
+    # Two horizons agree on a vertical in any case
+    return not (len(rotations) > 2 and found.certain and found.roll < LEVEL and off > TILTED)
 
 
 def turn_upright(up: Floats) -> Floats:

@@ -69,6 +69,13 @@ def test_a_tilt_is_noticed_beyond_fifteen_degrees_where_horizons_agree():
     assert not seems_upright(turned(level, (1, 1, 0), 15.1))
 
 
+def test_two_cameras_that_are_rolled_a_little_do_not_make_the_world_tilted():
+    """Two horizons always agree on a vertical, here one 19 degrees off."""
+    two = rig((0, -20, 14), (90, -35, 14))
+    assert np.degrees(np.arccos(abs(vertical(two).up[2]))) > 15.0
+    assert seems_upright(two)
+
+
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, -1, 0), (1, 2, -3), (0, 0, -2), (1e-9, 0, -1)])
 def test_the_turn_is_a_rotation_that_takes_up_to_z(up):
     R = turn_upright(np.array(up, dtype=np.float64))
