@@ -10,7 +10,8 @@ candidates.  Cameras then count, by `Occlusion.probability`, with
 
 p_Q being the probability that no camera of Q is blocked, by Eq. 8 or without its
 assumption.  With P_D = 1 and P_F = 0 this is Eq. 9.  P_i and 1 - P_i count as no less than
-`Occlusion.floor`, a sum over subsets as no less than `floor` times prod_i max(a_i, b_i).
+`Occlusion.floor`, and with the exponent `Occlusion.temper`; a sum over subsets counts as no less than `floor` times
+prod_i max(a_i, b_i).
 """
 
 from __future__ import annotations
@@ -37,12 +38,15 @@ class Occlusion(NamedTuple):
         form: of q: PRINTED (Eq. 7), IMPROVED or QUADRATURE.
         floor: least probability that counts, 0 to 1.
         far: standard deviations at which a normal prior counts as over.
+        temper: exponent of P_i and of 1 - P_i, INDEPENDENT only.  The errors of a prior last for many scans, in which
+            the same evidence would be counted anew; with an exponent below 1 it counts as often as it is new.
     """
 
     probability: int
     form: int
     floor: float
     far: float
+    temper: float = 1.0
 
 
 INDEPENDENT, RECURSION, EXACT = 1, 2, 3
@@ -117,6 +121,8 @@ def _independent(
             share = unhidden_over(grid, xy, rows, x0, y0, priors, occlusion.form, occlusion.far)
             for m in range(rows.shape[0]):
                 clear, blocked = max(share[m], occlusion.floor), max(1.0 - share[m], occlusion.floor)
+                if occlusion.temper < 1.0:
+                    clear, blocked = clear**occlusion.temper, blocked**occlusion.temper
                 factor[rows[m]] = clear * factor[rows[m]] + blocked * hidden
         multiply_into(product, total, factor)
     for p in range(L):

@@ -50,7 +50,7 @@ def trial(
         "seed": size.seed,
         "simulate": {"steps": size.steps, **simulate},
         "priors": dict(priors),
-        "track": {"method": "apf", "particles": size.particles, **more.pop("track", {})},
+        "track": {"method": "apf", "particles": size.particles, "temper": 1.0, **more.pop("track", {})},
         **more,
     }
     return spec if cameras is None else {**spec, "cameras": list(cameras)}

@@ -107,6 +107,13 @@ class ApfConfig(SmoothingConfig):
     p_floor: float = setting(
         1e-4, "p(eta|u) is not below this (`independent`: each camera's factor of it).", at_least=0, at_most=1
     )
+    temper: float = setting(
+        0.3,
+        "Exponent of the probabilities of being hidden or not, where priors are uncertain: their errors last, so that "
+        "each scan tells less than if they were new; 1 is the paper's. Of likelihood=independent.",
+        at_least=0,
+        at_most=1,
+    )
     occluder_diameter: float = setting(3.33, "Diameter of a moving occluder.", unit="length", above=0, people=0.5)
     prior_max_age_s: float = setting(5.0, "Older priors are not used.", unit="s", above=0)
     own_gate: float = setting(

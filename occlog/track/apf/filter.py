@@ -111,7 +111,7 @@ def _informed(model: Model, priors: Priors, state: ApfState) -> Model:
         priors = without_own(priors, *mean_and_covariance(state.weights, state.particles.xy), config.own_gate)
     # Known positions are never known exactly: what contradicts them is made unlikely as for static occluders.
     known = not np.any(priors.sigma > 0.0)
-    occlusion = occlusion_of(config)._replace(floor=config.soften) if known else occlusion_of(config)
+    occlusion = occlusion_of(config)._replace(floor=config.soften, temper=1.0) if known else occlusion_of(config)
     return model._replace(priors=priors, occlusion=occlusion, detection=model.informed)
 
 

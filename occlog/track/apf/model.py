@@ -77,7 +77,7 @@ def motion_of(config: ApfConfig) -> WaypointModel:
 def occlusion_of(config: ApfConfig) -> Occlusion:
     """How priors of moving occluders count."""
     kind = {"independent": INDEPENDENT, "recursion": RECURSION, "exact": EXACT}[config.likelihood]
-    return Occlusion(kind, FORMS.index(config.q), config.p_floor, 0.0)
+    return Occlusion(kind, FORMS.index(config.q), config.p_floor, far=0.0, temper=config.temper)
 
 
 def likelihood(model: Model, xy: Floats, looks: PackedScan, far: float = FINE, *, anywhere: bool = False) -> Floats:

@@ -13,6 +13,7 @@ from tracker_scenes import PILLAR, ROOM, room100, scan, true_u, with_array
 from occlog.core.filter.likelihood import Detection, factors, log_likelihood
 from occlog.core.filter.likelihood_occluded import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
 from occlog.core.occlusion.hidden import IMPROVED, PRINTED, QUADRATURE
+from occlog.core.occlusion.hidden_grid import make_grid, unhidden_over
 from occlog.core.occlusion.priors import gaussian_priors, no_priors
 from occlog.core.sight.visibility import seen_from
 from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
@@ -154,6 +155,29 @@ def test_who_certainly_hides_the_target_leaves_the_floor():
         assert found[0] == pytest.approx(np.log(want), abs=1e-9)
     aside = gaussian_priors((camera + 1.5 * (TARGET - camera))[None], np.zeros((1, 2, 2)), 3.33)
     assert among(scene, looks, xy, model, aside, RECURSION)[0] == pytest.approx(np.log(a[0, 0]), abs=1e-9)
+
+
+@pytest.mark.parametrize("temper", [0.0, 0.3, 1.0])
+def test_tempered_probabilities_are_powers_of_those_of_independent_cameras(temper):
+    rng, scene = np.random.default_rng(11), room100()
+    model, xy = detection(scene, rng), near(11, 3.0, 80)
+    true = true_u(scene, TARGET)
+    looks = pack_scan(scan(0, [(0, true[0]), (3, None), (5, true[5] + 1.0)]), read_noise(scene), True)
+    priors = gaussian_priors(*people(rng, 30), 3.33)
+    a, b, assigned = parts_of(scene, looks, xy, model)
+    sensors, free = pack_sensors(scene), np.ones(len(xy), dtype=np.bool_)
+    want = np.ones(len(xy))
+    for k, i in enumerate(looks.sensor):
+        rows = np.flatnonzero(assigned[:, k])
+        grid = make_grid(xy, free, priors, 5.5)
+        share = np.ones(len(xy))
+        share[rows] = unhidden_over(grid, xy, rows, *sensors.xy[i], priors, IMPROVED, 5.5)
+        clear, blocked = np.maximum(share, FLOOR) ** temper, np.maximum(1.0 - share, FLOOR) ** temper
+        want *= np.where(assigned[:, k], clear * a[:, k] + blocked * b[k], a[:, k])
+    occlusion = Occlusion(INDEPENDENT, IMPROVED, FLOOR, far=5.5, temper=temper)
+    found = log_likelihood_among(xy, looks, sensors, pack_noise(scene), model, free, priors, occlusion)
+    assert assigned.any(axis=0).all()
+    assert_alike(found, want)
 
 
 @pytest.mark.parametrize("probability", [INDEPENDENT, RECURSION])
