@@ -34,7 +34,7 @@ class Link(NamedTuple):
     arrived: Bools  # (L,)
     weights: Floats  # (L,)
     parents: Ints | None  # (L,) among those of the link before; None: each its own
-    dt: float  # since the link before [s]; 0: nothing before counts, the particles were drawn anew
+    dt: float  # since the link before [s]; 0 without parents: nothing before counts, the particles were drawn anew
     sharpness: float  # mean variance per axis of the densities that the places were drawn from; 0: not known
 
 
@@ -66,7 +66,7 @@ def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rn
     for trace in reversed(traces):
         for step in range(len(trace) - 1, -1, -1):
             now = trace[step]
-            if later is None or later.dt <= 0.0:
+            if later is None or (later.parents is None and later.dt <= 0.0):
                 # The end of the record, or of what the filter knew before it was drawn anew
                 chosen = rng.permutation(systematic_ancestors(now.weights, M, rng.random()))
             else:
@@ -81,6 +81,8 @@ def _parents(now: Link, later: Link, chosen: Ints, motion: WaypointModel, rng: G
     """The particles of a link from which those chosen of the later one came."""
     count = min(CANDIDATES, len(now.weights))
     own = chosen if later.parents is None else later.parents[chosen]
+    if later.dt <= 0.0:  # two scans at one time: nothing has moved between them
+        return own
     return parents_of(
         later.states[chosen],
         later.regime[chosen],

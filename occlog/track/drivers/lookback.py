@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from typing import Any, Generic, NamedTuple
 
 from numpy.random import Generator
@@ -65,6 +66,11 @@ class Lookback(Generic[State, Config]):
         horizon = min((own.rows[0].t_ns for own in self._waiting.values()), default=now_ns + 1)
         return self._until(horizon)
 
+    @property
+    def held(self) -> int:
+        """How many rows wait, or are ready and wait for an earlier one of another target."""
+        return len(self._ready) + sum(len(own.rows) for own in self._waiting.values())
+
     def rest(self) -> list[Row]:
         """All rows that still wait, in the order of time."""
         for target, own in list(self._waiting.items()):
@@ -80,6 +86,7 @@ class Lookback(Generic[State, Config]):
                 xy=past.xy, velocity=past.velocity, covariance=past.covariance, height=past.height
             )
             self._ready.append(row._replace(estimate=better))
+        self._ready.sort(key=_place)
         if count == len(own.rows):
             del self._waiting[target]
         else:
@@ -87,10 +94,15 @@ class Lookback(Generic[State, Config]):
 
     def _until(self, horizon_ns: int | None) -> list[Row]:
         """Ready rows before a time; None: all."""
-        self._ready.sort(key=lambda row: (row.t_ns, row.target))
-        early = [row for row in self._ready if horizon_ns is None or row.t_ns < horizon_ns]
-        del self._ready[: len(early)]
+        count = len(self._ready) if horizon_ns is None else bisect_left(self._ready, (horizon_ns,), key=_place)
+        early = self._ready[:count]
+        del self._ready[:count]
         return early
+
+
+def _place(row: Row) -> tuple[int, ...]:
+    """By what rows are ordered."""
+    return row.t_ns, row.target
 
 
 def lookback(method: Online[State, Config], config: Config, seed: int) -> Lookback[State, Config] | None:

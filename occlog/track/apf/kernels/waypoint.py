@@ -150,7 +150,7 @@ def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
     """
     q = motion.sigma_velocity * motion.sigma_velocity
     place = motion.sigma * motion.sigma * dt + q * dt**3 / 3.0
-    if q == 0.0:
+    if q * dt == 0.0:
         return place, motion.phi / motion.reference_s, 0.0
     gain = 0.5 * q * dt * dt / place
     return place, gain, max(q * dt - gain * gain * place, 0.0)
