@@ -86,23 +86,20 @@ class Lookback(Generic[State, Config]):
                 xy=past.xy, velocity=past.velocity, covariance=past.covariance, height=past.height
             )
             self._ready.append(row._replace(estimate=better))
-        self._ready.sort(key=_place)
+        self._ready.sort(key=lambda row: (row.t_ns, row.target))
         if count == len(own.rows):
             del self._waiting[target]
         else:
             del own.rows[:count], own.traces[:count]
 
     def _until(self, horizon_ns: int | None) -> list[Row]:
-        """Ready rows before a time; None: all."""
-        count = len(self._ready) if horizon_ns is None else bisect_left(self._ready, (horizon_ns,), key=_place)
+        """Ready rows before a time; None: all.  They are in the order of time and target."""
+        count = (
+            len(self._ready) if horizon_ns is None else bisect_left(self._ready, horizon_ns, key=lambda row: row.t_ns)
+        )
         early = self._ready[:count]
         del self._ready[:count]
         return early
-
-
-def _place(row: Row) -> tuple[int, ...]:
-    """By what rows are ordered."""
-    return row.t_ns, row.target
 
 
 def lookback(method: Online[State, Config], config: Config, seed: int) -> Lookback[State, Config] | None:

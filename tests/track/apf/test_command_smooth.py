@@ -126,6 +126,7 @@ def test_evaluation_of_smoothed_tracks_has_the_bound_of_smoothing(folder, capsys
     truth = Truth.of(t_ns=tracks.t_ns, target_id=tracks.target_id, role=role, x=places[:, 0], y=places[:, 1], z=nothing)
     write_table(folder / "truth.parquet", truth, Provenance("simulate"))
     files = ["--truth", "truth.parquet", "--bearings", "bearings.parquet", "--scene", "scene.yaml"]
+    capsys.readouterr()
     given = [str(folder / part) if "." in part else part for part in files]
     assert run(["evaluate", str(folder / "tracks.parquet"), *given, "--json"]) == ExitCode.DONE
     metrics = json.loads(capsys.readouterr().out)
