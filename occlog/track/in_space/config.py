@@ -63,6 +63,11 @@ class SpaceConfig(Settings):
     use_score: bool = setting(True, "Weigh candidates by their score.")
 
     # Sampling
+    proposal: str = setting(
+        "scan",
+        "Particles are drawn with a look at the scan where few would be effective, or by the motion alone.",
+        choices=("scan", "motion"),
+    )
     resample_below: float = setting(
         0.5, "Resample when the effective sample size is below this share of the particles.", at_least=0
     )

@@ -26,15 +26,14 @@ from occlog.core.filter.particles import effective_size, normalise
 from occlog.core.motion.in_space import moved
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.in_space.kernels.resampling import best_width, moments, redraw, weigh
+from occlog.track.in_space.kernels.resampling import best_width, moments, redraw
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction
 
+from .adapted import Way, sight_lines, taken_in
 from .config import Direct3dConfig, SpaceConfig
 from .sensing import ScanDirections, agrees, pack_directions
 from .start import C, Space, around, found, log_likelihood, make_space
 
-LEAST = 12.0
-"""Effective particles that are kept in any scan: twice the state's dimensions."""
 REFERENCE_S = 1.0
 """Step in which the time between selections of cameras is counted [s]."""
 PATIENCE = 4
@@ -94,9 +93,10 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
         mean, covariance = moments(draw.cloud, draw.weights)
         good = agrees(mean[None, :3], heard, config.gate)
     estimate = estimate_of(mean, covariance, draw, heard, good[-1])
-    # Resample from a kernel density where the effective number is low
+    # Resample from a kernel density: what begins has more particles, what moves blindly may have few effective ones
     cloud, weights = draw.cloud, draw.weights
-    if estimate.ess < config.resample_below * config.particles or cloud.shape[1] != config.particles:
+    few = config.proposal == "motion" and estimate.ess < config.resample_below * config.particles
+    if few or cloud.shape[1] != config.particles:
         n = config.particles
         cloud = redraw(cloud, weights, mean, covariance, n, config.kernel * best_width(n, 6), rng)
         weights = np.full(n, 1.0 / n)
@@ -126,10 +126,15 @@ def _take_in(state: Direct3dState, t_ns: int, heard: ScanDirections, rng: Genera
         dt = elapsed(state.t_ns, t_ns)
         if dt > space.config.max_gap_s:
             return begin(space, heard, "gap", rng)
-    # Propose: draw from the transition density (Eq. 2.4)
-    cloud = moved(state.cloud, space.motion, dt, rng) if dt > 0.0 else state.cloud
-    # Weigh: likelihood of the scan (Eq. 2.5)
-    weights, log_sum = weigh(state.log_weights, log_likelihood(cloud[:3], heard, space), LEAST)
+    cloud, weights, log_sum = taken_in(
+        state.cloud,
+        state.log_weights,
+        Way(space.motion, dt),
+        lambda: sight_lines(heard, space.chances),
+        lambda xyz: log_likelihood(xyz, heard, space),
+        config=space.config,
+        rng=rng,
+    )
     if not math.isfinite(log_sum):
         return begin(space, heard, "restart", rng)
     return Draw(cloud, weights, log_sum, "")

@@ -1,0 +1,234 @@
+"""A step of a particle filter whose importance density looks at the scan, in space or in one plane.
+
+The particles after a scan stand for the kernel density of `occlog.track.in_space.kernels.resampling`,
+
+    sum_l w_l N(x; a x_l + (1 - a) m, h^2 V),   a^2 + h^2 = 1,
+
+m and V being the cloud's mean and covariance.  What one of its Gaussians is after a step of time is a Gaussian, too:
+that of the kernel as it moves plus the noise of the motion.  So a target without any noise of motion ([Lee]'s)
+has one to draw from as well, and one form serves both.  A step is that of the auxiliary particle filter (Pitt and Shephard
+1999) with the optimal importance density (Doucet, Godsill and Andrieu 2000), approximated
+(`occlog.track.in_space.kernels.importance`): parents are drawn by their weights times the predictive likelihood of the
+scan, places from the posterior of each, velocities given the place from the motion; the weights
+put right what is only approximate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.filter.particles import effective_size, log_of, normalise, systematic_ancestors
+from occlog.core.motion.in_space import AccelerationModel, moved
+from occlog.core.motion.turns import acceleration_root
+from occlog.track.in_space.kernels.importance import LEAST_RIVAL, Lines, adapt, draw
+from occlog.track.in_space.kernels.likelihood import UNIFORM_AZIMUTH, Chances
+from occlog.track.in_space.kernels.resampling import best_width, moments, root_of, weigh
+
+from .config import SpaceConfig
+from .sensing import ScanDirections
+
+DEFENSIVE = 0.05
+"""Share of parents and of places that are drawn without a look at the scan, so that no density is far too small."""
+LEAST_SIZE = 1e-9
+"""A cloud without extent gets this much of the distance from the origin, so that densities stay finite."""
+
+
+class Way(NamedTuple):
+    """A step of time."""
+
+    motion: AccelerationModel
+    dt: float  # [s], >= 0
+    jump: Floats | None = None  # (2d,) known change besides
+
+
+class Proposed(NamedTuple):
+    """Particles that were drawn with a look at the scan."""
+
+    cloud: Floats  # (2d, n)
+    log_prior: Floats  # (n,) log weights before the likelihood
+    log_likelihood: Floats  # (n,) of the scan
+
+
+def taken_in(
+    cloud: Floats,
+    log_weights: Floats,
+    way: Way,
+    lines: Callable[[], Lines],
+    log_likelihood: Callable[[Floats], Floats],
+    *,
+    config: SpaceConfig,
+    rng: Generator,
+) -> tuple[Floats, Floats, float]:
+    """Particles at the time of a scan, their weights, and the log of the sum of these before they were normalised.
+
+    Particles move without a look at the scan as long as that leaves `config.resample_below` of them effective,
+    and else are drawn anew by `propose`.  Where nearly none agrees with the scan even then, its likelihood
+    is flattened (`occlog.track.in_space.kernels.resampling.weigh`).
+
+    Args:
+        cloud: (2d, L) before the step.
+        log_weights: (L,) of weights of sum 1.
+        way: the step.
+        lines: makes the residuals of the scan.
+        log_likelihood: (n,) of the scan for (d, n) places.
+        config: settings.
+        rng: draws.
+    """
+    d, least = len(cloud) // 2, 2.0 * len(cloud)
+    # Propose: draw from the transition density ([Lee] Eq. 2.4), and weigh (Eq. 2.5)
+    ahead = moved(cloud, way.motion, way.dt, rng, way.jump) if way.dt > 0.0 else cloud
+    told = log_likelihood(ahead[:d])
+    weights, log_sum = normalise(log_weights + told)
+    if effective_size(weights) >= config.resample_below * len(weights) and math.isfinite(log_sum):
+        return ahead, weights, log_sum
+    if config.proposal == "scan":
+        found = propose(
+            cloud,
+            np.exp(log_weights),
+            way,
+            lines(),
+            log_likelihood,
+            particles=config.particles,
+            kernel=config.kernel,
+            rng=rng,
+        )
+        weights, log_sum = weigh(found.log_prior, found.log_likelihood, least)
+        if math.isfinite(log_sum):
+            return found.cloud, weights, log_sum
+    return ahead, *weigh(log_weights, told, least)
+
+
+def process_noise(motion: AccelerationModel, dt: float) -> Floats:
+    """(2d, 2d) covariance of what white acceleration gathers in a step; dt < 0 gives that of the step back in time.
+
+    The noise of a turn counts as that of the straight way.
+    """
+    d = len(motion.density)
+    root = acceleration_root(1.0, abs(dt))
+    block = root @ root.T
+    block[0, 1] = block[1, 0] = math.copysign(block[0, 1], dt)
+    return np.kron(block, np.diag(motion.density)) if d else block
+
+
+def drift_matrix(d: int, dt: float) -> Floats:
+    """(2d, 2d) of constant velocity: positions, then velocities."""
+    return np.kron(np.array([[1.0, dt], [0.0, 1.0]]), np.eye(d))
+
+
+def kernel_density(cloud: Floats, weights: Floats, kernel: float) -> tuple[Floats, Floats, float]:
+    """The (2d, L) centres of the Gaussians, the covariance (2d, 2d) of the cloud and the width h."""
+    mean, covariance = moments(cloud, weights)
+    h = min(kernel * best_width(cloud.shape[1], len(cloud)), 0.999)
+    a = math.sqrt(1.0 - h * h)
+    return a * cloud + (1.0 - a) * mean[:, None], covariance, h
+
+
+def propose(
+    cloud: Floats,
+    weights: Floats,
+    way: Way,
+    lines: Lines,
+    log_likelihood: Callable[[Floats], Floats],
+    *,
+    particles: int,
+    kernel: float,
+    rng: Generator,
+) -> Proposed:
+    """Particles at the time of a scan.
+
+    Args:
+        cloud: (2d, L) before the step, d = 3 in space, 2 in a plane.
+        weights: (L,) of sum 1.
+        way: the step.
+        lines: the scan.
+        log_likelihood: (n,) of the scan for (d, n) places.
+        particles: how many are wanted.
+        kernel: width of the kernel, of the one that is best for a Gaussian.
+        rng: draws.
+    """
+    d, n = len(cloud) // 2, particles
+    # Move the kernel density: its centres exactly, its covariance by a constant velocity
+    centres, covariance, h = kernel_density(cloud, weights, kernel)
+    still = way.motion._replace(density=np.zeros(d))
+    centres = moved(centres, still, way.dt, rng, way.jump)
+    F = drift_matrix(d, way.dt)
+    C = h * h * (F @ covariance @ F.T) + process_noise(way.motion, way.dt)
+    root, gain, rest = _conditional(C, d, LEAST_SIZE * (1.0 + float(np.abs(centres[:d]).max())))
+    # Weigh the parents: predictive likelihood by Laplace's approximation
+    modes, factors, volume = adapt(_in_space(centres[:d]), root, lines)
+    at_modes = centres[:d] + root[:d, :d] @ modes[:d]
+    prior = log_of(weights)
+    first, log_sum = normalise(prior + volume + log_likelihood(np.ascontiguousarray(at_modes)))
+    first = weights if not math.isfinite(log_sum) else (1.0 - DEFENSIVE) * first + DEFENSIVE * weights
+    # Resample: systematic
+    parents = systematic_ancestors(first, n, rng.random())
+    # Propose: places from each parent's posterior, velocities given the place
+    y, ratio = draw(modes, factors, parents, DEFENSIVE, rng.random(n), rng.standard_normal((3, n)))
+    new = centres[:, parents]
+    new[:d] += root[:d, :d] @ y[:d]
+    new[d:] += gain @ y[:d] + rest @ rng.standard_normal((d, n))
+    log_prior = prior[parents] - np.log(first[parents]) - math.log(n) + ratio
+    return Proposed(new, log_prior, log_likelihood(np.ascontiguousarray(new[:d])))
+
+
+def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
+    """The lower root (3, 3) of the place's covariance; the velocity given y: (d, d) by y, and the root of what is left."""
+    place = C[:d, :d] + least**2 * np.eye(d)
+    root = np.eye(3)
+    root[:d, :d] = np.linalg.cholesky(place)
+    gain = np.linalg.solve(root[:d, :d], C[:d, d:]).T
+    return root, gain, root_of(C[d:, d:] - gain @ gain.T)
+
+
+def _in_space(places: Floats) -> Floats:
+    """(3, n) of (2, n) or (3, n) places."""
+    return places if len(places) == 3 else np.concatenate([places, np.zeros((1, places.shape[1]))])
+
+
+def sight_lines(heard: ScanDirections, chances: Chances) -> Lines:
+    """The directions of a scan as residuals in space."""
+    s = heard.sights
+    flat = np.isnan(s.phi)
+    phi = np.where(flat, 0.5 * math.pi, s.phi)[:, None]
+    along = np.sin(phi) * s.frame[:, 0] + np.cos(phi) * s.frame[:, 2]
+    above = np.sin(phi) * s.frame[:, 2] - np.cos(phi) * s.frame[:, 0]
+    across = np.where(flat, 1.0, np.sin(phi[:, 0]) ** 2 + (np.cos(phi[:, 0]) * s.sigma_phi) ** 2)
+    variance = np.stack([across * s.sigma_theta**2, np.where(flat, np.inf, s.sigma_phi**2)], axis=1)
+    scale, rival = _factors(heard, s.first, s.share, heard.uniform, chances)
+    return Lines(s.first, s.position, along, s.frame[:, 1].copy(), above, variance, scale * np.sqrt(across), rival)
+
+
+def plane_lines(
+    heard: ScanDirections, rows: Bools, first: Ints, place: Floats, angle: Floats, sigma: Floats, chances: Chances
+) -> Lines:
+    """Angles of one plane as azimuths; `rows`: those of the scan that count, `first` (N + 1,) theirs of each sensor."""
+    none, c, s = np.zeros(len(angle)), np.cos(angle), np.sin(angle)
+    variance = np.stack([sigma**2, np.full(len(angle), np.inf)], axis=1)
+    share = heard.sights.share[rows]
+    scale, rival = _factors(heard, first, share, np.full(len(angle), UNIFORM_AZIMUTH), chances)
+    return Lines(
+        first,
+        np.column_stack([place, none]),
+        np.column_stack([c, s, none]),
+        np.column_stack([-s, c, none]),
+        np.column_stack([none, none, none + 1.0]),
+        variance,
+        scale,
+        rival,
+    )
+
+
+def _factors(
+    heard: ScanDirections, first: Ints, share: Floats, uniform: Floats, chances: Chances
+) -> tuple[Floats, Floats]:
+    """Scale and rival of `Lines`, as `occlog.track.in_space.kernels.likelihood.scan_log_likelihood` has them."""
+    labelled = np.repeat(heard.sights.labelled, np.diff(first))
+    scale = np.where(labelled, 1.0 - chances.false, chances.candidate / chances.clutter * share / uniform)
+    rival = np.where(labelled, chances.false * uniform, 1.0 - chances.candidate)
+    return scale, np.maximum(rival, LEAST_RIVAL)
