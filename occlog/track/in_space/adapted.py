@@ -6,11 +6,11 @@ The particles after a scan stand for the kernel density of `occlog.track.in_spac
 
 m and V being the cloud's mean and covariance.  What one of its Gaussians is after a step of time is a Gaussian, too:
 that of the kernel as it moves plus the noise of the motion.  So a target without any noise of motion ([Lee]'s)
-has one to draw from as well, and one form serves both.  A step is that of the auxiliary particle filter (Pitt and Shephard
-1999) with the optimal importance density (Doucet, Godsill and Andrieu 2000), approximated
-(`occlog.track.in_space.kernels.importance`): parents are drawn by their weights times the predictive likelihood of the
-scan, places from the posterior of each, velocities given the place from the motion; the weights
-put right what is only approximate.
+has one to draw from as well, and one form serves both.  A step is that of the auxiliary particle filter (Pitt and
+Shephard 1999) with the optimal importance density (Doucet, Godsill and Andrieu 2000), approximated
+(`occlog.track.in_space.kernels.importance`): parents are drawn by their weights times the predictive likelihood of
+the scan, places from the posterior of each, velocities given the place from the motion; the weights put right
+what is only approximate.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Floats, Ints
 from occlog.core.filter.particles import effective_size, log_of, normalise, systematic_ancestors
 from occlog.core.motion.in_space import AccelerationModel, moved
 from occlog.core.motion.turns import acceleration_root
 from occlog.track.in_space.kernels.importance import LEAST_RIVAL, Lines, adapt, draw
-from occlog.track.in_space.kernels.likelihood import UNIFORM_AZIMUTH, Chances
+from occlog.track.in_space.kernels.likelihood import Chances
 from occlog.track.in_space.kernels.resampling import best_width, moments, root_of, weigh
 
 from .config import SpaceConfig
@@ -109,11 +109,10 @@ def process_noise(motion: AccelerationModel, dt: float) -> Floats:
 
     The noise of a turn counts as that of the straight way.
     """
-    d = len(motion.density)
     root = acceleration_root(1.0, abs(dt))
     block = root @ root.T
     block[0, 1] = block[1, 0] = math.copysign(block[0, 1], dt)
-    return np.kron(block, np.diag(motion.density)) if d else block
+    return np.asarray(np.kron(block, np.diag(motion.density)), dtype=np.float64)
 
 
 def drift_matrix(d: int, dt: float) -> Floats:
@@ -178,11 +177,11 @@ def propose(
 
 
 def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
-    """The lower root (3, 3) of the place's covariance; the velocity given y: (d, d) by y, and the root of what is left."""
+    """The lower root (3, 3) of the place's covariance; of the velocity its regression (d, d) on y, and the rest's root."""
     place = C[:d, :d] + least**2 * np.eye(d)
     root = np.eye(3)
     root[:d, :d] = np.linalg.cholesky(place)
-    gain = np.linalg.solve(root[:d, :d], C[:d, d:]).T
+    gain = np.asarray(np.linalg.solve(root[:d, :d], C[:d, d:]).T, dtype=np.float64)
     return root, gain, root_of(C[d:, d:] - gain @ gain.T)
 
 
@@ -200,31 +199,11 @@ def sight_lines(heard: ScanDirections, chances: Chances) -> Lines:
     above = np.sin(phi) * s.frame[:, 2] - np.cos(phi) * s.frame[:, 0]
     across = np.where(flat, 1.0, np.sin(phi[:, 0]) ** 2 + (np.cos(phi[:, 0]) * s.sigma_phi) ** 2)
     variance = np.stack([across * s.sigma_theta**2, np.where(flat, np.inf, s.sigma_phi**2)], axis=1)
-    scale, rival = _factors(heard, s.first, s.share, heard.uniform, chances)
+    scale, rival = factors(heard, s.first, s.share, heard.uniform, chances)
     return Lines(s.first, s.position, along, s.frame[:, 1].copy(), above, variance, scale * np.sqrt(across), rival)
 
 
-def plane_lines(
-    heard: ScanDirections, rows: Bools, first: Ints, place: Floats, angle: Floats, sigma: Floats, chances: Chances
-) -> Lines:
-    """Angles of one plane as azimuths; `rows`: those of the scan that count, `first` (N + 1,) theirs of each sensor."""
-    none, c, s = np.zeros(len(angle)), np.cos(angle), np.sin(angle)
-    variance = np.stack([sigma**2, np.full(len(angle), np.inf)], axis=1)
-    share = heard.sights.share[rows]
-    scale, rival = _factors(heard, first, share, np.full(len(angle), UNIFORM_AZIMUTH), chances)
-    return Lines(
-        first,
-        np.column_stack([place, none]),
-        np.column_stack([c, s, none]),
-        np.column_stack([-s, c, none]),
-        np.column_stack([none, none, none + 1.0]),
-        variance,
-        scale,
-        rival,
-    )
-
-
-def _factors(
+def factors(
     heard: ScanDirections, first: Ints, share: Floats, uniform: Floats, chances: Chances
 ) -> tuple[Floats, Floats]:
     """Scale and rival of `Lines`, as `occlog.track.in_space.kernels.likelihood.scan_log_likelihood` has them."""

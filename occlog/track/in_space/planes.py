@@ -2,7 +2,7 @@
 
 Directions of a scan become angles of the planes (`plane_angles`), two planes are chosen (`choose_pair`),
 particles of a plane are weighed (`log_likelihood`), and the two planes' estimates become one in space
-(`combine`, Eqs. 2.17-2.21 and 2.26).
+(`combine`, Eqs. 2.17-2.21 and 2.26) with the covariance of what their errors have in common (`errors_after`).
 """
 
 from __future__ import annotations
@@ -25,9 +25,15 @@ from occlog.core.sight.projected_planes import (
     select_as_printed,
     select_by_variance,
 )
+from occlog.track.in_space.kernels.importance import Lines
 from occlog.track.in_space.kernels.likelihood import UNIFORM_AZIMUTH, Chances, log_in_plane, scan_log_likelihood
 
+from .adapted import factors
+from .plane_errors import PLANE_ROWS, combination_of, measured_errors, rescaled
 from .sensing import ScanDirections
+
+BELIEVED = 5.0
+"""Standard deviations from a plane's estimate within which an angle counts as taken in."""
 
 
 class Flat(NamedTuple):
@@ -43,8 +49,8 @@ class Joined(NamedTuple):
     """What two planes know of the target in space."""
 
     mean: Floats  # (6,) x, y, z, vx, vy, vz
-    axis: Floats  # (3, 2, 2) covariance of position and velocity on each axis
-    covariance: Floats  # (3, 3) of the position
+    covariance: Floats  # (6, 6)
+    combination: Floats  # (6, 12) of the three planes' states, see `occlog.track.in_space.plane_errors`
 
 
 def shared_axis(p: int, q: int) -> int:
@@ -52,34 +58,27 @@ def shared_axis(p: int, q: int) -> int:
     return next(k for k in AXES[p] if k in AXES[q])
 
 
-def combine(planes: tuple[int, int], flat: tuple[Flat, Flat], rule: str) -> Joined:
+def combine(planes: tuple[int, int], flat: tuple[Flat, Flat], rule: str, errors: Floats) -> Joined:
     """The state in space from two planes.
 
-    The axis that both have is a weighted mean.  Both planes have seen the same noise and
-    started from the same prior, so that their errors are taken as fully correlated: its standard
-    deviation is the weighted mean of the two.  Correlations between axes are those of the
-    plane that has both; between the two axes that no used plane has together it is the product of
-    their correlations with the common one, as if they were independent given that one.
+    The axis that both have is a weighted mean.  The covariance is that of the combination: what both
+    planes' errors have in common counts once.
 
     Args:
         planes: two different ones.
         flat: what they know.
         rule: `inverse` weighs position and velocity by inverse variance, `planes-weighted` by the sums of the
             unnormalised weights (Eq. 2.19), `equal` evenly (Eq. 2.21).
+        errors: (12, 12) covariance of the errors of all planes, see `occlog.track.in_space.plane_errors`.
     """
-    # Eqs. 2.18 and 2.20: the axes that one plane alone has
     k = shared_axis(*planes)
-    mean, axis = np.zeros(6), np.zeros((3, 2, 2))
     rows = [[AXES[p].index(k), AXES[p].index(k) + 2] for p in planes]
-    shares = _shares(flat, rows, rule)
+    # Eqs. 2.18 and 2.20, the axes that one plane alone has; Eqs. 2.19 and 2.21, the redundant axis
+    W = combination_of(planes, k, _shares(flat, rows, rule))
+    states = np.zeros(12)
     for p, f in zip(planes, flat, strict=True):
-        for place, i in enumerate(AXES[p]):
-            mean[[i, i + 3]] = f.mean[[place, place + 2]]
-            axis[i] = f.covariance[np.ix_([place, place + 2], [place, place + 2])]
-    # Eqs. 2.19 and 2.21: the redundant axis
-    mean[[k, k + 3]] = sum(w * f.mean[r] for w, f, r in zip(shares, flat, rows, strict=True))
-    axis[k] = _shared_covariance(shares, [f.covariance[np.ix_(r, r)] for f, r in zip(flat, rows, strict=True)])
-    return Joined(mean, axis, _position_covariance(planes, flat, axis))
+        states[PLANE_ROWS[p]] = f.mean
+    return Joined(W @ states, W @ errors @ W.T, W)
 
 
 def _shares(flat: tuple[Flat, Flat], rows: list[list[int]], rule: str) -> Floats:
@@ -94,30 +93,6 @@ def _shares(flat: tuple[Flat, Flat], rows: list[list[int]], rule: str) -> Floats
     return np.asarray(precision / precision.sum(axis=0))
 
 
-def _shared_covariance(shares: Floats, own: list[Floats]) -> Floats:
-    """(2, 2) of position and velocity of the common axis."""
-    sd = sum(w * np.sqrt(np.diag(c)) for w, c in zip(shares, own, strict=True))
-    correlation = sum(float(w[0]) * _correlation(c, 0, 1) for w, c in zip(shares, own, strict=True))
-    return np.asarray(np.outer(sd, sd) * np.array([[1.0, correlation], [correlation, 1.0]]))
-
-
-def _position_covariance(planes: tuple[int, int], flat: tuple[Flat, Flat], axis: Floats) -> Floats:
-    """(3, 3), positive semidefinite."""
-    k = shared_axis(*planes)
-    with_shared = np.ones(3)
-    for p, f in zip(planes, flat, strict=True):
-        with_shared[next(i for i in AXES[p] if i != k)] = _correlation(f.covariance, 0, 1)
-    correlation = np.outer(with_shared, with_shared)
-    np.fill_diagonal(correlation, 1.0)
-    sd = np.sqrt(axis[:, 0, 0])
-    return np.asarray(np.outer(sd, sd) * correlation)
-
-
-def _correlation(covariance: Floats, i: int, j: int) -> float:
-    scale = math.sqrt(covariance[i, i] * covariance[j, j])
-    return float(np.clip(covariance[i, j] / scale, -1.0, 1.0)) if scale > 0 else 0.0
-
-
 Pair = tuple[tuple[int, int], tuple[int, int]]
 """Two (sensor of the scan, plane); sensor -1: no sensor tells anything in that plane."""
 NOTHING: Pair = ((-1, XY), (-1, YZ))
@@ -128,6 +103,7 @@ class Angles(NamedTuple):
 
     angle: Floats  # (R, 3) [rad]
     sigma: Floats  # (R, 3) [rad]
+    covariance: Floats  # (R, 3, 3) of a row's three angles; what is blind is not to be read
     blind: Bools  # (R, 3) planes in which a row tells nothing, or not what its sigma says
     toward: Floats  # (R, 3) unit vectors in the world
 
@@ -138,11 +114,12 @@ def plane_angles(heard: ScanDirections) -> Angles:
     phi = np.where(heard.flat, 0.5 * math.pi, s.phi)
     toward = np.einsum("rij,rj->ri", heard.rotation, direction(heard.theta, phi))
     noise = (heard.theta, phi, s.sigma_theta, s.sigma_phi, heard.rotation)
-    variance = np.diagonal(projected_covariance(*noise, pole_term=True), axis1=1, axis2=2)
+    covariance = projected_covariance(*noise, pole_term=True)
+    covariance[heard.flat] = np.diag([1.0, 0.0, 0.0]) * s.sigma_theta[heard.flat, None, None] ** 2
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
     blind = blind_planes(*noise)
-    variance = np.where(heard.flat[:, None], s.sigma_theta[:, None] ** 2, variance)
     blind = np.where(heard.flat[:, None], np.array([False, True, True]), blind | ~(variance > 0))
-    return Angles(projected_angles(toward), np.sqrt(np.where(blind, 1.0, variance)), blind, toward)
+    return Angles(projected_angles(toward), np.sqrt(np.where(blind, 1.0, variance)), covariance, blind, toward)
 
 
 def choose_pair(rule: str, heard: ScanDirections, angles: Angles, near: Floats, before: Pair) -> Pair:
@@ -195,20 +172,26 @@ def nearest_rows(heard: ScanDirections, angles: Angles, near: Floats) -> Ints:
     return np.array(found, dtype=np.int64).reshape(-1)
 
 
-def log_likelihood(
-    cloud: Floats, plane: int, heard: ScanDirections, angles: Angles, chances: Chances, only: int | None = None
-) -> Floats:
-    """(L,) log likelihoods of a scan for (4, L) particles of a plane, up to a constant.
+class PlaneSights(NamedTuple):
+    """The angles of a scan that count in one plane."""
+
+    rows: Bools  # (R,) of the scan
+    first: Ints  # (N + 1,) rows of each sensor among those that count
+    place: Floats  # (K, 2) of their sensors on the plane's axes
+    angle: Floats  # (K,) [rad]
+    sigma: Floats  # (K,) [rad]
+
+
+def sights_in_plane(plane: int, heard: ScanDirections, angles: Angles, only: int | None = None) -> PlaneSights:
+    """What a scan tells in a plane.
 
     A sensor counts if none of its candidates is blind in this plane: otherwise one that cannot be seen
     here might be the target's.
 
     Args:
-        cloud: particles.
         plane: index in `planes.PLANES`.
         heard: the scan.
         angles: of its rows.
-        chances: see `space.scan_log_likelihood`.
         only: the one sensor of the scan to use; None: all.
     """
     s = heard.sights
@@ -218,12 +201,68 @@ def log_likelihood(
     if only is not None:
         usable &= np.arange(len(counts)) == only
     rows = usable[of]
-    if not rows.any():
-        return np.zeros(cloud.shape[1])
     first = np.concatenate([[0], np.cumsum(np.where(usable, counts, 0))])
     place = s.position[rows][:, list(AXES[plane])]
-    each = log_in_plane(
-        cloud[:2], place, angles.angle[rows, plane], angles.sigma[rows, plane], s.reach[rows], chances.soften
-    )
+    return PlaneSights(rows, first, place, angles.angle[rows, plane], angles.sigma[rows, plane])
+
+
+def log_likelihood(ab: Floats, own: PlaneSights, heard: ScanDirections, chances: Chances) -> Floats:
+    """(L,) log likelihoods of a scan for (2, L) places in a plane, up to a constant.
+
+    Args:
+        ab: places.
+        own: what the scan tells in the plane.
+        heard: the scan.
+        chances: see `occlog.track.in_space.kernels.likelihood.scan_log_likelihood`.
+    """
+    if not len(own.angle):
+        return np.zeros(ab.shape[1])
+    s = heard.sights
+    each = log_in_plane(ab, own.place, own.angle, own.sigma, s.reach[own.rows], chances.soften)
     uniform = np.full(len(each), UNIFORM_AZIMUTH)
-    return scan_log_likelihood(each, first, s.labelled, s.share[rows], uniform, chances)
+    return scan_log_likelihood(each, own.first, s.labelled, s.share[own.rows], uniform, chances)
+
+
+def lines_in_plane(own: PlaneSights, heard: ScanDirections, chances: Chances) -> Lines:
+    """What a scan tells in a plane as azimuths in a space whose third axis nothing depends on."""
+    none, c, s = np.zeros(len(own.angle)), np.cos(own.angle), np.sin(own.angle)
+    share = heard.sights.share[own.rows]
+    scale, rival = factors(heard, own.first, share, np.full(len(share), UNIFORM_AZIMUTH), chances)
+    return Lines(
+        first=own.first,
+        position=np.column_stack([own.place, none]),
+        along=np.column_stack([c, s, none]),
+        left=np.column_stack([-s, c, none]),
+        above=np.column_stack([none, none, none + 1.0]),
+        variance=np.stack([own.sigma**2, np.full(len(share), np.inf)], axis=1),
+        scale=scale,
+        rival=rival,
+    )
+
+
+def errors_after(
+    errors: Floats, heard: ScanDirections, angles: Angles, own: dict[int, PlaneSights], flats: dict[int, Flat]
+) -> Floats:
+    """(12, 12) errors of all planes after a scan that those of `own` took in, see `plane_errors`.
+
+    Of a sensor's candidates that one counts which is nearest to where the plane has the target, if it is
+    within `BELIEVED` standard deviations.
+    """
+    s = heard.sights
+    places = np.zeros((3, 2))
+    for p, f in flats.items():
+        places[p] = f.mean[:2]
+    for a, b in pairwise(s.first.tolist()):
+        if a == b:
+            continue
+        off = np.full((b - a, 3), np.inf)
+        for p, found in own.items():
+            if found.rows[a]:
+                to = places[p] - s.position[a, list(AXES[p])]
+                gap = angles.angle[a:b, p] - math.atan2(to[1], to[0])
+                off[:, p] = np.abs(np.remainder(gap + math.pi, 2.0 * math.pi) - math.pi) / angles.sigma[a:b, p]
+        row = int(np.argmin(off.min(axis=1)))
+        used = off[row] < BELIEVED
+        if used.any():
+            errors = measured_errors(errors, places, s.position[a], angles.covariance[a + row], used)
+    return rescaled(errors, {p: f.covariance for p, f in flats.items()})

@@ -17,6 +17,7 @@ the thesis, each with its reason:
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -24,24 +25,39 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.bounds.in_space import plane_axes
-from occlog.core.filter.particles import effective_size, normalise
+from occlog.core.filter.particles import effective_size, log_of
 from occlog.core.motion.in_space import AccelerationModel, moved, turn_jump
 from occlog.core.sight.projected_planes import AXES, PLANES, XY
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.in_space.kernels.resampling import best_width, moments, redraw, weigh
+from occlog.track.in_space.kernels.resampling import best_width, moments, redraw, root_of
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction
 
+from .adapted import Way, sight_lines, taken_in
 from .config import PpsConfig
 from .direct3d import REFERENCE_S, Draw, begin, contradicted, elapsed
-from .planes import NOTHING, Angles, Flat, Joined, Pair, choose_pair, combine, log_likelihood, plane_angles
+from .plane_errors import begun, combination_of, moved_errors, woken
+from .planes import (
+    NOTHING,
+    Angles,
+    Flat,
+    Joined,
+    Pair,
+    PlaneSights,
+    choose_pair,
+    combine,
+    errors_after,
+    lines_in_plane,
+    log_likelihood,
+    plane_angles,
+    shared_axis,
+    sights_in_plane,
+)
 from .sensing import ScanDirections, agrees, pack_directions
 from .start import Space, around, make_space
 from .start import log_likelihood as space_log_likelihood
 
 ALL = range(len(PLANES))
-LEAST = 8.0
-"""Effective particles that are kept in any scan: twice the dimensions of a plane's state."""
 Clouds = tuple[tuple[Floats, Floats], ...]
 """Particles (4, L) and log weights (L,) of each plane."""
 
@@ -52,6 +68,7 @@ class PpsState(NamedTuple):
     space: Space[PpsConfig]
     motions: tuple[AccelerationModel, ...]  # of each plane
     clouds: Clouds
+    errors: Floats  # (12, 12) of the planes' states, see `plane_errors`
     joined: Joined | None  # None: nothing is known
     pair: Pair
     t_ns: int | None
@@ -62,7 +79,7 @@ def init(scene: Scene, config: PpsConfig, rng: Generator) -> PpsState:  # noqa: 
     """State before the first scan."""
     space = make_space(scene, config)
     astray = np.zeros(len(space.ears.reach), dtype=np.int64)
-    return PpsState(space, plane_motions(space.motion), (), None, NOTHING, None, astray)
+    return PpsState(space, plane_motions(space.motion), (), np.zeros((12, 12)), None, NOTHING, None, astray)
 
 
 def plane_motions(motion: AccelerationModel) -> tuple[AccelerationModel, ...]:
@@ -88,20 +105,21 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
     # Select the two planes whose angles vary least, about where the target should be by now
     ahead = state.joined.mean[:3] + dt * state.joined.mean[3:]
     pair = choose_pair(config.selection, heard, angles, ahead, state.pair)
-    # Propose: draw from each plane's transition density
-    clouds = _moved(_woken(state, pair, rng), pair, dt, rng)
-    # Weigh, and resample where that is due (Eqs. 2.9-2.11 by particles)
-    clouds, flats = _weighed(state, clouds, pair, heard, angles, rng)
+    # Propose, weigh and resample in each plane (Eqs. 2.9-2.11 by particles)
+    state = _woken(state, pair, rng)
+    clouds, flats, told = _taken_in(state, dt, pair, heard, angles, rng)
+    # What the planes' errors have in common
+    errors = errors_after(moved_errors(state.errors, space.motion, dt), heard, angles, told, flats)
     # Combine the two planes to one state in space (Eqs. 2.17-2.21)
     used = flats[pair[0][1]], flats[pair[1][1]]
-    joined = combine((pair[0][1], pair[1][1]), used, config.combining)
+    joined = combine((pair[0][1], pair[1][1]), used, config.combining, errors)
     # Gate and restart: planes that a sensor has contradicted for some scans begin anew from the scan
     astray, lost = contradicted(state.astray, agrees(joined.mean[None, :3], heard, config.gate)[0], heard, config)
     if lost or not all(math.isfinite(f.log_evidence) for f in used):
         return _started(
             state._replace(astray=astray), scan.t_ns, heard, angles, begin(space, heard, "restart", rng), rng
         )
-    after = state._replace(clouds=clouds, joined=joined, pair=pair, t_ns=scan.t_ns, astray=astray)
+    after = state._replace(clouds=clouds, errors=errors, joined=joined, pair=pair, t_ns=scan.t_ns, astray=astray)
     ess, log_sum = min(f.ess for f in used), sum(f.log_evidence for f in used)
     return after, _estimate(joined, heard, config, ess, log_sum, "", pair)
 
@@ -126,8 +144,15 @@ def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> Draw:
     if config.start is None:
         return begin(space, heard, "", rng)
     n = config.particles * config.start_factor
-    cloud = around(space, config.start, n, rng)
-    weights, log_sum = normalise(space_log_likelihood(cloud[:3], heard, space) - math.log(n))
+    cloud, weights, log_sum = taken_in(
+        around(space, config.start, n, rng),
+        np.full(n, -math.log(n)),
+        Way(space.motion, 0.0),
+        partial(sight_lines, heard, space.chances),
+        lambda xyz: space_log_likelihood(xyz, heard, space),
+        config=config,
+        rng=rng,
+    )
     return Draw(cloud, weights, log_sum, "") if math.isfinite(log_sum) else begin(space, heard, "restart", rng)
 
 
@@ -144,10 +169,10 @@ def _started(
         width = config.kernel * best_width(n, 4)
         cloud = redraw(np.ascontiguousarray(draw.cloud[rows]), draw.weights, mean[rows], part, n, width, rng)
         clouds.append((cloud, np.full(n, -math.log(n))))
-    axis = np.stack([covariance[np.ix_([k, k + 3], [k, k + 3])] for k in range(3)])
-    joined = Joined(mean, axis, covariance[:3, :3])
     pair = choose_pair(config.selection, heard, angles, mean[:3], state.pair)
-    after = state._replace(clouds=tuple(clouds), joined=joined, pair=pair, t_ns=t_ns)
+    planes = (pair[0][1], pair[1][1])
+    joined = Joined(mean, covariance, combination_of(planes, shared_axis(*planes), np.full((2, 2), 0.5)))
+    after = state._replace(clouds=tuple(clouds), errors=begun(covariance), joined=joined, pair=pair, t_ns=t_ns)
     ess = effective_size(draw.weights)
     return after, _estimate(joined, heard, config, ess, draw.log_likelihood, draw.fallback, pair)
 
@@ -156,33 +181,20 @@ def _woken(state: PpsState, pair: Pair, rng: Generator) -> PpsState:
     """Planes that had to wait start from the combined estimate when they are chosen."""
     if state.space.config.running == "all" or state.joined is None:
         return state
-    before, clouds = {p for _, p in state.pair}, list(state.clouds)
+    before, clouds, errors = {p for _, p in state.pair}, list(state.clouds), state.errors
     for _, p in pair:
         if p not in before:
             n = state.space.config.particles
             clouds[p] = (_reseeded(state.joined, p, n, rng), np.full(n, -math.log(n)))
-    return state._replace(clouds=tuple(clouds))
+            errors = woken(errors, p, state.joined.combination)
+    return state._replace(clouds=tuple(clouds), errors=errors)
 
 
 def _reseeded(joined: Joined, plane: int, n: int, rng: Generator) -> Floats:
-    """(4, n) particles around the combined estimate, axes independent."""
+    """(4, n) particles around the combined estimate."""
     rows = plane_axes(plane)
-    cloud = np.empty((4, n))
-    for place, k in enumerate(AXES[plane]):
-        values, vectors = np.linalg.eigh(joined.axis[k])
-        cloud[[place, place + 2]] = (vectors * np.sqrt(np.maximum(values, 0.0))) @ rng.standard_normal((2, n))
-    return cloud + joined.mean[rows][:, None]
-
-
-def _moved(state: PpsState, pair: Pair, dt: float, rng: Generator) -> Clouds:
-    """Particles of the planes that run, dt later."""
-    if dt == 0.0:
-        return state.clouds
-    clouds = list(state.clouds)
-    for p in _running(state, pair):
-        cloud, log_weights = clouds[p]
-        clouds[p] = (moved(cloud, state.motions[p], dt, rng, _turned(state, p, dt)), log_weights)
-    return tuple(clouds)
+    root = root_of(joined.covariance[np.ix_(rows, rows)])
+    return np.asarray(root @ rng.standard_normal((4, n)) + joined.mean[rows][:, None])
 
 
 def _running(state: PpsState, pair: Pair) -> list[int]:
@@ -204,26 +216,32 @@ def _turned(state: PpsState, plane: int, dt: float) -> Floats | None:
     return jump
 
 
-def _weighed(
-    state: PpsState, clouds: Clouds, pair: Pair, heard: ScanDirections, angles: Angles, rng: Generator
-) -> tuple[Clouds, dict[int, Flat]]:
-    """The running planes' particles after the scan, resampled where that is due, and what they know."""
-    config, n = state.space.config, state.space.config.particles
+def _taken_in(
+    state: PpsState, dt: float, pair: Pair, heard: ScanDirections, angles: Angles, rng: Generator
+) -> tuple[Clouds, dict[int, Flat], dict[int, PlaneSights]]:
+    """The running planes' particles after the scan, what they know, and what the scan told them."""
+    config, n, chances = state.space.config, state.space.config.particles, state.space.chances
     best = {p: s for s, p in pair}
-    new, flats = list(clouds), {}
+    new, flats, told = list(state.clouds), {}, {}
     for p in _running(state, pair):
-        cloud, log_weights = clouds[p]
-        only = best.get(p) if config.per_plane == "best" else None
-        told = log_likelihood(cloud, p, heard, angles, state.space.chances, only)
-        weights, log_sum = weigh(log_weights, told, LEAST)
+        cloud, log_weights = state.clouds[p]
+        own = sights_in_plane(p, heard, angles, best.get(p) if config.per_plane == "best" else None)
+        cloud, weights, log_sum = taken_in(
+            cloud,
+            log_weights,
+            Way(state.motions[p], dt, _turned(state, p, dt)),
+            partial(lines_in_plane, own, heard, chances),
+            partial(log_likelihood, own=own, heard=heard, chances=chances),
+            config=config,
+            rng=rng,
+        )
         mean, covariance = moments(cloud, weights)
-        flats[p] = Flat(mean, covariance, log_sum, effective_size(weights))
-        if flats[p].ess < config.resample_below * n:
+        flats[p], told[p] = Flat(mean, covariance, log_sum, effective_size(weights)), own
+        if config.proposal == "motion" and flats[p].ess < config.resample_below * n:
             cloud = redraw(cloud, weights, mean, covariance, n, config.kernel * best_width(n, 4), rng)
             weights = np.full(n, 1.0 / n)
-        with np.errstate(divide="ignore"):
-            new[p] = (cloud, np.log(weights))
-    return tuple(new), flats
+        new[p] = (cloud, log_of(weights))
+    return tuple(new), flats, told
 
 
 def _estimate(

@@ -69,7 +69,8 @@ def adapt(mean: Floats, root: Floats, lines: Lines) -> tuple[Floats, Floats, Flo
     n, looks, count = mean.shape[1], lines.first.shape[0] - 1, lines.scale.shape[0]
     modes, factors, volume = np.zeros((3, n)), np.zeros((6, n)), np.zeros(n)
     turned = np.empty((count, 3, 3))  # along, left and above in the coordinates y
-    base, terms, density = np.empty((count, 3)), np.empty((count, 11)), np.empty(count)
+    base, density = np.empty((count, 3)), np.empty(count)
+    sight, slopes = np.empty((count, 2)), np.empty((count, 2, 3))  # both tangents, and their slopes by y
     for r in range(count):
         for k in range(3):
             turned[r, 0, k] = turned[r, 1, k] = turned[r, 2, k] = 0.0
@@ -106,16 +107,15 @@ def adapt(mean: Floats, root: Floats, lines: Lines) -> tuple[Floats, Floats, Flo
                     if not (u > 0.0 and u * u > AHEAD * AHEAD * (u * u + v * v + w * w)):
                         continue
                     one, two = v / u, w / u
-                    g0, g1, g2 = (t[1, 0] - one * t[0, 0]) / u, (t[1, 1] - one * t[0, 1]) / u, (t[1, 2] - one * t[0, 2]) / u
-                    h0, h1, h2 = (t[2, 0] - two * t[0, 0]) / u, (t[2, 1] - two * t[0, 1]) / u, (t[2, 2] - two * t[0, 2]) / u
-                    terms[r, 0], terms[r, 1], terms[r, 2], terms[r, 3], terms[r, 4] = one, g0, g1, g2, two
-                    terms[r, 5], terms[r, 6], terms[r, 7] = h0, h1, h2
-                    wide = share * (g0 * g0 + g1 * g1 + g2 * g2)
+                    g, h, sight[r, 0], sight[r, 1] = slopes[r, 0], slopes[r, 1], one, two
+                    for j in range(3):
+                        g[j], h[j] = (t[1, j] - one * t[0, j]) / u, (t[2, j] - two * t[0, j]) / u
+                    wide = share * (g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
                     open_still = open_still or wide > OPEN * lines.variance[r, 0]
                     wide += lines.variance[r, 0]
                     exponent, spread = one * one / wide, wide
                     if lines.variance[r, 1] < math.inf:
-                        wide = share * (h0 * h0 + h1 * h1 + h2 * h2)
+                        wide = share * (h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
                         open_still = open_still or wide > OPEN * lines.variance[r, 1]
                         wide += lines.variance[r, 1]
                         exponent, spread = exponent + two * two / wide, spread * wide * 2.0 * math.pi
@@ -129,7 +129,7 @@ def adapt(mean: Floats, root: Floats, lines: Lines) -> tuple[Floats, Floats, Flo
                     if e > NEGLIGIBLE:
                         for c in range(2):
                             f = e / lines.variance[r, c]  # 0 for what is not measured
-                            x, g0, g1, g2 = terms[r, 4 * c], terms[r, 4 * c + 1], terms[r, 4 * c + 2], terms[r, 4 * c + 3]
+                            x, g0, g1, g2 = sight[r, c], slopes[r, c, 0], slopes[r, c, 1], slopes[r, c, 2]
                             a11 += f * g0 * g0
                             a21 += f * g1 * g0
                             a22 += f * g1 * g1
