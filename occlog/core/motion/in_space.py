@@ -58,6 +58,18 @@ def moved(
     return out
 
 
+def moved_back(cloud: Floats, motion: AccelerationModel, dt: float) -> Floats:
+    """(2d, L) states dt >= 0 seconds before a cloud's, without noise: the inverse of `moved` where the density is 0.
+
+    It is exact for a known acceleration or a turn; with both at once it is right to first order in dt.
+    """
+    d = len(cloud) // 2
+    out = drift(cloud, -dt, known_jump(motion.acceleration, -dt), np.zeros((d, 2, 2)), np.empty((2 * d, 0)))
+    if motion.turn != 0.0:
+        _turn(out, cloud, motion.turn, motion.axes[0], motion.axes[1], -dt)
+    return out
+
+
 def half_normals(particles: int, rows: int, rng: np.random.Generator) -> Floats:
     """(rows, H) standard normal draws for L = `particles`, H = ceil(L / 2): antithetic variates.
 

@@ -23,12 +23,13 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
+from occlog.core.filter.backward import best_width, root_of
 from occlog.core.filter.particles import effective_size, log_of, normalise, systematic_ancestors
 from occlog.core.motion.in_space import AccelerationModel, moved
 from occlog.core.motion.turns import acceleration_root
 from occlog.track.in_space.kernels.importance import LEAST_RIVAL, Lines, adapt, draw
 from occlog.track.in_space.kernels.likelihood import Chances
-from occlog.track.in_space.kernels.resampling import best_width, moments, root_of, weigh
+from occlog.track.in_space.kernels.resampling import moments, weigh
 
 from .config import SpaceConfig
 from .sensing import ScanDirections
@@ -177,7 +178,7 @@ def propose(
 
 
 def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Floats]:
-    """The lower root (3, 3) of the place's covariance; of the velocity its regression (d, d) on y, and the rest's root."""
+    """The lower root (3, 3) of the place, the regression (d, d) of the velocity on y, and the root of what is left."""
     place = C[:d, :d] + least**2 * np.eye(d)
     root = np.eye(3)
     root[:d, :d] = np.linalg.cholesky(place)

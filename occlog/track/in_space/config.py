@@ -6,14 +6,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import setting
+from occlog.track.smoothing_config import SmoothingConfig
 
 PLANES = ("xy", "yz", "zx")
 STARTS = (3, 4, 8, 12)
 
 
 @dataclass(frozen=True)
-class SpaceConfig(Settings):
+class SpaceConfig(SmoothingConfig):
     """Settings that both methods have; lengths in the scene's unit, times in seconds.
 
     In metres, feet and inches targets are people: they stop and turn, and their heads hardly go up or down.

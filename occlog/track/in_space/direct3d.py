@@ -22,16 +22,18 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import NS, Bools, Floats, Ints
-from occlog.core.filter.particles import effective_size, normalise
+from occlog.core.filter.backward import best_width, knot
+from occlog.core.filter.particles import effective_size, log_of, normalise
 from occlog.core.motion.in_space import moved
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.in_space.kernels.resampling import best_width, moments, redraw
-from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction
+from occlog.track.in_space.kernels.resampling import moments, redraw
+from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 
 from .adapted import Way, sight_lines, taken_in
 from .config import Direct3dConfig, SpaceConfig
 from .sensing import ScanDirections, agrees, pack_directions
+from .smoothing import CloudTrace, through_clouds
 from .start import C, Space, around, found, log_likelihood, make_space
 
 REFERENCE_S = 1.0
@@ -49,6 +51,7 @@ class Direct3dState(NamedTuple):
     near: Floats  # (2,) about where the target is
     t_ns: int | None
     astray: Ints  # (S,) see `contradicted`
+    begun: bool = True  # anew with the last scan
 
 
 class Draw(NamedTuple):
@@ -100,9 +103,15 @@ def step(state: Direct3dState, scan: Scan, rng: Generator) -> tuple[Direct3dStat
         n = config.particles
         cloud = redraw(cloud, weights, mean, covariance, n, config.kernel * best_width(n, 6), rng)
         weights = np.full(n, 1.0 / n)
-    with np.errstate(divide="ignore"):
-        log_weights = np.log(weights)
-    return Direct3dState(space, cloud, log_weights, mean[:2], scan.t_ns, astray), estimate
+    begun = state.t_ns is None or draw.fallback != ""
+    return Direct3dState(space, cloud, log_of(weights), mean[:2], scan.t_ns, astray, begun), estimate
+
+
+def trace(state: Direct3dState) -> CloudTrace:
+    """What the last step leaves for the way back."""
+    assert state.t_ns is not None
+    weights = np.exp(state.log_weights)
+    return CloudTrace(state.t_ns, knot(state.cloud, weights / weights.sum()), state.begun)
 
 
 def predict(state: Direct3dState, t_ns: int, rng: Generator) -> Cloud:
@@ -204,4 +213,5 @@ METHOD = Online(
     step=step,
     started=lambda config: config.start is not None,
     prediction=Prediction(predict, lambda _: REFERENCE_S, lambda _: None),
+    smoothing=Smoothing(lambda config: config, trace, through_clouds),
 )

@@ -25,13 +25,14 @@ from numpy.random import Generator
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.core.bounds.in_space import plane_axes
+from occlog.core.filter.backward import best_width, root_of
 from occlog.core.filter.particles import effective_size, log_of
 from occlog.core.motion.in_space import AccelerationModel, moved, turn_jump
 from occlog.core.sight.projected_planes import AXES, PLANES, XY
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.in_space.kernels.resampling import best_width, moments, redraw, root_of
-from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction
+from occlog.track.in_space.kernels.resampling import moments, redraw
+from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 
 from .adapted import Way, sight_lines, taken_in
 from .config import PpsConfig
@@ -54,6 +55,7 @@ from .planes import (
     sights_in_plane,
 )
 from .sensing import ScanDirections, agrees, pack_directions
+from .smoothing import GaussianTrace, through_gaussians
 from .start import Space, around, make_space
 from .start import log_likelihood as space_log_likelihood
 
@@ -73,6 +75,7 @@ class PpsState(NamedTuple):
     pair: Pair
     t_ns: int | None
     astray: Ints  # (S,) see `direct3d.contradicted`
+    begun: bool = True  # anew with the last scan
 
 
 def init(scene: Scene, config: PpsConfig, rng: Generator) -> PpsState:  # noqa: ARG001
@@ -119,7 +122,9 @@ def step(state: PpsState, scan: Scan, rng: Generator) -> tuple[PpsState, Estimat
         return _started(
             state._replace(astray=astray), scan.t_ns, heard, angles, begin(space, heard, "restart", rng), rng
         )
-    after = state._replace(clouds=clouds, errors=errors, joined=joined, pair=pair, t_ns=scan.t_ns, astray=astray)
+    after = state._replace(
+        clouds=clouds, errors=errors, joined=joined, pair=pair, t_ns=scan.t_ns, astray=astray, begun=False
+    )
     ess, log_sum = min(f.ess for f in used), sum(f.log_evidence for f in used)
     return after, _estimate(joined, heard, config, ess, log_sum, "", pair)
 
@@ -136,6 +141,13 @@ def predict(state: PpsState, t_ns: int, rng: Generator) -> Cloud:
     dt = min((t_ns - state.t_ns) / NS, space.config.max_gap_s)
     ahead = moved(cloud, state.motions[XY], dt, rng, _turned(state, XY, dt))
     return Cloud(np.ascontiguousarray(ahead[:2].T), np.exp(log_weights))
+
+
+def trace(state: PpsState) -> GaussianTrace:
+    """What the last step leaves for the way back."""
+    assert state.t_ns is not None
+    assert state.joined is not None
+    return GaussianTrace(state.t_ns, state.joined.mean, state.joined.covariance, state.begun)
 
 
 def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> Draw:
@@ -172,7 +184,9 @@ def _started(
     pair = choose_pair(config.selection, heard, angles, mean[:3], state.pair)
     planes = (pair[0][1], pair[1][1])
     joined = Joined(mean, covariance, combination_of(planes, shared_axis(*planes), np.full((2, 2), 0.5)))
-    after = state._replace(clouds=tuple(clouds), errors=begun(covariance), joined=joined, pair=pair, t_ns=t_ns)
+    after = state._replace(
+        clouds=tuple(clouds), errors=begun(covariance), joined=joined, pair=pair, t_ns=t_ns, begun=True
+    )
     ess = effective_size(draw.weights)
     return after, _estimate(joined, heard, config, ess, draw.log_likelihood, draw.fallback, pair)
 
@@ -274,4 +288,5 @@ METHOD = Online(
     step=step,
     started=lambda config: config.start is not None,
     prediction=Prediction(predict, lambda _: REFERENCE_S, lambda _: None),
+    smoothing=Smoothing(lambda config: config, trace, through_gaussians),
 )

@@ -12,14 +12,10 @@ import math
 import numpy as np
 
 from occlog.array_types import Floats, Ints
+from occlog.core.filter.backward import root_of
 from occlog.core.filter.particles import effective_size, normalise, systematic_ancestors
 from occlog.core.motion.in_space import half_normals
 from occlog.core.numerics.jit import array_kernel
-
-
-def best_width(particles: int, dimension: int) -> float:
-    """Width h, in standard deviations, that is best for a Gaussian: (4 / (n (d + 2)))^(1 / (d + 4))."""
-    return float((4.0 / (particles * (dimension + 2.0))) ** (1.0 / (dimension + 4.0)))
 
 
 def weigh(log_prior: Floats, log_likelihood: Floats, least: float) -> tuple[Floats, float]:
@@ -52,12 +48,6 @@ def moments(cloud: Floats, weights: Floats) -> tuple[Floats, Floats]:
     mean = cloud @ weights
     off = cloud - mean[:, None]
     return mean, (off * weights) @ off.T
-
-
-def root_of(covariance: Floats) -> Floats:
-    """B (n, n) with B B^T the covariance, which may be singular."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def redraw(
