@@ -175,6 +175,7 @@ class Joint(NamedTuple, Generic[State, Config, Report]):
     init: Callable[[Scene, Config, Generator], State]
     step: Callable[[State, Scan, Generator], tuple[State, Report]]  # rows of arrays alone
     estimates: Callable[[Report, Scene], list[tuple[int, Estimate]]]  # by target
+    smoothing: Smoothing[tuple[State, int], Config] | None = None  # of one target of a state; None: cannot look back
 
 
 AnyMethod = Online[Any, Any] | Batch[Any, Any] | Joint[Any, Any, Any]

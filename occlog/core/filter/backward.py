@@ -4,8 +4,8 @@ The particles of a filter at a time stand for a density with the width h of a ke
 
     sum_l w_l N(x; c_l, h^2 V),   c_l = a x_l + (1 - a) m,   a^2 + h^2 = 1,
 
-which has their mean m and covariance V.  Given the state x' a step later, of which b is the same state moved back without
-noise and B the covariance of the step's noise moved back likewise, the state before it is, by Bayes' rule,
+which has their mean m and covariance V.  Given the state x' a step later, of which b is the same state moved back
+without noise and B the covariance of the step's noise moved back likewise, the state before it is, by Bayes' rule,
 
     l ~ w_l P(l to x') N(b; c_l, h^2 V + B),   x | l ~ N(b + G (c_l - b), B - G B),   G = B (h^2 V + B)^-1.
 
@@ -119,7 +119,7 @@ def states_before(
     S = S + max(LEAST * float(np.trace(S)), NOTHING) * np.eye(len(S))
     root = np.linalg.cholesky(S)
     centres, at = np.linalg.solve(root, before.centres), np.linalg.solve(root, back)
-    u = rng.random(M)
+    u = rng.random(size=(M,))
     rows = _chosen(np.ascontiguousarray(centres), np.ascontiguousarray(at), before.kinds, kinds, chances, u)
     gain = np.linalg.solve(S, noise).T
     drawn = back + gain @ (before.centres[:, rows] - back)
@@ -128,7 +128,7 @@ def states_before(
 
 @array_kernel
 def _chosen(centres: Floats, at: Floats, before: Ints, after: Ints, chances: Floats, u: Floats) -> Ints:
-    """(M,) one of K centres (n, K) for each of (n, M) places, by unit Gaussians times chances; the nearest if all are 0."""
+    """(M,) one of K centres (n, K) for each of (n, M) places, by unit Gaussians times chances; the nearest if all 0."""
     n, K = centres.shape
     M = at.shape[1]
     half, out = np.empty(K), np.empty(M, dtype=np.int64)

@@ -19,6 +19,7 @@ from occlog.track.imm.filter import ImmState, Report
 from occlog.track.imm.listening import Listener
 from occlog.track.interface import Joint
 
+from .lookback import lookback
 from .rows import ROWS_PER_CHUNK, Row, Tracked, tables
 from .tracking import Tracking
 
@@ -48,6 +49,7 @@ def track_joint(
     rng, helping = generator(tracking.seed, Stage.TRACK, 0), generator(tracking.seed, Stage.COOPERATE, 0)
     state, memory = method.init(scene, config, rng), when_to_ask.Memory()
     listener, cameras = Listener(scene, config.forget_s), CameraRequests(scene, config)
+    later = lookback(method.smoothing, config, tracking.seed)
     rows: list[Row] = []
     requests: list[tuple[int, CameraRequest]] = []
     heard, told, offered = False, 0, 0  # frames offered up to the last chunk, and up to the last row
@@ -66,8 +68,15 @@ def track_joint(
                 state, report, memory = when_to_ask.located(state, report, answers, memory, helping)
             # Estimate
             for target, estimate in method.estimates(report, scene):
-                rows.append(Row(target, sounds.t_ns, estimate, cameras.offered - offered + estimate.n_looked))
+                row = Row(target, sounds.t_ns, estimate, cameras.offered - offered + estimate.n_looked)
+                if later is None:
+                    rows.append(row)
+                else:
+                    later.add(row, (state, target))
             offered = cameras.offered
+            # Smooth: rows that have seen enough of what comes after them
+            if later is not None:
+                rows += later.settled(sounds.t_ns)
         if len(rows) + len(requests) >= ROWS_PER_CHUNK:
             yield _tracked(rows, requests, cameras.offered - told, names)
             rows, requests, told = [], [], cameras.offered
@@ -76,6 +85,8 @@ def track_joint(
             "bearings: no row is of a microphone array of the scene, which this method needs; give directions of "
             "arrival (doa), or use method apf for bearings of cameras"
         )
+    if later is not None:
+        rows += later.rest()
     yield _tracked(rows, requests, cameras.offered - told, names)
 
 

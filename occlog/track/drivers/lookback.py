@@ -8,7 +8,7 @@ from typing import Any, Generic, NamedTuple
 from numpy.random import Generator
 
 from occlog.core.numerics.seeds import Stage, generator
-from occlog.track.interface import Config, Online, Smoothing, State
+from occlog.track.interface import Config, Smoothing, State
 
 from .rows import Row
 
@@ -102,8 +102,8 @@ class Lookback(Generic[State, Config]):
         return early
 
 
-def lookback(method: Online[State, Config], config: Config, seed: int) -> Lookback[State, Config] | None:
-    """What holds the rows back; None where the settings want no smoothing."""
-    if method.smoothing is None or not method.smoothing.wanted(config).smoothed:
+def lookback(smoothing: Smoothing[State, Config] | None, config: Config, seed: int) -> Lookback[State, Config] | None:
+    """What holds the rows back; None where the method cannot smooth or the settings want none."""
+    if smoothing is None or not smoothing.wanted(config).smoothed:
         return None
-    return Lookback(method.smoothing, config, seed)
+    return Lookback(smoothing, config, seed)

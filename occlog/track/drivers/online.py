@@ -38,7 +38,7 @@ def track_online(
     feed = _feed(occluders, method, tracking)
     selector = _selector(scene, method, tracking)
     filters: dict[int, TargetFilter[State]] = {}
-    later = lookback(method, config, tracking.seed)
+    later = lookback(method.smoothing, config, tracking.seed)
     rows: list[Row] = []
     for everything in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
         # Priors of the moving occluders at the time of the scan

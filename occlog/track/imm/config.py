@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, listed, setting
+from occlog.settings import listed, setting
+from occlog.track.smoothing_config import SmoothingConfig
 
 POLICIES = ("none", "periodic", "printed", "count", "spread")
 TRIGGERS = ("count", "bearing", "ellipse")
@@ -16,13 +17,13 @@ START_NUMBERS = 6
 
 
 @dataclass(frozen=True)
-class ImmConfig(Settings):
+class ImmConfig(SmoothingConfig):
     """Settings of method `imm`; lengths in the scene's unit, times in seconds, angles in radians."""
 
     OWNER: ClassVar[str] = "imm"
 
     particles: int = setting(
-        500,
+        2000,
         "Particles of each target; every one is moved under each of the three models.",
         at_least=1,
         option="--particles",

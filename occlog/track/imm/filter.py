@@ -19,11 +19,12 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.filter.particles import effective_size
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
-from occlog.track.interface import Estimate, Joint
+from occlog.track.interface import Estimate, Joint, Smoothing
 
 from . import kernel as imm
 from .association import Association, BearingFit, Direction, associate, both, direction, hear, in_range, reweigh
 from .config import ImmConfig
+from .smoothing import TrackTrace, back, trace_of
 from .tracks import (
     UNLABELLED,
     UNNUMBERED,
@@ -327,4 +328,17 @@ def _estimate(belief: Belief, report: Report, cameras: int) -> Estimate:
     )
 
 
-METHOD = Joint(config=ImmConfig, init=init, step=step, estimates=estimates)
+def trace(told: tuple[ImmState, int]) -> TrackTrace:
+    """What the last step leaves of a target for the way back."""
+    state, number = told
+    assert state.t_ns is not None
+    return trace_of(next(track for track in state.tracks if track.number == number), state.t_ns)
+
+
+METHOD = Joint(
+    config=ImmConfig,
+    init=init,
+    step=step,
+    estimates=estimates,
+    smoothing=Smoothing(lambda config: config, trace, back),
+)
