@@ -20,7 +20,7 @@ from occlog.core.sight.projected_planes import XY
 from occlog.track.in_space import direct3d, projected_planes
 from occlog.track.in_space.config import Direct3dConfig, PpsConfig
 from occlog.track.in_space.kernels.resampling import moments, redraw
-from occlog.track.in_space.planes import log_likelihood, plane_angles
+from occlog.track.in_space.planes import log_likelihood, plane_angles, sights_in_plane
 from occlog.track.in_space.sensing import pack_directions
 from occlog.track.in_space.start import make_space
 
@@ -68,6 +68,7 @@ def ours_in_space(given: Recording) -> tuple[float, Floats]:
         acceleration=tuple(problem.ACCELERATION),
         q=problem.DENSITY,
         false=0.0,
+        proposal="motion",
     )
     state = direct3d.init(problem.scene(), config, rng)
     scans, means = [scan_of(given, k) for k in range(STEPS)], []
@@ -95,7 +96,8 @@ def ours_in_plane(given: Recording) -> tuple[float, Floats]:
     for k, scan in enumerate(scans):
         heard = pack_directions(scan, space.ears, given.start[:2], use_score=True)
         cloud = moved(cloud, motion, problem.STEP_S, rng) if k else cloud
-        log_weights = np.log(weights) + log_likelihood(cloud, XY, heard, plane_angles(heard), chances)
+        own = sights_in_plane(XY, heard, plane_angles(heard))
+        log_weights = np.log(weights) + log_likelihood(cloud[:2], own, heard, chances)
         weights, _ = normalise(log_weights)
         mean, covariance = moments(cloud, weights)
         means.append(mean)

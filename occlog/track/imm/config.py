@@ -68,7 +68,7 @@ class ImmConfig(SmoothingConfig):
         at_least=0,
         below=1,
     )
-    birth_factor: int = setting(10, "A new target has this many times the particles until it is confirmed.", at_least=1)
+    birth_factor: int = setting(3, "A new target has this many times the particles until it is confirmed.", at_least=1)
     confirm: float = setting(0.95, "A target is reported from this probability on that it exists.", at_least=0, below=1)
     confirm_hits: int = setting(3, "And when it was heard so often.", at_least=1)
     die: float = setting(0.02, "Below this probability a target is given up.", at_least=0, below=1)

@@ -145,7 +145,7 @@ def test_births_are_on_the_sight_line_in_range_and_room():
     world = make_world(SCENE, config)
     track = on_line(world, 0, math.radians(30.0), math.radians(1.0), 5, UNLABELLED, np.random.default_rng(0))
     xy = track.cloud.states[:, ::2] - world.places[0]
-    assert len(xy) == 5000
+    assert len(xy) == 6000
     np.testing.assert_allclose(np.degrees(np.arctan2(xy[:, 1], xy[:, 0])), 30.0, atol=5.0)
     far = np.hypot(*xy.T)
     assert far.max() <= 9.0

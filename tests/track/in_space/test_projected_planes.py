@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from space_scenes import PLACES, SOURCE, place, room, scan
 
+from occlog.core.bounds.in_space import plane_axes
 from occlog.core.sight.projected_planes import XY, YZ, ZX, select_as_printed
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Camera, Scene
 from occlog.track.in_space import projected_planes
 from occlog.track.in_space.config import PpsConfig
+from occlog.track.in_space.plane_errors import PLANE_ROWS, begun
 from occlog.track.in_space.planes import Flat, choose_pair, combine, plane_angles, shared_axis
 from occlog.track.in_space.sensing import pack_directions, pack_ears
 
@@ -85,8 +87,10 @@ def test_planes_are_combined_by_hand_worked_weights(p: int, q: int) -> None:
         "planes-weighted": 0.75 * both[0] + 0.25 * both[1],
         "inverse": (precision[0] * both[0] + precision[1] * both[1]) / (precision[0] + precision[1]),
     }
+    errors = np.zeros((12, 12))  # of planes that have nothing in common
+    errors[PLANE_ROWS[p], PLANE_ROWS[p]], errors[PLANE_ROWS[q], PLANE_ROWS[q]] = one.covariance, two.covariance
     for rule, value in expected.items():
-        joined = combine((p, q), (one, two), rule)
+        joined = combine((p, q), (one, two), rule, errors)
         np.testing.assert_allclose(joined.mean[[k, k + 3]], value, rtol=1e-12)
         assert np.linalg.eigvalsh(joined.covariance)[0] > -1e-12
         for n, f in ((p, one), (q, two)):
@@ -96,12 +100,17 @@ def test_planes_are_combined_by_hand_worked_weights(p: int, q: int) -> None:
             assert joined.covariance[other, other] == pytest.approx(f.covariance[row, row])
 
 
-def test_planes_agree_about_the_common_axis_then_its_variance_is_theirs() -> None:
+def test_planes_that_know_the_same_have_the_covariance_of_that_and_not_a_smaller_one() -> None:
     rng = np.random.default_rng(0)
-    one = flat(rng)
-    two = one._replace(mean=one.mean[[1, 0, 3, 2]], covariance=one.covariance[np.ix_([1, 0, 3, 2], [1, 0, 3, 2])])
-    joined = combine((XY, YZ), (one, two), "inverse")
-    assert joined.covariance[1, 1] == pytest.approx(one.covariance[1, 1])
+    root = rng.standard_normal((6, 6))
+    covariance, mean = root @ root.T, rng.standard_normal(6)
+    flats = [
+        Flat(mean[plane_axes(p)], covariance[np.ix_(plane_axes(p), plane_axes(p))], 0.0, 10.0) for p in (XY, YZ, ZX)
+    ]
+    for p, q in ((XY, YZ), (YZ, ZX), (ZX, XY)):
+        joined = combine((p, q), (flats[p], flats[q]), "inverse", begun(covariance))
+        np.testing.assert_allclose(joined.mean, mean, rtol=1e-12)
+        np.testing.assert_allclose(joined.covariance, covariance, atol=1e-12)
 
 
 def heard_at(scene: Scene, xyz):
