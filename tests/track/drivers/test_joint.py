@@ -211,3 +211,29 @@ def test_what_is_missing_is_said():
         run([cameras.take(np.char.startswith(cameras.sensor, "c"))])
     with pytest.raises(UsageError, match="wants two cameras with a pose; the scene has 1 in use"):
         run([cameras], replace(CONFIG, cooperate="spread"), sensors=frozenset({"a1", "c1"}))
+
+
+@pytest.mark.parametrize("more", [{"smooth": True}, {"lag_s": 2.0}], ids=["all", "lag"])
+def test_what_is_heard_later_tells_of_a_place_as_well(two, tracked, more):
+    tracks, _, parts = run([two], config=replace(CONFIG, **more))
+    np.testing.assert_array_equal(tracks.t_ns, tracked[0].t_ns)
+    np.testing.assert_array_equal(tracks.target_id, tracked[0].target_id)
+    assert sum(len(p.diagnostics) for p in parts) == len(tracks)
+    for path in TWO.values():
+        filtered, smoothed = nearest(tracked[0], path, since=2.0)[1], nearest(tracks, path, since=2.0)[1]
+        assert np.sqrt(np.mean(smoothed**2)) < 0.85 * np.sqrt(np.mean(filtered**2))
+
+
+def test_rows_with_a_lag_come_in_the_order_of_time(two):
+    t_ns, given = two.t_ns, -1
+
+    def feed():
+        for n in range(0, len(t_ns), 50):
+            yield two.take(slice(n, n + 50))
+
+    config = replace(CONFIG, lag_s=1.0)
+    for part in track(feed(), SCENE, Tracking(config, 0, method="imm")):
+        assert (np.diff(part.tracks.t_ns) >= 0).all()
+        assert part.tracks.t_ns[0] >= given
+        given = int(part.tracks.t_ns[-1])
+    assert given == t_ns[-1]

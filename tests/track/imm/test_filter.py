@@ -124,7 +124,7 @@ def test_association_any_is_the_filter_of_the_kernel():
 @pytest.mark.parametrize("unheard", [0.0, 0.3, 1.0])
 def test_existence_and_sound_follow_bayes(unheard):
     """States: not there; there and silent; there, sounding and missed; there and heard."""
-    world = make_world(SCENE, replace(STILL, particles=100))
+    world = make_world(SCENE, replace(STILL, particles=100, birth_factor=10))
     rng = np.random.default_rng(0)
     track = on_line(world, 0, 0.7, 0.05, 0, UNLABELLED, rng)._replace(exists=0.6, sounds=0.7)
     states = track.cloud.states[None]

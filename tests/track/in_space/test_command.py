@@ -90,3 +90,20 @@ def test_moving_occluders_are_refused(recording, tmp_path, capsys, method) -> No
     error = capsys.readouterr().err
     assert f"--occluders is an option of --method apf, not of --method {method}" in error
     assert error.count("\n") == 1
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("method", ["direct3d", "pps"])
+def test_what_is_heard_later_lowers_the_error(recording, tmp_path, capsys, method) -> None:
+    errors, times = {}, {}
+    for name, options in {"filter": [], "all": ["--smooth"], "lag": ["--lag", "1"]}.items():
+        out = tmp_path / f"{name}.parquet"
+        assert track(recording, out, "--method", method, *options) == 0
+        times[name] = read_table(out, Tracks).t_ns
+        capsys.readouterr()
+        assert run(["evaluate", str(out), "--truth", str(recording), "--json"]) == 0
+        errors[name] = json.loads(capsys.readouterr().out)["rmse_m"]
+    np.testing.assert_array_equal(times["all"], times["filter"])
+    np.testing.assert_array_equal(times["lag"], times["filter"])
+    assert errors["all"] < 0.85 * errors["filter"]
+    assert errors["lag"] < 0.9 * errors["filter"]
