@@ -16,7 +16,9 @@ class ExitCode(IntEnum):
     LOSSY = 3  # finished, but input was lost on the way; what was lost is listed
     BAD_INPUT = 4  # bad or unreadable input, or a file that cannot be written
     DIFFERENT = 5  # `diff` found a difference
-    THRESHOLD = 6  # `evaluate --fail-if` was not met, or `epipolar --check` found matches that do not fit
+    THRESHOLD = (
+        6  # `--fail-if` was not met, `--strict` and not plausible, or matches that do not fit (`epipolar --check`)
+    )
     EXISTS = 7  # the output exists and --overwrite was not given
     INTERRUPTED = 130
 

@@ -36,6 +36,8 @@ seed_opt = click.option(
 )
 SCENE_HELP = "Scene file (YAML), or a recording that holds one."
 scene_opt = click.option("--scene", type=PATH, default=None, help=SCENE_HELP)
+STRICT_HELP = "Exit code 6 if warnings say that the estimates are not plausible. Outputs are written all the same."
+strict_opt = click.option("--strict", is_flag=True, help=STRICT_HELP)
 quiet_opt = click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on standard error.")
 workers_opt = click.option(
     "--workers",
@@ -78,8 +80,11 @@ def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(_plain(summary), sort_keys=True))
         return
-    width = max((len(k) for k in summary), default=0)
-    for key, value in summary.items():
+    shown = {k: v for k, v in summary.items() if k not in ("plausible", "warnings")}
+    if "plausible" in summary:
+        shown["plausible"] = plausible_in_words(summary)
+    width = max((len(k) for k in shown), default=0)
+    for key, value in shown.items():
         if isinstance(value, list | tuple | dict) and not value:
             continue
         click.echo(f"{key.replace('_', ' ') + ':':<{width + 2}}{_shown(value)}")
@@ -104,6 +109,26 @@ def _plain(value: object) -> object:
     if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
         return None
     return value if isinstance(value, str | int | float | bool | type(None)) else str(value)
+
+
+def plausible_in_words(summary: Mapping[str, object]) -> str:
+    """The verdict of a summary in a few words: yes, or no with the codes of its warnings."""
+    if summary["plausible"]:
+        return "yes"
+    warnings = summary.get("warnings")
+    codes = [w["code"] for w in warnings if isinstance(w, Mapping)] if isinstance(warnings, list) else []
+    return f"no ({', '.join(dict.fromkeys(codes))})"
+
+
+def note_findings(findings: Iterable[tuple[str, str, str]], quiet: bool = False) -> None:
+    """What speaks against estimates (code, severity, sentence), each in a line on standard error."""
+    for _, severity, sentence in findings:
+        note(f"{severity}: {sentence}", quiet)
+
+
+def strict_code(code: int, plausible: bool, strict: bool) -> int:
+    """The exit code, or 6 where estimates are not plausible and --strict was given."""
+    return ExitCode.THRESHOLD if strict and not plausible else code
 
 
 def finish(summary: Mapping[str, object], losses: Iterable[Loss], as_json: bool) -> int:

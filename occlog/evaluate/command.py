@@ -12,12 +12,12 @@ from occlog.cli.setting_options import SettingsCommand, given, with_options
 from occlog.errors import ExitCode, UsageError
 from occlog.settings import configure
 
-from .matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, EvaluateConfig
+from .matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, WORLD, EvaluateConfig
 from .mot.config import ManyConfig
-from .options import COMPARED, OF_MANY, WRITTEN, check_kind, with_all
+from .options import COMPARED, OF_MANY, WRITTEN, KindOption, check_kind, with_all
 
 if TYPE_CHECKING:
-    from .stage import Threshold
+    from .stage import Evaluation, Threshold
 
 
 @click.command(
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 @with_options(EvaluateConfig)
 @with_options(ManyConfig)
 @with_all(OF_MANY)
+@click.option("--strict", cls=KindOption, kinds=WORLD, is_flag=True, help=options.STRICT_HELP)
 @options.overwrite_opt
 @options.quiet_opt
 @options.json_opt
@@ -60,6 +61,7 @@ def command(**values: Any) -> int:
       occlog evaluate test.txt --truth gt.txt --fail-if 'mota<0.5'
     """
     from occlog.evaluate.mot.run import in_images, run_evaluate_many
+    from occlog.track.plausibility.verdict import plausible
 
     from .inputs import Paths
     from .run import run_evaluate, run_evaluate_doa
@@ -86,21 +88,27 @@ def command(**values: Any) -> int:
         result, unit = run_evaluate(paths, chosen, many)
     for line in result.notes:
         options.note(line, quiet)
-    _show(result.metrics, unit, as_json)
+    options.note_findings(result.findings or (), quiet)
+    _show(result, unit, as_json)
     code = _judged(result.metrics, thresholds)
+    if result.findings is not None:
+        code = options.strict_code(code, plausible(result.findings), values["strict"])
     for path in (paths.output, paths.errors, paths.bound, paths.failures, paths.mot):
         if path is not None:
             options.note(f"wrote {path}", quiet)
     return code
 
 
-def _show(metrics: Mapping[str, float], unit: str, as_json: bool) -> None:
+def _show(result: Evaluation, unit: str, as_json: bool) -> None:
     if as_json:
-        options.echo_summary(metrics, True)
+        options.echo_summary(result.figures, True)
         return
     from .text import summary_lines
 
-    click.echo("\n".join(summary_lines(metrics, unit)))
+    lines = summary_lines(result.metrics, unit)
+    if result.findings is not None:
+        lines += ["", f"plausible: {options.plausible_in_words(result.figures)}"]
+    click.echo("\n".join(lines))
 
 
 def _thresholds(texts: Iterable[str]) -> list[Threshold]:

@@ -14,8 +14,9 @@ from occlog.io.open import Opened, check_unit, losses_of, open_if_ours, open_inp
 from occlog.measure.scans.sources import bearings_of_doa
 from occlog.records.columns import Table
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Cooperation, Doa, Tracks, Truth, TruthBoxes, Views
-from occlog.track.catalogue import smooths
+from occlog.records.tables import Bearings, Cooperation, Diagnostics, Doa, Tracks, Truth, TruthBoxes, Views
+
+from .verdict import Made
 
 T = TypeVar("T", bound=Table)
 
@@ -30,6 +31,7 @@ class Paths:
     doa: Path | None = None
     views: Path | None = None
     cooperation: Path | None = None
+    diagnostics: Path | None = None
     scene: Path | None = None
     output: Path | None = None
     errors: Path | None = None
@@ -47,7 +49,8 @@ class Paths:
     @property
     def inputs(self) -> tuple[Path, ...]:
         """Every file that is read."""
-        given = (self.tracks, self.truth, self.bearings, self.doa, self.views, self.cooperation, self.scene)
+        files = (self.tracks, self.truth, self.bearings, self.doa, self.views, self.cooperation, self.diagnostics)
+        given = (*files, self.scene)
         return tuple(dict.fromkeys(p for p in given if p is not None))
 
 
@@ -62,7 +65,8 @@ class Tables:
     bearings: Bearings | None
     views: Views | None
     cooperation: Cooperation | None
-    smoothed: bool  # the tracks know what came after them
+    diagnostics: Diagnostics | None
+    made: Made  # how the tracks were made
 
 
 def read_tables(paths: Paths) -> Tables:
@@ -84,7 +88,8 @@ def read_tables(paths: Paths) -> Tables:
         bearings=read_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
         views=None if paths.views is None else open_input(paths.views).read(Views),
         cooperation=None if paths.cooperation is None else open_input(paths.cooperation).read(Cooperation),
-        smoothed=tracks is not None and smooths(tracks.provenance.command, tracks.provenance.parameters),
+        diagnostics=None if paths.diagnostics is None else open_input(paths.diagnostics).read(Diagnostics),
+        made=Made() if tracks is None else Made.of(tracks.provenance),
     )
 
 

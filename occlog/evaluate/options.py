@@ -71,6 +71,9 @@ COMPARED = (
     ),
     file_option("--views", kinds=WORLD, help="Views to compare with the true boxes of --truth."),
     file_option("--cooperation", kinds=WORLD, help="What cameras were asked; gives its cost too."),
+    file_option(
+        "--diagnostics", kinds=WORLD, help="How the filter fared at each time, to judge whether TRACKS are plausible."
+    ),
     file_option("--scene", kinds=(AZIMUTHS, *WORLD), help=options.SCENE_HELP),
 )
 """Options that name what is compared."""

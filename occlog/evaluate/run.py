@@ -31,6 +31,7 @@ from occlog.track.images.run.provenance import other_video
 
 from .inputs import Paths, provenance_of, read_tables
 from .stage import Evaluation, evaluate
+from .verdict import judge
 
 
 def run_evaluate(paths: Paths, given: Mapping[str, object], many_given: Mapping[str, object]) -> tuple[Evaluation, str]:
@@ -56,12 +57,23 @@ def run_evaluate(paths: Paths, given: Mapping[str, object], many_given: Mapping[
         views=t.views,
         truth_boxes=t.truth_boxes,
         cooperation=t.cooperation,
-        smoothed=t.smoothed,
+        smoothed=t.made.smoothed,
     )
     result, many = ground_figures(
         result, t, config, told=many_given, wanted=paths.failures is not None, path=paths.tracks
     )
-    result = replace(result, notes=(*result.notes, *other_video(paths.tracks, [paths.truth])))
+    findings = judge(
+        t.tracks,
+        t.scene,
+        t.made,
+        diagnostics=t.diagnostics,
+        bearings=t.bearings,
+        errors=result.errors,
+        metrics=result.metrics,
+        held_out=config.held_out,
+    )
+    notes = (*result.notes, *other_video(paths.tracks, [paths.truth]))
+    result = replace(result, notes=notes, findings=findings)
     _write(paths, result, unit, config, many)
     return result, unit
 
@@ -106,7 +118,7 @@ def _write(paths: Paths, result: Evaluation, unit: str, config: EvaluateConfig, 
         if path is not None:
             write_table(path, table, provenance, overwrite=paths.overwrite, length_unit=unit)
     if paths.output is not None:
-        values = {**result.metrics, "_provenance": provenance.as_dict()}
+        values = {**result.figures, "_provenance": provenance.as_dict()}
         write_json(paths.output, values, overwrite=paths.overwrite)
 
 

@@ -28,6 +28,7 @@ from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
 from occlog.records.views import Failures
+from occlog.track.plausibility.verdict import Finding, figures
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -52,6 +53,7 @@ class Evaluation:
         bound: posterior Cramer-Rao bound.
         failures: of trackers.
         notes: lines that the user must know of.
+        findings: what speaks against the tracks; None: nobody has judged them.
     """
 
     metrics: dict[str, float]
@@ -59,6 +61,12 @@ class Evaluation:
     bound: Bound = field(default_factory=Bound.empty)
     failures: Failures = field(default_factory=Failures.empty)
     notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] | None = None
+
+    @property
+    def figures(self) -> dict[str, object]:
+        """The metrics with the verdict."""
+        return {**self.metrics, **({} if self.findings is None else figures(self.findings))}
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from occlog.errors import InputError, UsageError
 from .options import PAGE, VARIANTS, chosen
 
 if TYPE_CHECKING:
+    from occlog.evaluate.verdict import Made
     from occlog.records.columns import Table
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
@@ -61,21 +62,27 @@ def command(**given: Any) -> int:
 
     With --recording no page is made: TRACKS (in images) and true boxes are drawn over the frames.
     """
+    from occlog.track.plausibility.verdict import figures, plausible
+
     as_json, quiet = given.pop("as_json"), given.pop("quiet")
     if "recording" in given:
         from occlog.report.overlay.command import Asked, run_overlay
 
         return options.finish(run_overlay(Asked(**given), quiet=quiet), (), as_json)
-    title = given.pop("title")
+    title, strict = given.pop("title"), given.pop("strict")
     if given["output"] is None:
         raise UsageError("no output: give -o (the page), or --recording with --video or --frame")
     paths = from_folder(Paths(**given))
     data = run_report(paths, title)
     for loss in data.losses:
         options.note(f"lost earlier: {loss}", quiet)
-    summary = {"page": paths.output, "png": paths.png, "targets": len(data.targets)}
+    findings = data.findings
+    options.note_findings(findings or (), quiet)
+    summary: dict[str, object] = {"page": paths.output, "png": paths.png, "targets": len(data.targets)}
     summary |= {name: len(table) for name in TABLES if (table := getattr(data, name)) is not None}
-    return options.finish({k: v for k, v in summary.items() if v is not None}, (), as_json)
+    summary |= {} if findings is None else figures(findings)
+    code = options.finish({k: v for k, v in summary.items() if v is not None}, (), as_json)
+    return options.strict_code(code, findings is None or plausible(findings), strict)
 
 
 TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "occluders")
@@ -170,18 +177,18 @@ def read_input(paths: Paths, title: str) -> ReportInput:
         metrics=read_json(paths.metrics) if paths.metrics is not None else {},
         provenance=provenance,
         losses=losses,
-        smoothed=_smoothed(paths.tracks),
+        made=_made_tracks(paths.tracks),
         length_unit=unit,
     )
 
 
-def _smoothed(tracks: Path | None) -> bool:
-    """Whether tracks know what came after them, as their provenance says."""
+def _made_tracks(tracks: Path | None) -> Made:
+    """How the tracks were made, as their provenance says."""
+    from occlog.evaluate.verdict import Made
     from occlog.io.open import open_if_ours
-    from occlog.track.catalogue import smooths
 
     opened = None if tracks is None else open_if_ours(tracks)
-    return opened is not None and smooths(opened.provenance.command, opened.provenance.parameters)
+    return Made() if opened is None else Made.of(opened.provenance)
 
 
 def _scene(paths: Paths) -> Scene | None:

@@ -33,6 +33,7 @@ def page_options() -> list[click.Option]:
         table("--diagnostics", "Diagnostics written by track."),
         table("--occluders", "Moving occluders as the tracker was told: hulls or occluders, written by priors."),
         table("--metrics", "Figures written by evaluate (JSON)."),
+        click.Option(["--strict"], is_flag=True, help=options.STRICT_HELP),
         click.Option(["--title"], default="Tracking report", show_default=True, help="Heading of the page."),
     ]
 

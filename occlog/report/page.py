@@ -31,6 +31,7 @@ from occlog.report.plots.selectionplot import cameras_of, draw_selection, expect
 from occlog.report.plots.sensortable import sensor_rows
 from occlog.report.plots.sightplot import draw_sight
 from occlog.report.plots.visibility import MOST_ROWS, draw_visibility, sensors, watched
+from occlog.track.plausibility.verdict import plausible
 
 from .summary import headline, plural, rms, row_counts, with_bound
 
@@ -201,6 +202,8 @@ def _render(data: ReportInput, plots: list[Plot]) -> str:
         unit=data.unit,
         start=data.time.start,
         headline=headline(data),
+        findings=data.findings,
+        plausible=data.findings is None or plausible(data.findings),
         groups=groups(data.metrics, data.unit),
         rows=row_counts(data),
         sensors=sensor_rows(data),

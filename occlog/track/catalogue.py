@@ -25,6 +25,8 @@ IN_WORLD = (
     "labelled_only",
     "use_recovered",
     "turn",
+    "residuals",
+    "strict",
 )
 """Options of all methods that track in the world; see `occlog.track.options`."""
 IN_IMAGES = ("initial", "detections", "fundamental", "world")
@@ -61,7 +63,7 @@ METHODS: dict[str, Entry] = {
         "most probable trajectory from all bearings at once (Rahimi, Dunagan, Darrell 2004)",
         "occlog.track.map.method:METHOD",
         "occlog.track.map.config:MapConfig",
-        (*IN_WORLD, "starts", "motion", "residuals"),
+        (*IN_WORLD, "starts", "motion"),
     ),
     "direct3d": Entry(
         "particle filter in space from azimuths and elevations (Lee 2009)",

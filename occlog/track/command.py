@@ -163,7 +163,9 @@ def command(
         diagnostics=own["diagnostics"],
         calibration=own.get("calibration"),
         cooperation=own.get("cooperation"),
-        residuals=own.get("residuals"),
+        residuals=own["residuals"],
     )
     options.check_outputs(request.paths, outputs.paths, overwrite)
-    return options.finish(*run_track(request, outputs, overwrite, quiet), as_json)
+    summary, losses = run_track(request, outputs, overwrite, quiet)
+    code = options.finish(summary, losses, as_json)
+    return options.strict_code(code, bool(summary["plausible"]), own["strict"])

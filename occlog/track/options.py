@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from occlog.cli.options import PATH
+from occlog.cli.options import PATH, STRICT_HELP
 from occlog.cli.setting_options import options_of
 from occlog.cli.values import LONGEST_WINDOW_S, Finite
 from occlog.track.apf.selection_config import SelectConfig
@@ -73,6 +73,7 @@ LISTED: tuple[click.Option, ...] = (
         metavar="SECONDS",
         help="Use one sensor at a time, each for so long, in the order of the scene. [default: all at once]",
     ),
+    click.Option(["--strict"], is_flag=True, help=STRICT_HELP),
     click.Option(["--motion"], type=PATH, default=None, help="How targets move, from `occlog fit-motion`."),
     click.Option(
         ["--initial"],

@@ -23,14 +23,14 @@ from occlog.records.tables import Bearings, Calibration, Cooperation, Diagnostic
 from occlog.settings import METRES, Settings, configure
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.drivers.messages import Messages
-from occlog.track.drivers.residual_check import ResidualCheck
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.imm.config import START_NUMBERS, ImmConfig
 
 from .catalogue import settings_of, tracker
 from .interface import AnyMethod, Joint, Online
-from .plausibility import WORDS
+from .plausibility.sight import Compared
+from .plausibility.verdict import Evidence, Finding, figures
 
 if TYPE_CHECKING:
     from occlog.records.columns import Table
@@ -42,15 +42,12 @@ if TYPE_CHECKING:
 class TrackSummary:
     """Figures of the whole run, gathered while tables stream by."""
 
-    def __init__(self) -> None:
-        """Nothing yet."""
-        self.rows = 0
+    def __init__(self, scene: Scene, *, joint: bool) -> None:
+        """Nothing yet; `joint` says that the method itself tells targets apart."""
+        self.scene, self.joint = scene, joint
         self.targets: set[int] = set()
-        self.fallbacks: Counter[str] = Counter()
-        self.doubts: Counter[str] = Counter()
-        self.ess = 0.0
+        self.evidence = Evidence()
         self.messages = Messages()
-        self.residuals = ResidualCheck()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
         self.cooperated = False
@@ -58,13 +55,14 @@ class TrackSummary:
 
     def add(self, part: Tracked) -> None:
         """Count some more rows."""
-        self.rows += len(part.tracks)
         self.targets.update(part.tracks.target_id.tolist())
-        self.fallbacks.update(f for f in part.diagnostics.fallback.tolist() if f)
-        self.doubts.update(d for text in part.diagnostics.doubt.tolist() if text for d in text.split(","))
-        self.ess += float(part.diagnostics.ess.sum())
+        self.evidence.fared(part.diagnostics)
+        if part.residuals is not None:
+            self.evidence.saw(part.tracks, Compared(part.residuals, part.frames), self.scene)
+        for solve in part.solves:
+            if solve.noise is not None:
+                self.evidence.agreements.moves(solve.target, solve.noise.motion)
         self.messages.add(part.diagnostics)
-        self.residuals.add(part.residuals, part.solves)
         self.solves += part.solves
         self.offered += part.offered
         if (asked := part.cooperation) is not None:
@@ -76,15 +74,17 @@ class TrackSummary:
 
     def figures(self) -> dict[str, Any]:
         """All figures, by the names that the summary has for them."""
+        found = self.evidence
         return {
             "targets": len(self.targets),
-            "rows": self.rows,
+            "rows": found.rows,
             **(self._searches() if self.solves else self._particles()),
-            "fallbacks": dict(sorted(self.fallbacks.items())),
-            **({"doubts": dict(sorted(self.doubts.items()))} if self.doubts else {}),
-            **self.residuals.figures(),
+            "fallbacks": dict(sorted(found.fallbacks.items())),
+            **({"doubts": dict(sorted(found.doubts.items()))} if found.doubts else {}),
+            **found.figures(),
             **self.messages.summary(),
             **(self._cooperation() if self.cooperated else {}),
+            **figures(self.findings()),
         }
 
     def _cooperation(self) -> dict[str, Any]:
@@ -97,30 +97,19 @@ class TrackSummary:
             "frames_offered": self.offered,
         }
 
-    def warnings(self) -> list[str]:
-        """Rows that are to be used with care, and a joint method that reported no target."""
-        said = {
-            "unobservable": "what was seen does not tell the position (its covariance says how well it is known)",
-            "contradiction": "no place holds all constraints; what was seen there was left out",
-            "wall": "no way around a wall was found; more states may help (--set fill_s=0.2)",
-            "unfinished": "the search did not converge; try --set iterations=1000",
-        }
-        if not self.rows:
-            return [
+    def findings(self) -> tuple[Finding, ...]:
+        """What speaks against the estimates, and what else a user must know."""
+        if not self.evidence.rows:
+            text = (
                 "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
-            ]
-        counts = [(self.fallbacks, said), (self.doubts, WORDS)]
-        flagged = [
-            f"{found[k]} of {self.rows} rows: {k}: {text}"
-            for found, words in counts
-            for k, text in words.items()
-            if found[k]
-        ]
-        return [*flagged, *self.residuals.contradictions()]
+            )
+            return (Finding("no-target", "note", text),)
+        return self.evidence.findings(one_target=not self.joint)
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
-        return {} if math.isnan(self.ess) else {"mean_effective_particles": self.ess / max(self.rows, 1)}
+        mean = self.evidence.particles.mean
+        return {} if math.isnan(mean) else {"mean_effective_particles": mean}
 
     def _searches(self) -> dict[str, Any]:
         """Figures of a batch method: iterations of each target's searches, and how many did not converge."""
@@ -232,7 +221,8 @@ def run_track(
         (wanted.cooperation, Cooperation),
         (wanted.residuals, Residuals),
     ]
-    summary = TrackSummary()
+    joint = isinstance(tracker(request.method), Joint)
+    summary = TrackSummary(inputs.scene, joint=joint)
     with ExitStack() as stack:
         writers = [
             None
@@ -248,12 +238,11 @@ def run_track(
                 if writer is not None and table is not None:
                     writer.write(table)
             summary.add(part)
-        if not summary.rows and not isinstance(tracker(request.method), Joint):
+        if not summary.evidence.rows and not joint:
             remedy = "a fix wants directions of two sensors at one time (--window)" if request.method == "fix" else ""
             what = "no row is of the chosen targets and sensors"
             raise InputError(f"{request.bearings}: {what}; {remedy or 'choose others'}")
-    for line in summary.warnings():
-        options.note(f"warning: {line}", quiet)
+    options.note_findings(summary.findings(), quiet)
     return {"tracks": str(wanted.tracks), "method": request.method, **summary.figures()}, losses
 
 

@@ -20,7 +20,7 @@ from occlog.records.tables import Bearings, Boxes, Diagnostics, Tracks, TruthBox
 from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.plausibility import covariances
+from occlog.track.plausibility.doubts import covariances
 
 
 @pytest.mark.slow

@@ -14,9 +14,10 @@ from occlog.cli import options
 @click.option("-o", "--output", type=options.PATH, required=True, help="Run folder; made if missing.")
 @click.option("--force", is_flag=True, help="Do every stage again, also those that are up to date.")
 @click.option("--dry-run", is_flag=True, help="Only say which stages would run.")
+@options.strict_opt
 @options.quiet_opt
 @options.json_opt
-def command(config: Path, output: Path, force: bool, dry_run: bool, quiet: bool, as_json: bool) -> int:
+def command(config: Path, output: Path, force: bool, dry_run: bool, strict: bool, quiet: bool, as_json: bool) -> int:
     """Do all stages of CONFIG (YAML) into a run folder.
 
     A stage is skipped when its options, the program and the content of its inputs are
@@ -29,4 +30,4 @@ def command(config: Path, output: Path, force: bool, dry_run: bool, quiet: bool,
     """
     from .run import run_stages
 
-    return run_stages(config, output, force=force, dry_run=dry_run, quiet=quiet, as_json=as_json)
+    return run_stages(config, output, force=force, dry_run=dry_run, strict=strict, quiet=quiet, as_json=as_json)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +36,9 @@ class Outcome:
     outputs: dict[str, str]  # hashes by path in the run folder
 
 
-def run_stages(config: Path, output: Path, *, force: bool, dry_run: bool, quiet: bool, as_json: bool) -> int:
+def run_stages(
+    config: Path, output: Path, *, force: bool, dry_run: bool, strict: bool, quiet: bool, as_json: bool
+) -> int:
     """Run all stages of a configuration that are not up to date; return the exit code.
 
     Args:
@@ -44,6 +46,7 @@ def run_stages(config: Path, output: Path, *, force: bool, dry_run: bool, quiet:
         output: run folder.
         force: true: run every stage.
         dry_run: true: only say which stages would run.
+        strict: true: exit code 6 if the evaluation says that the tracks are not plausible.
         quiet: true: no notes.
         as_json: true: print the summary as JSON.
     """
@@ -70,8 +73,16 @@ def run_stages(config: Path, output: Path, *, force: bool, dry_run: bool, quiet:
         codes.append(code)
         if code not in GOING_ON:
             return code
-    options.echo_summary(_summary(folder, done, as_json), as_json)
-    return _worst(codes)
+    summary = _summary(folder, done, as_json)
+    options.note_findings((("", "warning", text) for text in _sentences(summary)), quiet)
+    options.echo_summary(summary, as_json)
+    return options.strict_code(_worst(codes), bool(summary.get("plausible", True)), strict)
+
+
+def _sentences(summary: Mapping[str, object]) -> list[str]:
+    """The warnings of a summary."""
+    warnings = summary.get("warnings")
+    return [str(w["sentence"]) for w in warnings] if isinstance(warnings, list) else []
 
 
 def _worst(codes: list[int]) -> int:
@@ -84,11 +95,12 @@ def _worst(codes: list[int]) -> int:
 def _summary(folder: Path, done: dict[str, str], as_json: bool) -> dict[str, object]:
     metrics = folder / "metrics.json"
     values = read_json(metrics) if metrics.is_file() else {}
-    numbers = {k: v for k, v in values.items() if not k.startswith("_")}
+    verdict = {k: v for k, v in values.items() if k in ("plausible", "warnings")}
+    numbers = {k: v for k, v in values.items() if not k.startswith("_") and k not in verdict}
     if as_json:
-        return {"stages": done, "folder": str(folder), "metrics": numbers}
+        return {"stages": done, "folder": str(folder), "metrics": numbers, **verdict}
     head = {k: v for k, v in numbers.items() if _is_headline(k) and v is not None}
-    return {**done, "report": str(folder / "report.html"), **head}
+    return {**done, "report": str(folder / "report.html"), **head, **verdict}
 
 
 def _is_headline(name: str) -> bool:

@@ -91,7 +91,12 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     metrics = folder / "metrics.json"
     results = {"output": metrics, "errors": out["errors"], "bound": out["bound"]}
     truth = _truth(config, recording, out["views"])
-    compared = {**scene, "bearings": str(out["bearings"]), **truth}
+    compared: dict[str, object] = {
+        **scene,
+        "bearings": str(out["bearings"]),
+        "diagnostics": str(out["diagnostics"]),
+        **truth,
+    }
     yield _stage(config, "evaluate", results, (str(out["tracks"]),), compared)
     shown = {k: v for k, v in {**truth, **inputs}.items() if k in ("truth", "occluders", "scene")}
     yield _report(config, folder, out, metrics, shown)

@@ -226,7 +226,7 @@ def _flat(values: Mapping[str, object], prefix: str = "") -> list[tuple[str, Val
     """Scalars of a mapping with dotted paths; entries that begin with `_` (provenance) are left out."""
     out: list[tuple[str, Value]] = []
     for key, value in values.items():
-        if str(key).startswith("_"):
+        if str(key).startswith("_") or key == "plausible":  # said with its reasons elsewhere
             continue
         if isinstance(value, Mapping):
             out += _flat(value, f"{prefix}{key}.")

@@ -11,9 +11,11 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError
+from occlog.evaluate.verdict import Made, judge
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Diagnostics, Errors, Hulls, Occluders, Tracks, Truth
+from occlog.track.plausibility.verdict import Finding
 
 from .plane_of_sight import Residuals, distances, residuals
 
@@ -78,7 +80,7 @@ class ReportInput:
         metrics: flat figures of `occlog evaluate`, by name.
         provenance: how the inputs were made, as JSON-ready values.
         losses: input that was lost on the way.
-        smoothed: the tracks know what came after them.
+        made: how the tracks were made.
         length_unit: unit of lengths where there is no scene to say it.
     """
 
@@ -94,7 +96,7 @@ class ReportInput:
     metrics: Mapping[str, object] = field(default_factory=dict)
     provenance: Mapping[str, object] = field(default_factory=dict)
     losses: tuple[Loss, ...] = ()
-    smoothed: bool = False
+    made: Made = field(default_factory=Made)
     length_unit: str = "m"
 
     def __post_init__(self) -> None:
@@ -106,6 +108,26 @@ class ReportInput:
     def unit(self) -> str:
         """Unit of lengths."""
         return self.scene.length_unit if self.scene is not None else self.length_unit
+
+    @property
+    def smoothed(self) -> bool:
+        """Whether the tracks know what came after them."""
+        return self.made.smoothed
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...] | None:
+        """What speaks against the tracks; None without tracks."""
+        if self.tracks is None:
+            return None
+        return judge(
+            self.tracks,
+            self.scene,
+            self.made,
+            diagnostics=self.diagnostics,
+            bearings=self.bearings,
+            errors=self.errors,
+            metrics=self.metrics,
+        )
 
     @cached_property
     def time(self) -> TimeAxis:

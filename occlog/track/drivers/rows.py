@@ -11,6 +11,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints, Ints32
 from occlog.records.tables import Calibration, Cooperation, Diagnostics, Residuals, Tracks
 from occlog.track.interface import Estimate, Fit, Height, Noise
+from occlog.track.plausibility.sight import Frames
 
 
 class Solve(NamedTuple):
@@ -31,7 +32,8 @@ class Tracked(NamedTuple):
     solves: tuple[Solve, ...] = ()  # of a batch method
     cooperation: Cooperation | None = None  # of a method that asks cameras
     offered: int = 0  # frames that it could have asked for
-    residuals: Residuals | None = None  # of a method that judges bearings
+    residuals: Residuals | None = None  # None: nothing was compared
+    frames: tuple[Frames, ...] = ()  # what candidates without a label were left
 
 
 ROWS_PER_CHUNK = 4096

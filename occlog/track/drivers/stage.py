@@ -11,7 +11,8 @@ from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.track.catalogue import tracker
 from occlog.track.imm.config import ImmConfig
 from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online
-from occlog.track.plausibility import Doubts
+from occlog.track.plausibility.doubts import Doubts
+from occlog.track.plausibility.sight import Witness
 
 from .batch import track_batch
 from .joint import track_joint
@@ -48,9 +49,17 @@ def track(
     method = tracker(tracking.method)
     started = not isinstance(method, Joint) and method.started(tracking.config)
     doubts = Doubts(scene, online=not isinstance(method, Batch), started=started)
-    for part in _tracked(bearings, scene, method, tracking, occluders):
+    # A batch method judges its bearings itself
+    witness = None if isinstance(method, Batch) else Witness(scene, tracking.window_ns, unlabelled=tracking.unlabelled)
+    watched = bearings if witness is None else witness.watch(bearings)
+    for part in _tracked(watched, scene, method, tracking, occluders):
         tracks, diagnostics = doubts.judged(part.tracks, part.diagnostics)
-        yield part._replace(tracks=tracks, diagnostics=diagnostics)
+        part = part._replace(tracks=tracks, diagnostics=diagnostics)
+        if witness is not None:
+            compared = witness.compare(tracks, diagnostics)
+            own = compared.residuals if part.residuals is None else part.residuals
+            part = part._replace(residuals=own, frames=compared.frames)
+        yield part
 
 
 def _tracked(

@@ -1,0 +1,129 @@
+"""Whether normalised squares are as large as they are expected to be: ratios, and how sure they are.
+
+A normalised square has a chi-square distribution if standard deviations are right: of residuals of bearings (NIS),
+of errors of estimates (NEES).  The sum of squares over the sum of their expected values is then 1.  Squares of one
+moment and the next are alike, so that N of them tell less than N independent ones.  `BatchMeans` finds how much less,
+while rows stream by, and `ratio_interval` turns that into limits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtri
+
+from occlog.array_types import Floats
+
+MOST_BATCHES = 32
+"""Batches that are kept; they are put together in pairs when there are as many."""
+FEWEST_DEGREES = 0.1
+"""Of fewer degrees of freedom the chi-square's quantiles are all but zero: nothing is known."""
+FEWEST_BATCHES = 8
+"""From fewer batches nothing is learned of how alike neighbours are."""
+
+
+class Ratio(NamedTuple):
+    """A ratio of sums of squares to what they are expected to be.
+
+    Attributes:
+        value: the ratio, 1 if standard deviations are right; NaN if nothing is expected.
+        error: its standard error; infinite if nothing is expected.
+    """
+
+    value: float
+    error: float
+
+    @classmethod
+    def of_parts(cls, parts: Iterable[BatchMeans]) -> Ratio:
+        """The ratio of all parts together, which are independent of one another."""
+        told = [p for p in parts if p.expected > 0.0]
+        expected = math.fsum(p.expected for p in told)
+        if not told:
+            return cls(math.nan, math.inf)
+        error = math.sqrt(math.fsum((p.ratio.error * p.expected) ** 2 for p in told)) / expected
+        return cls(math.fsum(p.squares for p in told) / expected, error)
+
+    @property
+    def degrees(self) -> float:
+        """How many independent squares would tell as much: those of a chi-square with this relative spread."""
+        if not (math.isfinite(self.error) and self.error > 0.0 and self.value > 0.0):
+            return 0.0
+        return 2.0 * (self.value / self.error) ** 2
+
+    def interval(self, chance: float) -> tuple[float, float]:
+        """Limits that the true ratio is outside of with so much probability; see `ratio_interval`."""
+        return ratio_interval(self.value, self.degrees, chance)
+
+
+def ratio_interval(value: float, degrees: float, chance: float) -> tuple[float, float]:
+    """Limits of the true ratio: `value` times `degrees` over the chi-square's quantiles.
+
+    Args:
+        value: ratio of sums, >= 0.
+        degrees: effective number of squares; below one hardly anything is known.
+        chance: probability that the truth is beyond one of the limits, half of it at each.
+    """
+    if not degrees >= FEWEST_DEGREES:
+        return 0.0, math.inf
+    low, high = float(chdtri(degrees, 0.5 * chance)), float(chdtri(degrees, 1.0 - 0.5 * chance))
+    return value * degrees / low, value * degrees / high if high > 0.0 else math.inf
+
+
+class BatchMeans:
+    """Sums of squares and of what is expected of them, with a standard error of their ratio from means of batches.
+
+    A batch holds neighbours in time.  When there are many batches they are put together in pairs, so that batches
+    become longer than squares are alike, in bounded memory.
+    """
+
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.count = 0
+        self.squares = self.expected = 0.0
+        self._size = 1
+        self._batches = np.zeros((0, 2))  # squares, expected
+        self._open, self._in_open = np.zeros(2), 0
+
+    def add(self, squares: Floats, expected: Floats) -> None:
+        """Take in N more, in the order of time; both (N,)."""
+        self.count += len(squares)
+        self.squares += float(squares.sum())
+        self.expected += float(expected.sum())
+        rows = np.column_stack([squares, expected])
+        while len(rows):
+            room = self._size - self._in_open
+            if self._in_open or len(rows) < room:
+                # Fill the batch that is open
+                now, rows = rows[:room], rows[room:]
+                self._open = self._open + now.sum(axis=0)
+                self._in_open += len(now)
+                if self._in_open == self._size:
+                    self._batches = np.vstack([self._batches, self._open])
+                    self._open, self._in_open = np.zeros(2), 0
+            else:
+                # Whole batches, as many as fit
+                fit = max(min(len(rows) // self._size, MOST_BATCHES - len(self._batches)), 1)
+                now, rows = rows[: fit * self._size], rows[fit * self._size :]
+                self._batches = np.vstack([self._batches, now.reshape(fit, self._size, 2).sum(axis=1)])
+            if len(self._batches) >= MOST_BATCHES:
+                self._batches = self._batches[:MOST_BATCHES].reshape(-1, 2, 2).sum(axis=1)
+                self._size *= 2
+
+    @property
+    def ratio(self) -> Ratio:
+        """Sum of squares over what is expected; its error is not below that of independent squares."""
+        if not self.expected > 0.0:
+            return Ratio(math.nan, math.inf)
+        value = self.squares / self.expected
+        variance = 2.0 * value**2 / self.expected
+        n = len(self._batches)
+        if n >= FEWEST_BATCHES:
+            off = self._batches[:, 0] - value * self._batches[:, 1]
+            covered = max(float(self._batches[:, 1].sum()), 1e-300)
+            # Neighbouring batches are alike where squares are alike for longer than a batch
+            scatter = float(off @ off) + 2.0 * max(float(off[1:] @ off[:-1]), 0.0)
+            variance = max(variance, scatter * n / (n - 1) / covered**2)
+        return Ratio(value, math.sqrt(variance))

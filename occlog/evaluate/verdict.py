@@ -1,0 +1,182 @@
+"""The verdict on finished tracks: what their diagnostics, bearings, truth and bound say against them.
+
+`occlog.track.plausibility.verdict` judges what the tracks themselves and their bearings say, here as there; this file
+adds what only a comparison with the truth can say.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats
+from occlog.core.metrics.consistency import BatchMeans, Ratio
+from occlog.core.metrics.errors import CHI2_95_2D, CHI2_95_3D
+from occlog.io.files.provenance import Provenance
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Diagnostics, Errors, Tracks
+from occlog.track.catalogue import smooths
+from occlog.track.plausibility.sight import whole
+from occlog.track.plausibility.verdict import CHANCE, FEWEST, Evidence, Finding, beyond
+
+from .errors.on_ground import in_space
+
+NEES_HIGH, NEES_LOW = 2.0, 0.2
+"""Normalised squared errors over their number of dimensions that matter."""
+OUTSIDE = 0.12
+"""Share of errors outside of the 95 % ellipse that matters."""
+SINGULAR = 0.01
+"""Share of estimates with a singular covariance that matters."""
+DETECTED = 0.3
+"""Share of visible targets seen where they are, below which bearings are not of the targets of the truth."""
+FAR_FROM_BOUND = 5.0
+"""RMSE over the bound that is worth a word."""
+
+
+class Made(NamedTuple):
+    """How tracks were made, as far as a verdict needs it."""
+
+    smoothed: bool = False  # they know what came after them
+    one_target: bool = False  # candidates without a label were taken for one target's
+    unlabelled: bool = True  # candidates without a label were used
+    sensors: frozenset[str] | None = None  # those that were used; None: not known
+    window_ns: int = 0  # bearings so long before an estimate belong to it
+
+    @classmethod
+    def of(cls, provenance: Provenance) -> Made:
+        """As the tracks' provenance says."""
+        parameters = provenance.parameters
+        sensors, window = parameters.get("sensors"), parameters.get("window_ns")
+        return cls(
+            smoothed=smooths(provenance.command, parameters),
+            one_target=provenance.command == "track" and parameters.get("method") != "imm",
+            unlabelled=parameters.get("unlabelled") is not False,
+            sensors=frozenset(str(s) for s in sensors) if isinstance(sensors, list | tuple) else None,
+            window_ns=window if isinstance(window, int) else 0,
+        )
+
+
+def judge(
+    tracks: Tracks | None,
+    scene: Scene | None,
+    made: Made,
+    *,
+    diagnostics: Diagnostics | None = None,
+    bearings: Bearings | None = None,
+    errors: Errors | None = None,
+    metrics: Mapping[str, object] | None = None,
+    held_out: tuple[str, ...] = (),
+) -> tuple[Finding, ...] | None:
+    """Everything that speaks against tracks, and what needs care; None without tracks, or if there is nothing to ask.
+
+    Args:
+        tracks: estimates in the order of time.
+        scene: the sensors; None: bearings say nothing.
+        made: how the tracks were made.
+        diagnostics: of the tracks.
+        bearings: that they were made from.
+        errors: of the tracks.
+        metrics: figures of the evaluation.
+        held_out: sensors that the tracks were made without.
+    """
+    seen = bearings if scene is not None else None
+    if tracks is None or all(table is None or not len(table) for table in (diagnostics, seen, errors)):
+        return None
+    found = Evidence(rows=len(tracks))
+    if diagnostics is not None:
+        found.rows = 0
+        found.fared(diagnostics)
+    if seen is not None and scene is not None and len(tracks):
+        use = np.isin(seen.sensor, list(held_out), invert=True)
+        if made.sensors is not None:
+            use &= np.isin(seen.sensor, sorted(made.sensors))
+        if not made.unlabelled:
+            use &= seen.target_id >= 0
+        found.saw(tracks, whole(tracks, seen.take(use), scene, diagnostics, made.window_ns), scene)
+    said = found.findings(one_target=made.one_target)
+    return (*said, *_against_truth(errors), *_of_figures(metrics or {}))
+
+
+def _against_truth(errors: Errors | None) -> Iterator[Finding]:
+    """Whether covariances say how large the errors are."""
+    if errors is None or len(errors) < FEWEST:
+        return
+    high = in_space(errors)
+    part = errors.take(high) if high.all() else errors
+    nees, dimensions, limit, where = (
+        (part.nees_space, 3, CHI2_95_3D, " in space") if high.all() else (part.nees, 2, CHI2_95_2D, "")
+    )
+    told = np.isfinite(nees)
+    singular = len(nees) - int(told.sum())
+    if beyond(singular, len(nees), SINGULAR):
+        yield Finding(
+            "singular",
+            "warning",
+            f"{singular} of {len(nees)} estimates have a singular covariance (allowed: {SINGULAR:.0%}): the filter has "
+            "run out of particles, or the noise that is stated is zero; use more particles, or state the noise",
+        )
+    outside = np.where(told, nees > limit, True)
+    mean = _ratio(part, told, np.where(told, nees, 0.0), float(dimensions))
+    share = _ratio(part, np.ones(len(part), dtype=np.bool_), outside.astype(np.float64), 0.05)
+    large = mean.value > NEES_HIGH and mean.interval(CHANCE)[0] > 1.0
+    many = 0.05 * share.value > OUTSIDE and share.interval(CHANCE)[0] > 1.0
+    found = (
+        f"mean NEES{where} {mean.value * dimensions:.3g}, expected {dimensions}, allowed up to "
+        f"{NEES_HIGH * dimensions:.0f}; {0.05 * share.value:.0%} of the errors are outside of the 95 % "
+        f"{'ellipsoid' if where else 'ellipse'}, expected 5 %, allowed {OUTSIDE:.0%}"
+    )
+    if large or many:
+        yield Finding(
+            "nees-large",
+            "warning",
+            f"the covariances are too small ({found}): errors are larger than they say; look at other warnings, use "
+            "more particles, state larger noises, and check that the truth is of the same target",
+        )
+    elif mean.value < NEES_LOW and mean.interval(CHANCE)[1] < 1.0:
+        factor = 1.0 / math.sqrt(mean.value) if mean.value > 0.0 else math.inf
+        yield Finding(
+            "nees-small",
+            "note",
+            f"the covariances are too large: errors are {factor:.1f} times smaller than they say ({found}); state "
+            "smaller noises",
+        )
+
+
+def _ratio(errors: Errors, rows: Bools, squares: Floats, expected: float) -> Ratio:
+    """Sum of squares over what is expected, over all targets, which are independent of one another."""
+    parts = []
+    for target in np.unique(errors.target_id):
+        own = rows & (errors.target_id == target)
+        means = BatchMeans()
+        means.add(squares[own], np.full(int(own.sum()), expected))
+        parts.append(means)
+    return Ratio.of_parts(parts)
+
+
+def _of_figures(metrics: Mapping[str, object]) -> Iterator[Finding]:
+    """What other figures of the evaluation say."""
+    rate, visible = _number(metrics, "detection_rate"), _number(metrics, "visible")
+    if rate < DETECTED and beyond(round((1.0 - rate) * visible), round(visible), 1.0 - DETECTED):
+        yield Finding(
+            "not-detected",
+            "warning",
+            f"only {rate:.0%} of the visible targets were seen where they are (expected at least {DETECTED:.0%}): the "
+            "bearings may be of something else than the truth, or the clocks or the calibration do not fit",
+        )
+    ratio = _number(metrics, "bound_ratio")
+    if ratio > FAR_FROM_BOUND:
+        yield Finding(
+            "far-from-bound",
+            "note",
+            f"the RMSE is {ratio:.1f} times the Cramer-Rao bound (usual: up to {FAR_FROM_BOUND:.0f}): the bearings "
+            "would allow more, or the motion that the bound was told is too quiet",
+        )
+
+
+def _number(metrics: Mapping[str, object], name: str) -> float:
+    """A figure; NaN if it is not there."""
+    value = metrics.get(name)
+    return float(value) if isinstance(value, int | float) else math.nan

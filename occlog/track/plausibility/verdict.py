@@ -1,0 +1,248 @@
+"""The verdict: whether a run's estimates are plausible, as sentences with the number, the limit and the remedy.
+
+Limits have two parts.  A figure is said only if it is far enough off to matter (the constants of this file), and if
+chance cannot make it so: its confidence interval, with the effective number of what it was made from, is beyond that
+limit with a probability of `CHANCE` for the contrary.  docs/believe.md has each finding with causes and remedies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+from scipy.special import bdtrc
+
+from occlog.core.metrics.consistency import Ratio
+from occlog.records.scene import Scene
+from occlog.records.tables import Diagnostics, Tracks
+
+from .agreement import Agreements, pose_shares
+from .crowd import Crowd
+from .doubts import WORDS
+from .particles import FEW, Particles
+from .sight import Compared
+
+CHANCE = 1e-3
+"""Probability that chance alone makes a limit seem broken."""
+FEWEST = 20
+"""Of fewer bearings, expected squares or frames nothing is said."""
+DEPLETED = 0.25
+"""Share of rows with too few effective particles that matters."""
+RESTARTS = 0.01
+"""Share of rows with a restart that matters: one in a hundred."""
+DOUBTED = 0.05
+"""Share of rows with a doubt that matters."""
+NOT_BELIEVED = 0.25
+"""Share of bearings not believed that matters."""
+NIS_LOW, NIS_HIGH = 0.5, 2.25
+"""Normalised squared residuals that matter: stated standard deviations 1.4 times too large, 1.5 times too small."""
+LIVELY = 4.0
+"""Factor of the motion's variance that matters."""
+CROWDED = 0.5
+"""Share of frames with a candidate that stays and that no track explains that matters."""
+ROWS = {
+    "contradiction": "no place holds all constraints, and what was seen there was left out; check poses and labels",
+    "wall": "no way around a wall was found; more states may help (fill_s)",
+    "unfinished": "the search did not converge; allow more iterations",
+    "doubted": "fewer than half of the bearings are believed; check poses, clocks and labels",
+}
+"""Values of `fallback` that a verdict speaks of, and what they say."""
+HONEST = {
+    "unobservable": "what was seen does not tell the position, and the covariance says so; add sensors",
+}
+"""Values of `fallback` that need care, though the covariance is right."""
+
+Severity = Literal["warning", "note"]
+
+
+class Finding(NamedTuple):
+    """One thing that a user must know of an estimate.
+
+    Attributes:
+        code: short name, the same in all outputs.
+        severity: `warning`: the estimate is not to be believed as it is; `note`: it needs care.
+        sentence: what was found, the limit, the remedy.
+    """
+
+    code: str
+    severity: Severity
+    sentence: str
+
+
+def plausible(findings: Iterable[Finding]) -> bool:
+    """Whether nothing speaks against the estimates."""
+    return all(f.severity != "warning" for f in findings)
+
+
+def figures(findings: Iterable[Finding]) -> dict[str, object]:
+    """The verdict for a summary: `plausible`, and `warnings` with their codes and sentences."""
+    said = list(findings)
+    warnings = [{"code": f.code, "sentence": f.sentence} for f in said if f.severity == "warning"]
+    return {"plausible": plausible(said), "warnings": warnings}
+
+
+@dataclass
+class Evidence:
+    """What speaks for and against a run's estimates, gathered while tables stream by.
+
+    Attributes:
+        rows: estimates.
+        fallbacks: rows by the value of `fallback`.
+        doubts: rows by the value of `doubt`.
+        particles: effective numbers.
+        agreements: residuals of the bearings.
+        crowd: candidates that are left.
+    """
+
+    rows: int = 0
+    fallbacks: Counter[str] = field(default_factory=Counter)
+    doubts: Counter[str] = field(default_factory=Counter)
+    particles: Particles = field(default_factory=Particles)
+    agreements: Agreements = field(default_factory=Agreements)
+    crowd: Crowd = field(default_factory=Crowd)
+
+    def fared(self, part: Diagnostics) -> None:
+        """Count rows of diagnostics."""
+        self.rows += len(part)
+        self.fallbacks.update(f for f in part.fallback.tolist() if f)
+        self.doubts.update(d for text in part.doubt.tolist() if text for d in text.split(","))
+        self.particles.add(part.ess)
+
+    def saw(self, tracks: Tracks, compared: Compared, scene: Scene) -> None:
+        """Count residuals of bearings, and candidates that are left."""
+        self.agreements.add(compared.residuals, pose_shares(tracks, scene))
+        self.crowd.add(compared.frames)
+
+    def figures(self) -> dict[str, object]:
+        """Figures of a summary."""
+        found: dict[str, object] = {}
+        if self.particles.rows:
+            found["median_effective_particles"] = self.particles.median
+            found["share_depleted"] = self.particles.few / self.particles.rows
+        found |= self.agreements.figures()
+        if self.crowd.frames:
+            found["candidates_unexplained_per_frame"] = self.crowd.unexplained
+        return found
+
+    def findings(self, *, one_target: bool) -> tuple[Finding, ...]:
+        """Everything there is to say.
+
+        Args:
+            one_target: candidates without a label are taken for one target's by the method.
+        """
+        said = [*self._filter(), *self._rows(), *self._bearings()]
+        return (*said, *(self._several() if one_target else ()))
+
+    def _filter(self) -> Iterator[Finding]:
+        """Particles that ran out, and restarts."""
+        few, rows = self.particles.few, self.particles.rows
+        if beyond(few, rows, DEPLETED):
+            yield Finding(
+                "depleted",
+                "warning",
+                f"{few / rows:.0%} of the rows rest on fewer than {FEW:.0f} effective particles (median "
+                f"{self.particles.median:.0f}; allowed in {DEPLETED:.0%} of the rows): their covariances are too "
+                "small; use more particles, or check the noise that is stated, which may be too small",
+            )
+        restarts = self.fallbacks["restart"]
+        if beyond(restarts, self.rows, RESTARTS):
+            yield Finding(
+                "restarts",
+                "warning",
+                f"the target was lost and sought anew in {restarts} of {self.rows} rows (allowed: {RESTARTS:.0%}); "
+                "the motion or the noise that is stated is wrong, or the bearings are not of one target",
+            )
+
+    def _rows(self) -> Iterator[Finding]:
+        """Rows with a flag."""
+        for words, found, least, severity in (
+            (WORDS, self.doubts, DOUBTED, "warning"),
+            (ROWS, self.fallbacks, 0.0, "warning"),
+            (HONEST, self.fallbacks, 0.0, "note"),
+        ):
+            for code, text in words.items():
+                if found[code] > least * self.rows:
+                    share = f" (allowed: {least:.0%})" if least else ""
+                    sentence = f"{found[code]} of {self.rows} rows{share}: {code}: {text}"
+                    yield Finding(code, "warning" if severity == "warning" else "note", sentence)
+
+    def _bearings(self) -> Iterator[Finding]:
+        """What the residuals of bearings contradict."""
+        for name, own in sorted(self.agreements.sensors.items()):
+            if own.bearings >= FEWEST and beyond(own.bearings - own.believed, own.bearings, NOT_BELIEVED):
+                yield Finding(
+                    "not-believed",
+                    "warning",
+                    f"{name}: {own.doubted:.0%} of {own.bearings} bearings are not believed (allowed: "
+                    f"{NOT_BELIEVED:.0%}); its pose, its clock or its labels may be wrong, or the target was lost",
+                )
+        whole = self.agreements.nis
+        if (said := off("the bearings", whole, self._expected())) is not None:
+            yield said
+        else:
+            for name, own in sorted(self.agreements.sensors.items()):
+                said = off(f"the bearings of {name}", own.nis, own.means.expected)
+                if said is not None and said.severity == "warning":
+                    yield said
+        for target, factor in sorted(self.agreements.noise.items()):
+            if factor > LIVELY:
+                yield Finding(
+                    "motion",
+                    "warning",
+                    f"target {target} moves {math.sqrt(factor):.1f} times as irregularly as the settings of its motion "
+                    f"say (allowed: {math.sqrt(LIVELY):.0f} times); state a larger acceleration",
+                )
+
+    def _expected(self) -> float:
+        return math.fsum(a.means.expected for a in self.agreements.sensors.values())
+
+    def _several(self) -> Iterator[Finding]:
+        """Candidates that stay, and that no track explains."""
+        persistent = {name: share for name, share in self.crowd.persistent(FEWEST).items() if share > CROWDED}
+        if not persistent:
+            return
+        yield Finding(
+            "several-targets",
+            "warning",
+            f"the candidates cannot be one target: {self.crowd.unexplained:.1f} of {self.crowd.candidates:.1f} in a "
+            f"frame are near no track, and in {', '.join(persistent)} they stay from frame to frame (in "
+            f"{max(persistent.values()):.0%} of the frames; allowed: {CROWDED:.0%}); label the candidates, use a "
+            "method for several targets, or say where the target is at first",
+        )
+
+
+def beyond(count: int, of: int, share: float) -> bool:
+    """Whether more than a share was found, and would be with a probability of less than `CHANCE` if that were right."""
+    return of > 0 and count > share * of and float(bdtrc(count - 1, of, share)) < CHANCE
+
+
+def off(what: str, nis: Ratio, expected: float) -> Finding | None:
+    """By how much residuals are not as stated; None if they are, or if there are too few to tell.
+
+    Args:
+        what: whose residuals.
+        nis: their normalised square.
+        expected: sum of squares that is expected.
+    """
+    low, high = nis.interval(CHANCE)
+    if expected < FEWEST or NIS_LOW <= nis.value <= NIS_HIGH or low <= 1.0 <= high:
+        return None
+    factor = math.sqrt(nis.value)
+    found = f"NIS {nis.value:.2g} +- {nis.error:.1g}, expected 1, allowed {NIS_LOW:g} to {NIS_HIGH:g}"
+    if nis.value > 1.0:
+        return Finding(
+            "nis-large",
+            "warning",
+            f"{what} are {factor:.1f} times as far from the track as their standard deviations say ({found}): the "
+            "noise that is stated is too small, a pose or a clock is wrong, or the track is wrong; state a "
+            "larger noise, or check the calibration",
+        )
+    return Finding(
+        "nis-small",
+        "note",
+        f"{what} have standard deviations that are {1.0 / factor if factor > 0.0 else math.inf:.1f} times too large "
+        f"({found}): covariances are too large, and false bearings pass; state a smaller noise",
+    )

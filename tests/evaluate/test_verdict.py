@@ -1,0 +1,100 @@
+"""What a comparison with the truth says against tracks, at the limits and just beyond."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.core.metrics.errors import CHI2_95_2D
+from occlog.evaluate.verdict import DETECTED, FAR_FROM_BOUND, NEES_HIGH, OUTSIDE, Made, judge
+from occlog.io.files.provenance import Provenance
+from occlog.records.tables import Errors, Tracks
+
+N = 1000
+
+
+def tracks(n: int = N) -> Tracks:
+    zeros = dict.fromkeys(("x", "y", "vx", "vy", "cov_xy"), np.zeros(n))
+    return Tracks.of(t_ns=np.arange(n), target_id=np.zeros(n, np.int32), cov_xx=np.ones(n), cov_yy=np.ones(n), **zeros)
+
+
+def errors(nees: np.ndarray) -> Errors:
+    n = len(nees)
+    names = ("x", "y", "truth_x", "truth_y", "error_x", "error_y", "error")
+    zeros = dict.fromkeys(names, np.zeros(n))
+    return Errors.of(t_ns=np.arange(n), target_id=np.zeros(n, np.int32), nees=nees, **zeros)
+
+
+def chi_square(factor: float = 1.0, n: int = N) -> np.ndarray:
+    """Squares of two dimensions in a random order, with the quantiles of their distribution."""
+    return factor * np.random.default_rng(0).permutation(-2.0 * np.log((np.arange(n) + 0.5) / n))
+
+
+def codes(nees: np.ndarray | None = None, **metrics: float) -> list[str]:
+    table = errors(chi_square() if nees is None else nees)
+    found = judge(tracks(), None, Made(), errors=table, metrics=metrics)
+    assert found is not None
+    return [f.code for f in found]
+
+
+def test_without_anything_to_ask_there_is_no_verdict() -> None:
+    assert judge(None, None, Made()) is None
+    assert judge(tracks(), None, Made()) is None
+    assert judge(tracks(), None, Made(), errors=errors(chi_square())) == ()
+
+
+@pytest.mark.parametrize(("factor", "said"), [(0.22, []), (0.18, ["nees-small"]), (1.0, []), (1.4, [])])
+def test_covariances_that_are_about_right_pass(factor: float, said: list[str]) -> None:
+    assert codes(chi_square(factor)) == said
+
+
+def test_covariances_that_are_too_small_are_said_with_the_numbers() -> None:
+    found = judge(tracks(), None, Made(), errors=errors(chi_square(1.2 * NEES_HIGH)))
+    assert found is not None
+    (only,) = found
+    assert (only.code, only.severity) == ("nees-large", "warning")
+    assert "mean NEES 4.8, expected 2, allowed up to 4" in only.sentence
+
+
+def test_many_errors_outside_of_the_ellipse_are_said_though_a_few_make_the_mean() -> None:
+    def with_outside(share: float) -> np.ndarray:
+        nees = chi_square(0.5)
+        nees[np.random.default_rng(1).permutation(N)[: round(share * N)]] = CHI2_95_2D + 1e-6
+        return nees
+
+    assert codes(with_outside(0.5 * OUTSIDE)) == []
+    assert codes(with_outside(1.3 * OUTSIDE)) == ["nees-large"]
+
+
+def test_one_error_of_a_million_squared_sigmas_is_said_if_others_are_outside() -> None:
+    nees = chi_square(2.0)
+    nees[7] = 1e7
+    assert "nees-large" in codes(nees)
+
+
+def test_singular_covariances_are_said() -> None:
+    nees = chi_square()
+    nees[: round(0.01 * N)] = np.nan
+    assert codes(nees) == []
+    nees[: round(0.03 * N)] = np.nan
+    assert codes(nees) == ["singular"]
+
+
+@pytest.mark.parametrize(("rate", "said"), [(DETECTED, []), (DETECTED - 0.1, ["not-detected"])])
+def test_bearings_that_are_not_of_the_truth_are_said(rate: float, said: list[str]) -> None:
+    assert codes(detection_rate=rate, visible=500.0) == said
+    assert codes(detection_rate=rate, visible=2.0) == []
+
+
+@pytest.mark.parametrize(("ratio", "said"), [(FAR_FROM_BOUND, []), (FAR_FROM_BOUND + 0.01, ["far-from-bound"])])
+def test_an_error_far_above_the_bound_is_a_note(ratio: float, said: list[str]) -> None:
+    assert codes(bound_ratio=ratio) == said
+
+
+def test_provenance_says_how_tracks_were_made() -> None:
+    parameters = {"method": "apf", "sensors": ["a", "b"], "window_ns": 5, "unlabelled": False}
+    made = Made.of(Provenance("track", parameters, 1, (), ()))
+    assert made == Made(False, True, False, frozenset("ab"), 5)
+    assert not Made.of(Provenance("track", {"method": "imm"}, 1, (), ())).one_target
+    assert Made.of(Provenance("track", {"method": "map"}, 1, (), ())).smoothed
+    assert Made.of(Provenance("ground", {}, 1, (), ())) == Made()
