@@ -61,7 +61,7 @@ def load_command(name: str) -> click.Command:
 EPILOG = """\b
 Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is listed);
 4 bad or unreadable input, or an output that cannot be written; 5 diff found a difference;
-6 a threshold of evaluate --fail-if was not met; 7 the output exists; 130 interrupted.
+6 not plausible (--strict), or a threshold not met (--fail-if); 7 the output exists; 130 interrupted.
 
 \b
   occlog run sample_data/room/run.yaml -o run/   every stage, from video to report

@@ -31,6 +31,7 @@ from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.apf.kernels.waypoint import Particles
 from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction, Smoothing
+from occlog.track.plausibility.particles import FEW
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
 from .config import FORMS, ApfConfig
@@ -39,9 +40,6 @@ from .model import Model, make_model, motion_of, occlusion_of
 from .propose import Draw, auxiliary_step, begin_anew, drift, fresh, parts_of, weigh_start
 from .sensing import pack_scan
 from .smoother import Trace, link, smooth
-
-DEPLETED = 10.0
-"""A row with fewer effective particles is `depleted`: they say little of how uncertain the estimate is."""
 
 
 class ApfState(NamedTuple):
@@ -192,7 +190,7 @@ def _astray(state: ApfState, draw: Draw, looks: PackedScan) -> int:
 def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
     mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
     size, fallback = effective_size(draw.weights), draw.fallback
-    if size < DEPLETED:
+    if size < FEW:
         # A few particles look more certain than they are: at least what they were drawn from is open, too
         covariance = covariance * (size / (size - 1.0) if size > 1.5 else 3.0) + draw.sharpness * np.eye(2)
         fallback = fallback or "depleted"
