@@ -167,7 +167,7 @@ def _of_figures(metrics: Mapping[str, object]) -> Iterator[Finding]:
             "bearings may be of something else than the truth, or the clocks or the calibration do not fit",
         )
     ratio = _number(metrics, "bound_ratio")
-    if ratio > FAR_FROM_BOUND:
+    if ratio > FAR_FROM_BOUND and _number(metrics, "bound_estimates") >= FEWEST:
         yield Finding(
             "far-from-bound",
             "note",

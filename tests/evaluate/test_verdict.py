@@ -9,6 +9,7 @@ from occlog.core.metrics.errors import CHI2_95_2D
 from occlog.evaluate.verdict import DETECTED, FAR_FROM_BOUND, NEES_HIGH, OUTSIDE, Made, judge
 from occlog.io.files.provenance import Provenance
 from occlog.records.tables import Errors, Tracks
+from occlog.track.plausibility.verdict import FEWEST
 
 N = 1000
 
@@ -88,7 +89,8 @@ def test_bearings_that_are_not_of_the_truth_are_said(rate: float, said: list[str
 
 @pytest.mark.parametrize(("ratio", "said"), [(FAR_FROM_BOUND, []), (FAR_FROM_BOUND + 0.01, ["far-from-bound"])])
 def test_an_error_far_above_the_bound_is_a_note(ratio: float, said: list[str]) -> None:
-    assert codes(bound_ratio=ratio) == said
+    assert codes(bound_ratio=ratio, bound_estimates=float(FEWEST)) == said
+    assert codes(bound_ratio=ratio, bound_estimates=FEWEST - 1.0) == []
 
 
 def test_provenance_says_how_tracks_were_made() -> None:

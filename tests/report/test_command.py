@@ -90,7 +90,8 @@ def test_json_summary(folder: Path, capsys: Any) -> None:
     assert report(*args, "-o", page, "--json", "-q") == ExitCode.DONE
     out, err = capsys.readouterr()
     assert err == ""
-    assert json.loads(out) == {"page": str(page), "targets": 1, "tracks": 5, "bearings": 10, "losses": []}
+    verdict = {"plausible": True, "warnings": []}
+    assert json.loads(out) == {"page": str(page), "targets": 1, "tracks": 5, "bearings": 10, **verdict, "losses": []}
     assert "Track and sight lines" in page.read_text()
 
 
