@@ -80,7 +80,8 @@ def save(path: Path, scene: Scene, truth: Floats, scans: list[Scan]) -> None:
 
 def _ours(scene: Scene, truth: Floats, scans: list[Scan]) -> dict[str, Any]:
     rng, times, errors = np.random.default_rng(SEED), [], []
-    state = apf.init(scene, ApfConfig(particles=1000), rng)
+    # The package's filter does not look at the scan either
+    state = apf.init(scene, ApfConfig(particles=1000, proposal="motion"), rng)
     for k, scan in enumerate(scans):
         begin = time.perf_counter()
         state, estimate = apf.step(state, scan, rng)
