@@ -93,10 +93,10 @@ def feed(config, times, target=0, seed=0):
 
 
 def test_without_smoothing_nothing_waits() -> None:
-    assert lookback(METHOD, Settings(), 0) is None
-    assert lookback(METHOD._replace(smoothing=None), Settings(smooth=True), 0) is None
-    assert lookback(METHOD, Settings(smooth=True), 0) is not None
-    assert lookback(METHOD, Settings(lag_s=1.0), 0) is not None
+    assert lookback(WAY_BACK, Settings(), 0) is None
+    assert lookback(None, Settings(smooth=True), 0) is None
+    assert lookback(WAY_BACK, Settings(smooth=True), 0) is not None
+    assert lookback(WAY_BACK, Settings(lag_s=1.0), 0) is not None
 
 
 def test_smoothed_rows_know_everything_that_came_after_them() -> None:
