@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from .columns import Table
 from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, TruthBoxes, Views
-from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, Residuals, Tracks
+from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, FusedTracks, Residuals, Tracks
 from .views import Failures, ViewTracks
 from .world import Hulls, Occluders, Truth
 
@@ -57,6 +57,7 @@ __all__ = [
     "Doa",
     "Errors",
     "Failures",
+    "FusedTracks",
     "Hulls",
     "Occluders",
     "Residuals",

@@ -68,6 +68,21 @@ class Tracks(Table):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FusedTracks(Tracks):
+    """Tracks in the world from tracks in several images; every command reads them as `Tracks`."""
+
+    seen_by: Strings = column("U", "1", "views that made the place, separated by commas", optional=True)
+    doubt: Strings = column(
+        "U",
+        "1",
+        "why the place is not to be believed, separated by commas; empty: no reason was found. `one-view` (one view "
+        "alone made it), `contradiction` (a view is more likely on something else than not, or was left out), "
+        "`exchange` (the target is likely to have taken another one's identity)",
+        optional=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Diagnostics(Table):
     """How a filter fared at each step."""
 

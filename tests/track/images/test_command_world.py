@@ -9,7 +9,7 @@ import pytest
 from occlog.cli.main import run
 from occlog.errors import ExitCode, OutputError
 from occlog.io.files.parquet import TableWriter
-from occlog.records.tables import Tracks
+from occlog.records.tables import FusedTracks
 
 pytestmark = pytest.mark.jit
 
@@ -24,7 +24,7 @@ def test_both_tables_appear_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for ground in (True, False):
 
         def full(writer: TableWriter, ground: bool = ground) -> None:
-            if (writer._table is Tracks) == ground:
+            if (writer._table is FusedTracks) == ground:
                 raise OutputError("the disk is full")
             flush(writer)
 

@@ -15,6 +15,9 @@ HEIGHT = {"m": 0.9, "ft": 3.0, "in": 35.0}
 HEIGHT_SIGMA = {"m": 0.1, "ft": 0.35, "in": 4.0}
 """Standard deviation of it."""
 
+STARTS = {"detections": 0.2, "both": 0.2}
+"""`exchange_start` by where trackers came from, else 0: which detections are of one target was guessed."""
+
 
 @dataclass(frozen=True)
 class GroundConfig(Settings):
@@ -53,6 +56,35 @@ class GroundConfig(Settings):
         unit="deg",
         above=0,
         below=90,
+    )
+    right: float = setting(
+        0.5,
+        "Chance that a view is on the target, before its centre is known; 1: covariances as if all used views were.",
+        above=0,
+        at_most=1,
+    )
+    agree_share: float = setting(
+        0.1,
+        "As model_share, to tell whether views agree: trackers that slide on a target do so alike in all views.",
+        above=0,
+    )
+    exchange_rate: float = setting(
+        0.5,
+        "Rate at which targets take each other's identities where views contradict each other; 0: never.",
+        unit="1/s",
+        at_least=0,
+    )
+    exchange_alone: float = setting(
+        0.3,
+        "Share of that rate where one view alone shows a target that several have shown before.",
+        at_least=0,
+    )
+    exchange_start: float = setting(
+        0.0,
+        "Chance that the trackers of a target begin on different ones.",
+        at_least=0,
+        below=1,
+        shown="0; 0.2 where trackers began from detections",
     )
     window_s: float = setting(
         0.0,

@@ -13,12 +13,13 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import open_input
-from occlog.records.tables import Tracks
+from occlog.records.tables import FusedTracks
 from occlog.records.views import ViewTracks
 from occlog.settings import configure
 
-from .config import GroundConfig, in_scene
+from .config import STARTS, GroundConfig, in_scene
 from .stage import GroundPart, ground_tracks
+from .verdict import Verdict
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
@@ -45,24 +46,30 @@ def run_ground(
     scene = options.load_scene(files.scene, None, files.view_tracks)
     if unknown := [name for name in cameras if name not in [c.name for c in scene.cameras]]:
         raise UsageError(f"--cameras {unknown[0]}: the scene has {', '.join(c.name for c in scene.cameras) or 'none'}")
-    config = in_scene(configure(GroundConfig(), {"window_s": _tracked_window(view_tracks.provenance), **values}), scene)
+    made = _as_tracked(view_tracks.provenance)
+    config = in_scene(configure(GroundConfig(), {**made, **values}), scene)
     inputs = [path for path in (files.view_tracks, files.scene) if path is not None]
     parameters = {**asdict(config), "cameras": list(cameras)}
     provenance = Provenance("ground", parameters, None, hash_inputs(inputs), view_tracks.losses)
     summary, unit = GroundSummary(), scene.length_unit
     rows = options.progress(view_tracks.rows(ViewTracks), "ground", quiet=quiet)
-    with TableWriter(files.output, Tracks, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
+    with TableWriter(files.output, FusedTracks, provenance, overwrite=files.overwrite, length_unit=unit) as writer:
         for part in ground_tracks(rows, scene, config, cameras):
             writer.write(part.tracks)
             summary.add(part)
         summary.check(str(files.view_tracks))
+    for line in summary.verdict.warnings():
+        options.note(f"warning: {line}", quiet)
     return {"tracks": str(files.output), **summary.summary()}, view_tracks.losses
 
 
-def _tracked_window(made: Provenance) -> float:
-    """Window of the frames of one time when the view tracks were made [s]; 0 where their provenance has none."""
-    window = made.parameters.get("window_ns", 0)
-    return window * 1e-9 if isinstance(window, int) and window >= 0 else 0.0
+def _as_tracked(made: Provenance) -> dict[str, object]:
+    """Settings that follow from how the view tracks were made; without such parameters they have none."""
+    window, births = made.parameters.get("window_ns", 0), made.parameters.get("births", "")
+    return {
+        "window_s": window * 1e-9 if isinstance(window, int) and window >= 0 else 0.0,
+        "exchange_start": STARTS.get(str(births), 0.0),
+    }
 
 
 class GroundSummary:
@@ -72,9 +79,11 @@ class GroundSummary:
         """Begin with all counts at 0."""
         self.counts: Counter[str] = Counter()
         self.targets: dict[int, None] = {}
+        self.verdict = Verdict()
 
     def add(self, part: GroundPart) -> None:
         """Count some more rows."""
+        self.verdict.add(part)
         self.counts.update(part.counts)
         self.targets.update(dict.fromkeys(part.tracks.target_id.tolist()))
 
@@ -101,6 +110,7 @@ class GroundSummary:
 
         times: of targets with a tracker in some view.  views: places by the number of views that made them.
         left_out: views that did not agree with the others.  no_place: times without a place, and why.
+        The rest is of `Verdict`.
         """
         views = {k.removeprefix("views_"): n for k, n in sorted(self.counts.items()) if k.startswith("views_")}
         return {
@@ -110,4 +120,5 @@ class GroundSummary:
             "views": views,
             "left_out": self.counts["left_out"],
             "no_place": self._no_place(),
+            **self.verdict.figures(),
         }

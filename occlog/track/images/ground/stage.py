@@ -11,18 +11,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.measure.epipolar.of_scene import ideal_pixels_anywhere
 from occlog.records.scene import Camera, Scene
-from occlog.records.tables import Tracks
+from occlog.records.tables import FusedTracks
 from occlog.records.views import ViewTracks
 
 from .config import GroundConfig, in_scene
+from .contest import Contest, Odds, contest_places
+from .exchange import CONTESTED, Exchanges, among_others
 from .place import APART, BEHIND, MET, NEAR_PARALLEL, TOO_FEW, Height, Meeting, Rig, Sights, meet_in_space
 
 WHY = {TOO_FEW: "one_view", NEAR_PARALLEL: "parallel", BEHIND: "behind", APART: "contradict"}
 """Names in `GroundPart.counts` of the reasons why a target has no place at a time."""
+
+ONE_VIEW, CONTRADICTION, EXCHANGE = "one-view", "contradiction", "exchange"
+"""Values of the column `doubt`, in the order in which they stand there."""
+EXCHANGED = 0.25
+"""A target is said to be exchanged from this probability on."""
 
 
 class GroundPart(NamedTuple):
@@ -32,14 +39,18 @@ class GroundPart(NamedTuple):
     views that did not agree with the others; and the reasons of `WHY` for times without a place.
     """
 
-    tracks: Tracks
+    tracks: FusedTracks
     counts: Counter[str]
+    nis: float  # sum of the squared standardised residuals of places by several views
+    freedom: int  # degrees of freedom of that sum
 
 
 def ground_tracks(
     chunks: Iterable[ViewTracks], scene: Scene, config: GroundConfig | None = None, cameras: Sequence[str] = ()
 ) -> Iterator[GroundPart]:
-    """Find tracks in the world, each time by itself; the result does not depend on how chunks are cut.
+    """Find tracks in the world: places by each time itself, covariances by what was seen before, too.
+
+    The result does not depend on how chunks are cut.
 
     Args:
         chunks: in the order of time; rows in which a tracker has left or lost its target are not used.
@@ -53,6 +64,7 @@ def ground_tracks(
     config = in_scene(config or GroundConfig(), scene)
     window = round(config.window_s * 1e9)
     rest, last_ns, seen = ViewTracks.empty(), None, 0
+    exchanges = Exchanges(config.exchange_rate, config.exchange_alone, config.exchange_start)
     for chunk in chunks:
         if not len(chunk):
             continue
@@ -63,10 +75,10 @@ def ground_tracks(
             continue
         starts = _starts(table, window)
         # The last time may go on in the next chunk: keep its rows
-        yield _part(table.take(slice(0, starts[-1])), starts[:-1], scene, config)
+        yield _part(table.take(slice(0, starts[-1])), starts[:-1], scene, config, exchanges)
         rest = table.take(slice(starts[-1], None))
     if len(rest):
-        yield _part(rest, np.zeros(1, dtype=np.int64), scene, config)
+        yield _part(rest, np.zeros(1, dtype=np.int64), scene, config, exchanges)
 
 
 def _wanted(chunk: ViewTracks, cameras: Sequence[str]) -> Bools:
@@ -99,10 +111,10 @@ def _starts(table: ViewTracks, window_ns: int) -> Ints:
     return np.array(starts, dtype=np.int64)
 
 
-def _part(table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig) -> GroundPart:
+def _part(table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig, exchanges: Exchanges) -> GroundPart:
     """Find the places of all targets at the times that begin at the rows `starts`."""
     if not len(table):
-        return GroundPart(Tracks.empty(), Counter())
+        return GroundPart(FusedTracks.empty(), Counter(), 0.0, 0)
     moment = np.searchsorted(starts, np.arange(len(table)), side="right") - 1
     t_ns = table.t_ns[np.append(starts[1:], len(table)) - 1]
     keys, point = np.unique(np.column_stack([moment, table.target_id]), axis=0, return_inverse=True)
@@ -110,8 +122,51 @@ def _part(table: ViewTracks, starts: Ints, scene: Scene, config: GroundConfig) -
     cameras = [scene.camera(str(name)) for name in names]
     sights = _sights(table, point.reshape(-1), view, len(keys), cameras, config.model_share)
     height = Height(config.height, config.height_sigma) if config.height and config.height_sigma else None
-    met = meet_in_space(sights, _rig(cameras), height, config.gate, np.radians(config.min_crossing_deg))
-    return GroundPart(_tracks(met, t_ns[keys[:, 0]], keys[:, 1]), _counts(met, sights))
+    rig, angle = _rig(cameras), np.radians(config.min_crossing_deg)
+    met = meet_in_space(sights, rig, height, config.gate, angle)
+    odds = Odds(config.right, _agreement(config), _areas(cameras))
+    contest = contest_places(met, sights, rig, height, odds, float(np.sin(angle)))
+    times, targets = t_ns[keys[:, 0]], keys[:, 1]
+    covariance, exchanged = _exchanged(exchanges, keys, times, met, contest, sights)
+    met = met._replace(covariance=covariance)
+    doubts = np.column_stack(
+        [
+            met.used.sum(axis=1) == 1,
+            (contest.contested >= CONTESTED) | (sights.there & ~met.used).any(axis=1),
+            exchanged > EXCHANGED,
+        ]
+    )
+    several = (met.status == MET) & (met.used.sum(axis=1) > 1)
+    return GroundPart(
+        tracks=_tracks(met, times, targets, [c.name for c in cameras], doubts),
+        counts=_counts(met, sights),
+        nis=float(met.misfit[several].sum()),
+        freedom=int((2 * met.used[several].sum(axis=1) - 3).sum()),
+    )
+
+
+def _agreement(config: GroundConfig) -> float:
+    """Variance of the residuals of views on one target, of the stated one."""
+    return min(1.0, (config.agree_share / config.model_share) ** 2) if config.model_share > 0.0 else 1.0
+
+
+def _areas(cameras: Sequence[Camera]) -> Floats:
+    """(V,) sizes of the images [px^2]; where they are not known, the principal point is in the middle."""
+    sizes = [c.image_size or (2.0 * c.principal_px[0], 2.0 * c.principal_px[1]) for c in cameras]
+    return np.array([max(float(w * h), 1.0) for w, h in sizes])
+
+
+def _exchanged(
+    exchanges: Exchanges, keys: Ints, t_ns: Ints, met: Meeting, contest: Contest, sights: Sights
+) -> tuple[Floats, Floats]:
+    """(N, 3, 3) covariances with the chance that the targets were exchanged, and (N,) that chance."""
+    covariance, exchanged = contest.covariance.copy(), np.zeros(len(keys))
+    views = sights.there.sum(axis=1)
+    for rows in np.split(np.arange(len(keys)), np.flatnonzero(np.diff(keys[:, 0])) + 1):
+        exchanged[rows] = exchanges.update(int(t_ns[rows[0]]), keys[rows, 1], contest.contested[rows], views[rows])
+        placed = rows[met.status[rows] == MET]
+        covariance[placed] = among_others(met.xyz[placed], covariance[placed], exchanged[placed])
+    return covariance, exchanged
 
 
 def _rig(cameras: Sequence[Camera]) -> Rig:
@@ -174,13 +229,21 @@ def _ideal(camera: Camera, centres: Floats) -> tuple[Floats, Floats]:
     return ideal, np.stack(changes, axis=2)
 
 
-def _tracks(met: Meeting, t_ns: Ints, target: Ints) -> Tracks:
-    """Rows of the places that were found; velocities are not known."""
+def _tracks(met: Meeting, t_ns: Ints, target: Ints, names: Sequence[str], doubts: Bools) -> FusedTracks:
+    """Rows of the places that were found; velocities are not known.
+
+    Args:
+        met: N places.
+        t_ns: (N,) their times.
+        target: (N,) identities.
+        names: of the V views.
+        doubts: (N, 3) whether each of the doubts is there.
+    """
     good = np.flatnonzero(met.status == MET)
     nan = np.full(len(good), np.nan)
     cov = met.covariance[good]
     (x, y, z), places = met.xyz[good].T, ((0, 0, "xx"), (0, 1, "xy"), (1, 1, "yy"), (0, 2, "xz"), (1, 2, "yz"))
-    return Tracks.of(
+    return FusedTracks.of(
         t_ns=t_ns[good],
         target_id=target[good].astype(np.int32),
         x=x,
@@ -190,7 +253,14 @@ def _tracks(met: Meeting, t_ns: Ints, target: Ints) -> Tracks:
         vy=nan,
         **{f"cov_{name}": cov[:, i, j] for i, j, name in places},
         cov_zz=cov[:, 2, 2],
+        seen_by=_joined(met.used[good], names),
+        doubt=_joined(doubts[good], (ONE_VIEW, CONTRADICTION, EXCHANGE)),
     )
+
+
+def _joined(mask: Bools, words: Sequence[str]) -> Strings:
+    """(N,) words whose columns of a mask (N, W) are set, separated by commas."""
+    return np.array([",".join(w for w, has in zip(words, row, strict=True) if has) for row in mask.tolist()], np.str_)
 
 
 def _counts(met: Meeting, sights: Sights) -> Counter[str]:

@@ -23,7 +23,7 @@ from occlog.track.images.births.background import BackgroundModel, background_mo
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.moving import moving_regions, with_cameras
 from occlog.track.images.births.regions import Regions, RegionStream, regions_of_boxes, regions_of_views
-from occlog.track.images.ground.config import GroundConfig
+from occlog.track.images.ground.config import STARTS, GroundConfig
 from occlog.track.images.ground.stage import GroundPart, ground_tracks
 
 from .frames_in_step import step_window, survey
@@ -110,7 +110,8 @@ class ViewsInput:
         """Tracks in the world from tracks in the images; none without a scene."""
         if self.scene is None:
             return iter(())
-        return ground_tracks(tracks, self.scene, GroundConfig(window_s=window_ns / 1e9), self._placed())
+        config = GroundConfig(window_s=window_ns / 1e9, exchange_start=STARTS.get(self.request.births, 0.0))
+        return ground_tracks(tracks, self.scene, config, self._placed())
 
     def check_world(self) -> None:
         """Raise InputError where no camera has a pose, so that no place in the world can be found."""

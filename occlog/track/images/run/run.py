@@ -25,12 +25,13 @@ from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.measure.detect.one_camera import stretches
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
-from occlog.records.tables import Boxes, Tracks
+from occlog.records.tables import Boxes, FusedTracks
 from occlog.records.views import ViewTracks
 from occlog.settings import Settings, configure
 from occlog.track.images.births.config import ViewsConfig
 from occlog.track.images.births.regions import RegionStream
 from occlog.track.images.catalogue import VISUAL
+from occlog.track.images.ground.verdict import Verdict
 from occlog.track.images.interface import Visual
 
 from .frames_in_step import in_step
@@ -76,6 +77,7 @@ class ViewsSummary:
         self.distances = {pair: np.zeros(BINS, dtype=np.int64) for pair in combinations(range(n), 2)}
         self.dropped: list[tuple[int, int]] = []
         self.places: Counter[str] = Counter()
+        self.verdict = Verdict()
 
     def add(self, part: ViewsPart) -> None:
         """Count some more moments."""
@@ -122,7 +124,7 @@ class ViewsSummary:
             "lost_trackers": self.events["lost"],
             "modes": {mode: n / total for mode, n in sorted(self.modes.items())},
             "loop_checks": checks,
-            **({"places": dict(sorted(self.places.items()))} if self.places else {}),
+            **({"places": dict(sorted(self.places.items())), **self.verdict.figures()} if self.places else {}),
         }
 
     def warnings(self) -> list[str]:
@@ -138,7 +140,7 @@ class ViewsSummary:
             )
         if not self.rows:
             lines.append("no target was found; give the first ellipses (--initial) or better --detections")
-        return lines
+        return [*lines, *self.verdict.warnings()]
 
     def _alone(self) -> list[str]:
         """A line where the views cannot help each other."""
@@ -236,6 +238,7 @@ def run_track_views(
             for part in inputs.on_ground(passed, window):
                 places.write(part.tracks)
                 summary.places += part.counts
+                summary.verdict.add(part)
         for _ in passed:
             pass
         _check_met(stream, request, inputs)
@@ -262,7 +265,7 @@ def _writers(
             TableWriter(path, table, made, overwrite=overwrite, length_unit=length_unit, together=together)
         )
 
-    return writer(wanted.tracks, ViewTracks), None if wanted.world is None else writer(wanted.world, Tracks)
+    return writer(wanted.tracks, ViewTracks), None if wanted.world is None else writer(wanted.world, FusedTracks)
 
 
 def _check_met(stream: RegionStream | None, request: ViewsRequest, inputs: ViewsInput) -> None:

@@ -9,13 +9,13 @@ from view_scenes import TICK, view_tracks, walks
 
 from occlog.errors import InputError
 from occlog.records.scene import Scene
-from occlog.records.tables import Tracks
+from occlog.records.tables import FusedTracks, Tracks
 from occlog.track.images.ground.config import GroundConfig, in_scene
 from occlog.track.images.ground.stage import ground_tracks
 
 BROWN = np.array([-0.25, 0.06, 0.002, -0.001, 0.0])
 PLACES = {"a": (7, 0, 2.5), "b": (0, 7, 2.5), "c": (-5, -5, 3)}
-EXACT = GroundConfig(model_share=0.0)
+EXACT = GroundConfig(model_share=0.0, exchange_rate=0.0)
 
 
 def cameras(**more):
@@ -27,7 +27,7 @@ def fused(chunks, scene, config=EXACT, only=()):
     counts = parts[0].counts.copy()
     for part in parts[1:]:
         counts.update(part.counts)
-    return Tracks.concat([part.tracks for part in parts]), counts
+    return FusedTracks.concat([part.tracks for part in parts]), counts
 
 
 def errors(tracks, places):
@@ -155,3 +155,21 @@ def test_cameras_without_a_pose_are_named():
 def test_settings_that_cannot_be_are_refused(name, value):
     with pytest.raises(InputError, match=name):
         GroundConfig(**{name: value})
+
+
+def test_doubts_and_views_stand_in_the_rows():
+    """View b has target 0 where target 1 is; target 1 is lost by all views but c after half of the time."""
+    scene, places = Scene(cameras=cameras()), walks(50)
+    rows = view_tracks(scene.cameras, places, np.random.default_rng(9))
+    x, y = rows.x_px.copy(), rows.y_px.copy()
+    first, second = ((rows.sensor == "b") & (rows.target_id == k) for k in (0, 1))
+    x[first], y[first] = x[second], y[second]
+    late = (rows.t_ns >= 25 * TICK) & (rows.target_id == 1) & (rows.sensor != "c")
+    tracks, _ = fused([replace(rows, x_px=x, y_px=y).take(~late)], scene, GroundConfig(model_share=0.0))
+    crossed = tracks.take(tracks.target_id == 0)
+    assert np.mean(np.char.find(crossed.doubt, "contradiction") >= 0) > 0.9
+    assert np.mean(crossed.seen_by == "a,c") > 0.9
+    assert crossed.doubt[-1] == "contradiction,exchange"
+    alone = tracks.take((tracks.target_id == 1) & (tracks.t_ns >= 25 * TICK))
+    assert np.all(np.char.startswith(alone.doubt, "one-view"))
+    assert np.all(alone.seen_by == "c")
