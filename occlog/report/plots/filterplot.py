@@ -19,10 +19,13 @@ MOST_TARGETS = 6
 FALLBACKS = {
     "sir": ("hidden", "d", "auxiliary stage skipped"),
     "restart": ("t5", "v", "particles drawn anew"),
+    "gap": ("t5", "s", "particles drawn anew after a gap"),
+    "depleted": ("t1", "d", "fewer than ten effective particles"),
     "unobservable": ("hidden", "d", "position hardly known"),
     "contradiction": ("t5", "v", "constraints contradict each other"),
     "wall": ("t1", "s", "no way around a wall"),
     "unfinished": ("ink", "x", "search did not converge"),
+    "doubted": ("t2", "v", "fewer than half of the bearings believed"),
 }
 
 
