@@ -63,7 +63,7 @@ METHODS: dict[str, Entry] = {
         "most probable trajectory from all bearings at once (Rahimi, Dunagan, Darrell 2004)",
         "occlog.track.map.method:METHOD",
         "occlog.track.map.config:MapConfig",
-        (*IN_WORLD, "starts", "motion"),
+        (*IN_WORLD, "starts", "occluders", "motion"),
     ),
     "direct3d": Entry(
         "particle filter in space from azimuths and elevations (Lee 2009)",

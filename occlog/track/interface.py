@@ -166,6 +166,7 @@ class Batch(NamedTuple, Generic[State, Config]):
     advance: Callable[[State, Sequence[Scan], bool], tuple[State, Smoothed]]  # more scans; whether none will follow
     started: Callable[[Config], bool]  # whether the settings say where the target is at first
     lag_ns: Callable[[Config], int | None]  # how long states wait for what comes after them; None: to the end
+    occluders: Callable[[Config], OccluderTerms] | None = None  # None: it knows nothing of moving occluders
 
 
 class Joint(NamedTuple, Generic[State, Config, Report]):

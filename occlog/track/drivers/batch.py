@@ -11,11 +11,11 @@ from occlog.errors import InputError
 from occlog.measure.scans.grouping import scans_of
 from occlog.measure.scans.scan import Scan, sensor_names
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Calibration, Diagnostics, Residuals, Tracks
+from occlog.records.tables import Bearings, Calibration, Diagnostics, Hulls, Occluders, Residuals, Tracks
 from occlog.track.interface import Batch, Config, Smoothed, State
 
 from .rows import Solve, Tracked, residual_rows
-from .tracking import Tracking, check_start
+from .tracking import Tracking, check_start, feed_of
 
 FOREVER_NS = 2**62
 """No two times are further apart."""
@@ -33,7 +33,11 @@ class _Gathered(NamedTuple, Generic[State]):
 
 
 def track_batch(
-    bearings: Iterable[Bearings], scene: Scene, method: Batch[State, Config], tracking: Tracking[Config]
+    bearings: Iterable[Bearings],
+    scene: Scene,
+    method: Batch[State, Config],
+    tracking: Tracking[Config],
+    occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
 ) -> Iterator[Tracked]:
     """Tracks of all labelled targets; see `occlog.track.drivers.stage.track`.
 
@@ -45,9 +49,10 @@ def track_batch(
 
     Raises:
         InputError: no bearing has a label, or one that does not fit the scene.
-        UsageError: a start (`config.start`) for several targets.
+        UsageError: a start (`config.start`) for several targets, or occluders of which the method knows nothing.
     """
     config, names = tracking.config, sensor_names(scene)
+    feed = feed_of(occluders, method, tracking)
     targets: dict[int, _Gathered[State]] = {}
     waiting: list[Tracked] = []
     given_lag = method.lag_ns(config)
@@ -56,6 +61,9 @@ def track_batch(
     met: dict[int, tuple[int, int]] = {}  # latest time of each target, and the step that led there
     unlabelled, now = 0, 0
     for scan in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
+        # Priors of the moving occluders at the time of the scan
+        if feed is not None:
+            scan = scan._replace(occluders=feed.at(scan.t_ns))
         now = scan.t_ns
         unlabelled += int(np.count_nonzero(~scan.labelled))
         # End targets that pause.  What ends or settles a target depends on its own rows alone.

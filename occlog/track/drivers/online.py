@@ -7,11 +7,9 @@ from collections.abc import Collection, Iterable, Iterator
 
 import numpy as np
 
-from occlog.array_types import NS
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import UsageError
 from occlog.measure.scans.grouping import scans_of
-from occlog.measure.scans.occluder_priors import OccluderFeed
 from occlog.measure.scans.scan import Scan, sensor_names
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
@@ -20,7 +18,7 @@ from occlog.track.interface import Config, Online, State
 
 from .lookback import lookback
 from .rows import ROWS_PER_CHUNK, Row, Tracked, tables
-from .tracking import Tracking, check_start
+from .tracking import Tracking, check_start, feed_of
 
 FIRST_TARGET = 0
 """Identity of the track when no measurement carries one."""
@@ -35,7 +33,7 @@ def track_online(
 ) -> Iterator[Tracked]:
     """Tracks of all targets, chunk by chunk; see `occlog.track.drivers.stage.track`."""
     config, names = tracking.config, sensor_names(scene)
-    feed = _feed(occluders, method, tracking)
+    feed = feed_of(occluders, method, tracking)
     selector = _selector(scene, method, tracking)
     filters: dict[int, TargetFilter[State]] = {}
     later = lookback(method.smoothing, config, tracking.seed)
@@ -70,18 +68,6 @@ def track_online(
         rows += later.rest()
     if rows:
         yield tables(rows, names)
-
-
-def _feed(
-    occluders: Iterable[Occluders] | Iterable[Hulls] | None, method: Online[State, Config], tracking: Tracking[Config]
-) -> OccluderFeed | None:
-    """Priors of the moving occluders at any time; UsageError for a method that knows nothing of them."""
-    if occluders is None:
-        return None
-    if method.occluders is None:
-        raise UsageError(f"occluders: method {tracking.method} knows nothing of moving occluders; leave occluders out")
-    terms = method.occluders(tracking.config)
-    return OccluderFeed(occluders, terms.diameter, round(terms.max_age_s * NS))
 
 
 def _selector(

@@ -74,10 +74,12 @@ def _tracked(
         yield from track_online(bearings, scene, method, tracking, occluders)
         return
     why = "takes all that was recorded at once" if isinstance(method, Batch) else "asks cameras itself (cooperate)"
-    for given, name in ((tracking.selection, "select"), (occluders, "occluders")):
-        if given is not None:
-            raise UsageError(f"{name}: method {tracking.method} {why}; leave {name} out")
+    if tracking.selection is not None:
+        raise UsageError(f"select: method {tracking.method} {why}; leave select out")
     if isinstance(method, Batch):
-        yield from track_batch(bearings, scene, method, tracking)
-    else:  # method imm alone has one state for all targets
-        yield from track_joint(bearings, scene, method, cast("Tracking[ImmConfig]", tracking))
+        yield from track_batch(bearings, scene, method, tracking, occluders)
+        return
+    if occluders is not None:
+        raise UsageError(f"occluders: method {tracking.method} {why}; leave occluders out")
+    # Method imm alone has one state for all targets
+    yield from track_joint(bearings, scene, method, cast("Tracking[ImmConfig]", tracking))

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Generic
 
+from occlog.array_types import NS
 from occlog.errors import UsageError
 from occlog.measure.scans.grouping import Rows
+from occlog.measure.scans.occluder_priors import OccluderFeed
 from occlog.measure.scans.scan import sensor_names
 from occlog.records.scene import Scene
+from occlog.records.tables import Hulls, Occluders
 from occlog.track.apf.selection_config import SelectConfig
-from occlog.track.interface import Config
+from occlog.track.interface import Batch, Config, Online, State
 
 
 @dataclass(frozen=True)
@@ -51,3 +54,17 @@ def check_start(started: bool, target: int, others: Collection[int]) -> None:
             f"start says where one target is, but there is target {target} besides "
             f"{', '.join(str(k) for k in sorted(others))}; choose one target, e.g. {target}"
         )
+
+
+def feed_of(
+    occluders: Iterable[Occluders] | Iterable[Hulls] | None,
+    method: Online[State, Config] | Batch[State, Config],
+    tracking: Tracking[Config],
+) -> OccluderFeed | None:
+    """Priors of the moving occluders at any time; UsageError for a method that knows nothing of them."""
+    if occluders is None:
+        return None
+    if method.occluders is None:
+        raise UsageError(f"occluders: method {tracking.method} knows nothing of moving occluders; leave occluders out")
+    terms = method.occluders(tracking.config)
+    return OccluderFeed(occluders, terms.diameter, round(terms.max_age_s * NS))

@@ -42,6 +42,8 @@ def _unseen(record: Record, at: Stations, config: MapConfig, T: int) -> list[tup
         if at.focal_px[s] > 0.0 and not math.isnan(_detection(s, at, config)):
             when = np.zeros(T, dtype=np.bool_)
             when[record.state[unseen & (record.rows.sensor == s)]] = True
+            # Among moving occluders `occlog.track.map.hiding` says what "not seen" tells
+            when[[t for t, priors in enumerate(record.occluders) if priors is not None]] = False
             found.append((s, when))
     return found
 

@@ -57,6 +57,20 @@ class MapConfig(Settings):
     )
     detection: float | None = setting(None, "P_D of a camera.", above=0, at_most=1, nothing='"not seen" says nothing')
 
+    # Moving occluders, [Ercan] Sec. 4.2; only with priors of their positions
+    unseen: bool = setting(
+        True, 'With priors of moving occluders: "not seen" says that the target is hidden or out of view.'
+    )
+    temper: float = setting(
+        0.3,
+        "Exponent of the probabilities of being hidden or not, where priors are uncertain: their errors last, so that "
+        "each scan tells less than if they were new.",
+        at_least=0,
+        at_most=1,
+    )
+    occluder_diameter: float = setting(3.33, "Diameter of a moving occluder.", unit="length", above=0, people=0.5)
+    prior_max_age_s: float = setting(5.0, "Older priors are not used.", unit="s", above=0)
+
     # Constraints
     front: bool = setting(True, "A target that is seen is in front of the camera.")
     near: float = setting(0.01, "It is so by at least this much.", unit="length", **POSITIVE)

@@ -39,6 +39,8 @@ def judge(pending: Pending, record: Record, sought: Sought, found: Detours) -> t
     behind = (depths(stated, X) <= 0.0) & ~stated.direction
     off[behind] = _angles(stated, record, pending, X)[behind]
     # Belief with the variances that were used
+    if sought.told is not None:
+        stated = stated._replace(lean=sought.told.lean)
     scaled = stated._replace(c0=stated.c0 * sought.scales[0], c1=stated.c1 * sought.scales[0])
     believed = np.where(sought.used, beliefs(scaled, X, trust_of(pending.config, sought.scales[0])), 0.0)
     expected = np.ones(len(off))

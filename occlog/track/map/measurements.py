@@ -121,6 +121,7 @@ def sight_lines(record: Record, at: Stations) -> SightLines:
         c1=place2,
         direction=~pixel,
         volume=np.zeros(len(sensor)),
+        lean=np.zeros(len(sensor)),
     )
 
 

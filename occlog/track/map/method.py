@@ -20,7 +20,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan
-from occlog.track.interface import Batch, Fit, Noise, Smoothed
+from occlog.track.interface import Batch, Fit, Noise, OccluderTerms, Smoothed
 from occlog.track.map.kernels.detours import Detours, find_detours
 from occlog.track.map.kernels.evidence import sandwich
 from occlog.track.map.kernels.invariant import invariant, second_moment
@@ -186,4 +186,5 @@ METHOD = Batch(
     advance=advance,
     started=lambda config: config.start is not None,
     lag_ns=lambda config: lag_ns(config.lag_s),
+    occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
 )

@@ -7,8 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Bools, Floats
+from occlog.core.sight.visibility import Sensors
 from occlog.errors import InputError
 from occlog.records.scene import Scene
+from occlog.track.apf.sensing import pack_sensors
 from occlog.track.map.kernels.feasible import move_inside
 from occlog.track.map.kernels.gauss_markov import GaussMarkov, constant_velocity
 from occlog.track.map.kernels.problem import CAUCHY, HUBER, MIXTURE, SQUARE, Problem, chain
@@ -39,6 +41,7 @@ class Pending(NamedTuple):
     before: Knowledge
     record: Record
     X: Floats  # (T, 4) states found so far; fewer than times: the rest is new
+    sensors: Sensors  # in the scene's own coordinates
     scales: tuple[float, float] = (1.0, 1.0)  # factors of the stated variances of sight lines and steps, so far
 
 
@@ -81,6 +84,7 @@ def begin(scene: Scene, config: MapConfig, returned: bool = False) -> Pending:
         before=Knowledge(mean, spread),
         record=EMPTY,
         X=np.empty((0, 4)),
+        sensors=pack_sensors(scene, None if config.walls else [()] * len(scene.cameras)),
     )
 
 

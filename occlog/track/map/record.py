@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Ints
+from occlog.core.occlusion.priors import Priors
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan, concat
 
@@ -20,7 +21,12 @@ class Record(NamedTuple):
 
     t_ns: Ints  # (T,) rising
     state: Ints  # (R,) which time each row is of, rising
-    rows: Scan  # R rows; the time of this scan means nothing
+    rows: Scan  # R rows; the time and the occluders of this scan mean nothing
+    occluders: tuple[Priors | None, ...] = ()  # of the first times, in order; None, and beyond these: nothing is known
+
+    def priors(self, state: int) -> Priors | None:
+        """Priors of the moving occluders at a time; None: nothing is known."""
+        return self.occluders[state] if state < len(self.occluders) else None
 
 
 EMPTY = Record(np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), Scan.of(0, []))
@@ -31,19 +37,27 @@ def record_of(scans: Sequence[Scan]) -> Record:
     """The record of scans in the order of time."""
     counts = [len(scan.sensor) for scan in scans]
     t_ns = np.array([scan.t_ns for scan in scans], dtype=np.int64)
-    return Record(t_ns, np.repeat(np.arange(len(scans)), counts), concat([EMPTY.rows, *scans]))
+    rows, occluders = concat([EMPTY.rows, *scans]), tuple(scan.occluders for scan in scans)
+    return Record(t_ns, np.repeat(np.arange(len(scans)), counts), rows, _told(occluders))
 
 
 def join(a: Record, b: Record) -> Record:
     """One record and what came after it."""
     state = np.concatenate([a.state, b.state + len(a.t_ns)])
-    return Record(np.concatenate([a.t_ns, b.t_ns]), state, concat([a.rows, b.rows]))
+    silent = (None,) * (len(a.t_ns) - len(a.occluders))
+    occluders = _told((*a.occluders, *silent, *b.occluders))
+    return Record(np.concatenate([a.t_ns, b.t_ns]), state, concat([a.rows, b.rows]), occluders)
 
 
 def after(record: Record, state: int) -> Record:
     """What the record has from a state on."""
     rows = record.state >= state
-    return Record(record.t_ns[state:], record.state[rows] - state, record.rows.take(rows))
+    return Record(record.t_ns[state:], record.state[rows] - state, record.rows.take(rows), record.occluders[state:])
+
+
+def _told(occluders: tuple[Priors | None, ...]) -> tuple[Priors | None, ...]:
+    """None at all where nothing is known at any time."""
+    return () if all(priors is None for priors in occluders) else occluders
 
 
 def fill(record: Record, longest_s: float | None) -> Record:
@@ -69,4 +83,8 @@ def fill(record: Record, longest_s: float | None) -> Record:
     # inside * gap // pieces, in two parts: the product alone may be above what 64 bits hold.
     whole, rest = np.repeat(gaps // pieces, pieces), np.repeat(gaps % pieces, pieces)
     t_ns = np.repeat(record.t_ns[:-1], pieces) + inside * whole + inside * rest // np.repeat(pieces, pieces)
-    return record._replace(t_ns=np.append(t_ns, record.t_ns[-1]), state=first[record.state])
+    occluders: list[Priors | None] = [None] * (int(first[-1]) + 1) if record.occluders else []
+    for t, priors in enumerate(record.occluders):
+        occluders[first[t]] = priors
+    filled = np.append(t_ns, record.t_ns[-1])
+    return record._replace(t_ns=filled, state=first[record.state], occluders=tuple(occluders))

@@ -25,6 +25,7 @@ from occlog.track.map.kernels.terms import beliefs, depths, leverages, residuals
 
 from .config import MapConfig
 from .consensus import Agreed, agreed
+from .hiding import Told, told_by_occluders
 from .pending import BEND, START, Pending, bend_of, problem_of, start_of
 from .record import Record
 from .search import APART, MU, Watch, linear_start, roughly, search_around
@@ -50,6 +51,8 @@ OVERLAP, TOGETHER = 0.5, 1.0
 """The paper's start is tried, too, where fewer sight lines have another sensor's one within so many seconds."""
 SETTLED = 0.1
 """Change of a factor's logarithm at which it has settled."""
+ROUNDS_AMONG, STILL = 6, 0.1
+"""How often the search is repeated among moving occluders, until no position moves by more standard deviations."""
 ROUNDS = 8
 """How often the search is repeated at most with what is believed after the one before."""
 
@@ -69,6 +72,7 @@ class Sought(NamedTuple):
     believed: Bools | None = None  # (N,) more probably true than false; None: all
     chance: Bools | None = None  # (N,) of these, met by chance alone; None: none
     careful: Detours | None = None  # the minimum without those; None: there are none
+    told: Told | None = None  # what moving occluders say; None: nothing
 
 
 def plain_search(pending: Pending, record: Record, around: tuple[Obstacle, ...], watch: Watch) -> Sought:
@@ -85,18 +89,37 @@ def plain_search(pending: Pending, record: Record, around: tuple[Obstacle, ...],
     if config.loss == "mixture":
         # Far from the minimum the loss itself is flat.
         start, _ = roughly(problem._replace(loss=HUBER, k=GENTLE), start, config, pending.extent)
-    return Sought(
-        problem, search_around(problem, start, around, config, pending.extent, watch), stuck, used, (1.0, 1.0)
-    )
+    mode = search_around(problem, start, around, config, pending.extent, watch)
+    told: Told | None = None
+    # Among moving occluders: again with what they say there
+    for _ in range(ROUNDS_AMONG if record.occluders else 0):
+        before = mode.solution.X
+        told = told_by_occluders(pending, record, before, covariance(mode.problem, before), used, told)
+        lean = told.lean[used]
+        problem = problem._replace(lines=problem.lines._replace(lean=lean), hints=told.hints)
+        start, _ = move_inside(before, problem.planes, APART * pending.extent)
+        mode = search_around(problem, start, around, config, pending.extent, watch, mu=MU)
+        if _still(before, mode):
+            break
+    return Sought(problem, mode, stuck, used, (1.0, 1.0), told=told)
 
 
 def robust_search(pending: Pending, record: Record, around: tuple[Obstacle, ...], watch: Watch) -> Sought:
     """Search among false bearings, and once more without what is met by chance alone, if there is something."""
     found = _most_probable(pending, record, around, watch)
+    # Among moving occluders: again with what they say there
+    for _ in range(ROUNDS_AMONG if record.occluders else 0):
+        before, believed = found.mode.solution.X, found.used if found.believed is None else found.believed
+        spread = covariance(found.mode.problem, before)
+        told = told_by_occluders(pending, record, before, spread, believed, found.told)
+        path = Agreed(before, believed, 0.0)
+        found = _search(pending, record, around, watch, path, found.scales, among=told)
+        if _still(before, found.mode):
+            break
     if found.chance is None or found.believed is None or not found.chance.any():
         return found
     path = Agreed(found.mode.solution.X, found.believed & ~found.chance, 0.0)
-    other = _search(pending, record, around, None, path, found.scales, careful=True)
+    other = _search(pending, record, around, None, path, found.scales, careful=True, among=found.told)
     return found._replace(careful=other.mode)
 
 
@@ -185,6 +208,7 @@ def _search(
     scales: Scales,
     *,
     careful: bool = False,
+    among: Told | None = None,
 ) -> Sought:
     """Search from a path.
 
@@ -196,6 +220,7 @@ def _search(
         path: where the search begins, and the sight lines that agree there.
         scales: factors of variances; those that are not what was known before are refined along with the trajectory.
         careful: leave out what is met by chance alone, see `_contrived`.
+        among: what moving occluders say; None: nothing.
     """
     config, extent = pending.config, pending.extent
     (X, kept, _), iterations, learn = path, 0, scales != pending.scales and not careful
@@ -206,6 +231,8 @@ def _search(
         problem = rescaled(problem_of(pending, record, kept), *scales)
         if config.loss == "mixture":
             problem = problem._replace(k=trust)
+        if among is not None:
+            problem = problem._replace(lines=problem.lines._replace(lean=among.lean), hints=among.hints)
         lines = problem.lines
         used = (kept | (depths(lines, X) > config.near)) & ~banned
         problem = problem._replace(lines=some_lines(_frozen(lines, kept, X), used))
@@ -242,7 +269,14 @@ def _search(
         kept = believed
     mode = mode._replace(solution=mode.solution._replace(iterations=iterations))
     score = mode.solution.cost + 0.5 * trust**2 * float(np.count_nonzero(~used))
-    return Sought(problem, mode, stuck, used, scales, score, believed, chance)
+    return Sought(problem, mode, stuck, used, scales, score, believed, chance, told=among)
+
+
+def _still(before: Floats, mode: Detours) -> bool:
+    """Whether no position has moved by more than `STILL` of its standard deviations."""
+    X = mode.solution.X
+    sigma = np.sqrt(covariance(mode.problem, X)[:, (0, 2), (0, 2)].sum(axis=1))
+    return bool((np.hypot(*(X - before)[:, ::2].T) <= STILL * sigma).all())
 
 
 def _contrived(lines: SightLines, X: Floats, spread: Floats, trust: float) -> Bools:
@@ -254,7 +288,7 @@ def _contrived(lines: SightLines, X: Floats, spread: Floats, trust: float) -> Bo
     """
     rest = np.maximum(1.0 - leverages(lines, X, SQUARE, 1.0, spread), 1e-100)
     surprise = np.minimum(residuals(lines, X) ** 2, MOST_NOISY) / rest - np.log(rest)
-    return np.asarray((surprise > trust**2) & (rest < ALONE))
+    return np.asarray((surprise > trust**2 + 2.0 * lines.lean) & (rest < ALONE))
 
 
 def _frozen(lines: SightLines, kept: Bools, X: Floats) -> SightLines:

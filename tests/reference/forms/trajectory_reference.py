@@ -108,7 +108,16 @@ def random_lines(rng, X, per_state: float, kinds=("pixel", "distance", "directio
     c1 = np.where((kind == "distance") | linear, rng.uniform(0.01, 0.5, n), 0.0)
     place = X[step][:, [0, 2]] - away[:, None] * bearing
     return SightLines(
-        step, place, axis, f, z, np.where(linear, 0.0, rng.uniform(0.01, 0.2, n)), c1, direction, np.zeros(n)
+        step,
+        place,
+        axis,
+        f,
+        z,
+        np.where(linear, 0.0, rng.uniform(0.01, 0.2, n)),
+        c1,
+        direction,
+        np.zeros(n),
+        np.zeros(n),
     )
 
 

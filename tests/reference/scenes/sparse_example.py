@@ -52,6 +52,7 @@ def example(seed: int, T: int = 200, model: GaussMarkov = WALKER, near: float = 
         np.zeros(n),
         np.zeros(n, np.bool_),
         np.zeros(n),
+        np.zeros(n),
     )
     planes = HalfPlanes(lines.step, axis, np.einsum("ni,ni->n", axis, place) + near)
     steps = make_steps(model, np.arange(T) * STEP_S, np.zeros(4), np.diag([25.0, 1.0, 25.0, 1.0]))

@@ -18,7 +18,7 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.models.motion_models import read_motion
 from occlog.io.recording.reader import open_recording
 from occlog.io.scenes.scene import scene_to_yaml
-from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Residuals, Tracks, Truth
+from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Residuals, Tracks, Truth
 
 EXAMPLE = EXAMPLES / "room100.yaml"
 STEPS = 40
@@ -111,6 +111,33 @@ def test_a_table_says_of_each_bearing_whether_it_is_believed(made: Path, capsys)
         assert 0.8 < summary["nis"] < 1.2
         assert set(found.sensor.tolist()) <= {f"cam{k}" for k in range(1, 9)}
         out.unlink()
+
+
+def test_priors_of_moving_occluders_are_taken_and_their_settings_recorded(made: Path, capsys) -> None:
+    """Somebody stands far away: the tracks are nearly the same; nobody is known at all: exactly the same."""
+    t_ns = np.unique(read_table(made / "bearings.parquet", Bearings).t_ns)
+    zero = np.zeros(len(t_ns))
+    far = Occluders(
+        t_ns=t_ns,
+        occluder_id=zero.astype(np.int32),
+        x=zero + 900.0,
+        y=zero + 900.0,
+        cov_xx=zero + 1.0,
+        cov_xy=zero,
+        cov_yy=zero + 1.0,
+    )
+    write_table(made / "occluders.parquet", far, Provenance("priors"), length_unit="unit")
+    assert track(made, "--occluders", "occluders.parquet", "--set", "temper=0.5") == ExitCode.DONE
+    alone, among = tracks_of(made, "tracks.parquet"), tracks_of(made)
+    assert len(among) == len(alone)
+    assert np.median(np.hypot(among.x - alone.x, among.y - alone.y)) < 0.5
+    provenance = read_provenance(made / "new.parquet")
+    assert provenance is not None
+    assert provenance.parameters["temper"] == 0.5
+    old = replace(far, t_ns=t_ns - 3600 * 10**9)
+    write_table(made / "occluders.parquet", old, Provenance("priors"), length_unit="unit", overwrite=True)
+    assert track(made, "--occluders", "occluders.parquet") == ExitCode.DONE
+    assert same(tracks_of(made), alone)
 
 
 def test_the_covariance_is_whole_and_positive(made: Path) -> None:
@@ -207,7 +234,6 @@ def test_a_fitted_motion_is_used(made: Path, capsys) -> None:
             ExitCode.USAGE,
             "--select is an option of --method apf, direct3d, pps, not of --method map",
         ),
-        (["--occluders", "room.mcap"], ExitCode.USAGE, "--occluders is an option of --method apf, not of --method map"),
         (["--calibration", "calibration.parquet"], ExitCode.USAGE, "--calibration"),
         (["--particles", "100"], ExitCode.USAGE, "particles"),
         (["--start", "50,50"], ExitCode.USAGE, "choose one target, e.g."),

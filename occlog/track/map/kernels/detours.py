@@ -178,6 +178,7 @@ def _pinned(problem: Problem, X: Floats, first: int, last: int, extent: float) -
         c1=np.full(4, (PIN * extent) ** 2),
         direction=np.zeros(4, dtype=np.bool_),
         volume=np.zeros(4),
+        lean=np.zeros(4),
     )
     return local._replace(lines=join_lines(local.lines, still))
 

@@ -20,7 +20,7 @@ from occlog.core.numerics.jit import kernel
 
 from .newton_search import covariance
 from .problem import Problem, SightLines, Steps
-from .terms import chain_cost, leverages, loss_slopes, residuals
+from .terms import chain_cost, leaning, leverages, loss_slopes, residuals
 
 WORTH = 20.0
 """What is stated counts as much as so many residuals."""
@@ -56,7 +56,7 @@ def weights(lines: SightLines, X: Floats, loss: int, k: float) -> Floats:
     r = residuals(lines, X)
     out = np.empty(r.shape[0])
     for n in range(out.shape[0]):
-        out[n] = loss_slopes(r[n], loss, k)[2]
+        out[n] = loss_slopes(r[n], loss, leaning(k, lines.lean[n]))[2]
     return out
 
 

@@ -21,7 +21,7 @@ from occlog.array_types import Floats
 
 from .newton_system import factor_rows, factor_sum, inverse_blocks, solve
 from .problem import Problem, slack, slack_change, within
-from .terms import add_chain, add_lines, add_planes, barrier_cost, chain_cost, lines_cost
+from .terms import add_chain, add_hints, add_lines, add_planes, barrier_cost, chain_cost, hints_cost, lines_cost
 
 MU_FIRST, MU_LAST = 1.0, 1e-11
 TO_BOUNDARY = 0.995
@@ -69,7 +69,8 @@ class Options(NamedTuple):
 
 def cost(problem: Problem, X: Floats) -> float:
     """The negative log posterior of states (T, 4), up to a constant."""
-    return chain_cost(problem.steps, X) + lines_cost(problem.lines, X, problem.loss, problem.k)
+    total: float = chain_cost(problem.steps, X) + lines_cost(problem.lines, X, problem.loss, problem.k)
+    return total + hints_cost(problem.hints, X) if len(problem.hints.step) else total
 
 
 def minimise(
@@ -149,6 +150,8 @@ def derivatives(problem: Problem, X: Floats, exact: float) -> tuple[Floats, Floa
     g, H = np.zeros((len(X), 4)), np.zeros((len(X), 3))
     add_chain(problem.steps, X, g)
     add_lines(problem.lines, X, problem.loss, problem.k, exact, g, H)
+    if len(problem.hints.step):
+        add_hints(problem.hints, X, g, H)
     return g, H
 
 

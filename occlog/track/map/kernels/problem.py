@@ -54,6 +54,7 @@ class SightLines(NamedTuple):
     c1: Floats  # (N,) variance of the reading times distance squared; 0 for directions
     direction: Bools  # (N,) a direction, not a reading
     volume: Floats  # (N,) weight of - log d in the cost, >= 0; see `occlog.track.map.kernels.invariant`
+    lean: Floats  # (N,) added to the log odds that a sight line is true, of the mixture's loss; 0: as its k says
 
 
 class HalfPlanes(NamedTuple):
@@ -64,6 +65,15 @@ class HalfPlanes(NamedTuple):
     offset: Floats  # (M,)
 
 
+class Hints(NamedTuple):
+    """K quadratic terms of positions, by rising step: g . (x - p) + 1/2 (x - p)' H (x - p), H never negative."""
+
+    step: Ints  # (K,) which state
+    place: Floats  # (K, 2) p
+    slope: Floats  # (K, 2) g
+    bend: Floats  # (K, 3) H: xx, xy, yy
+
+
 class Problem(NamedTuple):
     """Cost and constraints of a trajectory of T states."""
 
@@ -72,6 +82,7 @@ class Problem(NamedTuple):
     planes: HalfPlanes
     loss: int  # SQUARE, HUBER, CAUCHY or MIXTURE
     k: float  # parameter of the loss, in standard deviations
+    hints: Hints = Hints(np.empty(0, dtype=np.int64), np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 3)))
 
     @property
     def T(self) -> int:  # noqa: N802
@@ -124,6 +135,11 @@ def some_lines(lines: SightLines, rows: slice | Bools | Ints) -> SightLines:
 def some_planes(planes: HalfPlanes, rows: slice | Bools) -> HalfPlanes:
     """Some of the half-planes."""
     return HalfPlanes(planes.step[rows], planes.normal[rows], planes.offset[rows])
+
+
+def some_hints(hints: Hints, rows: slice | Bools) -> Hints:
+    """Some of the quadratic terms."""
+    return Hints._make(column[rows] for column in hints)
 
 
 def join_lines(*parts: SightLines) -> SightLines:

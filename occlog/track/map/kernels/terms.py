@@ -9,30 +9,40 @@ import numpy as np
 from occlog.array_types import Bools, Floats
 from occlog.core.numerics.jit import kernel
 
-from .problem import CAUCHY, HUBER, MIXTURE, HalfPlanes, SightLines, Steps
+from .problem import CAUCHY, HUBER, MIXTURE, HalfPlanes, Hints, SightLines, Steps
 
 TINY = 1e-150
 """Squares of distances are not below this, so that a state in a camera gives large numbers, not none."""
 
 
 @kernel
+def leaning(k: float, lean: float) -> float:
+    """The mixture's k with so much added to the log odds k^2/2; below 0 where these are."""
+    if lean == 0.0:
+        return k
+    k2 = k * k + 2.0 * lean
+    return math.copysign(math.sqrt(abs(k2)), k2)
+
+
+@kernel
 def loss_value(r: float, loss: int, k: float) -> float:
-    """Loss of a residual, in units of a negative log likelihood."""
+    """Loss of a residual, in units of a negative log likelihood; a k below 0 is the mixture's of `leaning`."""
     if loss == HUBER and abs(r) > k:
         return k * (abs(r) - 0.5 * k)
     if loss == CAUCHY:
         return 0.5 * k * k * math.log1p((r / k) ** 2)
     if loss == MIXTURE:
         # log(1 + e^a) - log(1 + e^b), a the log odds that the line is true at r, b those at 0
-        a, b = 0.5 * (k * k - r * r), 0.5 * k * k
-        return b + math.log1p(math.exp(-b)) - (max(a, 0.0) + math.log1p(math.exp(-abs(a))))
+        k2 = k * abs(k)
+        a, b = 0.5 * (k2 - r * r), 0.5 * k2
+        return max(b, 0.0) + math.log1p(math.exp(-abs(b))) - (max(a, 0.0) + math.log1p(math.exp(-abs(a))))
     return 0.5 * r * r
 
 
 @kernel
 def belief(r: float, k: float) -> float:
     """Probability that a sight line with that residual is true, if it is 1/2 at k."""
-    a = 0.5 * (k * k - r * r)
+    a = 0.5 * (k * abs(k) - r * r)
     return 1.0 / (1.0 + math.exp(-a)) if a >= 0.0 else math.exp(a) / (1.0 + math.exp(a))
 
 
@@ -84,7 +94,7 @@ def losses(lines: SightLines, X: Floats, loss: int, k: float) -> Floats:
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
-        out[n] = loss_value(residual(lines, n, h, d), loss, k)
+        out[n] = loss_value(residual(lines, n, h, d), loss, leaning(k, lines.lean[n]))
     return out
 
 
@@ -94,7 +104,7 @@ def beliefs(lines: SightLines, X: Floats, k: float) -> Floats:
     out = np.empty(lines.step.shape[0])
     for n in range(out.shape[0]):
         h, d = in_camera(lines, n, X)
-        out[n] = belief(residual(lines, n, h, d), k) if d > 0.0 or lines.direction[n] else 0.0
+        out[n] = belief(residual(lines, n, h, d), leaning(k, lines.lean[n])) if d > 0.0 or lines.direction[n] else 0.0
     return out
 
 
@@ -113,7 +123,7 @@ def lines_cost(lines: SightLines, X: Floats, loss: int, k: float) -> float:
     total = 0.0
     for n in range(lines.step.shape[0]):
         h, d = in_camera(lines, n, X)
-        total += loss_value(residual(lines, n, h, d), loss, k)
+        total += loss_value(residual(lines, n, h, d), loss, leaning(k, lines.lean[n]))
         if lines.volume[n] > 0.0:
             total += -lines.volume[n] * math.log(d) if d > 0.0 else math.inf
         if lines.c1[n] > 0.0 and lines.c0[n] > 0.0:
@@ -172,6 +182,30 @@ def add_chain(steps: Steps, X: Floats, g: Floats) -> None:
 
 
 @kernel
+def hints_cost(hints: Hints, X: Floats) -> float:
+    """Part of the cost that the quadratic terms have."""
+    total = 0.0
+    for m in range(hints.step.shape[0]):
+        t = hints.step[m]
+        dx, dy = X[t, 0] - hints.place[m, 0], X[t, 2] - hints.place[m, 1]
+        bent = hints.bend[m, 0] * dx * dx + 2.0 * hints.bend[m, 1] * dx * dy + hints.bend[m, 2] * dy * dy
+        total += hints.slope[m, 0] * dx + hints.slope[m, 1] * dy + 0.5 * bent
+    return total
+
+
+@kernel
+def add_hints(hints: Hints, X: Floats, g: Floats, H: Floats) -> None:
+    """Add the quadratic terms' derivatives to `g` (T, 4) and, by position, to `H` (T, 3)."""
+    for m in range(hints.step.shape[0]):
+        t = hints.step[m]
+        dx, dy = X[t, 0] - hints.place[m, 0], X[t, 2] - hints.place[m, 1]
+        g[t, 0] += hints.slope[m, 0] + hints.bend[m, 0] * dx + hints.bend[m, 1] * dy
+        g[t, 2] += hints.slope[m, 1] + hints.bend[m, 1] * dx + hints.bend[m, 2] * dy
+        for i in range(3):
+            H[t, i] += hints.bend[m, i]
+
+
+@kernel
 def barrier_cost(planes: HalfPlanes, X: Floats) -> float:
     """- sum of log slacks; inf outside."""
     total = 0.0
@@ -214,7 +248,7 @@ def add_lines(lines: SightLines, X: Floats, loss: int, k: float, exact: float, g
             rh, rd = lines.focal[n] / w, -lines.reading[n] / w - r * v
             rhd = -rh * v
             rdd = lines.reading[n] / w * v - rd * v - r * vd
-        first, second, weight = loss_slopes(r, loss, k)
+        first, second, weight = loss_slopes(r, loss, leaning(k, lines.lean[n]))
         gh, gd = first * rh, first * rd
         curved, bent = weight + exact * (second - weight), exact * first
         hh, hd, dd = curved * rh * rh + bent * rhh, curved * rh * rd + bent * rhd, curved * rd * rd + bent * rdd
@@ -273,7 +307,7 @@ def leverages(lines: SightLines, X: Floats, loss: int, k: float, C: Floats) -> F
             w2 = max(lines.c0[n] * d * d + lines.c1[n], TINY)
             r = (lines.focal[n] * h - lines.reading[n] * d) / math.sqrt(w2)
             rh, rd = lines.focal[n] / math.sqrt(w2), -lines.reading[n] / math.sqrt(w2) - r * lines.c0[n] * d / w2
-        weight = loss_slopes(r, loss, k)[2]
+        weight = loss_slopes(r, loss, leaning(k, lines.lean[n]))[2]
         c, s = lines.axis[n, 0], lines.axis[n, 1]
         gu, gv = -s * rh + c * rd, c * rh + s * rd
         out[n] = weight * (gu * gu * C[t, 0, 0] + 2.0 * gu * gv * C[t, 0, 2] + gv * gv * C[t, 2, 2])

@@ -16,7 +16,7 @@ from occlog.array_types import Floats
 
 from .newton_search import Solution, derivatives
 from .newton_system import factor_rows, solve
-from .problem import Problem, Steps, some_lines, some_planes
+from .problem import Problem, Steps, some_hints, some_lines, some_planes
 
 
 class Knowledge(NamedTuple):
@@ -35,13 +35,15 @@ def part(problem: Problem, first: int, last: int, before: Knowledge) -> Problem:
         last: <= T.
         before: what is known of state `first` from all earlier ones.
     """
-    s, lines, planes = problem.steps, problem.lines, problem.planes
+    s, lines, planes, hints = problem.steps, problem.lines, problem.planes, problem.hints
     own_lines = some_lines(lines, slice(*np.searchsorted(lines.step, (first, last)).tolist()))
     own_planes = some_planes(planes, slice(*np.searchsorted(planes.step, (first, last)).tolist()))
+    own_hints = some_hints(hints, slice(*np.searchsorted(hints.step, (first, last)).tolist()))
     return problem._replace(
         steps=make_first(s._replace(kind=s.kind[first : max(first, last - 1)]), before),
         lines=own_lines._replace(step=own_lines.step - first),
         planes=own_planes._replace(step=own_planes.step - first),
+        hints=own_hints._replace(step=own_hints.step - first),
     )
 
 
@@ -65,7 +67,7 @@ def summary(problem: Problem, solution: Solution, state: int) -> Knowledge:
     X = solution.X[: state + 1]
     head = part(problem, 0, state + 1, Knowledge(problem.steps.mean, problem.steps.spread))
     lines, planes = some_lines(head.lines, head.lines.step < state), some_planes(head.planes, head.planes.step < state)
-    head = head._replace(lines=lines, planes=planes)
+    head = head._replace(lines=lines, planes=planes, hints=some_hints(head.hints, head.hints.step < state))
     # Linearise; active constraints keep pulling by their multipliers
     g, H = derivatives(head, X, 0.0)
     force = solution.multiplier[: len(planes.step), None] * planes.normal

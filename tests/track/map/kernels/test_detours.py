@@ -67,6 +67,7 @@ def places(seen: Sequence[tuple[int, float, float]], T: int, *, acceleration=0.3
         np.full(n, sigma**2),
         np.zeros(n, np.bool_),
         np.zeros(n),
+        np.zeros(n),
     )
     steps = make_steps(
         constant_velocity(acceleration, 0.0, 1.0), np.arange(T, dtype=float), np.zeros(4), np.diag([100.0, 1, 100, 1])

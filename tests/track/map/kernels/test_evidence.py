@@ -39,6 +39,7 @@ def fixed(T: int, per: int, rng, *, noise: float, acceleration: float) -> Proble
             c1=np.ones(n),
             direction=np.zeros(n, dtype=np.bool_),
             volume=np.zeros(n),
+            lean=np.zeros(n),
         ),
         NO_PLANES,
         0,

@@ -83,7 +83,16 @@ def known_velocity(speed_sigma: float, f: float = 1.0):
     n = np.ones(T)
     # axis +y: h is to the left, -x
     lines = SightLines(
-        np.arange(T), np.zeros((T, 2)), np.tile([0.0, 1.0], (T, 1)), f * n, -f * x / y, 1e-4 * n, 0 * n, n < 0, 0 * n
+        np.arange(T),
+        np.zeros((T, 2)),
+        np.tile([0.0, 1.0], (T, 1)),
+        f * n,
+        -f * x / y,
+        1e-4 * n,
+        0 * n,
+        n < 0,
+        0 * n,
+        0 * n,
     )
     steps = make_steps(
         constant_velocity(1e-3, 0.0, 0.25),
