@@ -14,11 +14,11 @@ from tracker_scenes import SECOND, observe, room100, walk
 from occlog.errors import InputError, UsageError
 from occlog.measure.scans.scan import Scan
 from occlog.records.columns import Table
-from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
+from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
 from occlog.track.drivers.batch import track_batch
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
-from occlog.track.interface import Batch, Smoothed
+from occlog.track.interface import Batch, OccluderTerms, Smoothed
 from occlog.track.map.config import MapConfig
 from occlog.track.map.fixed_lag import lag_ns
 from occlog.track.map.pending import begin
@@ -238,6 +238,31 @@ def test_searches_are_counted_for_each_target() -> None:
     assert all(s.converged and s.iterations > 0 for s in solves)
     assert sum(s.target == 0 for s in solves) > 5
     assert len(next(iter(track([seen_walk(30)], SCENE, Tracking(CONFIG, 0, method="map")))).solves) == 1
+
+
+def test_occluders_come_with_the_scan_or_are_refused() -> None:
+    chunk, zero = seen_walk(3), np.zeros(1)
+    people = Occluders(
+        t_ns=chunk.t_ns[:1],
+        occluder_id=np.zeros(1, dtype=np.int32),
+        x=zero,
+        y=zero,
+        cov_xx=zero,
+        cov_xy=zero,
+        cov_yy=zero,
+    )
+    calls = Calls(None)
+    with pytest.raises(UsageError, match="knows nothing of moving occluders"):
+        list(track_batch([chunk], SCENE, calls.method, Tracking(CONFIG, 0, method="map"), [people]))
+    met: list[bool] = []
+
+    def advance(state, scans, last):
+        met.extend(scan.occluders is not None for scan in scans)
+        return calls.method.advance(state, scans, last)
+
+    informed = calls.method._replace(advance=advance, occluders=lambda _: OccluderTerms(1.0, 1.5))
+    list(track_batch([chunk], SCENE, informed, Tracking(CONFIG, 0, method="map"), [people]))
+    assert met == [True, True, False]
 
 
 def test_candidates_without_a_label_are_refused_or_left_out() -> None:
