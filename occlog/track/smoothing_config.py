@@ -13,7 +13,9 @@ class SmoothingConfig(Settings):
     """Whether a filter's estimates are smoothed, and with how much of what comes after them."""
 
     smooth: bool = setting(
-        False, "Estimate each state from everything that was recorded, before and after it.", option="--smooth"
+        False,
+        "Estimate each state from what was recorded before and after it, 4096 scans of a target at a time.",
+        option="--smooth",
     )
     lag_s: float | None = setting(
         None,

@@ -189,7 +189,7 @@ def _astray(state: ApfState, draw: Draw, looks: PackedScan) -> int:
 
 def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
     mean, covariance = mean_and_covariance(draw.weights, draw.particles.xy)
-    size, fallback = effective_size(draw.weights), draw.fallback
+    size, fallback = min(effective_size(draw.weights), draw.effective), draw.fallback
     if size < FEW:
         # A few particles look more certain than they are: at least what they were drawn from is open, too
         covariance = covariance * (size / (size - 1.0) if size > 1.5 else 3.0) + draw.sharpness * np.eye(2)

@@ -49,6 +49,7 @@ class Draw(NamedTuple):
     fallback: str
     parents: Ints | None = None  # (L,) among those before; None: they were drawn anew
     sharpness: float = 0.0  # mean variance per axis of the importance densities they came from
+    effective: float = math.inf  # effective number of the many that these were drawn from, where they begin
 
 
 def auxiliary_step(
@@ -205,7 +206,7 @@ def begin_anew(model: Model, looks: PackedScan, rng: Generator) -> Draw:
     n = model.config.particles * model.config.start_factor
     lines = sight_lines(looks, model.sensors, model.noise, model.views)
     xy, log_ratio = first_places(n, lines, model.views, rng)
-    return _chosen(model, _setting_out(model, xy, rng), log_ratio - math.log(n), looks, rng)
+    return _chosen(model, _setting_out(model, xy, rng), log_ratio - math.log(n), 0.0, looks, rng)
 
 
 def weigh_start(model: Model, particles: Particles, sigma: float | None, looks: PackedScan, rng: Generator) -> Draw:
@@ -221,7 +222,7 @@ def weigh_start(model: Model, particles: Particles, sigma: float | None, looks: 
         rng: draws.
     """
     config, many = model.config, len(particles.speed)
-    log_prior = np.full(many, -math.log(many))
+    log_prior, sharpness = np.full(many, -math.log(many)), 0.0
     if config.proposal == "scan" and sigma != 0.0:
         # The kernels' width: what lies between the places of the floor, or a share of the start's
         width2 = abs(signed_area(model.floor.room)) / many if sigma is None else (KERNEL * sigma) ** 2
@@ -238,12 +239,18 @@ def weigh_start(model: Model, particles: Particles, sigma: float | None, looks: 
             rng.standard_normal((many, 2)),
         )
         particles, log_prior = particles._replace(xy=xy), log_prior + log_ratio
-    return _chosen(model, particles, log_prior, looks, rng)
+        sharpness = float(0.5 * np.mean(np.sum(near.root**2, axis=1)))
+    return _chosen(model, particles, log_prior, sharpness, looks, rng)
 
 
-def _chosen(model: Model, particles: Particles, log_prior: Floats, looks: PackedScan, rng: Generator) -> Draw:
+def _chosen(
+    model: Model, particles: Particles, log_prior: Floats, sharpness: float, looks: PackedScan, rng: Generator
+) -> Draw:
     """As many of the particles as the filter has, drawn by their weights (L,) and the likelihood of a scan."""
     weights, log_sum = normalise(log_prior + likelihood(model, particles.xy, looks))
     n = model.config.particles
     drawn = systematic_ancestors(weights, n, rng.random())
-    return Draw(waypoint.take(particles, drawn), np.full(n, 1.0 / n), log_sum, "")
+    even = np.full(n, 1.0 / n)
+    return Draw(
+        waypoint.take(particles, drawn), even, log_sum, "", sharpness=sharpness, effective=effective_size(weights)
+    )

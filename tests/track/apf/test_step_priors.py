@@ -43,6 +43,7 @@ def test_a_step_is_that_of_the_plain_form(seed, spread, isotropic, likelihood, m
         proposal="motion",
         own_gate=0.0,
         likelihood=likelihood,
+        temper=1.0,
         **options,
     )
     state, u = state_with(scene, config, seed, spread), readings(scene, seed)
