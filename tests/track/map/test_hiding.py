@@ -61,7 +61,7 @@ def test_bearings_through_a_wall_of_certain_occluders_are_not_believed() -> None
     assert np.hypot(*(out.xy - xy).T).mean() < 0.1
 
 
-def test_not_seen_draws_the_target_behind_an_occluder() -> None:
+def test_not_seen_behind_occluders_leaves_the_estimate_where_it_was() -> None:
     # For a while camera 1 alone sees it, and somebody stands before camera 0
     t = np.arange(0.0, 12.0, 0.25)
     lost = {(k, c) for k in np.flatnonzero((t > 4.0) & (t < 8.0)).tolist() for c in (0, 2, 3)}
