@@ -24,7 +24,7 @@ def test_texts_are_read_as_the_type_of_the_setting():
     ("name", "value", "message"),
     [
         ("sigmav", "1", "no setting 'sigmav'; did you mean 'sigma_v'?"),
-        ("xyzzy", "1", "no setting 'xyzzy'; it has: particles"),
+        ("xyzzy", "1", "no setting 'xyzzy'; it has: smooth"),
         ("particles", "many", "setting particles: want a whole number, got 'many'"),
         ("particles", "1.5", "setting particles: want a whole number, got '1.5'"),
         ("sigma_v", "", "setting sigma_v: want a number, got ''"),

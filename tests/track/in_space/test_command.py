@@ -88,7 +88,7 @@ def test_moving_occluders_are_refused(recording, tmp_path, capsys, method) -> No
     command = ["track", str(recording), "-o", str(tmp_path / "t.parquet"), "-q", "--method", method]
     assert run([*command, "--occluders", str(recording)]) == ExitCode.USAGE
     error = capsys.readouterr().err
-    assert f"--occluders is an option of --method apf, not of --method {method}" in error
+    assert f"--occluders is an option of --method apf, map, not of --method {method}" in error
     assert error.count("\n") == 1
 
 
