@@ -11,6 +11,8 @@ from occlog.track.map.config import MapConfig
 from occlog.track.map.method import advance, begin
 from occlog.track.map.record import Record
 
+pytestmark = pytest.mark.jit
+
 CORNERS = ((-5, -4, 45), (5, -4, 135), (5, 4, 225), (-5, 4, -45))
 ROOM = {"half": 6.0, "fov": np.radians(100.0), "sigma_read_px": 3.0}
 
