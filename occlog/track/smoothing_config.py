@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from occlog.array_types import NS
 from occlog.settings import Settings, setting
 
+MOST_STEPS = 4096
+"""Steps of a target that wait at most: a state is smoothed with at least half as many steps after it."""
+
 
 @dataclass(frozen=True)
 class SmoothingConfig(Settings):
@@ -14,7 +17,7 @@ class SmoothingConfig(Settings):
 
     smooth: bool = setting(
         False,
-        "Estimate each state from what was recorded before and after it, 4096 scans of a target at a time.",
+        f"Estimate each state from what was recorded before and after it, {MOST_STEPS} scans of a target at a time.",
         option="--smooth",
     )
     lag_s: float | None = setting(

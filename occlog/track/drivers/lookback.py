@@ -9,11 +9,9 @@ from numpy.random import Generator
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.track.interface import Config, Smoothing, State
+from occlog.track.smoothing_config import MOST_STEPS
 
 from .rows import Row
-
-MOST_STEPS = 4096
-"""Steps of a target that wait at most: a state is smoothed with at least half as many steps after it."""
 
 
 class Waiting(NamedTuple):

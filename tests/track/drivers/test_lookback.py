@@ -10,12 +10,12 @@ import pytest
 from tracker_scenes import SECOND, observe, room100, walk
 
 from occlog.records.tables import Bearings, Diagnostics, Tracks
-from occlog.track.drivers.lookback import MOST_STEPS, Lookback, lookback
+from occlog.track.drivers.lookback import Lookback, lookback
 from occlog.track.drivers.online import track_online
 from occlog.track.drivers.rows import ROWS_PER_CHUNK, Row
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Estimate, Height, Online, Past, Smoothing
-from occlog.track.smoothing_config import SmoothingConfig
+from occlog.track.smoothing_config import MOST_STEPS, SmoothingConfig
 
 SCENE = room100(pillar=False)
 
