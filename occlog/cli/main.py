@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 import sys
-from typing import NamedTuple
+import threading
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
 from occlog import __version__
 from occlog.errors import ExitCode, OcclogError, OutputExistsError
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 
 class Command(NamedTuple):
@@ -108,7 +113,25 @@ def cli() -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Run the command line and leave the process with its exit code."""
+    sys.unraisablehook = _interrupt_again
     sys.exit(run(args))
+
+
+INTERRUPT_AGAIN_S = 0.05
+
+
+def _interrupt_again(unraisable: UnraisableHookArgs) -> None:
+    """Interrupt the program once more where an interrupt was swallowed.
+
+    Python drops an exception that a finaliser or a callback of compiled code raises, and an
+    interrupt that arrives there would be lost.  The new one comes later, so that the callback has ended.
+    """
+    if issubclass(unraisable.exc_type, KeyboardInterrupt):
+        again = threading.Timer(INTERRUPT_AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 def run(args: list[str] | None = None) -> int:

@@ -212,19 +212,46 @@ def test_stopped_in_the_middle(work: Path, how: int, code: int) -> None:
     output = work / "long.mcap"
     output.write_text("old")
     args = ["simulate", str(work / "scene.yaml"), "-o", str(output), "--steps", "2000000", "--overwrite", "-q"]
-    process = subprocess.Popen([sys.executable, "-m", "occlog", *args], stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
-    while not writes_into(work, process.pid) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert process.poll() is None, "it ended before it could be stopped"
-    assert writes_into(work, process.pid)
-    process.send_signal(how)
-    _, error = process.communicate(timeout=30)
+    with subprocess.Popen([sys.executable, "-m", "occlog", *args], stderr=subprocess.PIPE, text=True) as process:
+        try:
+            deadline = time.monotonic() + 60
+            while not writes_into(work, process.pid) and time.monotonic() < deadline:
+                time.sleep(0.05)
+            assert process.poll() is None, "it ended before it could be stopped"
+            assert writes_into(work, process.pid)
+            process.send_signal(how)
+            _, error = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert process.returncode == code
     assert "Traceback" not in error
     assert error.strip() == ("occlog: interrupted" if how == signal.SIGINT else "")
     assert output.read_text() == "old"
     assert not [name for name in os.listdir(work) if "partial" in name]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="wants signals")
+def test_an_interrupt_that_a_finaliser_swallows_comes_again(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text("""
+import os, signal, sys, time
+from occlog.cli import main
+
+class Swallows:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(10_000):
+            pass
+
+def work(**_):
+    Swallows()
+    time.sleep(60)
+
+main.cli.main = work
+main.main([])
+""")
+    done = subprocess.run([sys.executable, program], stderr=subprocess.PIPE, text=True, timeout=50, check=False)
+    assert (done.returncode, done.stderr.strip()) == (ExitCode.INTERRUPTED, "occlog: interrupted")
 
 
 def test_the_scene_of_another_unit_is_refused(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
