@@ -1,0 +1,89 @@
+"""What goes into the filter of many people and what comes out: looks of cameras in, moments of everybody out.
+
+The filter (`filter.begin`, `filter.step`) takes the looks of one moment at a time, in the order of their times.  Batch
+association (`--smooth`, `--lag`) takes all looks and the filter's moments, and gives moments anew.  Neither knows
+tables: a box is known by the row that it has in its table.
+
+Lengths are in the scene's unit, times in nanoseconds or seconds as said, pixels are those of the image as recorded
+(distorted, with the origin in the middle of the upper left pixel, as everywhere in the program).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+
+X, Y, VX, VY, HEIGHT, WIDTH = range(6)
+"""Places in a person's state: position and velocity of the axis of an upright cylinder on the floor, its height and
+its diameter."""
+STATE = 6
+"""Numbers of a person's state."""
+NOBODY = -1
+"""In `hint` and `Event.other`: no identity."""
+
+
+class Look(NamedTuple):
+    """Boxes of one frame of one camera; a frame without boxes is a look, too: it says that nobody was detected.
+
+    n boxes.  Edges may lie outside the image, where a detector completes people who are cut by its border.
+    """
+
+    t_ns: int
+    camera: int  # place in the list of cameras that the filter was begun with
+    boxes: Floats  # (n, 4) left, top, right, bottom [px]; left < right, top < bottom
+    score: Floats  # (n,) confidence of the detector, 0 to 1; NaN: none
+    hint: Ints  # (n,) identity >= 0 that a single-camera tracker gave; NOBODY: none
+    appearance: Floats  # (n, K) histogram or embedding; NaN: none of this box; (n, 0): none at all
+    row: Ints  # (n,) place of the box in its table
+
+
+class Directions(NamedTuple):
+    """Directions of arrival that a microphone array heard at one time; n directions."""
+
+    t_ns: int
+    sensor: int  # place in the list of arrays
+    bearing: Floats  # (n,) azimuth in the world [rad]
+    sigma: Floats  # (n,) standard deviation [rad], > 0
+    row: Ints  # (n,) place in its table
+
+
+class Support(NamedTuple):
+    """Which boxes speak for which people; k pairs with a probability that matters."""
+
+    person: Ints  # (k,) place in `Moment.ids`
+    camera: Ints  # (k,) place in the list of cameras
+    row: Ints  # (k,) `Look.row` of the box
+    probability: Floats  # (k,) that the box is of this person; sums over people of a box to at most 1
+
+
+class Event(NamedTuple):
+    """Something that happened to an identity."""
+
+    kind: str  # `birth`: reported from here on; `death`: no longer; `doubt`: it may have been exchanged with `other`
+    id: int
+    other: int  # NOBODY unless the kind is `doubt`
+    probability: float  # of existence at a birth or death; that the two were exchanged at a doubt
+
+
+class Moment(NamedTuple):
+    """Everybody after the looks of one moment; m people, C cameras."""
+
+    t_ns: int
+    ids: Ints  # (m,) identities of people who are confirmed, rising; never used again after a death
+    mean: Floats  # (m, 6) x, y, vx, vy, height, width
+    covariance: Floats  # (m, 6, 6)
+    existence: Floats  # (m,) probability that the person is there
+    visibility: (
+        Floats  # (m, C) probability of being visible in each camera; NaN: it did not look, or shows not the place
+    )
+    support: Support
+    events: tuple[Event, ...]
+
+
+def no_support() -> Support:
+    """No box speaks for anybody."""
+    none = np.zeros(0, dtype=np.int64)
+    return Support(none, none, none, np.zeros(0))
