@@ -22,11 +22,11 @@ START, SPREAD = np.array([3.0, 2.0, 1.4, 0.4, 0.3, 0.0]), np.array([0.3, 0.3, 0.
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("q", [0.0, 0.1])
-@pytest.mark.parametrize("sigma", [0.001, 0.01, 0.1])
+@pytest.mark.parametrize("sigma", [0.001, 0.1])
 def test_errors_are_those_that_are_stated_and_smoothing_lowers_them(method: str, q: float, sigma: float) -> None:
     module, settings = METHODS[method]
     scene, told, squares = room(), {"filter": [], "smoother": []}, {"filter": [], "smoother": []}
-    for seed in range(8):
+    for seed in range(6):
         rng = np.random.default_rng([seed, round(1e4 * q), round(1e4 * sigma)])
         truth = walk(START, 40, 0.1, q, rng)
         scans = [noisy_scan(scene, 0.1 * k, x[:3], sigma, rng) for k, x in enumerate(truth)]
@@ -53,7 +53,7 @@ def test_errors_in_the_scenarios_of_the_thesis_are_those_that_are_stated_with_10
     means = []
     for scenario in (1, 2, 3, 4):
         w = worlds.world(scenario, 50)
-        for run in range(15):
+        for run in range(6):
             rng, noise = np.random.default_rng([run, scenario, 1]), np.random.default_rng([run, scenario, 0])
             spread = np.sqrt(np.diag(w.P0))
             start = (*(w.states[0] + spread * noise.standard_normal(6)), *spread)
