@@ -20,7 +20,7 @@ from occlog.array_types import Floats, Ints
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 
-from .smoothing_config import SmoothingConfig
+from .smoothing_and_lag import SmoothingConfig
 
 
 class Height(NamedTuple):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from occlog.settings import setting
-from occlog.track.smoothing_config import SmoothingConfig
+from occlog.track.smoothing_and_lag import SmoothingConfig
 
 FORMS = ("printed", "improved", "quadrature")
 CALIBRATE = ("none", "joint", "initial")

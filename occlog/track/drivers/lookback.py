@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.track.interface import Config, Smoothing, State
-from occlog.track.smoothing_config import MOST_STEPS
+from occlog.track.smoothing_and_lag import MOST_STEPS
 
 from .rows import Row
 

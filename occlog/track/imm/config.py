@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from occlog.settings import listed, setting
-from occlog.track.smoothing_config import SmoothingConfig
+from occlog.track.smoothing_and_lag import SmoothingConfig
 
 POLICIES = ("none", "periodic", "printed", "count", "spread")
 TRIGGERS = ("count", "bearing", "ellipse")

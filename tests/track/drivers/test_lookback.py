@@ -15,7 +15,7 @@ from occlog.track.drivers.online import track_online
 from occlog.track.drivers.rows import ROWS_PER_CHUNK, Row
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Estimate, Height, Online, Past, Smoothing
-from occlog.track.smoothing_config import MOST_STEPS, SmoothingConfig
+from occlog.track.smoothing_and_lag import MOST_STEPS, SmoothingConfig
 
 SCENE = room100(pillar=False)
 
