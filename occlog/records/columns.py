@@ -33,7 +33,7 @@ class Column:
 
 
 def column(kind: str, unit: str, doc: str, *, nan: str | None = None, width: int = 0, optional: bool = False) -> Any:
-    """Declare one column of a table; an `optional` one is NaN or "" where it gets no values."""
+    """Declare one column of a table; an `optional` one is NaN, "" or, of whole numbers, -1 where it gets no values."""
     metadata = {"kind": kind, "unit": unit, "doc": doc, "nan": nan, "width": width, "optional": optional}
     return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
 
@@ -107,7 +107,9 @@ class Table:
 
 def _absent(c: Column, rows: int) -> NDArray[np.generic]:
     """Values of an optional column that nothing is known of."""
-    return np.full(rows, "") if c.kind == "U" else np.full(rows, np.nan)
+    if c.kind == "U":
+        return np.full(rows, "")
+    return np.full(rows, np.nan if c.dtype.kind == "f" else -1, dtype=c.dtype)
 
 
 def _empty_column(c: Column, rows: int) -> NDArray[np.generic]:

@@ -145,6 +145,12 @@ class Views(Table):
         "object; `removed`, declared false, so not of the target",
         optional=True,
     )
+    hint: Ints32 = column(
+        "i4",
+        "1",
+        "identity that the source of the box gave, for example a tracker in this camera alone; -1 = none",
+        optional=True,
+    )
 
     def check(self) -> None:
         """Times in order, boxes of positive size."""

@@ -19,6 +19,8 @@ LEAST = 0.2
 """Smallest cluster, in pixels of a person in full view."""
 MOST = 5.0
 """Largest cluster that can be a target, in pixels of a person in full view."""
+GLOBAL, CAMERA = "global", "camera"
+"""Of whom the identities of boxes are: of the same person in all cameras, or of a tracker in one camera alone."""
 LONE_TARGET_ID = 0
 """Identity of the one target when no appearance is known."""
 MARGIN = 0.05
@@ -117,11 +119,19 @@ class DetectConfig(Settings):
         option="--sigma-scale",
     )
     min_confidence: float = setting(0.3, "Of a detector's box.", at_least=0, at_most=1, option="--min-confidence")
+    labels: str | None = setting(
+        None,
+        f"Identities of boxes are targets: {GLOBAL}, the same one in all cameras; {CAMERA}, each camera's own, "
+        "numbered anew.",
+        choices=(GLOBAL, CAMERA),
+        option="--labels",
+        nothing="boxes are candidates that may be of anybody",
+    )
 
 
 def parameters(config: DetectConfig) -> dict[str, object]:
     """The settings and constants that a detection in images depends on, for its provenance."""
-    return asdict(config) | {
+    return {name: value for name, value in asdict(config).items() if name != "labels"} | {
         "clean_px": CLEAN_PX,
         "max_foreground": MAX_FOREGROUND,
         "strength": STRENGTH,

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.errors import InputError
 from occlog.measure.detections import Detections
 from occlog.records.scene import Camera, Scene
@@ -14,43 +14,55 @@ from occlog.records.tables import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, 
 
 from .bearing import BearingNoise, Sights, shape_covariance, sights
 from .config import DetectConfig
+from .labels import Labels, counted
 
 
-def detect_boxes(boxes: Iterable[Boxes], scene: Scene, config: DetectConfig | None = None) -> Iterator[Detections]:
+def detect_boxes(
+    boxes: Iterable[Boxes], scene: Scene, config: DetectConfig | None = None, labels: Labels | None = None
+) -> Iterator[Detections]:
     """Views and bearings of boxes, chunk by chunk.
 
     Each box with enough confidence is a view and a candidate bearing of whoever it may
     be (`target_id` -1, `score` its confidence); boxes whose confidence is not given
     count.  A frame in which no box counts gives one bearing row that is not seen.
-    Cameras without pose give views only.
+    Cameras without pose give views only.  The identity of a box is the view's `hint`.
+
+    With `labels` boxes with an identity are of its target, and a target that has none in a frame, between the
+    first and the last time at which it has a box, has a bearing row there that is not seen.
 
     Args:
         boxes: in the order of time; rows of one frame must not be split between chunks.
         scene: must hold the cameras.
         config: of it `min_confidence` is used.
+        labels: targets of the boxes' identities (`survey_labels`); None: identities are hints only.
     """
     config = config or DetectConfig()
     for chunk in boxes:
         views, bearings = [], []
         for name in np.unique(chunk.sensor).tolist():
             mine = chunk.take(chunk.sensor == name)
-            v, b = _of_camera(scene.camera(name), mine, config)
+            v, b = _of_camera(scene.camera(name), mine, config, labels)
             views.append(v)
             bearings.append(b)
         frames = len(np.unique(np.rec.fromarrays([chunk.t_ns, chunk.sensor])))
         yield Detections(Views.merge(views), Bearings.merge(bearings), (), frames, 0)
 
 
-def _of_camera(camera: Camera, boxes: Boxes, config: DetectConfig) -> tuple[Views, Bearings]:
-    with np.errstate(invalid="ignore"):
-        counts = (boxes.box >= 0) & ~(boxes.confidence < config.min_confidence)
-    good = boxes.take(counts)
+def _of_camera(camera: Camera, boxes: Boxes, config: DetectConfig, labels: Labels | None) -> tuple[Views, Bearings]:
+    good = boxes.take(counted(boxes, config))
+    target = np.full(len(good), UNLABELLED, np.int32) if labels is None else labels.of(camera.name, good.target_id)
     centres = np.column_stack([good.left_px + 0.5 * good.width_px, good.top_px + 0.5 * good.height_px])
     spreads = np.column_stack([good.width_px**2, np.zeros(len(good)), good.height_px**2]) / 12.0
     noise = BearingNoise(config.sigma_px, config.sigma_scale)
     covs = shape_covariance(spreads, np.ones(len(good)), _cut(camera, good), noise)
     seen = sights(camera, centres, covs, spreads, spreads, noise)
-    return _views(good, centres, spreads, seen), _bearings(camera, boxes, good, seen)
+    views, bearings = _views(good, centres, spreads, seen, target), _bearings(camera, boxes, good, seen, target)
+    if labels is None or not camera.placed:
+        return views, bearings
+    missed, missing = labels.missed(camera.name, np.unique(boxes.t_ns), good.t_ns, target)
+    nothing = np.full(len(missed), np.nan)
+    unseen = _rows(camera, missed, False, Sights(nothing, nothing, nothing, nothing), nothing, missing)
+    return views, Bearings.merge([bearings, unseen])
 
 
 def _cut(camera: Camera, boxes: Boxes) -> Bools:
@@ -62,7 +74,7 @@ def _cut(camera: Camera, boxes: Boxes) -> Bools:
     return cut
 
 
-def _views(boxes: Boxes, centres: Floats, spreads: Floats, seen: Sights) -> Views:
+def _views(boxes: Boxes, centres: Floats, spreads: Floats, seen: Sights, target: Ints32) -> Views:
     n = len(boxes)
     area = boxes.width_px * boxes.height_px
     return Views.of(
@@ -86,8 +98,9 @@ def _views(boxes: Boxes, centres: Floats, spreads: Floats, seen: Sights) -> View
         sigma_px=seen.sigma_px,
         confidence=boxes.confidence,
         likeness=np.full(n, np.nan),
-        target_id=np.full(n, UNLABELLED, dtype=np.int32),
+        target_id=target,
         appearance=np.full((n, APPEARANCE_BINS), np.nan, dtype=np.float32),
+        hint=boxes.target_id,
     ).sorted()
 
 
@@ -102,28 +115,28 @@ def _ranks(boxes: Boxes, area: Floats) -> np.ndarray[tuple[int], np.dtype[np.int
     return ranks
 
 
-def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: Sights) -> Bearings:
+def _bearings(camera: Camera, boxes: Boxes, good: Boxes, seen: Sights, target: Ints32) -> Bearings:
     if not camera.placed:
         return Bearings.empty()
     if np.isnan(seen.bearing).any():
         row = int(np.flatnonzero(np.isnan(seen.bearing))[0])
         raise InputError(f"camera {camera.name}: frame {good.frame[row]}: the box's sight line cannot be computed")
     empty = np.setdiff1d(boxes.t_ns, good.t_ns)
-    nothing = np.full(len(empty), np.nan)
+    nothing, nobody = np.full(len(empty), np.nan), np.full(len(empty), UNLABELLED, dtype=np.int32)
     return Bearings.merge(
         [
-            _rows(camera, good.t_ns, True, seen, good.confidence),
-            _rows(camera, empty, False, Sights(nothing, nothing, nothing, nothing), nothing),
+            _rows(camera, good.t_ns, True, seen, good.confidence, target),
+            _rows(camera, empty, False, Sights(nothing, nothing, nothing, nothing), nothing, nobody),
         ]
     )
 
 
-def _rows(camera: Camera, t_ns: Ints, found: bool, seen: Sights, score: Floats) -> Bearings:
+def _rows(camera: Camera, t_ns: Ints, found: bool, seen: Sights, score: Floats, target: Ints32) -> Bearings:
     n = len(t_ns)
     return Bearings.of(
         t_ns=t_ns,
         sensor=np.full(n, camera.name),
-        target_id=np.full(n, UNLABELLED, dtype=np.int32),
+        target_id=target,
         seen=np.full(n, found),
         bearing=seen.bearing,
         sigma=seen.sigma,

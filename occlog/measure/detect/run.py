@@ -29,6 +29,7 @@ from occlog.settings import configure
 
 from .config import DetectConfig, parameters
 from .from_boxes import detect_boxes
+from .labels import survey_labels
 from .learning import TargetBox, learn
 from .one_camera import upright
 from .stage import Learned, detect
@@ -138,6 +139,11 @@ def _detections(
     Images come first; a recording without images gives its boxes, and one without boxes its bearings.
     """
     config = configure(DetectConfig(), request.settings)
+    if config.labels is not None and (recording.cameras or not recording.has(Boxes)):
+        raise UsageError(
+            f"{recording.path}: --labels makes targets of the identities of boxes, and nothing is detected in boxes of "
+            "this recording; leave it out"
+        )
     if recording.cameras:
         return _from_images(request, recording, scene, config, quiet)
     if recording.has(Boxes):
@@ -145,7 +151,11 @@ def _detections(
         used: dict[str, object] = {"input": "boxes", "min_confidence": config.min_confidence}
         if config.sigma_px is not None or config.sigma_scale != 1.0:
             used |= {"sigma_px": config.sigma_px, "sigma_scale": config.sigma_scale}
-        return detect_boxes(chunks, scene, config), used
+        labels = None
+        if config.labels is not None:
+            labels = survey_labels(recording.tables(Boxes), config.labels, config)
+            used |= {"labels": config.labels}
+        return detect_boxes(chunks, scene, config, labels), used
     if recording.has(Bearings):
         return _pass_on(recording.tables(Bearings)), {"input": "bearings"}
     raise InputError(f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in")

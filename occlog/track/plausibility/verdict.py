@@ -209,8 +209,8 @@ class Evidence:
             "warning",
             f"the candidates cannot be one target: {self.crowd.unexplained:.1f} of {self.crowd.candidates:.1f} in a "
             f"frame are near no track, and in {', '.join(persistent)} they stay from frame to frame (in "
-            f"{max(persistent.values()):.0%} of the frames; allowed: {CROWDED:.0%}); label the candidates, use a "
-            "method for several targets, or say where the target is at first",
+            f"{max(persistent.values()):.0%} of the frames; allowed: {CROWDED:.0%}); follow everybody "
+            "(method jipda, from the boxes), label the candidates, or say where the target is at first",
         )
 
 
