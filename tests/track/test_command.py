@@ -23,6 +23,8 @@ from occlog.records.losses import Loss
 from occlog.records.tables import UNLABELLED, Bearings, Calibration, Diagnostics, Doa, Tracks
 from occlog.track.run import one_at_a_time, parse_start
 
+pytestmark = pytest.mark.jit
+
 SCENE = with_array(room100(pillar=False), (50.0, 50.0), sigma=0.05)
 MADE = Provenance("detect", losses=(Loss("cam1", "frame 7", "cut", 1),))
 STEPS = 12
@@ -217,7 +219,6 @@ def test_directions_of_arrival_can_be_labelled(folder, capsys):
     assert error.count("\n") == 1
 
 
-@pytest.mark.jit
 def test_the_animal_of_a_field_log_is_followed_by_its_number(shared_data, tmp_path, capsys):
     """783 bearings of an animal in 276 rounds: the filter is near the least-squares crossings (median 37 m)."""
     data = shared_data / "telemetr_bearings"

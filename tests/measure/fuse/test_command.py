@@ -15,6 +15,8 @@ from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Tracks
 
+pytestmark = pytest.mark.jit
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):

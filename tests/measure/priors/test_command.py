@@ -14,6 +14,8 @@ from occlog.io.files.parquet import describe, read_provenance, read_table, write
 from occlog.io.files.provenance import Provenance
 from occlog.records.tables import APPEARANCE_BINS, Hulls, Occluders, Tracks, Truth, Views
 
+pytestmark = pytest.mark.jit
+
 SCENE = """
 occlog_scene: 1
 room: [[0, 0], [8, 0], [8, 6], [0, 6]]

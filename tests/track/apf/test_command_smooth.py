@@ -16,6 +16,8 @@ from occlog.io.files.provenance import Provenance
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import Bearings, Diagnostics, Tracks, Truth
 
+pytestmark = pytest.mark.jit
+
 SCENE = room100(pillar=False, unit="m")
 STEPS = 15
 

@@ -12,6 +12,8 @@ from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.first_places import sight_lines, wander
 from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
 
+pytestmark = pytest.mark.jit
+
 SECOND = 1_000_000_000
 
 

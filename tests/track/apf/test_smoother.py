@@ -17,6 +17,8 @@ from occlog.track.apf.config import ApfConfig
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 
+pytestmark = pytest.mark.jit
+
 BACK = apf.METHOD.smoothing.back
 DIFFUSING = {
     "speed": 0.0,
@@ -78,7 +80,6 @@ def from_afar():
     return Scene(cameras=tuple(cameras), room=ROOM)
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize(("dt", "proposal"), [(0.4, "scan"), (0.4, "motion"), (2.5, "scan")])
 def test_the_smoothed_posterior_is_that_of_the_exact_smoother(dt, proposal):
     sigma, start, steps, runs, read = 1.2, 3.0, 9, 6, SHARP["sigma_read_px"]
@@ -217,7 +218,6 @@ def test_without_smoothing_nothing_is_kept_for_the_way_back():
     assert all(traces_of(scene, scans, config)[0])
 
 
-@pytest.mark.jit
 def test_smoothing_leaves_the_filter_as_it_is_and_a_lag_over_the_record_is_smoothing():
     made = record("walk", seed=3)
     tracked = {
@@ -233,7 +233,6 @@ def test_smoothing_leaves_the_filter_as_it_is_and_a_lag_over_the_record_is_smoot
 
 
 @pytest.mark.slow
-@pytest.mark.jit
 @pytest.mark.parametrize("motion", ["walk", "zig-zag", "still"])
 def test_smoothed_estimates_are_better_than_filtered_ones_and_their_covariances_hold(motion):
     made = [record(motion, seed=seed) for seed in range(2)]

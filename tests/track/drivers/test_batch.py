@@ -23,6 +23,8 @@ from occlog.track.map.config import MapConfig
 from occlog.track.map.fixed_lag import lag_ns
 from occlog.track.map.pending import begin
 
+pytestmark = pytest.mark.jit
+
 SCENE = room100(pillar=False)
 CONFIG = MapConfig.in_unit("unit")
 LAGGED = replace(CONFIG, lag_s=4.0)

@@ -14,6 +14,8 @@ from occlog.track.catalogue import METHODS, settings_of, tracker
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 
+pytestmark = pytest.mark.jit
+
 SCENE = room100(pillar=False)
 CONFIG = ApfConfig(particles=200, start_factor=2)
 FEW = ApfConfig(particles=40, start_factor=2)
@@ -86,7 +88,6 @@ def test_each_labelled_target_has_a_track_of_its_own_that_does_not_depend_on_the
         assert same(alone, chosen)
 
 
-@pytest.mark.jit
 def test_unlabelled_candidates_make_one_track():
     bearings = unlabelled(recording())
     tracks, diagnostics = whole(track([bearings], SCENE, Tracking(CONFIG, 0)))
@@ -105,7 +106,6 @@ def test_candidates_can_be_left_out():
     assert list(track([unlabelled(recording())], SCENE, Tracking(CONFIG, 0, unlabelled=False))) == []
 
 
-@pytest.mark.jit
 def test_candidates_of_cameras_without_a_label_help_a_labelled_target():
     bearings = recording(40)
     odd = np.isin(bearings.sensor, ["cam1", "cam3", "cam5", "cam7"])
@@ -160,7 +160,6 @@ def test_an_unknown_method_is_refused_with_the_names_of_those_there_are():
     assert all(tracker(name).config is settings_of(name) for name, entry in METHODS.items() if not entry.images)
 
 
-@pytest.mark.jit
 def test_output_comes_while_input_is_read():
     """The stage holds a scan and some rows of output, not the recording."""
     read = 0

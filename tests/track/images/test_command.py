@@ -23,6 +23,8 @@ from occlog.track.catalogue import METHODS
 from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.run.inputs import first_free
 
+pytestmark = pytest.mark.jit
+
 IN_IMAGES = tuple(name for name, entry in METHODS.items() if entry.images)
 
 FRAMES = SMALL.frames

@@ -9,6 +9,8 @@ from space_scenes import SOURCE, place, room, run, scan
 from occlog.errors import InputError
 from occlog.track.in_space.config import Direct3dConfig
 
+pytestmark = pytest.mark.jit
+
 
 @pytest.mark.parametrize("likelihood", ["product", "cone"])
 @pytest.mark.parametrize("labelled", [True, False])

@@ -19,6 +19,8 @@ from occlog.track.in_space.plane_errors import PLANE_ROWS, begun
 from occlog.track.in_space.planes import Flat, choose_pair, combine, plane_angles, shared_axis
 from occlog.track.in_space.sensing import pack_directions, pack_ears
 
+pytestmark = pytest.mark.jit
+
 NONE = np.full(3, np.nan)
 THESIS = {"selection": "printed", "running": "selected", "per_plane": "best", "combining": "planes-weighted"}
 

@@ -20,6 +20,8 @@ from occlog.io.recording.reader import open_recording
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Residuals, Tracks, Truth
 
+pytestmark = pytest.mark.jit
+
 EXAMPLE = EXAMPLES / "room100.yaml"
 STEPS = 40
 NAMES = ("x", "y", "vx", "vy")

@@ -15,6 +15,8 @@ from occlog.track.map.config import MapConfig
 from occlog.track.map.kernels.windows import Knowledge
 from occlog.track.map.method import advance, begin
 
+pytestmark = pytest.mark.jit
+
 STEADY = MapConfig(acceleration=1e-3)  # as good as constant velocity
 TWO_APART = ((-4, -3, 90), (4, -3, 90))  # side by side, looking the same way: the views meet only behind the room
 
@@ -102,7 +104,6 @@ def test_directions_of_arrays() -> None:
     assert set(out.fallback) == {""}
 
 
-@pytest.mark.jit
 def test_covariance_is_that_of_the_errors() -> None:
     """Walks drawn from the model itself: squared errors in units of the covariance are chi-square with 4 degrees."""
     scene = place((-5, -5, 45), (5, -5, 135), half=40.0)
@@ -132,7 +133,6 @@ def blocks(scene, config, made, size):
     return parts
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize("size", [1, 7, 40])
 def test_fixed_lag_gives_every_row_once_in_order_and_nearly_the_whole(size: int) -> None:
     scene = place((-5, -5, 45), (5, -5, 135), half=20.0)
@@ -169,7 +169,6 @@ def test_a_lag_longer_than_the_record_is_the_whole() -> None:
     assert_allclose(joined(parts).covariance, whole.covariance, rtol=1e-2, atol=1e-6)
 
 
-@pytest.mark.jit
 @pytest.mark.parametrize("window", [16, 50])
 def test_long_records_started_in_windows_are_the_same(window: int) -> None:
     scene = place(*TWO_APART, (0, 8, -90))
@@ -294,7 +293,6 @@ def wild(seed: int):
     return scene, made, config
 
 
-@pytest.mark.jit
 def test_wild_measurements_give_finite_numbers_and_nearly_always_a_minimum() -> None:
     n, converged, contradictions = 60, 0, 0
     for seed in range(n):
