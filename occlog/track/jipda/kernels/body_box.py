@@ -1,0 +1,180 @@
+"""The box of a person in an image: of an upright ellipsoid on the floor, seen by a camera with distortion.
+
+A person of height h and width w at (x, y) is the ellipsoid with the centre m = (x, y, h / 2) and the half axes
+w / 2, w / 2, h / 2.  In the camera's frame, p = R' (m - c) is its centre and A = R' diag(w^2, w^2, h^2) R / 4 its
+shape; its outline in the normalised image is the conic whose dual is C = A - p p' (Hartley and Zisserman 2004,
+Eq. 8.6, up to sign).  A line l touches the outline where l' C l = 0, at the point C l: the vertical and horizontal
+tangents are the box of an ideal lens.  A lens with distortion moves the four points of contact; the box is around
+them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.numerics.jit import kernel
+from occlog.core.sight.camera import undistort
+from occlog.records.scene import Camera
+
+LEFT, TOP, RIGHT, BOTTOM = range(4)
+UNSEEN_SIZE = 1e9
+"""Width and height [px] of an image of which the scene does not say them: no border cuts its boxes."""
+BEYOND = 1.2
+"""The lens is believed to so many times the distance of the farthest corner from the optical axis; farther out its
+polynomial may turn back, so that it is continued by a straight line."""
+STEP = 1e-4
+"""Step of the difference quotients, in heights of the person."""
+NEAR = 0.05
+"""No camera sees a person whose nearest point is nearer than this many heights, along its axis."""
+
+
+class Views(NamedTuple):
+    """C cameras, packed for the kernels."""
+
+    position: Floats  # (C, 3)
+    rotation: Floats  # (C, 3, 3) world-from-camera
+    focal: Floats  # (C, 2) [px]
+    principal: Floats  # (C, 2) [px]
+    distortion: Floats  # (C, 5)
+    tsai: Ints  # (C,) 1: maps distorted to ideal; 0: ideal to distorted
+    limit: Floats  # (C,) normalised radius to which the lens is believed
+    size: Floats  # (C, 2) width, height [px]
+    range: Floats  # (C,) farthest distance at which a person is seen
+
+
+def pack_views(cameras: Sequence[Camera]) -> Views:
+    """Pack cameras whose poses are known in space."""
+    size = [c.image_size if c.image_size is not None else (UNSEEN_SIZE, UNSEEN_SIZE) for c in cameras]
+    return Views(
+        position=np.array([c.position for c in cameras], dtype=np.float64).reshape(-1, 3),
+        rotation=np.array([c.rotation for c in cameras], dtype=np.float64).reshape(-1, 3, 3),
+        focal=np.array([c.focal_px for c in cameras], dtype=np.float64).reshape(-1, 2),
+        principal=np.array([c.principal_px for c in cameras], dtype=np.float64).reshape(-1, 2),
+        distortion=np.array([c.distortion for c in cameras], dtype=np.float64).reshape(-1, 5),
+        tsai=np.array([c.distortion_model == "tsai" for c in cameras], dtype=np.int64),
+        limit=np.array([_limit(c) for c in cameras], dtype=np.float64),
+        size=np.array(size, dtype=np.float64).reshape(-1, 2),
+        range=np.array([c.range for c in cameras], dtype=np.float64),
+    )
+
+
+def _limit(camera: Camera) -> float:
+    """Normalised radius of the ideal image to which the lens is believed."""
+    if camera.image_size is None or not np.any(camera.distortion):
+        return math.inf
+    w, h = camera.image_size
+    corners = np.array([[u, v] for u in (-0.5, w - 0.5) for v in (-0.5, h - 0.5)])
+    ideal = undistort((corners - camera.principal_px) / camera.focal_px, camera.distortion, camera.distortion_model)
+    return BEYOND * float(np.hypot(ideal[:, 0], ideal[:, 1]).max())
+
+
+@kernel
+def pixel(views: Views, c: int, x: float, y: float) -> tuple[float, float]:
+    """Recorded pixel of a point (x, y) of the ideal normalised image of camera c."""
+    k1, k2, p1, p2, k3 = views.distortion[c]
+    if k1 != 0.0 or k2 != 0.0 or p1 != 0.0 or p2 != 0.0 or k3 != 0.0:
+        radius = math.sqrt(x * x + y * y)
+        # Beyond the believed radius: as at that radius, and further out in a straight line
+        share = min(1.0, views.limit[c] / radius) if radius > 0.0 else 1.0
+        out_x, out_y = x * (1.0 - share), y * (1.0 - share)
+        x, y = x * share, y * share
+        if views.tsai[c] == 1:
+            ideal_x, ideal_y = x, y
+            for _ in range(50):
+                r2 = x * x + y * y
+                x, y = ideal_x / (1.0 + k1 * r2), ideal_y / (1.0 + k1 * r2)
+        else:
+            r2 = x * x + y * y
+            radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+            x, y = (
+                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+            )
+        x, y = x + out_x, y + out_y
+    return x * views.focal[c, 0] + views.principal[c, 0], y * views.focal[c, 1] + views.principal[c, 1]
+
+
+@kernel
+def expected_box(views: Views, c: int, x: float, y: float, height: float, width: float, box: Floats) -> float:
+    """Write the box (4,) of a person in camera c and give the depth of the person's middle along the optical axis.
+
+    Args:
+        views: cameras.
+        c: which of them.
+        x: place on the floor.
+        y: the same.
+        height: of the person, > 0.
+        width: of the person, > 0.
+        box: (4,) left, top, right, bottom [px], written; it may lie outside the image.
+
+    Returns:
+        Depth > 0; -1, and no box, where part of the person is behind the camera or closer than `NEAR` heights.
+    """
+    R = views.rotation[c]
+    dx, dy, dz = x - views.position[c, 0], y - views.position[c, 1], 0.5 * height - views.position[c, 2]
+    a2, b2 = 0.25 * width * width, 0.25 * height * height
+    # Centre and shape in the camera's frame: p = R' (m - c), A = R' diag(a^2, a^2, b^2) R
+    px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
+    py = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
+    pz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+    lean = b2 - a2  # A = a^2 I + (b^2 - a^2) r r', r the last row of R
+    rx, ry, rz = R[2, 0], R[2, 1], R[2, 2]
+    azz = a2 + lean * rz * rz
+    if pz - math.sqrt(azz) < NEAR * height:
+        return -1.0
+    # Dual conic C = A - p p'
+    cxx, cyy, czz = a2 + lean * rx * rx - px * px, a2 + lean * ry * ry - py * py, azz - pz * pz
+    cxy, cxz, cyz = lean * rx * ry - px * py, lean * rx * rz - px * pz, lean * ry * rz - py * pz
+    # Tangents x = u: C_xx - 2 u C_xz + u^2 C_zz = 0, C_zz < 0; and y = v likewise
+    root_x, root_y = math.sqrt(max(cxz * cxz - cxx * czz, 0.0)), math.sqrt(max(cyz * cyz - cyy * czz, 0.0))
+    for k in range(4):
+        sign = -1.0 if k < 2 else 1.0
+        if k in (LEFT, RIGHT):
+            u = (cxz - sign * root_x) / czz
+            # Point of contact C l, l = (1, 0, -u)
+            at = (cxy - u * cyz) / (cxz - u * czz)
+            box[k] = pixel(views, c, u, at)[0]
+        else:
+            v = (cyz - sign * root_y) / czz
+            at = (cxy - v * cxz) / (cyz - v * czz)
+            box[k] = pixel(views, c, at, v)[1]
+    return pz
+
+
+@kernel
+def box_and_slope(views: Views, c: int, state: Floats, delay: float, box: Floats, slope: Floats) -> float:
+    """Write the box (4,) of a state and its derivative (4, 6), and give the depth as `expected_box` does.
+
+    Args:
+        views: cameras.
+        c: which of them.
+        state: (6,) at the moment's time.
+        delay: how much later than the moment the camera looked [s]; negative: earlier.
+        box: (4,) written.
+        slope: (4, 6) written: central difference quotients.
+    """
+    x, y = state[0] + delay * state[2], state[1] + delay * state[3]
+    height, width = state[4], state[5]
+    depth = expected_box(views, c, x, y, height, width, box)
+    if depth < 0.0:
+        return depth
+    step = STEP * height
+    high, low = np.empty(4), np.empty(4)
+    for k in range(4):
+        ex, ey = (step if k == 0 else 0.0), (step if k == 1 else 0.0)
+        eh, ew = (step if k == 2 else 0.0), (step if k == 3 else 0.0)
+        d_high = expected_box(views, c, x + ex, y + ey, height + eh, width + ew, high)
+        d_low = expected_box(views, c, x - ex, y - ey, height - eh, width - ew, low)
+        if d_high < 0.0 or d_low < 0.0:
+            return -1.0
+        to = k if k < 2 else k + 2
+        for e in range(4):
+            slope[e, to] = (high[e] - low[e]) / (2.0 * step)
+    for e in range(4):
+        slope[e, 2], slope[e, 3] = delay * slope[e, 0], delay * slope[e, 1]
+    return depth

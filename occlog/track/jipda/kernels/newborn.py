@@ -1,0 +1,272 @@
+"""People whom nobody tracks yet: bodies that explain boxes of one or several cameras that are of none of the people.
+
+Each free box proposes a body: the most probable place, height and width of one who made it, with the curvature there
+(Laplace's approximation).  The boxes of the other cameras are then asked one after the other: a body that is seen must
+be detected with its probability of detection among the people who hide it.  The result is the odds that somebody new
+stands there against all of these boxes being of nobody.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.numerics.jit import kernel
+
+from .body_box import Views, box_and_slope
+from .cover import COLUMNS, ROWS, clear_cells, inside_image
+from .joint import LOG_2PI, Boxes, Rates, edge_noise, interpolate, log_density, log_nobody, precision, shifted
+from .linear import invert
+
+NEWTON_STEPS = 4
+LEAST_FREE = 0.2
+"""Boxes that are free with a lower probability propose nobody."""
+
+
+@kernel
+def on_floor(views: Views, c: int, u: float, v: float, z: float, place: Floats) -> bool:
+    """Write the place (2,) at height z that pixel (u, v) of camera c shows; False where there is none ahead.
+
+    The lens's distortion is left out: the place is where an iteration begins.
+    """
+    x = (u - views.principal[c, 0]) / views.focal[c, 0]
+    y = (v - views.principal[c, 1]) / views.focal[c, 1]
+    R = views.rotation[c]
+    up = R[2, 0] * x + R[2, 1] * y + R[2, 2]
+    if abs(up) < 1e-9:
+        return False
+    along = (z - views.position[c, 2]) / up
+    if along <= 0.0:
+        return False
+    place[0] = views.position[c, 0] + along * (R[0, 0] * x + R[0, 1] * y + R[0, 2])
+    place[1] = views.position[c, 1] + along * (R[1, 0] * x + R[1, 1] * y + R[1, 2])
+    return True
+
+
+@kernel
+def fit_body(
+    views: Views, boxes: Boxes, rates: Rates, body: Floats, c: int, j: int, mean: Floats, covariance: Floats
+) -> float:
+    """Write the state (6,) and covariance (6, 6) of one who made box j, and give the log of the integrated density.
+
+    The density is that of the box under a place that is uniform, one person a unit of area; NaN: nobody can make it.
+    """
+    box, believed = boxes.box[j], boxes.believed[j]
+    place = np.empty(2)
+    middle = 0.5 * (box[0] + box[2])
+    found = False
+    if believed[3]:
+        found = on_floor(views, c, middle, box[3], 0.0, place)
+    elif believed[1]:
+        found = on_floor(views, c, middle, box[1], body[0], place)
+    if not found or not (believed[0] or believed[2]):
+        return math.nan
+    distance = math.hypot(place[0] - views.position[c, 0], place[1] - views.position[c, 1])
+    if distance > views.range[c]:
+        return math.nan
+    mean[0], mean[1], mean[2], mean[3], mean[4], mean[5] = place[0], place[1], 0.0, 0.0, body[0], body[2]
+    expected, slope, noise, drawn = np.empty(4), np.zeros((4, 6)), np.empty((4, 4)), np.empty(4)
+    prior = np.array([0.0, 0.0, 1.0 / body[4] ** 2, 1.0 / body[4] ** 2, 1.0 / body[1] ** 2, 1.0 / body[3] ** 2])
+    at = np.array([0.0, 0.0, 0.0, 0.0, body[0], body[2]])
+    W = np.empty((4, 4))
+    for _ in range(NEWTON_STEPS):
+        if box_and_slope(views, c, mean, 0.0, expected, slope) < 0.0:
+            return math.nan
+        shifted(expected, rates.bias[c], drawn)
+        edge_noise(drawn, rates, noise)
+        W[:] = 0.0
+        precision(noise, believed, 1.0, W)
+        information = slope.T @ W @ slope
+        vector = slope.T @ W @ (box - drawn + slope @ mean)
+        for k in range(6):
+            information[k, k] += prior[k]
+            vector[k] += prior[k] * at[k]
+        log_determinant = invert(information, covariance)
+        if math.isnan(log_determinant):
+            return math.nan
+        mean[:] = covariance @ vector
+        mean[4], mean[5] = max(mean[4], 0.3 * body[0]), max(mean[5], 0.3 * body[2])
+    if box_and_slope(views, c, mean, 0.0, expected, slope) < 0.0:
+        return math.nan
+    shifted(expected, rates.bias[c], drawn)
+    # Density of the box at the best body times that of the body, and Laplace's volume without the velocity
+    inverse = np.empty((4, 4))
+    log_box, _ = log_density(box - drawn, inverse, believed, noise, np.zeros((4, 4)))
+    high, wide = (mean[4] - body[0]) / body[1], (mean[5] - body[2]) / body[3]
+    log_body = -0.5 * (high * high + wide * wide) - math.log(body[1] * body[3]) - LOG_2PI
+    return log_box + log_body + 2.0 * LOG_2PI - 0.5 * (log_determinant + 4.0 * math.log(body[4]))
+
+
+@kernel
+def propose(
+    views: Views,
+    boxes: Boxes,
+    rates: Rates,
+    body: Floats,
+    density: float,
+    people: Floats,
+    spread: Floats,
+    existence: Floats,
+    free: Floats,
+    look: int,
+    seed: int,
+    gate: float,
+    mean: Floats,
+    covariance: Floats,
+    used: Floats,
+) -> float:
+    """Log odds that somebody new made a box; the state, its covariance and the boxes that speak for them are written.
+
+    Args:
+        views: cameras.
+        boxes: of the moment.
+        rates: of the detectors.
+        body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
+        density: expected number of new people a unit of area.
+        people: (N, 6) those who are tracked.
+        spread: (N,) standard deviation of their places.
+        existence: (N,).
+        free: (M,) probability that a box is of none of them.
+        look: of the box that proposes.
+        seed: that box.
+        gate: greatest squared Mahalanobis distance.
+        mean: (6,) written.
+        covariance: (6, 6) written.
+        used: (M,) written: share with which a box is theirs.
+    """
+    c = boxes.camera[look]
+    used[:] = 0.0
+    log_seed = fit_body(views, boxes, rates, body, c, seed, mean, covariance)
+    if math.isnan(log_seed) or mean[4] > body[0] + 4.0 * body[1] or mean[4] < body[0] - 5.0 * body[1]:
+        return -math.inf
+    nobody = log_nobody(boxes.box[seed], boxes.believed[seed], views.size[c, 0], views.size[c, 1]) + boxes.clutter[seed]
+    N = people.shape[0]
+    total = math.log(density) + log_seed + math.log(max(free[seed], 1e-6)) - nobody
+    used[seed] = 1.0
+    information, vector = np.empty((6, 6)), np.empty(6)
+    invert(covariance, information)
+    vector[:] = information @ mean
+    box, depth = np.empty((N + 1, 4)), np.empty(N + 1)
+    across, deep, there = np.empty(N + 1), np.empty(N + 1), np.ones(N + 1)
+    slope, noise, drawn, inverse = np.zeros((4, 6)), np.empty((4, 4)), np.empty(4), np.empty((4, 4))
+    cells, W = np.empty((ROWS, COLUMNS)), np.empty((4, 4))
+    scratch = np.zeros((4, 6))
+    for l in range(boxes.camera.shape[0]):
+        c = boxes.camera[l]
+        depth[N] = box_and_slope(views, c, mean, 0.0, box[N], slope)
+        if depth[N] < 0.0 or inside_image(box[N], views.size[c, 0], views.size[c, 1], cells) == 0.0:
+            continue
+        if math.hypot(mean[0] - views.position[c, 0], mean[1] - views.position[c, 1]) > views.range[c]:
+            continue
+        P = slope @ covariance @ slope.T
+        across[N] = math.sqrt(0.25 * max(P[0, 0] + 2.0 * P[0, 2] + P[2, 2], 0.0))
+        deep[N] = math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])) + 0.1 * mean[5]
+        for i in range(N):
+            depth[i] = box_and_slope(views, c, people[i], 0.0, box[i], scratch)
+            there[i] = existence[i]
+            if depth[i] > 0.0:
+                deep[i] = spread[i] + 0.1 * people[i, 5]
+                across[i] = spread[i] * views.focal[c, 0] / depth[i]
+        clear_cells(N, box, depth, across, deep, there, cells)
+        detection = rates.detection[c] * interpolate(rates.curve, np.mean(cells))
+        if l == look:
+            total += math.log(max(detection, 1e-6))
+            continue
+        shifted(box[N], rates.bias[c], drawn)
+        edge_noise(drawn, rates, noise)
+        best, best_j, summed = 0.0, -1, 0.0
+        for j in range(boxes.first[l], boxes.first[l + 1]):
+            if free[j] < 0.05:
+                continue
+            off = boxes.box[j] - drawn
+            if abs(off[0] + off[2]) > 4.0 * math.sqrt(gate * (across[N] * across[N] + noise[0, 0])):
+                continue
+            log_ratio, distance = log_density(off, inverse, boxes.believed[j], noise, P)
+            if distance > gate:
+                continue
+            log_ratio -= log_nobody(boxes.box[j], boxes.believed[j], views.size[c, 0], views.size[c, 1])
+            ratio = free[j] * math.exp(log_ratio - boxes.clutter[j])
+            summed += ratio
+            if ratio > best:
+                best, best_j = ratio, j
+        total += math.log(1.0 - detection + detection * summed)
+        if best_j >= 0:
+            p = detection * best / (1.0 - detection + detection * summed)
+            used[best_j] = p
+            if p > 0.5:
+                W[:] = 0.0
+                precision(noise, boxes.believed[best_j], p, W)
+                HW = slope.T @ W
+                information += HW @ slope
+                vector += HW @ (boxes.box[best_j] - drawn + slope @ mean)
+                invert(information, covariance)
+                mean[:] = covariance @ vector
+    return total
+
+
+@kernel
+def newborn(
+    views: Views,
+    boxes: Boxes,
+    rates: Rates,
+    body: Floats,
+    density: float,
+    people: Floats,
+    spread: Floats,
+    existence: Floats,
+    free: Floats,
+    gate: float,
+    least: float,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """New people: mean (K, 6), covariance (K, 6, 6), log odds (K,), and their shares of the boxes (K, M).
+
+    Args:
+        least: log odds below which nobody is made; the others as in `propose`.
+    """
+    M, L = boxes.box.shape[0], boxes.camera.shape[0]
+    open_share = free.copy()
+    look_of = np.empty(M, dtype=np.int64)
+    for l in range(L):
+        look_of[boxes.first[l] : boxes.first[l + 1]] = l
+    mean, covariance = np.zeros((M, 6)), np.zeros((M, 6, 6))
+    odds, used = np.full(M, -np.inf), np.zeros((M, M))
+    stale = np.zeros(M, dtype=np.bool_)
+    for j in range(M):
+        if open_share[j] > LEAST_FREE:
+            odds[j] = propose(
+                views, boxes, rates, body, density, people, spread, existence, open_share, look_of[j], j, gate,
+                mean[j], covariance[j], used[j],
+            )  # fmt: skip
+    taken, final = np.zeros(M, dtype=np.int64), np.zeros(M)
+    count = 0
+    while True:
+        j = int(np.argmax(odds)) if M > 0 else -1
+        if j < 0 or odds[j] < least:
+            break
+        if stale[j]:
+            # One of its boxes went to somebody else since: propose anew
+            stale[j] = False
+            odds[j] = -np.inf
+            if open_share[j] > LEAST_FREE:
+                odds[j] = propose(
+                    views, boxes, rates, body, density, people, spread, existence, open_share, look_of[j], j, gate,
+                    mean[j], covariance[j], used[j],
+                )  # fmt: skip
+            continue
+        taken[count], final[count] = j, odds[j]
+        count += 1
+        r = 1.0 / (1.0 + math.exp(-odds[j]))
+        odds[j] = -np.inf
+        for k in range(M):
+            if used[j, k] > 0.0:
+                open_share[k] = max(open_share[k] - r * used[j, k], 0.0)
+        for k in range(M):
+            if odds[k] > -np.inf:
+                for b in range(M):
+                    if used[j, b] * used[k, b] > 0.01:
+                        stale[k] = True
+                        break
+    rows = taken[:count]
+    return mean[rows], covariance[rows], final[:count], used[rows]
