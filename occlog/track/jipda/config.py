@@ -45,7 +45,7 @@ class JipdaConfig(Settings):
     # Existence
     stay_s: float = setting(60.0, "How long a person stays in sight of the cameras on average.", unit="s", above=0)
     confirm: float = setting(0.8, "A person is reported from this probability on that they exist.", above=0, below=1)
-    die: float = setting(0.02, "Below this probability a person is given up.", above=0, below=1)
+    die: float = setting(0.01, "Below this probability a person is given up.", above=0, below=1)
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """Who is given up was reported before."""

@@ -143,7 +143,7 @@ def expected_box(views: Views, c: int, x: float, y: float, height: float, width:
             v = (cyz - sign * root_y) / czz
             at = (cxy - v * cxz) / (cyz - v * czz)
             box[k] = pixel(views, c, at, v)[1]
-    return pz
+    return float(pz)
 
 
 @kernel

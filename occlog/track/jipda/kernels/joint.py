@@ -49,7 +49,7 @@ class Rates(NamedTuple):
     detection: Floats  # (C,) probability of detection of a person in plain view
     curve: Floats  # (K,) factor of it at the visible shares 0, 1 / (K - 1), .., 1
     cut: float  # probability that a box ends where the cover of the feet begins
-    bias: Floats  # (C, 4) of middle and width across, of middle and height down, as shares of height, width, height, height
+    bias: Floats  # (C, 4) middle and width across, middle and height down, in heights, widths, heights, heights
     noise: Floats  # (4, 2) variances of the same: constant [px^2], and share squared
 
 
@@ -75,7 +75,8 @@ def interpolate(curve: Floats, share: float) -> float:
     """The curve at a share between 0 and 1, linear between its values."""
     at = min(max(share, 0.0), 1.0) * (curve.shape[0] - 1)
     k = min(int(at), curve.shape[0] - 2)
-    return curve[k] + (at - k) * (curve[k + 1] - curve[k])
+    value: float = curve[k] + (at - k) * (curve[k + 1] - curve[k])
+    return value
 
 
 @kernel
@@ -173,7 +174,6 @@ def update(
     bonus: Floats,
     birth: float,
     gate: float,
-    mode: int,
 ) -> Result:
     """Everybody after the looks of a moment.
 
@@ -187,7 +187,6 @@ def update(
         bonus: (N, M) logs of likelihood ratios of hints and appearance.
         birth: expected number of boxes of people who are not among the N, as a share of those of nobody.
         gate: greatest squared Mahalanobis distance of a box.
-        mode: how shares move a person.
     """
     N, L, M = mean.shape[0], boxes.camera.shape[0], boxes.box.shape[0]
     m, P = mean.copy(), covariance.copy()
@@ -214,7 +213,7 @@ def update(
     inverse, work = np.empty((4, 4)), np.empty((6, 6))
     off, use = np.empty(4), np.empty(4, dtype=np.bool_)
     for sweep in range(SWEEPS):
-        for l in range(L):
+        for l in range(L):  # noqa: E741 - a look
             c, start, stop = boxes.camera[l], boxes.first[l], boxes.first[l + 1]
             width, height = views.size[c]
             # Cavity: the belief without this look's message
@@ -257,7 +256,7 @@ def update(
                 inside_image(box[i], width, height, cells)
                 clear_cells(i, box, depth, across, deep, there, cells)
                 visible[l, i] = np.mean(cells)
-                bottom, count = 0.0, 0
+                bottom = 0.0
                 for column in range(COLUMNS):
                     bottom += cells[ROWS - 1, column]
                 feet[i] = 1.0 - bottom / COLUMNS
@@ -339,10 +338,9 @@ def update(
                     Hm = slope[i] @ cavity_m[i]
                     for j in range(stop - start):
                         p = share[i, start + j]
-                        if p < LEAST_SHARE or (mode == 1 and j != best_j):
+                        if j != best_j:
                             continue
-                        if mode == 1:
-                            p = p * p
+                        p = p * p
                         if sweep == SWEEPS - 1 and boxes.believed[start + j, 3] and feet[i] > 0.5:
                             cuts[0] += p * (1.0 - whole[i, j])
                             cuts[1] += p * feet[i]

@@ -96,7 +96,8 @@ def fit_body(
     log_box, _ = log_density(box - drawn, inverse, believed, noise, np.zeros((4, 4)))
     high, wide = (mean[4] - body[0]) / body[1], (mean[5] - body[2]) / body[3]
     log_body = -0.5 * (high * high + wide * wide) - math.log(body[1] * body[3]) - LOG_2PI
-    return log_box + log_body + 2.0 * LOG_2PI - 0.5 * (log_determinant + 4.0 * math.log(body[4]))
+    total: float = log_box + log_body + 2.0 * LOG_2PI - 0.5 * (log_determinant + 4.0 * math.log(body[4]))
+    return total
 
 
 @kernel
@@ -153,7 +154,7 @@ def propose(
     slope, noise, drawn, inverse = np.zeros((4, 6)), np.empty((4, 4)), np.empty(4), np.empty((4, 4))
     cells, W = np.empty((ROWS, COLUMNS)), np.empty((4, 4))
     scratch = np.zeros((4, 6))
-    for l in range(boxes.camera.shape[0]):
+    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a look
         c = boxes.camera[l]
         depth[N] = box_and_slope(views, c, mean, 0.0, box[N], slope)
         if depth[N] < 0.0 or inside_image(box[N], views.size[c, 0], views.size[c, 1], cells) == 0.0:
@@ -170,7 +171,7 @@ def propose(
                 deep[i] = spread[i] + 0.1 * people[i, 5]
                 across[i] = spread[i] * views.focal[c, 0] / depth[i]
         clear_cells(N, box, depth, across, deep, there, cells)
-        detection = rates.detection[c] * interpolate(rates.curve, np.mean(cells))
+        detection = rates.detection[c] * interpolate(rates.curve, float(np.mean(cells)))
         if l == look:
             total += math.log(max(detection, 1e-6))
             continue
@@ -203,7 +204,7 @@ def propose(
                 vector += HW @ (boxes.box[best_j] - drawn + slope @ mean)
                 invert(information, covariance)
                 mean[:] = covariance @ vector
-    return total
+    return float(total)
 
 
 @kernel
@@ -223,12 +224,22 @@ def newborn(
     """New people: mean (K, 6), covariance (K, 6, 6), log odds (K,), and their shares of the boxes (K, M).
 
     Args:
-        least: log odds below which nobody is made; the others as in `propose`.
+        views: cameras.
+        boxes: of the moment.
+        rates: of the detectors.
+        body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
+        density: expected number of new people a unit of area.
+        people: (N, 6) those who are tracked.
+        spread: (N,) standard deviation of their places.
+        existence: (N,).
+        free: (M,) probability that a box is of none of them.
+        gate: greatest squared Mahalanobis distance.
+        least: log odds below which nobody is made.
     """
     M, L = boxes.box.shape[0], boxes.camera.shape[0]
     open_share = free.copy()
     look_of = np.empty(M, dtype=np.int64)
-    for l in range(L):
+    for l in range(L):  # noqa: E741 - a look
         look_of[boxes.first[l] : boxes.first[l + 1]] = l
     mean, covariance = np.zeros((M, 6)), np.zeros((M, 6, 6))
     odds, used = np.full(M, -np.inf), np.zeros((M, M))
