@@ -37,6 +37,7 @@ class Paths:
     errors: Path | None = None
     bound: Path | None = None
     failures: Path | None = None
+    counts: Path | None = None
     mot: Path | None = None
     doa_labels: bool = False
     overwrite: bool = False

@@ -100,6 +100,11 @@ OF_MANY = (
         "--failures", kinds=MANY, help="Write each failure of a tracker: frame, camera, target, cause (Parquet)."
     ),
     file_option(
+        "--counts",
+        kinds=(GROUND,),
+        help="Write how many targets and tracks there are at each time of the truth (Parquet).",
+    ),
+    file_option(
         "--mot",
         kinds=(IMAGES,),
         metavar="DIR",

@@ -43,7 +43,8 @@ def run_evaluate(paths: Paths, given: Mapping[str, object], many_given: Mapping[
         many_given: settings of `ManyConfig` that were given.
     """
     _check_request(paths, given)
-    options.check_outputs(paths.inputs, (paths.output, paths.errors, paths.bound, paths.failures), paths.overwrite)
+    written = (paths.output, paths.errors, paths.bound, paths.failures, paths.counts)
+    options.check_outputs(paths.inputs, written, paths.overwrite)
     t = read_tables(paths)
     unit = t.scene.length_unit
     config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **given})
@@ -60,7 +61,12 @@ def run_evaluate(paths: Paths, given: Mapping[str, object], many_given: Mapping[
         smoothed=t.made.smoothed,
     )
     result, many = ground_figures(
-        result, t, config, told=many_given, wanted=paths.failures is not None, path=paths.tracks
+        result,
+        t,
+        config,
+        told=many_given,
+        wanted=paths.failures is not None or paths.counts is not None,
+        path=paths.tracks,
     )
     findings = judge(
         t.tracks,
@@ -114,7 +120,13 @@ def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:
 def _write(paths: Paths, result: Evaluation, unit: str, config: EvaluateConfig, many: Mapping[str, object]) -> None:
     parameters = asdict(config) | ({"doa_labels": True} if paths.doa_labels else {})
     provenance = provenance_of(paths, {**parameters, **many})
-    for path, table in ((paths.errors, result.errors), (paths.bound, result.bound), (paths.failures, result.failures)):
+    made = (
+        (paths.errors, result.errors),
+        (paths.bound, result.bound),
+        (paths.failures, result.failures),
+        (paths.counts, result.counts),
+    )
+    for path, table in made:
         if path is not None:
             write_table(path, table, provenance, overwrite=paths.overwrite, length_unit=unit)
     if paths.output is not None:

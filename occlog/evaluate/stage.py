@@ -27,7 +27,7 @@ from occlog.evaluate.errors.on_ground import compare, error_metrics, settled
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
-from occlog.records.views import Failures
+from occlog.records.views import Counts, Failures
 from occlog.track.plausibility.verdict import Finding, figures
 
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
@@ -52,6 +52,7 @@ class Evaluation:
         errors: of every estimate that has a truth.
         bound: posterior Cramer-Rao bound.
         failures: of trackers.
+        counts: of targets and tracks on the ground, over time.
         notes: lines that the user must know of.
         findings: what speaks against the tracks; None: nobody has judged them.
     """
@@ -60,6 +61,7 @@ class Evaluation:
     errors: Errors = field(default_factory=Errors.empty)
     bound: Bound = field(default_factory=Bound.empty)
     failures: Failures = field(default_factory=Failures.empty)
+    counts: Counts = field(default_factory=Counts.empty)
     notes: tuple[str, ...] = ()
     findings: tuple[Finding, ...] | None = None
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 from .columns import Table
 from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, TruthBoxes, Views
 from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, FusedTracks, Residuals, Tracks
-from .views import Failures, ViewTracks
+from .views import Counts, Failures, ViewTracks
 from .world import Hulls, Occluders, Truth
 
 TABLES: dict[str, type[Table]] = {
@@ -40,6 +40,7 @@ TABLES: dict[str, type[Table]] = {
         Cooperation,
         ViewTracks,
         Failures,
+        Counts,
     )
 }
 """Every table by the name that its files carry."""
@@ -53,6 +54,7 @@ __all__ = [
     "Boxes",
     "Calibration",
     "Cooperation",
+    "Counts",
     "Diagnostics",
     "Doa",
     "Errors",

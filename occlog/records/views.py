@@ -114,3 +114,24 @@ class Failures(Table):
         if (bad := ~np.isin(self.kind, ("position", "label"))).any():
             row = first_row(bad)
             raise InputError(f"Failures: row {row}: kind {self.kind[row]!r} must be position or label")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Counts(Table):
+    """How many targets and tracks on the ground there are over time, and how many of them are pairs."""
+
+    NAME: ClassVar[str] = "counts"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns",)
+
+    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
+    frame: Ints = column("i8", "1", "number of the time among those of the truth, from 0")
+    targets: Ints = column("i8", "1", "true targets")
+    tracks: Ints = column("i8", "1", "tracks")
+    paired: Ints = column("i8", "1", "targets with a track within the match distance, one to one")
+    missed: Ints = column("i8", "1", "targets without")
+    false: Ints = column("i8", "1", "tracks without a target")
+    switches: Ints = column("i8", "1", "targets with another track than they had last")
+
+    def check(self) -> None:
+        """Times in order."""
+        check_order(self)

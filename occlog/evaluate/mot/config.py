@@ -91,6 +91,46 @@ class ManyConfig(Settings):
     )
     gospa_p: float = setting(2.0, "GOSPA's exponent.", at_least=1, option="--gospa-p", kinds=MANY)
     gospa_alpha: float = setting(2.0, "GOSPA's alpha.", above=0, at_most=2, option="--gospa-alpha", kinds=MANY)
+    gospa_switch: float | None = setting(
+        None,
+        "Trajectory GOSPA's price of a change from one track to another, on the ground.",
+        unit="length",
+        above=0,
+        option="--gospa-switch",
+        metavar="LENGTH",
+        nothing="GOSPA's cutoff",
+        kinds=(GROUND,),
+    )
+    ospa_cutoff: float | None = setting(
+        None,
+        "Cutoff of OSPA(2), on the ground.",
+        unit="length",
+        above=0,
+        option="--ospa-cutoff",
+        metavar="LENGTH",
+        nothing="--match-distance",
+        kinds=(GROUND,),
+    )
+    ospa_p: float = setting(1.0, "Exponent of OSPA(2), on the ground.", at_least=1, option="--ospa-p", kinds=(GROUND,))
+    ospa_window: int | None = setting(
+        None,
+        "Give the mean of OSPA(2) over windows of so many frames too, on the ground.",
+        at_least=1,
+        option="--ospa-window",
+        metavar="FRAMES",
+        kinds=(GROUND,),
+    )
+    moda_distance: float | None = setting(
+        None,
+        "Of MODA and MODP, on the ground: a track meets a target this near.",
+        unit="length",
+        above=0,
+        people=0.5,
+        option="--moda-distance",
+        metavar="LENGTH",
+        shown="0.5 m; in units without a name --match-distance",
+        kinds=(GROUND,),
+    )
     gospa_px: float | None = setting(
         None,
         "Give GOSPA of the centres in the image too, with this cutoff.",

@@ -73,9 +73,14 @@ def gospa_figures(frames: Frames, config: ManyConfig, cutoff: float, cells: int,
     made = gospa(frames, cutoff, config.gospa_p, config.gospa_alpha)
     means = made.means(max(cells, 1))
     end = f"{whose}_{unit}" if unit else whose
-    power = f"{config.gospa_p:g}".replace(".", "p") if unit and config.gospa_p != 1 else ""
+    power = power_of(config, unit)
     out = {f"gospa{end}": means["gospa"]}
     return out | {f"gospa_{name}{end}{power}": means[name] for name in ("localisation", "missed", "false")}
+
+
+def power_of(config: ManyConfig, unit: str) -> str:
+    """What follows the unit in the names of parts of GOSPA: its exponent, unless that is 1 or there is no unit."""
+    return f"{config.gospa_p:g}".replace(".", "p") if unit and config.gospa_p != 1 else ""
 
 
 def across_views(truth: Objects, tracks: Objects, threshold: float) -> Metrics:

@@ -31,7 +31,8 @@ from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
 from .config import ManyConfig
-from .stage import evaluate_ground, evaluate_views
+from .on_ground import evaluate_ground
+from .stage import evaluate_views
 from .truth_and_tracks import TruthAndTracks, boxes_in_true_frames, boxes_of, frame_rate, image_size, view_boxes
 
 B = TypeVar("B", bound=Boxes)
@@ -203,7 +204,7 @@ def ground_figures(
         tables: what was read.
         config: of the other figures.
         told: options of many targets that were given.
-        wanted: the table of failures is to be written.
+        wanted: a table of failures or counts is to be written.
         path: file of the tracks.
     """
     tracks, truth, unit = tables.tracks, tables.truth, tables.scene.length_unit
@@ -221,5 +222,5 @@ def ground_figures(
     made = evaluate_ground(tracks, truth, many, config.limit_ns, unit)
     metrics = {**result.metrics, **{name: value for name, value in made.metrics.items() if name not in result.metrics}}
     notes = (*result.notes, *made.notes, *own_notes(path, many.own, _asked(told)))
-    whole = replace(result, metrics=metrics, failures=made.failures, notes=notes)
+    whole = replace(result, metrics=metrics, failures=made.failures, counts=made.counts, notes=notes)
     return whole, {"many": asdict(many)}

@@ -1,13 +1,11 @@
-"""Tracks of many targets against the truth: failure rates of [Qu], CLEAR-MOT, IDF1, HOTA and GOSPA.
+"""Tracks of many targets in images against true boxes: failure rates of [Qu], CLEAR-MOT, IDF1, HOTA and GOSPA.
 
-Tracks in images are compared as boxes in the frames of the truth, tracks on the ground as points at
-the times of the truth.  Which target is a track's own: the one of its number, the first one it is on,
-or the one it is on most.
+Which target is a track's own: the one of its number, the first one it is on, or the one it is on most.
+`on_ground` compares tracks on the ground, with the same figures and more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -17,10 +15,7 @@ from occlog.array_types import Floats, Ints, Strings
 from occlog.core.metrics import failure_rates
 from occlog.core.metrics.failure_rates import NONE
 from occlog.core.metrics.frame_pairs import Objects, of_boxes, of_points
-from occlog.errors import InputError
-from occlog.evaluate.matching.paths import Path, paths_of
 from occlog.evaluate.stage import Evaluation
-from occlog.records.tables import Tracks, Truth
 from occlog.records.views import Failures
 
 from .config import ManyConfig
@@ -225,74 +220,3 @@ def without_common_numbers(places: Places, config: ManyConfig) -> list[str]:
 def _some(numbers: Ints) -> str:
     shown = ", ".join(str(n) for n in numbers[:6].tolist())
     return f"{shown}, ..." if len(numbers) > 6 else shown
-
-
-def evaluate_ground(
-    tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int | None, unit: str = "m"
-) -> Evaluation:
-    """Figures of points (x, y); heights are not looked at.
-
-    A frame is a time at which the truth has a sample of any target.  Truth and tracks are
-    interpolated to it, the truth over gaps of at most `limit_ns`, tracks over gaps of at most
-    `config.track_gap_s`; nothing is extrapolated, so that a track that begins late misses its
-    target until then.
-
-    Args:
-        tracks: estimates of any number of targets.
-        truth: rows of role `target` are used.
-        config: options; `match_distance` is at once the distance at which a pair still meets, and tau.
-        limit_ns: widest gap of the truth that is bridged [ns]; None: by the usual time between its rows.
-        unit: of lengths.
-
-    Raises:
-        InputError: no distance is given, or the truth has no target.
-    """
-    if config.match_distance is None:
-        raise InputError("evaluate: targets and tracks on the ground need a distance at which they meet")
-    places = points_in_true_frames(tracks, truth, config, limit_ns, unit)
-    found = find_failures(places, config)
-    frames = of_points(places.truth, places.tracks, config.match_distance)
-    metrics = failure_figures(found, found.frame >= 0, len(places.truth.frame))
-    metrics |= {"objects_interpolated": _interpolated(places, truth)}
-    metrics |= mot_figures(frames, config, len(places.t_ns[0]), unit=unit) | {"frames": len(places.t_ns[0])}
-    flat = {name: float(value) for name, value in metrics.items()}
-    return Evaluation(flat, failures=failure_rows(found, places), notes=tuple(without_common_numbers(places, config)))
-
-
-def _interpolated(places: Places, truth: Truth) -> int:
-    """True objects at times of which the truth has no row for them, but for others."""
-    paths, times = paths_of(truth, "target"), places.t_ns[0]
-    mine = ((path, times[places.truth.frame[places.truth.label == k]]) for k, path in paths.items())
-    return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)
-
-
-def points_in_true_frames(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int | None, unit: str) -> Places:
-    """Truth and tracks at the times of the truth, as the one view without a name."""
-    targets = paths_of(truth, "target")
-    if not targets:
-        raise InputError("truth: has no rows of role target; nothing to compare with")
-    times = np.unique(truth.t_ns[truth.role == "target"])
-    left = _points(targets, times, limit_ns)
-    right = _points(paths_of(tracks), times, config.gap_ns(limit_ns))
-    tau = np.full(len(left.frame), config.match_distance)
-    return Places(
-        truth=left,
-        tracks=right,
-        tau=tau,
-        views=("",),
-        t_ns=(times,),
-        number=(np.arange(len(times)),),
-        visible=np.full(len(tau), np.nan),
-        unit=unit,
-    )
-
-
-def _points(paths: Mapping[int, Path], times: Ints, limit_ns: int | None) -> Objects:
-    """Where each path is at these times; no row where that is not known."""
-    parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))]
-    for label, path in paths.items():
-        xy, good = path.at(times, limit_ns)
-        rows = np.flatnonzero(good)
-        parts.append((rows.astype(np.int64), np.full(len(rows), label, dtype=np.int64), xy[rows]))
-    frame, name, place = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Objects(frame, name, place)

@@ -10,10 +10,10 @@ import pytest
 
 from occlog.errors import InputError
 from occlog.evaluate.mot.config import ManyConfig
-from occlog.evaluate.mot.stage import evaluate_ground, evaluate_views
+from occlog.evaluate.mot.stage import evaluate_views
 from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames, boxes_of
 from occlog.evaluate.stage import Evaluation
-from occlog.records.tables import Boxes, Tracks, Truth, TruthBoxes
+from occlog.records.tables import Boxes, TruthBoxes
 from occlog.records.views import ViewTracks
 
 NS = 1_000_000_000
@@ -289,88 +289,3 @@ def test_the_box_of_an_ellipse_holds_it() -> None:
     for low, size, points in ((boxes.left_px, boxes.width_px, x), (boxes.top_px, boxes.height_px, y)):
         np.testing.assert_allclose(low, points.min(axis=0), atol=1e-5)
         np.testing.assert_allclose(low + size, points.max(axis=0), atol=1e-5)
-
-
-def positions(kind: type[Any], rows: list[tuple[float, int, float, float]]) -> Any:
-    t, label, x, y = (np.array(column) for column in zip(*sorted(rows), strict=True))
-    n = len(rows)
-    if kind is Truth:
-        extra: dict[str, Any] = {"role": np.full(n, "target"), "z": np.full(n, np.nan)}
-    else:
-        extra = {name: np.full(n, np.nan) for name in ("vx", "vy")}
-        extra |= {"cov_xx": np.ones(n), "cov_xy": np.zeros(n), "cov_yy": np.ones(n)}
-    return kind.of(t_ns=np.round(t * NS).astype(np.int64), target_id=label.astype(np.int32), x=x, y=y, **extra)
-
-
-def test_points_on_the_ground() -> None:
-    """Two walkers 5 m apart, seen every half second; the tracks change hands after 3 s, one is lost after 4 s."""
-    true = [(float(t), k, float(t), 5.0 * k) for t in range(7) for k in (0, 1)]
-    half = np.arange(0, 6.1, 0.5)
-    rows = [(t, k if t < 3 else 1 - k, t, 5.0 * k + 0.3) for t in half.tolist() for k in (0, 1) if t <= 4 or k == 0]
-    config = ManyConfig(match_distance=1.0)
-    got = evaluate_ground(positions(Tracks, rows), positions(Truth, true), config, NS)
-    wanted = {
-        "frames": 7,
-        "objects": 14,
-        "tp": 12,
-        "fn": 2,
-        "fp": 0,
-        "id_switches": 2,
-        "mota": 1 - 4 / 14,
-        "motp_m": 0.3,
-        "position_failures": 2,
-        "label_failures": 2 + 2 + 2,
-        "fr_p": 2 / 14,
-        "idtp": 6,
-        "recall": 12 / 14,
-        "gospa_missed_m2": 2 * 0.5 / 7,
-        "gospa_localisation_m2": 12 * 0.09 / 7,
-    }
-    assert {name: got.metrics[name] for name in wanted} == pytest.approx(wanted)
-    assert got.failures.sensor.tolist() == [""] * 8
-    assert got.failures.frame.tolist() == [3, 3, 4, 4, 5, 5, 6, 6]
-    assert got.failures.cause.tolist()[4:6] == ["tracker on target 0", "its tracker is on target 0"]
-
-
-def test_tracks_on_the_ground_are_interpolated_only_so_far() -> None:
-    true = [(float(t), 0, float(t), 0.0) for t in range(5)]
-    rows = [(t, 0, t, 0.0) for t in (0.5, 1.5, 3.5)]
-    sides = positions(Tracks, rows), positions(Truth, true)
-    far = evaluate_ground(*sides, ManyConfig(match_distance=1.0), 2 * NS).metrics
-    near = evaluate_ground(*sides, ManyConfig(match_distance=1.0, track_gap_s=1.0), 2 * NS).metrics
-    assert (far["tp"], near["tp"]) == (3, 1)
-    with pytest.raises(InputError, match="distance"):
-        evaluate_ground(*sides, ManyConfig(), NS)
-
-
-def test_a_metre_in_other_units() -> None:
-    assert ManyConfig.in_unit("m").match_distance == 1.0
-    assert ManyConfig.in_unit("ft").match_distance == pytest.approx(3.2808, abs=1e-4)
-    assert ManyConfig.in_unit("px").match_distance is None
-
-
-def test_tracks_are_interpolated_over_gaps_up_to_their_limit() -> None:
-    """Estimates at 0 and 2 s, a true place at 1 s."""
-    sides = positions(Tracks, [(0.0, 0, 0.0, 0.0), (2.0, 0, 2.0, 0.0)]), positions(Truth, [(1.0, 0, 1.0, 0.0)])
-    for gap_s, tp in ((2.0, 1), (1.999, 0)):
-        assert evaluate_ground(*sides, ManyConfig(match_distance=1.0, track_gap_s=gap_s), NS).metrics["tp"] == tp
-
-
-def test_the_truth_is_interpolated_over_gaps_up_to_its_limit() -> None:
-    """Target 0 is known at 0 and 2 s, target 1 at 1 s, which makes that a frame."""
-    true = positions(Truth, [(0.0, 0, 0.0, 0.0), (1.0, 1, 9.0, 9.0), (2.0, 0, 2.0, 0.0)])
-    for limit_ns, objects in ((2 * NS, 4), (2 * NS - 1, 3)):
-        found = evaluate_ground(positions(Tracks, [(1.0, 0, 1.0, 0.0)]), true, ManyConfig(match_distance=1.0), limit_ns)
-        assert found.metrics["objects"] == objects
-
-
-def test_a_true_row_that_is_missing_is_not_made_up_at_two_frames_a_second_and_is_counted_where_it_is() -> None:
-    """Two people at 2 frames/s; nobody annotated the second one at 1 s."""
-    true = [(0.5 * k, label, 0.5 * k, 5.0 * label) for k in range(9) for label in (0, 1) if (k, label) != (2, 1)]
-    sides = positions(Tracks, true), positions(Truth, true)
-    config = ManyConfig(match_distance=1.0)
-    usual, second = (evaluate_ground(*sides, config, limit).metrics for limit in (None, NS))
-    assert (usual["objects"], usual["objects_interpolated"]) == (17, 0)
-    assert (second["objects"], second["objects_interpolated"]) == (18, 1)
-    # Tracks are bridged over a second where nothing is given
-    assert usual["fp"] == 1

@@ -1,0 +1,124 @@
+"""OSPA(2): one distance between the set of true trajectories and the set of tracks, over a window of time.
+
+Beard, Vo and Vo 2020, "A solution for large-scale multi-object tracking", IEEE Trans. Signal Processing 68, Sec. IV.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from occlog.array_types import Floats, Ints
+
+from .frame_pairs import Frames
+
+
+class Ospa2(NamedTuple):
+    """The metric and its parts, unit of the distance; ospa2^p = localisation^p + cardinality^p.
+
+    Attributes:
+        ospa2: the metric, 0 to the cutoff.
+        localisation: part of the trajectories that have a partner; it holds their gaps, and false rows of the partner.
+        cardinality: part of the trajectories that have none.
+    """
+
+    ospa2: float
+    localisation: float
+    cardinality: float
+
+
+def ospa2(frames: Frames, cutoff: float, p: float = 1.0) -> Ospa2:
+    """Compute OSPA(2) over all frames as one window.
+
+    The distance of a true trajectory f and a track g is a mean over the frames in which at least one of them is there:
+    d(f, g)^p = mean of [min(distance, c)^p where both are there, c^p where one is].  With n >= m trajectories on the
+    two sides, ospa2^p = (min over assignments of the sum of d(f, g)^p + c^p (n - m)) / n; it is 0 where both are empty.
+
+    Args:
+        frames: truth and tracks.
+        cutoff: largest distance that counts, c > 0, unit of the distance.
+        p: exponent of both means, >= 1.
+
+    Raises:
+        ValueError: an option is outside its range.
+    """
+    window = _Window(frames, cutoff, p)
+    for t in range(len(frames.frame)):
+        window.count(t, 1)
+    return window.distance()
+
+
+def ospa2_over_time(frames: Frames, cutoff: float, p: float, window: int, ends: Iterable[int]) -> list[Ospa2]:
+    """Compute OSPA(2) over the windows of so many frames that end with each of these frames.
+
+    Args:
+        frames: truth and tracks of one view.
+        cutoff: largest distance that counts, c > 0, unit of the distance.
+        p: exponent, >= 1.
+        window: number of frames, >= 1; the first windows are cut at the first frame.
+        ends: numbers of the frames with which windows end, rising.
+
+    Raises:
+        ValueError: an option is outside its range, or the frames are of several views.
+    """
+    if window < 1 or len(np.unique(frames.view)) > 1:
+        raise ValueError(f"window {window} must be at least 1, and the frames of one view")
+    state, first, stop, out = _Window(frames, cutoff, p), 0, 0, []
+    for end in ends:
+        while stop < len(frames.frame) and frames.frame[stop] <= end:
+            state.count(stop, 1)
+            stop += 1
+        while first < stop and frames.frame[first] <= end - window:
+            state.count(first, -1)
+            first += 1
+        out.append(state.distance())
+    return out
+
+
+class _Window:
+    """Sums over the frames of a window: how long each trajectory is there, and each pair of them, and how far apart."""
+
+    def __init__(self, frames: Frames, cutoff: float, p: float) -> None:
+        """No frame yet; ValueError for an option outside its range."""
+        if not (0 < cutoff < np.inf and 1 <= p < np.inf):
+            raise ValueError(f"cutoff {cutoff:g} must be above 0, p {p:g} at least 1")
+        targets, tracks = len(frames.truth_key), len(frames.track_key)
+        self._frames, self._cutoff, self._p = frames, cutoff, p
+        self._truth: Ints = np.zeros(targets, dtype=np.int64)
+        self._track: Ints = np.zeros(tracks, dtype=np.int64)
+        self._both: Ints = np.zeros((targets, tracks), dtype=np.int64)
+        self._apart: Floats = np.zeros((targets, tracks))
+
+    def count(self, t: int, sign: int) -> None:
+        """Add frame t (sign 1), or take it away again (-1)."""
+        left, right = self._frames.rows(t)
+        truth, track = self._frames.truth[left], self._frames.track[right]
+        # No label comes twice in a frame, so no element is added to twice.
+        self._truth[truth] += sign
+        self._track[track] += sign
+        if len(truth) and len(track):
+            pairs = truth[:, None], track[None, :]
+            self._both[pairs] += sign
+            self._apart[pairs] += sign * np.minimum(self._frames.compare(t)[0], self._cutoff) ** self._p
+
+    def distance(self) -> Ospa2:
+        """OSPA(2) of the frames that are counted."""
+        there, found = np.flatnonzero(self._truth), np.flatnonzero(self._track)
+        n, m, c = len(there), len(found), self._cutoff**self._p
+        if not n and not m:
+            return Ospa2(0.0, 0.0, 0.0)
+        total = 0.0
+        if n and m:
+            both = self._both[there[:, None], found[None, :]]
+            each = self._truth[there][:, None] + self._track[found][None, :]
+            # Base distance of each pair: mean over the frames in which one of them is there
+            apart = np.where(both > 0, self._apart[there[:, None], found[None, :]], 0.0)
+            base = (np.maximum(apart, 0.0) + c * (each - 2 * both)) / (each - both)
+            total = float(base[linear_sum_assignment(base)].sum())
+        # Cardinality: c^p for each trajectory without a partner
+        localisation, cardinality = total / max(n, m), c * abs(n - m) / max(n, m)
+        root = 1.0 / self._p
+        return Ospa2((localisation + cardinality) ** root, localisation**root, cardinality**root)
