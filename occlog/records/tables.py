@@ -15,6 +15,7 @@ Conventions (all tables)
 from __future__ import annotations
 
 from .columns import Table
+from .people import Events, PeopleTracks, PeopleViews, Support
 from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, TruthBoxes, Views
 from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, FusedTracks, Residuals, Tracks
 from .views import Counts, Failures, ViewTracks
@@ -41,6 +42,8 @@ TABLES: dict[str, type[Table]] = {
         ViewTracks,
         Failures,
         Counts,
+        Support,
+        Events,
     )
 }
 """Every table by the name that its files carry."""
@@ -58,11 +61,15 @@ __all__ = [
     "Diagnostics",
     "Doa",
     "Errors",
+    "Events",
     "Failures",
     "FusedTracks",
     "Hulls",
     "Occluders",
+    "PeopleTracks",
+    "PeopleViews",
     "Residuals",
+    "Support",
     "Tracks",
     "Truth",
     "TruthBoxes",

@@ -31,6 +31,10 @@ IN_WORLD = (
 """Options of all methods that track in the world; see `occlog.track.options`."""
 IN_IMAGES = ("initial", "detections", "fundamental", "world")
 """Options of all methods that track in images."""
+OF_EVERYBODY = ("support", "events", "view_tracks", "strict")
+"""Options of all methods that follow everybody."""
+BEARINGS, IMAGES, BOXES = "bearings", "images", "boxes"
+"""What a method takes in."""
 
 
 @dataclass(frozen=True)
@@ -39,17 +43,23 @@ class Entry:
 
     Attributes:
         summary: one line.
-        method: module and name of the method, a value of `occlog.track.interface`, or of `Visual` for one in images.
+        method: module and name of the method, a value of `occlog.track.interface`, of `Visual` for one in images, or of
+            `Follower` for one that follows everybody.
         settings: module and name of the class of its settings.
         takes: names of the options that it takes beside the shared ones and its settings.
-        images: it tracks in the images of a recording.
+        takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows everybody by them.
     """
 
     summary: str
     method: str
     settings: str
     takes: tuple[str, ...]
-    images: bool = False
+    takes_in: str = BEARINGS
+
+    @property
+    def images(self) -> bool:
+        """Whether it tracks in the images of a recording."""
+        return self.takes_in == IMAGES
 
 
 METHODS: dict[str, Entry] = {
@@ -89,40 +99,47 @@ METHODS: dict[str, Entry] = {
         "occlog.track.fix.config:FixConfig",
         (*IN_WORLD, "residuals"),
     ),
+    "jipda": Entry(
+        "everybody on the floor, from the boxes of all cameras jointly (Musicki, Evans 2004; Williams, Lau 2014)",
+        "occlog.track.people.catalogue:JIPDA",
+        "occlog.track.jipda.config:JipdaConfig",
+        OF_EVERYBODY,
+        takes_in=BOXES,
+    ),
     "mipf": Entry(
         "in images: a particle filter for each target and view, on its own (Qu, Schonfeld, Mohamed 2007)",
         "occlog.track.images.catalogue:MIPF",
         "occlog.track.images.methods.config:MipfConfig",
         IN_IMAGES,
-        images=True,
+        takes_in=IMAGES,
     ),
     "idmot": Entry(
         "in images: trackers that touch repel each other and keep their ways (Qu, Schonfeld, Mohamed 2007)",
         "occlog.track.images.catalogue:IDMOT",
         "occlog.track.images.methods.config:IdmotConfig",
         IN_IMAGES,
-        images=True,
+        takes_in=IMAGES,
     ),
     "cmct": Entry(
         "in images: particles on the epipolar lines of the other views, colours that adapt; no interaction",
         "occlog.track.images.catalogue:CMCT",
         "occlog.track.images.methods.config:CmctConfig",
         IN_IMAGES,
-        images=True,
+        takes_in=IMAGES,
     ),
     "bmct": Entry(
         "in images: as idmot, helped by the other views through epipolar lines (Qu, Schonfeld, Mohamed 2007)",
         "occlog.track.images.catalogue:BMCT",
         "occlog.track.images.methods.config:BmctConfig",
         IN_IMAGES,
-        images=True,
+        takes_in=IMAGES,
     ),
     "mcmc": Entry(
         "in images: a filter for each view, whose samples hold all of its targets",
         "occlog.track.images.methods.mcmc:MCMC",
         "occlog.track.images.methods.config:McmcConfig",
         IN_IMAGES,
-        images=True,
+        takes_in=IMAGES,
     ),
 }
 """Every method by the name that `--method` takes."""
@@ -142,8 +159,8 @@ def settings_of(name: str) -> type[Settings]:
 
 
 def tracker(name: str) -> AnyMethod:
-    """The method of that name, which tracks in the world; UsageError names the ones there are."""
-    in_world = [n for n, e in METHODS.items() if not e.images]
+    """The method of that name, which takes bearings; UsageError names the ones there are."""
+    in_world = [n for n, e in METHODS.items() if e.takes_in == BEARINGS]
     if name not in in_world:
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}")
     method: AnyMethod = load(METHODS[name].method)

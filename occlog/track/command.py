@@ -12,7 +12,7 @@ import click
 from occlog.cli import options
 from occlog.cli.setting_options import Variant, VariantCommand, given, value_after
 
-from .catalogue import METHODS, settings_of
+from .catalogue import BOXES, METHODS, settings_of
 from .options import method_params
 
 
@@ -101,6 +101,9 @@ def command(
     --method mipf, idmot, cmct, bmct and mcmc follow many targets as ellipses in the images of a recording
     instead, which then stands in the place of BEARINGS; they write `view_tracks`.
 
+    --method jipda follows everybody on the floor by the boxes of all calibrated cameras: BEARINGS is then a
+    recording with boxes, or a table of views or boxes. Nobody need be labelled, and nothing be known of the start.
+
     \b
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
@@ -109,6 +112,7 @@ def command(
       occlog track directions.mcap --method imm --cooperate spread --set spread=0.5 -o heard.parquet \
         --cooperation asked.parquet
       occlog track balls.mcap --method bmct --initial balls.mcap -o view_tracks.parquet
+      occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet --view-tracks in_images.parquet
       occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
     """
     from occlog.cli.values import parse_names, parse_setting, parse_window
@@ -136,6 +140,24 @@ def command(
         tracks = ViewsOutputs(output, own["world"])
         options.check_outputs(video.paths, [tracks.tracks, tracks.world], overwrite)
         return options.finish(*run_track_views(video, tracks, overwrite, quiet), as_json)
+    if METHODS[method].takes_in == BOXES:
+        from .people.inputs import PeopleRequest
+        from .people.run import PeopleFiles, run_track_people
+
+        crowd = PeopleRequest(
+            boxes=bearings,
+            scene=scene,
+            method=method,
+            settings=values,
+            only=parse_names(only),
+            without=parse_names(without),
+            window_ns=None if window is None else parse_window(window),
+            seed=seed,
+        )
+        people = PeopleFiles(output, own["support"], own["events"], own["view_tracks"])
+        options.check_outputs(crowd.paths, people.paths, overwrite)
+        found, lost = run_track_people(crowd, people, overwrite, quiet)
+        return options.strict_code(options.finish(found, lost, as_json), bool(found["plausible"]), own["strict"])
     from .run import TrackFiles, TrackRequest, run_track
 
     request = TrackRequest(

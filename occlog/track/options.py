@@ -102,6 +102,21 @@ LISTED: tuple[click.Option, ...] = (
         default=None,
         help="Where the targets are on the ground, from all views that track them (Parquet).",
     ),
+    click.Option(
+        ["--support"], type=PATH, default=None, help="Which box of which camera speaks for which row (Parquet)."
+    ),
+    click.Option(
+        ["--events"],
+        type=PATH,
+        default=None,
+        help="Births, deaths, and identities that may have been exchanged (Parquet).",
+    ),
+    click.Option(
+        ["--view-tracks"],
+        type=PATH,
+        default=None,
+        help="Everybody in every image, hidden people too (Parquet).",
+    ),
 )
 """Every option by its parameter's name is taken by the methods whose entry in the catalogue names it."""
 

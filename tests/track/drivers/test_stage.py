@@ -10,7 +10,7 @@ from occlog.errors import UsageError
 from occlog.measure.scans.grouping import choose_sensors
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Tracks
 from occlog.track.apf.config import ApfConfig
-from occlog.track.catalogue import METHODS, settings_of, tracker
+from occlog.track.catalogue import BEARINGS, METHODS, settings_of, tracker
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 
@@ -157,7 +157,9 @@ def test_nothing_comes_of_nothing():
 def test_an_unknown_method_is_refused_with_the_names_of_those_there_are():
     with pytest.raises(UsageError, match="no tracking method 'kalman'; there are: apf"):
         tracker("kalman")
-    assert all(tracker(name).config is settings_of(name) for name, entry in METHODS.items() if not entry.images)
+    assert all(
+        tracker(name).config is settings_of(name) for name, entry in METHODS.items() if entry.takes_in == BEARINGS
+    )
 
 
 def test_output_comes_while_input_is_read():

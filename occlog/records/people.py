@@ -1,0 +1,112 @@
+"""The tables of trackers of everybody at once: people on the floor, what speaks for them, what happened to them.
+
+Conventions: see `tables`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints, Ints32, Strings
+from occlog.errors import InputError
+
+from .columns import Table, check_order, column, first_row
+from .tracks import Tracks
+from .views import ViewTracks
+
+KINDS = ("birth", "death", "doubt")
+"""`kind` of an event."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PeopleTracks(Tracks):
+    """Everybody on the floor; every command reads them as `Tracks`."""
+
+    existence: Floats = column("f8", "1", "probability that the person is there", nan="not known", optional=True)
+    height: Floats = column("f8", "m", "of the person", nan="not known", optional=True)
+    width: Floats = column("f8", "m", "of the person, seen from any side", nan="not known", optional=True)
+    sd_height: Floats = column("f8", "m", "standard deviation of the height", nan="not known", optional=True)
+    sd_width: Floats = column("f8", "m", "standard deviation of the width", nan="not known", optional=True)
+    seen_by: Strings = column(
+        "U", "1", "cameras with a box that is more likely of this person than not, separated by commas", optional=True
+    )
+    doubt: Strings = column(
+        "U",
+        "1",
+        "why the row is not to be believed, separated by commas; empty: no reason was found. `unseen` (no camera has a "
+        "box of the person at this time: the place is predicted), `one-view` (one camera alone has), `exchange` (the "
+        "person may have taken another one's identity at this time; `events` says whose)",
+        optional=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PeopleViews(ViewTracks):
+    """Everybody in every image, hidden people too; every command reads them as `ViewTracks`.
+
+    `mode` is `box` where the ellipse is that of a box of the camera, `floor` where it is the person's as expected
+    from the place on the floor.
+    """
+
+    visibility: Floats = column(
+        "f8",
+        "1",
+        "probability that the person is visible, and not hidden by others or by what stands there",
+        nan="not known",
+        optional=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Support(Table):
+    """Which box of which camera speaks for which row of `tracks`, and how probably.
+
+    A box may be of one of several people; its probabilities sum to at most 1, and what is left is that of nobody.
+    """
+
+    NAME: ClassVar[str] = "support"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id", "sensor", "box")
+
+    t_ns: Ints = column("i8", "ns", "time of the row of `tracks` since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track")
+    sensor: Strings = column("U", "1", "name of the camera in the scene")
+    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
+    box: Ints32 = column("i4", "1", "number of the box in the frame: `box` of `boxes`, or `cluster` of `views`")
+    probability: Floats = column("f8", "1", "that the box is of this person, above 0 and at most 1")
+
+    def check(self) -> None:
+        """Times in order, probabilities in their range."""
+        check_order(self)
+        if (bad := ~((self.probability > 0.0) & (self.probability <= 1.0))).any():
+            row = first_row(bad)
+            raise InputError(f"Support: row {row}: probability {self.probability[row]:g} must be above 0 and at most 1")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Events(Table):
+    """What happened to the identities of a tracker of everybody."""
+
+    NAME: ClassVar[str] = "events"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "target_id")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    target_id: Ints32 = column("i4", "1", "identity of the track")
+    kind: Strings = column(
+        "U",
+        "1",
+        "`birth` (reported from here on), `death` (no longer), `doubt` (may have been exchanged with another one)",
+    )
+    other_id: Ints32 = column("i4", "1", "doubt: the other identity; else -1")
+    probability: Floats = column(
+        "f8", "1", "birth, death: that the person is there; doubt: that the two were exchanged", nan="not known"
+    )
+
+    def check(self) -> None:
+        """Times in order, known kinds."""
+        check_order(self)
+        if (bad := ~np.isin(self.kind, KINDS)).any():
+            row = first_row(bad)
+            raise InputError(f"Events: row {row}: kind {self.kind[row]!r} must be {', '.join(KINDS)}")

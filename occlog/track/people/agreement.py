@@ -1,0 +1,113 @@
+"""Which cameras agree with the others: whether those see who the others see."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.track.jipda.interface import Moment
+from occlog.track.plausibility.verdict import Finding
+
+from .looks import BoxTally, FrameLook
+from .rows import LIKELY, seen_in
+
+PLAIN = 0.8
+"""A person so probably visible should be detected."""
+FEWEST = 50
+"""Of a camera that should have seen fewer people nothing is said."""
+LEAST = 0.5
+"""A camera that detects so small a share of whom it should, of the share of the other cameras, does not agree."""
+LEAST_ALONE = 0.25
+"""The same for the share itself, where there is no third camera to compare with."""
+TWICE = 0.2
+"""Share of boxes that are reported twice that a user must know."""
+OUTSIDE = 0.01
+"""Share of boxes outside the image that a user must know."""
+
+
+class Agreement:
+    """Counts, while moments stream by, whom each camera sees of those whom another one sees."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """Nothing was seen yet."""
+        self.names = list(names)
+        n = len(self.names)
+        # What one odd camera alone sees is not expected of the others, where these are enough
+        self.fewest = 2 if n > 3 else 1
+        self.expected = np.zeros(n)
+        self.met = np.zeros(n)
+        self.used = np.zeros(n)
+
+    def add(self, moment: Moment, looks: Sequence[FrameLook]) -> None:
+        """Count one more moment."""
+        np.add.at(self.used, moment.support.camera, moment.support.probability)
+        if not len(moment.ids):
+            return
+        by = seen_in(moment, len(self.names)) >= LIKELY
+        looked = [each.look.camera for each in looks]
+        others = by.sum(axis=1)[:, None] - by >= self.fewest
+        with np.errstate(invalid="ignore"):
+            due = (moment.visibility >= PLAIN) & others
+        for c in looked:
+            self.expected[c] += np.count_nonzero(due[:, c])
+            self.met[c] += np.count_nonzero(due[:, c] & by[:, c])
+
+    @property
+    def shares(self) -> Floats:
+        """(C,) share of the people seen elsewhere and plainly visible that each camera sees; NaN: too few to tell."""
+        told = self.expected >= FEWEST
+        return np.where(told, self.met / np.maximum(self.expected, 1.0), np.nan)
+
+    def findings(self, tally: BoxTally) -> Iterator[Finding]:
+        """What a user must know of the cameras."""
+        yield from self._odd()
+        yield from self._apart(tally.first_ns, tally.last_ns)
+        whole = tally.boxes + tally.outside + tally.twice
+        for c, name in enumerate(self.names):
+            if not whole[c] and whole.any():
+                yield Finding("no-boxes", "note", f"camera {name} has no box at any time")
+            if tally.twice[c] > TWICE * whole[c]:
+                yield Finding(
+                    "boxes-twice",
+                    "warning",
+                    f"camera {name} reports people more than once: {tally.twice[c]} of its {whole[c]} boxes repeat "
+                    "another one of the same frame, and are left out",
+                )
+            if tally.outside[c] > OUTSIDE * whole[c]:
+                yield Finding(
+                    "boxes-outside",
+                    "warning",
+                    f"camera {name}: {tally.outside[c]} of {whole[c]} boxes lie outside the image, and are left out; "
+                    "is the calibration for another size of the image, or are the boxes another camera's?",
+                )
+
+    def _odd(self) -> Iterator[Finding]:
+        """Cameras that do not see whom the others see."""
+        shares = self.shares
+        for c, name in enumerate(self.names):
+            others = np.delete(shares, c)
+            others = others[np.isfinite(others)]
+            limit = LEAST * float(np.median(others)) if len(others) > 1 else LEAST_ALONE
+            if shares[c] < limit:
+                yield Finding(
+                    "camera-disagrees",
+                    "warning",
+                    f"camera {name} sees {shares[c]:.0%} of the people whom other cameras see and it should see plainly"
+                    + (f" (the others: {float(np.median(others)):.0%})" if len(others) else "")
+                    + f"; check its clock and its pose, or leave {name} out",
+                )
+
+    def _apart(self, first_ns: Ints, last_ns: Ints) -> Iterator[Finding]:
+        """Cameras that look at no time at which another one does."""
+        there = np.flatnonzero(first_ns >= 0)
+        for c in there.tolist():
+            others = there[there != c]
+            if len(others) and ((first_ns[others] > last_ns[c]) | (last_ns[others] < first_ns[c])).all():
+                yield Finding(
+                    "camera-at-other-times",
+                    "warning",
+                    f"camera {self.names[c]} looks at no time at which another camera does: its first frame is "
+                    f"{(first_ns[c] - first_ns[others].min()) / 1e9:+.3g} s from the others'; check its clock",
+                )

@@ -1,0 +1,201 @@
+"""Inputs of methods that follow everybody: boxes of a recording or a table, cameras of the scene, how to go on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import chain, islice, pairwise
+from pathlib import Path
+
+import numpy as np
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.files.parquet import iter_table
+from occlog.io.open import Opened, check_unit, open_input
+from occlog.measure.scans.grouping import nearest
+from occlog.records.losses import Loss
+from occlog.records.scene import Camera, Scene
+from occlog.records.tables import Boxes, Views
+from occlog.settings import METRES, configure
+from occlog.track.jipda.config import JipdaConfig
+
+from .looks import (
+    BoxTally,
+    FrameLook,
+    FrameTimes,
+    empty_frames,
+    in_order,
+    looks_of,
+    moments_of,
+    rows_of_boxes,
+    rows_of_views,
+)
+from .sizes import WRONG, in_units_of, statures, typical
+
+FIRST_LOOKS = 64
+"""Looks of each camera that are read ahead, to learn how often it looks and how tall people are."""
+
+
+@dataclass(frozen=True)
+class PeopleRequest:
+    """Whose boxes to follow, and how, as the user asks for it."""
+
+    boxes: Path
+    scene: Path | None
+    method: str
+    settings: Mapping[str, object]
+    only: tuple[str, ...]  # cameras; empty: all
+    without: tuple[str, ...]
+    window_ns: int | None
+    seed: int
+
+    @property
+    def paths(self) -> list[Path]:
+        """All inputs, each once."""
+        return list(dict.fromkeys(p for p in (self.boxes, self.scene) if p is not None))
+
+
+class PeopleInput:
+    """The boxes as a stream of moments, and what must be known beforehand.
+
+    Attributes:
+        scene: where.
+        cameras: those with a pose that are used.
+        notes: lines for the user.
+        tally: counts of boxes, brought up to date while moments stream by.
+        heights: (C,) how tall people are by the first boxes of each camera; NaN: they do not tell.
+        metre: how many units of length are a metre.
+        config: settings of the method.
+        window_ns: looks that are this close together are of one moment.
+    """
+
+    def __init__(self, request: PeopleRequest) -> None:
+        """Open the boxes and read the first ones."""
+        self.request = request
+        self.opened = open_input(request.boxes)
+        self.opened.require(Boxes, Views, remedy=_remedy(self.opened))
+        self.scene: Scene = options.load_scene(request.scene, self.opened.scene, request.boxes)
+        if self.opened.made_in_a_scene:
+            check_unit(self.opened, self.scene.length_unit)
+        self.notes: list[str] = []
+        self.cameras = self._cameras()
+        self.tally = BoxTally.of(len(self.cameras))
+        looks = self._looks()
+        first = list(islice(looks, FIRST_LOOKS * len(self.cameras)))
+        self.heights = statures(first, self.cameras)
+        self.metre, self.config = self._config(any(len(each.look.boxes) for each in first))
+        self.window_ns = request.window_ns if request.window_ns is not None else default_window(first)
+        self.moments: Iterator[list[FrameLook]] = moments_of(chain(first, looks), self.window_ns)
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What was lost when the boxes were made."""
+        return self.opened.losses
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the cameras in use."""
+        return tuple(c.name for c in self.cameras)
+
+    def _cameras(self) -> tuple[Camera, ...]:
+        """Cameras to use; UsageError for a name that there is not, InputError where none has a pose."""
+        known = tuple(c.name for c in self.scene.cameras)
+        for name in (*self.request.only, *self.request.without):
+            if name not in known:
+                raise UsageError(f"no camera {name!r} in the scene; {nearest(name, known)}")
+        chosen = [
+            c
+            for c in self.scene.cameras
+            if (not self.request.only or c.name in self.request.only) and c.name not in self.request.without
+        ]
+        # The floor is at z = 0: a camera there is one of which the scene does not say the height
+        placed = [c for c in chosen if c.placed and c.position[2] != 0.0]
+        left = [c.name for c in chosen if c not in placed]
+        if not placed:
+            which = f"of {', '.join(left)} none has" if left else "no camera is left that has"
+            raise InputError(
+                f"{self.request.boxes}: {which} a pose in space, so no place on the floor can be found; give a scene "
+                "with calibrated cameras (--scene), or follow people in the images (--method bmct)"
+            )
+        if left:
+            self.notes.append(
+                f"warning: without a pose in space, and not used: {', '.join(left)}; calibrate "
+                f"{'it' if len(left) == 1 else 'them'}"
+            )
+        return tuple(placed)
+
+    def _looks(self) -> Iterator[FrameLook]:
+        """Looks of all cameras; a table of regions has no rows for frames in which nobody was detected."""
+        known = [c.name for c in self.scene.cameras]
+        if self.opened.has(Boxes):
+            chunks = rows_of_boxes(self.opened.rows(Boxes))
+            return looks_of(chunks, self.cameras, known, self.tally)
+        found = looks_of(rows_of_views(self.opened.rows(Views)), self.cameras, known, self.tally)
+        place = {camera.name: c for c, camera in enumerate(self.cameras)}
+        return in_order(found, self._empty(place))
+
+    def _empty(self, place: Mapping[str, int]) -> Iterator[FrameLook]:
+        """Frames of a table of regions in which nobody was detected, counted."""
+        if self.opened.recording is not None:
+            return
+        for each in empty_frames(iter_table(self.request.boxes, FrameTimes), place):
+            self.tally.saw(each.look)
+            yield each
+
+    def _config(self, anybody: bool) -> tuple[float, JipdaConfig]:
+        """How many units are a metre, and the settings; InputError where people would be giants or dwarfs.
+
+        Args:
+            anybody: there is a box among the first looks.
+        """
+        unit, given, tall = self.scene.length_unit, self.request.settings, typical(self.heights)
+        defaults = JipdaConfig.in_unit(unit)
+        usual = JipdaConfig().height
+        if unit in METRES:
+            metre = 1.0 / METRES[unit]
+            share = tall / configure(defaults, given).height
+            if np.isfinite(share) and not 1.0 / WRONG < share < WRONG:
+                raise InputError(
+                    f"{self.request.boxes}: by their boxes people are {tall:.3g} {unit} tall, so the lengths of the "
+                    f"scene are not in {unit}, or its cameras are not where it says; state the unit of the calibration "
+                    f"(occlog ingest --calibration-unit cm), or else how tall people are (--set height={tall:.3g})"
+                )
+            return metre, configure(defaults, given)
+        stated = configure(JipdaConfig(), {k: v for k, v in given.items() if k == "height"}).height
+        if "height" in given:
+            metre = stated / usual
+        elif np.isfinite(tall):
+            metre = tall / usual
+            self.notes.append(
+                f"note: lengths are in a unit of their own; by their boxes people are {tall:.3g} tall, so {metre:.3g} "
+                "are taken for a metre; state another height with --set height="
+            )
+        elif not anybody:
+            metre = 1.0
+        else:
+            raise InputError(
+                f"{self.request.boxes}: the scene does not say its unit of length ({unit}), and the boxes do not tell "
+                "how tall people are; state it (--set height=)"
+            )
+        return metre, configure(in_units_of(JipdaConfig(), metre), given)
+
+
+def _remedy(opened: Opened) -> str:
+    """What to do about an input without boxes."""
+    if opened.recording is not None and opened.recording.cameras:
+        return "find people in its images with `occlog detect --views views.parquet`, and give these views"
+    return "give a recording with boxes of a detector (occlog ingest --boxes), or views of `occlog detect`"
+
+
+def default_window(looks: list[FrameLook]) -> int:
+    """The widest window [ns] below half the shortest frame period; 0 where no camera looks twice."""
+    times: dict[int, list[tuple[int, int]]] = {}
+    for each in looks:
+        times.setdefault(each.look.camera, []).append((each.look.t_ns, each.frame))
+    periods = []
+    for frames in times.values():
+        steps = [(b[0] - a[0]) / max(b[1] - a[1], 1) for a, b in pairwise(frames) if b[0] > a[0]]
+        if steps:
+            periods.append(float(np.median(steps)))
+    return max((round(min(periods, default=0.0)) - 1) // 2, 0)

@@ -1,0 +1,314 @@
+"""Boxes of all cameras as looks, and looks of about the same time as moments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from heapq import heappop, heappush, merge
+from itertools import pairwise
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
+from occlog.errors import InputError
+from occlog.measure.scans.grouping import nearest
+from occlog.records.columns import Table, column
+from occlog.records.scene import Camera
+from occlog.records.tables import APPEARANCE_BINS, Boxes, Views
+from occlog.track.jipda.interface import Look
+
+SAME = 0.9
+"""Intersection over union from which two boxes of one frame are one box that is reported twice."""
+
+
+class FrameLook(NamedTuple):
+    """A look, and what its frame and its boxes are called in the tables."""
+
+    look: Look
+    frame: int  # number in the camera's stream
+    box: Ints  # (n,) numbers of the boxes in the frame
+
+
+class FrameRows(NamedTuple):
+    """Rows of boxes of some frames, in the order of time; a frame without boxes has one row that is none."""
+
+    t_ns: Ints  # (R,)
+    sensor: Strings  # (R,)
+    frame: Ints  # (R,)
+    number: Ints32  # (R,) of the box in the frame; -1: the frame has none
+    edges: Floats  # (R, 4) left, top, right, bottom [px]
+    score: Floats  # (R,)
+    hint: Ints32  # (R,)
+    appearance: Floats  # (R, K)
+
+    def take(self, rows: Ints | Bools | slice) -> FrameRows:
+        """The rows selected by a mask, a slice or an index array."""
+        return FrameRows._make(column[rows] for column in self)
+
+
+def rows_of_boxes(chunks: Iterable[Boxes]) -> Iterator[FrameRows]:
+    """Read boxes of a detector."""
+    for c in chunks:
+        yield FrameRows(
+            t_ns=c.t_ns,
+            sensor=c.sensor,
+            frame=c.frame,
+            number=c.box,
+            edges=_edges(c),
+            score=c.confidence,
+            hint=c.target_id,
+            appearance=np.zeros((len(c), 0)),
+        )
+
+
+def rows_of_views(chunks: Iterable[Views]) -> Iterator[FrameRows]:
+    """Read regions of images; those that the fusion of detections put in or took out are none."""
+    for c in chunks:
+        yield FrameRows(
+            t_ns=c.t_ns,
+            sensor=c.sensor,
+            frame=c.frame,
+            number=np.where(np.isin(c.cause, ("recovered", "removed")), np.int32(-1), c.cluster),
+            edges=_edges(c),
+            score=c.confidence,
+            hint=c.hint,
+            appearance=c.appearance.astype(np.float64),
+        )
+
+
+def _edges(table: Boxes | Views) -> Floats:
+    """(R, 4) left, top, right, bottom."""
+    left, top = table.left_px, table.top_px
+    return np.column_stack([left, top, left + table.width_px, top + table.height_px])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameTimes(Table):
+    """The columns of `views` that say which frames have regions."""
+
+    NAME: ClassVar[str] = Views.NAME
+    VERSION: ClassVar[int] = Views.VERSION
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor")
+
+    t_ns: Ints = column("i8", "ns", "time of the frame since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the camera in the scene")
+    frame: Ints = column("i8", "1", "number of the frame in the camera's stream, from 0")
+
+
+def empty_frames(chunks: Iterable[FrameTimes], cameras: Mapping[str, int]) -> Iterator[FrameLook]:
+    """Looks at frames that a table without rows for them leaves out: the camera looked, and nobody was detected.
+
+    Their numbers are those left out between two frames of a camera, their times lie evenly between these two.
+    Nothing is said of frames before a camera's first row and after its last.  Memory grows with the number of
+    such gaps, not with that of the rows.
+
+    Args:
+        chunks: in the order of time.
+        cameras: place of each camera in use.
+    """
+    last: dict[str, tuple[int, int]] = {}
+    gaps: list[_Gap] = []
+    for c in chunks:
+        for t_ns, sensor, frame in dict.fromkeys(
+            zip(c.t_ns.tolist(), c.sensor.tolist(), c.frame.tolist(), strict=True)
+        ):
+            before = last.get(sensor)
+            if before is not None and frame > before[1] + 1 and sensor in cameras:
+                gaps.append(_Gap(*before, t_ns, frame, cameras[sensor]))
+            last[sensor] = (t_ns, frame)
+    # The next empty frame of each gap that has begun
+    waiting: list[tuple[int, int, int]] = []
+    for n in sorted(range(len(gaps)), key=lambda n: gaps[n]):
+        yield from _until(gaps[n].start_ns, waiting, gaps)
+        heappush(waiting, (gaps[n].time(gaps[n].first + 1), gaps[n].first + 1, n))
+    yield from _until(None, waiting, gaps)
+
+
+class _Gap(NamedTuple):
+    """Two frames of a camera with empty ones between them."""
+
+    start_ns: int
+    first: int
+    end_ns: int
+    last: int
+    camera: int
+
+    def time(self, frame: int) -> int:
+        """Time of a frame between the two [ns]."""
+        return self.start_ns + (self.end_ns - self.start_ns) * (frame - self.first) // (self.last - self.first)
+
+
+def _until(limit_ns: int | None, waiting: list[tuple[int, int, int]], gaps: Sequence[_Gap]) -> Iterator[FrameLook]:
+    """Empty frames before a time, in order; all of them for None."""
+    nothing, none = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
+    while waiting and (limit_ns is None or waiting[0][0] <= limit_ns):
+        t_ns, frame, n = heappop(waiting)
+        if frame + 1 < gaps[n].last:
+            heappush(waiting, (gaps[n].time(frame + 1), frame + 1, n))
+        look = Look(
+            t_ns=t_ns,
+            camera=gaps[n].camera,
+            boxes=nothing,
+            score=np.zeros(0),
+            hint=none,
+            appearance=np.zeros((0, APPEARANCE_BINS)),
+            row=none,
+        )
+        yield FrameLook(look, frame, none)
+
+
+@dataclass
+class BoxTally:
+    """What was found while boxes stream by, by place of the camera in use.
+
+    Attributes:
+        frames: looks.
+        boxes: of them all.
+        outside: left out: the box lies outside the image.
+        twice: left out: another box of the frame is the same.
+        first_ns, last_ns: times of the first and the last look; -1: none.
+    """
+
+    frames: Ints
+    boxes: Ints
+    outside: Ints
+    twice: Ints
+    first_ns: Ints
+    last_ns: Ints
+
+    @classmethod
+    def of(cls, cameras: int) -> BoxTally:
+        """Nothing yet."""
+        zero = np.zeros(cameras, dtype=np.int64)
+        return cls(zero, zero.copy(), zero.copy(), zero.copy(), zero - 1, zero - 1)
+
+    def saw(self, look: Look) -> None:
+        """Count a look."""
+        c = look.camera
+        self.frames[c] += 1
+        self.boxes[c] += len(look.boxes)
+        self.first_ns[c] = look.t_ns if self.first_ns[c] < 0 else self.first_ns[c]
+        self.last_ns[c] = look.t_ns
+
+
+def looks_of(
+    chunks: Iterable[FrameRows], cameras: Sequence[Camera], known: Sequence[str], tally: BoxTally
+) -> Iterator[FrameLook]:
+    """Looks in the order of time, and of cameras.
+
+    Boxes that lie outside the image, and boxes that another one of the same frame repeats, are left out and counted.
+
+    Args:
+        chunks: in the order of time.
+        cameras: those in use; rows of others are passed over.
+        known: names of all cameras that there are.
+        tally: brought up to date.
+
+    Raises:
+        InputError: a camera that is not known, or times that go back.
+    """
+    place = {camera.name: c for c, camera in enumerate(cameras)}
+    seen = 0
+    for part in _whole_times(chunks):
+        names, code = np.unique(part.sensor, return_inverse=True)
+        if unknown := [name for name in names.tolist() if name not in known]:
+            raise InputError(f"boxes: no camera {unknown[0]!r} in the scene; {nearest(unknown[0], tuple(known))}")
+        numbers = np.array([place.get(name, -1) for name in names.tolist()], dtype=np.int64)[code.reshape(-1)]
+        order = np.lexsort((part.number, numbers, part.t_ns))
+        rows, camera = part.take(order), numbers[order]
+        row = seen + order
+        seen += len(order)
+        starts = np.flatnonzero(np.append(True, (np.diff(rows.t_ns) != 0) | (np.diff(camera) != 0)))
+        for first, stop in pairwise([*starts.tolist(), len(order)]):
+            if camera[first] >= 0:
+                yield _look(rows.take(slice(first, stop)), int(camera[first]), row[first:stop], cameras, tally)
+
+
+def _whole_times(chunks: Iterable[FrameRows]) -> Iterator[FrameRows]:
+    """Parts that never end amid the rows of one time; none is empty."""
+    held: list[FrameRows] = []
+    for chunk in chunks:
+        if not len(chunk.t_ns):
+            continue
+        if (np.diff(chunk.t_ns) < 0).any() or (held and chunk.t_ns[0] < held[-1].t_ns[-1]):
+            raise InputError("boxes: times go back; sort the rows by t_ns")
+        cut = int(np.searchsorted(chunk.t_ns, chunk.t_ns[-1]))
+        if cut or (held and held[-1].t_ns[-1] != chunk.t_ns[0]):
+            yield _joined([*held, chunk.take(slice(0, cut))])
+            held = []
+        held.append(chunk.take(slice(cut, None)))
+    if held:
+        yield _joined(held)
+
+
+def _joined(parts: Sequence[FrameRows]) -> FrameRows:
+    return FrameRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
+
+
+def _look(rows: FrameRows, c: int, row: Ints, cameras: Sequence[Camera], tally: BoxTally) -> FrameLook:
+    """The look at one frame."""
+    there = rows.number >= 0
+    outside = there & _outside(rows.edges, cameras[c])
+    kept = np.flatnonzero(there & ~outside)
+    twice = repeated(rows.edges[kept], rows.score[kept])
+    kept = kept[~twice]
+    tally.outside[c] += int(outside.sum())
+    tally.twice[c] += int(twice.sum())
+    look = Look(
+        t_ns=int(rows.t_ns[0]),
+        camera=c,
+        boxes=rows.edges[kept],
+        score=rows.score[kept],
+        hint=rows.hint[kept].astype(np.int64),
+        appearance=rows.appearance[kept],
+        row=row[kept],
+    )
+    tally.saw(look)
+    return FrameLook(look, int(rows.frame[0]), rows.number[kept].astype(np.int64))
+
+
+def _outside(edges: Floats, camera: Camera) -> Bools:
+    """(R,) boxes of which no part is in the image; none where its size is not known."""
+    if camera.image_size is None:
+        return np.zeros(len(edges), dtype=np.bool_)
+    w, h = camera.image_size
+    left, top, right, bottom = edges.T
+    beyond: Bools = (right <= -0.5) | (bottom <= -0.5) | (left >= w - 0.5) | (top >= h - 0.5)
+    return beyond
+
+
+def repeated(edges: Floats, score: Floats) -> Bools:
+    """(n,) boxes that are the same as one of more score, or, of equal score, as an earlier one."""
+    n = len(edges)
+    if n < 2:
+        return np.zeros(n, dtype=np.bool_)
+    corner = np.minimum(edges[:, None, 2:], edges[None, :, 2:]) - np.maximum(edges[:, None, :2], edges[None, :, :2])
+    shared = np.prod(np.maximum(corner, 0.0), axis=2)
+    area = np.prod(edges[:, 2:] - edges[:, :2], axis=1)
+    same = shared >= SAME * (area[:, None] + area[None, :] - shared)
+    out = np.zeros(n, dtype=np.bool_)
+    order = np.argsort(-np.nan_to_num(score, nan=0.0), kind="stable")
+    for k, i in enumerate(order.tolist()):
+        before = order[:k]
+        out[i] = bool((same[i, before] & ~out[before]).any())
+    return out
+
+
+def moments_of(looks: Iterable[FrameLook], window_ns: int) -> Iterator[list[FrameLook]]:
+    """Looks at most the window after the first one, unless a camera looks again, are of one moment."""
+    held: list[FrameLook] = []
+    cameras: set[int] = set()
+    for each in looks:
+        if held and (each.look.t_ns - held[0].look.t_ns > window_ns or each.look.camera in cameras):
+            yield held
+            held, cameras = [], set()
+        held.append(each)
+        cameras.add(each.look.camera)
+    if held:
+        yield held
+
+
+def in_order(*streams: Iterable[FrameLook]) -> Iterator[FrameLook]:
+    """Looks of several streams, each in the order of time, in the order of time and of cameras."""
+    return merge(*streams, key=lambda each: (each.look.t_ns, each.look.camera))

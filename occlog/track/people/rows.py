@@ -1,0 +1,231 @@
+"""Moments of everybody as rows of tables: tracks, support, events, and everybody in every image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats, Ints, Strings
+from occlog.records.scene import Camera
+from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
+from occlog.track.jipda.interface import HEIGHT, VX, VY, WIDTH, Moment, X, Y
+from occlog.track.jipda.kernels.body_box import pack_views
+
+from .kernels.projection import project
+from .looks import FrameLook
+
+LIKELY = 0.5
+"""A box is a person's if it is more probably of this person than not."""
+UNSEEN = "unseen"
+DOUBTS = (UNSEEN, "one-view", "exchange")
+"""Values of the column `doubt`, in the order in which they stand there."""
+BOX, FLOOR = "box", "floor"
+"""Values of the column `mode` of everybody in every image."""
+COVARIANCES = {
+    "cov_xx": (X, X),
+    "cov_xy": (X, Y),
+    "cov_yy": (Y, Y),
+    "cov_x_vx": (X, VX),
+    "cov_x_vy": (X, VY),
+    "cov_y_vx": (Y, VX),
+    "cov_y_vy": (Y, VY),
+    "cov_vx_vx": (VX, VX),
+    "cov_vx_vy": (VX, VY),
+    "cov_vy_vy": (VY, VY),
+}
+"""Columns of the covariance by the places in the state."""
+
+
+class SeenMoment(NamedTuple):
+    """Everybody after a moment, and the looks that it was made of."""
+
+    moment: Moment
+    looks: Sequence[FrameLook]
+
+
+class MomentTables(NamedTuple):
+    """The rows of several moments; None: those of the images are not wanted."""
+
+    tracks: PeopleTracks
+    support: Support
+    events: Events
+    views: PeopleViews | None
+
+
+def seen_in(moment: Moment, cameras: int) -> Floats:
+    """(m, C) probability that a camera has a box of a person."""
+    seen = np.zeros((len(moment.ids), cameras))
+    np.add.at(seen, (moment.support.person, moment.support.camera), moment.support.probability)
+    return np.minimum(seen, 1.0)
+
+
+def tracks_of(seen: Sequence[SeenMoment], names: Sequence[str]) -> PeopleTracks:
+    """A row for each person at each moment."""
+    moments = [each.moment for each in seen if len(each.moment.ids)]
+    if not moments:
+        return PeopleTracks.empty()
+    by = np.concatenate([seen_in(m, len(names)) >= LIKELY for m in moments])
+    mean = np.concatenate([m.mean for m in moments])
+    covariance = np.concatenate([m.covariance for m in moments])
+    exchanged = [np.isin(m.ids, [e.id for e in m.events if e.kind == "doubt"]) for m in moments]
+    # With one camera there is no other that could see them
+    alone = (by.sum(axis=1) == 1) & (len(names) > 1)
+    return PeopleTracks.of(
+        t_ns=np.repeat([m.t_ns for m in moments], [len(m.ids) for m in moments]),
+        target_id=np.concatenate([m.ids for m in moments]).astype(np.int32),
+        x=mean[:, X],
+        y=mean[:, Y],
+        vx=mean[:, VX],
+        vy=mean[:, VY],
+        **{name: covariance[:, i, j] for name, (i, j) in COVARIANCES.items()},
+        existence=np.concatenate([m.existence for m in moments]),
+        height=mean[:, HEIGHT],
+        width=mean[:, WIDTH],
+        sd_height=np.sqrt(covariance[:, HEIGHT, HEIGHT]),
+        sd_width=np.sqrt(covariance[:, WIDTH, WIDTH]),
+        seen_by=_joined(by, names),
+        doubt=_joined(np.column_stack([~by.any(axis=1), alone, np.concatenate(exchanged)]), DOUBTS),
+    )
+
+
+def _joined(mask: Bools, words: Sequence[str]) -> Strings:
+    """(N,) words whose columns of a mask (N, W) are set, separated by commas."""
+    different, which = np.unique(mask, axis=0, return_inverse=True)
+    texts = [",".join(w for w, has in zip(words, row, strict=True) if has) for row in different.tolist()]
+    return np.array(texts, dtype=np.str_)[which.reshape(-1)]
+
+
+def support_of(seen: Sequence[SeenMoment], names: Sequence[str]) -> Support:
+    """A row for each box that speaks for a person."""
+    parts = [each for each in seen if len(each.moment.support.row)]
+    if not parts:
+        return Support.empty()
+    numbers = [_numbers(each) for each in parts]
+    supports = [each.moment.support for each in parts]
+    probability = np.concatenate([s.probability for s in supports])
+    table = Support.of(
+        t_ns=np.repeat([each.moment.t_ns for each in parts], [len(s.row) for s in supports]),
+        target_id=np.concatenate([each.moment.ids[each.moment.support.person] for each in parts]).astype(np.int32),
+        sensor=np.array(names, dtype=np.str_)[np.concatenate([s.camera for s in supports])],
+        frame=np.concatenate([frame for frame, _ in numbers]),
+        box=np.concatenate([box for _, box in numbers]).astype(np.int32),
+        probability=np.clip(probability, np.finfo(np.float64).tiny, 1.0),
+    )
+    return table.sorted()
+
+
+def _numbers(each: SeenMoment) -> tuple[Ints, Ints]:
+    """Frame and number of the box of each row of a moment's support."""
+    row = np.concatenate([e.look.row for e in each.looks])
+    frame = np.repeat([e.frame for e in each.looks], [len(e.box) for e in each.looks])
+    order = np.argsort(row)
+    at = order[np.searchsorted(row, each.moment.support.row, sorter=order)]
+    return frame[at], np.concatenate([e.box for e in each.looks])[at]
+
+
+def events_of(seen: Sequence[SeenMoment]) -> Events:
+    """A row for each event."""
+    events = [(each.moment.t_ns, *event) for each in seen for event in each.moment.events]
+    if not events:
+        return Events.empty()
+    t_ns, kind, target, other, probability = zip(*events, strict=True)
+    return Events.of(
+        t_ns=np.array(t_ns, dtype=np.int64),
+        target_id=np.array(target, dtype=np.int32),
+        kind=np.array(kind, dtype=np.str_),
+        other_id=np.array(other, dtype=np.int32),
+        probability=np.array(probability, dtype=np.float64),
+    ).sorted()
+
+
+class ViewRows(NamedTuple):
+    """n people in frames."""
+
+    t_ns: Ints  # (n,)
+    camera: Ints  # (n,)
+    frame: Ints  # (n,)
+    id: Ints  # (n,)
+    box: Floats  # (n, 4)
+    spread: Floats  # (n, 3) xx, xy, yy of the covariance of the box's centre
+    own: Bools  # (n,) the box is one that the camera has of the person
+    visibility: Floats  # (n,)
+
+
+class EverybodyInViews:
+    """Everybody in the images: the box that a camera has of a person, or else that which the floor lets expect."""
+
+    def __init__(self, cameras: Sequence[Camera]) -> None:
+        """Pack the cameras."""
+        self._names = np.array([c.name for c in cameras], dtype=np.str_)
+        self._views = pack_views(cameras)
+
+    def table(self, seen: Sequence[SeenMoment]) -> PeopleViews:
+        """A row for each person and frame of the moments, where the person's place is in the image."""
+        parts = [self._in_look(each.moment, look) for each in seen if len(each.moment.ids) for look in each.looks]
+        if not parts:
+            return PeopleViews.empty()
+        rows = ViewRows._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
+        n = len(rows.id)
+        nothing, unknown = np.full(n, ""), np.full(n, np.nan)
+        left, top, right, bottom = rows.box.T
+        table = PeopleViews.of(
+            t_ns=rows.t_ns,
+            sensor=self._names[rows.camera],
+            frame=rows.frame,
+            target_id=rows.id.astype(np.int32),
+            x_px=0.5 * (left + right),
+            y_px=0.5 * (top + bottom),
+            a_px=0.5 * (right - left),
+            b_px=0.5 * (bottom - top),
+            rho=np.zeros(n),
+            cov_xx_px=rows.spread[:, 0],
+            cov_xy_px=rows.spread[:, 1],
+            cov_yy_px=rows.spread[:, 2],
+            likeness=unknown,
+            ess=unknown,
+            mode=np.where(rows.own, BOX, FLOOR),
+            counterpart=nothing,
+            neighbours=nothing,
+            helpers=nothing,
+            event=nothing,
+            visibility=rows.visibility,
+        )
+        return table.sorted()
+
+    def _in_look(self, moment: Moment, each: FrameLook) -> ViewRows:
+        """Everybody in one frame."""
+        look, c = each.look, each.look.camera
+        there = np.flatnonzero(np.isfinite(moment.visibility[:, c]))
+        # Project the people on the floor to the time of the look
+        found = np.empty((len(there), 8))
+        delay = (look.t_ns - moment.t_ns) / NS
+        project(self._views, c, moment.mean[there], moment.covariance[there], delay, found)
+        # Take the camera's own boxes where it has some
+        box = _own_boxes(moment, look.row, c)[there]
+        own = box >= 0
+        found[own, :4] = look.boxes[box[own]]
+        good = np.flatnonzero(found[:, 7] > 0.0)
+        n, there, found = len(good), there[good], found[good]
+        return ViewRows(
+            t_ns=np.full(n, look.t_ns, dtype=np.int64),
+            camera=np.full(n, c, dtype=np.int64),
+            frame=np.full(n, each.frame, dtype=np.int64),
+            id=moment.ids[there],
+            box=found[:, :4],
+            spread=found[:, 4:7],
+            own=own[good],
+            visibility=moment.visibility[there, c],
+        )
+
+
+def _own_boxes(moment: Moment, row: Ints, camera: int) -> Ints:
+    """(m,) place in a look of the box that is most probably each person's; -1: none is, more probably than not."""
+    out = np.full(len(moment.ids), -1, dtype=np.int64)
+    s = moment.support
+    mine = np.flatnonzero((s.camera == camera) & (s.probability >= LIKELY))
+    if len(mine):
+        order = np.argsort(row)
+        out[s.person[mine]] = order[np.searchsorted(row, s.row[mine], sorter=order)]
+    return out

@@ -1,0 +1,173 @@
+"""Run of `occlog track` with a method that follows everybody: read boxes, follow, write, and sum up."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from occlog.cli import options
+from occlog.io.files.atomic import Together
+from occlog.io.files.parquet import TableWriter
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.records.columns import Table
+from occlog.records.losses import Loss
+from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
+from occlog.track.catalogue import METHODS, load
+from occlog.track.plausibility.verdict import Finding, figures
+
+from .agreement import Agreement
+from .inputs import PeopleInput, PeopleRequest
+from .rows import UNSEEN, MomentTables
+from .sizes import odd_cameras
+from .stage import Follower, Tabulator, follow
+
+
+@dataclass(frozen=True)
+class PeopleFiles:
+    """Tables to write; None: not that one."""
+
+    tracks: Path
+    support: Path | None = None
+    events: Path | None = None
+    view_tracks: Path | None = None
+
+    @property
+    def paths(self) -> list[Path | None]:
+        """All of them."""
+        return [self.tracks, self.support, self.events, self.view_tracks]
+
+
+class PeopleSummary:
+    """Figures of the summary, counted while tables stream by."""
+
+    def __init__(self, inputs: PeopleInput, agreement: Agreement) -> None:
+        """Begin with all counts at 0."""
+        self.inputs, self.agreement = inputs, agreement
+        self.people: set[int] = set()
+        self.rows = self.unseen = 0
+        self.existence = 0.0
+        self.times = 0
+        self.events: Counter[str] = Counter()
+
+    def add(self, part: MomentTables) -> None:
+        """Count some more moments."""
+        self.people.update(part.tracks.target_id.tolist())
+        self.rows += len(part.tracks)
+        self.times += len(np.unique(part.tracks.t_ns))
+        self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.doubt, UNSEEN)))
+        self.existence += float(part.tracks.existence.sum())
+        self.events.update(part.events.kind.tolist())
+
+    def figures(self) -> dict[str, object]:
+        """The figures.
+
+        people, rows: of the tracks.  people_at_a_time: mean, of the times that have any.  unseen: share of the rows of
+        whom no camera has a box.  boxes: of each camera, those in use, those that people explain, and those that
+        nobody does; expected of all of them, since a box may be of several people.  sees: share of the people whom
+        another camera sees and the camera should see plainly that it does see.
+        """
+        tally, used = self.inputs.tally, self.agreement.used
+        boxes = {
+            name: {
+                "boxes": int(tally.boxes[c]),
+                "explained": round(float(used[c]), 1),
+                "not_explained": round(float(tally.boxes[c] - used[c]), 1),
+                **({"outside": int(tally.outside[c])} if tally.outside[c] else {}),
+                **({"twice": int(tally.twice[c])} if tally.twice[c] else {}),
+            }
+            for c, name in enumerate(self.inputs.names)
+        }
+        sees = {
+            name: float(share)
+            for name, share in zip(self.inputs.names, self.agreement.shares.tolist(), strict=True)
+            if np.isfinite(share)
+        }
+        return {
+            "people": len(self.people),
+            "rows": self.rows,
+            **({"people_at_a_time": self.rows / self.times} if self.times else {}),
+            **({"mean_existence": self.existence / self.rows, "unseen": self.unseen / self.rows} if self.rows else {}),
+            "births": self.events["birth"],
+            "deaths": self.events["death"],
+            "doubts": self.events["doubt"],
+            "frames": dict(zip(self.inputs.names, self.inputs.tally.frames.tolist(), strict=True)),
+            "boxes": boxes,
+            **({"sees": sees} if sees else {}),
+            **figures(self.findings()),
+        }
+
+    def findings(self) -> tuple[Finding, ...]:
+        """What speaks against the tracks, and what else a user must know."""
+        found = [*self.agreement.findings(self.inputs.tally), *self._tall()]
+        if not self.rows:
+            found.append(Finding("nobody", "note", "nobody was found: the tracks are empty"))
+        return tuple(found)
+
+    def _tall(self) -> Iterator[Finding]:
+        """Cameras in which people are taller or shorter than in the others."""
+        unit = self.inputs.scene.length_unit
+        for c, height in odd_cameras(self.inputs.heights).items():
+            yield Finding(
+                "calibration-contradicts",
+                "warning",
+                f"camera {self.inputs.names[c]}: by its boxes and its pose people are {height:.3g} {unit} tall, not as "
+                "in the other cameras; check its calibration, or leave it out",
+            )
+
+
+def run_track_people(
+    request: PeopleRequest, wanted: PeopleFiles, overwrite: bool, quiet: bool
+) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Follow everybody and write; return the summary, and what had been lost before."""
+    inputs = PeopleInput(request)
+    for line in inputs.notes:
+        options.note(line, quiet)
+    follower: Follower[object] = load(METHODS[request.method].method)
+    moments = options.progress(inputs.moments, "track", quiet=quiet)
+    seen = follow(moments, inputs.scene, inputs.cameras, inputs.config, follower)
+    tabulator = Tabulator(inputs.cameras, in_images=wanted.view_tracks is not None)
+    parameters = {
+        "method": request.method,
+        "births": "detections",
+        "cameras": list(inputs.names),
+        "window_ns": inputs.window_ns,
+        **asdict(inputs.config),
+    }
+    provenance = Provenance("track", parameters, request.seed, hash_inputs(request.paths), inputs.losses)
+    summary = PeopleSummary(inputs, tabulator.agreement)
+    outputs: list[tuple[Path | None, type[Table]]] = [
+        (wanted.tracks, PeopleTracks),
+        (wanted.support, Support),
+        (wanted.events, Events),
+        (wanted.view_tracks, PeopleViews),
+    ]
+    with ExitStack() as stack:
+        together = stack.enter_context(Together())
+        writers = [
+            None
+            if path is None
+            else stack.enter_context(
+                TableWriter(
+                    path,
+                    table,
+                    provenance,
+                    overwrite=overwrite,
+                    length_unit=inputs.scene.length_unit,
+                    together=together,
+                )
+            )
+            for path, table in outputs
+        ]
+        for part in map(tabulator.tables, seen):
+            for writer, table in zip(writers, part, strict=True):
+                if writer is not None and table is not None:
+                    writer.write(table)
+            summary.add(part)
+    options.note_findings(summary.findings(), quiet)
+    written = {name: str(path) for name, path in asdict(wanted).items() if path is not None}
+    return {**written, "method": request.method, **summary.figures()}, inputs.losses

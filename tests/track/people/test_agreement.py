@@ -1,0 +1,81 @@
+"""Whether cameras see whom the others see."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.track.jipda.interface import Look, Moment, Support
+from occlog.track.people.agreement import FEWEST, Agreement
+from occlog.track.people.looks import BoxTally, FrameLook
+
+
+def moment(by: list[list[bool]], visible: float = 1.0) -> Moment:
+    """People whom these cameras see."""
+    seen = np.array(by)
+    person, camera = np.nonzero(seen)
+    n = len(person)
+    return Moment(
+        t_ns=0,
+        ids=np.arange(len(seen)),
+        mean=np.zeros((len(seen), 6)),
+        covariance=np.zeros((len(seen), 6, 6)),
+        existence=np.ones(len(seen)),
+        visibility=np.full(seen.shape, visible),
+        support=Support(person, camera, np.arange(n), np.ones(n)),
+        events=(),
+    )
+
+
+def looks(cameras: int) -> list[FrameLook]:
+    none = np.zeros(0, dtype=np.int64)
+    return [
+        FrameLook(Look(0, c, np.zeros((0, 4)), np.zeros(0), none, np.zeros((0, 0)), none), 0, none)
+        for c in range(cameras)
+    ]
+
+
+def codes(by: list[bool], times: int, visible: float = 1.0) -> list[str]:
+    agreement = Agreement("abcd"[: len(by)])
+    for _ in range(times):
+        agreement.add(moment([by], visible), looks(len(by)))
+    tally = BoxTally.of(len(by))
+    tally.boxes[:] = 1
+    return [f"{found.code}: {found.sentence.split()[1]}" for found in agreement.findings(tally)]
+
+
+def test_a_camera_that_does_not_see_whom_the_others_see_is_named() -> None:
+    assert codes([True, True, True, False], FEWEST) == ["camera-disagrees: d"]
+    assert codes([True, True, True, True], FEWEST) == []
+
+
+def test_of_few_people_and_of_those_who_are_not_plainly_visible_nothing_is_said() -> None:
+    assert codes([True, True, True, False], FEWEST - 1) == []
+    assert codes([True, True, True, False], FEWEST, visible=0.79) == []
+    assert codes([True, True, True, False], FEWEST, visible=float("nan")) == []
+
+
+def test_of_four_cameras_two_must_see_whom_another_one_should_see() -> None:
+    assert codes([True, False, False, False], FEWEST) == []
+    assert codes([True, False, False], FEWEST) == ["camera-disagrees: b", "camera-disagrees: c"]
+
+
+@pytest.mark.parametrize(("seen", "said"), [(0.25, False), (0.24, True)])
+def test_of_two_cameras_each_must_see_a_quarter_of_whom_the_other_sees(seen: float, said: bool) -> None:
+    agreement = Agreement("ab")
+    for k in range(100):
+        agreement.add(moment([[True, k < 100 * seen]]), looks(2))
+    tally = BoxTally.of(2)
+    tally.boxes[:] = 1
+    assert [f.code for f in agreement.findings(tally)] == (["camera-disagrees"] if said else [])
+
+
+def test_cameras_that_look_at_other_times_are_named() -> None:
+    tally = BoxTally.of(2)
+    tally.boxes[:] = 1
+    tally.first_ns[:], tally.last_ns[:] = (0, 10_000_000_000), (9_000_000_000, 20_000_000_000)
+    found = list(Agreement("ab").findings(tally))
+    assert [f.code for f in found] == ["camera-at-other-times"] * 2
+    assert "its first frame is +10 s from the others'" in found[1].sentence
+    tally.first_ns[1] = 9_000_000_000
+    assert list(Agreement("ab").findings(tally)) == []

@@ -1,0 +1,265 @@
+"""`occlog track --method jipda`: from boxes to tables, and what is said of bad input."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from people_boxes import PEOPLE, STEP_NS, boxes, hall, truth, written
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.parquet import read_provenance, read_table, write_table
+from occlog.io.files.provenance import Provenance
+from occlog.io.recording.writer import RecordingWriter
+from occlog.records.scene import Scene
+from occlog.records.tables import Boxes, Events, PeopleTracks, PeopleViews, Support, Tracks, TruthBoxes
+from occlog.records.views import ViewTracks
+
+pytestmark = pytest.mark.jit
+SECONDS = 3.0
+SCENE = hall("abcd")
+
+
+def track(folder: Path, found: Boxes, scene: Scene, *args: str) -> int:
+    boxes_path, scene_path = written(folder, found, scene)
+    return follow(folder, boxes_path, "--scene", scene_path, *args)
+
+
+def follow(folder: Path, source: str, *args: str) -> int:
+    out = [
+        part for name in ("support", "events", "view-tracks") for part in (f"--{name}", str(folder / f"{name}.parquet"))
+    ]
+    tracks = ["-o", str(folder / "t.parquet"), "--overwrite", "--json"]
+    return run(["track", source, "--method", "jipda", *tracks, *out, *args])
+
+
+def tracks(folder: Path) -> PeopleTracks:
+    return read_table(folder / "t.parquet", PeopleTracks)
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> tuple[dict, str]:
+    """The summary, and what was said beside it."""
+    found = capsys.readouterr()
+    return json.loads(found.out), found.err
+
+
+@pytest.fixture(scope="module")
+def walk() -> Boxes:
+    return boxes(SCENE, SECONDS)
+
+
+def test_everybody_is_followed_and_the_tables_agree(walk, tmp_path, capsys):
+    assert track(tmp_path, walk, SCENE) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert noted == ""
+    assert (summary["people"], summary["births"], summary["plausible"]) == (PEOPLE, PEOPLE, True)
+    rows = tracks(tmp_path)
+    assert summary["rows"] == len(rows)
+    # Everybody is where somebody is, within 0.2 m
+    true = truth(SECONDS)
+    for t_ns in np.unique(rows.t_ns).tolist():
+        now, then = rows.take(rows.t_ns == t_ns), true.take(true.t_ns == t_ns)
+        apart = np.hypot(now.x[:, None] - then.x, now.y[:, None] - then.y)
+        assert (apart.min(axis=1) < 0.2).all()
+    support = read_table(tmp_path / "support.parquet", Support)
+    keys = set(zip(rows.t_ns.tolist(), rows.target_id.tolist(), strict=True))
+    assert set(zip(support.t_ns.tolist(), support.target_id.tolist(), strict=True)) <= keys
+    whose = {
+        key: person
+        for *place, person in zip(
+            walk.t_ns.tolist(), walk.sensor.tolist(), walk.box.tolist(), walk.target_id.tolist(), strict=True
+        )
+        for key in [tuple(place)]
+    }
+    sure = support.take(support.probability > 0.9)
+    pairs = {
+        (target, whose[t_ns, sensor, number])
+        for target, t_ns, sensor, number in zip(
+            sure.target_id.tolist(), sure.t_ns.tolist(), sure.sensor.tolist(), sure.box.tolist(), strict=True
+        )
+    }
+    assert len(pairs) == PEOPLE
+    events = read_table(tmp_path / "events.parquet", Events)
+    assert events.kind.tolist().count("birth") == PEOPLE
+    views = read_table(tmp_path / "view-tracks.parquet", PeopleViews)
+    assert set(views.target_id.tolist()) == set(rows.target_id.tolist())
+    assert ((views.visibility >= 0) & (views.visibility <= 1)).all()
+    made = read_provenance(tmp_path / "t.parquet")
+    assert made.parameters["cameras"] == ["a", "b", "c", "d"]
+    assert made.parameters["window_ns"] == STEP_NS // 2 - 1
+
+
+def test_the_same_boxes_give_the_same_bytes(walk, tmp_path):
+    files = []
+    for _ in range(2):
+        assert track(tmp_path, walk, SCENE, "-q") == ExitCode.DONE
+        files.append([path.read_bytes() for path in sorted(tmp_path.glob("*.parquet"))])
+    assert files[0] == files[1]
+
+
+def test_a_recording_with_boxes_and_views_made_of_it_give_the_same_tracks(walk, tmp_path):
+    # A camera detects nobody for some frames in the middle: views have no rows there
+    gone = np.isin(walk.frame, range(12, 15)) & (walk.sensor == "b")
+    first = gone & np.append(True, (np.diff(walk.t_ns) != 0) | (walk.sensor[1:] != walk.sensor[:-1]))
+    empty = replace(
+        walk,
+        box=np.where(gone, np.int32(-1), walk.box),
+        **{n: np.where(gone, np.nan, getattr(walk, n)) for n in ("left_px", "top_px", "width_px", "height_px")},
+    ).take(~gone | first)
+    with RecordingWriter(tmp_path / "r.mcap", SCENE, Provenance("test"), overwrite=True) as out:
+        out.table(empty)
+    assert follow(tmp_path, str(tmp_path / "r.mcap"), "-q") == ExitCode.DONE
+    rows = tracks(tmp_path)
+    views = ["--views", str(tmp_path / "v.parquet")]
+    assert run(["detect", str(tmp_path / "r.mcap"), "-o", str(tmp_path / "b.parquet"), *views, "-q"]) == ExitCode.DONE
+    scene = ["--scene", str(tmp_path / "r.mcap")]
+    assert follow(tmp_path, str(tmp_path / "v.parquet"), *scene, "-q") == ExitCode.DONE
+    other = tracks(tmp_path)
+    np.testing.assert_array_equal(other.t_ns, rows.t_ns)
+    # Boxes stand in another order there
+    np.testing.assert_allclose(other.x, rows.x, atol=0.02)
+
+
+def test_cameras_of_different_frame_rates_are_moments_of_the_quickest(walk, tmp_path):
+    slow = walk.take((walk.sensor != "b") | (walk.frame % 3 == 0))
+    third = slow.take(slow.sensor == "c")
+    late = Boxes.merge([slow.take(slow.sensor != "c"), replace(third, t_ns=third.t_ns + 30_000_000)])
+    assert track(tmp_path, late, SCENE, "-q") == ExitCode.DONE
+    assert len(np.unique(tracks(tmp_path).target_id)) == PEOPLE
+    views = read_table(tmp_path / "view-tracks.parquet", ViewTracks)
+    assert set((views.t_ns[views.sensor == "c"] % STEP_NS).tolist()) == {30_000_000}
+    assert set(views.frame[views.sensor == "b"].tolist()) <= set(range(0, 30, 3))
+
+
+def test_what_is_in_the_images_is_evaluated_and_exported(walk, tmp_path, capsys):
+    assert track(tmp_path, walk, SCENE, "-q") == ExitCode.DONE
+    whole = boxes(SCENE, SECONDS, miss=0.0, px=0.0)
+    values = {c.name: getattr(whole, c.name) for c in Boxes.columns()}
+    true = TruthBoxes(**values, visible=np.where(whole.box >= 0, 1.0, np.nan))
+    write_table(tmp_path / "true.parquet", true, Provenance("test"))
+    capsys.readouterr()
+    args = ["--truth", str(tmp_path / "true.parquet"), "--mot", str(tmp_path / "mot"), "--json"]
+    assert run(["evaluate", str(tmp_path / "view-tracks.parquet"), *args]) == ExitCode.DONE
+    figures, _ = said(capsys)
+    # People whose middle is outside the image have no true box
+    assert figures["idf1"] > 0.85
+    assert figures["recall"] > 0.95
+    assert list((tmp_path / "mot").rglob("*.txt"))
+
+
+def test_a_camera_that_is_late_is_named(tmp_path, capsys):
+    found = boxes(SCENE, 6.0, late={"b": 30.0})
+    assert track(tmp_path, found, SCENE) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert "occlog: warning: camera b sees " in noted
+    assert "check its clock and its pose, or leave b out" in noted
+    assert not summary["plausible"]
+    assert [warning["code"] for warning in summary["warnings"]] == ["camera-disagrees"]
+    assert track(tmp_path, found, SCENE, "-q", "--strict") == ExitCode.THRESHOLD
+
+
+def test_a_camera_that_reports_everything_twice_is_named_and_counts_once(walk, tmp_path, capsys):
+    again = walk.take((walk.sensor == "b") & (walk.box >= 0))
+    twice = Boxes.merge([walk, replace(again, box=again.box + np.int32(50))])
+    assert track(tmp_path, walk, SCENE, "-q") == ExitCode.DONE
+    once = tracks(tmp_path)
+    capsys.readouterr()
+    assert track(tmp_path, twice, SCENE) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert f"camera b reports people more than once: {len(again)} of its {2 * len(again)} boxes repeat" in noted
+    assert summary["boxes"]["b"]["twice"] == len(again)
+    np.testing.assert_array_equal(tracks(tmp_path).x, once.x)
+
+
+def test_boxes_outside_the_image_are_left_out_and_told(walk, tmp_path, capsys):
+    shifted = replace(walk, left_px=np.where(walk.sensor == "c", walk.left_px + 2000.0, walk.left_px))
+    assert track(tmp_path, shifted, SCENE) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert "camera c: " in noted
+    assert "boxes lie outside the image, and are left out" in noted
+    assert summary["boxes"]["c"]["boxes"] == 0
+    assert summary["people"] == PEOPLE
+
+
+def test_a_scene_in_centimetres_gives_the_same_tracks_in_centimetres(walk, tmp_path, capsys):
+    assert track(tmp_path, walk, SCENE, "-q") == ExitCode.DONE
+    metres = tracks(tmp_path)
+    capsys.readouterr()
+    scene = hall("abcd", 100.0, "unit")
+    assert track(tmp_path, boxes(scene, SECONDS, metre=100.0), scene) == ExitCode.DONE
+    _, noted = said(capsys)
+    assert "lengths are in a unit of their own; by their boxes people are 17" in noted
+    found = tracks(tmp_path)
+    assert np.median(np.abs(found.x / 100.0 - metres.x)) < 0.02
+    assert np.median(found.height) == pytest.approx(100.0 * np.median(metres.height), rel=0.05)
+
+
+def test_centimetres_that_are_said_to_be_metres_are_refused(tmp_path, capsys):
+    scene = hall("abcd", 100.0, "m")
+    assert track(tmp_path, boxes(scene, SECONDS, metre=100.0), scene) == ExitCode.BAD_INPUT
+    noted = capsys.readouterr().err
+    assert "by their boxes people are 17" in noted
+    assert "so the lengths of the scene are not in m" in noted
+    assert noted.count("\n") == 1
+
+
+@pytest.mark.parametrize("found", [boxes(SCENE, 1.0, people=0), Boxes.empty()], ids=["frames without boxes", "no rows"])
+def test_nobody_at_all_is_a_result(found, tmp_path, capsys):
+    assert track(tmp_path, found, SCENE) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert noted == "occlog: note: nobody was found: the tracks are empty\n"
+    assert (summary["people"], summary["rows"]) == (0, 0)
+    assert len(tracks(tmp_path)) == 0
+    assert len(read_table(tmp_path / "view-tracks.parquet", ViewTracks)) == 0
+
+
+def test_cameras_without_a_pose_are_named_and_the_others_used(walk, tmp_path, capsys):
+    cameras = [replace(SCENE.cameras[0], placed=False), *SCENE.cameras[1:]]
+    assert track(tmp_path, walk, replace(SCENE, cameras=tuple(cameras))) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert noted == "occlog: warning: without a pose in space, and not used: a; calibrate it\n"
+    assert list(summary["frames"]) == ["b", "c", "d"]
+    assert summary["people"] == PEOPLE
+    none = tuple(replace(c, placed=False) for c in SCENE.cameras)
+    assert track(tmp_path, walk, replace(SCENE, cameras=none)) == ExitCode.BAD_INPUT
+    assert "of a, b, c, d none has a pose in space" in capsys.readouterr().err
+
+
+def test_a_camera_whose_calibration_contradicts_is_named(walk, tmp_path, capsys):
+    low = replace(SCENE.cameras[1], position=np.array([10.0, 0.0, 1.5]))
+    cameras = (SCENE.cameras[0], low, *SCENE.cameras[2:])
+    assert track(tmp_path, walk, replace(SCENE, cameras=cameras)) == ExitCode.DONE
+    summary, _ = said(capsys)
+    assert {"calibration-contradicts", "camera-disagrees"} & {each["code"] for each in summary["warnings"]}
+
+
+def test_a_recording_without_boxes_is_refused_with_the_remedy(tmp_path, capsys):
+    with RecordingWriter(tmp_path / "r.mcap", SCENE, Provenance("test"), overwrite=True) as out:
+        out.table(truth(SECONDS))
+    assert follow(tmp_path, str(tmp_path / "r.mcap")) == ExitCode.BAD_INPUT
+    assert "give a recording with boxes of a detector" in capsys.readouterr().err
+
+
+def test_cameras_are_chosen(walk, tmp_path, capsys):
+    assert track(tmp_path, walk, SCENE, "--cameras", "a,b,c", "--without", "b") == ExitCode.DONE
+    summary, _ = said(capsys)
+    assert list(summary["frames"]) == ["a", "c"]
+    assert track(tmp_path, walk, SCENE, "--cameras", "z") == ExitCode.USAGE
+    assert "no camera 'z' in the scene" in capsys.readouterr().err
+
+
+def test_other_commands_read_the_tracks_as_tracks(walk, tmp_path):
+    assert track(tmp_path, walk, SCENE, "-q") == ExitCode.DONE
+    assert len(read_table(tmp_path / "t.parquet", Tracks)) == len(tracks(tmp_path))
+    scene = ["--scene", str(tmp_path / "hall.yaml")]
+    priors = ["priors", "kalman", str(tmp_path / "t.parquet"), "--measured", "-o", str(tmp_path / "p.parquet")]
+    assert run([*priors, "-q"]) == ExitCode.DONE
+    with RecordingWriter(tmp_path / "r.mcap", SCENE, Provenance("test"), overwrite=True) as out:
+        out.table(walk)
+    assert run(["detect", str(tmp_path / "r.mcap"), "-o", str(tmp_path / "b.parquet"), "-q"]) == ExitCode.DONE
+    label = ["label", str(tmp_path / "b.parquet"), "--tracks", str(tmp_path / "t.parquet"), *scene]
+    assert run([*label, "-o", str(tmp_path / "l.parquet"), "-q"]) == ExitCode.DONE

@@ -1,0 +1,152 @@
+"""Boxes of all cameras as looks, and looks as moments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from people_boxes import SIZE, STEP_NS, boxes, camera, hall, table
+
+from occlog.errors import InputError
+from occlog.records.tables import Boxes
+from occlog.track.people.looks import (
+    BoxTally,
+    FrameLook,
+    FrameTimes,
+    empty_frames,
+    in_order,
+    looks_of,
+    moments_of,
+    repeated,
+    rows_of_boxes,
+)
+
+CAMERAS = hall("ab").cameras
+
+
+def looks(*chunks: Boxes, tally: BoxTally | None = None) -> list[FrameLook]:
+    return list(looks_of(rows_of_boxes(chunks), CAMERAS, ["a", "b", "c"], tally or BoxTally.of(2)))
+
+
+def some(*rows: tuple[str, int, int, float, float, float, float]) -> Boxes:
+    """Rows of camera, frame (10 a second), box, left, top, width, height."""
+    nothing = (np.nan,) * 4
+    values = [(f * STEP_NS, f, n, 7, *(place if n >= 0 else nothing), 0.9) for _, f, n, *place in rows]
+    return table([row[0] for row in rows], np.array(values))
+
+
+def test_every_frame_is_a_look_also_one_without_boxes() -> None:
+    found = looks(some(("a", 0, 0, 10, 10, 20, 60), ("a", 0, 1, 90, 10, 20, 60), ("b", 0, -1, 0, 0, 0, 0)))
+    assert [(each.look.t_ns, each.look.camera, each.frame, each.box.tolist()) for each in found] == [
+        (0, 0, 0, [0, 1]),
+        (0, 1, 0, []),
+    ]
+    assert found[0].look.boxes.tolist() == [[10, 10, 30, 70], [90, 10, 110, 70]]
+    assert found[0].look.hint.tolist() == [7, 7]
+    assert found[0].look.row.tolist() == [0, 1]
+
+
+def test_where_chunks_are_cut_does_not_matter() -> None:
+    whole = boxes(hall("ab"), 1.0)
+    once = looks(whole)
+    for cut in (1, 2, 5, 8):
+        parts = looks(*(whole.take(slice(k, k + cut)) for k in range(0, len(whole), cut)))
+        assert len(parts) == len(once)
+        for one, other in zip(once, parts, strict=True):
+            assert (one.look.t_ns, one.look.camera, one.frame) == (other.look.t_ns, other.look.camera, other.frame)
+            np.testing.assert_array_equal(one.look.boxes, other.look.boxes)
+            np.testing.assert_array_equal(one.look.row, other.look.row)
+
+
+def test_a_box_outside_the_image_is_left_out_and_one_at_its_border_is_not() -> None:
+    tally = BoxTally.of(2)
+    w, h = SIZE
+    beyond = [(w - 0.5, 10), (-20.5, 10), (10, h - 0.5), (10, -60.5)]
+    at = [(w - 0.6, 10), (-20.4, 10), (10, h - 0.6), (10, -60.4)]
+    rows = [("a", 0, n, x, y, 20, 60) for n, (x, y) in enumerate([*beyond, *at])]
+    (found,) = looks(some(*rows), tally=tally)
+    assert found.box.tolist() == [4, 5, 6, 7]
+    assert (tally.outside.tolist(), tally.boxes.tolist()) == ([4, 0], [4, 0])
+
+
+def test_no_border_is_known_of_an_image_without_a_size() -> None:
+    cameras = (camera("a", image_size=None),)
+    (found,) = looks_of(rows_of_boxes([some(("a", 0, 0, 9000, 10, 20, 60))]), cameras, ["a"], BoxTally.of(1))
+    assert len(found.box) == 1
+
+
+def test_boxes_that_repeat_another_are_left_out() -> None:
+    edges = np.array([[0.0, 0, 100, 100], [0, 0, 100, 91], [0, 0, 100, 89], [500, 0, 600, 100]])
+    assert repeated(edges, np.full(4, 0.9)).tolist() == [False, True, False, False]
+    assert repeated(edges, np.array([0.5, 0.9, 0.1, 0.1])).tolist() == [True, False, True, False]
+    tally = BoxTally.of(2)
+    (found,) = looks(some(("a", 0, 0, 10, 10, 20, 60), ("a", 0, 1, 10, 10, 20, 60)), tally=tally)
+    assert (found.box.tolist(), tally.twice.tolist()) == ([0], [1, 0])
+
+
+def test_rows_of_other_cameras_are_passed_over_and_unknown_ones_refused() -> None:
+    assert looks(some(("c", 0, 0, 10, 10, 20, 60))) == []
+    with pytest.raises(InputError, match="no camera 'z' in the scene"):
+        looks(some(("z", 0, 0, 10, 10, 20, 60)))
+
+
+def test_times_that_go_back_are_refused() -> None:
+    late, early = some(("a", 1, 0, 10, 10, 20, 60)), some(("a", 0, 0, 10, 10, 20, 60))
+    with pytest.raises(InputError, match="times go back"):
+        looks(late, early)
+
+
+def test_frames_that_a_table_leaves_out_are_looks_at_nobody() -> None:
+    times = FrameTimes.of(
+        t_ns=[0, 0, 40, 300, 400],
+        sensor=["a", "b", "b", "a", "b"],
+        frame=np.array([3, 0, 1, 6, 10]),
+    )
+    found = list(empty_frames([times.take(slice(0, 2)), times.take(slice(2, None))], {"a": 0, "b": 1}))
+    assert [(e.look.t_ns, e.look.camera, e.frame) for e in found] == [
+        (80, 1, 2),
+        (100, 0, 4),
+        (120, 1, 3),
+        (160, 1, 4),
+        (200, 0, 5),
+        (200, 1, 5),
+        (240, 1, 6),
+        (280, 1, 7),
+        (320, 1, 8),
+        (360, 1, 9),
+    ]
+    assert all(not len(e.look.boxes) for e in found)
+    assert list(empty_frames([times], {"c": 0})) == []
+
+
+def look_at(t_ns: int, c: int) -> FrameLook:
+    (found,) = looks(some(("a", 0, -1, 0, 0, 0, 0)))
+    return replace_time(found, t_ns, c)
+
+
+def replace_time(found: FrameLook, t_ns: int, c: int) -> FrameLook:
+    return found._replace(look=found.look._replace(t_ns=t_ns, camera=c))
+
+
+@pytest.mark.parametrize(("window", "sizes"), [(0, [1, 1, 1, 1]), (9, [1, 1, 2]), (10, [2, 2])])
+def test_looks_within_the_window_are_one_moment(window: int, sizes: list[int]) -> None:
+    stream = [look_at(0, 0), look_at(10, 1), look_at(40, 0), look_at(45, 1)]
+    assert [len(m) for m in moments_of(stream, window)] == sizes
+
+
+def test_a_camera_looks_once_in_a_moment() -> None:
+    stream = [look_at(0, 0), look_at(1, 0), look_at(2, 1)]
+    assert [[e.look.t_ns for e in m] for m in moments_of(stream, 100)] == [[0], [1, 2]]
+
+
+def test_streams_are_put_in_the_order_of_time() -> None:
+    found = in_order([look_at(0, 1), look_at(20, 1)], [look_at(0, 0), look_at(10, 0)])
+    assert [(e.look.t_ns, e.look.camera) for e in found] == [(0, 0), (0, 1), (10, 0), (20, 1)]
+
+
+def test_identities_are_hints() -> None:
+    whole = boxes(hall("ab"), 0.2, miss=0.0)
+    plain = replace(whole, target_id=np.full(len(whole), -1, dtype=np.int32))
+    assert all((each.look.hint == -1).all() for each in looks(plain))
+    assert {h for each in looks(whole) for h in each.look.hint.tolist()} == {0, 1, 2, 3}

@@ -1,0 +1,48 @@
+"""How tall people are by their boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from people_boxes import HEIGHT, boxes, camera, hall
+
+from occlog.settings import LENGTH_POWER, declaration, declared
+from occlog.track.jipda.config import JipdaConfig
+from occlog.track.people.looks import BoxTally, FrameLook, looks_of, rows_of_boxes
+from occlog.track.people.sizes import in_units_of, odd_cameras, statures, typical
+
+
+def some(metre: float = 1.0) -> tuple[list[FrameLook], tuple]:
+    scene = hall("abc", metre, "unit")
+    found = boxes(scene, 2.0, metre=metre, px=0.0)
+    return list(looks_of(rows_of_boxes([found]), scene.cameras, "abc", BoxTally.of(3))), scene.cameras
+
+
+@pytest.mark.parametrize("metre", [1.0, 100.0])
+def test_people_are_as_tall_as_they_are(metre: float) -> None:
+    looks, cameras = some(metre)
+    np.testing.assert_allclose(statures(looks, cameras), metre * HEIGHT, rtol=0.05)
+
+
+def test_few_boxes_tell_nothing() -> None:
+    looks, cameras = some()
+    assert np.isnan(statures(looks[:2], cameras)).all()
+    assert np.isnan(typical(np.full(3, np.nan)))
+
+
+def test_a_camera_that_is_not_where_the_scene_says_makes_other_people() -> None:
+    looks, cameras = some()
+    moved = (camera("a", position=np.array([0.0, 0.0, 6.0])), *cameras[1:])
+    odd = odd_cameras(statures(looks, moved))
+    assert list(odd) == [0]
+    assert odd[0] > 1.6 * HEIGHT
+    assert odd_cameras(statures(looks, cameras)) == {}
+
+
+def test_lengths_are_put_in_units_of_the_scene() -> None:
+    metres, own = JipdaConfig(), in_units_of(JipdaConfig(), 100.0)
+    assert own.height == 100.0 * metres.height
+    assert own.acceleration == pytest.approx(1e4 * metres.acceleration)
+    for f in declared(JipdaConfig):
+        if declaration(f).unit not in LENGTH_POWER:
+            assert getattr(own, f.name) == getattr(metres, f.name)
