@@ -1,0 +1,162 @@
+"""Simulated crowds: people who walk about in a room, and the boxes that detectors of its cameras make of them.
+
+Independent of the filter's model: bodies are stacks of rings (legs, trunk, head) whose points are projected one by
+one, and a body is hidden where the points of nearer bodies' outlines are before it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Floats
+from occlog.records.scene import Camera, Scene, camera_fov, camera_rotation
+from occlog.track.jipda.interface import NOBODY, Look
+
+RINGS = ((0.0, 0.6), (0.08, 0.7), (0.3, 0.75), (0.5, 0.9), (0.65, 1.0), (0.8, 1.0), (0.86, 0.5), (1.0, 0.2))
+"""Height and radius of the rings of a body, as shares of its height and of half its width."""
+AROUND = 12
+
+
+class Crowd(NamedTuple):
+    """A simulated crowd."""
+
+    scene: Scene
+    moments: list[list[Look]]
+    truth: Floats  # (T, n, 2) places; NaN: not in the room
+
+
+def cameras_around(count: int, width: float, depth: float, metre: float = 1.0, seed: int = 0) -> tuple[Camera, ...]:
+    """Cameras near the walls of a room, 2.6 to 3.4 m high, that look to places around its middle."""
+    rng = np.random.default_rng(seed)
+    out = []
+    for k in range(count):
+        angle = 2.0 * np.pi * (k + 0.5) / count
+        edge = min(0.5 * width / max(abs(np.cos(angle)), 1e-9), 0.5 * depth / max(abs(np.sin(angle)), 1e-9))
+        place = np.array([0.5 * width + (edge + 1.0) * np.cos(angle), 0.5 * depth + (edge + 1.0) * np.sin(angle)])
+        aim = np.array([width, depth]) * rng.uniform(0.4, 0.6, 2)
+        height = rng.uniform(2.6, 3.4)
+        yaw = np.arctan2(aim[1] - place[1], aim[0] - place[0])
+        pitch = -np.arctan2(height - 1.0, np.hypot(*(aim - place)))
+        focal, principal = np.array([1000.0, 1000.0]), np.array([639.5, 359.5])
+        rotation = camera_rotation(float(yaw), float(pitch), 0.0)
+        fov = camera_fov((1280, 720), focal, principal, np.zeros(5), "brown", rotation)
+        out.append(
+            Camera(f"cam{k + 1}", np.array([*place, height]) * metre, rotation, focal, principal, (1280, 720), fov=fov)
+        )
+    return tuple(out)
+
+
+def walk(people: int, frames: int, hz: float, width: float, depth: float, rng: np.random.Generator) -> Floats:
+    """(T, n, 2) places [m] of people who walk with a speed and a heading that drift, and turn back at the walls."""
+    dt = 1.0 / hz
+    place = rng.uniform([0.5, 0.5], [width - 0.5, depth - 0.5], (people, 2))
+    speed, heading = rng.uniform(0.3, 1.4, people), rng.uniform(-np.pi, np.pi, people)
+    out = np.empty((frames, people, 2))
+    for t in range(frames):
+        out[t] = place
+        heading = heading + rng.normal(0.0, 0.25 * np.sqrt(dt), people)
+        speed = np.clip(speed + rng.normal(0.0, 0.12 * np.sqrt(dt), people), 0.1, 1.6)
+        # Walls: turn smoothly towards the middle when close
+        inward = np.arctan2(0.5 * depth - place[:, 1], 0.5 * width - place[:, 0])
+        close = np.minimum(np.minimum(place[:, 0], width - place[:, 0]), np.minimum(place[:, 1], depth - place[:, 1]))
+        turn = (inward - heading + np.pi) % (2.0 * np.pi) - np.pi
+        heading = heading + np.where(close < 1.0, np.clip(turn, -1.2 * dt, 1.2 * dt), 0.0)
+        step = speed[:, None] * np.column_stack([np.cos(heading), np.sin(heading)]) * dt
+        place = np.clip(place + step, 0.1, [width - 0.1, depth - 0.1])
+    return out
+
+
+def crowd(
+    people: int,
+    cameras: int = 4,
+    frames: int = 100,
+    hz: float = 10.0,
+    size: tuple[float, float] = (10.0, 8.0),
+    miss: float = 0.1,
+    false: float = 0.5,
+    px: float = 3.0,
+    hidden: float = 0.6,
+    metre: float = 1.0,
+    seed: int = 0,
+) -> Crowd:
+    """A crowd and its boxes.
+
+    Args:
+        people: how many, all the time.
+        cameras: around the room.
+        frames: of each camera, all at the same times.
+        hz: of the cameras.
+        size: of the room [m].
+        miss: probability that a person in view is not detected.
+        false: expected boxes of nobody a camera and frame.
+        px: standard deviation of an edge [px].
+        hidden: people of whom nearer ones cover more than this share are not detected.
+        metre: in the scene's unit.
+        seed: of everything.
+    """
+    rng = np.random.default_rng(seed)
+    views = cameras_around(cameras, *size, metre=metre, seed=seed)
+    truth = walk(people, frames, hz, *size, rng)
+    height, girth = rng.normal(1.7, 0.09, people), rng.normal(0.52, 0.05, people)
+    angle = 2.0 * np.pi * np.arange(AROUND) / AROUND
+    ring = np.array([[0.5 * r * np.cos(a), 0.5 * r * np.sin(a), z] for z, r in RINGS for a in angle])
+    moments = []
+    for t in range(frames):
+        looks = []
+        for c, view in enumerate(views):
+            boxes = [_body(view, truth[t, i], height[i], girth[i], ring, metre) for i in range(people)]
+            kept = [b for i, (b, _) in enumerate(boxes) if _seen(i, boxes, hidden, rng) and rng.random() > miss]
+            found = np.array(kept).reshape(-1, 4)
+            found = found + rng.normal(0.0, px, found.shape)
+            nobody = []
+            for _ in range(rng.poisson(false)):
+                w, u, v = rng.uniform(30.0, 120.0), rng.uniform(0.0, 1280.0), rng.uniform(50.0, 720.0)
+                nobody.append([u - 0.5 * w, v - 2.9 * w, u + 0.5 * w, v])
+            found = np.concatenate([found, np.array(nobody).reshape(-1, 4)])
+            # A detector's boxes end at the border of the image
+            found = np.clip(found, 0.0, [1279.0, 719.0, 1279.0, 719.0])
+            found = found[(found[:, 2] - found[:, 0] > 4.0) & (found[:, 3] - found[:, 1] > 8.0)]
+            found = found[rng.permutation(len(found))]
+            n = len(found)
+            looks.append(
+                Look(
+                    t_ns=round(t * NS / hz),
+                    camera=c,
+                    boxes=found,
+                    score=np.full(n, np.nan),
+                    hint=np.full(n, NOBODY),
+                    appearance=np.zeros((n, 0)),
+                    row=np.arange(n),
+                )
+            )
+        moments.append(looks)
+    return Crowd(Scene(cameras=views, length_unit="m" if metre == 1.0 else "cm"), moments, truth * metre)
+
+
+def _body(view: Camera, place: Floats, height: float, girth: float, ring: Floats, metre: float) -> tuple[Floats, float]:
+    """Box (4,) of all points of a body, NaN where it is not in the image, and its distance."""
+    points = np.column_stack([place[0] + girth * ring[:, 0], place[1] + girth * ring[:, 1], height * ring[:, 2]])
+    pixels = view.project(points * metre)
+    far = float(np.hypot(*(place * metre - view.position[:2])))
+    if not np.isfinite(pixels).all():
+        return np.full(4, np.nan), far
+    (left, top), (right, bottom) = pixels.min(axis=0), pixels.max(axis=0)
+    u, v = 0.5 * (left + right), 0.5 * (top + bottom)
+    if not (0.0 < u < 1279.0 and 0.0 < v < 719.0):
+        return np.full(4, np.nan), far
+    return np.array([left, top, right, bottom]), far
+
+
+def _seen(i: int, boxes: list[tuple[Floats, float]], hidden: float, rng: np.random.Generator) -> bool:
+    """Whether nearer bodies leave enough of body i, by random places in its box."""
+    box, far = boxes[i]
+    if not np.isfinite(box).all():
+        return False
+    u, v = rng.uniform(box[0], box[2], 60), rng.uniform(box[1], box[3], 60)
+    covered = np.zeros(60, dtype=bool)
+    for other, nearer in boxes:
+        if nearer < far and np.isfinite(other).all():
+            covered |= (u > other[0]) & (u < other[2]) & (v > other[1]) & (v < other[3])
+    return float(covered.mean()) <= hidden
