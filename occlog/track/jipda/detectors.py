@@ -13,7 +13,7 @@ from occlog.array_types import Bools, Floats
 
 from .config import JipdaConfig
 from .kernels.joint import Boxes, Rates, Result
-from .people import People
+from .people import CALM, TURNING, People
 
 CURVE = np.array([0.02, 0.1, 0.4, 0.8, 0.95, 1.0])
 """At first: probability of detection at the visible shares 0, 0.2, .. 1, against that in plain view."""
@@ -23,10 +23,12 @@ PRIOR_CURVE = 20.0
 """The first curve is worth so many people at each of its places."""
 PRIOR_BOXES = 5.0
 """The first noise of edges is worth so many boxes of each of five sizes."""
-PRIOR_BIAS = np.array([0.02, 0.1, 0.02, 0.05])
+PRIOR_BIAS = np.array([0.01, 0.1, 0.02, 0.05])
 """Standard deviations of the biases of middle and width across, of middle and height down; see `Rates.bias`."""
 PRIOR_CUTS = (2.0, 4.0)
 """At first every other box ends where the cover of the feet begins."""
+PRIOR_TURNS = 5.0
+"""The first rate of manoeuvres is worth so many of them."""
 PRIOR_DEATHS = 2.0
 """The first rate of leaving is worth so many who left."""
 SIZES = np.array([30.0, 60.0, 120.0, 240.0, 480.0])
@@ -34,7 +36,10 @@ SURE, PLAIN, OWN = 0.9, 0.85, 0.7
 """Those teach who exist this surely; in plain view they are visible to this share; a box is theirs this surely."""
 SWAY = 0.03
 """How far the middle of a person's outline is from the axis on which they stand, as a share of their height: bodies are
-no cylinders and floors are not quite flat.  It is added to what boxes teach, because cameras agree on it."""
+no ellipsoids and floors are not quite flat.  It is added to what boxes teach, because cameras agree on it."""
+SWAY_S = 0.5
+"""How long such an error lasts [s]."""
+MIDDLES = np.array([1.0, 0.0, 1.0, 0.0])
 OUTLIER = 12.0
 """Squared residuals count at most so many times their variance."""
 LEAST_NOISE = np.array([0.25, 1e-5])
@@ -54,6 +59,7 @@ class Counts:
     normal: Floats  # (4, 2, 2) normal equations of the noise: y = a + b size^2
     right: Floats  # (4, 2) right-hand sides
     left: Floats  # (2,) people who left, person-seconds
+    turned: Floats  # (2,) manoeuvres begun, seconds of calm motion
 
 
 def first_counts(cameras: int, config: JipdaConfig) -> Counts:
@@ -73,11 +79,18 @@ def first_counts(cameras: int, config: JipdaConfig) -> Counts:
         normal=np.einsum("an,bn,kn->kab", x, x, weight),
         right=np.einsum("an,kn,kn->ka", x, y, weight),
         left=PRIOR_DEATHS * np.array([1.0, config.stay_s]),
+        turned=PRIOR_TURNS * np.array([1.0, config.calm_s]),
     )
 
 
-def rates_of(counts: Counts, config: JipdaConfig) -> Rates:
-    """What the sums say of the detectors."""
+def rates_of(counts: Counts, config: JipdaConfig, interval: Floats) -> Rates:
+    """What the sums say of the detectors.
+
+    Args:
+        counts: the sums.
+        config: whether people hide one another.
+        interval: (C,) time since each camera's last look [s], > 0; may be infinite.
+    """
     curve = np.maximum.accumulate(counts.curve[:, 0] / counts.curve[:, 1])
     curve = curve / curve[-1] if config.visible else np.ones_like(curve)
     return Rates(
@@ -86,12 +99,20 @@ def rates_of(counts: Counts, config: JipdaConfig) -> Rates:
         cut=float(counts.cuts[0] / counts.cuts[1]),
         bias=counts.bias,
         noise=_noise(counts),
+        sway=SWAY**2,
+        # White noise that is worth as much as one whose correlation falls as exp(-t / SWAY_S)
+        lasting=1.0 / np.tanh(0.5 * interval / SWAY_S),
     )
 
 
 def leaving_rate(counts: Counts) -> float:
     """How many of the people leave in a second."""
     return float(counts.left[0] / counts.left[1])
+
+
+def turning_rate(counts: Counts) -> float:
+    """How often in a second somebody who walks on begins to manoeuvre."""
+    return float(counts.turned[0] / counts.turned[1])
 
 
 def boxes_of_nobody(counts: Counts) -> Floats:
@@ -108,11 +129,10 @@ def _noise(counts: Counts) -> Floats:
             if out[k, one] < LEAST_NOISE[one]:
                 out[k, one] = LEAST_NOISE[one]
                 out[k, other] = max((r[other] - A[0, 1] * LEAST_NOISE[one]) / A[other, other], LEAST_NOISE[other])
-    out[[0, 2], 1] += SWAY**2
     return np.asarray(out, dtype=np.float64)
 
 
-def learn(counts: Counts, people: People, boxes: Boxes, rates: Rates, result: Result) -> Counts:
+def learn(counts: Counts, people: People, dt: float, boxes: Boxes, rates: Rates, result: Result) -> Counts:
     """The sums with the boxes of one more moment; boxes of nobody are counted elsewhere, when births are known."""
     detected, curve = counts.detected.copy(), counts.curve.copy()
     sure = people.existence > SURE
@@ -129,7 +149,9 @@ def learn(counts: Counts, people: People, boxes: Boxes, rates: Rates, result: Re
         for place, weight in ((k, 1.0 - (at - k)), (k + 1, at - k)):
             np.add.at(curve[:, 0], place, weight * hit[seen])
             np.add.at(curve[:, 1], place, weight * rates.detection[c])
-    counts = replace(counts, detected=detected, curve=curve, cuts=counts.cuts + result.cuts)
+    begun = float(people.model[sure, TURNING] @ people.began[sure])
+    turned = counts.turned + np.array([begun, dt * people.model[sure, CALM].sum()])
+    counts = replace(counts, detected=detected, curve=curve, cuts=counts.cuts + result.cuts, turned=turned)
     return _learn_edges(counts, sure, boxes, rates, result)
 
 
@@ -147,7 +169,9 @@ def _learn_edges(counts: Counts, sure: Bools, boxes: Boxes, rates: Rates, result
     e, s = result.residual[good], result.spread[good]
     w, h = result.size[good].T
     size = np.column_stack([h, w, h, h])
-    S = s + rates.noise[:, 0] + rates.noise[:, 1] * size**2
+    S = s + rates.noise[:, 0] + (rates.noise[:, 1] + rates.sway * MIDDLES) * size**2
+    # Errors of bodies last, and people who are looked at together are misplaced together
+    slow = rates.lasting[boxes.camera[look[good]], None] * (s + rates.sway * size**2) + S
     # Noise: squared residuals, less the spread of the expected boxes, by weighted least squares
     y, weight = np.minimum(e**2, OUTLIER * S) - s, 1.0 / S**2
     x = np.stack([np.ones_like(size), size**2])
@@ -155,7 +179,7 @@ def _learn_edges(counts: Counts, sure: Bools, boxes: Boxes, rates: Rates, result
     right = counts.right + np.einsum("ank,nk,nk->ka", x, y, weight)
     # Biases: a scalar Kalman filter for each
     bias, variance = counts.bias.copy(), counts.bias_variance.copy()
-    for c, off, noise in zip(boxes.camera[look[good]].tolist(), e / size, S / size**2, strict=True):
+    for c, off, noise in zip(boxes.camera[look[good]].tolist(), e / size, slow / size**2, strict=True):
         gain = variance[c] / (variance[c] + noise)
         bias[c] += gain * off
         variance[c] *= 1.0 - gain

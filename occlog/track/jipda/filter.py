@@ -12,18 +12,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from occlog.array_types import NS, Floats
+from occlog.array_types import NS, Floats, Ints
 from occlog.records.scene import Camera, Scene
 from occlog.records.seen_ground import box_around, sight_limit
 from occlog.settings import METRES
 
 from .config import JipdaConfig
-from .detectors import Counts, boxes_of_nobody, first_counts, learn, leaving_rate, rates_of
+from .detectors import Counts, boxes_of_nobody, first_counts, learn, leaving_rate, rates_of, turning_rate
 from .interface import NOBODY, Event, Look, Moment, Support
 from .kernels.body_box import Views, pack_views
 from .kernels.joint import Boxes, update
 from .kernels.newborn import newborn
-from .people import People, doubles, join, nobody, predict, take
+from .people import People, born, corrected, doubles, join, nobody, predict, take
 
 BORDER_PX = 3.0
 """An edge this near to the border of the image is the border's."""
@@ -54,6 +54,7 @@ class State:
     people: People
     counts: Counts
     next_key: int
+    looked: Ints  # (C,) time of each camera's last look; -1: none
 
 
 def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State:
@@ -69,7 +70,7 @@ def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State
     least = 2.0 * float(np.hypot(*(high - low)))
     far = [sight_limit(c, least, metre if scene.length_unit in METRES else None) for c in cameras]
     views = pack_views(cameras)._replace(range=np.array(far))
-    return State(views, config, metre, None, nobody(), first_counts(len(cameras), config), 0)
+    return State(views, config, metre, None, nobody(), first_counts(len(cameras), config), 0, np.full(len(cameras), -1))
 
 
 def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
@@ -83,16 +84,29 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     t_ns = max(look.t_ns for look in looks)
     dt = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
     # Predict
-    people = predict(state.people, dt, leaving_rate(state.counts), config)
+    people = predict(
+        state.people, t_ns, dt=dt, leaving=leaving_rate(state.counts), turning=turning_rate(state.counts), config=config
+    )
     # Associate and update
-    boxes, rates = _pack(state, looks, t_ns), rates_of(state.counts, config)
+    boxes = _pack(state, looks, t_ns)
+    looked, interval = state.looked.copy(), np.full(len(state.looked), np.inf)
+    for look in looks:
+        if look.t_ns > looked[look.camera] >= 0:
+            interval[look.camera] = (look.t_ns - looked[look.camera]) / NS
+        looked[look.camera] = look.t_ns
+    rates = rates_of(state.counts, config, interval)
     N, M = len(people.key), len(boxes.box)
     result = update(
         people.mean, people.covariance, people.existence, state.views, boxes, rates,
         np.zeros((N, M)), NEW_SHARE, GATE,
     )  # fmt: skip
-    people = replace(people, mean=result.mean, covariance=result.covariance, existence=result.existence)
-    counts = learn(state.counts, people, boxes, rates, result)
+    people = corrected(people, result.information, result.vector)
+    people = replace(
+        people,
+        existence=result.existence,
+        seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
+    )
+    counts = learn(state.counts, people, dt, boxes, rates, result)
     # Births, from boxes that are nobody's
     body = np.array([config.height, config.sigma_height, config.width, config.sigma_width, config.speed])
     density = CROWD / state.metre**2 * (1.0 if state.t_ns is None else min(dt / REFILL_S, 1.0))
@@ -104,9 +118,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     existence = 1.0 / (1.0 + np.exp(-odds))
     counts = _count_nobody(counts, boxes, result.free * np.prod(1.0 - existence[:, None] * used, axis=0))
     K = len(odds)
-    people = join(
-        people, People(mean, covariance, existence, state.next_key + np.arange(K), np.full(K, NOBODY, dtype=np.int64))
-    )
+    people = join(people, born(mean, covariance, existence, state.next_key, t_ns))
     # Confirm, end
     ids = np.where((people.id == NOBODY) & (people.existence > config.confirm), people.key, people.id)
     stays = (people.existence > config.die) & ~doubles(people)
@@ -131,7 +143,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         support=_support(share, boxes, looks),
         events=tuple(events),
     )
-    return replace(state, t_ns=t_ns, people=kept, counts=counts, next_key=state.next_key + K), moment
+    return replace(state, t_ns=t_ns, people=kept, counts=counts, next_key=state.next_key + K, looked=looked), moment
 
 
 def _pack(state: State, looks: Sequence[Look], t_ns: int) -> Boxes:

@@ -1,21 +1,29 @@
-"""Everybody who is tracked, how they move between moments, and who is whose double."""
+"""Everybody who is tracked, how they move between moments, and who is whose double.
+
+People walk on or manoeuvre: two motion models with white acceleration of different intensity, mixed and merged as an
+interacting multiple model estimator does (Blom and Bar-Shalom 1988, IEEE T-AC 33(8)).  Association sees one Gaussian
+of each person, the mixture's; what it says of the state, a Gaussian factor, updates both models and their
+probabilities.
+"""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from occlog.array_types import Bools, Floats, Ints
+from occlog.array_types import NS, Bools, Floats, Ints
 
 from .config import JipdaConfig
-from .interface import HEIGHT, NOBODY, WIDTH
+from .interface import HEIGHT, NOBODY, STATE, WIDTH
 
+CALM, TURNING = 0, 1
 GROWTH = 0.01
 """Standard deviation by which a body changes in a second, as a share of its size: how people carry themselves."""
 SUREST = 1e-6
 """Nobody's existence is surer than this, nor their absence."""
+OUTSIDE, OUTSIDE_AFTER_S = 0.5, 1.0
+"""People whose place no camera has shown for so long [s] leave at this rate [1/s]: nobody knows where they go."""
 DOUBLE = 0.5
 """Two people whose axes are nearer than so many widths are one."""
 
@@ -24,57 +32,127 @@ DOUBLE = 0.5
 class People:
     """N people, confirmed or not."""
 
-    mean: Floats  # (N, 6) as `interface.Moment.mean`
+    mean: Floats  # (N, 6) as `interface.Moment.mean`, of both models together
     covariance: Floats  # (N, 6, 6)
     existence: Floats  # (N,)
     key: Ints  # (N,) number of the birth, rising; the identity once confirmed
     id: Ints  # (N,) NOBODY: not confirmed
+    seen_ns: Ints  # (N,) when a camera last showed the place
+    model: Floats  # (N, 2) probabilities of the models
+    means: Floats  # (N, 2, 6) of each model
+    covariances: Floats  # (N, 2, 6, 6)
+    began: Floats  # (N,) probability that a manoeuvre, if there is one, began since the last moment
+
+
+def born(mean: Floats, covariance: Floats, existence: Floats, first_key: int, t_ns: int) -> People:
+    """K people who are new at a time."""
+    K = len(mean)
+    return People(
+        mean=mean,
+        covariance=covariance,
+        existence=existence,
+        key=first_key + np.arange(K),
+        id=np.full(K, NOBODY, dtype=np.int64),
+        seen_ns=np.full(K, t_ns, dtype=np.int64),
+        model=np.tile([1.0, 0.0], (K, 1)),
+        means=np.repeat(mean[:, None], 2, axis=1),
+        covariances=np.repeat(covariance[:, None], 2, axis=1),
+        began=np.zeros(K),
+    )
 
 
 def nobody() -> People:
     """No people."""
-    none = np.zeros(0, dtype=np.int64)
-    return People(np.zeros((0, 6)), np.zeros((0, 6, 6)), np.zeros(0), none, none)
+    return born(np.zeros((0, STATE)), np.zeros((0, STATE, STATE)), np.zeros(0), 0, 0)
 
 
 def take(people: People, rows: Ints) -> People:
     """Some of the people."""
-    return People(people.mean[rows], people.covariance[rows], people.existence[rows], people.key[rows], people.id[rows])
+    return People(**{name: value[rows] for name, value in vars(people).items()})
 
 
 def join(people: People, more: People) -> People:
     """All of both."""
-    return People(
-        np.concatenate([people.mean, more.mean]),
-        np.concatenate([people.covariance, more.covariance]),
-        np.concatenate([people.existence, more.existence]),
-        np.concatenate([people.key, more.key]),
-        np.concatenate([people.id, more.id]),
-    )
+    return People(**{name: np.concatenate([value, getattr(more, name)]) for name, value in vars(people).items()})
 
 
-def predict(people: People, dt: float, leaving: float, config: JipdaConfig) -> People:
-    """The people dt seconds later: nearly constant velocity with white acceleration.
+def predict(people: People, t_ns: int, *, dt: float, leaving: float, turning: float, config: JipdaConfig) -> People:
+    """The people dt seconds later.
 
     Args:
         people: at the last moment.
-        dt: seconds, >= 0.
-        leaving: rate at which people leave [1/s].
-        config: spectral density of the acceleration.
+        t_ns: time of the prediction.
+        dt: seconds since the last moment, >= 0.
+        leaving: rate at which people leave [1/s]; those who are out of all images leave at the rate `OUTSIDE`.
+        turning: rate at which people who walk on begin to manoeuvre [1/s].
+        config: spectral densities of the acceleration, how long manoeuvres last.
     """
-    F, Q, q = np.eye(6), np.zeros((6, 6)), config.acceleration
+    # Mix the models: [0] after [1] before
+    to = _transitions(dt, turning, 1.0 / config.turn_s)
+    joint = people.model[:, None, :] * to
+    model = joint.sum(axis=2)
+    weight = joint / np.maximum(model, 1e-300)[..., None]
+    means = np.einsum("nab,nbi->nai", weight, people.means)
+    apart = people.means[:, None, :, :] - means[:, :, None, :]
+    covariances = np.einsum("nab,nbij->naij", weight, people.covariances)
+    covariances += np.einsum("nab,nabi,nabj->naij", weight, apart, apart)
     # White acceleration, integrated (Bar-Shalom, Li and Kirubarajan 2001, Sec. 6.2.2)
+    F, Q = np.eye(STATE), np.zeros((2, STATE, STATE))
+    q = np.array([config.acceleration, config.manoeuvre])
     for place, velocity in ((0, 2), (1, 3)):
         F[place, velocity] = dt
-        Q[place, place], Q[velocity, velocity] = q * dt**3 / 3.0, q * dt
-        Q[place, velocity] = Q[velocity, place] = q * dt**2 / 2.0
-    Q[HEIGHT, HEIGHT], Q[WIDTH, WIDTH] = (GROWTH * config.height) ** 2 * dt, (GROWTH * config.width) ** 2 * dt
-    return replace(
+        Q[:, place, place], Q[:, velocity, velocity] = q * dt**3 / 3.0, q * dt
+        Q[:, place, velocity] = Q[:, velocity, place] = q * dt**2 / 2.0
+    Q[:, HEIGHT, HEIGHT], Q[:, WIDTH, WIDTH] = (GROWTH * config.height) ** 2 * dt, (GROWTH * config.width) ** 2 * dt
+    outside = t_ns - people.seen_ns > OUTSIDE_AFTER_S * NS
+    rate = np.where(outside, max(leaving, OUTSIDE), leaving)
+    people = replace(
         people,
-        mean=people.mean @ F.T,
-        covariance=F @ people.covariance @ F.T + Q,
-        existence=np.clip(people.existence * math.exp(-dt * leaving), SUREST, 1.0 - SUREST),
+        model=model,
+        means=means @ F.T,
+        covariances=F @ covariances @ F.T + Q,
+        began=weight[:, TURNING, CALM],
+        existence=np.clip(people.existence * np.exp(-dt * rate), SUREST, 1.0 - SUREST),
     )
+    return _merged(people)
+
+
+def corrected(people: People, information: Floats, vector: Floats) -> People:
+    """The people after a Gaussian factor of each state, exp(-x' I x / 2 + x' v).
+
+    Args:
+        people: predicted.
+        information: (N, 6, 6) I.
+        vector: (N, 6) v.
+    """
+    # Each model: information filter; evidence: the ratio of the normalisations before and after
+    before = np.linalg.inv(people.covariances)
+    covariances = np.linalg.inv(before + information[:, None])
+    covariances = 0.5 * (covariances + covariances.swapaxes(-1, -2))
+    first = np.einsum("naij,naj->nai", before, people.means)
+    means = np.einsum("naij,naj->nai", covariances, first + vector[:, None])
+    evidence = 0.5 * (np.linalg.slogdet(covariances)[1] + np.linalg.slogdet(before)[1])
+    evidence += 0.5 * np.einsum("nai,nai->na", means, first + vector[:, None])
+    evidence -= 0.5 * np.einsum("nai,nai->na", people.means, first)
+    model = people.model * np.exp(evidence - evidence.max(axis=1, keepdims=True))
+    model /= model.sum(axis=1, keepdims=True)
+    return _merged(replace(people, model=model, means=means, covariances=covariances))
+
+
+def _transitions(dt: float, begin: float, end: float) -> Floats:
+    """(2, 2) probabilities of the models after dt given those before: a Markov chain in continuous time."""
+    total = begin + end
+    gone = (1.0 - np.exp(-total * dt)) / total
+    return np.array([[1.0 - begin * gone, end * gone], [begin * gone, 1.0 - end * gone]])
+
+
+def _merged(people: People) -> People:
+    """The people with the moments of both models together."""
+    mean = np.einsum("na,nai->ni", people.model, people.means)
+    apart = people.means - mean[:, None]
+    covariance = np.einsum("na,naij->nij", people.model, people.covariances)
+    covariance += np.einsum("na,nai,naj->nij", people.model, apart, apart)
+    return replace(people, mean=mean, covariance=covariance)
 
 
 def doubles(people: People) -> Bools:

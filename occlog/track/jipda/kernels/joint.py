@@ -51,6 +51,8 @@ class Rates(NamedTuple):
     cut: float  # probability that a box ends where the cover of the feet begins
     bias: Floats  # (C, 4) middle and width across, middle and height down, in heights, widths, heights, heights
     noise: Floats  # (4, 2) variances of the same: constant [px^2], and share squared
+    sway: float  # variance of either middle besides, in heights squared; its errors last
+    lasting: Floats  # (C,) how many times as much it counts in an update
 
 
 class Result(NamedTuple):
@@ -58,6 +60,8 @@ class Result(NamedTuple):
 
     mean: Floats  # (N, 6)
     covariance: Floats  # (N, 6, 6)
+    information: Floats  # (N, 6, 6) what the looks say of the state, in information form
+    vector: Floats  # (N, 6)
     existence: Floats  # (N,)
     visible: Floats  # (L, N) visible share; NaN: outside the image
     detection: Floats  # (L, N) probability of detection that was used; 0 outside the image
@@ -80,16 +84,17 @@ def interpolate(curve: Floats, share: float) -> float:
 
 
 @kernel
-def edge_noise(box: Floats, rates: Rates, noise: Floats) -> None:
+def edge_noise(box: Floats, rates: Rates, lasting: float, noise: Floats) -> None:
     """Write the covariance (4, 4) of the edges of a box that is expected at `box` (4,).
 
     Middle and size across have independent errors, and so have middle and height: left = middle - width / 2.
+    The sway of bodies counts `lasting` times.
     """
     width, height = box[2] - box[0], box[3] - box[1]
     noise[:] = 0.0
     for axis in range(2):
         size = width if axis == 0 else height
-        middle = rates.noise[2 * axis, 0] + rates.noise[2 * axis, 1] * height * height
+        middle = rates.noise[2 * axis, 0] + (rates.noise[2 * axis, 1] + lasting * rates.sway) * height * height
         whole = rates.noise[2 * axis + 1, 0] + rates.noise[2 * axis + 1, 1] * size * size
         a, b = axis, axis + 2
         noise[a, a] = noise[b, b] = middle + 0.25 * whole
@@ -204,7 +209,7 @@ def update(
     cuts = np.zeros(2)
     # Scratch
     box, slope, noise = np.empty((N, 4)), np.zeros((N, 4, 6)), np.empty((N, 4, 4))
-    drawn, spread = np.empty((N, 4)), np.empty((N, 4, 4))
+    drawn, spread, lasting = np.empty((N, 4)), np.empty((N, 4, 4)), np.empty((N, 4, 4))
     depth, deep = np.full(N, -1.0), np.ones(N)
     across, there = np.zeros(N), np.zeros(N)
     cells = np.empty((ROWS, COLUMNS))
@@ -240,7 +245,8 @@ def update(
                         + (0.1 * cavity_m[i, 5]) ** 2
                     )
                     shifted(box[i], rates.bias[c], drawn[i])
-                    edge_noise(drawn[i], rates, noise[i])
+                    edge_noise(drawn[i], rates, 1.0, noise[i])
+                    edge_noise(drawn[i], rates, rates.lasting[c], lasting[i])
                 else:
                     inside[i] = 0.0
             # Visible shares and probabilities of detection
@@ -347,10 +353,10 @@ def update(
                         W = np.zeros((4, 4))
                         for e in range(4):
                             use[e] = boxes.believed[start + j, e]
-                        precision(noise[i], use, p * whole[i, j], W)
+                        precision(lasting[i], use, p * whole[i, j], W)
                         if whole[i, j] < 1.0:
                             use[3] = False
-                            precision(noise[i], use, p * (1.0 - whole[i, j]), W)
+                            precision(lasting[i], use, p * (1.0 - whole[i, j]), W)
                         z = boxes.box[start + j] - drawn[i] + Hm
                         HW = slope[i].T @ W
                         site[l, i] += HW @ slope[i]
@@ -376,6 +382,8 @@ def update(
     return Result(
         mean=m,
         covariance=P,
+        information=site.sum(axis=0),
+        vector=site_vector.sum(axis=0),
         existence=1.0 / (1.0 + np.exp(-log_odds)),
         visible=visible,
         detection=detection,

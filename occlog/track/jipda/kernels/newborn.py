@@ -75,7 +75,7 @@ def fit_body(
         if box_and_slope(views, c, mean, 0.0, expected, slope) < 0.0:
             return math.nan
         shifted(expected, rates.bias[c], drawn)
-        edge_noise(drawn, rates, noise)
+        edge_noise(drawn, rates, 1.0, noise)
         W[:] = 0.0
         precision(noise, believed, 1.0, W)
         information = slope.T @ W @ slope
@@ -176,7 +176,7 @@ def propose(
             total += math.log(max(detection, 1e-6))
             continue
         shifted(box[N], rates.bias[c], drawn)
-        edge_noise(drawn, rates, noise)
+        edge_noise(drawn, rates, 1.0, noise)
         best, best_j, summed = 0.0, -1, 0.0
         for j in range(boxes.first[l], boxes.first[l + 1]):
             if free[j] < 0.05:
