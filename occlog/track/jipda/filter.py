@@ -29,14 +29,16 @@ BORDER_PX = 3.0
 """An edge this near to the border of the image is the border's."""
 GATE = 30.0
 """Greatest squared Mahalanobis distance of the four edges of a box."""
-CROWD = 0.1
-"""People a square metre expected where nobody has looked yet."""
+CROWD, IN_IMAGE = 0.1, 10.0
+"""People a square metre expected where nobody has looked yet; but in an image not more than this number."""
 REFILL_S = 20.0
 """After so long the same number is expected anew among those who are not tracked."""
 LEAST_BIRTH = 0.05
 """Nobody begins with a lower probability of existence."""
 SHOWN = 0.5
 """Confirmed people are reported while they exist with this probability."""
+LEAST_BOXES = 1.5
+"""Nobody is confirmed by fewer boxes."""
 LEAST_SUPPORT = 0.05
 """Boxes that are somebody's with a lower probability are not named."""
 NEW_SHARE = 0.1
@@ -104,12 +106,14 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     people = replace(
         people,
         existence=result.existence,
+        boxes=people.boxes + result.share.sum(axis=1),
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
     counts = learn(state.counts, people, dt, boxes, rates, result)
     # Births, from boxes that are nobody's
     body = np.array([config.height, config.sigma_height, config.width, config.sigma_width, config.speed])
-    density = CROWD / state.metre**2 * (1.0 if state.t_ns is None else min(dt / REFILL_S, 1.0))
+    new = 1.0 if state.t_ns is None else min(dt / REFILL_S, 1.0)
+    density = new * np.array([CROWD / state.metre**2, IN_IMAGE])
     spread = np.sqrt(0.5 * (people.covariance[:, 0, 0] + people.covariance[:, 1, 1]))
     mean, covariance, odds, used = newborn(
         state.views, boxes, rates, body, density, people.mean, spread, people.existence, result.free,
@@ -118,9 +122,10 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     existence = 1.0 / (1.0 + np.exp(-odds))
     counts = _count_nobody(counts, boxes, result.free * np.prod(1.0 - existence[:, None] * used, axis=0))
     K = len(odds)
-    people = join(people, born(mean, covariance, existence, state.next_key, t_ns))
+    people = join(people, born(mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns))
     # Confirm, end
-    ids = np.where((people.id == NOBODY) & (people.existence > config.confirm), people.key, people.id)
+    sure = (people.existence > config.confirm) & (people.boxes > LEAST_BOXES)
+    ids = np.where((people.id == NOBODY) & sure, people.key, people.id)
     stays = (people.existence > config.die) & ~doubles(people)
     left, new = ~stays & (people.id != NOBODY), stays & (ids != NOBODY) & (people.id == NOBODY)
     counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NOBODY].sum()]))

@@ -38,14 +38,15 @@ class People:
     key: Ints  # (N,) number of the birth, rising; the identity once confirmed
     id: Ints  # (N,) NOBODY: not confirmed
     seen_ns: Ints  # (N,) when a camera last showed the place
+    boxes: Floats  # (N,) expected number of boxes that spoke for them
     model: Floats  # (N, 2) probabilities of the models
     means: Floats  # (N, 2, 6) of each model
     covariances: Floats  # (N, 2, 6, 6)
     began: Floats  # (N,) probability that a manoeuvre, if there is one, began since the last moment
 
 
-def born(mean: Floats, covariance: Floats, existence: Floats, first_key: int, t_ns: int) -> People:
-    """K people who are new at a time."""
+def born(mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, first_key: int, t_ns: int) -> People:
+    """K people who are new at a time, with the numbers of boxes that speak for them."""
     K = len(mean)
     return People(
         mean=mean,
@@ -54,6 +55,7 @@ def born(mean: Floats, covariance: Floats, existence: Floats, first_key: int, t_
         key=first_key + np.arange(K),
         id=np.full(K, NOBODY, dtype=np.int64),
         seen_ns=np.full(K, t_ns, dtype=np.int64),
+        boxes=boxes,
         model=np.tile([1.0, 0.0], (K, 1)),
         means=np.repeat(mean[:, None], 2, axis=1),
         covariances=np.repeat(covariance[:, None], 2, axis=1),
@@ -63,7 +65,7 @@ def born(mean: Floats, covariance: Floats, existence: Floats, first_key: int, t_
 
 def nobody() -> People:
     """No people."""
-    return born(np.zeros((0, STATE)), np.zeros((0, STATE, STATE)), np.zeros(0), 0, 0)
+    return born(np.zeros((0, STATE)), np.zeros((0, STATE, STATE)), np.zeros(0), np.zeros(0), 0, 0)
 
 
 def take(people: People, rows: Ints) -> People:

@@ -17,6 +17,8 @@ from occlog.track.jipda.interface import NOBODY, Look
 RINGS = ((0.0, 0.6), (0.08, 0.7), (0.3, 0.75), (0.5, 0.9), (0.65, 1.0), (0.8, 1.0), (0.86, 0.5), (1.0, 0.2))
 """Height and radius of the rings of a body, as shares of its height and of half its width."""
 AROUND = 12
+APART = 0.55
+"""Distance [m] that people keep."""
 
 
 class Crowd(NamedTuple):
@@ -64,7 +66,13 @@ def walk(people: int, frames: int, hz: float, width: float, depth: float, rng: n
         turn = (inward - heading + np.pi) % (2.0 * np.pi) - np.pi
         heading = heading + np.where(close < 1.0, np.clip(turn, -1.2 * dt, 1.2 * dt), 0.0)
         step = speed[:, None] * np.column_stack([np.cos(heading), np.sin(heading)]) * dt
-        place = np.clip(place + step, 0.1, [width - 0.1, depth - 0.1])
+        place = place + step
+        # Bodies do not pass through each other: those closer than `APART` step aside
+        apart = place[:, None] - place[None]
+        gap = np.hypot(apart[..., 0], apart[..., 1]) + np.eye(people)
+        push = np.clip(APART - gap, 0.0, None) * (1.0 - np.eye(people))
+        place = place + 0.5 * np.sum(apart / gap[..., None] * push[..., None], axis=1)
+        place = np.clip(place, 0.1, [width - 0.1, depth - 0.1])
     return out
 
 

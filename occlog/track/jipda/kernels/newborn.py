@@ -47,11 +47,19 @@ def on_floor(views: Views, c: int, u: float, v: float, z: float, place: Floats) 
 
 @kernel
 def fit_body(
-    views: Views, boxes: Boxes, rates: Rates, body: Floats, c: int, j: int, mean: Floats, covariance: Floats
+    views: Views,
+    boxes: Boxes,
+    rates: Rates,
+    body: Floats,
+    density: Floats,
+    c: int,
+    j: int,
+    mean: Floats,
+    covariance: Floats,
 ) -> float:
     """Write the state (6,) and covariance (6, 6) of one who made box j, and give the log of the integrated density.
 
-    The density is that of the box under a place that is uniform, one person a unit of area; NaN: nobody can make it.
+    The density is that of the box and the number of new people; NaN: nobody can make it.
     """
     box, believed = boxes.box[j], boxes.believed[j]
     place = np.empty(2)
@@ -97,7 +105,10 @@ def fit_body(
     high, wide = (mean[4] - body[0]) / body[1], (mean[5] - body[2]) / body[3]
     log_body = -0.5 * (high * high + wide * wide) - math.log(body[1] * body[3]) - LOG_2PI
     total: float = log_box + log_body + 2.0 * LOG_2PI - 0.5 * (log_determinant + 4.0 * math.log(body[4]))
-    return total
+    # Where a square unit is small in the image, fewer people are expected on it
+    across, down = 0.5 * (slope[0] + slope[2]), slope[3]
+    area = abs(across[0] * down[1] - across[1] * down[0]) / (views.size[c, 0] * views.size[c, 1])
+    return total + math.log(min(density[0], density[1] * area) + 1e-300)
 
 
 @kernel
@@ -106,7 +117,7 @@ def propose(
     boxes: Boxes,
     rates: Rates,
     body: Floats,
-    density: float,
+    density: Floats,
     people: Floats,
     spread: Floats,
     existence: Floats,
@@ -125,7 +136,7 @@ def propose(
         boxes: of the moment.
         rates: of the detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
-        density: expected number of new people a unit of area.
+        density: (2,) expected number of new people a unit of area, and in an image: the lesser counts.
         people: (N, 6) those who are tracked.
         spread: (N,) standard deviation of their places.
         existence: (N,).
@@ -139,12 +150,12 @@ def propose(
     """
     c = boxes.camera[look]
     used[:] = 0.0
-    log_seed = fit_body(views, boxes, rates, body, c, seed, mean, covariance)
+    log_seed = fit_body(views, boxes, rates, body, density, c, seed, mean, covariance)
     if math.isnan(log_seed) or mean[4] > body[0] + 4.0 * body[1] or mean[4] < body[0] - 5.0 * body[1]:
         return -math.inf
     nobody = log_nobody(boxes.box[seed], boxes.believed[seed], views.size[c, 0], views.size[c, 1]) + boxes.clutter[seed]
     N = people.shape[0]
-    total = math.log(density) + log_seed + math.log(max(free[seed], 1e-6)) - nobody
+    total = log_seed + math.log(max(free[seed], 1e-6)) - nobody
     used[seed] = 1.0
     information, vector = np.empty((6, 6)), np.empty(6)
     invert(covariance, information)
@@ -213,7 +224,7 @@ def newborn(
     boxes: Boxes,
     rates: Rates,
     body: Floats,
-    density: float,
+    density: Floats,
     people: Floats,
     spread: Floats,
     existence: Floats,
@@ -228,7 +239,7 @@ def newborn(
         boxes: of the moment.
         rates: of the detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
-        density: expected number of new people a unit of area.
+        density: (2,) expected number of new people a unit of area, and in an image: the lesser counts.
         people: (N, 6) those who are tracked.
         spread: (N,) standard deviation of their places.
         existence: (N,).
