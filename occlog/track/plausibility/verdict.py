@@ -23,6 +23,7 @@ from .agreement import Agreements, pose_shares
 from .crowd import Crowd
 from .doubts import WORDS
 from .particles import FEW, Particles
+from .places import CLEAR, Places
 from .sight import Compared
 
 CHANCE = 1e-3
@@ -95,6 +96,7 @@ class Evidence:
         particles: effective numbers.
         agreements: residuals of the bearings.
         crowd: candidates that are left.
+        places: where the bearings of a moment meet.
     """
 
     rows: int = 0
@@ -103,6 +105,7 @@ class Evidence:
     particles: Particles = field(default_factory=Particles)
     agreements: Agreements = field(default_factory=Agreements)
     crowd: Crowd = field(default_factory=Crowd)
+    places: Places = field(default_factory=Places)
 
     def fared(self, part: Diagnostics) -> None:
         """Count rows of diagnostics."""
@@ -115,6 +118,7 @@ class Evidence:
         """Count residuals of bearings, and candidates that are left."""
         self.agreements.add(compared.residuals, pose_shares(tracks, scene))
         self.crowd.add(compared.frames)
+        self.places.add(tracks, compared.residuals, scene)
 
     def figures(self) -> dict[str, object]:
         """Figures of a summary."""
@@ -133,7 +137,7 @@ class Evidence:
         Args:
             one_target: candidates without a label are taken for one target's by the method.
         """
-        said = [*self._filter(), *self._rows(), *self._bearings()]
+        said = [*self._filter(), *self._rows(), *self._bearings(), *self._places()]
         return (*said, *(self._several() if one_target else ()))
 
     def _filter(self) -> Iterator[Finding]:
@@ -194,6 +198,27 @@ class Evidence:
                     "warning",
                     f"target {target} moves {math.sqrt(factor):.1f} times as irregularly as the settings of its motion "
                     f"say (allowed: {math.sqrt(LIVELY):.0f} times); state a larger acceleration",
+                )
+
+    def _places(self) -> Iterator[Finding]:
+        """Bearings that meet where the scene says the target cannot be."""
+        told = self.places
+        if told.rows >= FEWEST and beyond(told.outside, told.rows, DOUBTED):
+            yield Finding(
+                "outside-room",
+                "warning",
+                f"in {told.outside} of {told.rows} rows (allowed: {DOUBTED:.0%}) the bearings meet more than {CLEAR:g} "
+                "standard deviations outside the room, which estimates stay in: the target has left it, the room of "
+                "the scene is too small, or poses are wrong",
+            )
+        for name, (saw, hidden) in sorted(told.hidden.items()):
+            if saw >= FEWEST and beyond(hidden, saw, DOUBTED):
+                yield Finding(
+                    "through-wall",
+                    "warning",
+                    f"in {hidden} of {saw} rows (allowed: {DOUBTED:.0%}) {name} sees the target, although it is behind "
+                    "a wall or static occluder of the scene where the bearings meet; the track avoids the wall and is "
+                    "wrong if the wall is: check the scene's occluders, room and poses",
                 )
 
     def _expected(self) -> float:
