@@ -46,6 +46,10 @@ class Content(Enum):
     OTHER = "neither a recording (MCAP) nor a table (Parquet)"
 
 
+TEXT = (".txt", ".csv")
+"""Suffixes of text, which may be empty: whoever reads it says whether that can be."""
+
+
 def content_of(path: Path, what: str = EXPECTED) -> Content:
     """What a file is; InputError where no readable file with content is there.
 
@@ -141,10 +145,12 @@ def open_input(path: Path, *wants: type[Table], remedy: str = REMEDY) -> Opened:
 
 
 def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
-    """Open a recording or a table; None for a file that is neither, for example a scene or a text.
+    """Open a recording or a table; None for a file that is neither, for example a scene or a text, even an empty one.
 
     InputError, which says what was expected, where no readable file with content is there.
     """
+    if path.suffix.lower() in TEXT and path.is_file() and not path.stat().st_size:
+        return None
     content = content_of(path, what)
     if content is Content.OTHER:
         return None

@@ -54,6 +54,14 @@ class ManyConfig(Settings):
         option="--clear-rule",
         kinds=MANY,
     )
+    benchmark: str = setting(
+        "auto",
+        "Rules for the classes of a MOTChallenge truth (mot17: of MOT16 too); mot15: it has none.",
+        choices=("auto", "mot15", "mot17", "mot20"),
+        option="--benchmark",
+        shown="mot17 where the truth is text with a column of classes, which 8 or 9 columns mean; else mot15",
+        kinds=(IMAGES,),
+    )
     overlap: float = setting(
         0.5,
         "Intersection over union from which a track meets a true box; --box-overlap.",

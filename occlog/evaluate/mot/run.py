@@ -17,7 +17,9 @@ from occlog.evaluate.inputs import Paths, Tables, provenance_of
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import Evaluation
 from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layout
+from occlog.io.boxes.mot_classes import DISTRACTORS, has_classes, read_marks
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from occlog.io.boxes.rows import fill_frames
 from occlog.io.files.csv_rows import first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.json_file import write_json
@@ -30,6 +32,7 @@ from occlog.records.views import ViewTracks
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
+from .classes import pedestrians
 from .config import ManyConfig
 from .on_ground import evaluate_ground
 from .stage import evaluate_views
@@ -76,15 +79,33 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object])
             f"--gospa-cutoff {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
             "there is --gospa-px"
         )
-    tracks, truth, scene = _read_both(paths.tracks, paths.truth, config)
+    rule = _benchmark(paths.truth, config)
+    tracks, truth, scene = _read_both(paths.tracks, paths.truth, config, rule)
     with _named({"tracks": paths.tracks, "truth": paths.truth}):
         looked = _strings(ours.provenance.parameters.get("cameras")) if named and ours is not None else ()
         compared = boxes_in_true_frames(tracks, truth, config, by_number=by_number, looked=looked)
+        if rule in DISTRACTORS:
+            compared = pedestrians(compared, read_marks(paths.truth), DISTRACTORS[rule])
     result = evaluate_views(compared, config)
     told = own_notes(paths.tracks, config.own, _asked(given))
     result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
     _write(paths, result, compared, config, scene)
     return result
+
+
+def _benchmark(truth: Path, config: ManyConfig) -> str:
+    """The rules for classes: as asked for, or as the columns of the truth want them."""
+    classes = _is_text(truth) and not is_blank(truth) and has_classes(truth)
+    if config.benchmark == "auto":
+        return "mot17" if classes else "mot15"
+    if config.benchmark in DISTRACTORS and not classes:
+        raise UsageError(f"--benchmark {config.benchmark}: {truth} has no column of classes, which is its eighth")
+    return config.benchmark
+
+
+def is_blank(path: Path) -> bool:
+    """Whether a text has no line of data: nothing was tracked, or nobody is there."""
+    return path.stat().st_size == 0 or not first_line(path, "MOTChallenge text")
 
 
 def _asked(given: Mapping[str, object]) -> str | None:
@@ -111,8 +132,8 @@ def _is_text(path: Path) -> bool:
     return path.suffix.lower() in TEXT and open_if_ours(path, "MOTChallenge text") is None
 
 
-def _read_both(tracks: Path, truth: Path, config: ManyConfig) -> tuple[Boxes, TruthBoxes, Scene | None]:
-    """Tracks and truth; text is of the camera that the other file has."""
+def _read_both(tracks: Path, truth: Path, config: ManyConfig, rule: str) -> tuple[Boxes, TruthBoxes, Scene | None]:
+    """Tracks and truth; text is of the camera that the other file has.  With classes the truth has all its rows."""
     if not _is_text(truth):
         boxes, scene = _read_truth(truth)
         ours = _read_text(tracks, _sole_camera(truth, boxes, config), Boxes) if _is_text(tracks) else None
@@ -124,7 +145,7 @@ def _read_both(tracks: Path, truth: Path, config: ManyConfig) -> tuple[Boxes, Tr
         found = _read_tracks(tracks)
         name = _sole_camera(tracks, found, config)
     last = int(found.frame[found.sensor == name].max(initial=-1))
-    return found, _read_text(truth, name, TruthBoxes, last), None
+    return found, _read_text(truth, name, TruthBoxes, last, marked=rule not in DISTRACTORS), None
 
 
 def _read_tracks(path: Path) -> Boxes:
@@ -146,20 +167,23 @@ def _sole_camera(path: Path, boxes: Boxes, config: ManyConfig) -> str:
     return str(names[0])
 
 
-def _read_text(path: Path, camera: str, table: type[B], last: int | None = None) -> B:
-    """MOTChallenge text; of the truth rows that do not count (confidence 0) are left out.
+def _read_text(path: Path, camera: str, table: type[B], last: int | None = None, *, marked: bool = False) -> B:
+    """MOTChallenge text; rows that are marked as not to be counted (0) are left out if `marked`.
 
     The truth knows of all frames from the first one on, also of those up to `last` that come after its rows.
     """
+    times: dict[str, FrameTimes] = {camera: rate_times(RATE, "assumed")}
+    if is_blank(path):
+        empty = fill_frames(iter(()), table, [camera], 0, 0 if last is None else last + 1, times)
+        return table.concat(empty) if last is not None else table.empty()
     if is_header(first_line(path, "MOTChallenge text")):
         raise InputError(f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes")
-    file, how = [BoxFile(path, camera)], BoxOptions(drop_zero=last is not None, use_confidence=last is not None)
+    file, how = [BoxFile(path, camera)], BoxOptions(drop_zero=marked, use_confidence=marked)
     survey = survey_boxes(file, (), how)
     if survey.stop > MAX_FRAMES:
         raise InputError(f"{path}: frame {survey.stop}; text may have {MAX_FRAMES} frames; correct the number")
     if last is not None:
         survey = replace(survey, first=0, stop=max(survey.stop, last + 1))
-    times: dict[str, FrameTimes] = {camera: rate_times(RATE, "assumed")}
     rows = read_boxes(file, survey, times, (), how, table)
     return table.concat(rows if last is not None else (part.take(part.box >= 0) for part in rows))
 

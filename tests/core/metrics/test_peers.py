@@ -145,7 +145,7 @@ def test_trackeval_reads_what_is_written_and_gives_the_same_figures(
     pooled = [Objects(*map(np.concatenate, zip(*part, strict=True))) for part in zip(*sides, strict=True)]
     known["COMBINED_SEQ"] = of_boxes(*pooled)
     answer = ask(peers, tmp_path)
-    assert sorted(answer) == ["MOT15", "MOT17"]
+    assert sorted(answer) == ["MOT15", "MOT17", "MOT20"]
     for sequences in answer.values():
         assert sorted(sequences) == sorted(known)
         for name, frames in known.items():

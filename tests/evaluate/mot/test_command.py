@@ -144,9 +144,10 @@ def test_files_of_other_programs_give_the_same_figures(folder: Path, capsys: pyt
     own = figures([*EVALUATE, "--camera", "east"], capsys)
     text, true = "mot/trackers/MOT17-train/view_tracks/data/east.txt", "mot/gt/MOT17-train/east/gt/gt.txt"
     one = ["--camera", "east", "--own", "label"]
-    assert figures(["evaluate", text, "--truth", true, "--own", "label"], capsys) == own
+    alike = {**own, "objects_ignored": 0.0, "tracks_on_distractors": 0.0}  # every true box is a pedestrian
+    assert figures(["evaluate", text, "--truth", true, "--own", "label"], capsys) == alike
     assert figures(["evaluate", text, "--truth", "recording.mcap", *one], capsys) == own
-    assert figures(["evaluate", "view_tracks.parquet", "--truth", true, *one], capsys) == own
+    assert figures(["evaluate", "view_tracks.parquet", "--truth", true, *one], capsys) == alike
     tracks = read_table(folder / "truth.parquet", TruthBoxes)
     write_table(folder / "boxes.parquet", Boxes.of(**{c.name: getattr(tracks, c.name) for c in Boxes.columns()}), MADE)
     got = figures(["evaluate", "boxes.parquet", "--truth", "truth.parquet"], capsys)

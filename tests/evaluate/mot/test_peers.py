@@ -110,3 +110,52 @@ def test_the_written_folder_gives_the_same_figures(
                 ours = own[name]["classic"]
                 wanted = {k: ours[f"{v}{end}"] for k, v in MOTMETRICS.items()}
                 assert theirs["motmetrics"] == pytest.approx(wanted, rel=1e-9)
+
+
+def text_with_classes(seed: int) -> tuple[list[str], list[str]]:
+    """True boxes of all classes, many marked 0, close to one another; tracks of most of them, and some of nobody."""
+    rng = np.random.default_rng(seed)
+    truth, tracks = [], []
+    kinds = rng.permutation([1] * 8 + [*range(2, 14)])
+    places = rng.uniform([0.0, 0.0], [400.0, 100.0], (len(kinds), 2))
+    for frame in range(1, 41):
+        places += rng.normal(0.0, 3.0, places.shape)
+        for label, (kind, (x, y)) in enumerate(zip(kinds.tolist(), places.tolist(), strict=True), start=1):
+            if rng.random() < 0.1:
+                continue
+            mark = int(kind == 1 and rng.random() < 0.9)
+            truth.append(f"{frame},{label},{x:.2f},{y:.2f},40,100,{mark},{kind},1.0")
+            if rng.random() < 0.8:
+                dx, dy = rng.normal(0.0, 5.0, 2)
+                named = label if frame < 25 or label > 2 else 3 - label
+                tracks.append(f"{frame},{named},{x + dx:.2f},{y + dy:.2f},40,100,1,-1,-1,-1")
+        x, y = rng.uniform([0.0, 0.0], [400.0, 100.0])
+        tracks.append(f"{frame},99,{x:.2f},{y:.2f},40,100,1,-1,-1,-1")
+    return truth, tracks
+
+
+def test_classes_of_the_truth_are_those_of_trackeval(
+    peers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = ["first", "second"]
+    for seed, name in enumerate(names):
+        for folder in (f"truth/{name}/gt", "tracks/ours/data"):
+            Path(folder).mkdir(parents=True, exist_ok=True)
+        truth, tracks = text_with_classes(seed)
+        Path(f"truth/{name}/gt/gt.txt").write_text("".join(f"{line}\n" for line in truth))
+        Path(f"truth/{name}/seqinfo.ini").write_text(f"[Sequence]\nname={name}\nseqLength=40\n")
+        Path(f"tracks/ours/data/{name}.txt").write_text("".join(f"{line}\n" for line in tracks))
+    Path("list.txt").write_text("".join(f"{line}\n" for line in ("name", *names)))
+    answer = ask(peers, tmp_path)
+    scores = []
+    for rules, theirs in answer.items():
+        for name in names:
+            files = [f"tracks/ours/data/{name}.txt", "--truth", f"truth/{name}/gt/gt.txt"]
+            asked = [] if rules == "MOT17" else ["--benchmark", rules.lower()]
+            assert run(["evaluate", *files, *asked, "--clear-rule", "challenge", "--json", "-q"]) == 0
+            ours = json.loads(capsys.readouterr().out)
+            got = {k: np.mean(theirs[name][k]) for k in THEIRS}
+            assert got == pytest.approx({k: ours[v] for k, v in THEIRS.items()}, rel=1e-9)
+            scores.append(ours["mota"])
+    assert len(set(scores)) == 6  # the rules matter

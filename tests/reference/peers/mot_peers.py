@@ -60,7 +60,7 @@ def _motmetrics(scene: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def of_folder(folder: Path) -> dict[str, Any]:
-    """TrackEval's own evaluation of the files, with its defaults for two benchmarks."""
+    """TrackEval's own evaluation of the files, with its defaults for three benchmarks."""
     import trackeval
 
     quiet = {"PRINT_CONFIG": False, "PRINT_RESULTS": False, "TIME_PROGRESS": False, "BREAK_ON_ERROR": True}
@@ -74,7 +74,7 @@ def of_folder(folder: Path) -> dict[str, Any]:
     }
     wanted = [trackeval.metrics.HOTA(), trackeval.metrics.CLEAR(), trackeval.metrics.Identity()]
     both = {}
-    for benchmark in ("MOT15", "MOT17"):
+    for benchmark in ("MOT15", "MOT17", "MOT20"):
         data = trackeval.datasets.MotChallenge2DBox({**files, "BENCHMARK": benchmark})
         results, _ = trackeval.Evaluator({**quiet, **save}).evaluate([data], wanted)
         both[benchmark] = results["MotChallenge2DBox"]["ours"]
