@@ -47,8 +47,8 @@ class PeopleTracks(Tracks):
 class PeopleViews(ViewTracks):
     """Everybody in every image, hidden people too; every command reads them as `ViewTracks`.
 
-    `mode` is `box` where the ellipse is that of a box of the camera, `floor` where it is the person's as expected
-    from the place on the floor.
+    `mode` is `box` where the ellipse is that of a box of the camera, of a person who is more visible than hidden;
+    `floor` where it is the person's as expected from the place on the floor.
     """
 
     visibility: Floats = column(

@@ -17,7 +17,7 @@ from .kernels.projection import project
 from .looks import FrameLook
 
 LIKELY = 0.5
-"""A box is a person's if it is more probably of this person than not."""
+"""A box is a person's if it is more probably of this person than not; visible is who is more probably so than not."""
 UNSEEN = "unseen"
 DOUBTS = (UNSEEN, "one-view", "exchange")
 """Values of the column `doubt`, in the order in which they stand there."""
@@ -202,9 +202,9 @@ class EverybodyInViews:
         found = np.empty((len(there), 8))
         delay = (look.t_ns - moment.t_ns) / NS
         project(self._views, c, moment.mean[there], moment.covariance[there], delay, found)
-        # Take the camera's own boxes where it has some
+        # Take the camera's own boxes of people who are more visible than hidden: a cover cuts the others' boxes
         box = _own_boxes(moment, look.row, c)[there]
-        own = box >= 0
+        own = (box >= 0) & (moment.visibility[there, c] >= LIKELY)
         found[own, :4] = look.boxes[box[own]]
         good = np.flatnonzero(found[:, 7] > 0.0)
         n, there, found = len(good), there[good], found[good]
