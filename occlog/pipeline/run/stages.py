@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
 
 from occlog.cli.main import load_command
-from occlog.cli.setting_options import params_of
+from occlog.cli.setting_options import VariantCommand, params_of
 from occlog.errors import InputError
 from occlog.io.files.yaml_file import read_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.records.tables import Truth, TruthBoxes
+from occlog.simulate.command import KINDS
+from occlog.track.catalogue import BOXES, METHODS
 
 SOURCES = ("recording", "simulate", "ingest")
 STAGES = ("detect", "priors", "track", "evaluate", "report")
@@ -81,6 +83,9 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     out = {n: folder / f"{n}.parquet" for n in ("bearings", "views", "tracks", "diagnostics", "errors", "bound")}
     scene = {"scene": config.values.get("scene", str(recording))}
     yield _stage(config, "detect", {"output": out["bearings"], "views": out["views"]}, (str(recording),))
+    if _of_everybody(config):
+        yield from _everybody(config, folder, recording, out, scene)
+        return
     tracked = {"output": out["tracks"], "diagnostics": out["diagnostics"]}
     inputs = dict(scene)
     if "priors" in config.values:
@@ -100,6 +105,53 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     yield _stage(config, "evaluate", results, (str(out["tracks"]),), compared)
     shown = {k: v for k, v in {**truth, **inputs}.items() if k in ("truth", "occluders", "scene")}
     yield _report(config, folder, out, metrics, shown)
+
+
+def _of_everybody(config: Config) -> bool:
+    """Whether people are followed by their boxes, not targets by bearings."""
+    method = str(config.stage("track").get("method"))
+    if method not in METHODS or METHODS[method].takes_in != BOXES:
+        return False
+    if "priors" in config.values:
+        raise InputError(f"{config.path}: priors: method {method} takes none; remove this key")
+    return True
+
+
+def _everybody(
+    config: Config, folder: Path, recording: Path, out: dict[str, Path], scene: dict[str, object]
+) -> Iterator[Stage]:
+    """Iterate over the stages after detection where everybody is followed, in the world and in the images."""
+    found = {n: folder / f"{n}.parquet" for n in ("support", "events", "view_tracks")}
+    yield _stage(config, "track", {"output": out["tracks"], **found}, (str(out["views"]),), scene)
+    inputs, shown, metrics = dict(scene), dict(scene), folder / "metrics.json"
+    truth = _truth(config, recording, out["views"])
+    if truth:
+        inputs["truth"] = shown["truth"] = truth["truth"]
+        results = {"output": metrics, "errors": out["errors"]}
+        numbered = {**inputs, "match": "optimal"}
+        yield _stage(config, "evaluate", results, (str(out["tracks"]),), numbered)
+        shown |= {"errors": str(out["errors"]), "metrics": str(metrics)}
+    if "views" in truth and "truth" not in config.stage("evaluate"):
+        plain = Config(config.path, {k: v for k, v in config.values.items() if k != "evaluate"})
+        compared: dict[str, object] = {"truth": truth["truth"]}
+        results = {"output": folder / "metrics_in_images.json"}
+        yield replace(
+            _stage(plain, "evaluate", results, (str(found["view_tracks"]),), compared), name="evaluate-in-images"
+        )
+    page = {"output": folder / "report.html", "png": folder / "report.png"}
+    yield _stage(config, "report", page, (str(out["tracks"]),), shown)
+    if _has_video(config, recording):
+        drawn = folder / "overlay.mp4"
+        args = (str(found["view_tracks"]), "--recording", str(recording), "--video", str(drawn), "--quiet")
+        yield Stage("overlay", load_command("report"), args, (str(drawn),))
+
+
+def _has_video(config: Config, recording: Path) -> bool:
+    """Whether the recording holds images; without a recording the configuration tells."""
+    if recording.is_file():
+        return bool(open_recording(recording).cameras)
+    simulated, ingested = config.stage("simulate"), config.stage("ingest")
+    return bool(simulated.get("render") or simulated.get("scene") in KINDS or ingested.keys() & {"video", "images"})
 
 
 def _priors(
@@ -134,7 +186,7 @@ def _truth(config: Config, recording: Path, views: Path) -> dict[str, str]:
         places, boxes = _held(recording)
     else:
         places = simulated is not None or "truth" in config.stage("ingest")
-        boxes = bool(simulated and simulated.get("render"))
+        boxes = bool(simulated and (simulated.get("render") or simulated.get("scene") in KINDS))
     found = {"truth": str(recording)} if places or boxes else {}
     return {**found, "views": str(views)} if boxes else found
 
@@ -177,10 +229,10 @@ def _common(config: Config, command: click.Command) -> dict[str, object]:
 
 def _to_args(config: Config, name: str, command: click.Command, values: dict[str, object]) -> list[str]:
     """Make the command-line arguments of a stage from its keys."""
-    # Of an argument and an option of one name, the sorted order keeps the argument.
-    method = values.get("method")
-    params = params_of(command, None if method is None else str(method))
-    options = {_key(p): p for p in sorted(params, key=lambda p: isinstance(p, click.Argument))}
+    chosen = {key: variant for key, value in values.items() if (variant := _variant(command, key, value)) is not None}
+    params = params_of(command, next(iter(chosen.values()), None))
+    # Of an argument and an option of one name, the sorted order keeps the argument, unless the option makes the choice
+    options = {_key(p): p for p in sorted(params, key=lambda p: isinstance(p, click.Argument) != (_key(p) in chosen))}
     ahead: list[str] = []
     args: list[str] = []
     for key, value in values.items():
@@ -192,6 +244,14 @@ def _to_args(config: Config, name: str, command: click.Command, values: dict[str
         else:
             args += _option_args(config, name, key, param, value)
     return ahead + args
+
+
+def _variant(command: click.Command, key: str, value: object) -> str | None:
+    """Return which variant of a command a key chooses, for example that of a method; None: it chooses none."""
+    if not isinstance(command, VariantCommand):
+        return None
+    found = command.choose([f"--{key.replace('_', '-')}", str(value)])
+    return found if found in command.variants else None
 
 
 def _key(param: click.Parameter) -> str:

@@ -16,6 +16,7 @@ from occlog.records.scene import Camera
 from occlog.records.tables import TruthBoxes
 from occlog.records.views import Failures, ViewTracks
 from occlog.track.images.births.loop_distances import anchors
+from occlog.track.people.rows import FLOOR
 
 from .draw import Outline, Place, Shot
 
@@ -51,8 +52,9 @@ def frame_shot(view: int, frame: int, rows: Sequence[FrameRows], rig: Rig) -> Sh
         rig: the views.
 
     Returns:
-        Estimates: dashed while only neighbours act on them, strong with help from other views, from whose
-        estimates their epipolar lines come; links of those that touch; true places; failures.
+        Estimates: dashed while only neighbours act on them, or where the view has no box of the person; strong with
+        help from other views, from whose estimates their epipolar lines come; links of those that touch; true
+        places; failures.
     """
     tracks, truth, failures = rows[view]
     labels = _label_failures(failures) if rig.numbered else {}
@@ -94,7 +96,7 @@ def _missed(failures: Failures | None) -> set[int]:
 def _outlines(tracks: ViewTracks, labels: Mapping[int, int]) -> list[Outline]:
     ellipses = np.column_stack([tracks.x_px, tracks.y_px, tracks.a_px, tracks.b_px, tracks.rho])
     helped = tracks.helpers != ""
-    dashed = (tracks.neighbours != "") & ~helped
+    dashed = ((tracks.neighbours != "") & ~helped) | (tracks.mode == FLOOR)
     return [
         Outline(
             ellipses[k], target, bool(dashed[k]), bool(helped[k]), f"on {labels[target]}" if target in labels else ""

@@ -6,11 +6,14 @@ import json
 from pathlib import Path
 
 import pytest
+from people_boxes import boxes, hall, truth
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.parquet import read_table
-from occlog.records.tables import Tracks
+from occlog.io.files.provenance import Provenance
+from occlog.io.recording.writer import RecordingWriter
+from occlog.records.tables import PeopleTracks, Tracks
 
 SCENE = """
 occlog_scene: 1
@@ -126,3 +129,34 @@ def test_a_folder_with_other_things_is_left_alone(config: Path, capsys: pytest.C
     assert run(["run", str(config), "-o", str(out), "-q"]) == ExitCode.USAGE
     assert "not a run folder" in capsys.readouterr().err
     assert [p.name for p in out.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.jit
+def test_everybody_is_followed_by_boxes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = hall("abc")
+    with RecordingWriter(tmp_path / "hall.mcap", scene, Provenance("test")) as out:
+        out.table(boxes(scene, 2.0))
+        out.table(truth(2.0))
+    config = tmp_path / "run.yaml"
+    config.write_text("occlog_run: 1\nrecording: hall.mcap\ntrack: {method: jipda, set: {confirm: 0.9}}\n")
+    assert set(stages(config, capsys)) == {"detect", "track", "evaluate", "report"}
+    made = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"support.parquet", "events.parquet", "view_tracks.parquet", "metrics.json", "report.html"} <= made
+    assert len(read_table(tmp_path / "out" / "tracks.parquet", PeopleTracks))
+    assert json.loads((tmp_path / "out" / "metrics.json").read_text())["idf1"] > 0.9
+
+
+def test_a_run_simulates_people_and_draws_them_over_the_video(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "run.yaml"
+    config.write_text("occlog_run: 1\nsimulate: {scene: people, frames: 5}\ntrack: {method: jipda}\n")
+    wanted = stages(config, capsys, "--dry-run")
+    assert set(wanted) == {"simulate", "detect", "track", "evaluate", "evaluate-in-images", "report", "overlay"}
+
+
+def test_everybody_wants_no_priors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "run.yaml"
+    config.write_text("occlog_run: 1\nsimulate: {scene: people}\npriors: {}\ntrack: {method: jipda}\n")
+    assert run(["run", str(config), "-o", str(tmp_path / "out")]) == ExitCode.BAD_INPUT
+    assert "priors: method jipda takes none" in capsys.readouterr().err
