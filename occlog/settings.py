@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Self, TypeVar
 
 from occlog.errors import InputError, UsageError
 
-METRES = {"m": 1.0, "ft": 0.3048, "in": 0.0254}
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
 """Metres in one unit of length; a scene may have a unit of its own besides."""
 LENGTH_POWER = {"length": 1, "length/s": 1, "length/s^2": 1, "length^2": 2, "length^2/s^3": 2}
 """Units that are a length to some power, times something that does not depend on the unit of length."""

@@ -18,6 +18,7 @@ from occlog.records.seen_ground import box_around, sight_limit
 from occlog.settings import METRES
 
 from .config import JipdaConfig
+from .cues import Cues, bonus, no_cues, remember
 from .detectors import Counts, boxes_of_nobody, first_counts, learn, leaving_rate, rates_of, turning_rate
 from .interface import NOBODY, Event, Look, Moment, Support
 from .kernels.body_box import Views, pack_views
@@ -57,6 +58,7 @@ class State:
     counts: Counts
     next_key: int
     looked: Ints  # (C,) time of each camera's last look; -1: none
+    cues: Cues
 
 
 def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State:
@@ -72,7 +74,17 @@ def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State
     least = 2.0 * float(np.hypot(*(high - low)))
     far = [sight_limit(c, least, metre if scene.length_unit in METRES else None) for c in cameras]
     views = pack_views(cameras)._replace(range=np.array(far))
-    return State(views, config, metre, None, nobody(), first_counts(len(cameras), config), 0, np.full(len(cameras), -1))
+    return State(
+        views,
+        config,
+        metre,
+        None,
+        nobody(),
+        first_counts(len(cameras), config),
+        0,
+        np.full(len(cameras), -1),
+        no_cues(len(cameras)),
+    )
 
 
 def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
@@ -97,10 +109,13 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
             interval[look.camera] = (look.t_ns - looked[look.camera]) / NS
         looked[look.camera] = look.t_ns
     rates = rates_of(state.counts, config, interval)
-    N, M = len(people.key), len(boxes.box)
+    dimension = max(state.cues.appearance.shape[1], *(look.appearance.shape[1] for look in looks))
+    for_people, for_anybody = bonus(state.cues, people, list(looks), dimension)
+    boxes = boxes._replace(clutter=boxes.clutter - for_anybody)
+    N = len(people.key)
     result = update(
         people.mean, people.covariance, people.existence, state.views, boxes, rates,
-        np.zeros((N, M)), NEW_SHARE, GATE,
+        for_people, NEW_SHARE, GATE,
     )  # fmt: skip
     people = corrected(people, result.information, result.vector)
     people = replace(
@@ -120,9 +135,16 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         GATE, math.log(LEAST_BIRTH),
     )  # fmt: skip
     existence = 1.0 / (1.0 + np.exp(-odds))
-    counts = _count_nobody(counts, boxes, result.free * np.prod(1.0 - existence[:, None] * used, axis=0))
     K = len(odds)
+    share, left_free = (
+        np.concatenate([result.share, used]),
+        result.free * np.prod(1.0 - existence[:, None] * used, axis=0),
+    )
+    counts = _count_nobody(counts, boxes, left_free)
     people = join(people, born(mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns))
+    cues = remember(
+        state.cues, people, list(looks), dimension, share=share, free=left_free, sure=people.existence > config.confirm
+    )
     # Confirm, end
     sure = (people.existence > config.confirm) & (people.boxes > LEAST_BOXES)
     ids = np.where((people.id == NOBODY) & sure, people.key, people.id)
@@ -137,7 +159,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     shown = np.flatnonzero((kept.id != NOBODY) & (kept.existence > SHOWN))
     visible = np.full((len(state.views.size), len(people.key)), np.nan)
     visible[boxes.camera, :N] = result.visible
-    share = np.concatenate([result.share, used])[rows[shown]] * kept.existence[shown, None]
+    share = share[rows[shown]] * kept.existence[shown, None]
     moment = Moment(
         t_ns=t_ns,
         ids=kept.id[shown],
@@ -148,7 +170,9 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         support=_support(share, boxes, looks),
         events=tuple(events),
     )
-    return replace(state, t_ns=t_ns, people=kept, counts=counts, next_key=state.next_key + K, looked=looked), moment
+    return replace(
+        state, t_ns=t_ns, people=kept, counts=counts, next_key=state.next_key + K, looked=looked, cues=cues
+    ), moment
 
 
 def _pack(state: State, looks: Sequence[Look], t_ns: int) -> Boxes:

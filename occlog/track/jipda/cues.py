@@ -1,0 +1,172 @@
+"""What speaks for an identity beside the place: scores, hints of single-camera trackers, appearance.
+
+A cue counts as far as it has told boxes apart so far: its values are kept for boxes that were surely right and for
+those that were surely not, as two normal distributions, and the log of their ratio is what it adds.  A cue that is
+the same everywhere adds nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+
+from .interface import NOBODY, Look
+from .people import People
+
+SAME, OTHER = 0, 1
+ENOUGH = 30.0
+"""A cue counts half when this many boxes of either kind have shown it."""
+MOST = 3.0
+"""Greatest log of a likelihood ratio of a cue."""
+LEAST_DEVIATION = 0.02
+"""Of a score or a likeness."""
+KEEPS, TAKEN = math.log(20.0), math.log(0.3)
+"""Log-likelihood ratios of a box with the hint that the person had last in this camera, and of one with the hint that
+somebody else had: trackers of one camera keep an identity mostly, and lose some."""
+OWN, FREE = 0.9, 0.9
+"""A box is surely somebody's, or nobody's, from this probability on."""
+FADING = 0.1
+"""Weight of a new box in a person's appearance."""
+
+
+@dataclass(frozen=True)
+class Cues:
+    """Sums over boxes seen so far, and the appearance of people."""
+
+    score: Floats  # (2, 3) count, sum, sum of squares: boxes of people, boxes of nobody
+    likeness: Floats  # (2, 3) the same of likenesses: to the same person, to others
+    key: Ints  # (N,) people whom the rest is of
+    hint: Ints  # (N, C) last hint in each camera; NOBODY: none
+    appearance: Floats  # (N, K) running mean; NaN: none
+
+
+def no_cues(cameras: int) -> Cues:
+    """Nothing is known."""
+    none = np.zeros(0, dtype=np.int64)
+    return Cues(np.zeros((2, 3)), np.zeros((2, 3)), none, np.zeros((0, cameras), dtype=np.int64), np.zeros((0, 0)))
+
+
+def log_ratio(sums: Floats, value: Floats) -> Floats:
+    """Logs of likelihood ratios of values under the two kinds of boxes, 0 for NaN and while little is known.
+
+    Args:
+        sums: (2, 3) counts, sums and sums of squares.
+        value: of any shape.
+    """
+    count = np.maximum(sums[:, 0], 1.0)
+    mean = sums[:, 1] / count
+    deviation = np.sqrt(np.maximum(sums[:, 2] / count - mean**2, LEAST_DEVIATION**2))
+    z = (value[..., None] - mean) / deviation
+    log = -0.5 * z**2 - np.log(deviation)
+    least = float(sums[:, 0].min())
+    out = (log[..., SAME] - log[..., OTHER]) * least / (least + ENOUGH)
+    return np.asarray(np.clip(np.nan_to_num(out), -MOST, MOST))
+
+
+def likeness(gallery: Floats, boxes: Floats) -> Floats:
+    """(N, M) likeness of (N, K) appearances of people to (M, K) of boxes; NaN: one of them has none.
+
+    Bhattacharyya's coefficient of histograms (nothing negative), the cosine of other vectors.
+    """
+    if gallery.shape[1] == 0:
+        return np.full((len(gallery), len(boxes)), np.nan)
+    if not (np.nanmin(boxes, initial=0.0) < 0.0 or np.nanmin(gallery, initial=0.0) < 0.0):
+        a, b = np.sqrt(gallery), np.sqrt(boxes)
+    else:
+        a, b = gallery, boxes
+    with np.errstate(invalid="ignore", divide="ignore"):
+        a = a / np.linalg.norm(a, axis=1, keepdims=True)
+        b = b / np.linalg.norm(b, axis=1, keepdims=True)
+    return np.asarray(a @ b.T)
+
+
+def bonus(cues: Cues, people: People, looks: list[Look], dimension: int) -> tuple[Floats, Floats]:
+    """(N, M) logs of likelihood ratios of boxes for people, and (M,) of boxes being of anybody, by the cues.
+
+    Args:
+        cues: what is known of the people in `Cues.key`.
+        people: N people, the same or more.
+        looks: of the moment.
+        dimension: K of the boxes' appearance; 0: they have none.
+    """
+    M = sum(len(look.boxes) for look in looks)
+    hint, gallery = _of(cues, people, dimension)
+    score = np.concatenate([look.score for look in looks]) if looks else np.zeros(0)
+    out = np.zeros((len(people.key), M))
+    start = 0
+    for look in looks:
+        stop = start + len(look.boxes)
+        mine = hint[:, look.camera, None] == look.hint
+        taken = mine.any(axis=0)
+        out[:, start:stop] += np.where(look.hint < 0, 0.0, np.where(mine, KEEPS, np.where(taken, TAKEN, 0.0)))
+        if dimension:
+            out[:, start:stop] += log_ratio(cues.likeness, likeness(gallery, _appearance(look, dimension)))
+        start = stop
+    return out, log_ratio(cues.score, score)
+
+
+def remember(
+    cues: Cues, people: People, looks: list[Look], dimension: int, *, share: Floats, free: Floats, sure: Bools
+) -> Cues:
+    """The cues after one more moment.
+
+    Args:
+        cues: before.
+        people: N people after the update.
+        looks: of the moment.
+        dimension: K of the boxes' appearance.
+        share: (N, M) probabilities that boxes are of people.
+        free: (M,) that they are of none.
+        sure: (N,) people who surely exist.
+    """
+    hint, gallery = _of(cues, people, dimension)
+    score, alike = cues.score.copy(), cues.likeness.copy()
+    start = 0
+    for look in looks:
+        stop = start + len(look.boxes)
+        mine = (share[:, start:stop] > OWN) & sure[:, None]
+        _add(score[SAME], look.score[mine.any(axis=0)])
+        _add(score[OTHER], look.score[free[start:stop] > FREE])
+        person, box = np.nonzero(mine)
+        named = look.hint[box] >= 0
+        hint[person[named], look.camera] = look.hint[box[named]]
+        if dimension:
+            seen = _appearance(look, dimension)
+            like = likeness(gallery, seen)
+            _add(alike[SAME], like[mine])
+            # Others: the boxes that are surely of somebody else
+            _add(alike[OTHER], like[(~mine) & mine.any(axis=0) & sure[:, None]])
+            new = seen[box]
+            old = gallery[person]
+            mixed = np.where(np.isnan(old), new, (1.0 - FADING) * old + FADING * new)
+            gallery[person] = np.where(np.isnan(new), old, mixed)
+        start = stop
+    return replace(cues, score=score, likeness=alike, key=people.key, hint=hint, appearance=gallery)
+
+
+def _of(cues: Cues, people: People, dimension: int) -> tuple[Ints, Floats]:
+    """Hints (N, C) and appearance (N, K) of these people; NOBODY and NaN for those who are new."""
+    hint = np.full((len(people.key), cues.hint.shape[1]), NOBODY, dtype=np.int64)
+    appearance = np.full((len(people.key), dimension), np.nan)
+    _, mine, theirs = np.intersect1d(people.key, cues.key, assume_unique=True, return_indices=True)
+    hint[mine] = cues.hint[theirs]
+    if cues.appearance.shape[1] == dimension:
+        appearance[mine] = cues.appearance[theirs]
+    return hint, appearance
+
+
+def _appearance(look: Look, dimension: int) -> Floats:
+    """(n, K) appearance of a look's boxes; NaN where the look has none."""
+    if look.appearance.shape[1] == dimension:
+        return look.appearance
+    return np.full((len(look.boxes), dimension), np.nan)
+
+
+def _add(sums: Floats, values: Floats) -> None:
+    """Count values that are not NaN, in place."""
+    values = values[np.isfinite(values)]
+    sums += (len(values), values.sum(), (values**2).sum())

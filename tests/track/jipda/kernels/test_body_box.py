@@ -1,0 +1,102 @@
+"""The box of a body: against points of an ellipsoid, projected one by one by the scene's camera."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.array_types import Floats
+from occlog.records.scene import Camera, camera_rotation
+from occlog.track.jipda.kernels.body_box import NEAR, box_and_slope, expected_box, pack_views
+
+LENSES = {
+    "ideal": (np.zeros(5), "brown"),
+    "brown": (np.array([-0.25, 0.08, 0.001, -0.002, 0.01]), "brown"),
+    "tsai": (np.array([0.06, 0.0, 0.0, 0.0, 0.0]), "tsai"),
+}
+
+
+def camera(lens: str = "ideal", roll: float = 0.0, metre: float = 1.0) -> Camera:
+    distortion, model = LENSES[lens]
+    return Camera(
+        "a",
+        np.array([0.0, -6.0, 3.0]) * metre,
+        camera_rotation(np.pi / 2, -0.35, roll),
+        np.array([900.0, 950.0]),
+        np.array([640.0, 360.0]),
+        (1280, 720),
+        distortion=distortion,
+        distortion_model=model,
+    )
+
+
+def sampled(view: Camera, x: float, y: float, height: float, width: float) -> Floats:
+    """Box around the pixels of many points of the ellipsoid."""
+    around, up = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 400), np.linspace(0.0, np.pi, 400))
+    points = np.column_stack(
+        [
+            x + 0.5 * width * (np.sin(up) * np.cos(around)).ravel(),
+            y + 0.5 * width * (np.sin(up) * np.sin(around)).ravel(),
+            0.5 * height * (1.0 + np.cos(up)).ravel(),
+        ]
+    )
+    pixels = view.project(points)
+    return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+
+
+@pytest.mark.parametrize("place", [(0.3, 1.0), (-2.0, 3.0), (1.5, -2.0)])
+@pytest.mark.parametrize("roll", [0.0, 0.2])
+def test_the_box_of_an_ideal_lens_is_that_of_the_ellipsoids_points(place: tuple[float, float], roll: float) -> None:
+    view, box = camera(roll=roll), np.empty(4)
+    assert expected_box(pack_views([view]), 0, *place, 1.7, 0.5, box) > 0.0
+    np.testing.assert_allclose(box, sampled(view, *place, 1.7, 0.5), atol=0.05)
+
+
+@pytest.mark.parametrize("lens", ["brown", "tsai"])
+def test_a_lens_moves_the_points_of_contact(lens: str) -> None:
+    view, box = camera(lens), np.empty(4)
+    expected_box(pack_views([view]), 0, 1.0, 1.0, 1.7, 0.5, box)
+    # The points of contact of the distorted outline are others by little
+    np.testing.assert_allclose(box, sampled(view, 1.0, 1.0, 1.7, 0.5), atol=0.5)
+
+
+def test_a_lens_does_not_turn_back_outside_the_image() -> None:
+    view, box = camera("brown"), np.empty(4)
+    views = pack_views([view])
+    last = -np.inf
+    for x in (3.0, 6.0, 12.0, 24.0, 48.0):
+        expected_box(views, 0, x, 1.0, 1.7, 0.5, box)
+        assert box[0] > last
+        last = box[0]
+
+
+def test_the_slope_is_the_derivative_of_the_box() -> None:
+    views, box, slope = pack_views([camera("brown")]), np.empty(4), np.empty((4, 6))
+    state, delay = np.array([0.5, 1.0, 0.7, -0.4, 1.7, 0.5]), 0.2
+    box_and_slope(views, 0, state, delay, box, slope)
+    for k in range(6):
+        low, high, other = np.empty(4), np.empty(4), np.empty((4, 6))
+        step = np.zeros(6)
+        step[k] = 1e-3
+        box_and_slope(views, 0, state + step, delay, high, other)
+        box_and_slope(views, 0, state - step, delay, low, other)
+        np.testing.assert_allclose(slope[:, k], (high - low) / 2e-3, rtol=1e-3, atol=0.02)
+
+
+def test_centimetres_give_the_same_box() -> None:
+    metres, centimetres = np.empty(4), np.empty(4)
+    expected_box(pack_views([camera()]), 0, 1.0, 2.0, 1.7, 0.5, metres)
+    depth = expected_box(pack_views([camera(metre=100.0)]), 0, 100.0, 200.0, 170.0, 50.0, centimetres)
+    np.testing.assert_allclose(centimetres, metres, rtol=1e-12)
+    assert depth > 100.0
+
+
+def test_a_body_that_reaches_the_camera_has_no_box() -> None:
+    level = Camera(
+        "a", np.array([0.0, 0.0, 0.85]), camera_rotation(0.0, 0.0, 0.0), np.full(2, 900.0), np.zeros(2), (1280, 720)
+    )
+    views, box = pack_views([level]), np.empty(4)
+    nearest = 0.25 + NEAR * 1.7
+    assert expected_box(views, 0, nearest + 1e-6, 0.0, 1.7, 0.5, box) > 0.0
+    assert expected_box(views, 0, nearest - 1e-6, 0.0, 1.7, 0.5, box) == -1.0
+    assert expected_box(views, 0, -3.0, 0.0, 1.7, 0.5, box) == -1.0

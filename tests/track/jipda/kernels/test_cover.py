@@ -1,0 +1,66 @@
+"""What covers whom: against people drawn at random from where they may be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.track.jipda.kernels.cover import COLUMNS, ROWS, below, clear_cells, inside_image
+
+BOXES = np.array([[100.0, 100.0, 160.0, 280.0], [130.0, 120.0, 200.0, 330.0]])
+
+
+def clear(existence: float = 1.0, nearer: float = 2.0, spread: float = 12.0) -> np.ndarray:
+    """Cells of person 0, with person 1 nearer by so much."""
+    cells = np.ones((ROWS, COLUMNS))
+    depth = np.array([10.0, 10.0 - nearer])
+    clear_cells(0, BOXES, depth, np.array([5.0, spread]), np.array([0.3, 0.4]), np.array([1.0, existence]), cells)
+    return cells
+
+
+@pytest.mark.parametrize(("existence", "nearer"), [(1.0, 2.0), (0.6, 2.0), (1.0, 0.3), (1.0, -0.4)])
+def test_cells_are_as_clear_as_people_drawn_at_random_leave_them(existence: float, nearer: float) -> None:
+    rng, n = np.random.default_rng(0), 200_000
+    shift = rng.normal(0.0, np.hypot(5.0, 12.0), n)
+    before = (rng.random(n) < existence) & (rng.normal(nearer, 0.5, n) > 0.0)
+    cells = clear(existence, nearer)
+    for row in range(ROWS):
+        v = 100.0 + 180.0 * (row + 0.5) / ROWS
+        for column in range(COLUMNS):
+            u = 100.0 + 60.0 * (column + 0.5) / COLUMNS
+            held = before & (130.0 + shift < u) & (u < 200.0 + shift) & (120.0 < v < 330.0)
+            assert cells[row, column] == pytest.approx(1.0 - held.mean(), abs=0.005)
+
+
+def test_nobody_covers_those_who_are_clearly_nearer() -> None:
+    assert clear(nearer=-5.0).min() == 1.0
+
+
+def test_several_cover_independently() -> None:
+    boxes = np.vstack([BOXES[0], BOXES[1], BOXES[1]])
+    cells = np.ones((ROWS, COLUMNS))
+    clear_cells(0, boxes, np.array([10.0, 8.0, 8.0]), np.array([5.0, 12.0, 12.0]), np.array([0.3, 0.4, 0.4]),
+                np.array([1.0, 0.6, 0.6]), cells)  # fmt: skip
+    np.testing.assert_allclose(cells, clear(0.6) ** 2, atol=1e-12)
+
+
+def test_somebody_behind_the_camera_covers_nobody() -> None:
+    cells = np.ones((ROWS, COLUMNS))
+    clear_cells(0, BOXES, np.array([10.0, -1.0]), np.ones(2), np.ones(2), np.ones(2), cells)
+    assert cells.min() == 1.0
+
+
+def test_the_share_inside_the_image_counts_cells() -> None:
+    cells = np.empty((ROWS, COLUMNS))
+    assert inside_image(np.array([-50.0, 10.0, 50.0, 100.0]), 640.0, 480.0, cells) == pytest.approx(
+        3 / COLUMNS, abs=0.21
+    )
+    assert inside_image(np.array([10.0, 10.0, 50.0, 100.0]), 640.0, 480.0, cells) == 1.0
+    assert inside_image(np.array([700.0, 10.0, 750.0, 100.0]), 640.0, 480.0, cells) == 0.0
+
+
+def test_the_distribution_function_is_the_normal_one() -> None:
+    assert below(0.0) == pytest.approx(0.5)
+    assert below(1.0) == pytest.approx(0.841344746, abs=1e-9)
+    assert below(-7.0) == 0.0
+    assert below(7.0) == 1.0

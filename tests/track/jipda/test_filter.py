@@ -1,0 +1,153 @@
+"""The filter of everybody: simulated crowds of other bodies than the model's, and what must not matter."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from crowds import Crowd, crowd
+from scipy.optimize import linear_sum_assignment
+
+from occlog.track.jipda.config import JipdaConfig
+from occlog.track.jipda.filter import begin, step
+from occlog.track.jipda.interface import NOBODY, Look, Moment
+
+pytestmark = pytest.mark.jit
+
+
+def follow(made: Crowd, config: JipdaConfig | None = None) -> list[Moment]:
+    """Moments of the filter."""
+    state = begin(made.scene, made.scene.cameras, config or JipdaConfig.in_unit(made.scene.length_unit))
+    out = []
+    for looks in made.moments:
+        state, moment = step(state, looks)
+        out.append(moment)
+    return out
+
+
+def pairs(made: Crowd, moments: list[Moment], within: float = 1.0) -> list[tuple[int, int, int, float]]:
+    """Frame, person, identity and normalised squared error of each pair of truth and estimate."""
+    out = []
+    for t, moment in enumerate(moments):
+        apart = made.truth[t][:, None] - moment.mean[None, :, :2]
+        far = np.hypot(apart[..., 0], apart[..., 1])
+        for i, j in zip(*linear_sum_assignment(np.minimum(far, 2.0 * within)), strict=True):
+            if far[i, j] < within:
+                nees = apart[i, j] @ np.linalg.solve(moment.covariance[j, :2, :2], apart[i, j])
+                out.append((t, int(i), int(moment.ids[j]), float(nees)))
+    return out
+
+
+def test_everybody_of_a_crowd_is_followed_with_one_identity() -> None:
+    made = crowd(people=8, cameras=4, frames=60, seed=3)
+    moments = follow(made)
+    found = pairs(made, moments)
+    assert len(found) >= 0.97 * 8 * 60
+    assert sum(len(m.ids) for m in moments) <= len(found) + 0.02 * 8 * 60
+    identities = {(i, k) for _, i, k, _ in found}
+    assert len(identities) <= 9
+
+
+def test_covariances_are_consistent() -> None:
+    nees = []
+    for seed in (1, 2):
+        made = crowd(people=6, cameras=4, frames=50, hz=5.0, seed=seed)
+        nees += [n for *_, n in pairs(made, follow(made))]
+    assert 1.0 < np.mean(nees) < 3.2
+    assert np.mean(np.array(nees) < 5.99) > 0.88
+
+
+def test_the_unit_of_length_does_not_matter() -> None:
+    metres = follow(crowd(people=4, frames=15, seed=5))
+    centimetres = follow(crowd(people=4, frames=15, seed=5, metre=100.0))
+    for a, b in zip(metres, centimetres, strict=True):
+        np.testing.assert_array_equal(a.ids, b.ids)
+        np.testing.assert_allclose(a.mean[:, :2], b.mean[:, :2] / 100.0, atol=1e-3)
+
+
+def test_the_same_boxes_give_the_same_bytes() -> None:
+    made = crowd(people=5, frames=10, seed=6)
+    for a, b in zip(follow(made), follow(made), strict=True):
+        assert a.mean.tobytes() == b.mean.tobytes()
+        assert a.covariance.tobytes() == b.covariance.tobytes()
+        assert a.support.probability.tobytes() == b.support.probability.tobytes()
+
+
+def test_steps_leave_their_state_as_it_is() -> None:
+    made = crowd(people=3, frames=6, seed=7)
+    state = begin(made.scene, made.scene.cameras, JipdaConfig())
+    for looks in made.moments[:5]:
+        state, _ = step(state, looks)
+    first = step(state, made.moments[5])[1]
+    again = step(state, made.moments[5])[1]
+    assert first.mean.tobytes() == again.mean.tobytes()
+
+
+def test_nobody_is_found_where_there_are_no_boxes() -> None:
+    made = crowd(people=1, frames=5, miss=1.0, false=0.0)
+    assert all(len(m.ids) == 0 and not m.events for m in follow(made))
+
+
+def test_boxes_of_nobody_confirm_hardly_anybody() -> None:
+    made = crowd(people=1, frames=40, miss=1.0, false=1.0)
+    assert sum(len(m.ids) for m in follow(made)) <= 4
+
+
+def test_one_camera_and_the_floor_are_enough() -> None:
+    made = crowd(people=2, cameras=1, frames=60, size=(6.0, 5.0), false=0.1, seed=2)
+    found = pairs(made, follow(made))
+    assert len(found) > 0.5 * 2 * 60
+
+
+def test_supports_name_boxes_of_their_camera_and_sum_to_at_most_one() -> None:
+    made = crowd(people=5, frames=10, seed=8)
+    for looks, moment in zip(made.moments, follow(made), strict=True):
+        total: dict[tuple[int, int], float] = {}
+        for _, c, row, p in zip(*moment.support, strict=True):
+            assert row < len(looks[c].boxes)
+            total[c, row] = total.get((c, row), 0.0) + p
+        assert all(v <= 1.05 for v in total.values())
+
+
+def test_births_and_deaths_are_told() -> None:
+    made = crowd(people=3, frames=30, seed=9)
+    gone = [[look._replace(boxes=np.zeros((0, 4)), score=np.zeros(0), hint=np.zeros(0, dtype=np.int64),
+                           appearance=np.zeros((0, 0)), row=np.zeros(0, dtype=np.int64)) for look in looks]
+            for looks in made.moments[20:]]  # fmt: skip
+    moments = follow(made._replace(moments=made.moments[:20] + gone))
+    events = [e.kind for m in moments for e in m.events]
+    assert events.count("birth") == events.count("death") >= 3
+    assert len(moments[-1].ids) == 0
+
+
+def test_looks_at_slightly_different_times_are_one_moment() -> None:
+    made = crowd(people=3, frames=20, seed=10)
+    shifted = [
+        [look._replace(t_ns=look.t_ns - 1_000_000 * c) for c, look in enumerate(looks)] for looks in made.moments
+    ]
+    moments = follow(made._replace(moments=shifted))
+    assert len(pairs(made, moments)) >= 0.9 * 3 * 20
+
+
+def test_hints_that_follow_people_keep_their_identities() -> None:
+    made = crowd(people=4, frames=20, seed=11)
+    hinted = []
+    for t, looks in enumerate(made.moments):
+        row = []
+        for c, look in enumerate(looks):
+            feet = np.column_stack([0.5 * (look.boxes[:, 0] + look.boxes[:, 2]), look.boxes[:, 3]])
+            place = np.column_stack([made.truth[t], np.zeros(4)])
+            far = np.linalg.norm(feet[:, None] - made.scene.cameras[c].project(place)[None], axis=2)
+            near = np.nan_to_num(far, nan=np.inf)
+            row.append(look._replace(hint=np.where(near.min(axis=1) < 15.0, near.argmin(axis=1), NOBODY)))
+        hinted.append(row)
+    found = pairs(made, follow(made._replace(moments=hinted)))
+    assert len({(i, k) for _, i, k, _ in found}) == 4
+
+
+def test_a_camera_that_did_not_look_says_nothing_of_visibility() -> None:
+    made = crowd(people=3, cameras=3, frames=10, seed=12)
+    without: list[list[Look]] = [looks[:2] for looks in made.moments]
+    last = follow(made._replace(moments=without))[-1]
+    assert len(last.ids)
+    assert np.isnan(last.visibility[:, 2]).all()
+    assert np.isfinite(last.visibility[:, :2]).any()
