@@ -7,6 +7,7 @@ WILDTRACK is not shipped; `OCCLOG_SHARED_DATA` names the folder that holds `wild
 from __future__ import annotations
 
 import csv
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -95,7 +96,8 @@ def _columns(path: Path, *names: str) -> Floats:
 
 def write(case: Case, folder: Path) -> None:
     """Write boxes, true positions and projection matrices as files that `occlog ingest` reads."""
-    (folder / "calibration").mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(folder / "calibration", ignore_errors=True)
+    (folder / "calibration").mkdir(parents=True)
     for n, matrix in enumerate(case.matrices, start=1):
         np.savetxt(folder / "calibration" / f"cam{n}_P.txt", matrix, fmt="%.17g")
     with (folder / "boxes.csv").open("w", newline="") as file:

@@ -70,8 +70,6 @@ def command(**values: Any) -> int:
     as_json, quiet, azimuths = values["as_json"], values["quiet"], values["truth_azimuths"]
     paths = Paths(**{name: values[name] for name in Paths.__annotations__})
     chosen, many = given(EvaluateConfig, values), given(ManyConfig, values)
-    if values["frames"] is not None:
-        many["frames"] = values["frames"]
     kind = AZIMUTHS
     if azimuths is None:
         on_ground = GROUND if paths.tracks is not None and paths.truth is not None else OTHERS
@@ -83,9 +81,10 @@ def command(**values: Any) -> int:
         options.echo_summary(figures, as_json)
         return _judged(figures, thresholds)
     if kind == IMAGES:
-        result, unit = run_evaluate_many(paths, config.box_overlap, many), "px"
+        frames = {} if values["frames"] is None else {"frames": values["frames"]}
+        result, unit = run_evaluate_many(paths, config.box_overlap, {**many, **frames}), "px"
     else:
-        result, unit = run_evaluate(paths, chosen, many)
+        result, unit = run_evaluate(paths, chosen, many, values["frames"])
     for line in result.notes:
         options.note(line, quiet)
     options.note_findings(result.findings or (), quiet)
@@ -100,11 +99,11 @@ def command(**values: Any) -> int:
 
 
 def _show(result: Evaluation, unit: str, as_json: bool) -> None:
-    if as_json:
-        options.echo_summary(result.figures, True)
-        return
-    from .text import summary_lines
+    from .text import summary_lines, thinned
 
+    if as_json:
+        options.echo_summary(thinned(result.figures), True)
+        return
     lines = summary_lines(result.metrics, unit)
     if result.findings is not None:
         lines += ["", f"plausible: {options.plausible_in_words(result.figures)}"]

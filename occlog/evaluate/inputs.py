@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
+from occlog.array_types import Ints
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -19,6 +22,7 @@ from occlog.records.tables import Bearings, Cooperation, Diagnostics, Doa, Track
 from .verdict import Made
 
 T = TypeVar("T", bound=Table)
+N = TypeVar("N", Views, TruthBoxes)
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,58 @@ def read_tables(paths: Paths) -> Tables:
         diagnostics=None if paths.diagnostics is None else open_input(paths.diagnostics).read(Diagnostics),
         made=Made() if tracks is None else Made.of(tracks.provenance),
     )
+
+
+def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:
+    """Rows of the frames first <= number < stop.
+
+    Views and true boxes have numbers of frames; everything else is taken from the time of the first frame on up to that
+    of the one after the last, where frames are the times of true targets, else of true boxes, bearings or tracks.
+
+    Raises:
+        InputError: no row is in these frames.
+    """
+    first, stop = frames
+    timed = (tables.tracks, tables.truth, tables.bearings, tables.cooperation, tables.diagnostics)
+    times = _times_of_frames(tables)
+    if any(table is not None for table in timed) and not 0 <= first < min(stop, len(times)):
+        raise InputError(f"frames {first}:{stop}: there are {len(times)} of them, numbered from 0")
+    low = int(times[first]) if first < len(times) else 0
+    high = int(times[stop]) if stop < len(times) else np.iinfo(np.int64).max
+
+    def during(table: T | None) -> T | None:
+        if table is None:
+            return None
+        t_ns = table.t_ns  # type: ignore[attr-defined]
+        return table.take((t_ns >= low) & (t_ns < high))
+
+    def numbered(table: N | None) -> N | None:
+        return None if table is None else table.take((table.frame >= first) & (table.frame < stop))
+
+    boxes = numbered(tables.truth_boxes)
+    if boxes is not None and tables.views is not None and not len(boxes):
+        raise InputError(f"frames {first}:{stop}: no true box is in them")
+    return replace(
+        tables,
+        tracks=during(tables.tracks),
+        truth=during(tables.truth),
+        truth_boxes=boxes,
+        bearings=during(tables.bearings),
+        views=numbered(tables.views),
+        cooperation=during(tables.cooperation),
+        diagnostics=during(tables.diagnostics),
+    )
+
+
+def _times_of_frames(tables: Tables) -> Ints:
+    """Distinct times by which frames are numbered."""
+    truth = tables.truth
+    if truth is not None and (truth.role == "target").any():
+        return np.unique(truth.t_ns[truth.role == "target"])
+    for table in (tables.truth_boxes, tables.bearings, tables.tracks):
+        if table is not None and len(table):
+            return np.unique(table.t_ns)
+    return np.zeros(0, dtype=np.int64)
 
 
 def _open_truth(path: Path) -> Opened:

@@ -87,11 +87,12 @@ WRITTEN = (
 FRAMES_OPTION = click.option(
     "--frames",
     cls=KindOption,
-    kinds=(IMAGES,),
+    kinds=(IMAGES, *WORLD),
     type=FRAMES,
     default=None,
     metavar="A:B",
-    help="Of tracks in images: only frames A <= number < B.",
+    help="Only frames A <= number < B; on the ground the times of the truth (without one, of the bearings) are "
+    "numbered from 0.",
 )
 
 OF_MANY = (

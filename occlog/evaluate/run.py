@@ -25,29 +25,39 @@ from occlog.io.open import open_if_ours, open_input
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.records.scene import MicrophoneArray
-from occlog.records.tables import Doa
+from occlog.records.tables import Doa, Errors
 from occlog.settings import configure
-from occlog.track.images.run.provenance import other_video
+from occlog.track.images.run.provenance import born_from_detections, other_video
 
-from .inputs import Paths, provenance_of, read_tables
+from .inputs import Paths, in_frames, provenance_of, read_tables
 from .stage import Evaluation, evaluate
 from .verdict import judge
 
 
-def run_evaluate(paths: Paths, given: Mapping[str, object], many_given: Mapping[str, object]) -> tuple[Evaluation, str]:
+def run_evaluate(
+    paths: Paths,
+    given: Mapping[str, object],
+    many_given: Mapping[str, object],
+    frames: tuple[int, int] | None = None,
+) -> tuple[Evaluation, str]:
     """Read, evaluate, write; the evaluation and the scene's length unit.
 
     Args:
         paths: inputs and outputs; outputs are written whole or not at all.
         given: settings of `EvaluateConfig` that were given.
         many_given: settings of `ManyConfig` that were given.
+        frames: first frame to compare, and the one after the last; see `in_frames`.
     """
     _check_request(paths, given)
     written = (paths.output, paths.errors, paths.bound, paths.failures, paths.counts)
     options.check_outputs(paths.inputs, written, paths.overwrite)
     t = read_tables(paths)
+    t = t if frames is None else in_frames(t, frames)
     unit = t.scene.length_unit
-    config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **given})
+    # A tracker that numbers its tracks itself gives them numbers of targets by chance only
+    own_numbers = "match" not in given and born_from_detections(paths.tracks)
+    paired = {"match": "optimal"} if own_numbers else {}
+    config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **paired, **given})
     _check_held_out(paths.tracks, config.held_out)
     result = evaluate(
         t.tracks,
@@ -60,11 +70,13 @@ def run_evaluate(paths: Paths, given: Mapping[str, object], many_given: Mapping[
         cooperation=t.cooperation,
         smoothed=t.made.smoothed,
     )
+    own = "start" if own_numbers else ("label" if config.match == "id" else "best")
     result, many = ground_figures(
         result,
         t,
         config,
         told=many_given,
+        own=own,
         wanted=paths.failures is not None or paths.counts is not None,
         path=paths.tracks,
     )
@@ -74,14 +86,20 @@ def run_evaluate(paths: Paths, given: Mapping[str, object], many_given: Mapping[
         t.made,
         diagnostics=t.diagnostics,
         bearings=t.bearings,
-        errors=result.errors,
+        errors=_of_pairs(result.errors, many) if own_numbers else result.errors,
         metrics=result.metrics,
         held_out=config.held_out,
     )
     notes = (*result.notes, *other_video(paths.tracks, [paths.truth]))
     result = replace(result, notes=notes, findings=findings)
-    _write(paths, result, unit, config, many)
+    _write(paths, result, unit, config, {"many": many} if many else {})
     return result, unit
+
+
+def _of_pairs(errors: Errors, many: Mapping[str, object]) -> Errors:
+    """Errors of tracks while they are on the target that they are paired with: exchanges say nothing of covariances."""
+    distance = many.get("match_distance")
+    return errors.take(errors.error <= distance) if isinstance(distance, float) else errors
 
 
 def _check_request(paths: Paths, given: Mapping[str, object]) -> None:

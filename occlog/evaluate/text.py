@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 
 GROUP = (
@@ -195,6 +196,9 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
     GROUP,
 )
 
+SHOWN = 10
+"""Targets in the table; of more the worst are shown, and none of them in the summary in JSON."""
+OF_TARGET = re.compile(r"_target_\d+(_|$)")
 BY_TARGET = (
     ("rmse", "RMSE", "length"),
     ("bound_rmse", "bound", "length"),
@@ -238,8 +242,21 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
         ("sensor", BY_SENSOR),
     ):
         names = _names(metrics, kind, columns, unit)
+        left = 0
+        if kind == "target" and len(names) > SHOWN:
+            left = len(names) - SHOWN
+            worst = sorted(names, key=lambda name: -metrics.get(f"rmse_target_{name}_{unit}", 0.0))[:SHOWN]
+            names = [name for name in names if name in worst]
         lines += _table(metrics, kind, names, columns, unit) if names else []
+        lines += [f"and {left} targets with a smaller RMSE; the figures in a file (-o) are of all"] if left else []
     return lines
+
+
+def thinned(figures: Mapping[str, object]) -> dict[str, object]:
+    """The figures without those of each target where these are many; the file of figures has all of them."""
+    targets = {found[0] for name in figures if (found := OF_TARGET.search(name))}
+    few = len({name.rstrip("_") for name in targets}) <= SHOWN
+    return {name: value for name, value in figures.items() if few or not OF_TARGET.search(name)}
 
 
 def number(value: float) -> str:

@@ -216,6 +216,7 @@ def ground_figures(
     config: EvaluateConfig,
     *,
     told: Mapping[str, object],
+    own: str,
     wanted: bool,
     path: Path | None = None,
 ) -> tuple[Evaluation, dict[str, object]]:
@@ -228,6 +229,7 @@ def ground_figures(
         tables: what was read.
         config: of the other figures.
         told: options of many targets that were given.
+        own: which target is a track's own, unless that was given.
         wanted: a table of failures or counts is to be written.
         path: file of the tracks.
     """
@@ -237,8 +239,6 @@ def ground_figures(
     several = max(len(np.unique(tracks.target_id)), len(np.unique(truth.target_id[truth.role == "target"]))) > 1
     if not (several or told or wanted):
         return result, {}
-    numbered = "start" if born_from_detections(path) else "label"
-    own = numbered if config.match == "id" else "best"
     many = configure(ManyConfig.in_unit(unit), {"own": own, **told})
     if many.match_distance is None:
         line = f"lengths are in {unit}: give --match-distance for the figures of many targets"
@@ -247,4 +247,4 @@ def ground_figures(
     metrics = {**result.metrics, **{name: value for name, value in made.metrics.items() if name not in result.metrics}}
     notes = (*result.notes, *made.notes, *own_notes(path, many.own, _asked(told)))
     whole = replace(result, metrics=metrics, failures=made.failures, counts=made.counts, notes=notes)
-    return whole, {"many": asdict(many)}
+    return whole, asdict(many)
