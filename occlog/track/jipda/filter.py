@@ -23,8 +23,9 @@ from .detectors import Counts, boxes_of_nobody, first_counts, learn, leaving_rat
 from .interface import NOBODY, Event, Look, Moment, Support
 from .kernels.body_box import Views, pack_views
 from .kernels.joint import Boxes, update
-from .kernels.newborn import newborn
+from .kernels.newborn import Arrival, newborn
 from .people import People, born, corrected, doubles, join, nobody, predict, take
+from .place_map import SMOOTH, PlaceMap, arrivals, first_velocity, leaving_at, no_map, watch
 
 BORDER_PX = 3.0
 """An edge this near to the border of the image is the border's."""
@@ -38,6 +39,8 @@ LEAST_BIRTH = 0.05
 """Nobody begins with a lower probability of existence."""
 SHOWN = 0.5
 """Confirmed people are reported while they exist with this probability."""
+SETTLED_S = 1.5
+"""After so long the velocity of a person who is new is known [s]."""
 LEAST_BOXES = 1.5
 """Nobody is confirmed by fewer boxes."""
 LEAST_SUPPORT = 0.05
@@ -59,6 +62,7 @@ class State:
     next_key: int
     looked: Ints  # (C,) time of each camera's last look; -1: none
     cues: Cues
+    places: PlaceMap
 
 
 def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State:
@@ -75,15 +79,16 @@ def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State
     far = [sight_limit(c, least, metre if scene.length_unit in METRES else None) for c in cameras]
     views = pack_views(cameras)._replace(range=np.array(far))
     return State(
-        views,
-        config,
-        metre,
-        None,
-        nobody(),
-        first_counts(len(cameras), config),
-        0,
-        np.full(len(cameras), -1),
-        no_cues(len(cameras)),
+        views=views,
+        config=config,
+        metre=metre,
+        t_ns=None,
+        people=nobody(),
+        counts=first_counts(len(cameras), config),
+        next_key=0,
+        looked=np.full(len(cameras), -1),
+        cues=no_cues(len(cameras)),
+        places=no_map(metre),
     )
 
 
@@ -99,7 +104,12 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     dt = 0.0 if state.t_ns is None else (t_ns - state.t_ns) / NS
     # Predict
     people = predict(
-        state.people, t_ns, dt=dt, leaving=leaving_rate(state.counts), turning=turning_rate(state.counts), config=config
+        state.people,
+        t_ns,
+        dt=dt,
+        leaving=leaving_at(state.places, state.people.mean[:, :2], leaving_rate(state.counts)),
+        turning=turning_rate(state.counts),
+        config=config,
     )
     # Associate and update
     boxes = _pack(state, looks, t_ns)
@@ -118,23 +128,29 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         for_people, NEW_SHARE, GATE,
     )  # fmt: skip
     people = corrected(people, result.information, result.vector)
+    detected = (result.share.sum(axis=1) > 0.5)[:, None]
     people = replace(
         people,
         existence=result.existence,
+        last=np.where(detected, people.mean[:, :2], people.last),
         boxes=people.boxes + result.share.sum(axis=1),
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
     counts = learn(state.counts, people, dt, boxes, rates, result)
     # Births, from boxes that are nobody's
     body = np.array([config.height, config.sigma_height, config.width, config.sigma_width, config.speed])
-    new = 1.0 if state.t_ns is None else min(dt / REFILL_S, 1.0)
-    density = new * np.array([CROWD / state.metre**2, IN_IMAGE])
+    everywhere, at = arrivals(state.places, CROWD / state.metre**2 / REFILL_S, REFILL_S)
+    since = REFILL_S if state.t_ns is None else min(dt, REFILL_S)
+    arrival = Arrival(
+        everywhere * since, IN_IMAGE * since / REFILL_S, state.places.centre, at * since, SMOOTH * state.metre
+    )
     spread = np.sqrt(0.5 * (people.covariance[:, 0, 0] + people.covariance[:, 1, 1]))
     mean, covariance, odds, used = newborn(
-        state.views, boxes, rates, body, density, people.mean, spread, people.existence, result.free,
+        state.views, boxes, rates, body, arrival, people.mean, spread, people.existence, result.free,
         GATE, math.log(LEAST_BIRTH),
     )  # fmt: skip
     existence = 1.0 / (1.0 + np.exp(-odds))
+    mean[:, 2:4], covariance[:, 2:4, 2:4] = first_velocity(state.places, mean[:, :2], config.speed)
     K = len(odds)
     share, left_free = (
         np.concatenate([result.share, used]),
@@ -153,6 +169,14 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NOBODY].sum()]))
     events = [Event("birth", int(ids[k]), NOBODY, float(people.existence[k])) for k in np.flatnonzero(new)]
     events += [Event("death", int(ids[k]), NOBODY, float(people.existence[k])) for k in np.flatnonzero(left)]
+    # Those who are old enough to have a velocity tell where people come from, those who end where they leave
+    age = (t_ns - people.born_ns) / NS
+    sure = people.id != NOBODY
+    grown = sure & (age >= SETTLED_S) & (age - dt < SETTLED_S)
+    places = watch(
+        state.places, dt, people=people.mean[sure, :2], existence=people.existence[sure], left=people.last[left],
+        came=people.first[grown], velocity=people.mean[grown, 2:4],
+    )  # fmt: skip
     rows = np.flatnonzero(stays)
     kept = take(replace(people, id=ids), rows)
     # Report
@@ -170,8 +194,9 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         support=_support(share, boxes, looks),
         events=tuple(events),
     )
+    next_key = state.next_key + K
     return replace(
-        state, t_ns=t_ns, people=kept, counts=counts, next_key=state.next_key + K, looked=looked, cues=cues
+        state, t_ns=t_ns, people=kept, counts=counts, next_key=next_key, looked=looked, cues=cues, places=places
     ), moment
 
 

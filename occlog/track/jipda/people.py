@@ -39,6 +39,9 @@ class People:
     id: Ints  # (N,) NOBODY: not confirmed
     seen_ns: Ints  # (N,) when a camera last showed the place
     boxes: Floats  # (N,) expected number of boxes that spoke for them
+    born_ns: Ints  # (N,)
+    first: Floats  # (N, 2) where they were detected first
+    last: Floats  # (N, 2) where they were detected last
     model: Floats  # (N, 2) probabilities of the models
     means: Floats  # (N, 2, 6) of each model
     covariances: Floats  # (N, 2, 6, 6)
@@ -56,6 +59,9 @@ def born(mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, fir
         id=np.full(K, NOBODY, dtype=np.int64),
         seen_ns=np.full(K, t_ns, dtype=np.int64),
         boxes=boxes,
+        born_ns=np.full(K, t_ns, dtype=np.int64),
+        first=mean[:, :2].copy(),
+        last=mean[:, :2].copy(),
         model=np.tile([1.0, 0.0], (K, 1)),
         means=np.repeat(mean[:, None], 2, axis=1),
         covariances=np.repeat(covariance[:, None], 2, axis=1),
@@ -78,14 +84,14 @@ def join(people: People, more: People) -> People:
     return People(**{name: np.concatenate([value, getattr(more, name)]) for name, value in vars(people).items()})
 
 
-def predict(people: People, t_ns: int, *, dt: float, leaving: float, turning: float, config: JipdaConfig) -> People:
+def predict(people: People, t_ns: int, *, dt: float, leaving: Floats, turning: float, config: JipdaConfig) -> People:
     """The people dt seconds later.
 
     Args:
         people: at the last moment.
         t_ns: time of the prediction.
         dt: seconds since the last moment, >= 0.
-        leaving: rate at which people leave [1/s]; those who are out of all images leave at the rate `OUTSIDE`.
+        leaving: (N,) rates at which they leave [1/s]; those who are out of all images leave at the rate `OUTSIDE`.
         turning: rate at which people who walk on begin to manoeuvre [1/s].
         config: spectral densities of the acceleration, how long manoeuvres last.
     """
@@ -107,7 +113,7 @@ def predict(people: People, t_ns: int, *, dt: float, leaving: float, turning: fl
         Q[:, place, velocity] = Q[:, velocity, place] = q * dt**2 / 2.0
     Q[:, HEIGHT, HEIGHT], Q[:, WIDTH, WIDTH] = (GROWTH * config.height) ** 2 * dt, (GROWTH * config.width) ** 2 * dt
     outside = t_ns - people.seen_ns > OUTSIDE_AFTER_S * NS
-    rate = np.where(outside, max(leaving, OUTSIDE), leaving)
+    rate = np.where(outside, np.maximum(leaving, OUTSIDE), leaving)
     people = replace(
         people,
         model=model,

@@ -9,6 +9,7 @@ stands there against all of these boxes being of nobody.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,16 @@ from .linear import invert
 NEWTON_STEPS = 4
 LEAST_FREE = 0.2
 """Boxes that are free with a lower probability propose nobody."""
+
+
+class Arrival(NamedTuple):
+    """Expected numbers of people who are new since the last moment."""
+
+    everywhere: float  # a unit of area
+    in_image: float  # in an image: what is far away and small in it counts less
+    centre: Floats  # (G, 2) places
+    at: Floats  # (G,) besides, a unit of area there, falling with the distance from it
+    smooth: float  # as a Gaussian of this deviation
 
 
 @kernel
@@ -51,7 +62,7 @@ def fit_body(
     boxes: Boxes,
     rates: Rates,
     body: Floats,
-    density: Floats,
+    arrival: Arrival,
     c: int,
     j: int,
     mean: Floats,
@@ -108,7 +119,13 @@ def fit_body(
     # Where a square unit is small in the image, fewer people are expected on it
     across, down = 0.5 * (slope[0] + slope[2]), slope[3]
     area = abs(across[0] * down[1] - across[1] * down[0]) / (views.size[c, 0] * views.size[c, 1])
-    return total + math.log(min(density[0], density[1] * area) + 1e-300)
+    expected_new = arrival.everywhere
+    for g in range(arrival.centre.shape[0]):
+        dx, dy = mean[0] - arrival.centre[g, 0], mean[1] - arrival.centre[g, 1]
+        apart = (dx * dx + dy * dy) / (arrival.smooth * arrival.smooth)
+        if arrival.at[g] > 0.0 and apart < 16.0:
+            expected_new += arrival.at[g] * math.exp(-0.5 * apart)
+    return total + math.log(min(expected_new, arrival.in_image * area) + 1e-300)
 
 
 @kernel
@@ -117,7 +134,7 @@ def propose(
     boxes: Boxes,
     rates: Rates,
     body: Floats,
-    density: Floats,
+    arrival: Arrival,
     people: Floats,
     spread: Floats,
     existence: Floats,
@@ -136,7 +153,7 @@ def propose(
         boxes: of the moment.
         rates: of the detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
-        density: (2,) expected number of new people a unit of area, and in an image: the lesser counts.
+        arrival: expected numbers of new people.
         people: (N, 6) those who are tracked.
         spread: (N,) standard deviation of their places.
         existence: (N,).
@@ -150,7 +167,7 @@ def propose(
     """
     c = boxes.camera[look]
     used[:] = 0.0
-    log_seed = fit_body(views, boxes, rates, body, density, c, seed, mean, covariance)
+    log_seed = fit_body(views, boxes, rates, body, arrival, c, seed, mean, covariance)
     if math.isnan(log_seed) or mean[4] > body[0] + 4.0 * body[1] or mean[4] < body[0] - 5.0 * body[1]:
         return -math.inf
     nobody = log_nobody(boxes.box[seed], boxes.believed[seed], views.size[c, 0], views.size[c, 1]) + boxes.clutter[seed]
@@ -224,7 +241,7 @@ def newborn(
     boxes: Boxes,
     rates: Rates,
     body: Floats,
-    density: Floats,
+    arrival: Arrival,
     people: Floats,
     spread: Floats,
     existence: Floats,
@@ -239,7 +256,7 @@ def newborn(
         boxes: of the moment.
         rates: of the detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
-        density: (2,) expected number of new people a unit of area, and in an image: the lesser counts.
+        arrival: expected numbers of new people.
         people: (N, 6) those who are tracked.
         spread: (N,) standard deviation of their places.
         existence: (N,).
@@ -258,7 +275,7 @@ def newborn(
     for j in range(M):
         if open_share[j] > LEAST_FREE:
             odds[j] = propose(
-                views, boxes, rates, body, density, people, spread, existence, open_share, look_of[j], j, gate,
+                views, boxes, rates, body, arrival, people, spread, existence, open_share, look_of[j], j, gate,
                 mean[j], covariance[j], used[j],
             )  # fmt: skip
     taken, final = np.zeros(M, dtype=np.int64), np.zeros(M)
@@ -273,7 +290,7 @@ def newborn(
             odds[j] = -np.inf
             if open_share[j] > LEAST_FREE:
                 odds[j] = propose(
-                    views, boxes, rates, body, density, people, spread, existence, open_share, look_of[j], j, gate,
+                    views, boxes, rates, body, arrival, people, spread, existence, open_share, look_of[j], j, gate,
                     mean[j], covariance[j], used[j],
                 )  # fmt: skip
             continue
