@@ -39,8 +39,8 @@ IMM = (
 """Settings of `imm` for the field of [Lee] Fig. 3-7."""
 CASES = {
     "apf": (("room", ()), ("room100", ()), ("lroom", ()), ("arrays", ())),
-    "map": (("room", ()), ("room100", ()), ("lroom", ()), ("arrays, labels", ())),
-    "fix": (("room", ()), ("room100", ()), ("arrays, labels", ())),
+    "map": (("room", ()), ("room100", ()), ("lroom", ()), ("arrays, labels", ("--doa-labels",))),
+    "fix": (("room", ()), ("room100", ()), ("lroom", ()), ("arrays, labels", ("--doa-labels",))),
     "imm": (("arrays", ()), ("field", IMM)),
     "direct3d": (("arrays", ()),),
     "pps": (("arrays", ()),),
@@ -68,7 +68,8 @@ def one(method: str, world: str, settings: Sequence[str], seed: int) -> Said:
         _call("simulate", EXAMPLES / scene, *how, "--seed", seed, "-o", record)
         of = ["--method", method, "--seed", seed, *changed, *rest]
         tracked = _call("track", record, *of, "-o", tracks, "--diagnostics", notes, "--json")
-        judged = _call("evaluate", tracks, "--truth", record, "--bearings", record, "--diagnostics", notes, "--json")
+        of = ["--truth", record, "--bearings", record, "--diagnostics", notes, "--match", "optimal"]
+        judged = _call("evaluate", tracks, *of, "--json")
     codes = {w["code"] for w in tracked["warnings"] + judged["warnings"]}
     share = judged.get("nees_share_95")
     return Said(tuple(sorted(codes)), judged.get("nees_mean") or math.nan, math.nan if share is None else 1.0 - share)

@@ -65,6 +65,7 @@ def taken_in(
     *,
     config: SpaceConfig,
     rng: Generator,
+    log_going: Callable[[Floats, Floats], Floats] | None = None,
 ) -> tuple[Floats, Floats, float]:
     """Particles at the time of a scan, their weights, and the log of the sum of these before they were normalised.
 
@@ -80,12 +81,14 @@ def taken_in(
         log_likelihood: (n,) of the scan for (d, n) places.
         config: settings.
         rng: draws.
+        log_going: (n,) log of a factor of the motion from (d, n) places to (d, n) others; None: 1.
     """
     d, least = len(cloud) // 2, 2.0 * len(cloud)
     # Propose: draw from the transition density ([Lee] Eq. 2.4), and weigh (Eq. 2.5)
     ahead = moved(cloud, way.motion, way.dt, rng, way.jump) if way.dt > 0.0 else cloud
+    before = log_weights if log_going is None else log_weights + log_going(cloud[:d], ahead[:d])
     told = log_likelihood(ahead[:d])
-    weights, log_sum = normalise(log_weights + told)
+    weights, log_sum = normalise(before + told)
     if effective_size(weights) >= config.resample_below * len(weights) and math.isfinite(log_sum):
         return ahead, weights, log_sum
     if config.proposal == "scan":
@@ -98,11 +101,12 @@ def taken_in(
             particles=config.particles,
             kernel=config.kernel,
             rng=rng,
+            log_going=log_going,
         )
         weights, log_sum = weigh(found.log_prior, found.log_likelihood, least)
         if math.isfinite(log_sum):
             return found.cloud, weights, log_sum
-    return ahead, *weigh(log_weights, told, least)
+    return ahead, *weigh(before, told, least)
 
 
 def process_noise(motion: AccelerationModel, dt: float) -> Floats:
@@ -139,6 +143,7 @@ def propose(
     particles: int,
     kernel: float,
     rng: Generator,
+    log_going: Callable[[Floats, Floats], Floats] | None = None,
 ) -> Proposed:
     """Particles at the time of a scan.
 
@@ -151,6 +156,7 @@ def propose(
         particles: how many are wanted.
         kernel: width of the kernel, of the one that is best for a Gaussian.
         rng: draws.
+        log_going: see `taken_in`.
     """
     d, n = len(cloud) // 2, particles
     # Move the kernel density: its centres exactly, its covariance by a constant velocity
@@ -164,7 +170,8 @@ def propose(
     modes, factors, volume = adapt(_in_space(centres[:d]), root, lines)
     at_modes = centres[:d] + root[:d, :d] @ modes[:d]
     prior = log_of(weights)
-    first, log_sum = normalise(prior + volume + log_likelihood(np.ascontiguousarray(at_modes)))
+    going = 0.0 if log_going is None else log_going(cloud[:d], np.ascontiguousarray(at_modes))
+    first, log_sum = normalise(prior + going + volume + log_likelihood(np.ascontiguousarray(at_modes)))
     first = weights if not math.isfinite(log_sum) else (1.0 - DEFENSIVE) * first + DEFENSIVE * weights
     # Resample: systematic
     parents = systematic_ancestors(first, n, rng.random())
@@ -174,6 +181,8 @@ def propose(
     new[:d] += root[:d, :d] @ y[:d]
     new[d:] += gain @ y[:d] + rest @ rng.standard_normal((d, n))
     log_prior = prior[parents] - np.log(first[parents]) - math.log(n) + ratio
+    if log_going is not None:
+        log_prior += log_going(np.ascontiguousarray(cloud[:d, parents]), np.ascontiguousarray(new[:d]))
     return Proposed(new, log_prior, log_likelihood(np.ascontiguousarray(new[:d])))
 
 

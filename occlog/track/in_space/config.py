@@ -56,7 +56,9 @@ class SpaceConfig(SmoothingConfig):
     soften: float = setting(
         1e-2, "Factor for a target out of the range of a sensor that reports it.", above=0, at_most=1
     )
-    outside: float = setting(1e-2, "Factor for a target outside the room, if the scene has one.", above=0, at_most=1)
+    outside: float = setting(
+        1e-2, "Factor for a target that leaves the room, if the scene has one, each time.", above=0, at_most=1
+    )
     candidate: float = setting(
         0.9, "Probability that the target is among the candidates of a sensor that has any.", above=0, at_most=1
     )

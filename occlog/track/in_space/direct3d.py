@@ -34,7 +34,7 @@ from .adapted import Way, sight_lines, taken_in
 from .config import Direct3dConfig, SpaceConfig
 from .sensing import ScanDirections, agrees, pack_directions
 from .smoothing import CloudTrace, through_clouds
-from .start import C, Space, around, found, log_likelihood, make_space
+from .start import C, Space, around, found, log_leaving, log_likelihood, make_space
 
 REFERENCE_S = 1.0
 """Step in which the time between selections of cameras is counted [s]."""
@@ -143,6 +143,7 @@ def _take_in(state: Direct3dState, t_ns: int, heard: ScanDirections, rng: Genera
         lambda xyz: log_likelihood(xyz, heard, space),
         config=space.config,
         rng=rng,
+        log_going=lambda before, after: log_leaving(None if state.t_ns is None else before, after, space),
     )
     if not math.isfinite(log_sum):
         return begin(space, heard, "restart", rng)

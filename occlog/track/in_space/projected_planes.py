@@ -56,7 +56,7 @@ from .planes import (
 )
 from .sensing import ScanDirections, agrees, pack_directions
 from .smoothing import GaussianTrace, through_gaussians
-from .start import Space, around, make_space
+from .start import Space, around, log_leaving, make_space
 from .start import log_likelihood as space_log_likelihood
 
 ALL = range(len(PLANES))
@@ -164,6 +164,7 @@ def _first(state: PpsState, heard: ScanDirections, rng: Generator) -> Draw:
         lambda xyz: space_log_likelihood(xyz, heard, space),
         config=config,
         rng=rng,
+        log_going=lambda _, after: log_leaving(None, after, space),
     )
     return Draw(cloud, weights, log_sum, "") if math.isfinite(log_sum) else begin(space, heard, "restart", rng)
 

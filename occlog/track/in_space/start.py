@@ -83,10 +83,21 @@ def log_likelihood(xyz: Floats, heard: ScanDirections, space: Space[C]) -> Float
     if space.cone:
         uniform = np.where(heard.flat, uniform, np.abs(np.sin(np.where(heard.flat, 0.0, s.phi))) / (4.0 * math.pi))
         uniform = np.maximum(uniform, 1e-6)
-    total = scan_log_likelihood(each, s.first, s.labelled, s.share, uniform, space.chances)
-    if space.floor is not None:
-        total = total + np.where(in_room(xyz, space), 0.0, math.log(space.config.outside))
-    return total
+    return scan_log_likelihood(each, s.first, s.labelled, s.share, uniform, space.chances)
+
+
+def log_leaving(before: Floats | None, after: Floats, space: Space[C]) -> Floats:
+    """(L,) log of what it costs to leave the room, once and not at every scan that the target is outside.
+
+    Args:
+        before: (3, L) places before a step; None: nothing was known, and the target was in the room.
+        after: (3, L) places after it.
+        space: the room and the price `outside`.
+    """
+    stays = in_room(after, space)
+    if before is not None:
+        stays |= ~in_room(before, space)
+    return np.where(stays, 0.0, math.log(space.config.outside))
 
 
 def in_room(xyz: Floats, space: Space[C]) -> Bools:
@@ -129,7 +140,8 @@ def found(space: Space[C], heard: ScanDirections, n: int, rng: Generator) -> tup
     if R:
         density += volume * each / n * np.sum(np.exp(log_product(xyz, s, 1.0) - _log_volume(xyz, s, space)), axis=0)
     inside = np.all((xyz >= space.low[:, None]) & (xyz <= space.high[:, None]), axis=0)
-    weights = np.where(inside, log_likelihood(xyz, heard, space) - np.log(density), -math.inf)
+    told = log_likelihood(xyz, heard, space) + log_leaving(None, xyz, space)
+    weights = np.where(inside, told - np.log(density), -math.inf)
     if space.far is not None:
         weights = weights + np.log(volume) + _log_prior(xyz, space.ears.position, space.far)
     speeds = _speeds(space)[:, None] * rng.standard_normal((3, n))

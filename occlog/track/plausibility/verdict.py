@@ -35,7 +35,7 @@ DEPLETED = 0.25
 RESTARTS = 0.01
 """Share of rows with a restart that matters: one in a hundred."""
 DOUBTED = 0.05
-"""Share of rows with a doubt that matters."""
+"""Share of rows with a doubt, or of doubted rows, that matters."""
 NOT_BELIEVED = 0.25
 """Share of bearings not believed that matters."""
 NIS_LOW, NIS_HIGH = 0.5, 2.25
@@ -48,9 +48,12 @@ ROWS = {
     "contradiction": "no place holds all constraints, and what was seen there was left out; check poses and labels",
     "wall": "no way around a wall was found; more states may help (fill_s)",
     "unfinished": "the search did not converge; allow more iterations",
+}
+"""Values of `fallback` of which a verdict speaks if any row has them, and what they say."""
+OFTEN = {
     "doubted": "fewer than half of the bearings are believed; check poses, clocks and labels",
 }
-"""Values of `fallback` that a verdict speaks of, and what they say."""
+"""Values of `fallback` that single false bearings make, and of which a verdict speaks from a share of the rows on."""
 HONEST = {
     "unobservable": "what was seen does not tell the position, and the covariance says so; add sensors",
 }
@@ -164,6 +167,7 @@ class Evidence:
         """Rows with a flag."""
         for words, found, least, severity in (
             (WORDS, self.doubts, DOUBTED, "warning"),
+            (OFTEN, self.fallbacks, DOUBTED, "warning"),
             (ROWS, self.fallbacks, 0.0, "warning"),
             (HONEST, self.fallbacks, 0.0, "note"),
         ):

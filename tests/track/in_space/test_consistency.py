@@ -45,6 +45,20 @@ def test_errors_are_those_that_are_stated_and_smoothing_lowers_them(method: str,
     assert np.sqrt(np.mean(squares["filter"])) < 6.0 * sigma
 
 
+def test_a_target_that_leaves_the_room_is_known_as_well_outside() -> None:
+    """To be outside costs once; at every scan it would make the filter sure of a wrong place."""
+    leaving = np.array([5.0, 3.0, 1.4, 1.2, 0.2, 0.0])  # the wall is at 8 m
+    scene, told = room(), []
+    for seed in range(4):
+        rng = np.random.default_rng([seed, 1])
+        truth = walk(leaving, 60, 0.1, 0.0, rng)
+        scans = [noisy_scan(scene, 0.1 * k, x[:3], 0.1, rng) for k, x in enumerate(truth)]
+        config = Direct3dConfig(start=(*(leaving + SPREAD * rng.standard_normal(6)), *SPREAD), start_factor=1, q=0.0)
+        found = follow(direct3d, scene, scans, config, rng)
+        told.append(nees(found.filtered, truth[:, :3])[truth[:, 0] > 8.0].mean())
+    assert np.mean(told) < 5.0  # a factor at every scan gives 23
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_errors_in_the_scenarios_of_the_thesis_are_those_that_are_stated_with_1000_particles(method: str) -> None:

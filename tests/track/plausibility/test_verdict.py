@@ -127,7 +127,7 @@ def test_an_honest_covariance_needs_care_and_is_plausible() -> None:
     assert plausible(found)
 
 
-@pytest.mark.parametrize("code", ["contradiction", "wall", "unfinished", "doubted"])
+@pytest.mark.parametrize("code", ["contradiction", "wall", "unfinished"])
 def test_rows_of_a_batch_method_that_failed_are_said(code: str) -> None:
     found = said(diagnostics=fared(fallback=(code, 1)))
     assert [f.code for f in found] == [code]
