@@ -25,7 +25,7 @@ from occlog.io.open import open_if_ours, open_input
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.records.scene import MicrophoneArray
-from occlog.records.tables import Doa, Errors
+from occlog.records.tables import Doa
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
 
@@ -86,20 +86,15 @@ def run_evaluate(
         t.made,
         diagnostics=t.diagnostics,
         bearings=t.bearings,
-        errors=_of_pairs(result.errors, many) if own_numbers else result.errors,
+        errors=result.errors,
         metrics=result.metrics,
         held_out=config.held_out,
     )
-    notes = (*result.notes, *other_video(paths.tracks, [paths.truth]))
+    told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
+    notes = (*((told,) if own_numbers else ()), *result.notes, *other_video(paths.tracks, [paths.truth]))
     result = replace(result, notes=notes, findings=findings)
     _write(paths, result, unit, config, {"many": many} if many else {})
     return result, unit
-
-
-def _of_pairs(errors: Errors, many: Mapping[str, object]) -> Errors:
-    """Errors of tracks while they are on the target that they are paired with: exchanges say nothing of covariances."""
-    distance = many.get("match_distance")
-    return errors.take(errors.error <= distance) if isinstance(distance, float) else errors
 
 
 def _check_request(paths: Paths, given: Mapping[str, object]) -> None:

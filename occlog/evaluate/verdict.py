@@ -23,6 +23,7 @@ from occlog.track.plausibility.sight import whole
 from occlog.track.plausibility.verdict import CHANCE, FEWEST, Evidence, Finding, beyond
 
 from .errors.on_ground import in_space
+from .mot.config import ManyConfig
 
 NEES_HIGH, NEES_LOW = 2.0, 0.2
 """Normalised squared errors over their number of dimensions that matter."""
@@ -44,6 +45,7 @@ class Made(NamedTuple):
     unlabelled: bool = True  # candidates without a label were used
     sensors: frozenset[str] | None = None  # those that were used; None: not known
     window_ns: int = 0  # bearings so long before an estimate belong to it
+    own_numbers: bool = False  # identities are the tracker's own, and may be exchanged
 
     @classmethod
     def of(cls, provenance: Provenance) -> Made:
@@ -56,6 +58,7 @@ class Made(NamedTuple):
             unlabelled=parameters.get("unlabelled") is not False,
             sensors=frozenset(str(s) for s in sensors) if isinstance(sensors, list | tuple) else None,
             window_ns=window if isinstance(window, int) else 0,
+            own_numbers=parameters.get("births", "initial") != "initial",
         )
 
 
@@ -97,7 +100,18 @@ def judge(
             use &= seen.target_id >= 0
         found.saw(tracks, whole(tracks, seen.take(use), scene, diagnostics, made.window_ns), scene)
     said = found.findings(one_target=made.one_target)
+    if made.own_numbers and errors is not None and scene is not None:
+        errors = _on_their_targets(errors, scene)
     return (*said, *_against_truth(errors), *_of_figures(metrics or {}))
+
+
+def _on_their_targets(errors: Errors, scene: Scene) -> Errors:
+    """Errors of tracks while they are on the target that they are paired with.
+
+    A track that is on another target after an exchange is as far away as that one, which says nothing of covariances.
+    """
+    near = ManyConfig.in_unit(scene.length_unit).match_distance
+    return errors if near is None else errors.take(errors.error <= near)
 
 
 def _against_truth(errors: Errors | None) -> Iterator[Finding]:
