@@ -16,8 +16,9 @@ from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import Opened, check_unit, losses_of, open_if_ours, open_input
 from occlog.measure.scans.sources import bearings_of_doa
 from occlog.records.columns import Table
+from occlog.records.people import PeopleTracks
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Cooperation, Diagnostics, Doa, Tracks, Truth, TruthBoxes, Views
+from occlog.records.tables import Bearings, Boxes, Cooperation, Diagnostics, Doa, Tracks, Truth, TruthBoxes, Views
 
 from .verdict import Made
 
@@ -72,10 +73,14 @@ class Tables:
     cooperation: Cooperation | None
     diagnostics: Diagnostics | None
     made: Made  # how the tracks were made
+    found: Boxes | Views | None = None  # everybody's boxes, of which a camera's are to be predicted
 
 
-def read_tables(paths: Paths) -> Tables:
-    """Everything that was named, with the scene of `--scene` or of the recording with the truth."""
+def read_tables(paths: Paths, *, everybody: bool = False) -> Tables:
+    """Everything that was named, with the scene of `--scene` or of the recording with the truth.
+
+    With `everybody` the views are not compared with true boxes, but predicted; boxes serve as well.
+    """
     truth = None if paths.truth is None else _open_truth(paths.truth)
     tracks = None if paths.tracks is None else open_input(paths.tracks)
     scene = _scene(paths, None if truth is None else truth.scene)
@@ -83,18 +88,20 @@ def read_tables(paths: Paths) -> Tables:
         if opened is not None:
             check_unit(opened, scene.length_unit, error=InputError)
     boxes = _rows_of(truth, TruthBoxes)
-    if paths.views is not None and truth is not None and boxes is None:
+    found = open_input(paths.views) if paths.views is not None and everybody else None
+    if paths.views is not None and truth is not None and boxes is None and not everybody:
         truth.require(TruthBoxes)
     return Tables(
         scene=scene,
-        tracks=None if tracks is None else tracks.read(Tracks),
+        tracks=None if tracks is None else tracks.read(PeopleTracks if everybody else Tracks),
         truth=_rows_of(truth, Truth),
         truth_boxes=boxes,
         bearings=read_bearings(paths.bearings, paths.doa, paths.doa_labels, scene),
-        views=None if paths.views is None else open_input(paths.views).read(Views),
+        views=None if paths.views is None or everybody else open_input(paths.views).read(Views),
         cooperation=None if paths.cooperation is None else open_input(paths.cooperation).read(Cooperation),
         diagnostics=None if paths.diagnostics is None else open_input(paths.diagnostics).read(Diagnostics),
         made=Made() if tracks is None else Made.of(tracks.provenance),
+        found=None if found is None else _boxes_or_views(found),
     )
 
 
@@ -108,7 +115,7 @@ def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:
         InputError: no row is in these frames.
     """
     first, stop = frames
-    timed = (tables.tracks, tables.truth, tables.bearings, tables.cooperation, tables.diagnostics)
+    timed = (tables.tracks, tables.truth, tables.bearings, tables.cooperation, tables.diagnostics, tables.found)
     times = _times_of_frames(tables)
     if any(table is not None for table in timed) and not 0 <= first < min(stop, len(times)):
         raise InputError(f"frames {first}:{stop}: there are {len(times)} of them, numbered from 0")
@@ -120,6 +127,10 @@ def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:
             return None
         t_ns = table.t_ns  # type: ignore[attr-defined]
         return table.take((t_ns >= low) & (t_ns < high))
+
+    found = tables.found
+    if found is not None:
+        found = found.take((found.t_ns >= low) & (found.t_ns < high))
 
     def numbered(table: N | None) -> N | None:
         return None if table is None else table.take((table.frame >= first) & (table.frame < stop))
@@ -134,6 +145,7 @@ def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:
         truth_boxes=boxes,
         bearings=during(tables.bearings),
         views=numbered(tables.views),
+        found=found,
         cooperation=during(tables.cooperation),
         diagnostics=during(tables.diagnostics),
     )
@@ -144,7 +156,7 @@ def _times_of_frames(tables: Tables) -> Ints:
     truth = tables.truth
     if truth is not None and (truth.role == "target").any():
         return np.unique(truth.t_ns[truth.role == "target"])
-    for table in (tables.truth_boxes, tables.bearings, tables.tracks):
+    for table in (tables.truth_boxes, tables.bearings, tables.found, tables.tracks):
         if table is not None and len(table):
             return np.unique(table.t_ns)
     return np.zeros(0, dtype=np.int64)
@@ -160,10 +172,15 @@ def _scene(paths: Paths, recorded: Scene | None) -> Scene:
     """The scene of `--scene` or of the recording; views are compared without one."""
     if paths.tracks is None and paths.directions is None and paths.scene is None:
         return recorded or Scene()
-    for path in (paths.bearings, paths.doa):
+    for path in (paths.bearings, paths.doa, paths.views):
         if recorded is None and paths.scene is None and path is not None:
             recorded = open_input(path).scene
     return options.load_scene(paths.scene, recorded, paths.truth or paths.inputs[0])
+
+
+def _boxes_or_views(opened: Opened) -> Boxes | Views:
+    """Everybody's boxes; of a recording with both those of the detector."""
+    return opened.read(Boxes) if opened.has(Boxes) else opened.read(Views)
 
 
 def _rows_of(opened: Opened | None, table: type[T]) -> T | None:

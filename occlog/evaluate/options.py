@@ -69,7 +69,11 @@ COMPARED = (
         metavar="DEGREES",
         help="A direction further from the truth is a false one, and the true one missed.",
     ),
-    file_option("--views", kinds=WORLD, help="Views to compare with the true boxes of --truth."),
+    file_option(
+        "--views",
+        kinds=WORLD,
+        help="Views to compare with the true boxes of --truth; or, with --held-out, views or boxes of all people.",
+    ),
     file_option("--cooperation", kinds=WORLD, help="What cameras were asked; gives its cost too."),
     file_option(
         "--diagnostics", kinds=WORLD, help="How the filter fared at each time, to judge whether TRACKS are plausible."

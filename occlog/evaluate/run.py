@@ -51,7 +51,7 @@ def run_evaluate(
     _check_request(paths, given)
     written = (paths.output, paths.errors, paths.bound, paths.failures, paths.counts)
     options.check_outputs(paths.inputs, written, paths.overwrite)
-    t = read_tables(paths)
+    t = read_tables(paths, everybody=bool(given.get("held_out")) and paths.views is not None)
     t = t if frames is None else in_frames(t, frames)
     unit = t.scene.length_unit
     # A tracker that numbers its tracks itself gives them numbers of targets by chance only
@@ -69,6 +69,7 @@ def run_evaluate(
         truth_boxes=t.truth_boxes,
         cooperation=t.cooperation,
         smoothed=t.made.smoothed,
+        found=t.found,
     )
     own = "start" if own_numbers else ("label" if config.match == "id" else "best")
     result, many = ground_figures(
@@ -98,14 +99,15 @@ def run_evaluate(
 
 
 def _check_request(paths: Paths, given: Mapping[str, object]) -> None:
-    if paths.views is not None and paths.truth is None:
-        raise UsageError("--views needs --truth with true boxes")
+    held_boxes = bool(given.get("held_out")) and paths.tracks is not None and paths.views is not None
+    if paths.views is not None and paths.truth is None and not held_boxes:
+        raise UsageError("--views needs --truth with true boxes, or TRACKS and --held-out")
     if paths.tracks is None and paths.views is None and (paths.directions is None or paths.truth is None):
         raise UsageError("nothing to compare: give TRACKS with --truth or --bearings, or --bearings with --truth")
-    if paths.tracks is not None and paths.truth is None and paths.directions is None:
+    if paths.tracks is not None and paths.truth is None and paths.directions is None and not held_boxes:
         raise UsageError("TRACKS alone cannot be evaluated; give --truth, --bearings or both")
-    if given.get("held_out") and (paths.tracks is None or paths.directions is None):
-        raise UsageError("--held-out needs TRACKS made without that sensor and --bearings that include it")
+    if given.get("held_out") and (paths.tracks is None or (paths.directions is None and not held_boxes)):
+        raise UsageError("--held-out needs TRACKS made without that sensor, and --bearings or --views that include it")
 
 
 def simulated(truth: Path | None) -> dict[str, float]:
@@ -123,7 +125,8 @@ def _check_held_out(tracks: Path | None, held_out: tuple[str, ...]) -> None:
     """InputError if the tracks say that they were made with a sensor that is held out."""
     if tracks is None or not held_out:
         return
-    used = open_input(tracks).provenance.parameters.get("sensors")
+    made = open_input(tracks).provenance.parameters
+    used = made.get("sensors", made.get("cameras"))
     both = [name for name in held_out if isinstance(used, list) and name in used]
     if both:
         names = ",".join(both)

@@ -20,13 +20,15 @@ from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.boxes import view_metrics
 from occlog.evaluate.bearings.detections import detection_metrics, looks_of
 from occlog.evaluate.bearings.held_out import held_out_metrics
+from occlog.evaluate.bearings.held_out_boxes import held_out_box_metrics
 from occlog.evaluate.bearings.meeting import meeting_metrics
 from occlog.evaluate.bearings.noise import noise_metrics
 from occlog.evaluate.errors.bound import bound_metrics, compute_bound
 from occlog.evaluate.errors.on_ground import compare, error_metrics, settled
 from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.records.people import PeopleTracks
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Bound, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
+from occlog.records.tables import Bearings, Bound, Boxes, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
 from occlog.records.views import Counts, Failures
 from occlog.track.plausibility.verdict import Finding, figures
 
@@ -137,6 +139,7 @@ def evaluate(
     truth_boxes: TruthBoxes | None = None,
     cooperation: Cooperation | None = None,
     smoothed: bool = False,
+    found: Boxes | Views | None = None,
 ) -> Evaluation:
     """Every figure that the given tables allow.
 
@@ -145,7 +148,8 @@ def evaluate(
     prediction of held-out sensors; views and true boxes give recall and precision;
     requests of cameras give their cost.
     Lengths are in the scene's unit, which ends the names of such metrics (`rmse_m`).
-    `smoothed` says that the tracks know what came after them.
+    `smoothed` says that the tracks know what came after them; `found` are boxes of everybody, to be predicted where
+    their camera is held out.
 
     Raises:
         InputError: the tables do not fit together (no common identity, time or sensor).
@@ -171,7 +175,13 @@ def evaluate(
         metrics |= _settled(errors, bound, scene.length_unit, config)
     metrics |= {} if bearings is None else noise_metrics(bearings, scene, config)
     metrics |= {"tracks_smoothed": 1.0} if smoothed else {}
+    if config.held_out and (tracks is None or (bearings is None and found is None)):
+        raise InputError(
+            "evaluate: a held-out sensor needs tracks made without it, and bearings or boxes that include it"
+        )
     metrics |= _without_truth(tracks, bearings, scene, config)
+    if found is not None and isinstance(tracks, PeopleTracks):
+        metrics |= held_out_box_metrics(tracks, found, scene, config)
     if views is not None and truth_boxes is not None:
         metrics |= view_metrics(views, truth_boxes, config)
     if cooperation is not None:
@@ -182,8 +192,6 @@ def evaluate(
 def _without_truth(
     tracks: Tracks | None, bearings: Bearings | None, scene: Scene, config: EvaluateConfig
 ) -> dict[str, float]:
-    if config.held_out and (tracks is None or bearings is None):
-        raise InputError("evaluate: a held-out sensor needs tracks made without it and bearings that include it")
     if tracks is None or bearings is None:
         return {}
     out = meeting_metrics(tracks, bearings, scene, config)

@@ -165,6 +165,17 @@ GROUPS: tuple[tuple[str, tuple[Entry, ...]], ...] = (
         ),
     ),
     (
+        "boxes of held-out cameras",
+        (
+            ("held_out_boxes_share", "predicted", ""),
+            ("held_out_boxes_share_chance", "  by chance", ""),
+            ("held_out_boxes_feet_share", "  by their feet", ""),
+            ("held_out_boxes_precision", "expected people with a box", ""),
+            ("held_out_boxes_median", "median distance", "px"),
+            ("held_out_boxes", "boxes", ""),
+        ),
+    ),
+    (
         "cooperation",
         (
             ("cooperation_requests", "requests", ""),

@@ -153,7 +153,8 @@ class EvaluateConfig(Settings):
     )
     held_out: tuple[str, ...] = setting(
         (),
-        "Predict this sensor from tracks made without it; may be repeated.",
+        "Predict this sensor (its bearings, or everybody's boxes of --views) from tracks made without it; may be "
+        "repeated.",
         repeat=True,
         option="--held-out",
         metavar="SENSOR",
@@ -166,6 +167,15 @@ class EvaluateConfig(Settings):
         above=0,
         scale=1e-3,
         option="--held-out-gate-mrad",
+        kinds=WORLD,
+    )
+    held_out_gate_px: float = setting(
+        100.0,
+        "A box this near to where a track is expected counts as predicted, everybody's.",
+        unit="px",
+        above=0,
+        option="--held-out-gate-px",
+        metavar="PX",
         kinds=WORLD,
     )
     lines_min_sensors: int = setting(
