@@ -112,7 +112,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         config=config,
     )
     # Associate and update
-    boxes = _pack(state, looks, t_ns)
+    boxes = pack(state, looks, t_ns)
     looked, interval = state.looked.copy(), np.full(len(state.looked), np.inf)
     for look in looks:
         if look.t_ns > looked[look.camera] >= 0:
@@ -200,7 +200,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     ), moment
 
 
-def _pack(state: State, looks: Sequence[Look], t_ns: int) -> Boxes:
+def pack(state: State, looks: Sequence[Look], t_ns: int) -> Boxes:
     """The looks of a moment for the kernels."""
     box = np.concatenate([look.boxes for look in looks]).reshape(-1, 4).astype(np.float64)
     camera = np.array([look.camera for look in looks], dtype=np.int64)

@@ -1,0 +1,123 @@
+"""Boxes of one moment: which are of the people who are expected there, and whom the others show."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+
+from ..filter import CROWD, GATE, IN_IMAGE, LEAST_BIRTH, NEW_SHARE, State
+from ..kernels.joint import Boxes, Rates, update
+from ..kernels.newborn import Arrival, newborn
+from .chains import NONE
+from .places import factors, misses, seen
+
+OWN = 0.5
+"""A box is given to a person if it is theirs with a greater probability."""
+RARE = 0.05
+"""Somebody new at a moment, against how crowded a place is where nobody has looked yet."""
+
+
+class Found(NamedTuple):
+    """People of one moment with boxes; N people, L looks, C cameras."""
+
+    track: Ints  # (N,) track that expected them; NONE: nobody did
+    mean: Floats  # (N, 6)
+    given: Ints  # (L, N) box in each look; NONE: none
+    J: Floats  # (N, 6, 6) factor of the state, as in `places`
+    h: Floats  # (N, 6)
+    c: Floats  # (N,)
+    miss: Floats  # (N, C) log of the probability that a camera detects nobody there
+    hint: Ints  # (N, C) identity that a single-camera tracker gave; NONE: none
+
+
+class Expected(NamedTuple):
+    """N people who are expected at a moment."""
+
+    track: Ints  # (N,)
+    mean: Floats  # (N, 6)
+    covariance: Floats  # (N, 6, 6)
+    existence: Floats  # (N,) probability that they are there
+
+
+class Seen(NamedTuple):
+    """The same after the boxes; M boxes."""
+
+    people: Expected
+    share: Floats  # (N, M) probability that they are there and the box is theirs
+    visible: Floats  # (L, N)
+
+
+def associate(state: State, boxes: Boxes, rates: Rates, people: Expected, bonus: Floats) -> Seen:
+    """Update the people by the boxes of the moment, all cameras jointly, as the filter does."""
+    after = update(
+        people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus, NEW_SHARE, GATE
+    )  # fmt: skip
+    who = Expected(people.track, after.mean, after.covariance, after.existence)
+    return Seen(who, after.existence[:, None] * after.share, after.visible)
+
+
+def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected, share: Floats) -> Found:
+    """Give boxes to the people whose they are, and make new people of those that are left.
+
+    Args:
+        state: of the filter.
+        boxes: of the moment.
+        rates: of the detectors.
+        hint: (M,) identities of boxes.
+        people: who are believed to be there, after the boxes.
+        share: (N, M) probability that they are there and the box is theirs.
+    """
+    c = state.config
+    body = np.array([c.height, c.sigma_height, c.width, c.sigma_width, c.speed])
+    spread = np.sqrt(0.5 * (people.covariance[:, 0, 0] + people.covariance[:, 1, 1]))
+    arrival = Arrival(
+        everywhere=RARE * CROWD / state.metre**2,
+        in_image=RARE * IN_IMAGE,
+        centre=np.zeros((0, 2)),
+        at=np.zeros(0),
+        smooth=state.metre,
+    )
+    free = np.clip(1.0 - share.sum(axis=0), 0.0, 1.0)
+    mean, covariance, odds, used = newborn(
+        state.views, boxes, rates, body, arrival, people.mean, spread,
+        people.existence, free, GATE, math.log(LEAST_BIRTH),
+    )  # fmt: skip
+    given = np.concatenate([best_boxes(boxes, share), best_boxes(boxes, used)], axis=1)
+    track = np.concatenate([people.track, np.full(len(odds), NONE)])
+    mean, covariance = np.concatenate([people.mean, mean]), np.concatenate([people.covariance, covariance])
+    # Whoever is new may be nobody, and hides others half as much
+    there = np.concatenate([people.existence, 0.5 / (1.0 + np.exp(-odds))])
+    _, feet, detection = seen(state.views, boxes, rates, mean, covariance, there)
+    rows = np.flatnonzero((given >= 0).any(axis=0))
+    mean, given = mean[rows], np.ascontiguousarray(given[:, rows])
+    J, h, constant = factors(
+        state.views, boxes, rates, mean, given,
+        np.ascontiguousarray(detection[:, rows]), np.ascontiguousarray(feet[:, rows]),
+    )  # fmt: skip
+    named = np.full((len(rows), len(state.views.size)), NONE)
+    for look, camera in enumerate(boxes.camera.tolist()):
+        has = np.flatnonzero(given[look] >= 0)
+        named[has, camera] = hint[given[look, has]]
+    return Found(track[rows], mean, given, J, h, constant, misses(state.views, rates, mean), named)
+
+
+def best_boxes(boxes: Boxes, share: Floats) -> Ints:
+    """(L, N) the box that is most probably each person's in each look; NONE if no share (N, M) is above `OWN`."""
+    out = np.full((len(boxes.camera), len(share)), NONE)
+    if not len(share):
+        return out
+    for look in range(len(boxes.camera)):
+        first, stop = boxes.first[look], boxes.first[look + 1]
+        if first == stop:
+            continue
+        here = share[:, first:stop]
+        best = np.argmax(here, axis=1)
+        # Of a person and of a box alike there is one best, or none
+        who = np.arange(len(here))
+        own = np.flatnonzero((here[who, best] > OWN) & (np.argmax(here, axis=0)[best] == who))
+        out[look, own] = first + best[own]
+    return out

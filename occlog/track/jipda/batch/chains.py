@@ -1,0 +1,433 @@
+"""Which places are one person's: Markov chain Monte Carlo over all tracks at once (Oh, Russell and Sastry 2009).
+
+A state of the chain says for each place which place follows it in its track, if it is in one.  Its probability is the
+product over tracks of a birth, the marginal likelihood of the places under one person's walk, the misses between
+them, and a death; places outside all tracks are of nobody and count 1, because the constant of a place is the log
+ratio of its likelihood to that of boxes of nobody.  Three kinds of moves, each its own reverse, reach every state:
+
+* exchange of tails: the links i -> a and b -> j become i -> j and b -> a.  Where there is no a, no b, or neither, it
+  is an extension, a cut, a merge;
+* in or out: a place that is of nobody enters a track, before its first place, between two or after its last, or
+  begins one; or it leaves;
+* exchange of places: two places of one moment change roles.
+
+Metropolis and Hastings accept each with the ratio of probabilities to the power 1 / temperature.  With the messages
+of `messages` a proposal costs two links; an accepted one renews the messages of the two tracks.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from ..interface import STATE
+from .messages import absorb, back, meet, predict, start
+
+NONE = -1
+"""Instead of a place: nothing before, or nothing after."""
+IMPOSSIBLE = -1e300
+SAME = 1e-7
+"""Messages that change by less than this share of a standard deviation are the same."""
+KINDS = (0.6, 0.85)
+"""Bounds of the shares of the three kinds of moves."""
+SAME_HINT, OTHER_HINT = 2.0, -2.0
+"""Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two places of one person."""
+
+
+class Places(NamedTuple):
+    """n places, in the order of their moments; C cameras."""
+
+    moment: Ints  # (n,) place in the list of moments
+    time: Floats  # (n,) [s]
+    at: Floats  # (n, 2) on the floor
+    J: Floats  # (n, 6, 6) information about the state
+    h: Floats  # (n, 6)
+    c: Floats  # (n,) log of the ratio of likelihoods to boxes of nobody, with the rates of detection
+    miss: Floats  # (n, C) log of the probability that the camera does not detect somebody there
+    birth: Floats  # (n,) log of the density of somebody new, whose first place it is, a unit of area
+    death: Floats  # (n,) log of the probability that it is somebody's last place
+    hint: Ints  # (n, C) identity that a tracker in the camera's images gave; NONE: none
+
+
+class Walk(NamedTuple):
+    """How people walk and what is known of somebody new."""
+
+    drift: Floats  # (3,) as in `messages.noise_of_walk`
+    prior: Floats  # (6,) precisions of somebody new
+    mean: Floats  # (6,) means of the same
+    speed: float  # greatest speed
+    slack: float  # distance beyond what the greatest speed allows
+    reach: int  # moments from one place to the next, at most
+    stay: float  # how long people stay on average [s]
+
+
+class Candidates(NamedTuple):
+    """Which places may follow which, and which of one moment may change roles: lists one after the other."""
+
+    first_next: Ints  # (n + 1,)
+    next: Ints
+    first_last: Ints  # (n + 1,)
+    last: Ints
+    first_beside: Ints  # (n + 1,)
+    beside: Ints
+
+
+class Chain(NamedTuple):
+    """The state of the Markov chain with its messages; changed in place."""
+
+    after: Ints  # (n,) the next place of the track; NONE
+    before: Ints  # (n,)
+    used: Bools  # (n,) whether it is in a track
+    mean: Floats  # (n, 6) forward messages
+    covariance: Floats  # (n, 6, 6)
+    past: Floats  # (n,) log likelihood of the track up to and with the place
+    J: Floats  # (n, 6, 6) backward messages
+    h: Floats  # (n, 6)
+    future: Floats  # (n,) their constants
+
+
+@kernel
+def may_follow(places: Places, walk: Walk, i: int, j: int) -> bool:
+    """Whether place j can be the next of place i's track."""
+    gap = places.moment[j] - places.moment[i]
+    if gap < 1 or gap > walk.reach:
+        return False
+    far = walk.speed * (places.time[j] - places.time[i]) + walk.slack
+    dx, dy = places.at[j, 0] - places.at[i, 0], places.at[j, 1] - places.at[i, 1]
+    return bool(dx * dx + dy * dy <= far * far)
+
+
+@kernel
+def candidates(places: Places, walk: Walk, beside: float) -> Candidates:
+    """List who may follow whom, and places of one moment that are nearer to each other than `beside`."""
+    n = places.moment.shape[0]
+    first_next, first_last, first_beside = (
+        np.zeros(n + 1, np.int64),
+        np.zeros(n + 1, np.int64),
+        np.zeros(n + 1, np.int64),
+    )
+    for fill in range(2):
+        if fill == 0:
+            following, preceding, neighbour = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64)
+        else:
+            for k in range(n):
+                first_next[k + 1] += first_next[k]
+                first_last[k + 1] += first_last[k]
+                first_beside[k + 1] += first_beside[k]
+            following, preceding = np.empty(first_next[n], np.int64), np.empty(first_last[n], np.int64)
+            neighbour = np.empty(first_beside[n], np.int64)
+        count_last = np.zeros(n, np.int64)
+        for i in range(n):
+            count, count_beside = 0, 0
+            j = i + 1
+            while j < n and places.moment[j] - places.moment[i] <= walk.reach:
+                if may_follow(places, walk, i, j):
+                    if fill == 1:
+                        following[first_next[i] + count] = j
+                        preceding[first_last[j] + count_last[j]] = i
+                    count += 1
+                    count_last[j] += 1
+                j += 1
+            for step in (-1, 1):
+                j = i + step
+                while 0 <= j < n and places.moment[j] == places.moment[i]:
+                    dx, dy = places.at[j, 0] - places.at[i, 0], places.at[j, 1] - places.at[i, 1]
+                    if dx * dx + dy * dy < beside * beside:
+                        if fill == 1:
+                            neighbour[first_beside[i] + count_beside] = j
+                        count_beside += 1
+                    j += step
+            if fill == 0:
+                first_next[i + 1], first_beside[i + 1] = count, count_beside
+        if fill == 0:
+            for i in range(n):
+                first_last[i + 1] = count_last[i]
+    return Candidates(first_next, following, first_last, preceding, first_beside, neighbour)
+
+
+@kernel
+def between(places: Places, walk: Walk, looked: Floats, i: int, j: int) -> float:
+    """Log of the probability of staying from place i to place j and being missed at all looks between, with hints."""
+    total: float = -(places.time[j] - places.time[i]) / walk.stay
+    a, b = places.moment[i] + 1, places.moment[j]
+    if b > a:
+        for c in range(looked.shape[1]):
+            count = looked[b, c] - looked[a, c]
+            if count > 0.0:
+                total += count * 0.5 * (places.miss[i, c] + places.miss[j, c])
+    for c in range(looked.shape[1]):
+        if places.hint[i, c] != NONE and places.hint[j, c] != NONE:
+            total += SAME_HINT if places.hint[i, c] == places.hint[j, c] else OTHER_HINT
+    return total
+
+
+@kernel
+def joined(
+    places: Places, walk: Walk, looked: Floats, i: int, mean: Floats, covariance: Floats, past: float,
+    j: int, J: Floats, h: Floats, future: float,
+) -> float:  # fmt: skip
+    """Log probability of a track: place i has the given forward message, its next place j the backward one."""
+    m, P = np.empty(STATE), np.empty((STATE, STATE))
+    predict(mean, covariance, places.time[j] - places.time[i], walk.drift, m, P)
+    return past + between(places, walk, looked, i, j) + meet(m, P, J, h, future)
+
+
+@kernel
+def link(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, j: int) -> float:
+    """Log probability of the track in which j follows i; NONE: a beginning or an end; 0 for neither."""
+    if i == NONE and j == NONE:
+        return 0.0
+    if i == NONE:
+        m, P = np.empty(STATE), np.empty((STATE, STATE))
+        begun = start(walk.prior, walk.mean, chain.J[j], chain.h[j], chain.future[j], m, P)
+        return float(places.birth[j] + begun)
+    if j == NONE:
+        return float(chain.past[i] + places.death[i])
+    return joined(
+        places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
+        j, chain.J[j], chain.h[j], chain.future[j],
+    )  # fmt: skip
+
+
+@kernel
+def forward_of(
+    places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, mean: Floats, covariance: Floats
+) -> float:
+    """Write the forward message of place k after place i (or NONE), and give its log likelihood."""
+    if i == NONE:
+        begun = start(walk.prior, walk.mean, places.J[k], places.h[k], places.c[k], mean, covariance)
+        return float(places.birth[k] + begun)
+    predict(chain.mean[i], chain.covariance[i], places.time[k] - places.time[i], walk.drift, mean, covariance)
+    past = chain.past[i] + between(places, walk, looked, i, k)
+    return float(past + absorb(mean, covariance, places.J[k], places.h[k], places.c[k]))
+
+
+@kernel
+def with_place(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, j: int) -> float:
+    """Log probability of the track in which place k lies between i and j (each may be NONE)."""
+    m, P = np.empty(STATE), np.empty((STATE, STATE))
+    past = forward_of(places, walk, looked, chain, i, k, m, P)
+    if j == NONE:
+        return float(past + places.death[k])
+    return joined(places, walk, looked, k, m, P, past, j, chain.J[j], chain.h[j], chain.future[j])
+
+
+@kernel
+def renew(places: Places, walk: Walk, looked: Floats, chain: Chain, forward_at: int, backward_at: int) -> None:
+    """Renew forward messages from a place on, and backward ones from another place back, until nothing changes."""
+    m, P = np.empty(STATE), np.empty((STATE, STATE))
+    k = forward_at
+    while k != NONE:
+        past = forward_of(places, walk, looked, chain, chain.before[k], k, m, P)
+        same = True
+        for a in range(STATE):
+            moved = abs(m[a] - chain.mean[k, a]) / math.sqrt(P[a, a])
+            widened = abs(P[a, a] - chain.covariance[k, a, a]) / P[a, a]
+            if not (moved < SAME and widened < SAME):
+                same = False
+        more = past - chain.past[k]
+        chain.mean[k], chain.covariance[k], chain.past[k] = m, P, past
+        k = chain.after[k]
+        if same:
+            while k != NONE:
+                chain.past[k] += more
+                k = chain.after[k]
+    k = backward_at
+    J, h = np.empty((STATE, STATE)), np.empty(STATE)
+    while k != NONE:
+        j = chain.after[k]
+        if j == NONE:
+            J[:], h[:] = places.J[k], places.h[k]
+            future = places.c[k] + places.death[k]
+        else:
+            future = back(chain.J[j], chain.h[j], chain.future[j], places.time[j] - places.time[k], walk.drift, J, h)
+            future += places.c[k] + between(places, walk, looked, k, j)
+            J += places.J[k]
+            h += places.h[k]
+        same = True
+        for a in range(STATE):
+            if not abs(J[a, a] - chain.J[k, a, a]) <= SAME * J[a, a]:
+                same = False
+            if not abs(h[a] - chain.h[k, a]) <= SAME * math.sqrt(max(J[a, a], 0.0)):
+                same = False
+        more = future - chain.future[k]
+        chain.J[k], chain.h[k], chain.future[k] = J, h, future
+        k = chain.before[k]
+        if same:
+            while k != NONE:
+                chain.future[k] += more
+                k = chain.before[k]
+
+
+@kernel
+def renew_all(places: Places, walk: Walk, looked: Floats, chain: Chain) -> None:
+    """Renew all messages of all tracks."""
+    chain.mean[:] = np.nan
+    chain.J[:] = np.nan
+    for k in range(places.moment.shape[0]):
+        if chain.used[k] and chain.before[k] == NONE:
+            renew(places, walk, looked, chain, k, NONE)
+        if chain.used[k] and chain.after[k] == NONE:
+            renew(places, walk, looked, chain, NONE, k)
+
+
+@kernel
+def total(places: Places, chain: Chain) -> float:
+    """Log probability of the state, up to a constant."""
+    value = 0.0
+    for k in range(places.moment.shape[0]):
+        if chain.used[k] and chain.after[k] == NONE:
+            value += chain.past[k] + places.death[k]
+    return value
+
+
+@kernel
+def sweep(
+    places: Places, walk: Walk, looked: Floats, listed: Candidates, chain: Chain, temperature: float, drawn: Floats
+) -> int:
+    """Propose moves, one for each row of `drawn` (k, 4), uniform in [0, 1); give how many were accepted."""
+    n = places.moment.shape[0]
+    accepted = 0
+    for row in range(drawn.shape[0]):
+        k = min(int(drawn[row, 1] * n), n - 1)
+        log_u = temperature * math.log(max(drawn[row, 3], 1e-300))
+        if drawn[row, 0] < KINDS[0]:
+            accepted += tails(places, walk, looked, listed, chain, k, drawn[row, 2], log_u)
+        elif drawn[row, 0] < KINDS[1]:
+            accepted += in_or_out(places, walk, looked, listed, chain, k, drawn[row, 2], log_u, temperature)
+        else:
+            accepted += places_change(places, walk, looked, listed, chain, k, drawn[row, 2], log_u)
+    return accepted
+
+
+@kernel
+def tails(
+    places: Places, walk: Walk, looked: Floats, listed: Candidates, chain: Chain, i: int, u: float, log_u: float
+) -> int:
+    """Propose that another place than now, or none, follows place i."""
+    if not chain.used[i]:
+        return 0
+    count = listed.first_next[i + 1] - listed.first_next[i]
+    pick = min(int(u * (count + 1)), count)
+    j = NONE if pick == count else listed.next[listed.first_next[i] + pick]
+    if j != NONE and not chain.used[j]:
+        return 0
+    a = chain.after[i]
+    if j == a:
+        return 0
+    b = chain.before[j] if j != NONE else NONE
+    if b != NONE and a != NONE and not may_follow(places, walk, b, a):
+        return 0
+    now = link(places, walk, looked, chain, i, a)
+    if j != NONE:
+        now += link(places, walk, looked, chain, b, j)
+    then = link(places, walk, looked, chain, i, j)
+    if not (b == NONE and a == NONE):
+        then += link(places, walk, looked, chain, b, a)
+    if not then - now > log_u:
+        return 0
+    chain.after[i] = j
+    if j != NONE:
+        chain.before[j] = i
+    if a != NONE:
+        chain.before[a] = b
+    if b != NONE:
+        chain.after[b] = a
+    renew(places, walk, looked, chain, j, i)
+    renew(places, walk, looked, chain, a, b)
+    return 1
+
+
+@kernel
+def in_or_out(
+    places: Places, walk: Walk, looked: Floats, listed: Candidates, chain: Chain, k: int, u: float, log_u: float,
+    temperature: float,
+) -> int:  # fmt: skip
+    """Propose that place k enters a track or leaves its track."""
+    before = listed.first_last[k + 1] - listed.first_last[k]
+    after = listed.first_next[k + 1] - listed.first_next[k]
+    log_options = temperature * math.log(before + after + 1.0)
+    if chain.used[k]:
+        i, j = chain.before[k], chain.after[k]
+        if i != NONE and j != NONE and not may_follow(places, walk, i, j):
+            return 0
+        now = link(places, walk, looked, chain, i, k)
+        then = link(places, walk, looked, chain, i, j)
+        if not then - now - log_options > log_u:
+            return 0
+        chain.used[k], chain.before[k], chain.after[k] = False, NONE, NONE
+    else:
+        pick = min(int(u * (before + after + 1)), before + after)
+        i, j = NONE, NONE
+        if pick < before:
+            i = listed.last[listed.first_last[k] + pick]
+            if not chain.used[i]:
+                return 0
+            j = chain.after[i]
+            if j != NONE and not may_follow(places, walk, k, j):
+                return 0
+        elif pick < before + after:
+            j = listed.next[listed.first_next[k] + pick - before]
+            if not chain.used[j] or chain.before[j] != NONE:
+                return 0
+        now = link(places, walk, looked, chain, i, j)
+        then = with_place(places, walk, looked, chain, i, k, j)
+        if not then - now + log_options > log_u:
+            return 0
+        chain.used[k], chain.before[k], chain.after[k] = True, i, j
+    if i != NONE:
+        chain.after[i] = k if chain.used[k] else j
+    if j != NONE:
+        chain.before[j] = k if chain.used[k] else i
+    if chain.used[k]:
+        chain.mean[k], chain.J[k] = np.nan, np.nan
+        renew(places, walk, looked, chain, k, k)
+    else:
+        renew(places, walk, looked, chain, j, i)
+    return 1
+
+
+@kernel
+def places_change(
+    places: Places, walk: Walk, looked: Floats, listed: Candidates, chain: Chain, k: int, u: float, log_u: float
+) -> int:
+    """Propose that place k and one of the same moment change roles."""
+    count = listed.first_beside[k + 1] - listed.first_beside[k]
+    if count == 0:
+        return 0
+    m = listed.beside[listed.first_beside[k] + min(int(u * count), count - 1)]
+    if not (chain.used[k] or chain.used[m]):
+        return 0
+    for one, other in ((k, m), (m, k)):
+        i, j = chain.before[one], chain.after[one]
+        if i != NONE and not may_follow(places, walk, i, other):
+            return 0
+        if j != NONE and not may_follow(places, walk, other, j):
+            return 0
+    now, then = 0.0, 0.0
+    for one, other in ((k, m), (m, k)):
+        if chain.used[one]:
+            now += link(places, walk, looked, chain, chain.before[one], one)
+            then += with_place(places, walk, looked, chain, chain.before[one], other, chain.after[one])
+    if not then - now > log_u:
+        return 0
+    ik, jk, im, jm = chain.before[k], chain.after[k], chain.before[m], chain.after[m]
+    uk, um = chain.used[k], chain.used[m]
+    chain.before[k], chain.after[k], chain.used[k] = im, jm, um
+    chain.before[m], chain.after[m], chain.used[m] = ik, jk, uk
+    for one in (k, m):
+        i, j = chain.before[one], chain.after[one]
+        if i != NONE:
+            chain.after[i] = one
+        if j != NONE:
+            chain.before[j] = one
+        chain.mean[one], chain.J[one] = np.nan, np.nan
+    for one in (k, m):
+        if chain.used[one]:
+            renew(places, walk, looked, chain, one, one)
+    return 1

@@ -1,0 +1,176 @@
+"""Messages along a track: Kalman filter forwards, information filter backwards, and the density where they meet.
+
+A track is a chain of places: what the boxes of one moment say of one person, as a factor of their state,
+
+    exp(c + h' s - s' J s / 2),
+
+with the information J (6, 6), the vector h (6,) and the constant c.  Between places the state walks with nearly
+constant velocity: s' = F s + w, w ~ N(0, Q).  The forward message of a place is the density of the state given it and
+everything before it, (mean, covariance, log likelihood); the backward message is the likelihood of it and everything
+after it as a function of the state, in information form, because it need not be a density.  The marginal likelihood of
+a whole track is the integral of their product at any link, which makes an exchange of tails cost two links
+(the two-filter formula: Fraser and Potter 1969).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.numerics.jit import kernel
+
+from ..interface import STATE
+from ..kernels.linear import invert
+
+HALF_LOG_2PI = 0.5 * math.log(2.0 * math.pi)
+LEAST_DT = 1e-6
+"""Moments are at least so far apart [s]: the noise of a shorter step has no inverse."""
+
+
+@kernel
+def noise_of_walk(dt: float, drift: Floats, Q: Floats) -> None:
+    """Write the covariance Q (6, 6) that a step of dt adds.
+
+    Args:
+        dt: length of the step [s].
+        drift: (3,) spectral density of the acceleration, and variances that height and width gain in a second, > 0.
+        Q: (6, 6) written.
+    """
+    Q[:] = 0.0
+    t, q = max(dt, LEAST_DT), drift[0]
+    for a in range(2):
+        Q[a, a] = q * t * t * t / 3.0
+        Q[a, a + 2] = Q[a + 2, a] = 0.5 * q * t * t
+        Q[a + 2, a + 2] = q * t
+    Q[4, 4], Q[5, 5] = drift[1] * t, drift[2] * t
+
+
+@kernel
+def predict(mean: Floats, covariance: Floats, dt: float, drift: Floats, out_mean: Floats, out: Floats) -> None:
+    """Write mean (6,) and covariance (6, 6) a time dt later: F m and F P F' + Q."""
+    t = max(dt, LEAST_DT)
+    noise_of_walk(t, drift, out)
+    for a in range(STATE):
+        out_mean[a] = mean[a] + (t * mean[a + 2] if a < 2 else 0.0)
+    for a in range(STATE):
+        for b in range(STATE):
+            value = covariance[a, b]
+            if a < 2:
+                value += t * covariance[a + 2, b]
+            if b < 2:
+                value += t * covariance[a, b + 2]
+            if a < 2 and b < 2:
+                value += t * t * covariance[a + 2, b + 2]
+            out[a, b] += value
+
+
+@kernel
+def absorb(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
+    """Multiply a density by a factor, in place, and give the log of the integral of the product.
+
+    Args:
+        mean: (6,) in place.
+        covariance: (6, 6) in place.
+        J: (6, 6) information of the factor.
+        h: (6,) its vector.
+        c: its constant.
+    """
+    prior, post = np.empty((STATE, STATE)), np.empty((STATE, STATE))
+    log_det = invert(covariance, prior)
+    vector = prior @ mean
+    total = c - 0.5 * log_det
+    for a in range(STATE):
+        total -= 0.5 * mean[a] * vector[a]
+        vector[a] += h[a]
+        for b in range(STATE):
+            post[a, b] = prior[a, b] + J[a, b]
+    total -= 0.5 * invert(post, covariance)
+    for a in range(STATE):
+        mean[a] = 0.0
+        for b in range(STATE):
+            mean[a] += covariance[a, b] * vector[b]
+    for a in range(STATE):
+        total += 0.5 * vector[a] * mean[a]
+    return total
+
+
+@kernel
+def start(prior: Floats, at: Floats, J: Floats, h: Floats, c: float, mean: Floats, covariance: Floats) -> float:
+    """Write the density of the state after the first place, and give the log of its marginal likelihood.
+
+    A new person is anywhere with density 1 a unit of area (the caller divides by the area).
+
+    Args:
+        prior: (6,) precisions of the state of somebody new; 0 for x and y.
+        at: (6,) its means; those of x and y are not looked at.
+        J: (6, 6) information of the first place, or of it and all that follow.
+        h: (6,) its vector.
+        c: its constant.
+        mean: (6,) written.
+        covariance: (6, 6) written.
+    """
+    information, vector = np.empty((STATE, STATE)), np.empty(STATE)
+    total = c
+    for a in range(STATE):
+        vector[a] = h[a]
+        for b in range(STATE):
+            information[a, b] = J[a, b]
+        if a < 2:
+            information[a, a] += 1e-9
+            total += HALF_LOG_2PI
+        else:
+            information[a, a] += prior[a]
+            vector[a] += prior[a] * at[a]
+            total += 0.5 * math.log(prior[a]) - 0.5 * prior[a] * at[a] * at[a]
+    total -= 0.5 * invert(information, covariance)
+    for a in range(STATE):
+        mean[a] = 0.0
+        for b in range(STATE):
+            mean[a] += covariance[a, b] * vector[b]
+    for a in range(STATE):
+        total += 0.5 * vector[a] * mean[a]
+    return total
+
+
+@kernel
+def meet(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
+    """Log of the integral of a density times a factor; as `absorb`, but nothing is changed."""
+    m, P = mean.copy(), covariance.copy()
+    return absorb(m, P, J, h, c)
+
+
+@kernel
+def back(J: Floats, h: Floats, c: float, dt: float, drift: Floats, out_J: Floats, out_h: Floats) -> float:
+    """Write the factor of the state a time dt earlier: the mean of the given one over the noise; give its constant.
+
+    With C = (Q^-1 + J)^-1 it is J - J C J, h - J C h, c + (h' C h + log|C| - log|Q|) / 2, before F is applied.
+    """
+    t = max(dt, LEAST_DT)
+    Q, inner, C = np.empty((STATE, STATE)), np.empty((STATE, STATE)), np.empty((STATE, STATE))
+    noise_of_walk(t, drift, Q)
+    log_q = invert(Q, inner)
+    for a in range(STATE):
+        for b in range(STATE):
+            inner[a, b] += J[a, b]
+    log_c = -invert(inner, C)
+    JC = J @ C
+    kept, vector = J - JC @ J, h - JC @ h
+    total = c + 0.5 * (log_c - log_q)
+    for a in range(STATE):
+        for b in range(STATE):
+            total += 0.5 * h[a] * C[a, b] * h[b]
+    # F' J F and F' h
+    for a in range(STATE):
+        out_h[a] = vector[a] + (t * vector[a - 2] if 2 <= a < 4 else 0.0)
+        for b in range(STATE):
+            value = 0.5 * (kept[a, b] + kept[b, a])
+            if 2 <= a < 4:
+                value += t * 0.5 * (kept[a - 2, b] + kept[b, a - 2])
+            if 2 <= b < 4:
+                value += t * 0.5 * (kept[a, b - 2] + kept[b - 2, a])
+            if 2 <= a < 4 and 2 <= b < 4:
+                value += t * t * 0.5 * (kept[a - 2, b - 2] + kept[b - 2, a - 2])
+            out_J[a, b] = value
+    return total

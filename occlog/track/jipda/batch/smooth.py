@@ -1,0 +1,282 @@
+"""Everybody with the future: all boxes associated with whole tracks, then smoothed states.
+
+From the filter's people of every moment, twice:
+
+1. Markov chain Monte Carlo over all tracks (`chains`), then gaps are bridged.
+2. Each person's state at each moment, from all other moments of the track (`states`).
+3. The boxes of each moment are associated anew with these people, all cameras jointly, as the filter does it; boxes
+   that are left show people whom nobody expected.
+
+Then the states are smoothed once more, with the boxes of the last association.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from occlog.array_types import NS, Floats, Ints
+
+from ..detectors import leaving_rate, rates_of, turning_rate
+from ..filter import LEAST_SUPPORT, State, pack
+from ..interface import NOBODY, Event, Look, Moment, Support
+from ..kernels.joint import Boxes, Rates
+from .association import Expected, Found, Seen, associate, find
+from .chains import NONE
+from .doubts import doubts
+from .presence import presence
+from .scatter import FIRST, scatter
+from .states import States, states
+from .tracks import Span, Tracks, anneal, bridge, tracks_from
+
+HOTTEST = (3.0, 1.5)
+"""Temperature at which each run of the chain begins."""
+STAYED = 0.97
+"""Probability that somebody is there between the first and the last place of the track, ..."""
+STAYS = 0.3
+"""... and before the first or after the last, ..."""
+EXTEND_S, LEAST_EXTEND = 1.0, 2
+"""... for so long and so many moments, at least."""
+LIKELY = 0.5
+"""Before the first and after the last place of a track its person is reported while they are there so probably."""
+SAME_HINT, OTHER_HINT = 2.0, -2.0
+"""Log likelihood ratios of a box whose hint is that of the track's box before or after in the camera, and is not."""
+SUREST = 1e-3
+"""No track exists more surely than but for this probability."""
+
+
+def smooth(
+    state: State, looks: Sequence[Sequence[Look]], moments: Sequence[Moment], generator: np.random.Generator
+) -> list[Moment]:
+    """Everybody at the same moments, with what was seen before and after each.
+
+    Identities are new: they rise from 0 in the order of first appearance.
+
+    Args:
+        state: of the filter after the last moment: cameras, settings, and what it learned of the detectors.
+        looks: of each moment, as they were given to the filter.
+        moments: what the filter said, in the order of time.
+        generator: of the Markov chain; the same one gives the same result.
+    """
+    if not moments:
+        return []
+    packed = [pack(state, group, moment.t_ns) for group, moment in zip(looks, moments, strict=True)]
+    hints = [np.concatenate([look.hint for look in group]).astype(np.int64) for group in looks]
+    span = span_of(state, packed, moments)
+    # Mean time between looks of each camera
+    with np.errstate(divide="ignore", invalid="ignore"):
+        interval = (span.time[-1] - span.time[0]) / (span.looked[-1] - 1.0)
+    rates = rates_of(state.counts, state.config, np.where(interval > 0.0, interval, np.inf))
+    found = [
+        find(state, boxes, rates, hint, *_filtered(boxes, group, moment))
+        for boxes, hint, group, moment in zip(packed, hints, looks, moments, strict=True)
+    ]
+    square = (FIRST * state.metre) ** 2
+    after: list[Seen] = []
+    for hottest in HOTTEST:
+        tracks = tracks_from(found, span, state.config, square, free=True)
+        anneal(tracks, span, generator, hottest)
+        bridge(tracks, span)
+        own, square = _scattered(tracks, span, square, state.metre)
+        found, after = _again(state, packed, rates, hints, tracks, span, own, square)
+    # Smooth: the scatter and the walk follow from each other
+    tracks = tracks_from(found, span, state.config, square, free=False)
+    for _ in range(3):
+        own, square = _scattered(tracks, span, square, state.metre)
+        tracks = tracks_from(found, span, state.config, own, free=False)
+    return _moments(tracks, span, packed, looks, moments, after, own, square)
+
+
+def span_of(state: State, packed: Sequence[Boxes], moments: Sequence[Moment]) -> Span:
+    """The moments, who looked, and how crowded it is."""
+    looked = np.zeros((len(moments) + 1, len(state.views.size)))
+    for k, boxes in enumerate(packed):
+        looked[k + 1] = looked[k]
+        np.add.at(looked[k + 1], boxes.camera, 1.0)
+    places = np.concatenate([m.mean[:, :2] for m in moments]) / state.metre
+    area = max(len(np.unique(np.floor(places), axis=0)), 10) * state.metre**2
+    return Span(
+        time=np.array([(m.t_ns - moments[0].t_ns) / NS for m in moments]),
+        looked=looked,
+        area=area,
+        people=max(len(places) / len(moments), 0.5),
+        stay=1.0 / leaving_rate(state.counts),
+        acceleration=_acceleration(state),
+        metre=state.metre,
+    )
+
+
+def _acceleration(state: State) -> float:
+    """Spectral density of the acceleration, the mean over those who walk on and those who manoeuvre."""
+    config = state.config
+    share = config.turn_s / (config.turn_s + 1.0 / turning_rate(state.counts))
+    return (1.0 - share) * config.acceleration + share * config.manoeuvre
+
+
+def _filtered(boxes: Boxes, group: Sequence[Look], moment: Moment) -> tuple[Expected, Floats]:
+    """The filter's people and their boxes."""
+    share = np.zeros((len(moment.ids), len(boxes.box)))
+    camera = np.repeat(boxes.camera, np.diff(boxes.first)).tolist()
+    row = np.concatenate([look.row for look in group]).tolist()
+    place = {key: k for k, key in enumerate(zip(camera, row, strict=True))}
+    says = moment.support
+    for i, c, r, p in zip(
+        says.person.tolist(), says.camera.tolist(), says.row.tolist(), says.probability.tolist(), strict=True
+    ):
+        share[i, place[c, r]] = p
+    return Expected(moment.ids, moment.mean, moment.covariance, moment.existence), share
+
+
+def _scattered(tracks: Tracks, span: Span, square: float, metre: float) -> tuple[Floats, float]:
+    """Variance of each place (n,) about its track's walk, and the scale of those; of nobody's places the scale."""
+    walk = _states(tracks, span, 0)
+    rows = np.flatnonzero(walk.place != NONE)
+    k = walk.place[rows]
+    own, square = scatter(tracks.J[k], tracks.h[k], walk.mean[rows], walk.covariance[rows], square, metre)
+    out = np.full(len(tracks.J), square)
+    out[k] = own
+    return out, square
+
+
+def _extent(span: Span) -> int:
+    """How many moments before its first and after its last place a track is looked for."""
+    return max(round(EXTEND_S / span.step), LEAST_EXTEND)
+
+
+def _states(tracks: Tracks, span: Span, extend: int) -> States:
+    """States without the place of the moment, in the order of moments, so many moments beyond each track."""
+    at, last = np.arange(len(span.time)), len(span.time) - 1
+    early, late = np.maximum(at - extend, 0), np.minimum(at + extend, last)
+    return states(tracks.places, tracks.walk, tracks.chain, span.time, early, late)
+
+
+def _again(
+    state: State,
+    packed: Sequence[Boxes],
+    rates: Rates,
+    hints: Sequence[Ints],
+    tracks: Tracks,
+    span: Span,
+    own: Floats,
+    square: float,
+) -> tuple[list[Found], list[Seen]]:
+    """Associate the boxes of all moments anew."""
+    walk = _states(tracks, span, _extent(span))
+    # The place is about the walk, as far as it was found to be
+    spread = np.where(walk.place != NONE, own[walk.place] if len(own) else 0.0, square)
+    walk.covariance[:, [0, 1], [0, 1]] += spread[:, None]
+    bounds = np.searchsorted(walk.moment, np.arange(len(packed) + 1))
+    found, after = [], []
+    for k, (boxes, hint) in enumerate(zip(packed, hints, strict=True)):
+        rows = slice(bounds[k], bounds[k + 1])
+        people = Expected(
+            walk.track[rows],
+            walk.mean[rows],
+            walk.covariance[rows],
+            np.where(walk.inside[rows], STAYED, STAYS),
+        )
+        bonus = _bonus(boxes, hint, tracks, walk.last[rows], walk.next[rows])
+        seen = associate(state, boxes, rates, people, bonus)
+        after.append(seen)
+        found.append(find(state, boxes, rates, hint, seen.people, seen.share))
+    return found, after
+
+
+def _bonus(boxes: Boxes, hint: Ints, tracks: Tracks, last: Ints, following: Ints) -> Floats:
+    """(N, M) logs of likelihood ratios of the hints of boxes, by the hints of the track's places beside the moment."""
+    out = np.zeros((len(last), len(hint)))
+    if (hint == NOBODY).all():
+        return out
+    camera = np.repeat(boxes.camera, np.diff(boxes.first))
+    for beside in (last, following):
+        known = np.where(beside[:, None] != NONE, tracks.places.hint[beside][:, camera], NOBODY)
+        both = (known != NOBODY) & (hint != NOBODY)
+        out += np.where(both, np.where(known == hint, SAME_HINT, OTHER_HINT), 0.0)
+    return out
+
+
+def _moments(
+    tracks: Tracks,
+    span: Span,
+    packed: Sequence[Boxes],
+    looks: Sequence[Sequence[Look]],
+    moments: Sequence[Moment],
+    after: Sequence[Seen],
+    own: Floats,
+    square: float,
+) -> list[Moment]:
+    """Smoothed people of every moment; tracks that are less likely than boxes of nobody are left out."""
+    walk = _states(tracks, span, _extent(span))
+    walk = walk.taken(np.flatnonzero(presence(tracks, span, walk) > LIKELY))
+    mean, covariance = _with_places(walk, tracks, own, square)
+    # Log odds of each track against its boxes being of nobody
+    odds = np.zeros(walk.track.max(initial=-1) + 1)
+    ends = np.flatnonzero(tracks.chain.used & (tracks.chain.after == NONE))
+    number = np.full(len(own), NONE)
+    has = walk.place != NONE
+    number[walk.place[has]] = walk.track[has]
+    odds[number[ends]] = tracks.chain.past[ends] + tracks.places.death[ends]
+    existence = np.clip(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))), 0.0, 1.0 - SUREST)
+    identity = np.where(odds > 0.0, np.cumsum(odds > 0.0) - 1, NOBODY)
+    exchanged = doubts(tracks, span, number, identity)
+    begins, ceases = np.full(len(odds), len(moments)), np.full(len(odds), -1)
+    np.minimum.at(begins, walk.track, walk.moment)
+    np.maximum.at(ceases, walk.track, walk.moment)
+    bounds = np.searchsorted(walk.moment, np.arange(len(moments) + 1))
+    earlier = [np.flatnonzero((ceases == k - 1) & (identity != NOBODY)) for k in range(len(moments))]
+    out = []
+    for k, moment in enumerate(moments):
+        rows = np.arange(bounds[k], bounds[k + 1])
+        rows = rows[identity[walk.track[rows]] != NOBODY]
+        rows = rows[np.argsort(identity[walk.track[rows]], kind="stable")]
+        track = walk.track[rows]
+        new = track[begins[track] == k]
+        events = [Event("birth", int(identity[t]), NOBODY, float(existence[t])) for t in new]
+        events += [Event("death", int(identity[t]), NOBODY, float(existence[t])) for t in earlier[k]]
+        events += exchanged.get(k, [])
+        support, visible = _seen_by(tracks, walk, rows, packed[k], looks[k], after[k], len(span.looked[0]))
+        out.append(
+            Moment(
+                t_ns=moment.t_ns,
+                ids=identity[track],
+                mean=mean[rows],
+                covariance=covariance[rows],
+                existence=existence[track],
+                visibility=visible,
+                support=support,
+                events=tuple(events),
+            )
+        )
+    return out
+
+
+def _with_places(walk: States, tracks: Tracks, own: Floats, square: float) -> tuple[Floats, Floats]:
+    """Means and covariances of people where they are: about the walk, with the place of the moment."""
+    has = walk.place != NONE
+    P = walk.covariance.copy()
+    P[:, [0, 1], [0, 1]] += np.where(has, own[walk.place] if len(own) else 0.0, square)[:, None]
+    information = np.linalg.inv(P)
+    vector = np.einsum("nij,nj->ni", information, walk.mean)
+    information[has] += tracks.J[walk.place[has]]
+    vector[has] += tracks.h[walk.place[has]]
+    covariance = np.linalg.inv(information)
+    covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
+    return np.einsum("nij,nj->ni", covariance, vector), covariance
+
+
+def _seen_by(
+    tracks: Tracks, walk: States, rows: Ints, boxes: Boxes, group: Sequence[Look], seen: Seen, cameras: int
+) -> tuple[Support, Floats]:
+    """The boxes that speak for the people of some rows, and (m, C) how visible they are."""
+    visible = np.full((len(rows), cameras), np.nan)
+    share = np.zeros((len(rows), len(boxes.box)))
+    # The last association expected everybody, under the number of the track that led to it
+    if len(rows):
+        k = np.searchsorted(seen.people.track, tracks.label[walk.head[rows]])
+        share = seen.share[k]
+        visible[:, boxes.camera] = seen.visible[:, k].T
+    person, box = np.nonzero(share > LEAST_SUPPORT)
+    camera = np.repeat(boxes.camera, np.diff(boxes.first))
+    row = np.concatenate([look.row for look in group])
+    return Support(person, camera[box], row[box], share[person, box]), visible

@@ -1,0 +1,120 @@
+"""States of people at every moment, from all places of their tracks but that of the moment itself."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from ..interface import STATE
+from ..kernels.linear import invert
+from .chains import NONE, Chain, Places, Walk
+from .messages import back, predict
+
+
+class States(NamedTuple):
+    """States of tracks at moments; K rows, in the order of moments, then of tracks."""
+
+    track: Ints  # (K,) number of the track, in the order of first places
+    moment: Ints  # (K,)
+    head: Ints  # (K,) first place of the track
+    place: Ints  # (K,) place at the moment; NONE
+    last: Ints  # (K,) place before the moment; NONE
+    next: Ints  # (K,) place after it; NONE
+    mean: Floats  # (K, 6) by all places but that of the moment
+    covariance: Floats  # (K, 6, 6)
+
+    def taken(self, rows: Ints) -> States:
+        """Some of the rows."""
+        return States(*(np.asarray(getattr(self, name))[rows] for name in self._fields))
+
+    @property
+    def inside(self) -> Bools:
+        """(K,) whether the moment is neither before the first nor after the last place of the track."""
+        return np.asarray((self.place != NONE) | ((self.last != NONE) & (self.next != NONE)))
+
+
+def states(places: Places, walk: Walk, chain: Chain, time: Floats, first: Ints, last: Ints) -> States:
+    """States of all tracks at all moments, and before and after them for a while.
+
+    Args:
+        places: n places.
+        walk: of people.
+        chain: with messages.
+        time: (T,) moments [s].
+        first: (T,) moment from which a track that begins at a moment is wanted.
+        last: (T,) moment to which one that ends there is.
+    """
+    rows = States(*_states(places, walk, chain, time, first, last))
+    order = np.lexsort((rows.track, rows.moment))
+    return rows.taken(order)
+
+
+@kernel
+def _count_states(places: Places, chain: Chain, first: Ints, last: Ints) -> int:
+    count = 0
+    for k in range(places.moment.shape[0]):
+        if chain.used[k] and chain.before[k] == NONE:
+            j = k
+            while chain.after[j] != NONE:
+                j = chain.after[j]
+            count += last[places.moment[j]] - first[places.moment[k]] + 1
+    return count
+
+
+@kernel
+def _states(
+    places: Places, walk: Walk, chain: Chain, time: Floats, first: Ints, last: Ints
+) -> tuple[Ints, Ints, Ints, Ints, Ints, Ints, Floats, Floats]:
+    """The parts of `States`, track by track."""
+    K = _count_states(places, chain, first, last)
+    track, moment, heads = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
+    place, past, coming = np.empty(K, np.int64), np.empty(K, np.int64), np.empty(K, np.int64)
+    mean, covariance = np.empty((K, STATE)), np.empty((K, STATE, STATE))
+    m, P, J, h = np.empty(STATE), np.empty((STATE, STATE)), np.empty((STATE, STATE)), np.empty(STATE)
+    information, vector = np.empty((STATE, STATE)), np.empty(STATE)
+    row, count = 0, 0
+    for head in range(places.moment.shape[0]):
+        if not (chain.used[head] and chain.before[head] == NONE):
+            continue
+        tail = head
+        while chain.after[tail] != NONE:
+            tail = chain.after[tail]
+        i, j = NONE, head  # the last place before the moment, the next one at or after it
+        for t in range(first[places.moment[head]], last[places.moment[tail]] + 1):
+            here = NONE
+            if j != NONE and places.moment[j] == t:
+                here = j
+                j = chain.after[j]
+            # Forward: the filter's prediction; before the first place what is known of somebody new
+            information[:] = 0.0
+            vector[:] = 0.0
+            if i != NONE:
+                predict(chain.mean[i], chain.covariance[i], time[t] - places.time[i], walk.drift, m, P)
+                invert(P, information)
+                vector[:] = information @ m
+            else:
+                for a in range(2, STATE):
+                    information[a, a] = walk.prior[a]
+                    vector[a] = walk.prior[a] * walk.mean[a]
+                # Anywhere, as far as the greatest speed lets them go in a thousand seconds
+                for a in range(2):
+                    information[a, a] = 1e-6 / (walk.speed * walk.speed)
+                    vector[a] = information[a, a] * places.at[head, a]
+            # Backward: the information of everything after the moment
+            if j != NONE:
+                back(chain.J[j], chain.h[j], 0.0, places.time[j] - time[t], walk.drift, J, h)
+                information += J
+                vector += h
+            track[row], moment[row], heads[row] = count, t, head
+            place[row], past[row], coming[row] = here, i, j
+            invert(information, covariance[row])
+            mean[row] = covariance[row] @ vector
+            if here != NONE:
+                i = here
+            row += 1
+        count += 1
+    return track, moment, heads, place, past, coming, mean, covariance

@@ -1,0 +1,207 @@
+"""Tracks of places: from the people of all moments to the Markov chain's state, and back to people at all moments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from occlog.array_types import Floats, Ints
+
+from ..config import JipdaConfig
+from ..people import GROWTH
+from .association import Found
+from .chains import (
+    NONE,
+    Candidates,
+    Chain,
+    Places,
+    Walk,
+    candidates,
+    link,
+    may_follow,
+    renew_all,
+    sweep,
+)
+from .places import about
+
+SPEEDS = 3.0
+"""Nobody walks faster than so many standard deviations of a new person's velocity."""
+SLACK = 0.6
+"""Distance by which two places of one person may be farther apart than that allows [m]."""
+BESIDE = 1.5
+"""Places of one moment that are this near may change roles [m]."""
+DETECTIONS = 4.0
+"""One place follows another within a time in which a person is detected so often on average, ..."""
+MOST_REACH = 64
+"""... and within so many moments."""
+BRIDGE_S = 8.0
+"""Gaps between tracks are bridged up to this long."""
+TEMPERATURES = 12
+COLDEST = 0.2
+PROPOSALS = 60
+"""For each place in each run of the chain."""
+LEAST_ACCELERATION = 1e-6
+"""A walk without any noise has no inverse [m^2/s^3]."""
+
+
+class Span(NamedTuple):
+    """The moments: T of them, C cameras."""
+
+    time: Floats  # (T,) [s]
+    looked: Floats  # (T + 1, C) looks of each camera before each moment
+    area: float  # of the floor on which people are
+    people: float  # at a time
+    stay: float  # how long people stay on average [s]
+    acceleration: float  # spectral density, per axis
+    metre: float  # in the scene's unit
+
+    @property
+    def step(self) -> float:
+        """Mean time between moments [s]."""
+        return float(self.time[-1] - self.time[0]) / max(len(self.time) - 1, 1) or 1.0
+
+
+class Tracks(NamedTuple):
+    """Places in a chain, and what they are without the scatter about the walk."""
+
+    places: Places
+    walk: Walk
+    chain: Chain
+    J: Floats  # (n, 6, 6)
+    h: Floats  # (n, 6)
+    label: Ints  # (n,) number that `Found.track` gave it; NONE
+
+
+def walk_of(config: JipdaConfig, span: Span, reach: int) -> Walk:
+    """How people walk, by the settings."""
+    deviation = np.array([config.speed, config.speed, config.sigma_height, config.sigma_width])
+    return Walk(
+        drift=np.array(
+            [
+                max(span.acceleration, LEAST_ACCELERATION * span.metre**2),
+                (GROWTH * config.height) ** 2,
+                (GROWTH * config.width) ** 2,
+            ]
+        ),
+        prior=np.concatenate([[0.0, 0.0], deviation**-2]),
+        mean=np.array([0.0, 0.0, 0.0, 0.0, config.height, config.width]),
+        speed=SPEEDS * config.speed,
+        slack=SLACK * span.metre,
+        reach=reach,
+        stay=span.stay,
+    )
+
+
+def tracks_from(found: Sequence[Found], span: Span, config: JipdaConfig, scatter: float | Floats, free: bool) -> Tracks:
+    """The people of all moments as places, those of one track linked.
+
+    Args:
+        found: of each moment.
+        span: the moments.
+        config: settings.
+        scatter: variance of a place about the walk, or that of each place (n,).
+        free: the links are to be changed: those that the chain could not make are cut.
+    """
+    counts = [len(f.track) for f in found]
+    moment = np.repeat(np.arange(len(found)), counts)
+    mean, miss = np.concatenate([f.mean for f in found]), np.concatenate([f.miss for f in found])
+    raw_J, raw_h = np.concatenate([f.J for f in found]), np.concatenate([f.h for f in found])
+    c = np.concatenate([f.c for f in found])
+    J, h, constant = np.empty_like(raw_J), np.empty_like(raw_h), np.empty_like(c)
+    about(raw_J, raw_h, c, np.broadcast_to(scatter, c.shape).astype(np.float64), J, h, constant)
+    # Mean time from an arrival to the first place, and from the last place to leaving
+    T = len(span.time)
+    unseen = np.exp(miss @ (span.looked[-1] / T))
+    wait = np.minimum(span.step / np.maximum(1.0 - unseen, 1e-3), span.stay)
+    early = np.exp((miss * span.looked[moment]).sum(axis=1))
+    late = np.exp((miss * (span.looked[-1] - span.looked[moment + 1])).sum(axis=1))
+    arrivals = span.people / span.area / span.stay
+    places = Places(
+        moment=moment,
+        time=span.time[moment],
+        at=np.ascontiguousarray(mean[:, :2]),
+        J=J,
+        h=h,
+        c=constant,
+        miss=miss,
+        birth=np.log(arrivals * (wait + span.stay * early)),
+        death=np.log(np.minimum(wait / span.stay + late, 1.0)),
+        hint=np.concatenate([f.hint for f in found]),
+    )
+    often = float(np.mean(1.0 - unseen)) if len(unseen) else 1.0
+    reach = int(min(np.ceil(DETECTIONS / max(often, 1e-3)), MOST_REACH)) if free else T
+    walk = walk_of(config, span, reach)
+    label = np.concatenate([f.track for f in found])
+    chain = _chain(places, walk, label, free)
+    renew_all(places, walk, span.looked, chain)
+    return Tracks(places, walk, chain, raw_J, raw_h, label)
+
+
+def _chain(places: Places, walk: Walk, track: Ints, free: bool) -> Chain:
+    """The state in which places of one track follow each other."""
+    n = len(track)
+    after, before = np.full(n, NONE), np.full(n, NONE)
+    order = np.lexsort((np.arange(n), track))
+    for i, j in zip(order[:-1].tolist(), order[1:].tolist(), strict=True):
+        if track[i] == track[j] != NONE and (not free or may_follow(places, walk, i, j)):
+            after[i], before[j] = j, i
+    return Chain(
+        after=after,
+        before=before,
+        used=track != NONE,
+        mean=np.zeros((n, 6)),
+        covariance=np.zeros((n, 6, 6)),
+        past=np.zeros(n),
+        J=np.zeros((n, 6, 6)),
+        h=np.zeros((n, 6)),
+        future=np.zeros(n),
+    )
+
+
+def anneal(tracks: Tracks, span: Span, generator: np.random.Generator, hottest: float) -> None:
+    """Run the Markov chain, hot at first and cold at the end, in place."""
+    n = len(tracks.places.moment)
+    if n == 0:
+        return
+    listed = listed_of(tracks, span)
+    each = max(PROPOSALS * n // TEMPERATURES, 1)
+    for temperature in np.geomspace(hottest, COLDEST, TEMPERATURES):
+        drawn = generator.random((each, 4))
+        sweep(tracks.places, tracks.walk, span.looked, listed, tracks.chain, float(temperature), drawn)
+        # Rounding and the tolerance of renewals do not add up
+        renew_all(tracks.places, tracks.walk, span.looked, tracks.chain)
+
+
+def listed_of(tracks: Tracks, span: Span) -> Candidates:
+    """Which places may follow which."""
+    return candidates(tracks.places, tracks.walk, BESIDE * span.metre)
+
+
+def bridge(tracks: Tracks, span: Span) -> None:
+    """Join ends of tracks with beginnings of later ones, where that is likelier, all at once; in place.
+
+    Who could have walked there in that time, and not been seen on the way, is the same person.
+    """
+    places, walk, chain = tracks.places, tracks.walk, tracks.chain
+    ends = np.flatnonzero(chain.used & (chain.after == NONE))
+    heads = np.flatnonzero(chain.used & (chain.before == NONE))
+    gain = np.zeros((len(ends), len(heads)))
+    for a, i in enumerate(ends.tolist()):
+        wait = places.time[heads] - places.time[i]
+        apart = np.hypot(*(places.at[heads] - places.at[i]).T)
+        near = (wait > 0.0) & (wait <= BRIDGE_S) & (apart <= walk.speed * wait + walk.slack)
+        if not near.any():
+            continue
+        alone = link(places, walk, span.looked, chain, i, NONE)
+        for b in np.flatnonzero(near).tolist():
+            j = int(heads[b])
+            joint = link(places, walk, span.looked, chain, i, j)
+            gain[a, b] = joint - alone - link(places, walk, span.looked, chain, NONE, j)
+    rows, columns = linear_sum_assignment(-np.maximum(gain, 0.0))
+    for a, b in zip(rows.tolist(), columns.tolist(), strict=True):
+        if gain[a, b] > 0.0:
+            chain.after[ends[a]], chain.before[heads[b]] = heads[b], ends[a]
+    renew_all(places, walk, span.looked, chain)

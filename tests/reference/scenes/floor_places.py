@@ -1,0 +1,49 @@
+"""Places of people on the floor and chains of them, without cameras."""
+
+import numpy as np
+
+from occlog.track.jipda.batch.chains import NONE, Chain, Places, Walk
+
+WALK = Walk(
+    drift=np.array([0.06, 1e-3, 1e-3]),
+    prior=np.array([0.0, 0.0, 1.2, 1.2, 60.0, 70.0]),
+    mean=np.array([0.0, 0.0, 0.0, 0.0, 1.7, 0.5]),
+    speed=2.7,
+    slack=0.6,
+    reach=2,
+    stay=20.0,
+)
+
+
+def places_at(moment, at, worth):
+    """Places that a body of average size makes, with a constant that their boxes are worth."""
+    n = len(moment)
+    J = np.zeros((n, 6, 6))
+    J[:] = np.diag([40.0, 40.0, 0.0, 0.0, 100.0, 100.0])
+    state = np.column_stack([at, np.zeros((n, 2)), np.full(n, 1.7), np.full(n, 0.5)])
+    h = np.einsum("nij,nj->ni", J, state)
+    c = np.asarray(worth) - 0.5 * np.einsum("ni,ni->n", h, state)
+    return Places(
+        moment=np.asarray(moment),
+        time=0.5 * np.asarray(moment),
+        at=np.asarray(at, dtype=float),
+        J=J,
+        h=h,
+        c=c,
+        miss=np.full((n, 1), -0.7),
+        birth=np.full(n, -3.0),
+        death=np.full(n, -2.0),
+        hint=np.full((n, 1), NONE),
+    )
+
+
+def chain_with(after, used):
+    n = len(after)
+    before = np.full(n, NONE)
+    for i, j in enumerate(after):
+        if j != NONE:
+            before[j] = i
+    return Chain(
+        np.array(after), before, np.array(used), np.zeros((n, 6)), np.zeros((n, 6, 6)), np.zeros(n),
+        np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n),
+    )  # fmt: skip

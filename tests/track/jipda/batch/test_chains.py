@@ -1,0 +1,86 @@
+"""The Markov chain against the enumeration of all associations of a few places."""
+
+import itertools
+from collections import Counter
+
+import numpy as np
+import pytest
+from floor_places import WALK, chain_with, places_at
+
+from occlog.track.jipda.batch.chains import NONE, candidates, may_follow, renew_all, sweep, total
+
+
+def all_states(places, looked):
+    """Every association and its log probability."""
+    n = len(places.moment)
+    options = [[NONE, *(j for j in range(n) if may_follow(places, WALK, i, j))] for i in range(n)]
+    out = {}
+    for after in itertools.product(*options):
+        taken = [j for j in after if j != NONE]
+        if len(set(taken)) < len(taken):
+            continue
+        linked = {i for i, j in enumerate(after) if j != NONE} | set(taken)
+        for used in itertools.product(*[[True] if k in linked else [False, True] for k in range(n)]):
+            chain = chain_with(after, used)
+            renew_all(places, WALK, looked, chain)
+            out[after, used] = total(places, chain)
+    return out
+
+
+@pytest.mark.jit
+def test_the_chain_visits_every_association_as_often_as_it_is_probable():
+    places = places_at([0, 0, 1, 1], [[0.0, 0.0], [0.9, 0.0], [0.3, 0.1], [0.8, 0.2]], [1.0, 2.0, 1.5, 0.5])
+    looked = np.arange(3.0)[:, None]
+    states = all_states(places, looked)
+    value = np.array(list(states.values()))
+    probability = np.exp(value - value.max())
+    probability /= probability.sum()
+    listed = candidates(places, WALK, 1.5)
+    chain = chain_with([NONE] * 4, [False] * 4)
+    rng = np.random.default_rng(0)
+    visits = Counter()
+    runs = 4000
+    for _ in range(runs):
+        sweep(places, WALK, looked, listed, chain, 1.0, rng.random((12, 4)))
+        visits[tuple(chain.after.tolist()), tuple(chain.used.tolist())] += 1
+    often = np.array([visits[key] / runs for key in states])
+    assert sum(visits[key] for key in states) == runs
+    # Total variation: as small as that of as many draws that are nearly independent
+    assert 0.5 * np.abs(often - probability).sum() < 0.05
+    assert np.abs(often - probability).max() < 0.03
+
+
+def test_an_exchange_of_tails_keeps_the_messages_of_both_tracks():
+    rng = np.random.default_rng(3)
+    moment = np.repeat(np.arange(12), 2)
+    at = np.column_stack([0.25 * moment, np.where(np.arange(24) % 2, 0.3, -0.3)]) + rng.normal(0.0, 0.1, (24, 2))
+    places = places_at(moment, at, np.full(24, 4.0))
+    looked = np.arange(13.0)[:, None]
+    after = [i + 2 if i < 22 else NONE for i in range(24)]
+    chain = chain_with(after, [True] * 24)
+    renew_all(places, WALK, looked, chain)
+    listed = candidates(places, WALK, 1.5)
+    assert sweep(places, WALK, looked, listed, chain, 30.0, rng.random((400, 4))) > 5
+    fresh = chain_with(chain.after.tolist(), chain.used.tolist())
+    assert (fresh.before == chain.before).all()
+    renew_all(places, WALK, looked, fresh)
+    assert total(places, chain) == pytest.approx(total(places, fresh), abs=1e-4)
+    np.testing.assert_allclose(chain.J[chain.used], fresh.J[fresh.used], rtol=1e-5, atol=1e-6)
+
+
+def test_two_people_who_cross_keep_their_ways():
+    t = np.arange(9.0)
+    one, other = np.column_stack([0.5 * t, 0.3 * t]), np.column_stack([0.5 * t, 2.4 - 0.3 * t])
+    places = places_at(np.repeat(np.arange(9), 2), np.stack([one, other], 1).reshape(-1, 2), np.full(18, 6.0))
+    looked = np.arange(10.0)[:, None]
+    # At the crossing, in the middle, both turn back
+    after = [i + 2 for i in range(16)] + [NONE, NONE]
+    after[8], after[9] = 11, 10
+    chain = chain_with(after, [True] * 18)
+    renew_all(places, WALK, looked, chain)
+    listed = candidates(places, WALK, 1.5)
+    sweep(places, WALK, looked, listed, chain, 0.1, np.random.default_rng(0).random((600, 4)))
+    # Which of the two places where they meet is whose, nothing says
+    after = chain.after
+    assert [after[after[6]], after[after[7]]] == [10, 11]
+    assert after[:6].tolist() == [2, 3, 4, 5, 6, 7]

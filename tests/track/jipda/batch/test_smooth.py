@@ -1,0 +1,118 @@
+"""Smoothed crowds: as the filter saw them, and better."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from crowds import crowd
+from scipy.optimize import linear_sum_assignment
+
+from occlog.settings import configure
+from occlog.track.jipda.batch.smooth import smooth
+from occlog.track.jipda.batch.window import Window, add, finish
+from occlog.track.jipda.config import JipdaConfig
+from occlog.track.jipda.filter import begin, step
+
+pytestmark = pytest.mark.jit
+
+
+@cache
+def filtered(frames=60, hz=5.0):
+    """A small crowd, and what the filter says of it: the state at the end, looks, states and moments."""
+    scene = crowd(5, cameras=4, frames=frames, hz=hz, seed=4)
+    state = begin(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
+    states, moments = [], []
+    for looks in scene.moments:
+        state, moment = step(state, looks)
+        states.append(state)
+        moments.append(moment)
+    return scene, states, moments
+
+
+def errors(moments, truth):
+    """Distances of people to those in truth, and how often somebody in truth is given another identity."""
+    off, last, switches = [], {}, 0
+    for moment, now in zip(moments, truth, strict=True):
+        apart = np.hypot(*(now[:, None] - moment.mean[None, :, :2]).transpose(2, 0, 1))
+        for a, b in zip(*linear_sum_assignment(np.minimum(apart, 1.0)), strict=True):
+            if apart[a, b] < 1.0:
+                off.append(apart[a, b])
+                switches += last.get(a, moment.ids[b]) != moment.ids[b]
+                last[a] = moment.ids[b]
+    return np.array(off), switches
+
+
+def test_smoothed_people_are_nearer_to_the_truth_than_the_filters():
+    scene, states, moments = filtered()
+    smoothed = smooth(states[-1], scene.moments, moments, np.random.default_rng(0))
+    before, after = errors(moments, scene.truth), errors(smoothed, scene.truth)
+    assert len(smoothed) == len(moments)
+    assert len(after[0]) > 0.95 * len(before[0])
+    assert np.sqrt(np.mean(after[0] ** 2)) < np.sqrt(np.mean(before[0] ** 2))
+    assert after[1] <= before[1]
+
+
+def test_one_seed_gives_one_result():
+    scene, states, moments = filtered()
+    one, other = (smooth(states[-1], scene.moments, moments, np.random.default_rng(7)) for _ in range(2))
+    for a, b in zip(one, other, strict=True):
+        assert a.ids.tolist() == b.ids.tolist()
+        assert a.mean.tobytes() == b.mean.tobytes()
+        assert a.covariance.tobytes() == b.covariance.tobytes()
+        assert a.events == b.events
+
+
+def test_births_and_deaths_are_those_of_the_identities():
+    scene, states, moments = filtered()
+    there = set()
+    for moment in smooth(states[-1], scene.moments, moments, np.random.default_rng(0)):
+        there |= {e.id for e in moment.events if e.kind == "birth"}
+        there -= {e.id for e in moment.events if e.kind == "death"}
+        assert there == set(moment.ids.tolist())
+        assert (np.diff(moment.ids) > 0).all()
+        assert (moment.support.probability <= 1.0).all()
+        assert np.linalg.eigvalsh(moment.covariance).min(initial=1.0) > 0.0
+
+
+def through(lag_ns):
+    scene, states, moments = filtered()
+    window, out, most = Window(lag_ns, np.random.default_rng(0)), [], 0
+    for state, looks, moment in zip(states, scene.moments, moments, strict=True):
+        window, part = add(window, state, looks, moment)
+        out += part
+        most = max(most, len(window.moments))
+    return out + finish(window, states[-1]), most
+
+
+def test_a_window_gives_every_moment_once_and_holds_few():
+    scene, _, moments = filtered()
+    out, most = through(2_000_000_000)
+    assert [m.t_ns for m in out] == [m.t_ns for m in moments]
+    assert most < 45
+    off, switches = errors(out, scene.truth)
+    assert switches <= errors(moments, scene.truth)[1]
+    assert np.sqrt(np.mean(off**2)) < 0.2
+
+
+def test_without_a_lag_the_window_is_the_whole_recording():
+    scene, states, moments = filtered()
+    whole = smooth(states[-1], scene.moments, moments, np.random.default_rng(0))
+    out, most = through(None)
+    assert most == len(moments)
+    for a, b in zip(out, whole, strict=True):
+        assert a.mean.tobytes() == b.mean.tobytes()
+
+
+def test_nothing_at_all_is_smoothed_to_nothing():
+    scene, states, _ = filtered()
+    assert smooth(states[-1], [], [], np.random.default_rng(0)) == []
+    empty = [[look._replace(boxes=look.boxes[:0], score=look.score[:0], hint=look.hint[:0],
+                            appearance=look.appearance[:0], row=look.row[:0]) for look in looks]
+             for looks in scene.moments[:3]]  # fmt: skip
+    state = begin(scene.scene, scene.scene.cameras, states[0].config)
+    out = []
+    for looks in empty:
+        state, moment = step(state, looks)
+        out.append(moment)
+    for moment in smooth(state, empty, out, np.random.default_rng(0)):
+        assert len(moment.ids) == 0
