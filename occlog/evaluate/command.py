@@ -17,6 +17,7 @@ from .mot.config import ManyConfig
 from .options import COMPARED, OF_MANY, WRITTEN, KindOption, check_kind, with_all
 
 if TYPE_CHECKING:
+    from .inputs import Paths
     from .stage import Evaluation, Threshold
 
 
@@ -59,6 +60,7 @@ def command(**values: Any) -> int:
       occlog evaluate --doa doa.parquet --truth-azimuths azimuths.csv
       occlog evaluate view_tracks.parquet --truth recording.mcap --failures failures.parquet
       occlog evaluate test.txt --truth gt.txt --fail-if 'mota<0.5'
+      occlog evaluate a.txt --truth gt_a.txt --also b.txt gt_b.txt
     """
     from occlog.evaluate.mot.run import in_images, run_evaluate_many
     from occlog.track.plausibility.verdict import plausible
@@ -80,6 +82,8 @@ def command(**values: Any) -> int:
         figures = run_evaluate_doa(paths, azimuths, values["doa_gate_deg"], config.bridge_s)
         options.echo_summary(figures, as_json)
         return _judged(figures, thresholds)
+    if values["also"]:
+        return _several(paths, values, config, many, thresholds)
     if kind == IMAGES:
         frames = {} if values["frames"] is None else {"frames": values["frames"]}
         result, unit = run_evaluate_many(paths, config.box_overlap, {**many, **frames}), "px"
@@ -96,6 +100,33 @@ def command(**values: Any) -> int:
         if path is not None:
             options.note(f"wrote {path}", quiet)
     return code
+
+
+ALONE = ("bearings", "doa", "views", "cooperation", "diagnostics", "errors", "bound", "failures", "counts", "mot")
+"""Files of one recording."""
+
+
+def _several(
+    paths: Paths, values: dict[str, Any], config: EvaluateConfig, many: dict[str, Any], thresholds: list[Threshold]
+) -> int:
+    """Figures of several recordings."""
+    from .several import Recording, run_evaluate_several
+    from .text import recording_lines
+
+    for name in ALONE:
+        if getattr(paths, name) is not None:
+            raise UsageError(f"--{name} is of one recording; leave out --also")
+    if paths.tracks is None or paths.truth is None:
+        raise UsageError("--also wants TRACKS with --truth beside it")
+    recordings = [Recording(paths.tracks, paths.truth), *(Recording(*pair) for pair in values["also"])]
+    found = run_evaluate_several(recordings, paths, config, many, values["frames"])
+    if values["as_json"]:
+        options.echo_summary(dict(found.metrics), True)
+    else:
+        click.echo("\n".join(recording_lines(found.each, found.combined, found.unit)))
+    if paths.output is not None:
+        options.note(f"wrote {paths.output}", values["quiet"])
+    return _judged(found.metrics, thresholds)
 
 
 def _show(result: Evaluation, unit: str, as_json: bool) -> None:

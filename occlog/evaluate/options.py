@@ -101,6 +101,17 @@ FRAMES_OPTION = click.option(
 
 OF_MANY = (
     FRAMES_OPTION,
+    click.option(
+        "--also",
+        cls=KindOption,
+        kinds=MANY,
+        type=options.PATH,
+        nargs=2,
+        multiple=True,
+        metavar="TRACKS TRUTH",
+        help="Tracks and truth of one more recording: a row for each in one table, and one of all together; may be "
+        "repeated.",
+    ),
     file_option(
         "--failures", kinds=MANY, help="Write each failure of a tracker: frame, camera, target, cause (Parquet)."
     ),

@@ -237,6 +237,38 @@ BY_SENSOR = (
 )
 
 
+BY_RECORDING = (
+    ("mota", "MOTA", ""),
+    ("idf1", "IDF1", ""),
+    ("hota", "HOTA", ""),
+    ("moda", "MODA", ""),
+    ("recall", "recall", ""),
+    ("precision", "precision", ""),
+    ("id_switches", "switches", ""),
+    ("pairs_rmse", "RMSE", "length"),
+    ("pairs_nees_mean", "NEES", ""),
+    ("ospa2", "OSPA(2)", "length"),
+    ("tgospa", "T-GOSPA", "length"),
+    ("fr_p", "FR_p", ""),
+    ("fr_l", "FR_l", ""),
+    ("objects", "true rows", ""),
+)
+
+
+def recording_lines(each: Mapping[str, Mapping[str, float]], combined: Mapping[str, float], unit: str) -> list[str]:
+    """A table with a row for each recording, and one of all together."""
+    rows = {**each, "all": combined}
+    flat = {f"{key}_recording_{name}": value for name, row in rows.items() for key, value in row.items()}
+    used = [entry for entry in BY_RECORDING if next(_keys([entry], "", unit))[0] in combined]
+    width = max(10, *(len(name) + 2 for name in rows))
+    titles = [f"{label} [{of}]" if of else label for _, label, of in _keys(used, "", unit)]
+    lines = [f"{'recording':<{width}}" + "".join(f"{title:>13}" for title in titles)]
+    for name in rows:
+        cells = [flat.get(f"{key}_recording_{name}", math.nan) for key, _, _ in _keys(used, "", unit)]
+        lines.append(f"{name:<{width}}" + "".join(f"{number(value):>13}" for value in cells))
+    return lines
+
+
 def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
     """Lines of text: only groups and columns that the metrics have.
 

@@ -64,9 +64,27 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object])
         overlap: intersection over union from which a track is of a true box.
         given: settings of `ManyConfig` that were given.
     """
+    options.check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
+    compared, config, scene = compared_boxes(paths, overlap, given)
+    result = evaluate_views(compared, config)
+    told = own_notes(paths.tracks, config.own, _asked(given))
+    result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
+    _write(paths, result, compared, config, scene)
+    return result
+
+
+def compared_boxes(
+    paths: Paths, overlap: float, given: Mapping[str, object]
+) -> tuple[TruthAndTracks, ManyConfig, Scene | None]:
+    """Read tracks and truth and lay them against each other; with the settings, and the scene of the truth.
+
+    Args:
+        paths: tracks and truth.
+        overlap: intersection over union from which a track is of a true box.
+        given: settings of `ManyConfig` that were given.
+    """
     if paths.tracks is None or paths.truth is None:
         raise UsageError("tracks in images need --truth: a recording or a table with true boxes, or MOTChallenge text")
-    options.check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
     text = _is_text(paths.tracks)
     ours = None if text else open_input(paths.tracks)
     named = ours is not None and ours.has(ViewTracks)
@@ -86,11 +104,7 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object])
         compared = boxes_in_true_frames(tracks, truth, config, by_number=by_number, looked=looked)
         if rule in DISTRACTORS:
             compared = pedestrians(compared, read_marks(paths.truth), DISTRACTORS[rule])
-    result = evaluate_views(compared, config)
-    told = own_notes(paths.tracks, config.own, _asked(given))
-    result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))
-    _write(paths, result, compared, config, scene)
-    return result
+    return compared, config, scene
 
 
 def _benchmark(truth: Path, config: ManyConfig) -> str:
