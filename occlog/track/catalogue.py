@@ -31,7 +31,7 @@ IN_WORLD = (
 """Options of all methods that track in the world; see `occlog.track.options`."""
 IN_IMAGES = ("initial", "detections", "fundamental", "world")
 """Options of all methods that track in images."""
-OF_EVERYBODY = ("support", "events", "view_tracks", "strict")
+OF_EVERYBODY = ("support", "events", "view_tracks", "doa", "strict")
 """Options of all methods that follow everybody."""
 BEARINGS, IMAGES, BOXES = "bearings", "images", "boxes"
 """What a method takes in."""

@@ -147,6 +147,7 @@ def command(
         crowd = PeopleRequest(
             boxes=bearings,
             scene=scene,
+            doa=own["doa"],
             method=method,
             settings=values,
             only=parse_names(only),

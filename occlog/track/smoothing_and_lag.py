@@ -12,7 +12,7 @@ MOST_STEPS = 4096
 
 
 @dataclass(frozen=True)
-class SmoothingConfig(Settings):
+class LagConfig(Settings):
     """Whether a filter's estimates are smoothed, and with how much of what comes after them."""
 
     smooth: bool = setting(
@@ -30,7 +30,6 @@ class SmoothingConfig(Settings):
         metavar="SECONDS",
         nothing="no smoothing, or with --smooth all of it",
     )
-    trajectories: int = setting(200, "Trajectories that the smoother draws.", at_least=2)
 
     @property
     def smoothed(self) -> bool:
@@ -41,3 +40,10 @@ class SmoothingConfig(Settings):
     def lag_ns(self) -> int | None:
         """The lag [ns]; None: estimates wait for everything that was recorded."""
         return None if self.lag_s is None else round(self.lag_s * NS)
+
+
+@dataclass(frozen=True)
+class SmoothingConfig(LagConfig):
+    """The same for filters whose particles are smoothed by trajectories drawn backwards."""
+
+    trajectories: int = setting(200, "Trajectories that the smoother draws.", at_least=2)

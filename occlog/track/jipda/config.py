@@ -6,11 +6,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import Settings, setting
+from occlog.settings import setting
+from occlog.track.smoothing_and_lag import LagConfig
 
 
 @dataclass(frozen=True)
-class JipdaConfig(Settings):
+class JipdaConfig(LagConfig):
     """Settings of method `jipda`; lengths in the scene's unit, times in seconds."""
 
     OWNER: ClassVar[str] = "jipda"

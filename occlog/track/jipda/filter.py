@@ -73,10 +73,12 @@ def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State
         cameras: those that will look, with poses in space; a look names one by its place here.
         config: settings in the scene's unit.
     """
-    metre = 1.0 / METRES.get(scene.length_unit, 1.0)
+    # In a unit of its own the settings say how long a metre is: people are 1.7 m tall
+    own = config.height / JipdaConfig().height
+    metre = 1.0 / METRES[scene.length_unit] if scene.length_unit in METRES else own
     low, high = box_around(scene)
     least = 2.0 * float(np.hypot(*(high - low)))
-    far = [sight_limit(c, least, metre if scene.length_unit in METRES else None) for c in cameras]
+    far = [sight_limit(c, least, metre) for c in cameras]
     views = pack_views(cameras)._replace(range=np.array(far))
     return State(
         views=views,

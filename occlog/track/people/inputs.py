@@ -12,13 +12,15 @@ import numpy as np
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.parquet import iter_table
-from occlog.io.open import Opened, check_unit, open_input
+from occlog.io.open import Opened, check_unit, losses_of, open_input
 from occlog.measure.scans.grouping import nearest
+from occlog.measure.scans.sources import bearings_of_doa
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
-from occlog.records.tables import Boxes, Views
+from occlog.records.tables import Bearings, Boxes, Doa, Views
 from occlog.settings import METRES, configure
 from occlog.track.jipda.config import JipdaConfig
+from occlog.track.jipda.interface import Directions
 
 from .looks import (
     BoxTally,
@@ -43,6 +45,7 @@ class PeopleRequest:
 
     boxes: Path
     scene: Path | None
+    doa: Path | None  # directions of arrival; None: those of the recording
     method: str
     settings: Mapping[str, object]
     only: tuple[str, ...]  # cameras; empty: all
@@ -53,7 +56,7 @@ class PeopleRequest:
     @property
     def paths(self) -> list[Path]:
         """All inputs, each once."""
-        return list(dict.fromkeys(p for p in (self.boxes, self.scene) if p is not None))
+        return list(dict.fromkeys(p for p in (self.boxes, self.scene, self.doa) if p is not None))
 
 
 class PeopleInput:
@@ -79,6 +82,7 @@ class PeopleInput:
         if self.opened.made_in_a_scene:
             check_unit(self.opened, self.scene.length_unit)
         self.notes: list[str] = []
+        self._doa = self._directions()
         self.cameras = self._cameras()
         self.tally = BoxTally.of(len(self.cameras))
         looks = self._looks()
@@ -91,7 +95,7 @@ class PeopleInput:
     @property
     def losses(self) -> tuple[Loss, ...]:
         """What was lost when the boxes were made."""
-        return self.opened.losses
+        return losses_of([self.opened, self._doa])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -143,6 +147,30 @@ class PeopleInput:
             self.tally.saw(each.look)
             yield each
 
+    def _directions(self) -> Opened | None:
+        """The input with directions of arrival; None: there are none."""
+        if self.request.doa is not None:
+            opened = open_input(self.request.doa, Doa)
+            if opened.made_in_a_scene:
+                check_unit(opened, self.scene.length_unit)
+            return opened
+        return self.opened if self.opened.has(Doa) else None
+
+    def heard(self) -> Iterator[Directions]:
+        """Directions of arrival, those of an array at one time together, in the order of time."""
+        if self._doa is None:
+            return
+        place = {array.name: k for k, array in enumerate(self.scene.arrays)}
+        last: Bearings | None = None
+        for chunk in bearings_of_doa(self._doa.rows(Doa), self.scene):
+            rows = chunk if last is None else Bearings.concat([last, chunk])
+            # The last time may go on in the next chunk
+            cut = int(np.searchsorted(rows.t_ns, rows.t_ns[-1])) if len(rows) else 0
+            yield from _by_array(rows.take(slice(0, cut)), place)
+            last = rows.take(slice(cut, None))
+        if last is not None:
+            yield from _by_array(last, place)
+
     def _config(self, anybody: bool) -> tuple[float, JipdaConfig]:
         """How many units are a metre, and the settings; InputError where people would be giants or dwarfs.
 
@@ -179,6 +207,20 @@ class PeopleInput:
                 "how tall people are; state it (--set height=)"
             )
         return metre, configure(in_units_of(JipdaConfig(), metre), given)
+
+
+def _by_array(rows: Bearings, place: Mapping[str, int]) -> Iterator[Directions]:
+    """Directions of whole times, by time and array."""
+    table = rows.sorted()
+    starts = np.flatnonzero(np.append(True, (np.diff(table.t_ns) != 0) | (table.sensor[1:] != table.sensor[:-1])))
+    for first, stop in pairwise([*starts.tolist(), len(table)] if len(table) else []):
+        yield Directions(
+            t_ns=int(table.t_ns[first]),
+            sensor=place[str(table.sensor[first])],
+            bearing=table.bearing[first:stop],
+            sigma=table.sigma[first:stop],
+            row=np.arange(first, stop),
+        )
 
 
 def _remedy(opened: Opened) -> str:

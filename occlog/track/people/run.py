@@ -127,9 +127,9 @@ def run_track_people(
     inputs = PeopleInput(request)
     for line in inputs.notes:
         options.note(line, quiet)
-    follower: Follower[object] = load(METHODS[request.method].method)
+    follower: Follower[object, object] = load(METHODS[request.method].method)
     moments = options.progress(inputs.moments, "track", quiet=quiet)
-    seen = follow(moments, inputs.scene, inputs.cameras, inputs.config, follower)
+    seen = follow(moments, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
     tabulator = Tabulator(inputs.cameras, in_images=wanted.view_tracks is not None)
     parameters = {
         "method": request.method,

@@ -2,26 +2,45 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Generic, NamedTuple, TypeVar
 
-from occlog.records.scene import Camera, Scene
+from numpy.random import Generator
+
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.interface import Look, Moment
+from occlog.track.jipda.interface import Directions, Look, Moment
 
 from .agreement import Agreement
 from .looks import FrameLook
 from .rows import EverybodyInViews, MomentTables, SeenMoment, events_of, support_of, tracks_of
 
 State = TypeVar("State")
+Window = TypeVar("Window")
 MOMENTS_PER_PART = 256
 
 
-class Follower(NamedTuple, Generic[State]):
+class Future(NamedTuple, Generic[State, Window]):
+    """How a method looks back: moments wait for what comes after them, and are then reported anew, in their order.
+
+    `begin` takes the lag [ns] (None: everything) and a generator, `add` what the filter said of one more moment;
+    `finish` gives the moments that still wait when nothing comes any more.
+    """
+
+    begin: Callable[[int | None, Generator], Window]
+    add: Callable[[Window, State, Sequence[Look], Moment], tuple[Window, list[Moment]]]
+    finish: Callable[[Window, State], list[Moment]]
+
+
+class Follower(NamedTuple, Generic[State, Window]):
     """A method that follows everybody: `begin` makes its state, `step` takes the looks of one moment in."""
 
     begin: Callable[[Scene, Sequence[Camera], JipdaConfig], State]
     step: Callable[[State, Sequence[Look]], tuple[State, Moment]]
+    hear: Callable[[State, Directions, MicrophoneArray], State] | None = None  # None: it is deaf
+    future: Future[State, Window] | None = None  # None: it cannot look back
 
 
 def follow(
@@ -29,7 +48,9 @@ def follow(
     scene: Scene,
     cameras: Sequence[Camera],
     config: JipdaConfig,
-    follower: Follower[State],
+    follower: Follower[State, Window],
+    seed: int = 0,
+    heard: Iterable[Directions] = (),
 ) -> Iterator[list[SeenMoment]]:
     """Follow everybody; some moments at a time, so that memory does not grow with their number.
 
@@ -37,19 +58,58 @@ def follow(
         moments: in the order of time; none is empty.
         scene: where.
         cameras: those that look, in the order of their places in the looks.
-        config: settings.
+        config: settings; with `smooth` or a lag moments wait for what comes after them.
         follower: the method.
+        seed: of the random numbers that the future is searched with.
+        heard: directions of the scene's arrays, in the order of time.
     """
-    state = follower.begin(scene, cameras, config)
     held: list[SeenMoment] = []
-    for looks in moments:
-        state, moment = follower.step(state, [each.look for each in looks])
-        held.append(SeenMoment(moment, looks))
+    steps = _steps(moments, scene, follower.begin(scene, cameras, config), follower, heard)
+    for each in _reported(steps, follower, config, seed):
+        held.append(each)
         if len(held) >= MOMENTS_PER_PART:
             yield held
             held = []
     if held:
         yield held
+
+
+def _steps(
+    moments: Iterable[Sequence[FrameLook]],
+    scene: Scene,
+    state: State,
+    follower: Follower[State, Window],
+    heard: Iterable[Directions],
+) -> Iterator[tuple[State, SeenMoment]]:
+    """What the filter says of each moment; what was heard since the moment before is taken in first."""
+    sounds = iter(heard)
+    sound = next(sounds, None)
+    for looks in moments:
+        while sound is not None and sound.t_ns <= looks[-1].look.t_ns:
+            if follower.hear is not None:
+                state = follower.hear(state, sound, scene.arrays[sound.sensor])
+            sound = next(sounds, None)
+        state, moment = follower.step(state, [each.look for each in looks])
+        yield state, SeenMoment(moment, looks)
+
+
+def _reported(
+    steps: Iterable[tuple[State, SeenMoment]], follower: Follower[State, Window], config: JipdaConfig, seed: int
+) -> Iterator[SeenMoment]:
+    """What is said of each moment, at once or when its future is known."""
+    if not config.smoothed or follower.future is None:
+        yield from (seen for _, seen in steps)
+        return
+    window = follower.future.begin(config.lag_ns, generator(seed, Stage.SMOOTH))
+    waiting: deque[Sequence[FrameLook]] = deque()
+    last: State | None = None
+    for last, seen in steps:
+        waiting.append(seen.looks)
+        bare = [each.look for each in seen.looks]
+        window, ready = follower.future.add(window, last, bare, seen.moment)
+        yield from (SeenMoment(found, waiting.popleft()) for found in ready)
+    if last is not None:
+        yield from (SeenMoment(found, waiting.popleft()) for found in follower.future.finish(window, last))
 
 
 class Tabulator:

@@ -8,16 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from people_boxes import PEOPLE, STEP_NS, boxes, hall, truth, written
+from people_boxes import PEOPLE, STEP_NS, box, boxes, camera, hall, table, truth, written
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.parquet import read_provenance, read_table, write_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
-from occlog.records.scene import Scene
-from occlog.records.tables import Boxes, Events, PeopleTracks, PeopleViews, Support, Tracks, TruthBoxes
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.records.tables import Boxes, Doa, Events, PeopleTracks, PeopleViews, Support, Tracks, TruthBoxes
 from occlog.records.views import ViewTracks
+from occlog.track.catalogue import smooths
 
 pytestmark = pytest.mark.jit
 SECONDS = 3.0
@@ -263,3 +264,56 @@ def test_other_commands_read_the_tracks_as_tracks(walk, tmp_path):
     assert run(["detect", str(tmp_path / "r.mcap"), "-o", str(tmp_path / "b.parquet"), "-q"]) == ExitCode.DONE
     label = ["label", str(tmp_path / "b.parquet"), "--tracks", str(tmp_path / "t.parquet"), *scene]
     assert run([*label, "-o", str(tmp_path / "l.parquet"), "-q"]) == ExitCode.DONE
+
+
+def test_who_speaks_keeps_the_identity_where_no_camera_shows_them(tmp_path, capsys):
+    # Cameras see 7 m far; somebody walks out of their sight and back, and two arrays hear them
+    cameras = tuple(camera(name, range=7.0) for name in "ab")
+    arrays = tuple(MicrophoneArray(n, np.array([x, 10.0, 1.5])) for n, x in (("left", 0.0), ("right", 10.0)))
+    scene = replace(hall("ab"), cameras=cameras, arrays=arrays)
+    rng, rows, names, heard = np.random.default_rng(1), [], [], []
+    for k in range(130):
+        x, y = 5.0, 2.0 + min(0.1 * k, 14.0 - 0.1 * k)
+        for cam in cameras:
+            edges = box(cam, x, y) + rng.standard_normal(4)
+            near = np.hypot(x - cam.position[0], y - cam.position[1]) < 7.0
+            size = (edges[0], edges[1], edges[2] - edges[0], edges[3] - edges[1], 0.9) if near else (np.nan,) * 5
+            rows.append((k * STEP_NS, k, 0 if near else -1, -1, *size))
+            names.append(cam.name)
+        heard += [(a.name, k * STEP_NS, np.arctan2(y - 10.0, x - a.position[0]) + rng.normal(0, 0.05)) for a in arrays]
+    sensor, t_ns, azimuth = zip(*heard, strict=True)
+    unknown = np.full(len(heard), np.nan)
+    doa = Doa.of(
+        t_ns=t_ns, sensor=sensor, source_id=np.full(len(heard), -1, np.int32), azimuth=azimuth, elevation=unknown,
+        sigma_azimuth=np.full(len(heard), 0.05), sigma_elevation=unknown, confidence=unknown,
+    )  # fmt: skip
+    write_table(tmp_path / "doa.parquet", doa, Provenance("test"))
+    found = table(names, np.array(rows))
+    assert track(tmp_path, found, scene) == ExitCode.DONE
+    assert said(capsys)[0]["people"] == 2
+    assert track(tmp_path, found, scene, "--doa", str(tmp_path / "doa.parquet")) == ExitCode.DONE
+    assert said(capsys)[0]["people"] == 1
+    assert [name for name, _ in read_provenance(tmp_path / "t.parquet").inputs][-1] == "doa.parquet"
+
+
+@pytest.mark.parametrize("how", [["--smooth"], ["--lag", "0.5"]])
+def test_the_future_is_used_where_it_is_wanted(how, tmp_path, capsys):
+    found, true = boxes(SCENE, SECONDS, px=6.0, miss=0.4), truth(SECONDS)
+
+    def off() -> float:
+        rows = tracks(tmp_path)
+        apart = [
+            np.hypot(now.x[:, None] - then.x, now.y[:, None] - then.y).min(axis=1)
+            for t_ns in np.unique(rows.t_ns).tolist()
+            for now, then in [(rows.take(rows.t_ns == t_ns), true.take(true.t_ns == t_ns))]
+        ]
+        return float(np.sqrt(np.mean(np.concatenate(apart) ** 2)))
+
+    assert track(tmp_path, found, SCENE, "-q") == ExitCode.DONE
+    plain = off()
+    assert track(tmp_path, found, SCENE, *how, "-q") == ExitCode.DONE
+    assert off() < 0.8 * plain
+    support = read_table(tmp_path / "support.parquet", Support)
+    assert len(support) > 0.8 * np.count_nonzero(found.box >= 0)
+    made = read_provenance(tmp_path / "t.parquet").parameters
+    assert smooths("track", made)
