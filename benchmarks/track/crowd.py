@@ -45,7 +45,7 @@ FIGURES = {
 }
 """Columns of the table, and the figures of `evaluate`."""
 SECONDS = 20.0
-HALL, CROWD = (30.0, 20.0), 100
+HALL, CROWD, HALL_SECONDS = (30.0, 20.0), 100, 6.0
 
 
 def scored(case: Case, outcome: Outcome) -> dict[str, float]:
@@ -93,7 +93,7 @@ def cases(options: argparse.Namespace, seed: int, work: Path) -> Iterator[Case]:
     for people in options.rooms:
         yield room(people, 4, seed, round(10 * SECONDS), 10.0)
     for cameras in options.grow:
-        yield room(CROWD, cameras, seed, round(10 * SECONDS), 10.0, HALL)
+        yield room(CROWD, cameras, seed, round(10 * HALL_SECONDS), 10.0, HALL)
 
 
 def measured(options: argparse.Namespace, work: Path) -> dict[str, dict[str, dict[str, list[float]]]]:
