@@ -19,12 +19,14 @@ from occlog.settings import METRES
 
 from .config import JipdaConfig
 from .cues import Cues, bonus, no_cues, remember
-from .detectors import Counts, boxes_of_nobody, first_counts, learn, leaving_rate, rates_of, turning_rate
-from .interface import NOBODY, Event, Look, Moment, Support
+from .detectors import PLAIN, SURE, Counts, boxes_of_nobody, first_counts, learn, leaving_rate, rates_of, turning_rate
+from .edges import Edges, first_edges, good_boxes, learn_edges, sway_of
+from .interface import NOBODY, Event, Look, Moment, Support, X, Y
 from .kernels.body_box import Views, pack_views
+from .kernels.disagreement import disagreement
 from .kernels.joint import Boxes, update
 from .kernels.newborn import Arrival, newborn
-from .people import People, born, corrected, doubles, join, nobody, predict, take
+from .people import People, born, corrected, doubles, join, nobody, predict, shown_covariance, take
 from .place_map import SMOOTH, PlaceMap, arrivals, first_velocity, leaving_at, no_map, watch
 
 BORDER_PX = 3.0
@@ -59,6 +61,7 @@ class State:
     t_ns: int | None  # of the last moment; None: nothing was seen yet
     people: People
     counts: Counts
+    edges: Edges
     next_key: int
     looked: Ints  # (C,) time of each camera's last look; -1: none
     cues: Cues
@@ -87,6 +90,7 @@ def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State
         t_ns=None,
         people=nobody(),
         counts=first_counts(len(cameras), config),
+        edges=first_edges(len(cameras), metre, config),
         next_key=0,
         looked=np.full(len(cameras), -1),
         cues=no_cues(len(cameras)),
@@ -120,16 +124,17 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         if look.t_ns > looked[look.camera] >= 0:
             interval[look.camera] = (look.t_ns - looked[look.camera]) / NS
         looked[look.camera] = look.t_ns
-    rates = rates_of(state.counts, config, interval)
+    rates = rates_of(state.counts, state.edges, config, interval)
+    sway = sway_of(state.edges)
     dimension = max(state.cues.appearance.shape[1], *(look.appearance.shape[1] for look in looks))
     for_people, for_anybody = bonus(state.cues, people, list(looks), dimension)
     boxes = boxes._replace(clutter=boxes.clutter - for_anybody)
     N = len(people.key)
     result = update(
-        people.mean, people.covariance, people.existence, state.views, boxes, rates,
+        people.mean, shown_covariance(people, sway), people.existence, state.views, boxes, rates,
         for_people, NEW_SHARE, GATE,
     )  # fmt: skip
-    people = corrected(people, result.information, result.vector)
+    people = corrected(people, result.information, result.vector, sway)
     detected = (result.share.sum(axis=1) > 0.5)[:, None]
     people = replace(
         people,
@@ -138,7 +143,10 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         boxes=people.boxes + result.share.sum(axis=1),
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
-    counts = learn(state.counts, people, dt, boxes, rates, result)
+    counts = learn(state.counts, people, dt=dt, turn_s=config.turn_s, boxes=boxes, rates=rates, result=result)
+    good = good_boxes(boxes, result.owner, result.share, result.visible, people.existence > SURE, PLAIN)
+    found = disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
+    edges = learn_edges(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
     # Births, from boxes that are nobody's
     body = np.array([config.height, config.sigma_height, config.width, config.sigma_width, config.speed])
     everywhere, at = arrivals(state.places, CROWD / state.metre**2 / REFILL_S, REFILL_S)
@@ -152,6 +160,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         GATE, math.log(LEAST_BIRTH),
     )  # fmt: skip
     existence = 1.0 / (1.0 + np.exp(-odds))
+    covariance[:, [X, Y], [X, Y]] += sway
     mean[:, 2:4], covariance[:, 2:4, 2:4] = first_velocity(state.places, mean[:, :2], config.speed)
     K = len(odds)
     share, left_free = (
@@ -198,7 +207,15 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     )
     next_key = state.next_key + K
     return replace(
-        state, t_ns=t_ns, people=kept, counts=counts, next_key=next_key, looked=looked, cues=cues, places=places
+        state,
+        t_ns=t_ns,
+        people=kept,
+        counts=counts,
+        edges=edges,
+        next_key=next_key,
+        looked=looked,
+        cues=cues,
+        places=places,
     ), moment
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from occlog.array_types import NS, Bools, Floats, Ints
 
 from .config import JipdaConfig
-from .interface import HEIGHT, NOBODY, STATE, WIDTH
+from .interface import HEIGHT, NOBODY, STATE, WIDTH, X, Y
 
 CALM, TURNING = 0, 1
 GROWTH = 0.01
@@ -45,7 +45,6 @@ class People:
     model: Floats  # (N, 2) probabilities of the models
     means: Floats  # (N, 2, 6) of each model
     covariances: Floats  # (N, 2, 6, 6)
-    began: Floats  # (N,) probability that a manoeuvre, if there is one, began since the last moment
 
 
 def born(mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, first_key: int, t_ns: int) -> People:
@@ -65,7 +64,6 @@ def born(mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, fir
         model=np.tile([1.0, 0.0], (K, 1)),
         means=np.repeat(mean[:, None], 2, axis=1),
         covariances=np.repeat(covariance[:, None], 2, axis=1),
-        began=np.zeros(K),
     )
 
 
@@ -119,20 +117,21 @@ def predict(people: People, t_ns: int, *, dt: float, leaving: Floats, turning: f
         model=model,
         means=means @ F.T,
         covariances=F @ covariances @ F.T + Q,
-        began=weight[:, TURNING, CALM],
         existence=np.clip(people.existence * np.exp(-dt * rate), SUREST, 1.0 - SUREST),
     )
     return _merged(people)
 
 
-def corrected(people: People, information: Floats, vector: Floats) -> People:
+def corrected(people: People, information: Floats, vector: Floats, sway: float) -> People:
     """The people after a Gaussian factor of each state, exp(-x' I x / 2 + x' v).
 
     Args:
         people: predicted.
         information: (N, 6, 6) I.
         vector: (N, 6) v.
+        sway: variance of the place that a body shows about the one where it walks; the factor is of the former.
     """
+    information, vector = _without_sway(information, vector, sway)
     # Each model: information filter; evidence: the ratio of the normalisations before and after
     before = np.linalg.inv(people.covariances)
     covariances = np.linalg.inv(before + information[:, None])
@@ -145,6 +144,26 @@ def corrected(people: People, information: Floats, vector: Floats) -> People:
     model = people.model * np.exp(evidence - evidence.max(axis=1, keepdims=True))
     model /= model.sum(axis=1, keepdims=True)
     return _merged(replace(people, model=model, means=means, covariances=covariances))
+
+
+def _without_sway(information: Floats, vector: Floats, sway: float) -> tuple[Floats, Floats]:
+    """The factors (N, 6, 6) and (N, 6) of states whose places are off by a Gaussian of variance `sway`.
+
+    A Gaussian factor convolved with W on the place, B W B': I - I B (W^-1 + B' I B)^-1 B' I (Woodbury).
+    """
+    if sway <= 0.0:
+        return information, vector
+    across = information[:, :, :2]
+    inner = np.linalg.inv(np.eye(2) / sway + information[:, :2, :2])
+    gain = across @ inner
+    return information - gain @ across.swapaxes(1, 2), vector - np.einsum("nij,nj->ni", gain, vector[:, :2])
+
+
+def shown_covariance(people: People, sway: float) -> Floats:
+    """(N, 6, 6) covariances of the states that bodies show at a moment."""
+    out = people.covariance.copy()
+    out[:, [X, Y], [X, Y]] += sway
+    return out
 
 
 def _transitions(dt: float, begin: float, end: float) -> Floats:

@@ -67,9 +67,6 @@ class Result(NamedTuple):
     detection: Floats  # (L, N) probability of detection that was used; 0 outside the image
     share: Floats  # (N, M) probability that the box is of the person, given that they exist
     free: Floats  # (M,) probability that the box is of none of the people
-    residual: Floats  # (M, 4) middle and width, middle and height of the box minus expected for the likeliest person
-    spread: Floats  # (M, 4) variance of the residual without the detector's noise
-    size: Floats  # (M, 2) expected width and height
     owner: Ints  # (M,) likeliest person; -1: nobody
     cuts: Floats  # (2,) boxes that end where the cover of the feet begins, and boxes of people whose feet are covered
 
@@ -204,7 +201,6 @@ def update(
     site_odds = np.zeros((L, N))
     visible, detection = np.full((L, N), np.nan), np.zeros((L, N))
     share, free = np.zeros((N, M)), np.ones(M)
-    residual, spread_out, size_out = np.zeros((M, 4)), np.ones((M, 4)), np.ones((M, 2))
     owner = np.full(M, -1)
     cuts = np.zeros(2)
     # Scratch
@@ -366,19 +362,8 @@ def update(
                 if best > LEAST_SHARE or sweep > 0:
                     invert(information[i], P[i])
                     m[i] = P[i] @ vector[i]
-            # Residuals for the detector's biases and noise
             for j in range(start, stop):
                 free[j] = max(free[j], 0.0)
-                i = owner[j]
-                if i >= 0:
-                    size_out[j, 0], size_out[j, 1] = drawn[i, 2] - drawn[i, 0], drawn[i, 3] - drawn[i, 1]
-                    for axis in range(2):
-                        a, b = axis, axis + 2
-                        low, high = boxes.box[j, a] - drawn[i, a], boxes.box[j, b] - drawn[i, b]
-                        residual[j, 2 * axis], residual[j, 2 * axis + 1] = 0.5 * (low + high), high - low
-                        aa, bb, ab = spread[i, a, a], spread[i, b, b], spread[i, a, b]
-                        spread_out[j, 2 * axis] = 0.25 * (aa + bb) + 0.5 * ab
-                        spread_out[j, 2 * axis + 1] = aa + bb - 2.0 * ab
     return Result(
         mean=m,
         covariance=P,
@@ -389,9 +374,6 @@ def update(
         detection=detection,
         share=share,
         free=free,
-        residual=residual,
-        spread=spread_out,
-        size=size_out,
         owner=owner,
         cuts=cuts,
     )

@@ -1,0 +1,98 @@
+"""How far the cameras of one moment disagree on a person, beyond what any place and body of that person explains.
+
+Residuals against a filter's prediction hold the filter's own lag; noise that is learned from them makes it lag more.
+Here the place and the body of each person are fitted to the boxes of the moment alone, and what is left over is the
+detectors' (their share 1 - h of it, h the leverage of an observation in weighted least squares).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from .body_box import Views, box_and_slope
+from .joint import Boxes, Rates, shifted
+from .linear import invert
+
+
+class Disagreement(NamedTuple):
+    """M boxes and N people; middle and width across, middle and height down, as everywhere in `Rates`."""
+
+    residual: Floats  # (M, 4) of the boxes that were used [px]; 0: not used
+    kept: Floats  # (M, 4) share of the noise's variance that a residual keeps; 0: not used
+    size: Floats  # (M, 4) in which shares of its noise count [px]
+    place: Floats  # (N, 2) as the moment's boxes alone say; NaN: too few
+    variance: Floats  # (N,) of it, mean of both axes, from the detectors' noise that does not last
+
+
+@kernel
+def disagreement(
+    mean: Floats, covariance: Floats, views: Views, boxes: Boxes, rates: Rates, owner: Ints, good: Bools
+) -> Disagreement:
+    """Fit the place of each person to the boxes of the moment, and give what is left over.
+
+    Args:
+        mean: (N, 6) of everybody after the update; the body comes from here, as surely as it is known.
+        covariance: (N, 6, 6).
+        views: cameras.
+        boxes: of the moment.
+        rates: of the detectors.
+        owner: (M,) person of a box.
+        good: (M,) boxes that are surely theirs, whole and in plain view.
+    """
+    N, M = mean.shape[0], boxes.box.shape[0]
+    residual, kept, size = np.zeros((M, 4)), np.zeros((M, 4)), np.ones((M, 4))
+    place, variance = np.full((N, 2), np.nan), np.zeros(N)
+    slopes, noise, rows = np.zeros((M, 4, 4)), np.ones((M, 4)), np.empty(M, dtype=np.int64)
+    box, slope, drawn, inverse = np.empty(4), np.zeros((4, 6)), np.empty(4), np.empty((4, 4))
+    look = np.zeros(M, dtype=np.int64)
+    for l in range(boxes.camera.shape[0]):  # noqa: E741 - a look
+        look[boxes.first[l] : boxes.first[l + 1]] = l
+    for i in range(N):
+        n = 0
+        A, b = np.zeros((4, 4)), np.zeros(4)
+        A[2, 2], A[3, 3] = 1.0 / covariance[i, 4, 4], 1.0 / covariance[i, 5, 5]
+        for j in range(M):
+            if owner[j] != i or not good[j]:
+                continue
+            c = boxes.camera[look[j]]
+            if box_and_slope(views, c, mean[i], boxes.delay[look[j]], box, slope) < 0.0:
+                continue
+            shifted(box, rates.bias[c], drawn)
+            width, height = drawn[2] - drawn[0], drawn[3] - drawn[1]
+            size[j, 0], size[j, 1], size[j, 2], size[j, 3] = height, width, height, height
+            for axis in range(2):
+                low, high = boxes.box[j, axis] - drawn[axis], boxes.box[j, axis + 2] - drawn[axis + 2]
+                residual[j, 2 * axis], residual[j, 2 * axis + 1] = 0.5 * (low + high), high - low
+                for k in range(4):
+                    at = k if k < 2 else k + 2
+                    slopes[j, 2 * axis, k] = 0.5 * (slope[axis, at] + slope[axis + 2, at])
+                    slopes[j, 2 * axis + 1, k] = slope[axis + 2, at] - slope[axis, at]
+            for e in range(4):
+                sway = rates.sway if e == 0 or e == 2 else 0.0
+                noise[j, e] = rates.noise[e, 0] + (rates.noise[e, 1] + sway) * size[j, e] * size[j, e]
+                for p in range(4):
+                    b[p] += slopes[j, e, p] * residual[j, e] / noise[j, e]
+                    for q in range(4):
+                        A[p, q] += slopes[j, e, p] * slopes[j, e, q] / noise[j, e]
+            rows[n] = j
+            n += 1
+        if n == 0 or math.isnan(invert(A, inverse)):
+            continue
+        shift = inverse @ b
+        for k in range(n):
+            j = rows[k]
+            for e in range(4):
+                fitted = slopes[j, e] @ shift
+                leverage = slopes[j, e] @ inverse @ slopes[j, e] / noise[j, e]
+                residual[j, e] -= fitted
+                kept[j, e] = max(1.0 - leverage, 0.0)
+        if n >= 2:
+            place[i, 0], place[i, 1] = mean[i, 0] + shift[0], mean[i, 1] + shift[1]
+            variance[i] = 0.5 * (inverse[0, 0] + inverse[1, 1])
+    return Disagreement(residual, kept, size, place, variance)
