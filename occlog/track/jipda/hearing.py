@@ -14,6 +14,7 @@ from occlog.array_types import NS
 from occlog.core.sight.camera import wrap_angle
 from occlog.records.scene import MicrophoneArray
 
+from .edges import sway_of
 from .filter import State
 from .interface import STATE, VX, VY, Directions, X, Y
 from .kernels.marginals import box_messages
@@ -67,7 +68,7 @@ def hear(state: State, heard: Directions, array: MicrophoneArray) -> State:
     strength = share / heard.sigma[None] ** 2
     information = np.einsum("nm,ni,nj->nij", strength, slope, slope)
     vector = np.einsum("nm,ni->ni", strength * residual, slope)
-    people = corrected(people, information, vector)
+    people = corrected(people, information, vector, sway_of(state.edges))
     known = share.sum(axis=1)
     existence = np.clip(people.existence + (1.0 - people.existence) * known, SUREST, 1.0 - SUREST)
     seen_ns = np.where(known > HEARD, heard.t_ns, people.seen_ns)

@@ -67,7 +67,7 @@ def smooth(
     # Mean time between looks of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
         interval = (span.time[-1] - span.time[0]) / (span.looked[-1] - 1.0)
-    rates = rates_of(state.counts, state.config, np.where(interval > 0.0, interval, np.inf))
+    rates = rates_of(state.counts, state.edges, state.config, np.where(interval > 0.0, interval, np.inf))
     found = [
         find(state, boxes, rates, hint, *_filtered(boxes, group, moment))
         for boxes, hint, group, moment in zip(packed, hints, looks, moments, strict=True)
