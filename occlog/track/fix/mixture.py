@@ -86,9 +86,23 @@ def modes(places: Floats, bearings: Floats, sigma: Floats, bend: float) -> Modes
     weight = np.exp(log[kept] - log[kept[0]])
     chosen = np.array(kept)[weight / weight.sum() >= RARE]
     weight = weight[: len(chosen)]
-    return Modes(
-        xy[chosen], np.linalg.inv(information[chosen]), believed[chosen], residual[chosen], weight / weight.sum()
-    )
+    covariance = _with_distances(xy[chosen], np.linalg.inv(information[chosen]), believed[chosen], places, sigma)
+    return Modes(xy[chosen], covariance, believed[chosen], residual[chosen], weight / weight.sum())
+
+
+def _with_distances(xy: Floats, covariance: Floats, believed: Floats, places: Floats, sigma: Floats) -> Floats:
+    """(M, 2, 2) covariances that know how uncertain the distance of each sensor is.
+
+    An error of the bearing puts the target aside by that times the distance, whose mean square is the estimate's plus
+    its variance along the sight line.  Where that is large, as for sight lines that are nearly parallel, a mode
+    next to a sensor would else seem sharp, since little is between them.
+    """
+    away = xy[:, None, :] - places[None]
+    squared = np.maximum((away**2).sum(axis=2), 1e-24)
+    along = away / np.sqrt(squared)[..., None]
+    wide = squared + np.einsum("mni,mij,mnj->mn", along, covariance, along)
+    across = np.stack([-along[..., 1], along[..., 0]], axis=2) / (np.sqrt(wide) * sigma)[..., None]
+    return np.asarray(np.linalg.inv(np.einsum("mn,mni,mnj->mij", believed, across, across)))
 
 
 def spread_of(found: Modes, *, pooled: bool) -> Floats:

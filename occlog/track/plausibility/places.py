@@ -31,6 +31,12 @@ STEPS = 3
 """Gauss-Newton steps from the estimate to the meeting place."""
 FLAT = 1e-3
 """Sight lines do not meet if their information has axes with a ratio below this, squared."""
+BLUNT = 0.2
+"""Bearings with a larger standard deviation [rad] do not count: sight lines of such errors are no straight lines."""
+NEARER = 0.5
+"""A meeting place counts if its ellipse is smaller than this share of the distance of each of its sensors."""
+SETTLED = 0.1
+"""A search has found the meeting place if its last step is below so many standard deviations."""
 LEAST_SHARE = 1e-9
 """A residual whose variance is all the bearing's does not say what that is; see `_bearings`."""
 
@@ -92,9 +98,10 @@ def meetings(tracks: Tracks, used: Residuals, row: Ints, origin: Floats) -> Meet
     bearing, sigma = _bearings(start[row], covariances(tracks)[row], origin, used)
     count, xy = len(tracks), start.copy()
     information = np.zeros((count, 2, 2))
-    told = np.isfinite(sigma)
+    told = sigma <= BLUNT
     row, origin, bearing, sigma = row[told], origin[told], bearing[told], sigma[told]
     good = np.zeros(count, dtype=np.bool_)
+    step = np.zeros((count, 2))
     for _ in range(STEPS):
         away = xy[row] - origin
         r2 = np.maximum(np.sum(away**2, axis=1), 1e-24)
@@ -105,7 +112,14 @@ def meetings(tracks: Tracks, used: Residuals, row: Ints, origin: Floats) -> Meet
         np.add.at(pull, row, g * off[:, None])
         trace = information[:, 0, 0] + information[:, 1, 1]
         good = np.linalg.det(information) > FLAT * np.maximum(trace, 1e-300) ** 2
-        xy[good] += np.linalg.solve(information[good], pull[good][:, :, None])[:, :, 0]
+        step[good] = np.linalg.solve(information[good], pull[good][:, :, None])[:, :, 0]
+        xy[good] += step[good]
+    # Where sight lines are nearly parallel, or the sensors near, the place is no linear function of the bearings
+    good &= np.einsum("ni,nij,nj->n", step, information, step) < SETTLED**2
+    nearest = np.full(count, np.inf)
+    np.minimum.at(nearest, row, np.hypot(*(xy[row] - origin).T))
+    least = np.linalg.eigvalsh(np.where(good[:, None, None], information, np.eye(2)))[:, 0]
+    good &= NEARER * nearest * np.sqrt(np.maximum(least, 0.0)) > CLEAR
     found = np.flatnonzero(good)
     root = np.linalg.cholesky(np.linalg.inv(information[found]))
     angle = 2.0 * np.pi * np.arange(AROUND) / AROUND
