@@ -38,7 +38,7 @@ FIRST_SWAY, PRIOR_SWAY = 0.03, 200.0
 MOST_LASTING = 0.06
 SWAY_RANGE = (0.03, 0.12)
 """Nobody's place is a point: feet and head sway about it [m]."""
-MOST_PRODUCT = 0.04
+MOST_PRODUCT = 0.2
 """Products of changes count at most so much [m^2]: an exchange of people is not their sway."""
 LEAST_KEPT = 0.3
 OUTLIER = 12.0

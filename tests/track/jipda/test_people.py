@@ -1,0 +1,115 @@
+"""Motion and update of people: against a Kalman filter, and mixtures of two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from occlog.array_types import Floats
+from occlog.track.jipda.config import JipdaConfig
+from occlog.track.jipda.people import CALM, DOUBLE, TURNING, born, corrected, doubles, predict, take
+
+RNG = np.random.default_rng(0)
+
+
+def covariance(n: int) -> Floats:
+    """(n, 6, 6) positive definite matrices."""
+    half = RNG.normal(size=(n, 6, 8))
+    return 0.01 * half @ half.swapaxes(1, 2)
+
+
+def some(n: int = 3):
+    """People at random places."""
+    return born(RNG.normal(size=(n, 6)), covariance(n), np.full(n, 0.9), np.full(n, 2.0), 0, 0)
+
+
+def test_people_who_walk_on_are_predicted_as_by_a_kalman_filter() -> None:
+    config, people, dt = JipdaConfig(), some(), 0.4
+    after = predict(people, 0, dt=dt, leaving=np.zeros(3), turning=1e-12, config=config)
+    F, Q, q = np.eye(6), np.zeros((6, 6)), config.acceleration
+    F[0, 2] = F[1, 3] = dt
+    for a in (0, 1):
+        Q[a, a], Q[a + 2, a + 2], Q[a, a + 2], Q[a + 2, a] = q * dt**3 / 3, q * dt, q * dt**2 / 2, q * dt**2 / 2
+    np.testing.assert_allclose(after.mean, people.mean @ F.T, atol=1e-9)
+    expected = F @ people.covariance @ F.T + Q
+    np.testing.assert_allclose(after.covariance[:, :4, :4], expected[:, :4, :4], atol=1e-9)
+
+
+def test_many_short_steps_are_one_long_one() -> None:
+    config, people = JipdaConfig(), some()
+    once = predict(people, 0, dt=0.5, leaving=np.zeros(3), turning=1e-12, config=config)
+    for _ in range(50):
+        people = predict(people, 0, dt=0.01, leaving=np.zeros(3), turning=1e-12, config=config)
+    np.testing.assert_allclose(people.covariance, once.covariance, rtol=1e-6, atol=1e-9)
+
+
+def test_existence_falls_with_the_rate_of_leaving() -> None:
+    after = predict(some(1), 0, dt=3.0, leaving=np.array([0.1]), turning=0.05, config=JipdaConfig())
+    assert after.existence[0] == pytest.approx(0.9 * np.exp(-0.3))
+
+
+def test_people_out_of_all_images_leave_sooner() -> None:
+    people = some(2)
+    people = replace(people, seen_ns=np.array([0, 1_500_000_000]))
+    after = predict(people, 2_000_000_000, dt=1.0, leaving=np.full(2, 0.01), turning=0.05, config=JipdaConfig())
+    assert after.existence[0] < 0.6 * 0.9 + 0.01
+    assert after.existence[1] == pytest.approx(0.9 * np.exp(-0.01))
+
+
+def test_a_factor_updates_as_a_kalman_filter_does() -> None:
+    people = some()
+    H, R, z = RNG.normal(size=(2, 6)), np.diag([0.04, 0.09]), RNG.normal(size=2)
+    information = np.repeat((H.T @ np.linalg.inv(R) @ H)[None], 3, axis=0)
+    vector = np.repeat((H.T @ np.linalg.inv(R) @ z)[None], 3, axis=0)
+    after = corrected(people, information, vector, 0.0)
+    for i in range(3):
+        P = people.covariance[i]
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+        np.testing.assert_allclose(after.mean[i], people.mean[i] + K @ (z - H @ people.mean[i]), rtol=1e-7)
+        np.testing.assert_allclose(after.covariance[i], P - K @ H @ P, rtol=1e-6, atol=1e-10)
+
+
+def test_sway_is_noise_of_the_place() -> None:
+    people, sway = some(1), 0.02
+    H = np.zeros((2, 6))
+    H[0, 0] = H[1, 1] = 1.0
+    information, vector = (H.T @ H / 0.01)[None], (H.T @ np.array([1.0, 2.0]) / 0.01)[None]
+    after = corrected(people, information, vector, sway)
+    R = 0.01 + sway
+    plain = corrected(people, (H.T @ H / R)[None], (H.T @ np.array([1.0, 2.0]) / R)[None], 0.0)
+    np.testing.assert_allclose(after.mean, plain.mean, rtol=1e-9)
+    np.testing.assert_allclose(after.covariance, plain.covariance, rtol=1e-7, atol=1e-12)
+
+
+def test_a_turn_makes_the_manoeuvre_probable_and_is_followed() -> None:
+    config = JipdaConfig()
+    people = born(
+        np.array([[0.0, 0.0, 1.2, 0.0, 1.7, 0.5]]), 1e-3 * np.eye(6)[None], np.ones(1) * 0.9, np.ones(1), 0, 0
+    )
+    H = np.zeros((2, 6))
+    H[0, 0] = H[1, 1] = 1.0
+    place, seen = np.zeros(2), []
+    for k in range(20):
+        place = place + 0.1 * (np.array([1.2, 0.0]) if k < 8 else np.array([0.0, 1.2]))
+        people = predict(people, 0, dt=0.1, leaving=np.zeros(1), turning=0.05, config=config)
+        people = corrected(people, (H.T @ H / 4e-4)[None], (H.T @ place / 4e-4)[None], 0.0)
+        seen.append(people.model[0, TURNING])
+    assert max(seen[:8]) < 0.2
+    assert max(seen[8:14]) > 0.7
+    assert np.hypot(*(people.mean[0, :2] - place)) < 0.1
+    assert people.model.sum() == pytest.approx(1.0)
+    assert people.model[0, CALM] >= 0.0
+
+
+def test_doubles_are_the_less_established() -> None:
+    mean = np.zeros((3, 6))
+    mean[:, 5], mean[1, 0], mean[2, 0] = 0.5, DOUBLE * 0.5 * 0.99, 1.0
+    people = born(mean, covariance(3), np.array([0.6, 0.9, 0.9]), np.ones(3), 0, 0)
+    np.testing.assert_array_equal(doubles(people), [True, False, False])
+    confirmed = replace(people, id=np.array([7, -1, -1]))
+    np.testing.assert_array_equal(doubles(confirmed), [False, True, False])
+    mean[1, 0] = DOUBLE * 0.5 * 1.01
+    assert not doubles(replace(people, mean=mean)).any()
+    assert not doubles(take(people, np.array([0]))).any()
