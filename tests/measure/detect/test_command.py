@@ -224,3 +224,32 @@ def test_a_calibration_with_its_world_at_a_camera_is_detected_in(shared_data, tm
     assert run(["detect", walk, "-o", bearings, "--method", "components"]) == ExitCode.DONE
     assert ("seems not to be upright" in capsys.readouterr().err) is not bool(up)
     assert read_table(Path(bearings), Bearings).seen.any()
+
+
+def test_identities_of_boxes_become_targets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t_ns = np.repeat([0, STEP_NS, 2 * STEP_NS], 2)
+    boxes = Boxes.of(
+        t_ns=t_ns,
+        sensor=["a", "b"] * 3,
+        frame=t_ns // STEP_NS,
+        box=np.zeros(6, dtype=np.int32),
+        target_id=np.array([5, 5, 5, -1, 5, 5], dtype=np.int32),
+        left_px=np.full(6, 60.0),
+        top_px=np.full(6, 40.0),
+        width_px=np.full(6, 12.0),
+        height_px=np.full(6, 36.0),
+        confidence=np.full(6, 0.9),
+    )
+    with RecordingWriter(tmp_path / "boxes.mcap", ROOM, Provenance("test")) as out:
+        out.table(boxes)
+    assert detect(tmp_path / "boxes.mcap", tmp_path, "--labels", "global") == ExitCode.DONE
+    rows = read_table(tmp_path / "b.parquet", Bearings)
+    assert rows.target_id.tolist() == [5, 5, 5, -1, 5, 5, 5]
+    assert rows.seen.tolist() == [True, True, True, True, False, True, True]
+    assert read_table(tmp_path / "v.parquet", Views).hint.tolist() == [5, 5, 5, -1, 5, 5]
+    assert read_provenance(tmp_path / "b.parquet").parameters["labels"] == "global"
+
+
+def test_in_images_nobody_has_an_identity(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert detect(recording, tmp_path, "--labels", "global") == ExitCode.USAGE
+    assert "--labels makes targets of the identities of boxes" in capsys.readouterr().err
