@@ -47,8 +47,8 @@ class PeopleTracks(Tracks):
 class PeopleViews(ViewTracks):
     """Everybody in every image, hidden people too; every command reads them as `ViewTracks`.
 
-    `mode` is `box` where the ellipse is that of a box of the camera, of a person who is more visible than hidden;
-    `floor` where it is the person's as expected from the place on the floor.
+    `mode` is `box` where the camera has a box of the person: the ellipse is inscribed in the mean of it and of the box
+    that the place on the floor lets expect, weighted by the visibility.  It is `floor` where there is the latter alone.
     """
 
     visibility: Floats = column(

@@ -17,7 +17,7 @@ from .kernels.projection import project
 from .looks import FrameLook
 
 LIKELY = 0.5
-"""A box is a person's if it is more probably of this person than not; visible is who is more probably so than not."""
+"""A box is a person's if it is more probably of this person than not."""
 UNSEEN = "unseen"
 DOUBTS = (UNSEEN, "one-view", "exchange")
 """Values of the column `doubt`, in the order in which they stand there."""
@@ -149,12 +149,12 @@ class ViewRows(NamedTuple):
     id: Ints  # (n,)
     box: Floats  # (n, 4)
     spread: Floats  # (n, 3) xx, xy, yy of the covariance of the box's centre
-    own: Bools  # (n,) the box is one that the camera has of the person
+    own: Bools  # (n,) the camera has a box of the person, of which this is made
     visibility: Floats  # (n,)
 
 
 class EverybodyInViews:
-    """Everybody in the images: the box that a camera has of a person, or else that which the floor lets expect."""
+    """Everybody in the images: between the box that a camera has of a person and that which the floor lets expect."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         """Pack the cameras."""
@@ -199,13 +199,13 @@ class EverybodyInViews:
         look, c = each.look, each.look.camera
         there = np.flatnonzero(np.isfinite(moment.visibility[:, c]))
         # Project the people on the floor to the time of the look
-        found = np.empty((len(there), 8))
+        found = np.zeros((len(there), 8))
         delay = (look.t_ns - moment.t_ns) / NS
         project(self._views, c, moment.mean[there], moment.covariance[there], delay, found)
-        # Take the camera's own boxes of people who are more visible than hidden: a cover cuts the others' boxes
-        box = _own_boxes(moment, look.row, c)[there]
-        own = (box >= 0) & (moment.visibility[there, c] >= LIKELY)
-        found[own, :4] = look.boxes[box[own]]
+        # Take the camera's own boxes where it has some, as far as people are visible: a cover cuts the boxes of others
+        box, visible = _own_boxes(moment, look.row, c)[there], moment.visibility[there, c]
+        own = box >= 0
+        found[own, :4] += visible[own, None] * (look.boxes[box[own]] - found[own, :4])
         good = np.flatnonzero(found[:, 7] > 0.0)
         n, there, found = len(good), there[good], found[good]
         return ViewRows(
@@ -216,7 +216,7 @@ class EverybodyInViews:
             box=found[:, :4],
             spread=found[:, 4:7],
             own=own[good],
-            visibility=moment.visibility[there, c],
+            visibility=visible[good],
         )
 
 
