@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
+from occlog.core.plane.convexity import pockets
 from occlog.records.scene import Camera, Scene
 from occlog.records.seen_ground import box_around, sight_limit
 from occlog.settings import METRES
@@ -82,7 +83,9 @@ def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State
     low, high = box_around(scene)
     least = 2.0 * float(np.hypot(*(high - low)))
     far = [sight_limit(c, least, metre) for c in cameras]
-    views = pack_views(cameras)._replace(range=np.array(far))
+    walls = () if scene.room is None else pockets(scene.room)
+    solid = [(o.polygon, o.height) for o in scene.occluders] + [(w, math.inf) for w in walls]
+    views = pack_views(cameras, solid)._replace(range=np.array(far))
     return State(
         views=views,
         config=config,

@@ -45,10 +45,13 @@ class Views(NamedTuple):
     limit: Floats  # (C,) normalised radius to which the lens is believed
     size: Floats  # (C, 2) width, height [px]
     range: Floats  # (C,) farthest distance at which a person is seen
+    corner: Floats  # (V, 2) of static occluders
+    first: Ints  # (W + 1,) occluder w has the corners first[w] to first[w + 1] - 1
+    top: Floats  # (W,) height; may be infinite
 
 
-def pack_views(cameras: Sequence[Camera]) -> Views:
-    """Pack cameras whose poses are known in space."""
+def pack_views(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, float]] = ()) -> Views:
+    """Pack cameras whose poses are known in space, and static occluders: polygon (K, 2) and height of each."""
     size = [c.image_size if c.image_size is not None else (UNSEEN_SIZE, UNSEEN_SIZE) for c in cameras]
     return Views(
         position=np.array([c.position for c in cameras], dtype=np.float64).reshape(-1, 3),
@@ -60,6 +63,9 @@ def pack_views(cameras: Sequence[Camera]) -> Views:
         limit=np.array([_limit(c) for c in cameras], dtype=np.float64),
         size=np.array(size, dtype=np.float64).reshape(-1, 2),
         range=np.array([c.range for c in cameras], dtype=np.float64),
+        corner=np.concatenate([np.zeros((0, 2)), *(np.asarray(p, dtype=np.float64) for p, _ in occluders)]),
+        first=np.concatenate([[0], np.cumsum([len(p) for p, _ in occluders])]).astype(np.int64),
+        top=np.array([top for _, top in occluders], dtype=np.float64),
     )
 
 

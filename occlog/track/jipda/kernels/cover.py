@@ -13,6 +13,8 @@ import math
 from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
+from .body_box import Views
+
 COLUMNS, ROWS = 5, 6
 ROOT_HALF = math.sqrt(0.5)
 SHARP = 6.0
@@ -86,3 +88,58 @@ def inside_image(box: Floats, width: float, height: float, cells: Floats) -> flo
             cells[row, column] = 1.0 if inside else 0.0
             count += 1 if inside else 0
     return count / (ROWS * COLUMNS)
+
+
+@kernel
+def hide_behind(views: Views, c: int, x: float, y: float, height: float, width: float, cells: Floats) -> None:
+    """Set the cells (ROWS, COLUMNS) of a person to 0, in place, that a static occluder hides from camera c.
+
+    A cell is a point of the upright rectangle through the person's axis that faces the camera.  The sight line to it
+    passes over an occluder if it is above its top all the way; an occluder around the camera hides nothing.
+
+    Args:
+        views: cameras and static occluders.
+        c: which camera.
+        x: place on the floor.
+        y: the same.
+        height: of the person.
+        width: of the person.
+        cells: from the top and from the left.
+    """
+    if views.top.shape[0] == 0:
+        return
+    cx, cy, cz = views.position[c]
+    away = math.hypot(x - cx, y - cy)
+    if away == 0.0:
+        return
+    right_x, right_y = (y - cy) / away, -(x - cx) / away
+    for column in range(COLUMNS):
+        side = width * ((column + 0.5) / COLUMNS - 0.5)
+        dx, dy = x + side * right_x - cx, y + side * right_y - cy
+        for w in range(views.top.shape[0]):
+            begin, end = views.first[w], views.first[w + 1]
+            # Where the sight line is over the polygon: from `enter` to `leave`, as shares of its length
+            enter, leave, around, within = 2.0, -1.0, False, False
+            for k in range(begin, end):
+                n = k + 1 if k + 1 < end else begin
+                ax, ay = views.corner[k, 0] - cx, views.corner[k, 1] - cy
+                bx, by = views.corner[n, 0] - cx, views.corner[n, 1] - cy
+                # Rays towards +x from the camera and from the person cross the border an odd number of times inside
+                if (ay > 0.0) != (by > 0.0) and ax - ay * (bx - ax) / (by - ay) > 0.0:
+                    around = not around
+                if (ay > dy) != (by > dy) and ax + (dy - ay) * (bx - ax) / (by - ay) > dx:
+                    within = not within
+                cross = dx * (by - ay) - dy * (bx - ax)
+                if cross != 0.0:
+                    along = (ax * (by - ay) - ay * (bx - ax)) / cross
+                    on = (ax * dy - ay * dx) / cross
+                    if 0.0 <= along <= 1.0 and 0.0 <= on <= 1.0:
+                        enter, leave = min(enter, along), max(leave, along)
+            if within:
+                leave = 1.0
+            if around or enter > leave:
+                continue
+            for row in range(ROWS):
+                rise = height * (1.0 - (row + 0.5) / ROWS) - cz
+                if min(cz + enter * rise, cz + leave * rise) < views.top[w]:
+                    cells[row, column] = 0.0

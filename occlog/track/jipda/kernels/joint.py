@@ -17,7 +17,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from .body_box import Views, box_and_slope
-from .cover import COLUMNS, ROWS, clear_cells, inside_image
+from .cover import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
 from .linear import invert
 from .marginals import box_messages
 
@@ -256,6 +256,8 @@ def update(
                 if depth[i] < 0.0:
                     continue
                 inside_image(box[i], width, height, cells)
+                x, y = cavity_m[i, 0], cavity_m[i, 1]
+                hide_behind(views, c, x, y, cavity_m[i, 4], cavity_m[i, 5], cells)
                 clear_cells(i, box, depth, across, deep, there, cells)
                 visible[l, i] = np.mean(cells)
                 bottom = 0.0

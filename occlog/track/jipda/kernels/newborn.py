@@ -17,7 +17,7 @@ from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
 from .body_box import Views, box_and_slope
-from .cover import COLUMNS, ROWS, clear_cells, inside_image
+from .cover import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
 from .joint import LOG_2PI, Boxes, Rates, edge_noise, interpolate, log_density, log_nobody, precision, shifted
 from .linear import invert
 
@@ -198,6 +198,7 @@ def propose(
             if depth[i] > 0.0:
                 deep[i] = spread[i] + 0.1 * people[i, 5]
                 across[i] = spread[i] * views.focal[c, 0] / depth[i]
+        hide_behind(views, c, mean[0], mean[1], mean[4], mean[5], cells)
         clear_cells(N, box, depth, across, deep, there, cells)
         detection = rates.detection[c] * interpolate(rates.curve, float(np.mean(cells)))
         if l == look:

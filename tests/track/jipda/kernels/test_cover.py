@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.track.jipda.kernels.cover import COLUMNS, ROWS, below, clear_cells, inside_image
+from occlog.core.plane.polygons import inside_polygon
+from occlog.records.scene import Camera, camera_rotation
+from occlog.track.jipda.kernels.body_box import pack_views
+from occlog.track.jipda.kernels.cover import COLUMNS, ROWS, below, clear_cells, hide_behind, inside_image
 
 BOXES = np.array([[100.0, 100.0, 160.0, 280.0], [130.0, 120.0, 200.0, 330.0]])
 
@@ -64,3 +67,34 @@ def test_the_distribution_function_is_the_normal_one() -> None:
     assert below(1.0) == pytest.approx(0.841344746, abs=1e-9)
     assert below(-7.0) == 0.0
     assert below(7.0) == 1.0
+
+
+PILLAR = np.array([[1.8, -0.35], [2.2, -0.3], [2.25, 0.2], [1.85, 0.25]])
+
+
+def behind(place: tuple[float, float], top: float, polygon: np.ndarray = PILLAR) -> np.ndarray:
+    """Cells of a person, 1.8 m and 0.6 m, that a camera at the origin, 2.5 m high, sees past an occluder."""
+    camera = Camera("a", np.array([0.0, 0.0, 2.5]), camera_rotation(0.0, 0.0, 0.0), np.ones(2), np.zeros(2), (9, 9))
+    cells = np.ones((ROWS, COLUMNS))
+    hide_behind(pack_views([camera], [(polygon, top)]), 0, *place, 1.8, 0.6, cells)
+    return cells
+
+
+@pytest.mark.parametrize("place", [(4.0, 0.0), (4.0, 0.4), (5.0, -0.9), (3.0, 0.3), (1.5, 0.0), (-4.0, 0.0)])
+@pytest.mark.parametrize("top", [1.2, 2.0, np.inf])
+def test_a_static_occluder_hides_what_points_on_the_sight_lines_meet(place: tuple[float, float], top: float) -> None:
+    cells, along = behind(place, top), np.linspace(0.0, 1.0, 4001)[:, None]
+    away = np.hypot(*place)
+    right = np.array([place[1], -place[0]]) / away
+    for row in range(ROWS):
+        for column in range(COLUMNS):
+            foot = np.array(place) + 0.6 * ((column + 0.5) / COLUMNS - 0.5) * right
+            line = along * foot
+            rise = 2.5 + along[:, 0] * (1.8 * (1.0 - (row + 0.5) / ROWS) - 2.5)
+            met = (inside_polygon(np.ascontiguousarray(line), PILLAR) & (rise < top)).any()
+            assert cells[row, column] == (0.0 if met else 1.0)
+
+
+def test_an_occluder_around_the_camera_hides_nothing() -> None:
+    around = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    assert behind((4.0, 0.0), np.inf, around).min() == 1.0
