@@ -1,0 +1,118 @@
+"""The update of everybody: one person and one box against a Kalman filter, densities against their definition."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from occlog.array_types import Floats
+from occlog.records.scene import Camera, camera_rotation
+from occlog.track.jipda.kernels.body_box import box_and_slope, pack_views
+from occlog.track.jipda.kernels.joint import (
+    Boxes,
+    Rates,
+    Result,
+    edge_noise,
+    interpolate,
+    log_density,
+    log_nobody,
+    precision,
+    update,
+)
+
+TURNED = camera_rotation(np.pi / 2, -0.35, 0.0)
+VIEW = Camera("a", np.array([0.0, -6.0, 3.0]), TURNED, np.full(2, 900.0), np.array([640.0, 360.0]), (1280, 720))
+MEAN = np.array([[0.4, 1.0, 0.5, 0.2, 1.7, 0.5]])
+P = np.diag([0.05, 0.08, 0.1, 0.1, 0.01, 0.01])[None]
+NOISE = np.array([[8.0, 1e-4], [20.0, 4e-4], [6.0, 1e-4], [15.0, 2e-4]])
+
+
+def rates(detection: float = 0.9) -> Rates:
+    """One camera without bias."""
+    return Rates(np.array([detection]), np.ones(6), 0.0, np.zeros((1, 4)), NOISE, 0.0, np.ones(1))
+
+
+def boxes(*box: Floats) -> Boxes:
+    """One look."""
+    n = len(box)
+    return Boxes(np.zeros(1, dtype=np.int64), np.zeros(1), np.array([0, n]), np.array(box).reshape(-1, 4),
+                 np.ones((n, 4), dtype=bool), np.full(n, np.log(1e-9)))  # fmt: skip
+
+
+def after(made: Boxes, existence: float = 0.95, detection: float = 0.9) -> Result:
+    """The update of the one person."""
+    n = len(made.box)
+    return update(
+        MEAN, P, np.array([existence]), pack_views([VIEW]), made, rates(detection), np.zeros((1, n)), 0.0, 30.0
+    )
+
+
+def expected() -> tuple[Floats, Floats]:
+    """Box and slope."""
+    box, slope = np.empty(4), np.zeros((4, 6))
+    box_and_slope(pack_views([VIEW]), 0, MEAN[0], 0.0, box, slope)
+    return box, slope
+
+
+def test_one_person_and_one_box_are_a_kalman_filter() -> None:
+    box, H = expected()
+    z, R = box + np.array([6.0, -4.0, 9.0, 5.0]), np.empty((4, 4))
+    edge_noise(box, rates(), 1.0, R)
+    result = after(boxes(z))
+    K = P[0] @ H.T @ np.linalg.inv(H @ P[0] @ H.T + R)
+    assert result.share[0, 0] > 0.999
+    np.testing.assert_allclose(result.mean[0], MEAN[0] + K @ (z - box), atol=2e-3)
+    np.testing.assert_allclose(result.covariance[0], P[0] - K @ H @ P[0], atol=2e-4)
+
+
+def test_a_miss_lowers_existence_by_bayes_rule_and_moves_nobody() -> None:
+    result = after(boxes(), existence=0.8, detection=0.9)
+    assert result.existence[0] == pytest.approx(0.8 * 0.1 / (0.8 * 0.1 + 0.2), rel=1e-6)
+    np.testing.assert_allclose(result.mean, MEAN)
+
+
+def test_a_box_that_is_far_away_is_nobodys() -> None:
+    result = after(boxes(np.array([1100.0, 100.0, 1150.0, 250.0])))
+    assert result.share[0, 0] == 0.0
+    assert result.free[0] == 1.0
+
+
+def test_edges_are_the_middle_and_half_the_size() -> None:
+    box, R = np.array([100.0, 50.0, 160.0, 250.0]), np.empty((4, 4))
+    edge_noise(box, rates(), 1.0, R)
+    T = np.array([[0.5, 0.0, 0.5, 0.0], [-1.0, 0.0, 1.0, 0.0], [0.0, 0.5, 0.0, 0.5], [0.0, -1.0, 0.0, 1.0]])
+    size = np.array([200.0, 60.0, 200.0, 200.0])
+    np.testing.assert_allclose(T @ R @ T.T, np.diag(NOISE[:, 0] + NOISE[:, 1] * size**2), atol=1e-9)
+
+
+@pytest.mark.parametrize("use", [(1, 1, 1, 1), (1, 1, 1, 0), (0, 1, 1, 0)])
+def test_densities_are_those_of_the_edges_in_use(use: tuple[int, ...]) -> None:
+    rng, keep = np.random.default_rng(0), np.array(use, dtype=bool)
+    R = np.empty((4, 4))
+    edge_noise(np.array([100.0, 50.0, 160.0, 250.0]), rates(), 1.0, R)
+    half, off = rng.normal(size=(4, 6)), rng.normal(0.0, 5.0, 4)
+    S = (R + half @ half.T)[np.ix_(keep, keep)]
+    log, distance = log_density(off, np.empty((4, 4)), keep, R, half @ half.T)
+    assert log == pytest.approx(multivariate_normal(np.zeros(keep.sum()), S).logpdf(off[keep]), abs=1e-4)
+    assert distance == pytest.approx(off[keep] @ np.linalg.solve(S, off[keep]), abs=1e-4)
+    W = np.zeros((4, 4))
+    precision(R, keep, 1.0, W)
+    np.testing.assert_allclose(W[np.ix_(keep, keep)], np.linalg.inv(R[np.ix_(keep, keep)]), rtol=1e-9)
+    assert not W[~keep].any()
+
+
+def test_the_density_of_nobody_counts_the_edges_in_use() -> None:
+    box, every = np.array([10.0, 20.0, 60.0, 120.0]), np.ones(4, dtype=bool)
+    size = np.log(20.0)
+    assert log_nobody(box, every, 640.0, 480.0) == pytest.approx(-np.log(640.0 * 480.0 * 50.0 * 100.0 * size**2))
+    assert log_nobody(box, np.array([True, True, True, False]), 640.0, 480.0) == pytest.approx(
+        -np.log(640.0 * 480.0 * 50.0 * size)
+    )
+
+
+def test_curves_are_linear_between_their_values() -> None:
+    curve = np.array([0.0, 0.5, 1.0, 1.0])
+    assert interpolate(curve, 0.5) == pytest.approx(0.75)
+    assert interpolate(curve, -0.1) == 0.0
+    assert interpolate(curve, 1.0) == 1.0
