@@ -6,6 +6,8 @@ from occlog.track.jipda.batch.chains import NONE, Chain, Places, Walk
 
 WALK = Walk(
     drift=np.array([0.06, 1e-3, 1e-3]),
+    agile=16.0,
+    turning=0.0,
     prior=np.array([0.0, 0.0, 1.2, 1.2, 60.0, 70.0]),
     mean=np.array([0.0, 0.0, 0.0, 0.0, 1.7, 0.5]),
     speed=2.7,
@@ -44,6 +46,6 @@ def chain_with(after, used):
         if j != NONE:
             before[j] = i
     return Chain(
-        np.array(after), before, np.array(used), np.zeros((n, 6)), np.zeros((n, 6, 6)), np.zeros(n),
+        np.array(after), before, np.array(used), np.ones(n), np.zeros((n, 6)), np.zeros((n, 6, 6)), np.zeros(n),
         np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n),
     )  # fmt: skip

@@ -58,6 +58,8 @@ class Walk(NamedTuple):
     """How people walk and what is known of somebody new."""
 
     drift: Floats  # (3,) as in `messages.noise_of_walk`
+    agile: float  # how many times as large the acceleration's spectral density is in a manoeuvre
+    turning: float  # how often in a second a manoeuvre begins; 0: never
     prior: Floats  # (6,) precisions of somebody new
     mean: Floats  # (6,) means of the same
     speed: float  # greatest speed
@@ -83,6 +85,7 @@ class Chain(NamedTuple):
     after: Ints  # (n,) the next place of the track; NONE
     before: Ints  # (n,)
     used: Bools  # (n,) whether it is in a track
+    agile: Floats  # (n,) 1, or `Walk.agile`: there is a manoeuvre before the next place
     mean: Floats  # (n, 6) forward messages
     covariance: Floats  # (n, 6, 6)
     past: Floats  # (n,) log likelihood of the track up to and with the place
@@ -170,11 +173,29 @@ def between(places: Places, walk: Walk, looked: Floats, i: int, j: int) -> float
 def joined(
     places: Places, walk: Walk, looked: Floats, i: int, mean: Floats, covariance: Floats, past: float,
     j: int, J: Floats, h: Floats, future: float,
-) -> float:  # fmt: skip
-    """Log probability of a track: place i has the given forward message, its next place j the backward one."""
+) -> tuple[float, float]:  # fmt: skip
+    """Log probability of a track whose place i has a forward message and next place j a backward one, and how agile.
+
+    Between the two the person walks on or manoeuvres, whichever is more probable.
+    """
     m, P = np.empty(STATE), np.empty((STATE, STATE))
-    predict(mean, covariance, places.time[j] - places.time[i], walk.drift, m, P)
-    return past + between(places, walk, looked, i, j) + meet(m, P, J, h, future)
+    dt = places.time[j] - places.time[i]
+    predict(mean, covariance, dt, walk.drift, 1.0, m, P)
+    calm, agile = meet(m, P, J, h, future) + log_of_agility(walk, dt, 1.0), 1.0
+    if walk.turning > 0.0:
+        predict(mean, covariance, dt, walk.drift, walk.agile, m, P)
+        turned = meet(m, P, J, h, future) + log_of_agility(walk, dt, walk.agile)
+        if turned > calm:
+            calm, agile = turned, walk.agile
+    return past + between(places, walk, looked, i, j) + calm, agile
+
+
+@kernel
+def log_of_agility(walk: Walk, dt: float, agile: float) -> float:
+    """Log of the probability that a manoeuvre begins within dt, or that none does."""
+    if agile == 1.0:
+        return -walk.turning * dt
+    return math.log(1.0 - math.exp(-walk.turning * dt))
 
 
 @kernel
@@ -188,33 +209,57 @@ def link(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, j: in
         return float(places.birth[j] + begun)
     if j == NONE:
         return float(chain.past[i] + places.death[i])
-    return joined(
+    value, _ = joined(
         places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
         j, chain.J[j], chain.h[j], chain.future[j],
     )  # fmt: skip
+    return value
 
 
 @kernel
 def forward_of(
-    places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, mean: Floats, covariance: Floats
+    places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, agile: float, mean: Floats, P: Floats
 ) -> float:
     """Write the forward message of place k after place i (or NONE), and give its log likelihood."""
     if i == NONE:
-        begun = start(walk.prior, walk.mean, places.J[k], places.h[k], places.c[k], mean, covariance)
+        begun = start(walk.prior, walk.mean, places.J[k], places.h[k], places.c[k], mean, P)
         return float(places.birth[k] + begun)
-    predict(chain.mean[i], chain.covariance[i], places.time[k] - places.time[i], walk.drift, mean, covariance)
-    past = chain.past[i] + between(places, walk, looked, i, k)
-    return float(past + absorb(mean, covariance, places.J[k], places.h[k], places.c[k]))
+    dt = places.time[k] - places.time[i]
+    predict(chain.mean[i], chain.covariance[i], dt, walk.drift, agile, mean, P)
+    past = chain.past[i] + between(places, walk, looked, i, k) + log_of_agility(walk, dt, agile)
+    return float(past + absorb(mean, P, places.J[k], places.h[k], places.c[k]))
 
 
 @kernel
 def with_place(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, j: int) -> float:
     """Log probability of the track in which place k lies between i and j (each may be NONE)."""
     m, P = np.empty(STATE), np.empty((STATE, STATE))
-    past = forward_of(places, walk, looked, chain, i, k, m, P)
+    agile = 1.0
+    if i != NONE:
+        _, agile = joined(
+            places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
+            k, places.J[k], places.h[k], places.c[k],
+        )  # fmt: skip
+    past = forward_of(places, walk, looked, chain, i, k, agile, m, P)
     if j == NONE:
         return float(past + places.death[k])
-    return joined(places, walk, looked, k, m, P, past, j, chain.J[j], chain.h[j], chain.future[j])
+    value, _ = joined(places, walk, looked, k, m, P, past, j, chain.J[j], chain.h[j], chain.future[j])
+    return value
+
+
+@kernel
+def choose(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int) -> None:
+    """Say whether the person of place i, if it has a next one, manoeuvres before it."""
+    if i == NONE:
+        return
+    j = chain.after[i]
+    if j == NONE:
+        chain.agile[i] = 1.0
+    else:
+        _, chain.agile[i] = joined(
+            places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
+            j, chain.J[j], chain.h[j], chain.future[j],
+        )  # fmt: skip
 
 
 @kernel
@@ -223,7 +268,8 @@ def renew(places: Places, walk: Walk, looked: Floats, chain: Chain, forward_at: 
     m, P = np.empty(STATE), np.empty((STATE, STATE))
     k = forward_at
     while k != NONE:
-        past = forward_of(places, walk, looked, chain, chain.before[k], k, m, P)
+        i = chain.before[k]
+        past = forward_of(places, walk, looked, chain, i, k, chain.agile[i] if i != NONE else 1.0, m, P)
         same = True
         for a in range(STATE):
             moved = abs(m[a] - chain.mean[k, a]) / math.sqrt(P[a, a])
@@ -245,8 +291,9 @@ def renew(places: Places, walk: Walk, looked: Floats, chain: Chain, forward_at: 
             J[:], h[:] = places.J[k], places.h[k]
             future = places.c[k] + places.death[k]
         else:
-            future = back(chain.J[j], chain.h[j], chain.future[j], places.time[j] - places.time[k], walk.drift, J, h)
-            future += places.c[k] + between(places, walk, looked, k, j)
+            dt = places.time[j] - places.time[k]
+            future = back(chain.J[j], chain.h[j], chain.future[j], dt, walk.drift, chain.agile[k], J, h)
+            future += places.c[k] + between(places, walk, looked, k, j) + log_of_agility(walk, dt, chain.agile[k])
             J += places.J[k]
             h += places.h[k]
         same = True
@@ -265,8 +312,31 @@ def renew(places: Places, walk: Walk, looked: Floats, chain: Chain, forward_at: 
 
 
 @kernel
+def enter(places: Places, walk: Walk, looked: Floats, chain: Chain, k: int) -> None:
+    """Make and renew the messages of a track that place k has entered."""
+    i, j = chain.before[k], chain.after[k]
+    if i != NONE:
+        # As if it were the last place, then with what follows
+        _, chain.agile[i] = joined(
+            places, walk, looked, i, chain.mean[i], chain.covariance[i], chain.past[i],
+            k, places.J[k], places.h[k], places.c[k],
+        )  # fmt: skip
+    chain.past[k] = forward_of(
+        places, walk, looked, chain, i, k, chain.agile[i] if i != NONE else 1.0, chain.mean[k], chain.covariance[k]
+    )
+    choose(places, walk, looked, chain, k)
+    if j != NONE:
+        renew(places, walk, looked, chain, j, NONE)
+    chain.J[k] = np.nan
+    renew(places, walk, looked, chain, NONE, k)
+
+
+@kernel
 def renew_all(places: Places, walk: Walk, looked: Floats, chain: Chain) -> None:
-    """Renew all messages of all tracks."""
+    """Renew all messages of all tracks, and say anew where people manoeuvre, by the messages as they were."""
+    for k in range(places.moment.shape[0]):
+        if chain.used[k] and not math.isnan(chain.mean[k, 0]) and not math.isnan(chain.J[k, 0, 0]):
+            choose(places, walk, looked, chain, k)
     chain.mean[:] = np.nan
     chain.J[:] = np.nan
     for k in range(places.moment.shape[0]):
@@ -338,6 +408,8 @@ def tails(
         chain.before[a] = b
     if b != NONE:
         chain.after[b] = a
+    choose(places, walk, looked, chain, i)
+    choose(places, walk, looked, chain, b)
     renew(places, walk, looked, chain, j, i)
     renew(places, walk, looked, chain, a, b)
     return 1
@@ -385,9 +457,9 @@ def in_or_out(
     if j != NONE:
         chain.before[j] = k if chain.used[k] else i
     if chain.used[k]:
-        chain.mean[k], chain.J[k] = np.nan, np.nan
-        renew(places, walk, looked, chain, k, k)
+        enter(places, walk, looked, chain, k)
     else:
+        choose(places, walk, looked, chain, i)
         renew(places, walk, looked, chain, j, i)
     return 1
 
@@ -426,8 +498,7 @@ def places_change(
             chain.after[i] = one
         if j != NONE:
             chain.before[j] = one
-        chain.mean[one], chain.J[one] = np.nan, np.nan
     for one in (k, m):
         if chain.used[one]:
-            renew(places, walk, looked, chain, one, one)
+            enter(places, walk, looked, chain, one)
     return 1

@@ -42,6 +42,8 @@ LIKELY = 0.5
 """Before the first and after the last place of a track its person is reported while they are there so probably."""
 SAME_HINT, OTHER_HINT = 2.0, -2.0
 """Log likelihood ratios of a box whose hint is that of the track's box before or after in the camera, and is not."""
+REFINEMENTS = 4
+"""Steps of expectation maximisation of the scatter about the walk."""
 SUREST = 1e-3
 """No track exists more surely than but for this probability."""
 
@@ -82,7 +84,7 @@ def smooth(
         found, after = _again(state, packed, rates, hints, tracks, span, own, square)
     # Smooth: the scatter and the walk follow from each other
     tracks = tracks_from(found, span, state.config, square, free=False)
-    for _ in range(3):
+    for _ in range(REFINEMENTS):
         own, square = _scattered(tracks, span, square, state.metre)
         tracks = tracks_from(found, span, state.config, own, free=False)
     return _moments(tracks, span, packed, looks, moments, after, own, square)
@@ -102,16 +104,9 @@ def span_of(state: State, packed: Sequence[Boxes], moments: Sequence[Moment]) ->
         area=area,
         people=max(len(places) / len(moments), 0.5),
         stay=1.0 / leaving_rate(state.counts),
-        acceleration=_acceleration(state),
+        turning=turning_rate(state.counts),
         metre=state.metre,
     )
-
-
-def _acceleration(state: State) -> float:
-    """Spectral density of the acceleration, the mean over those who walk on and those who manoeuvre."""
-    config = state.config
-    share = config.turn_s / (config.turn_s + 1.0 / turning_rate(state.counts))
-    return (1.0 - share) * config.acceleration + share * config.manoeuvre
 
 
 def _filtered(boxes: Boxes, group: Sequence[Look], moment: Moment) -> tuple[Expected, Floats]:

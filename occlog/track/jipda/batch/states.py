@@ -93,7 +93,7 @@ def _states(
             information[:] = 0.0
             vector[:] = 0.0
             if i != NONE:
-                predict(chain.mean[i], chain.covariance[i], time[t] - places.time[i], walk.drift, m, P)
+                predict(chain.mean[i], chain.covariance[i], time[t] - places.time[i], walk.drift, chain.agile[i], m, P)
                 invert(P, information)
                 vector[:] = information @ m
             else:
@@ -106,7 +106,8 @@ def _states(
                     vector[a] = information[a, a] * places.at[head, a]
             # Backward: the information of everything after the moment
             if j != NONE:
-                back(chain.J[j], chain.h[j], 0.0, places.time[j] - time[t], walk.drift, J, h)
+                agile = chain.agile[i] if i != NONE else 1.0
+                back(chain.J[j], chain.h[j], 0.0, places.time[j] - time[t], walk.drift, agile, J, h)
                 information += J
                 vector += h
             track[row], moment[row], heads[row] = count, t, head

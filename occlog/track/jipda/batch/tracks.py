@@ -55,7 +55,7 @@ class Span(NamedTuple):
     area: float  # of the floor on which people are
     people: float  # at a time
     stay: float  # how long people stay on average [s]
-    acceleration: float  # spectral density, per axis
+    turning: float  # how often in a second a person begins to manoeuvre
     metre: float  # in the scene's unit
 
     @property
@@ -75,17 +75,27 @@ class Tracks(NamedTuple):
     label: Ints  # (n,) number that `Found.track` gave it; NONE
 
 
-def walk_of(config: JipdaConfig, span: Span, reach: int) -> Walk:
-    """How people walk, by the settings."""
+def walk_of(config: JipdaConfig, span: Span, reach: int, free: bool) -> Walk:
+    """How people walk, by the settings.
+
+    While links are to be found (`free`), they walk on or manoeuvre.  Once they are, turns that are too slight to be
+    told one by one count, too: the acceleration is the mean over both.
+    """
+    least = LEAST_ACCELERATION * span.metre**2
+    often = span.turning * config.turn_s / (1.0 + span.turning * config.turn_s)
+    mean = (1.0 - often) * config.acceleration + often * config.manoeuvre
+    acceleration = max(config.acceleration if free else mean, least)
     deviation = np.array([config.speed, config.speed, config.sigma_height, config.sigma_width])
     return Walk(
         drift=np.array(
             [
-                max(span.acceleration, LEAST_ACCELERATION * span.metre**2),
+                acceleration,
                 (GROWTH * config.height) ** 2,
                 (GROWTH * config.width) ** 2,
             ]
         ),
+        agile=max(config.manoeuvre / acceleration, 1.0),
+        turning=span.turning,
         prior=np.concatenate([[0.0, 0.0], deviation**-2]),
         mean=np.array([0.0, 0.0, 0.0, 0.0, config.height, config.width]),
         speed=SPEEDS * config.speed,
@@ -95,7 +105,13 @@ def walk_of(config: JipdaConfig, span: Span, reach: int) -> Walk:
     )
 
 
-def tracks_from(found: Sequence[Found], span: Span, config: JipdaConfig, scatter: float | Floats, free: bool) -> Tracks:
+def tracks_from(
+    found: Sequence[Found],
+    span: Span,
+    config: JipdaConfig,
+    scatter: float | Floats,
+    free: bool,
+) -> Tracks:
     """The people of all moments as places, those of one track linked.
 
     Args:
@@ -133,10 +149,12 @@ def tracks_from(found: Sequence[Found], span: Span, config: JipdaConfig, scatter
     )
     often = float(np.mean(1.0 - unseen)) if len(unseen) else 1.0
     reach = int(min(np.ceil(DETECTIONS / max(often, 1e-3)), MOST_REACH)) if free else T
-    walk = walk_of(config, span, reach)
+    walk = walk_of(config, span, reach, free)
     label = np.concatenate([f.track for f in found])
     chain = _chain(places, walk, label, free)
-    renew_all(places, walk, span.looked, chain)
+    # Once as if all walked on calmly, then with manoeuvres where these are more probable
+    for _ in range(2):
+        renew_all(places, walk, span.looked, chain)
     return Tracks(places, walk, chain, raw_J, raw_h, label)
 
 
@@ -152,10 +170,11 @@ def _chain(places: Places, walk: Walk, track: Ints, free: bool) -> Chain:
         after=after,
         before=before,
         used=track != NONE,
-        mean=np.zeros((n, 6)),
+        agile=np.ones(n),
+        mean=np.full((n, 6), np.nan),
         covariance=np.zeros((n, 6, 6)),
         past=np.zeros(n),
-        J=np.zeros((n, 6, 6)),
+        J=np.full((n, 6, 6), np.nan),
         h=np.zeros((n, 6)),
         future=np.zeros(n),
     )
