@@ -1,6 +1,7 @@
 """Everybody at once: trackers of several projects on the same boxes of several calibrated cameras.
 
     python -m benchmarks.track.crowd [--wildtrack ABCD] [--rooms 5,10,20,40] [--grow 4,8,12,16,20]
+                                     [--hall-seconds S]
                                      [--only NAME,...] [--seeds 0-2] [--work DIR] [--json]
 
 `--wildtrack` takes the annotated people of WILDTRACK with boxes that are made worse, frames 0 to 199 (left out where
@@ -93,7 +94,7 @@ def cases(options: argparse.Namespace, seed: int, work: Path) -> Iterator[Case]:
     for people in options.rooms:
         yield room(people, 4, seed, round(10 * SECONDS), 10.0)
     for cameras in options.grow:
-        yield room(CROWD, cameras, seed, round(10 * HALL_SECONDS), 10.0, HALL)
+        yield room(CROWD, cameras, seed, round(10 * options.hall_seconds), 10.0, HALL)
 
 
 def measured(options: argparse.Namespace, work: Path) -> dict[str, dict[str, dict[str, list[float]]]]:
@@ -161,6 +162,7 @@ def main() -> None:
     parser.add_argument("--wildtrack", default="", metavar="ABCD", help=f"settings, of {''.join(DEGREES)}")
     parser.add_argument("--rooms", type=_numbers, default=[], metavar="N,...", help="numbers of people")
     parser.add_argument("--grow", type=_numbers, default=[], metavar="N,...", help="numbers of cameras in the hall")
+    parser.add_argument("--hall-seconds", type=float, default=HALL_SECONDS, help=f"default {HALL_SECONDS:g}")
     parser.add_argument("--only", metavar="NAME;...", help=f"these trackers; of {'; '.join(TRACKERS)}")
     parser.add_argument("--seeds", type=seeds, default=seeds("0-2"), help="default 0-2")
     parser.add_argument("--work", type=Path, help="keep recordings and environments here")

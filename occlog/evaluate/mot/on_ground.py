@@ -68,7 +68,7 @@ def evaluate_ground(
     made = match(frames, RULES[config.clear_rule])
     counts = counts_over_time(frames, made, places)
     metrics |= detection_figures(places, config) | trajectory_figures(frames, config, cells, unit)
-    metrics |= pair_figures(frames, made, places, tracks, unit) | count_figures(counts)
+    metrics |= pair_figures(frames, match(frames, EACH_FRAME), places, tracks, unit) | count_figures(counts)
     flat = {name: float(value) for name, value in metrics.items()}
     notes = tuple(without_common_numbers(places, config))
     return Evaluation(flat, failures=failure_rows(found, places), counts=counts, notes=notes)
@@ -123,6 +123,7 @@ def trajectory_figures(frames: Frames, config: ManyConfig, cells: int, unit: str
 def pair_figures(frames: Frames, made: Matches, places: Places, tracks: Tracks, unit: str) -> Metrics:
     """Errors of tracks from the targets that they are on, frame by frame, whatever their identities.
 
+    Pairs are made anew in each frame: CLEAR-MOT's keep a track that has gone over to a neighbour as long as it is near.
     Covariances are judged where the track has a row of its own at the time: an interpolated one has none.  A pair is
     within the match distance, which bounds the error: a NEES that is to be 2 is a little less where standard deviations
     come near a third of it.

@@ -182,3 +182,12 @@ def test_people_are_counted_over_time() -> None:
         "count_error_max": 2.0,
     }
     assert {name: got.metrics[name] for name in wanted} == pytest.approx(wanted)
+
+
+def test_a_track_that_goes_over_to_a_neighbour_is_judged_by_the_neighbour() -> None:
+    """Two people 0.8 m apart; the one track is on the first, then on the second."""
+    true = [(float(t), k, float(t), 0.8 * k) for t in range(10) for k in (0, 1)]
+    rows = [(float(t), 5, float(t), 0.0 if t < 5 else 0.8) for t in range(10)]
+    got = evaluate_ground(positions(Tracks, rows), positions(Truth, true), ManyConfig(match_distance=1.0), NS).metrics
+    assert got["pairs_rmse_m"] == pytest.approx(0.0)
+    assert got["motp_m"] == pytest.approx(0.4)  # CLEAR-MOT keeps the first target's track
