@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -11,7 +12,7 @@ from docs.rooms import folders_page, picture
 from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import CHOSEN, VariantCommand, value_words
 from occlog.examine.schema import settings_of, verbs
-from occlog.records.columns import Table
+from occlog.records.columns import Column, Table
 from occlog.records.tables import TABLES
 from occlog.settings import Settings, declaration, declared, default_in
 
@@ -64,15 +65,28 @@ def commands_page() -> str:
 
 
 def table_section(table: type[Table]) -> str:
-    """Columns of one table."""
+    """Columns of one table, and those that some files of it have besides."""
     summary = " ".join((table.__doc__ or "").split())
+    head = f"## {table.NAME}\n\n{summary}\n\nSorted by {', '.join(f'`{k}`' for k in table.KEY)}.\n\n"
+    parts = [head + columns_table(table.columns())]
+    known = {c.name for c in table.columns()}
+    # A dataclass with slots is made twice, and both classes count as subclasses
+    wider_ones = {of.__name__: of for of in table.__subclasses__() if of.NAME == table.NAME}
+    for _, wider in sorted(wider_ones.items()):
+        more = [c for c in wider.columns() if c.name not in known]
+        summary = " ".join((wider.__doc__ or "").split())
+        parts.append(f"### {table.NAME}: `{wider.__name__}`\n\n{summary} More columns:\n\n{columns_table(more)}")
+    return "\n".join(parts)
+
+
+def columns_table(columns: Sequence[Column]) -> str:
+    """A row for each column."""
     rows = [
         f"| `{c.name}` | {c.dtype.name if c.kind != 'U' else 'string'}{f' x {c.width}' if c.width else ''} "
         f"| {c.unit} | {c.doc}{f' (NaN: {c.nan})' if c.nan else ''} |"
-        for c in table.columns()
+        for c in columns
     ]
-    head = f"## {table.NAME}\n\n{summary}\n\nSorted by {', '.join(f'`{k}`' for k in table.KEY)}.\n\n"
-    return head + "| column | type | unit | meaning |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
+    return "| column | type | unit | meaning |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
 
 
 def tables_page() -> str:

@@ -48,7 +48,8 @@ LISTED: tuple[click.Option, ...] = (
         multiple=True,
         metavar="X,Y[,SIGMA]",
         help="Where the target is at first; SIGMA is 0.5 m, or 1 in units of its own, if left out. For --method imm "
-        "also X,Y,SIGMA,VX,VY,SIGMA_V; may be repeated, once a target. [default: anywhere in the room]",
+        "also X,Y,SIGMA,VX,VY,SIGMA_V; may be repeated, once a target. [default: anywhere in the room, or where "
+        "sensors see]",
     ),
     click.Option(
         ["--cooperation"], type=PATH, default=None, help="What cameras were asked, and what they said (Parquet)."

@@ -65,4 +65,4 @@ def test_bearings_that_say_nothing_have_a_flag_or_a_wide_covariance() -> None:
     scene = room100(pillar=False, sigma_read_px=300.0)
     path = walk(STEPS, np.random.default_rng(4))
     assert followed(scene, path, "fix", 0).nees < 2.0
-    assert followed(scene, path, "map", 0).fallbacks["unobservable"] > 0.9 * STEPS
+    assert followed(scene, path, "map", 0).fallbacks["unobservable"] > 0.5 * STEPS

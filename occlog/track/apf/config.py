@@ -23,7 +23,7 @@ class ApfConfig(SmoothingConfig):
 
     particles: int = setting(1000, "Particles a target.", at_least=1, option="--particles")
     start: tuple[float, ...] | None = setting(
-        None, "X, Y and SIGMA of the first position.", unit="length", counts=(3,), nothing="anywhere in the room"
+        None, "X, Y and SIGMA of the first position.", unit="length", counts=(3,), nothing="anywhere a target can be"
     )
     start_factor: int = setting(10, "A filter starts with this many times its particles.", at_least=1)
 

@@ -30,7 +30,7 @@ class MapConfig(Settings):
     jitter: float = setting(0.0, "The same of the position besides.", unit="length", own=0.33, **AT_LEAST_0)
     speed: float = setting(1.0, "Standard deviation of the first velocity, per axis.", unit="length/s", **POSITIVE)
     start: tuple[float, ...] | None = setting(
-        None, "X, Y and SIGMA of the first position.", unit="length", nothing="anywhere in the room"
+        None, "X, Y and SIGMA of the first position.", unit="length", nothing="anywhere a target can be"
     )
     A: tuple[float, ...] | None = setting(
         None, "16 numbers of a fitted model, by rows, for the state x, vx, y, vy.", counts=(16,), nothing="no model"
