@@ -28,6 +28,9 @@ LOG_2PI = math.log(2.0 * math.pi)
 SIZES = math.log(20.0)
 """Boxes of nobody are of any size, uniform in the logarithm over a factor of 20."""
 SWEEPS = 2
+WIDER = 2.0
+"""Association takes the variance of edges so many times: boxes have heavier tails than a normal distribution, and a
+person who turns is off from the prediction in all cameras alike, which the cameras' boxes must not be denied for."""
 LEAST_SHARE = 0.02
 """An association that is less probable than this moves nobody."""
 
@@ -242,6 +245,7 @@ def update(
                     )
                     shifted(box[i], rates.bias[c], drawn[i])
                     edge_noise(drawn[i], rates, 1.0, noise[i])
+                    noise[i] *= WIDER
                     edge_noise(drawn[i], rates, rates.lasting[c], lasting[i])
                 else:
                     inside[i] = 0.0
