@@ -20,7 +20,7 @@ from occlog.array_types import NS, Floats, Ints
 
 from ..detectors import leaving_rate, rates_of, turning_rate
 from ..filter import LEAST_SUPPORT, State, pack
-from ..interface import NOBODY, Event, Look, Moment, Support
+from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
 from ..kernels.joint import Boxes, Rates
 from .association import Expected, Found, Seen, associate, find
 from .chains import NONE
@@ -44,6 +44,9 @@ SAME_HINT, OTHER_HINT = 2.0, -2.0
 """Log likelihood ratios of a box whose hint is that of the track's box before or after in the camera, and is not."""
 REFINEMENTS = 4
 """Steps of expectation maximisation of the scatter about the walk."""
+LASTING = 0.01
+"""Error of a place that smoothing does not average out, as a share of the person's height, per axis: what is wrong with
+the poses of cameras and with bodies."""
 SUREST = 1e-3
 """No track exists more surely than but for this probability."""
 
@@ -256,8 +259,10 @@ def _with_places(walk: States, tracks: Tracks, own: Floats, square: float) -> tu
     information[has] += tracks.J[walk.place[has]]
     vector[has] += tracks.h[walk.place[has]]
     covariance = np.linalg.inv(information)
+    mean = np.einsum("nij,nj->ni", covariance, vector)
     covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
-    return np.einsum("nij,nj->ni", covariance, vector), covariance
+    covariance[:, [0, 1], [0, 1]] += (LASTING * mean[:, HEIGHT, None]) ** 2
+    return mean, covariance
 
 
 def _seen_by(
