@@ -16,7 +16,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from ..kernels.body_box import Views, box_and_slope, expected_box
-from ..kernels.cover import COLUMNS, ROWS, clear_cells, inside_image
+from ..kernels.cover import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
 from ..kernels.joint import Boxes, Rates, edge_noise, interpolate, log_nobody, precision, shifted
 
 LOG_2PI = math.log(2.0 * math.pi)
@@ -64,6 +64,7 @@ def seen(
             if depth[i] < 0.0:
                 continue
             inside_image(box[i], width, height, cells)
+            hide_behind(views, c, mean[i, 0], mean[i, 1], mean[i, 4], mean[i, 5], cells)
             clear_cells(i, box, depth, across, deep, there, cells)
             visible[l, i] = np.mean(cells)
             bottom = 0.0
@@ -87,7 +88,10 @@ def misses(views: Views, rates: Rates, mean: Floats) -> Floats:
                 continue
             if expected_box(views, c, mean[i, 0], mean[i, 1], mean[i, 4], mean[i, 5], box) < 0.0:
                 continue
-            share = inside_image(box, views.size[c, 0], views.size[c, 1], cells)
+            if inside_image(box, views.size[c, 0], views.size[c, 1], cells) == 0.0:
+                continue
+            hide_behind(views, c, mean[i, 0], mean[i, 1], mean[i, 4], mean[i, 5], cells)
+            share = float(np.mean(cells))
             if share > 0.0:
                 out[i, c] = math.log(1.0 - PLAIN * min(rates.detection[c] * interpolate(rates.curve, share), MOST_SURE))
     return out
