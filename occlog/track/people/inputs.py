@@ -89,6 +89,12 @@ class PeopleInput:
         first = list(islice(looks, FIRST_LOOKS * len(self.cameras)))
         self.heights = statures(first, self.cameras)
         self.metre, self.config = self._config(any(len(each.look.boxes) for each in first))
+        scores = np.concatenate([np.zeros(0), *(each.look.score for each in first)])
+        if self.config.smoothed and len(scores) and np.isnan(scores).all() and self.opened.has(Views):
+            self.notes.append(
+                "warning: the boxes are regions of video, which split and merge for many frames at a time: the future "
+                "breaks identities there, and the filter alone is better; leave --smooth and --lag out"
+            )
         self.window_ns = request.window_ns if request.window_ns is not None else default_window(first)
         self.moments: Iterator[list[FrameLook]] = moments_of(chain(first, looks), self.window_ns)
 
