@@ -271,11 +271,13 @@ def _seen_by(
     """The boxes that speak for the people of some rows, and (m, C) how visible they are."""
     visible = np.full((len(rows), cameras), np.nan)
     share = np.zeros((len(rows), len(boxes.box)))
-    # The last association expected everybody, under the number of the track that led to it
-    if len(rows):
-        k = np.searchsorted(seen.people.track, tracks.label[walk.head[rows]])
-        share = seen.share[k]
-        visible[:, boxes.camera] = seen.visible[:, k].T
+    # The last association knows people by the number of the track that led to it; it expected nobody of some who are
+    # there before their first place or after their last one
+    label = tracks.label[walk.head[rows]]
+    expected = np.flatnonzero(np.isin(label, seen.people.track))
+    k = np.searchsorted(seen.people.track, label[expected])
+    share[expected] = seen.share[k]
+    visible[np.ix_(expected, boxes.camera)] = seen.visible[:, k].T
     person, box = np.nonzero(share > LEAST_SUPPORT)
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
     row = np.concatenate([look.row for look in group])
