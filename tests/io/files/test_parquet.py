@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,26 @@ from occlog.errors import InputError, OutputExistsError
 from occlog.io.files import parquet
 from occlog.io.files.provenance import Provenance
 from occlog.records.losses import Loss
+from occlog.records.people import KINDS, Events
 from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Hulls, Occluders, Tracks, Views
-from occlog.records.views import COUNTERPARTS, EVENTS
+from occlog.records.views import COUNTERPARTS, EVENTS, Failures, ViewTracks
 
 PROVENANCE = Provenance("detect", {"method": "em"}, 7, (("a.mcap", "00"),), (Loss("cam1", "frame 3", "lost", 1),))
 
-WORDS = {"event": EVENTS, "counterpart": COUNTERPARTS, "kind": ["position", "label"]}
+WORDS = {
+    (ViewTracks, "event"): EVENTS,
+    (ViewTracks, "counterpart"): COUNTERPARTS,
+    (Failures, "kind"): ["position", "label"],
+    (Events, "kind"): KINDS,
+}
+
+
+def words(table: type, column: str) -> Sequence[str]:
+    """Words that a column may hold."""
+    for (owner, name), known in WORDS.items():
+        if name == column and issubclass(table, owner):
+            return known
+    return ["target", "occluder"]
 
 
 def random_table(table: type, rows: int, seed: int = 0):
@@ -27,7 +42,7 @@ def random_table(table: type, rows: int, seed: int = 0):
     values = {}
     for c in table.columns():
         if c.kind == "U":
-            values[c.name] = rng.choice(WORDS.get(c.name, ["target", "occluder"]), rows)
+            values[c.name] = rng.choice(words(table, c.name), rows)
         elif c.kind == "?":
             values[c.name] = np.ones(rows, bool)
         elif c.kind in ("i8", "i4"):

@@ -42,11 +42,16 @@ LIKELY = 0.5
 """Before the first and after the last place of a track its person is reported while they are there so probably."""
 SAME_HINT, OTHER_HINT = 2.0, -2.0
 """Log likelihood ratios of a box whose hint is that of the track's box before or after in the camera, and is not."""
+APART_S = 0.4
+"""Moments at which places are linked are so far apart at least: who hides or merges with whom lasts, so that boxes and
+misses of nearer moments tell the same again, and a chain that took them for new would end tracks that only hide."""
 REFINEMENTS = 4
 """Steps of expectation maximisation of the scatter about the walk."""
 LASTING = 0.01
 """Error of a place that smoothing does not average out, as a share of the person's height, per axis: what is wrong with
 the poses of cameras and with bodies."""
+ROUNDING = 1e-6
+"""Share of a time by which two moments may be nearer than they are said to be."""
 SUREST = 1e-3
 """No track exists more surely than but for this probability."""
 
@@ -79,10 +84,13 @@ def smooth(
     ]
     square = (FIRST * state.metre) ** 2
     after: list[Seen] = []
+    chosen = _apart(span)
+    apart = _at(span, chosen)
     for hottest in HOTTEST:
-        tracks = tracks_from(found, span, state.config, square, free=True)
-        anneal(tracks, span, generator, hottest)
-        bridge(tracks, span)
+        tracks = tracks_from([found[k] for k in chosen.tolist()], apart, state.config, square, free=True)
+        anneal(tracks, apart, generator, hottest)
+        bridge(tracks, apart)
+        tracks = tracks._replace(places=tracks.places._replace(moment=chosen[tracks.places.moment]))
         own, square = _scattered(tracks, span, square, state.metre)
         found, after = _again(state, packed, rates, hints, tracks, span, own, square)
     # Smooth: the scatter and the walk follow from each other
@@ -110,6 +118,24 @@ def span_of(state: State, packed: Sequence[Boxes], moments: Sequence[Moment]) ->
         turning=turning_rate(state.counts),
         metre=state.metre,
     )
+
+
+def _apart(span: Span) -> Ints:
+    """Moments at which some camera looks that has not looked at one of the chosen moments for `APART_S`."""
+    looks = np.diff(span.looked, axis=0) > 0.0
+    chosen, last = [], np.full(looks.shape[1], -np.inf)
+    for k, t in enumerate(span.time.tolist()):
+        if (t - last[looks[k]] >= APART_S * (1.0 - ROUNDING)).any():
+            chosen.append(k)
+            last[looks[k]] = t
+    return np.array(chosen, dtype=np.int64)
+
+
+def _at(span: Span, chosen: Ints) -> Span:
+    """The chosen moments alone."""
+    looks = np.diff(span.looked, axis=0)[chosen]
+    looked = np.concatenate([np.zeros((1, looks.shape[1])), np.cumsum(looks, axis=0)])
+    return span._replace(time=span.time[chosen], looked=looked)
 
 
 def _filtered(boxes: Boxes, group: Sequence[Look], moment: Moment) -> tuple[Expected, Floats]:
