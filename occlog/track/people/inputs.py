@@ -92,8 +92,9 @@ class PeopleInput:
         scores = np.concatenate([np.zeros(0), *(each.look.score for each in first)])
         if self.config.smoothed and len(scores) and np.isnan(scores).all() and self.opened.has(Views):
             self.notes.append(
-                "warning: the boxes are regions of video, which split and merge for many frames at a time: the future "
-                "breaks identities there, and the filter alone is better; leave --smooth and --lag out"
+                "warning: the boxes are regions of video, which split and merge for many frames at a time: with "
+                "the future identities are exchanged more often there, and covariances are too small; "
+                "leave --smooth and --lag out"
             )
         self.window_ns = request.window_ns if request.window_ns is not None else default_window(first)
         self.moments: Iterator[list[FrameLook]] = moments_of(chain(first, looks), self.window_ns)

@@ -84,8 +84,8 @@ def smooth(
     ]
     square = (FIRST * state.metre) ** 2
     after: list[Seen] = []
-    chosen = _apart(span)
-    apart = _at(span, chosen)
+    chosen = moments_apart(span)
+    apart = at_moments(span, chosen)
     for hottest in HOTTEST:
         tracks = tracks_from([found[k] for k in chosen.tolist()], apart, state.config, square, free=True)
         anneal(tracks, apart, generator, hottest)
@@ -120,7 +120,7 @@ def span_of(state: State, packed: Sequence[Boxes], moments: Sequence[Moment]) ->
     )
 
 
-def _apart(span: Span) -> Ints:
+def moments_apart(span: Span) -> Ints:
     """Moments at which some camera looks that has not looked at one of the chosen moments for `APART_S`."""
     looks = np.diff(span.looked, axis=0) > 0.0
     chosen, last = [], np.full(looks.shape[1], -np.inf)
@@ -131,7 +131,7 @@ def _apart(span: Span) -> Ints:
     return np.array(chosen, dtype=np.int64)
 
 
-def _at(span: Span, chosen: Ints) -> Span:
+def at_moments(span: Span, chosen: Ints) -> Span:
     """The chosen moments alone."""
     looks = np.diff(span.looked, axis=0)[chosen]
     looked = np.concatenate([np.zeros((1, looks.shape[1])), np.cumsum(looks, axis=0)])

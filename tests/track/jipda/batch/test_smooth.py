@@ -8,7 +8,8 @@ from crowds import crowd
 from scipy.optimize import linear_sum_assignment
 
 from occlog.settings import configure
-from occlog.track.jipda.batch.smooth import smooth
+from occlog.track.jipda.batch.smooth import at_moments, moments_apart, smooth
+from occlog.track.jipda.batch.tracks import Span
 from occlog.track.jipda.batch.window import Window, add, finish
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.filter import begin, step
@@ -60,6 +61,51 @@ def test_one_seed_gives_one_result():
         assert a.mean.tobytes() == b.mean.tobytes()
         assert a.covariance.tobytes() == b.covariance.tobytes()
         assert a.events == b.events
+
+
+def span_of_looks(time, looks):
+    looked = np.concatenate([np.zeros((1, looks.shape[1])), np.cumsum(looks, axis=0)])
+    return Span(np.asarray(time), looked, area=10.0, people=1.0, stay=60.0, turning=0.05, metre=1.0)
+
+
+def test_moments_are_linked_that_are_apart_for_some_camera():
+    fast = span_of_looks(np.arange(50) / 25.0, np.ones((50, 2)))
+    assert moments_apart(fast).tolist() == [0, 10, 20, 30, 40]
+    assert at_moments(fast, moments_apart(fast)).looked[-1].tolist() == [5.0, 5.0]
+    # Cameras that look in turn are each looked at as often
+    in_turn = span_of_looks(np.arange(20) / 10.0, np.eye(4)[np.arange(20) % 4])
+    assert moments_apart(in_turn).tolist() == list(range(20))
+    slow = span_of_looks(np.arange(5) / 2.0, np.ones((5, 1)))
+    assert moments_apart(slow).tolist() == list(range(5))
+
+
+def test_a_person_whom_no_camera_sees_for_a_second_is_the_same_at_25_frames_a_second():
+    scene = crowd(2, cameras=3, frames=100, hz=25.0, miss=0.0, false=0.0, seed=1)
+    state = begin(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
+    all_looks, moments = [], []
+    for t, looks in enumerate(scene.moments):
+        if 40 <= t < 65:  # without the boxes of the first person
+            seen_at = [
+                scene.scene.cameras[look.camera].project(np.array([[*scene.truth[t, 0], 0.9]]))[0] for look in looks
+            ]
+            kept = [
+                np.abs(0.5 * (look.boxes[:, 0] + look.boxes[:, 2]) - at[0]) > 25.0
+                for look, at in zip(looks, seen_at, strict=True)
+            ]
+            looks = [
+                look._replace(
+                    **{name: getattr(look, name)[k] for name in ("boxes", "score", "hint", "appearance", "row")}
+                )
+                for look, k in zip(looks, kept, strict=True)
+            ]
+        all_looks.append(looks)
+        state, moment = step(state, looks)
+        moments.append(moment)
+    smoothed = smooth(state, all_looks, moments, np.random.default_rng(0))
+    off, switches = errors(smoothed, scene.truth)
+    assert switches == 0
+    assert len(off) >= 2 * len(smoothed) - 2
+    assert np.sqrt(np.mean(off**2)) < 0.1
 
 
 def test_births_and_deaths_are_those_of_the_identities():
