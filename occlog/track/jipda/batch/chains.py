@@ -36,7 +36,8 @@ SAME = 1e-7
 KINDS = (0.6, 0.85)
 """Bounds of the shares of the three kinds of moves."""
 SAME_HINT, OTHER_HINT = 2.0, -2.0
-"""Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two places of one person."""
+"""Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two places of one person, or a
+place of the track and a box that may be the next."""
 
 
 class Places(NamedTuple):

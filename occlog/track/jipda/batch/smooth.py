@@ -23,7 +23,7 @@ from ..filter import LEAST_SUPPORT, State, pack
 from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
 from ..kernels.joint import Boxes, Rates
 from .association import Expected, Found, Seen, associate, find
-from .chains import NONE
+from .chains import NONE, OTHER_HINT, SAME_HINT
 from .doubts import doubts
 from .presence import presence
 from .scatter import FIRST, scatter
@@ -40,8 +40,6 @@ EXTEND_S, LEAST_EXTEND = 1.0, 2
 """... for so long and so many moments, at least."""
 LIKELY = 0.5
 """Before the first and after the last place of a track its person is reported while they are there so probably."""
-SAME_HINT, OTHER_HINT = 2.0, -2.0
-"""Log likelihood ratios of a box whose hint is that of the track's box before or after in the camera, and is not."""
 APART_S = 0.4
 """Moments at which places are linked are so far apart at least: who hides or merges with whom lasts, so that boxes and
 misses of nearer moments tell the same again, and a chain that took them for new would end tracks that only hide."""
