@@ -47,5 +47,6 @@ def chain_with(after, used):
             before[j] = i
     return Chain(
         np.array(after), before, np.array(used), np.ones(n), np.zeros((n, 6)), np.zeros((n, 6, 6)), np.zeros(n),
-        np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n),
+        np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n), np.zeros(n, dtype=np.int64),
+        np.zeros(n, dtype=np.int64),
     )  # fmt: skip

@@ -80,6 +80,19 @@ class Candidates(NamedTuple):
     beside: Ints
 
 
+class Known(NamedTuple):
+    """Links whose probability was asked before; changed in place.
+
+    A link's log probability is kept without the constants of the two messages, with the stamps that the messages had.
+    """
+
+    link: Floats  # by place in `Candidates.next`
+    earlier: Ints  # stamp of the forward message
+    later: Ints  # stamp of the backward message
+    begun: Floats  # (n,) of beginnings
+    first: Ints  # (n,) stamp of the backward message
+
+
 class Chain(NamedTuple):
     """The state of the Markov chain with its messages; changed in place."""
 
@@ -93,6 +106,8 @@ class Chain(NamedTuple):
     J: Floats  # (n, 6, 6) backward messages
     h: Floats  # (n, 6)
     future: Floats  # (n,) their constants
+    earlier: Ints  # (n,) how often the forward message was made anew
+    later: Ints  # (n,) the same of the backward one
 
 
 @kernel
@@ -152,6 +167,13 @@ def candidates(places: Places, walk: Walk, beside: float) -> Candidates:
             for i in range(n):
                 first_last[i + 1] = count_last[i]
     return Candidates(first_next, following, first_last, preceding, first_beside, neighbour)
+
+
+def nothing_known(listed: Candidates) -> Known:
+    """No link was asked."""
+    pairs, n = len(listed.next), len(listed.first_next) - 1
+    stamp = np.full(pairs, NONE)
+    return Known(np.zeros(pairs), stamp, stamp.copy(), np.zeros(n), np.full(n, NONE))
 
 
 @kernel
@@ -218,6 +240,32 @@ def link(places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, j: in
 
 
 @kernel
+def known_link(
+    places: Places, walk: Walk, looked: Floats, listed: Candidates, known: Known, chain: Chain, i: int, j: int
+) -> float:
+    """The same as `link`; a link between listed places is made anew only when one of its messages was."""
+    if j == NONE:
+        return link(places, walk, looked, chain, i, j)
+    if i == NONE:
+        if known.first[j] != chain.later[j]:
+            known.begun[j] = link(places, walk, looked, chain, i, j) - chain.future[j]
+            known.first[j] = chain.later[j]
+        return float(known.begun[j] + chain.future[j])
+    # Bisection: the places that may follow one rise
+    low, high = listed.first_next[i], listed.first_next[i + 1]
+    while low < high:
+        middle = (low + high) // 2
+        if listed.next[middle] < j:
+            low = middle + 1
+        else:
+            high = middle
+    if known.earlier[low] != chain.earlier[i] or known.later[low] != chain.later[j]:
+        known.link[low] = link(places, walk, looked, chain, i, j) - chain.past[i] - chain.future[j]
+        known.earlier[low], known.later[low] = chain.earlier[i], chain.later[j]
+    return float(chain.past[i] + known.link[low] + chain.future[j])
+
+
+@kernel
 def forward_of(
     places: Places, walk: Walk, looked: Floats, chain: Chain, i: int, k: int, agile: float, mean: Floats, P: Floats
 ) -> float:
@@ -279,6 +327,7 @@ def renew(places: Places, walk: Walk, looked: Floats, chain: Chain, forward_at: 
                 same = False
         more = past - chain.past[k]
         chain.mean[k], chain.covariance[k], chain.past[k] = m, P, past
+        chain.earlier[k] += 1
         k = chain.after[k]
         if same:
             while k != NONE:
@@ -305,6 +354,7 @@ def renew(places: Places, walk: Walk, looked: Floats, chain: Chain, forward_at: 
                 same = False
         more = future - chain.future[k]
         chain.J[k], chain.h[k], chain.future[k] = J, h, future
+        chain.later[k] += 1
         k = chain.before[k]
         if same:
             while k != NONE:
@@ -325,6 +375,7 @@ def enter(places: Places, walk: Walk, looked: Floats, chain: Chain, k: int) -> N
     chain.past[k] = forward_of(
         places, walk, looked, chain, i, k, chain.agile[i] if i != NONE else 1.0, chain.mean[k], chain.covariance[k]
     )
+    chain.earlier[k] += 1
     choose(places, walk, looked, chain, k)
     if j != NONE:
         renew(places, walk, looked, chain, j, NONE)
@@ -359,7 +410,14 @@ def total(places: Places, chain: Chain) -> float:
 
 @kernel
 def sweep(
-    places: Places, walk: Walk, looked: Floats, listed: Candidates, chain: Chain, temperature: float, drawn: Floats
+    places: Places,
+    walk: Walk,
+    looked: Floats,
+    listed: Candidates,
+    known: Known,
+    chain: Chain,
+    temperature: float,
+    drawn: Floats,
 ) -> int:
     """Propose moves, one for each row of `drawn` (k, 4), uniform in [0, 1); give how many were accepted."""
     n = places.moment.shape[0]
@@ -368,17 +426,25 @@ def sweep(
         k = min(int(drawn[row, 1] * n), n - 1)
         log_u = temperature * math.log(max(drawn[row, 3], 1e-300))
         if drawn[row, 0] < KINDS[0]:
-            accepted += tails(places, walk, looked, listed, chain, k, drawn[row, 2], log_u)
+            accepted += tails(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u)
         elif drawn[row, 0] < KINDS[1]:
-            accepted += in_or_out(places, walk, looked, listed, chain, k, drawn[row, 2], log_u, temperature)
+            accepted += in_or_out(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u, temperature)
         else:
-            accepted += places_change(places, walk, looked, listed, chain, k, drawn[row, 2], log_u)
+            accepted += places_change(places, walk, looked, listed, known, chain, k, drawn[row, 2], log_u)
     return accepted
 
 
 @kernel
 def tails(
-    places: Places, walk: Walk, looked: Floats, listed: Candidates, chain: Chain, i: int, u: float, log_u: float
+    places: Places,
+    walk: Walk,
+    looked: Floats,
+    listed: Candidates,
+    known: Known,
+    chain: Chain,
+    i: int,
+    u: float,
+    log_u: float,
 ) -> int:
     """Propose that another place than now, or none, follows place i."""
     if not chain.used[i]:
@@ -394,12 +460,12 @@ def tails(
     b = chain.before[j] if j != NONE else NONE
     if b != NONE and a != NONE and not may_follow(places, walk, b, a):
         return 0
-    now = link(places, walk, looked, chain, i, a)
+    now = known_link(places, walk, looked, listed, known, chain, i, a)
     if j != NONE:
-        now += link(places, walk, looked, chain, b, j)
-    then = link(places, walk, looked, chain, i, j)
+        now += known_link(places, walk, looked, listed, known, chain, b, j)
+    then = known_link(places, walk, looked, listed, known, chain, i, j)
     if not (b == NONE and a == NONE):
-        then += link(places, walk, looked, chain, b, a)
+        then += known_link(places, walk, looked, listed, known, chain, b, a)
     if not then - now > log_u:
         return 0
     chain.after[i] = j
@@ -418,8 +484,8 @@ def tails(
 
 @kernel
 def in_or_out(
-    places: Places, walk: Walk, looked: Floats, listed: Candidates, chain: Chain, k: int, u: float, log_u: float,
-    temperature: float,
+    places: Places, walk: Walk, looked: Floats, listed: Candidates, known: Known, chain: Chain, k: int, u: float,
+    log_u: float, temperature: float,
 ) -> int:  # fmt: skip
     """Propose that place k enters a track or leaves its track."""
     before = listed.first_last[k + 1] - listed.first_last[k]
@@ -429,8 +495,8 @@ def in_or_out(
         i, j = chain.before[k], chain.after[k]
         if i != NONE and j != NONE and not may_follow(places, walk, i, j):
             return 0
-        now = link(places, walk, looked, chain, i, k)
-        then = link(places, walk, looked, chain, i, j)
+        now = known_link(places, walk, looked, listed, known, chain, i, k)
+        then = known_link(places, walk, looked, listed, known, chain, i, j)
         if not then - now - log_options > log_u:
             return 0
         chain.used[k], chain.before[k], chain.after[k] = False, NONE, NONE
@@ -448,7 +514,7 @@ def in_or_out(
             j = listed.next[listed.first_next[k] + pick - before]
             if not chain.used[j] or chain.before[j] != NONE:
                 return 0
-        now = link(places, walk, looked, chain, i, j)
+        now = known_link(places, walk, looked, listed, known, chain, i, j)
         then = with_place(places, walk, looked, chain, i, k, j)
         if not then - now + log_options > log_u:
             return 0
@@ -467,7 +533,15 @@ def in_or_out(
 
 @kernel
 def places_change(
-    places: Places, walk: Walk, looked: Floats, listed: Candidates, chain: Chain, k: int, u: float, log_u: float
+    places: Places,
+    walk: Walk,
+    looked: Floats,
+    listed: Candidates,
+    known: Known,
+    chain: Chain,
+    k: int,
+    u: float,
+    log_u: float,
 ) -> int:
     """Propose that place k and one of the same moment change roles."""
     count = listed.first_beside[k + 1] - listed.first_beside[k]
@@ -485,7 +559,7 @@ def places_change(
     now, then = 0.0, 0.0
     for one, other in ((k, m), (m, k)):
         if chain.used[one]:
-            now += link(places, walk, looked, chain, chain.before[one], one)
+            now += known_link(places, walk, looked, listed, known, chain, chain.before[one], one)
             then += with_place(places, walk, looked, chain, chain.before[one], other, chain.after[one])
     if not then - now > log_u:
         return 0

@@ -139,9 +139,63 @@ def start(prior: Floats, at: Floats, J: Floats, h: Floats, c: float, mean: Float
 
 @kernel
 def meet(mean: Floats, covariance: Floats, J: Floats, h: Floats, c: float) -> float:
-    """Log of the integral of a density times a factor; as `absorb`, but nothing is changed."""
-    m, P = mean.copy(), covariance.copy()
-    return absorb(m, P, J, h, c)
+    """Log of the integral of a density times a factor; as `absorb`, but nothing is changed.
+
+    With P = L L', A = I + L' J L and v = L' (h - J m) it is c + h' m - m' J m / 2 + (v' A^-1 v - log|A|) / 2.
+    """
+    L, A = np.empty((STATE, STATE)), np.empty((STATE, STATE))
+    v, off = np.empty(STATE), np.empty(STATE)
+    # Cholesky: P = L L'
+    for a in range(STATE):
+        for b in range(a + 1):
+            value = covariance[a, b]
+            for k in range(b):
+                value -= L[a, k] * L[b, k]
+            if a > b:
+                L[a, b] = value / L[b, b]
+            elif value > 0.0:
+                L[a, a] = math.sqrt(value)
+            else:
+                return math.nan
+    total = c
+    for a in range(STATE):
+        value = 0.0
+        for b in range(STATE):
+            value += J[a, b] * mean[b]
+        off[a] = h[a] - value
+        total += 0.5 * mean[a] * (h[a] + off[a])
+    for b in range(STATE):
+        v[b] = 0.0
+        for k in range(b, STATE):
+            v[b] += L[k, b] * off[k]
+    for b in range(STATE):
+        for a in range(b, STATE):
+            A[a, b] = 0.0
+        for k in range(STATE):
+            # (J L)_kb
+            value = 0.0
+            for n in range(b, STATE):
+                value += J[k, n] * L[n, b]
+            for a in range(b, k + 1):
+                A[a, b] += L[k, a] * value
+        A[b, b] += 1.0
+    # Cholesky of A in place, and the solution of its lower triangle for v
+    det = 1.0
+    for a in range(STATE):
+        for b in range(a + 1):
+            value = A[a, b]
+            for k in range(b):
+                value -= A[a, k] * A[b, k]
+            if a > b:
+                A[a, b] = value / A[b, b]
+            else:
+                det *= value
+                A[a, a] = math.sqrt(value)
+        for k in range(a):
+            v[a] -= A[a, k] * v[k]
+        v[a] /= A[a, a]
+        total += 0.5 * v[a] * v[a]
+    return total - 0.5 * math.log(det)
 
 
 @kernel

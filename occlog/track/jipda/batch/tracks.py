@@ -22,6 +22,7 @@ from .chains import (
     candidates,
     link,
     may_follow,
+    nothing_known,
     renew_all,
     sweep,
 )
@@ -177,6 +178,8 @@ def _chain(places: Places, walk: Walk, track: Ints, free: bool) -> Chain:
         J=np.full((n, 6, 6), np.nan),
         h=np.zeros((n, 6)),
         future=np.zeros(n),
+        earlier=np.zeros(n, dtype=np.int64),
+        later=np.zeros(n, dtype=np.int64),
     )
 
 
@@ -186,10 +189,11 @@ def anneal(tracks: Tracks, span: Span, generator: np.random.Generator, hottest: 
     if n == 0:
         return
     listed = listed_of(tracks, span)
+    known = nothing_known(listed)
     each = max(PROPOSALS * n // TEMPERATURES, 1)
     for temperature in np.geomspace(hottest, COLDEST, TEMPERATURES):
         drawn = generator.random((each, 4))
-        sweep(tracks.places, tracks.walk, span.looked, listed, tracks.chain, float(temperature), drawn)
+        sweep(tracks.places, tracks.walk, span.looked, listed, known, tracks.chain, float(temperature), drawn)
         # Rounding and the tolerance of renewals do not add up
         renew_all(tracks.places, tracks.walk, span.looked, tracks.chain)
 

@@ -26,6 +26,16 @@ LEAST_FREE = 0.2
 """Boxes that are free with a lower probability propose nobody."""
 
 
+class Tracked(NamedTuple):
+    """People who are tracked, as the looks of a moment are expected to see them; N people, L looks."""
+
+    existence: Floats  # (N,)
+    box: Floats  # (L, N + 1, 4) expected boxes; the last place is for somebody new
+    depth: Floats  # (L, N + 1) along the optical axis; negative: not in front of the camera
+    across: Floats  # (L, N + 1) standard deviation of the box's middle, across the image [px]
+    deep: Floats  # (N + 1,) standard deviation of the depth
+
+
 class Arrival(NamedTuple):
     """Expected numbers of people who are new since the last moment."""
 
@@ -129,15 +139,29 @@ def fit_body(
 
 
 @kernel
+def tracked_by(views: Views, boxes: Boxes, people: Floats, spread: Floats, existence: Floats) -> Tracked:
+    """The people (N, 6), whose places have the standard deviations (N,) `spread`, as each look expects to see them."""
+    L, N = boxes.camera.shape[0], people.shape[0]
+    box, depth, across = np.empty((L, N + 1, 4)), np.empty((L, N + 1)), np.empty((L, N + 1))
+    deep, there, slope = np.empty(N + 1), np.ones(N + 1), np.zeros((4, 6))
+    for i in range(N):
+        deep[i], there[i] = spread[i] + 0.1 * people[i, 5], existence[i]
+        for l in range(L):  # noqa: E741 - a look
+            c = boxes.camera[l]
+            depth[l, i] = box_and_slope(views, c, people[i], 0.0, box[l, i], slope)
+            if depth[l, i] > 0.0:
+                across[l, i] = spread[i] * views.focal[c, 0] / depth[l, i]
+    return Tracked(there, box, depth, across, deep)
+
+
+@kernel
 def propose(
     views: Views,
     boxes: Boxes,
     rates: Rates,
     body: Floats,
     arrival: Arrival,
-    people: Floats,
-    spread: Floats,
-    existence: Floats,
+    tracked: Tracked,
     free: Floats,
     look: int,
     seed: int,
@@ -154,9 +178,7 @@ def propose(
         rates: of the detectors.
         body: (5,) height and its deviation, width and its deviation, deviation of a velocity.
         arrival: expected numbers of new people.
-        people: (N, 6) those who are tracked.
-        spread: (N,) standard deviation of their places.
-        existence: (N,).
+        tracked: those who are tracked.
         free: (M,) probability that a box is of none of them.
         look: of the box that proposes.
         seed: that box.
@@ -171,19 +193,18 @@ def propose(
     if math.isnan(log_seed) or mean[4] > body[0] + 4.0 * body[1] or mean[4] < body[0] - 5.0 * body[1]:
         return -math.inf
     nobody = log_nobody(boxes.box[seed], boxes.believed[seed], views.size[c, 0], views.size[c, 1]) + boxes.clutter[seed]
-    N = people.shape[0]
+    N = tracked.deep.shape[0] - 1
     total = log_seed + math.log(max(free[seed], 1e-6)) - nobody
     used[seed] = 1.0
     information, vector = np.empty((6, 6)), np.empty(6)
     invert(covariance, information)
     vector[:] = information @ mean
-    box, depth = np.empty((N + 1, 4)), np.empty(N + 1)
-    across, deep, there = np.empty(N + 1), np.empty(N + 1), np.ones(N + 1)
+    deep = tracked.deep
     slope, noise, drawn, inverse = np.zeros((4, 6)), np.empty((4, 4)), np.empty(4), np.empty((4, 4))
     cells, W = np.empty((ROWS, COLUMNS)), np.empty((4, 4))
-    scratch = np.zeros((4, 6))
     for l in range(boxes.camera.shape[0]):  # noqa: E741 - a look
         c = boxes.camera[l]
+        box, depth, across = tracked.box[l], tracked.depth[l], tracked.across[l]
         depth[N] = box_and_slope(views, c, mean, 0.0, box[N], slope)
         if depth[N] < 0.0 or inside_image(box[N], views.size[c, 0], views.size[c, 1], cells) == 0.0:
             continue
@@ -192,14 +213,8 @@ def propose(
         P = slope @ covariance @ slope.T
         across[N] = math.sqrt(0.25 * max(P[0, 0] + 2.0 * P[0, 2] + P[2, 2], 0.0))
         deep[N] = math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])) + 0.1 * mean[5]
-        for i in range(N):
-            depth[i] = box_and_slope(views, c, people[i], 0.0, box[i], scratch)
-            there[i] = existence[i]
-            if depth[i] > 0.0:
-                deep[i] = spread[i] + 0.1 * people[i, 5]
-                across[i] = spread[i] * views.focal[c, 0] / depth[i]
         hide_behind(views, c, mean[0], mean[1], mean[4], mean[5], cells)
-        clear_cells(N, box, depth, across, deep, there, cells)
+        clear_cells(N, box, depth, across, deep, tracked.existence, cells)
         detection = rates.detection[c] * interpolate(rates.curve, float(np.mean(cells)))
         if l == look:
             total += math.log(max(detection, 1e-6))
@@ -273,10 +288,11 @@ def newborn(
     mean, covariance = np.zeros((M, 6)), np.zeros((M, 6, 6))
     odds, used = np.full(M, -np.inf), np.zeros((M, M))
     stale = np.zeros(M, dtype=np.bool_)
+    tracked = tracked_by(views, boxes, people, spread, existence)
     for j in range(M):
         if open_share[j] > LEAST_FREE:
             odds[j] = propose(
-                views, boxes, rates, body, arrival, people, spread, existence, open_share, look_of[j], j, gate,
+                views, boxes, rates, body, arrival, tracked, open_share, look_of[j], j, gate,
                 mean[j], covariance[j], used[j],
             )  # fmt: skip
     taken, final = np.zeros(M, dtype=np.int64), np.zeros(M)
@@ -291,7 +307,7 @@ def newborn(
             odds[j] = -np.inf
             if open_share[j] > LEAST_FREE:
                 odds[j] = propose(
-                    views, boxes, rates, body, arrival, people, spread, existence, open_share, look_of[j], j, gate,
+                    views, boxes, rates, body, arrival, tracked, open_share, look_of[j], j, gate,
                     mean[j], covariance[j], used[j],
                 )  # fmt: skip
             continue

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from floor_places import WALK, chain_with, places_at
 
-from occlog.track.jipda.batch.chains import NONE, candidates, may_follow, renew_all, sweep, total
+from occlog.track.jipda.batch.chains import NONE, candidates, may_follow, nothing_known, renew_all, sweep, total
 
 
 def all_states(places, looked):
@@ -36,12 +36,13 @@ def test_the_chain_visits_every_association_as_often_as_it_is_probable():
     probability = np.exp(value - value.max())
     probability /= probability.sum()
     listed = candidates(places, WALK, 1.5)
+    known = nothing_known(listed)
     chain = chain_with([NONE] * 4, [False] * 4)
     rng = np.random.default_rng(0)
     visits = Counter()
     runs = 4000
     for _ in range(runs):
-        sweep(places, WALK, looked, listed, chain, 1.0, rng.random((12, 4)))
+        sweep(places, WALK, looked, listed, known, chain, 1.0, rng.random((12, 4)))
         visits[tuple(chain.after.tolist()), tuple(chain.used.tolist())] += 1
     often = np.array([visits[key] / runs for key in states])
     assert sum(visits[key] for key in states) == runs
@@ -60,7 +61,8 @@ def test_an_exchange_of_tails_keeps_the_messages_of_both_tracks():
     chain = chain_with(after, [True] * 24)
     renew_all(places, WALK, looked, chain)
     listed = candidates(places, WALK, 1.5)
-    assert sweep(places, WALK, looked, listed, chain, 30.0, rng.random((400, 4))) > 5
+    known = nothing_known(listed)
+    assert sweep(places, WALK, looked, listed, known, chain, 30.0, rng.random((400, 4))) > 5
     fresh = chain_with(chain.after.tolist(), chain.used.tolist())
     assert (fresh.before == chain.before).all()
     renew_all(places, WALK, looked, fresh)
@@ -79,7 +81,8 @@ def test_two_people_who_cross_keep_their_ways():
     chain = chain_with(after, [True] * 18)
     renew_all(places, WALK, looked, chain)
     listed = candidates(places, WALK, 1.5)
-    sweep(places, WALK, looked, listed, chain, 0.1, np.random.default_rng(0).random((600, 4)))
+    known = nothing_known(listed)
+    sweep(places, WALK, looked, listed, known, chain, 0.1, np.random.default_rng(0).random((600, 4)))
     # Which of the two places where they meet is whose, nothing says
     after = chain.after
     assert [after[after[6]], after[after[7]]] == [10, 11]
