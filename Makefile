@@ -11,6 +11,9 @@ VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2
 CONSTRAINTS ?= $(if $(filter $(VERSION),$(LOCKED)),--constraint constraints.txt)
 INSTALL = $(BIN)/python -m pip install --quiet $(CONSTRAINTS) --editable
 
+# Tests start the program often, and pytest rewrites their assertions: compiled code is kept, whatever the user's settings.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: demo test test-fast lint golden schemas docs lock clean
 .DELETE_ON_ERROR:
 
@@ -24,7 +27,7 @@ demo: $(VENV)/installed
 # OCCLOG_PEERS_REQUIRED=1. OCCLOG_PEERS=/path/to/python names an environment that has them.
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not serial"
-	$(BIN)/python -m pytest -m serial
+	$(BIN)/python -m pytest -m serial $$(grep -rlw serial tests --include="test_*.py")
 
 test-fast: $(VENV)/installed-dev
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit and not serial" tests/core tests/measure tests/simulate tests/track tests/evaluate

@@ -7,6 +7,7 @@ a line: the process may be killed at any time, and the sweep goes on from there.
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import math
@@ -217,6 +218,13 @@ def _leave_with_parent() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
+async def _greet(library: Any, scheduler: str) -> None:
+    """Connect to a scheduler and leave, within the time that the configuration of Dask gives a connection."""
+    arguments = library.Security().get_connection_args("client")
+    comm = await library.core.connect(scheduler, **arguments)
+    await comm.close()
+
+
 def _on_cluster(todo: Mapping[str, Spec], scheduler: str, run: Trial) -> Iterator[tuple[str, Outcome]]:
     try:
         import distributed
@@ -226,7 +234,9 @@ def _on_cluster(todo: Mapping[str, Spec], scheduler: str, run: Trial) -> Iterato
         ) from error
     library: Any = distributed  # it has no types
     try:
-        client = library.Client(scheduler, timeout="10s", set_as_default=False)
+        # A client that finds no scheduler waits for itself when it is deleted, and complains: ask without one first
+        asyncio.run(_greet(library, scheduler))
+        client = library.Client(scheduler, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise UsageError(
             f"scheduler {scheduler}: does not answer ({error}); start it, or use processes of this machine"

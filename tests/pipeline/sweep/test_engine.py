@@ -52,17 +52,24 @@ if __name__ == "__main__":
     assert json.loads(done.stdout.splitlines()[-1]) == [r["rmse"] for r in run_all(TRIALS)]
 
 
-def test_a_scheduler_that_is_not_there_is_told():
+@pytest.mark.parametrize("address", ["nonsense://1", "tcp://127.0.0.1:9"])
+def test_a_scheduler_that_is_not_there_is_told(address):
     pytest.importorskip("distributed")
     code = (
-        "from sweep_scene import trial\nfrom occlog.pipeline.sweep.engine import run_all\n"
+        "import sys\nfrom sweep_scene import trial\nfrom occlog.pipeline.sweep.engine import run_all\n"
         "from occlog.errors import UsageError\n"
-        "try:\n    run_all([trial()], scheduler='nonsense://1')\nexcept UsageError as error:\n    print(error)\n"
+        "try:\n    run_all([trial()], scheduler=sys.argv[1])\nexcept UsageError as error:\n    print(error)\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", code, address],
+        env=ENVIRONMENT | {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "1s"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
     )
     assert "does not answer" in done.stdout, done.stderr[-2000:]
+    assert done.stderr == ""
 
 
 def test_finished_trials_are_not_run_again(tmp_path, monkeypatch):

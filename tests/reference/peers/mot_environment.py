@@ -47,7 +47,7 @@ def make_environment(folder: Path) -> Path:
     if complete.exists():
         return python
     subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
-    install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *PACKAGES]
+    install = [python, "-m", "pip", "install", "--quiet", "--no-compile", "--disable-pip-version-check", *PACKAGES]
     done = subprocess.run(install, capture_output=True, text=True, env=_alone())
     if done.returncode:
         _cannot_install(done.stdout + done.stderr)
