@@ -119,11 +119,11 @@ class BatchMeans:
             return Ratio(math.nan, math.inf)
         value = self.squares / self.expected
         variance = 2.0 * value**2 / self.expected
-        n = len(self._batches)
-        if n >= FEWEST_BATCHES:
+        n, covered = len(self._batches), float(self._batches[:, 1].sum())
+        # Batches of which nothing is expected do not scatter
+        if n >= FEWEST_BATCHES and covered > 0.0:
             off = self._batches[:, 0] - value * self._batches[:, 1]
-            covered = max(float(self._batches[:, 1].sum()), 1e-300)
             # Neighbouring batches are alike where squares are alike for longer than a batch
             scatter = float(off @ off) + 2.0 * max(float(off[1:] @ off[:-1]), 0.0)
-            variance = max(variance, scatter * n / (n - 1) / covered**2)
+            variance = max(variance, scatter / covered / covered * n / (n - 1))
         return Ratio(value, math.sqrt(variance))

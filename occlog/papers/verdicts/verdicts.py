@@ -6,7 +6,8 @@ number   a stated number: `reproduced` within 10 % of it, or within two standard
 pairs    a statement that one mean is below another, at several points: a point counts as held if
          the difference is above one standard error of it.  All points: `reproduced`; at least half: `in part`.
 close    two means are as good as equal, at several points: a point counts as held if they differ by
-         no more than one standard deviation over the runs.  Counted in the same way.
+         no more than one standard deviation over the runs, and the standard error of the difference is
+         at most half of that.  Counted in the same way.
 
 Differences are taken run by run, since trials of equal run share world and noise.
 """
@@ -21,6 +22,8 @@ from .model import Row, Table, Verdict, deviation
 
 REPRODUCED, IN_PART, NOT = "reproduced", "in part", "not reproduced"
 NEAR, FAR = 0.10, 0.35
+SHARP = 0.5
+"""Largest standard error of a difference that shows agreement, as a share of the difference that is allowed."""
 Pair = tuple[Row, Row]
 
 
@@ -77,10 +80,16 @@ def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None 
 
 
 def close(key: str, statement: str, points: Sequence[Pair]) -> Verdict:
-    """Judge by rule `close` that low and high are equal at every point; `measured` is the mean difference."""
+    """Judge by rule `close` that low and high are equal at every point; `measured` is the mean difference.
+
+    A large error bar is no agreement: it must be at most `SHARP` of what the means may differ by.
+    """
     found = [difference(low, high) for low, high in points]
-    held = [abs(gap) <= max(low.sd, high.sd) for (gap, _), (low, high) in zip(found, points, strict=True)]
-    rule = f"close: {sum(held)} of {len(held)} differences within one standard deviation"
+    held = []
+    for (gap, error), (low, high) in zip(found, points, strict=True):
+        tolerance = max(low.sd, high.sd)
+        held.append(abs(gap) <= tolerance and error <= SHARP * tolerance)
+    rule = f"close: {sum(held)} of {len(held)} differences within one standard deviation, known to half of it"
     return _verdict(key, statement, paper=None, found=found, points=points, verdict=share(held), rule=rule)
 
 

@@ -97,3 +97,13 @@ def test_parts_are_put_together_as_independent() -> None:
     whole = Ratio.of_parts(parts)
     assert whole.value == pytest.approx(sum(p.squares for p in parts) / 2000)
     assert whole.error == pytest.approx(math.sqrt(sum((p.ratio.error * 500) ** 2 for p in parts)) / 2000)
+
+
+def test_batches_of_which_nothing_is_expected_do_not_scatter() -> None:
+    """The last square alone is expected to be one, and is in no whole batch yet."""
+    means = BatchMeans()
+    expected = np.zeros(2 * MOST_BATCHES + 1)
+    expected[-1] = 1.0
+    means.add(np.append(np.zeros(2 * MOST_BATCHES), 4.0), expected)
+    assert means.ratio.value == 4.0
+    assert means.ratio.error == pytest.approx(np.sqrt(32.0))

@@ -171,6 +171,15 @@ def test_close_means_within_one_standard_deviation(gap: float, wanted: str) -> N
     assert v.close("c", "equal", [(low, Row("high", 0.0, (gap, 1.0 + gap, 2.0 + gap)))]).verdict == wanted
 
 
+@pytest.mark.parametrize(("spread", "wanted"), [(0.5, v.REPRODUCED), (0.501, v.NOT)])
+def test_close_wants_an_error_bar_of_half_a_standard_deviation(spread: float, wanted: str) -> None:
+    """Differences of -spread and spread have a standard error of spread; the rows one deviation of 1."""
+    low, high = (-math.sqrt(0.5), math.sqrt(0.5)), (spread - math.sqrt(0.5), math.sqrt(0.5) - spread)
+    points = [(Row("low", 0.0, low), Row("high", 0.0, high))]
+    assert v.difference(*points[0])[1] == pytest.approx(spread)
+    assert v.close("c", "equal", points).verdict == wanted
+
+
 def test_a_difference_of_exactly_one_standard_error_is_none() -> None:
     """The differences 0 and 2 have mean 1 and standard error 1."""
     low = Row("low", 0.0, (0.0, 0.0))
