@@ -135,8 +135,8 @@ class Diagnostics(Table):
         "1",
         "why the estimate is not to be believed, separated by commas; empty: no reason was found. `edge` (the target "
         "may be at the edge of the region that was guessed for a scene without a room), `one-sensor` (one sensor "
-        "alone saw the target for long, which says nothing of its distance), `out-of-view` (a sensor is said to see "
-        "the target, and has it outside of its field of view or range)",
+        "alone saw the target for long, which says nothing of its distance), `out-of-view` (half or more of the "
+        "sensors that are said to see the target have it outside of their field of view or range)",
         optional=True,
     )
 

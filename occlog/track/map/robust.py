@@ -22,6 +22,7 @@ from occlog.track.map.kernels.newton_search import covariance
 from occlog.track.map.kernels.obstacles import Obstacle
 from occlog.track.map.kernels.problem import CAUCHY, HUBER, SQUARE, Problem, SightLines, some_lines, some_planes
 from occlog.track.map.kernels.terms import beliefs, depths, leverages, residuals
+from occlog.track.plausibility.alone import OVERLAP, near_another
 
 from .config import MapConfig
 from .consensus import Agreed, agreed
@@ -47,8 +48,6 @@ MODEST, FEW = 1.3, 0.01
 """Other variances are tried where residuals show more than this factor, or more than this share is not believed."""
 ALONE = 0.01
 """Sight lines of which the others tell more than this share are judged by their residuals alone."""
-OVERLAP, TOGETHER = 0.5, 1.0
-"""The paper's start is tried, too, where fewer sight lines have another sensor's one within so many seconds."""
 SETTLED = 0.1
 """Change of a factor's logarithm at which it has settled."""
 ROUNDS_AMONG, STILL = 6, 0.1
@@ -139,7 +138,7 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
     # Start: what agrees with what is stated
     first = path(pending.scales)
     found = _search(pending, record, around, watch, first, pending.scales)
-    # Where few cameras see it at a time, distances hang on the motion: the paper's start may lead to a lower minimum
+    # Where one camera sees it at a time, distances hang on the motion: the paper's start may lead to a lower minimum
     sparse = _overlap(record) < OVERLAP
     if sparse:
         far = _from_axes(pending, whole, trust_of(config, pending.scales[0]))
@@ -164,14 +163,7 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
 def _overlap(record: Record) -> float:
     """Share of sight lines near to which, in time, another sensor has one; 1 without any."""
     seen = record.rows.seen
-    sensor, seconds = record.rows.sensor[seen], (record.t_ns[record.state[seen]] - record.t_ns[0]) / NS
-    near = np.zeros(len(sensor), dtype=np.bool_)
-    for s in np.unique(sensor).tolist():
-        own, others = seconds[sensor == s], seconds[sensor != s]
-        if len(others):
-            after = np.minimum(np.searchsorted(others, own), len(others) - 1)
-            away = np.minimum(np.abs(others[after] - own), np.abs(others[np.maximum(after - 1, 0)] - own))
-            near[sensor == s] = away <= TOGETHER
+    near = near_another(record.rows.sensor[seen], (record.t_ns[record.state[seen]] - record.t_ns[0]) / NS)
     return float(near.mean()) if len(near) else 1.0
 
 

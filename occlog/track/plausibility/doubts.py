@@ -23,7 +23,7 @@ WORDS = {
     "add `room` to the scene",
     ONE_SENSOR: "one sensor alone saw the target for long, which says nothing of its distance; add another sensor, or "
     "track in images and find the target on the ground (occlog ground)",
-    OUT_OF_VIEW: "the target is where a sensor that is said to see it cannot see; check the calibration, the region "
+    OUT_OF_VIEW: "the target is where sensors that are said to see it cannot see; check the calibration, the region "
     "and the choice of the target",
 }
 """What each means and what to do."""
@@ -152,14 +152,18 @@ class Doubts:
         return tracks, Diagnostics(**(columns | {"doubt": np.array(doubt, dtype=np.str_)}))
 
     def _outside(self, xy: Floats, covariance: Floats, by: list[tuple[str, ...]]) -> Bools:
-        """(N,) whether a camera that saw the target cannot have done so; arrays by their range."""
-        found = np.zeros(len(xy), dtype=np.bool_)
+        """(N,) whether at least half of the sensors that saw the target cannot have done so; arrays by their range.
+
+        With fewer, their bearings are false, which is said of bearings and not of the estimate.
+        """
+        saw, cannot = np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.int64)
         for c in self._sensors:
             rows = np.array([c.name in names for names in by], dtype=np.bool_)
             if rows.any():
                 fov = c.fov if isinstance(c, Camera) else 2.0 * np.pi
-                found[rows] |= outside_view(xy[rows], covariance[rows], c.position[:2], c.yaw, fov, c.range)
-        return found
+                saw[rows] += 1
+                cannot[rows] += outside_view(xy[rows], covariance[rows], c.position[:2], c.yaw, fov, c.range)
+        return np.asarray((cannot > 0) & (2 * cannot >= saw))
 
     def _widened(self, tracks: Tracks, xy: Floats, covariance: Floats, lone: dict[int, str]) -> tuple[Tracks, Floats]:
         """The tracks, and (N, 2, 2) their covariances, with those rows widened whose distance was never known.

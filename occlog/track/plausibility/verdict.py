@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+import numpy as np
 from scipy.special import bdtrc
 
 from occlog.core.metrics.consistency import Ratio
@@ -20,6 +21,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks
 
 from .agreement import Agreements, pose_shares
+from .alone import Alone
 from .crowd import Crowd
 from .doubts import WORDS
 from .particles import FEW, Particles
@@ -38,10 +40,14 @@ DOUBTED = 0.05
 """Share of rows with a doubt, or of doubted rows, that matters."""
 NOT_BELIEVED = 0.25
 """Share of bearings not believed that matters."""
+UNCONFIRMED = 0.02
+"""The same where one sensor at a time sees the target, and nothing but its motion speaks against a false bearing."""
 NIS_LOW, NIS_HIGH = 0.5, 2.25
 """Normalised squared residuals that matter: stated standard deviations 1.4 times too large, 1.5 times too small."""
 LIVELY = 4.0
 """Factor of the motion's variance that matters."""
+BLIND = 0.5
+"""Share of rows in which fewer than two of the cameras that were selected see the target that matters."""
 CROWDED = 0.5
 """Share of frames with a candidate that stays and that no track explains that matters."""
 ROWS = {
@@ -96,8 +102,11 @@ class Evidence:
         rows: estimates.
         fallbacks: rows by the value of `fallback`.
         doubts: rows by the value of `doubt`.
+        selected: rows for which at least two cameras were selected.
+        blind: of these, rows in which fewer than two sensors saw the target.
         particles: effective numbers.
         agreements: residuals of the bearings.
+        alone: bearings that no other sensor can confirm.
         crowd: candidates that are left.
         places: where the bearings of a moment meet.
     """
@@ -105,8 +114,11 @@ class Evidence:
     rows: int = 0
     fallbacks: Counter[str] = field(default_factory=Counter)
     doubts: Counter[str] = field(default_factory=Counter)
+    selected: int = 0
+    blind: int = 0
     particles: Particles = field(default_factory=Particles)
     agreements: Agreements = field(default_factory=Agreements)
+    alone: Alone = field(default_factory=Alone)
     crowd: Crowd = field(default_factory=Crowd)
     places: Places = field(default_factory=Places)
 
@@ -115,11 +127,15 @@ class Evidence:
         self.rows += len(part)
         self.fallbacks.update(f for f in part.fallback.tolist() if f)
         self.doubts.update(d for text in part.doubt.tolist() if text for d in text.split(","))
+        several = np.char.find(part.selected, ",") >= 0
+        self.selected += int(np.count_nonzero(several))
+        self.blind += int(np.count_nonzero(several & (part.n_seen < 2)))
         self.particles.add(part.ess)
 
     def saw(self, tracks: Tracks, compared: Compared, scene: Scene) -> None:
         """Count residuals of bearings, and candidates that are left."""
         self.agreements.add(compared.residuals, pose_shares(tracks, scene))
+        self.alone.add(compared.residuals)
         self.crowd.add(compared.frames)
         self.places.add(tracks, compared.residuals, scene)
 
@@ -144,7 +160,7 @@ class Evidence:
         return (*said, *(self._several() if one_target else ()))
 
     def _filter(self) -> Iterator[Finding]:
-        """Particles that ran out, and restarts."""
+        """Particles that ran out, restarts, and cameras that were selected in vain."""
         few, rows = self.particles.few, self.particles.rows
         if beyond(few, rows, DEPLETED):
             yield Finding(
@@ -161,6 +177,15 @@ class Evidence:
                 "warning",
                 f"the target was lost and sought anew in {restarts} of {self.rows} rows (allowed: {RESTARTS:.0%}); "
                 "the motion or the noise that is stated is wrong, or the bearings are not of one target",
+            )
+
+        if beyond(self.blind, self.selected, BLIND):
+            yield Finding(
+                "selection",
+                "warning",
+                f"in {self.blind} of {self.selected} rows (allowed: {BLIND:.0%}) fewer than two sensors see the "
+                "target, although more cameras were selected: the selection is for longer than the target stays in "
+                "view, or the policy does not look at views; select by greedy, more cameras, or more often",
             )
 
     def _rows(self) -> Iterator[Finding]:
@@ -187,6 +212,16 @@ class Evidence:
                     f"{name}: {own.doubted:.0%} of {own.bearings} bearings are not believed (allowed: "
                     f"{NOT_BELIEVED:.0%}); its pose, its clock or its labels may be wrong, or the target was lost",
                 )
+        alone = self.alone
+        if alone.bearings >= FEWEST and alone.one_at_a_time and beyond(alone.doubted, alone.bearings, UNCONFIRMED):
+            yield Finding(
+                "unconfirmed",
+                "warning",
+                f"{alone.share:.0%} of {alone.bearings} bearings are not believed (allowed: {UNCONFIRMED:.0%} where "
+                "one sensor at a time sees the target): nothing but the motion tells false bearings from true ones; "
+                "others may be false, too, and covariances too small; add sensors that see the target at the same "
+                "time, or check identities and the detector's false alarms",
+            )
         whole = self.agreements.nis
         if (said := off("the bearings", whole, self._expected())) is not None:
             yield said

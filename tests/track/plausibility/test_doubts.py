@@ -131,6 +131,12 @@ def test_a_track_outside_the_view_of_a_camera_that_sees_it_is_doubted():
     assert doubts(OPEN, rows("a,b", "a", xy=(5.0, 6.0)), online=False) == ["out-of-view", "out-of-view"]
 
 
+def test_a_false_bearing_of_one_sensor_among_three_is_no_doubt_of_the_track():
+    behind = camera("c", 20.0, 0.0, 0.0, range=30.0)
+    scene = Scene(cameras=(*OPEN.cameras, behind), room=ROOM.room)
+    assert doubts(scene, rows("a,b,c", "a,b", "a,c", "c", xy=(10.0, 0.0))) == ["", "", "out-of-view", "out-of-view"]
+
+
 @pytest.mark.parametrize("scene", [OPEN, ROOM])
 def test_a_smoothed_track_is_not_doubted_for_one_sensor_or_the_edge(scene):
     assert doubts(scene, rows(*["a"] * 9, xy=(29.99, 0.0)), online=False) == [""] * 9

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from occlog.records.tables import Diagnostics, Residuals, Tracks
 from occlog.track.plausibility.particles import FEW
 from occlog.track.plausibility.sight import Compared, Frames
 from occlog.track.plausibility.verdict import (
+    BLIND,
     CROWDED,
     DEPLETED,
     DOUBTED,
@@ -106,6 +109,14 @@ def test_shares_of_rows_are_said_beyond_their_limit(share: float, code: str) -> 
     assert codes(diagnostics=made(round(2 * share * N))) == [code]
 
 
+@pytest.mark.parametrize(("blind", "found"), [(BLIND, []), (BLIND + 0.05, ["selection"])])
+def test_cameras_that_were_selected_in_vain_are_said_beyond_half_of_the_rows(blind: float, found: list[str]) -> None:
+    rows = fared()
+    saw = np.where(np.arange(N) < blind * N, 1, 2).astype(np.int32)
+    assert codes(diagnostics=replace(rows, n_seen=saw, selected=np.full(N, "cam1,cam2,cam3"))) == found
+    assert codes(diagnostics=replace(rows, n_seen=saw, selected=np.full(N, "cam1"))) == []
+
+
 def test_depletion_says_number_limit_and_remedy() -> None:
     (found,) = said(diagnostics=fared(few=N))
     assert found.severity == "warning"
@@ -135,12 +146,22 @@ def test_rows_of_a_batch_method_that_failed_are_said(code: str) -> None:
 
 
 def test_more_than_a_quarter_not_believed_is_said_of_the_sensor() -> None:
-    assert codes(parts=(residuals(N, doubted=round(NOT_BELIEVED * N)),)) == []
-    (found,) = said(parts=(residuals(N, doubted=round(0.35 * N)), residuals(N, sensor="cam2")))
+    def two(n: int, doubted: int) -> tuple[Residuals]:
+        return (Residuals.merge([residuals(n, doubted=doubted), residuals(n, sensor="cam2")]),)
+
+    assert codes(parts=two(N, round(NOT_BELIEVED * N))) == []
+    (found,) = said(parts=two(N, round(0.35 * N)))
     assert found.code == "not-believed"
     assert found.sentence.startswith("cam1: 35% of 2000 bearings are not believed (allowed: 25%)")
-    assert codes(parts=(residuals(FEWEST - 1, doubted=FEWEST - 1),)) == []
-    assert codes(parts=(residuals(FEWEST, doubted=FEWEST),)) == ["not-believed"]
+    assert codes(parts=two(FEWEST - 1, FEWEST - 1)) == []
+    assert codes(parts=two(FEWEST, FEWEST)) == ["not-believed"]
+
+
+@pytest.mark.parametrize(("doubted", "said_of_it"), [(0.02, []), (0.05, ["unconfirmed"])])
+def test_bearings_not_believed_are_said_sooner_where_one_sensor_at_a_time_sees_the_target(
+    doubted: float, said_of_it: list[str]
+) -> None:
+    assert codes(parts=(residuals(N, doubted=round(doubted * N)),)) == said_of_it
 
 
 @pytest.mark.parametrize(
