@@ -28,6 +28,8 @@ LEAST, MOST = 40, 70
 VIEWS = 2
 """Cameras with a box of the person in every one of these frames."""
 WIDTH = 1920.0
+AREA = ((-3.0, -9.0), (9.0, -9.0), (9.0, 27.0), (-3.0, 27.0))
+"""The ground on which people are annotated [m]."""
 
 
 class Person(NamedTuple):
@@ -55,11 +57,11 @@ def annotations() -> Path | None:
     return path if path.is_dir() else None
 
 
-def scene_of(folder: Path) -> Scene:
-    """The seven cameras; no room is known, as after `occlog ingest`."""
+def scene_of(folder: Path, *, room: bool = False) -> Scene:
+    """The seven cameras; no room is known, as after `occlog ingest`, unless it is asked for."""
     options = CalibrationOptions(unit="m", image_size=(1920, 1080))
     cameras = read_calibration([folder / "calibration"], "auto", options).cameras
-    return Scene(cameras)
+    return Scene(cameras, room=np.array(AREA)) if room else Scene(cameras)
 
 
 def people(folder: Path, scene: Scene, noise: Noise, seed: int) -> list[Person]:

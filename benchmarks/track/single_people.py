@@ -1,7 +1,8 @@
 """Single real people with known identities, some bearings false: RMSE, lost ones, coverage, false bearings found.
 
 `python -m benchmarks single-people` measures `map`; any other method and setting by
-`python -m benchmarks.track.single_people --method apf --set smooth=true --seeds 10 11 12`.
+`python -m benchmarks.track.single_people --method apf --set smooth=true --seeds 10 11 12`, with some of the cameras by
+`--select greedy --count 3`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from occlog.core.metrics.errors import normalised_squared_errors
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Residuals, Tracks
 from occlog.settings import configure
+from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.catalogue import settings_of
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
@@ -45,12 +47,20 @@ class Outcome(NamedTuple):
     caught: int  # false bearings that were not believed
     blamed: int  # bearings that were not believed
     false: int  # false bearings
+    frames: int  # frames of cameras that were used
 
 
-def follow(person: Person, scene: Scene, method: str, settings: Mapping[str, Any], seed: int = 0) -> Outcome:
+def follow(
+    person: Person,
+    scene: Scene,
+    method: str,
+    settings: Mapping[str, Any],
+    seed: int = 0,
+    selection: SelectConfig | None = None,
+) -> Outcome:
     """Track one person by the code of `occlog track`."""
     config = configure(settings_of(method).in_unit(scene.length_unit), settings)
-    parts = list(track([person.bearings], scene, Tracking(config, seed, method=method)))
+    parts = list(track([person.bearings], scene, Tracking(config, seed, method=method, selection=selection)))
     tracks = Tracks.concat(p.tracks for p in parts)
     at = np.searchsorted(person.t_ns, tracks.t_ns)
     away = np.column_stack([tracks.x, tracks.y]) - person.xy[at]
@@ -67,6 +77,7 @@ def follow(person: Person, scene: Scene, method: str, settings: Mapping[str, Any
         caught=caught,
         blamed=blamed,
         false=int(np.count_nonzero(person.false)),
+        frames=sum(int(p.diagnostics.n_looked.sum()) for p in parts),
     )
 
 
@@ -88,24 +99,33 @@ def longest(rows: Bools) -> int:
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
-def measure(method: str, settings: Mapping[str, Any], noise: Noise, seeds: list[int]) -> dict[str, Any]:
+def measure(
+    method: str,
+    settings: Mapping[str, Any],
+    noise: Noise,
+    seeds: list[int],
+    *,
+    room: bool = False,
+    selection: SelectConfig | None = None,
+) -> dict[str, Any]:
     """Figures over all people and seeds."""
     folder = annotations()
     if folder is None:
         raise SystemExit(
             "single-people: wildtrack_annotations not found; set OCCLOG_SHARED_DATA to the folder it is in"
         )
-    scene = scene_of(folder)
+    scene = scene_of(folder, room=room)
     found: list[Outcome] = []
     began = time.process_time()
     for seed in seeds:
-        found += [follow(p, scene, method, settings, seed) for p in people(folder, scene, noise, seed)]
+        found += [follow(p, scene, method, settings, seed, selection) for p in people(folder, scene, noise, seed)]
     rmse = np.array([o.rmse for o in found])
     nees = np.concatenate([o.nees for o in found])
     false, blamed, caught = (sum(getattr(o, k) for o in found) for k in ("false", "blamed", "caught"))
     return {
         "people and seeds": len(found),
         "median RMSE [m]": float(np.median(rmse)),
+        "mean RMSE [m]": float(rmse.mean()),
         "90 % RMSE [m]": float(np.quantile(rmse, 0.9)),
         "largest RMSE [m]": float(rmse.max()),
         "lost": sum(o.lost for o in found),
@@ -116,6 +136,7 @@ def measure(method: str, settings: Mapping[str, Any], noise: Noise, seeds: list[
         "false bearings": false,
         "precision of those found": caught / blamed if blamed else math.nan,
         "recall": caught / false if false else math.nan,
+        "frames used": sum(o.frames for o in found),
         "seconds": time.process_time() - began,
     }
 
@@ -136,10 +157,18 @@ def main() -> None:
     parser.add_argument("--miss", type=float, default=Noise().miss)
     parser.add_argument("--false", type=float, default=Noise().false)
     parser.add_argument("--sigma", choices=("box", "px"), default=Noise().sigma)
+    parser.add_argument("--room", action="store_true", help="where people can be is known")
+    parser.add_argument("--select", help="policy of the selection of cameras", default=None)
+    parser.add_argument("--count", type=int, default=SelectConfig().count)
+    parser.add_argument("--every", type=float, default=SelectConfig().every)
+    parser.add_argument("--patience", type=int, default=SelectConfig().patience)
     options = parser.parse_args()
     settings = dict(text.split("=", 1) for text in options.settings)
+    chosen = {"count": options.count, "every": options.every, "patience": options.patience}
+    selection = None if options.select is None else SelectConfig(options.select, **chosen)
     noise = Noise(options.px, options.miss, options.false, options.sigma)
-    for name, value in measure(options.method, settings, noise, options.seeds).items():
+    found = measure(options.method, settings, noise, options.seeds, room=options.room, selection=selection)
+    for name, value in found.items():
         print(f"{name:<28} {value:.4g}" if isinstance(value, float) else f"{name:<28} {value}")
 
 

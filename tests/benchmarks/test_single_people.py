@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.track._single_people import LEAST, Noise, people, scene_of
 from benchmarks.track.single_people import ELLIPSE, LIMIT, follow, longest
+from occlog.track.apf.selection_config import SelectConfig
 
 
 def test_people_who_are_there_for_long_are_followed_among_false_bearings(shared_data: Path) -> None:
@@ -26,6 +27,27 @@ def test_people_who_are_there_for_long_are_followed_among_false_bearings(shared_
     caught = sum(o.caught for o in found)
     assert caught > 0.9 * sum(o.blamed for o in found)
     assert caught > 0.9 * sum(o.false for o in found)
+
+
+@pytest.mark.jit
+def test_three_of_seven_cameras_follow_people_at_two_frames_a_second(shared_data: Path) -> None:
+    """Selected for as long as the default says, without regard to what cameras see, they cost 8 times the RMSE."""
+    folder = shared_data / "wildtrack_annotations"
+    if not folder.is_dir():
+        pytest.skip("the annotations of WILDTRACK are not there")
+    scene = scene_of(folder, room=True)
+    told = {"detection": 0.85, "false": 0.05}
+    everybody = people(folder, scene, Noise(), seed=7)[::5]
+    found = [
+        [follow(p, scene, "apf", told, selection=selection) for p in everybody]
+        for selection in (None, SelectConfig("greedy", 3))
+    ]
+    whole, some = (np.array([o.rmse for o in part]) for part in found)
+    assert np.median(some) < 2.0 * np.median(whole) < 0.3
+    assert not any(o.lost for o in found[1])
+    for part in found:
+        assert np.mean(np.concatenate([o.nees for o in part]) < ELLIPSE) > 0.9
+    assert sum(o.frames for o in found[1]) < 0.5 * sum(o.frames for o in found[0])
 
 
 @pytest.mark.parametrize(("rows", "length"), [([], 0), ([0, 0], 0), ([1], 1), ([1, 1, 0, 1], 2), ([0, 1, 1, 1], 3)])
