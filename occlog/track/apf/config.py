@@ -49,6 +49,21 @@ class ApfConfig(SmoothingConfig):
         "Motion noise per axis of a target that waits, gathered in a second; 0 is the paper's.",
         unit="length",
         at_least=0,
+        people=0.01,
+    )
+    wait_s: float = setting(
+        0.0,
+        "How long a target stands on average before it goes elsewhere; 0 is the paper's, which decides once a "
+        "reference step.",
+        unit="s",
+        at_least=0,
+        people=10.0,
+    )
+    sigma_c: float = setting(
+        0.0,
+        "Noise of the velocity per axis with which a target that stands creeps, gathered in a second; with `wait_s`.",
+        unit="length/s",
+        at_least=0,
         people=0.05,
     )
     phi: float = setting(0.03, "Share of the last step in the speed of a particle.", at_least=0, at_most=1, people=0.0)
@@ -60,7 +75,7 @@ class ApfConfig(SmoothingConfig):
         "lambda_1: probability that it changes its destination; else it waits.",
         at_least=0,
         at_most=1,
-        people=0.25,
+        people=0.28,
     )
     beta2: float = setting(0.05, "beta_2: the same as beta_1 once the destination is reached.", at_least=0, at_most=1)
     lambda2: float = setting(

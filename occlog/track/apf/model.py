@@ -71,6 +71,8 @@ def motion_of(config: ApfConfig) -> WaypointModel:
         change_reached=config.lambda2,
         sigma_velocity=config.sigma_a,
         sigma_waiting=config.sigma_w,
+        wait_s=config.wait_s,
+        sigma_creep=config.sigma_c,
     )
 
 

@@ -47,7 +47,7 @@ def link(
 ) -> Link:
     """The link of particles after a step."""
     arrived = waypoint.reached(particles, model.motion, model.floor)
-    return Link(waypoint.headings(particles), particles.regime, arrived, weights, parents, dt, sharpness)
+    return Link(waypoint.headings(particles, model.motion), particles.regime, arrived, weights, parents, dt, sharpness)
 
 
 def smooth(traces: Sequence[Trace], config: ApfConfig, motion: WaypointModel, rng: Generator) -> list[Past]:
@@ -88,6 +88,7 @@ def _parents(now: Link, later: Link, chosen: Ints, motion: WaypointModel, rng: G
         later.regime[chosen],
         own,
         now.states,
+        now.regime,
         waypoint.chances(now.regime, now.arrived, later.dt, motion),
         systematic_ancestors(now.weights, count, rng.random()),
         later.dt,

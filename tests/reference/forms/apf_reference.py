@@ -42,6 +42,8 @@ class RefConfig:
     sigma_v: float = 0.33
     sigma_a: float = 0.0
     sigma_w: float = 0.0
+    sigma_c: float = 0.0
+    wait_s: float = 0.0
     phi: float = 0.03
     beta1: float = 0.88
     lambda1: float = 0.1
@@ -332,6 +334,15 @@ def gathered(dt, config):
     return place, gain, config.sigma_a**2 * dt - gain**2 * place
 
 
+def standing(dt, stood, config):
+    """(n,) variances of the place, gains of the velocity and variances left of it, of targets that wait."""
+    q = config.sigma_c**2
+    place = config.sigma_w**2 * dt + np.where(stood, q * dt**3 / 3, q * dt**2)
+    both = np.where(stood, q * dt**2 / 2, q * dt)
+    gain = both / np.where(both > 0, place, 1.0)
+    return place, gain, np.where(stood, q * dt, q) - gain * both
+
+
 def scan_step(particles, z, sigma_read, scene, config, dt, draws):
     """Alg. 1 with hypotheses and their approximations; new particles with weights, and the scan's log-likelihood."""
     L, n = len(particles.weights), len(draws.which)
@@ -342,12 +353,17 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
     goes_on = np.where(particles.regime == W, W, MTD)
     chances = np.array([towards, change, share - towards - change])
     chances[goes_on, np.arange(L)] += 1 - share
+    stood = (particles.regime == W) & (config.wait_s > 0)
+    if config.wait_s > 0:
+        leave = dt / config.wait_s
+        chances[:, stood] = np.array([0.0, leave, 1 - leave])[:, None]
     old, _ = direction(particles)
     new, _ = direction(RefParticles(particles.xy, draws.destinations, None, None, None))
     way = (particles.speed * dt)[:, None]
-    mean = np.concatenate([particles.xy + way * old, particles.xy + way * new, particles.xy])
+    creep = stood[:, None] * (particles.destination - particles.xy) / 10.0
+    mean = np.concatenate([particles.xy + way * old, particles.xy + way * new, particles.xy + dt * creep])
     place, _gain, _left = gathered(dt, config)
-    p0 = np.maximum(np.repeat([place, place, config.sigma_w**2 * dt], L), 1e-18)
+    p0 = np.maximum(np.concatenate([np.full(2 * L, place), standing(dt, stood, config)[0]]), 1e-18)
     prior = (chances * particles.weights).ravel()
     near = laplace(mean, p0, z, sigma_read, scene, config)
     with np.errstate(divide="ignore"):
@@ -398,4 +414,10 @@ def come(particles, parents, regime, draws, mean, xy, dt, config):
         ahead = xy + np.hypot(away[:, 0], away[:, 1])[:, None] * velocity / turned[:, None]
         speed = np.where(moves, turned, speed)
         destination = np.where(moves[:, None], ahead, destination)
+    if config.wait_s > 0:
+        stood = particles.regime[parents] == W
+        _, pull, rest = standing(dt, stood, config)
+        creep = stood[:, None] * (particles.destination[parents] - particles.xy[parents]) / 10.0
+        creep = creep + pull[:, None] * v + np.sqrt(rest)[:, None] * draws.velocity
+        destination = np.where(moves[:, None], destination, xy + 10.0 * creep)
     return RefParticles(xy, destination, speed, regime, None)

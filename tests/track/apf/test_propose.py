@@ -16,6 +16,7 @@ from occlog.track.apf.propose import auxiliary_step
 from occlog.track.apf.sensing import pack_scan
 
 PEOPLE = {"sigma_a": 0.5, "sigma_w": 0.1, "phi": 0.0}
+STAND = {**PEOPLE, "wait_s": 4.0, "sigma_c": 0.3}
 
 
 def rows_of(scene, seed=0):
@@ -34,7 +35,7 @@ def likelihoods(state, looks, dt, runs=60):
     return relative.mean(), relative.std() / np.sqrt(runs), logs[0]
 
 
-@pytest.mark.parametrize("noises", [{}, PEOPLE])
+@pytest.mark.parametrize("noises", [{}, PEOPLE, STAND])
 @pytest.mark.parametrize("dt", [1.0, 0.3])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_step_is_that_of_the_plain_form(seed, dt, noises):

@@ -7,11 +7,15 @@ than the filter's ancestry.  The destination is therefore integrated out.  What 
 place, its velocity (speed towards the destination) and its regime:
 
     W    p_W   N(x'; x, sigma_w^2 dt)     N(c'; c, h^2)
+         p_W   N(x'; x + c dt, p1)        N(c'; c + gain1 (x' - x - c dt), V1)     if it stood before
+         p_W   N(x'; x, p2)               N(c'; gain2 (x' - x), V2)                if it has just stopped
     MTD  p_MTD N(x'; x + c dt, p0)        N(c'; c + gain (x' - x - c dt), V + h^2)
     CD   p_CD  N(x'; x + s dt c'/|c'|, p0) N(|c'|; s, V + h^2) / (2 pi |c'|)
 
-c being the velocity, s its amount, p0, gain and V of `occlog.track.apf.kernels.waypoint`, and h a width
-of the kernel that stands for the exact destination, 0 where velocities are noisy themselves.
+c being the velocity, s its amount, p0, gain and V of `gather`, those with 1 and 2 of `stand`
+(`occlog.track.apf.kernels.waypoint`), and h a width of the kernel that stands for the exact destination.  The first
+line of W is the paper's, the others are of targets that stand (`wait_s`); c is the velocity with which they
+creep then, and the speed that they remember is integrated out.
 
 To compare with every particle would cost L for each trajectory.  Instead a trajectory chooses among K
 particles that are drawn from the filter's weights, and its own parent: one step of iterated sampling importance
@@ -27,7 +31,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from .waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, WaypointModel, gather
+from .waypoint import CHANGE, LEAST_VARIANCE, TOWARDS, WAIT, WaypointModel, gather, stand, stands
 
 X, Y, VX, VY, SPEED = range(5)
 """Columns of the states of `parents_of`: place, direction times speed, and speed."""
@@ -41,6 +45,7 @@ def parents_of(
     regime: Ints,
     own: Ints,
     states: Floats,
+    was: Ints,
     chances: Floats,
     candidates: Ints,
     dt: float,
@@ -55,6 +60,7 @@ def parents_of(
         regime: (M,) theirs.
         own: (M,) the parent of each among the L particles.
         states: (L, 5) states of the step before.
+        was: (L,) their regimes.
         chances: (L, 3) probabilities of MTD, CD and W of each.
         candidates: (K,) of the L particles, drawn by their weights.
         dt: time between the steps [s], > 0.
@@ -68,6 +74,7 @@ def parents_of(
     M, K = later.shape[0], candidates.shape[0]
     moving, gain, left = gather(dt, motion)
     waiting = max(motion.sigma_waiting**2 * dt, LEAST_VARIANCE)
+    standing, stopping = _standing(dt, motion, True), _standing(dt, motion, False)
     spread = max(left + width2, LEAST_VARIANCE)
     steady = max(width2, LEAST_VARIANCE)
     weights, out = np.empty(K + 1), np.empty(M, dtype=np.int64)
@@ -79,7 +86,15 @@ def parents_of(
             i = own[j] if k == K else candidates[k]
             weights[k] = 0.0
             dx, dy = x - states[i, X], y - states[i, Y]
-            if r == WAIT:
+            if stands(r, motion):
+                place, pull, rest, scale = standing if was[i] == WAIT else stopping
+                bx, by = (states[i, VX], states[i, VY]) if was[i] == WAIT else (0.0, 0.0)
+                dx, dy = dx - bx * dt, dy - by * dt
+                fx, fy = cx - bx - pull * dx, cy - by - pull * dy
+                half = 0.5 * (dx * dx + dy * dy) / place + 0.5 * (fx * fx + fy * fy) / rest
+                if half < TOO_FAR:
+                    weights[k] = chances[i, WAIT] * scale * math.exp(-half)
+            elif r == WAIT:
                 half = 0.5 * (dx * dx + dy * dy) / waiting
                 half += 0.5 * ((cx - states[i, VX]) ** 2 + (cy - states[i, VY]) ** 2) / steady
                 if half < TOO_FAR:
@@ -109,3 +124,11 @@ def parents_of(
                     out[j] = own[j] if k == K else candidates[k]
                     break
     return out
+
+
+@kernel
+def _standing(dt: float, motion: WaypointModel, stood: bool) -> tuple[float, float, float, float]:
+    """Variance, gain and variance left of `stand`, above 0, and the factor of the densities of both axes."""
+    place, gain, left = stand(dt, motion, stood)
+    place, left = max(place, LEAST_VARIANCE), max(left, LEAST_VARIANCE)
+    return place, gain, left, 1.0 / (place * left)

@@ -19,12 +19,18 @@ particle can change its mind more than once in them.
 
 One thing is added to the paper.  A particle whose next step would lead into a static
 occluder or out of the room decides as if it had reached its destination; the paper's
-own objects do that (Sec. 6).  Two kinds of noise are added that the paper has not, both 0 in its model:
+own objects do that (Sec. 6).  Noise is added that the paper has not, all of it 0 in its model:
 
 * of the velocity (`sigma_velocity`): white acceleration, by which speed and direction change.  People turn and hurry
   more than they jump aside, so that their places need little noise beside it;
 * of the place while waiting (`sigma_waiting`): who stands is never quite still, and particles that never
   move become copies of one place.
+
+The paper's targets wait for a reference step on average.  With `wait_s` above 0 they *stand*: for `wait_s` on
+average, then they go on to a new destination with the speed that they had.  One that stands creeps with a
+velocity of its own, which begins as N(0, sigma_creep^2 s I) and has the noise `sigma_creep`; its destination is the
+place where it would creep in `AHEAD_S`.  The place of one that creeps is smooth, so that a filter averages over longer
+the longer the target stands.
 """
 
 from __future__ import annotations
@@ -40,6 +46,9 @@ from occlog.core.plane.floor import Floor, on_floor, sample_floor
 
 TOWARDS, CHANGE, WAIT = 0, 1, 2
 """Regimes: move towards the destination (MTD), change the destination and move (CD), wait (W)."""
+
+AHEAD_S = 10.0
+"""The destination of one that stands is where it creeps in this time [s]."""
 
 LEAST_VARIANCE = 1e-18
 """Least variance of a step, so that densities stay finite where the motion has no noise."""
@@ -66,6 +75,8 @@ class WaypointModel(NamedTuple):
     change_reached: float  # lambda_2: of CD once the destination is reached
     sigma_velocity: float = 0.0  # noise of the velocity per axis gathered in a second
     sigma_waiting: float = 0.0  # noise per axis gathered in a second by one that waits
+    wait_s: float = 0.0  # how long one that stands waits on average; 0: waiting is the paper's
+    sigma_creep: float = 0.0  # noise of the velocity per axis gathered in a second by one that stands
 
 
 @kernel
@@ -123,6 +134,9 @@ def choose_regimes(particles: Particles, arrived: Bools, dt: float, motion: Wayp
     regime = np.empty(u.shape[0], dtype=np.int64)
     n = min(1.0, dt / motion.reference_s)
     for i in range(u.shape[0]):
+        if stands(particles.regime[i], motion):
+            regime[i] = CHANGE if u[i] < dt / motion.wait_s else WAIT
+            continue
         change = n * (motion.change_reached if arrived[i] else motion.change)
         towards = n * (motion.towards_reached if arrived[i] else motion.towards)
         if u[i] < towards:
@@ -157,6 +171,32 @@ def gather(dt: float, motion: WaypointModel) -> tuple[float, float, float]:
 
 
 @kernel
+def stands(regime: int, motion: WaypointModel) -> bool:
+    """Whether a particle of a regime creeps, as its destination says."""
+    return regime == WAIT and motion.wait_s > 0.0
+
+
+@kernel
+def stand(dt: float, motion: WaypointModel, stood: bool) -> tuple[float, float, float]:
+    """What noise does in a step of one that waits: variance of the place, gain of the velocity, variance left of it.
+
+    They mean the same as those of `gather`.  One that has just stopped creeps with a velocity of
+    N(0, sigma_creep^2 s) per axis; the velocity of one that stood in the step before, too, has white noise.
+
+    Args:
+        dt: length of the step [s].
+        motion: parameters.
+        stood: the target stood in the step before, too.
+    """
+    q = motion.sigma_creep * motion.sigma_creep
+    place = motion.sigma_waiting * motion.sigma_waiting * dt + (q * dt**3 / 3.0 if stood else q * dt * dt)
+    if q * dt == 0.0:
+        return place, 0.0, 0.0
+    gain = (0.5 * q * dt * dt if stood else q * dt) / place
+    return place, gain, max((q * dt if stood else q) - gain * gain * place, 0.0)
+
+
+@kernel
 def chances(regime: Ints, arrived: Bools, dt: float, motion: WaypointModel) -> Floats:
     """(L, 3) probabilities of the regimes in a step, in the order of their numbers.
 
@@ -169,6 +209,10 @@ def chances(regime: Ints, arrived: Bools, dt: float, motion: WaypointModel) -> F
     out = np.empty((arrived.shape[0], 3))
     n = min(1.0, dt / motion.reference_s)
     for i in range(arrived.shape[0]):
+        if stands(regime[i], motion):
+            out[i, CHANGE], out[i, TOWARDS] = min(1.0, dt / motion.wait_s), 0.0
+            out[i, WAIT] = 1.0 - out[i, CHANGE]
+            continue
         out[i, CHANGE] = n * (motion.change_reached if arrived[i] else motion.change)
         out[i, TOWARDS] = n * (motion.towards_reached if arrived[i] else motion.towards)
         out[i, WAIT] = max(n - out[i, CHANGE] - out[i, TOWARDS], 0.0)
@@ -197,7 +241,10 @@ def hypotheses(
     L = particles.speed.shape[0]
     prior, mean, variance = np.empty((3, L)), np.empty((3, L, 2)), np.empty((3, L))
     moving, _, _ = gather(dt, motion)
-    moving, waiting = max(moving, LEAST_VARIANCE), max(motion.sigma_waiting**2 * dt, LEAST_VARIANCE)
+    stopping, _, _ = stand(dt, motion, False)
+    standing, _, _ = stand(dt, motion, True)
+    moving, stopping = max(moving, LEAST_VARIANCE), max(stopping, LEAST_VARIANCE)
+    standing = max(standing, LEAST_VARIANCE)
     share = chances(particles.regime, arrived, dt, motion)
     for i in range(L):
         x, y, step = particles.xy[i, 0], particles.xy[i, 1], particles.speed[i] * dt
@@ -208,8 +255,11 @@ def hypotheses(
             scale = step / distance if distance > 0.0 else 0.0
             prior[r, i], variance[r, i] = share[i, r], moving
             mean[r, i, 0], mean[r, i, 1] = x + scale * ex, y + scale * ey
-        prior[WAIT, i], variance[WAIT, i] = share[i, WAIT], waiting
-        mean[WAIT, i, 0], mean[WAIT, i, 1] = x, y
+        stood = stands(particles.regime[i], motion)
+        prior[WAIT, i], variance[WAIT, i] = share[i, WAIT], standing if stood else stopping
+        scale = dt / AHEAD_S if stood else 0.0
+        mean[WAIT, i, 0] = x + scale * (particles.destination[i, 0] - x)
+        mean[WAIT, i, 1] = y + scale * (particles.destination[i, 1] - y)
     return prior, mean, variance
 
 
@@ -230,13 +280,17 @@ def move(
     L = regime.shape[0]
     mean, xy, own = np.empty((L, 2)), np.empty((L, 2)), np.zeros((L, 2))
     place, _, _ = gather(dt, motion)
-    moving, waiting = math.sqrt(place), motion.sigma_waiting * math.sqrt(dt)
+    stopping, _, _ = stand(dt, motion, False)
+    standing, _, _ = stand(dt, motion, True)
+    moving, stopping, standing = math.sqrt(place), math.sqrt(stopping), math.sqrt(standing)
     k = 0
     for i in range(L):
         spread, step = moving, particles.speed[i] * dt
         ex, ey = particles.destination[i, 0], particles.destination[i, 1]
-        if regime[i] == WAIT:
-            spread, step = waiting, 0.0
+        if regime[i] == WAIT and stands(particles.regime[i], motion):
+            spread, step = standing, math.hypot(ex - particles.xy[i, 0], ey - particles.xy[i, 1]) * dt / AHEAD_S
+        elif regime[i] == WAIT:
+            spread, step = stopping, 0.0
         elif regime[i] == CHANGE and k < destinations.shape[0]:
             own[i, 0], own[i, 1] = destinations[k, 0], destinations[k, 1]
             ex, ey = own[i, 0], own[i, 1]
@@ -277,6 +331,14 @@ def arrive(
     spread = math.sqrt(left)
     for i in range(speed.shape[0]):
         if regime[i] == WAIT:
+            # W: the velocity with which one that stands creeps, given the place
+            if stands(WAIT, motion):
+                stood = particles.regime[i] == WAIT
+                _, pull, rest = stand(dt, motion, stood)
+                before, rest = 1.0 / AHEAD_S if stood else 0.0, math.sqrt(rest)
+                for k in range(2):
+                    c = before * (destination[i, k] - particles.xy[i, k]) + pull * (xy[i, k] - mean[i, k])
+                    destination[i, k] = xy[i, k] + AHEAD_S * (c + rest * noise[i, k])
             continue
         # CD: a new destination
         if regime[i] == CHANGE:
@@ -300,15 +362,20 @@ def arrive(
 
 
 @kernel
-def headings(particles: Particles) -> Floats:
-    """(L, 5) place, speed towards the destination along x and y, and speed; also of particles that wait."""
+def headings(particles: Particles, motion: WaypointModel) -> Floats:
+    """(L, 5) place, speed towards the destination along x and y, and speed; also of particles that wait.
+
+    Of one that stands, columns 2 and 3 are the velocity with which it creeps.
+    """
     out = np.zeros((particles.speed.shape[0], 5))
     for i in range(out.shape[0]):
         dx = particles.destination[i, 0] - particles.xy[i, 0]
         dy = particles.destination[i, 1] - particles.xy[i, 1]
         distance = math.hypot(dx, dy)
         out[i, 0], out[i, 1], out[i, 4] = particles.xy[i, 0], particles.xy[i, 1], particles.speed[i]
-        if distance > 0.0:
+        if stands(particles.regime[i], motion):
+            out[i, 2], out[i, 3] = dx / AHEAD_S, dy / AHEAD_S
+        elif distance > 0.0:
             out[i, 2], out[i, 3] = particles.speed[i] * dx / distance, particles.speed[i] * dy / distance
     return out
 

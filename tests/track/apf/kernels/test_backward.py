@@ -13,6 +13,7 @@ from occlog.track.apf.smoother import kernel_variance
 
 PAPER = WaypointModel(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9, sigma_waiting=0.1)
 PEOPLE = WaypointModel(1.0, 0.1, 0.0, 0.7, 0.25, 0.05, 0.9, sigma_velocity=0.5, sigma_waiting=0.05)
+STAND = PEOPLE._replace(wait_s=10.0, sigma_creep=0.3)
 
 
 def states_near(L, rng):
@@ -21,14 +22,20 @@ def states_near(L, rng):
     return np.column_stack([xy, speed * np.cos(angle), speed * np.sin(angle), speed])
 
 
-def brute_force(later, regime, states, chances, dt, motion, width2):
+def brute_force(later, regime, states, was, chances, dt, motion, width2):
     """(L,) densities of a later state given each of those before, from the equations of the module."""
     p0, gain, left = waypoint.gather(dt, motion)
     x, c, s = later[:2], later[2:4], later[4]
     out = []
-    for state, chance in zip(states, chances, strict=True):
+    for state, r, chance in zip(states, was, chances, strict=True):
         x0, c0, s0 = state[:2], state[2:4], state[4]
-        if regime == WAIT:
+        if regime == WAIT and motion.wait_s > 0:
+            place, pull, rest = waypoint.stand(dt, motion, r == WAIT)
+            c0 = c0 * (r == WAIT)
+            v = x - x0 - c0 * dt
+            density = multivariate_normal.pdf(v, np.zeros(2), place * np.eye(2))
+            out.append(chance[WAIT] * density * multivariate_normal.pdf(c, c0 + pull * v, rest * np.eye(2)))
+        elif regime == WAIT:
             place = multivariate_normal.pdf(x, x0, motion.sigma_waiting**2 * dt * np.eye(2))
             out.append(chance[WAIT] * place * multivariate_normal.pdf(c, c0, width2 * np.eye(2)))
         elif regime == TOWARDS:
@@ -45,23 +52,26 @@ def brute_force(later, regime, states, chances, dt, motion, width2):
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("motion", [PAPER, PEOPLE])
+@pytest.mark.parametrize("motion", [PAPER, PEOPLE, STAND])
 @pytest.mark.parametrize("regime", [TOWARDS, CHANGE, WAIT])
 @pytest.mark.parametrize("seed", range(3))
 def test_parents_are_drawn_by_the_density_of_the_step(seed, regime, motion):
     rng, L, M, dt, width2 = np.random.default_rng(seed), 12, 40_000, 0.4, 0.2
-    states = states_near(L, rng)
+    states, was = states_near(L, rng), rng.integers(0, 3, L)
     chances = rng.dirichlet(np.ones(3), L)
     own = int(rng.integers(L))
     later = states[own].copy()
-    if regime != WAIT:
+    if regime != WAIT or (motion.wait_s > 0 and was[own] == WAIT):
         later[:2] += dt * later[2:4]
+    elif motion.wait_s > 0:
+        later[2:4] *= 0.1
     candidates = rng.integers(0, L, 30)
     drawn = parents_of(
         np.tile(later, (M, 1)),
         np.full(M, regime),
         np.full(M, own),
         states,
+        was,
         chances,
         candidates,
         dt,
@@ -69,7 +79,7 @@ def test_parents_are_drawn_by_the_density_of_the_step(seed, regime, motion):
         width2,
         rng.random(M),
     )
-    density = brute_force(later, regime, states, chances, dt, motion, width2)
+    density = brute_force(later, regime, states, was, chances, dt, motion, width2)
     counts = np.bincount(candidates, minlength=L) + (np.arange(L) == own)
     share = counts * density / (counts @ density)
     found = np.bincount(drawn, minlength=L)
@@ -91,8 +101,8 @@ def test_a_parent_stays_where_no_density_allows_any(regime):
     states = states_near(5, rng)
     later = states[[2]] + [[500.0, 0.0, 0.0, 0.0, 0.0]]
     drawn = parents_of(
-        later, np.array([regime]), np.array([2]), states, np.full((5, 3), 1 / 3), np.arange(5), 0.4, PEOPLE, 0.1,
-        np.array([0.5]),
+        later, np.array([regime]), np.array([2]), states, np.full(5, WAIT), np.full((5, 3), 1 / 3), np.arange(5), 0.4,
+        PEOPLE, 0.1, np.array([0.5]),
     )  # fmt: skip
     assert drawn.tolist() == [2]
 
@@ -102,7 +112,9 @@ def test_a_particle_that_cannot_do_what_was_done_is_no_parent():
     chances = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.2, 0.0, 0.8]])
     u = np.linspace(0.0, 0.999, 400)
     later, own = np.tile(states[0], (400, 1)), np.zeros(400, dtype=np.int64)
-    drawn = parents_of(later, np.full(400, WAIT), own, states, chances, np.arange(3), 0.4, PEOPLE, 0.1, u)
+    drawn = parents_of(
+        later, np.full(400, WAIT), own, states, np.zeros(3, dtype=np.int64), chances, np.arange(3), 0.4, PEOPLE, 0.1, u
+    )
     assert set(drawn.tolist()) == {1, 2}
     assert np.mean(drawn == 1) == pytest.approx(1 / 1.8, abs=0.01)
 
@@ -112,7 +124,17 @@ def test_without_noise_while_waiting_the_parent_of_one_that_waits_is_at_its_plac
     still = PEOPLE._replace(sigma_waiting=0.0)
     own = np.arange(50)
     drawn = parents_of(
-        states, np.full(50, WAIT), own, states, np.full((50, 3), 1 / 3), own, 0.4, still, 0.1, np.full(50, 0.3)
+        states,
+        np.full(50, WAIT),
+        own,
+        states,
+        np.full(50, WAIT),
+        np.full((50, 3), 1 / 3),
+        own,
+        0.4,
+        still,
+        0.1,
+        np.full(50, 0.3),
     )
     assert drawn.tolist() == own.tolist()
 

@@ -13,6 +13,7 @@ ROOM = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
 FLOOR = make_floor(ROOM, [])
 PAPER = WaypointModel(1.0, 0.33, 0.7, 0.9, 0.05, 0.05, 0.9)
 PEOPLE = WaypointModel(1.0, 0.1, 0.0, 0.7, 0.25, 0.05, 0.9, sigma_velocity=0.5, sigma_waiting=0.05)
+STAND = PEOPLE._replace(wait_s=10.0, sigma_creep=0.2)
 
 
 def mixed(n, rng):
@@ -63,11 +64,12 @@ def test_noise_of_the_velocity_alone_leaves_a_quarter_of_its_variance():
 @pytest.mark.parametrize("dt", [0.1, 0.5, 1.0])
 @pytest.mark.parametrize("arrived", [False, True])
 @pytest.mark.parametrize("regime", [TOWARDS, CHANGE, WAIT])
-def test_chances_are_the_frequencies_of_the_regimes(regime, arrived, dt):
+@pytest.mark.parametrize("motion", [PEOPLE, STAND])
+def test_chances_are_the_frequencies_of_the_regimes(motion, regime, arrived, dt):
     n = 100_000
     there = np.full(n, arrived)
-    drawn = waypoint.choose_regimes(alike(n, regime), there, dt, PEOPLE, np.random.default_rng(2).random(n))
-    chances = waypoint.chances(np.full(1, regime), there[:1], dt, PEOPLE)[0]
+    drawn = waypoint.choose_regimes(alike(n, regime), there, dt, motion, np.random.default_rng(2).random(n))
+    chances = waypoint.chances(np.full(1, regime), there[:1], dt, motion)[0]
     assert chances.sum() == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(np.bincount(drawn, minlength=3) / n, chances, atol=4 * 0.5 / np.sqrt(n))
 
@@ -78,15 +80,16 @@ def test_chances_of_a_step_longer_than_the_reference_step_are_those_of_one():
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("motion", [PAPER, PEOPLE])
+@pytest.mark.parametrize("before", [TOWARDS, WAIT])
+@pytest.mark.parametrize("motion", [PAPER, PEOPLE, STAND])
 @pytest.mark.parametrize("regime", [TOWARDS, CHANGE, WAIT])
-def test_hypotheses_have_the_moments_of_the_particles_that_follow_them(regime, motion):
+def test_hypotheses_have_the_moments_of_the_particles_that_follow_them(regime, motion, before):
     n, dt, rng = 100_000, 0.4, np.random.default_rng(regime)
     goal = np.array([10.0, 35.0])
-    one = alike(1)
+    one = alike(1, before)
     _, mean, variance = waypoint.hypotheses(one, np.array([False]), goal[None], dt, motion)
     goals = np.tile(goal, (n, 1))
-    after = waypoint.move(alike(n), np.full(n, regime), goals, rng.standard_normal((n, 4)), dt, motion)
+    after = waypoint.move(alike(n, before), np.full(n, regime), goals, rng.standard_normal((n, 4)), dt, motion)
     spread = np.sqrt(variance[regime, 0])
     np.testing.assert_allclose(after.xy.mean(axis=0), mean[regime, 0], atol=max(4 * spread / np.sqrt(n), 1e-9))
     if variance[regime, 0] > LEAST_VARIANCE:
@@ -146,15 +149,49 @@ def test_one_that_waits_jitters_and_keeps_speed_and_destination():
     np.testing.assert_array_equal(after.destination, before.destination)
 
 
+def test_one_that_stands_decides_to_leave_once_in_the_time_it_waits_and_goes_elsewhere():
+    for dt, leaves in ((0.2, 0.02), (1.0, 0.1)):
+        for arrived in (False, True):
+            chances = waypoint.chances(np.array([WAIT]), np.array([arrived]), dt, STAND)[0]
+            np.testing.assert_allclose(chances[[TOWARDS, CHANGE, WAIT]], [0.0, leaves, 1.0 - leaves])
+    short = STAND._replace(wait_s=0.5)
+    np.testing.assert_array_equal(waypoint.chances(np.array([WAIT]), np.array([False]), 1.0, short)[0], [0.0, 1.0, 0.0])
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("stood", [False, True])
+def test_one_that_stands_creeps_as_white_acceleration_moves_it_and_keeps_its_speed(stood):
+    n, dt, rng = 100_000, 0.5, np.random.default_rng(8)
+    before = alike(n, WAIT if stood else TOWARDS)
+    after = waypoint.move(before, np.full(n, WAIT), np.empty((0, 2)), rng.standard_normal((n, 4)), dt, STAND)
+    creep = waypoint.headings(after, STAND)[:, 2:4]
+    q = STAND.sigma_creep**2
+    place = STAND.sigma_waiting**2 * dt + (q * dt**3 / 3 if stood else q * dt**2)
+    both, velocity = (q * dt**2 / 2, q * dt) if stood else (q * dt, q)
+    found = np.cov(after.xy[:, 0], creep[:, 0])
+    np.testing.assert_allclose(found, [[place, both], [both, velocity]], atol=6 * velocity / np.sqrt(n))
+    was = (before.destination[0] - before.xy[0]) / waypoint.AHEAD_S if stood else np.zeros(2)
+    np.testing.assert_allclose(creep.mean(axis=0), was, atol=5 * np.sqrt(velocity / n))
+    np.testing.assert_array_equal(after.speed, before.speed)
+
+
+def test_one_that_stands_without_any_noise_stays_where_it_is():
+    still = STAND._replace(sigma_waiting=0.0, sigma_creep=0.0)
+    after = waypoint.move(alike(5), np.full(5, WAIT), np.empty((0, 2)), np.ones((5, 4)), 0.5, still)
+    np.testing.assert_array_equal(after.xy, alike(5).xy)
+    np.testing.assert_array_equal(waypoint.headings(after, still)[:, 2:4], 0.0)
+
+
+@pytest.mark.parametrize("motion", [PEOPLE, STAND])
 @pytest.mark.parametrize("seed", range(3))
-def test_arriving_where_noise_leads_is_moving_there(seed):
+def test_arriving_where_noise_leads_is_moving_there(seed, motion):
     """`move` draws the place and calls `arrive`; given the same places both give the same particles."""
     rng = np.random.default_rng(seed)
     p, n, dt = mixed(200, rng), 200, 0.3
     regime, noise, goals = rng.integers(0, 3, n), rng.standard_normal((n, 4)), rng.uniform(0, 100, (n, 2))
-    moved = waypoint.move(p, regime, goals[regime == CHANGE], noise, dt, PEOPLE)
-    _, mean, _ = waypoint.hypotheses(p, np.zeros(n, dtype=bool), goals, dt, PEOPLE)
-    again = waypoint.arrive(p, regime, goals, mean[regime, np.arange(n)], moved.xy, noise[:, 2:], dt, PEOPLE)
+    moved = waypoint.move(p, regime, goals[regime == CHANGE], noise, dt, motion)
+    _, mean, _ = waypoint.hypotheses(p, np.zeros(n, dtype=bool), goals, dt, motion)
+    again = waypoint.arrive(p, regime, goals, mean[regime, np.arange(n)], moved.xy, noise[:, 2:], dt, motion)
     for a, b in zip(moved, again, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12)
 
@@ -179,6 +216,6 @@ def test_without_the_added_noises_a_step_is_the_papers(seed):
 
 def test_headings_hold_place_and_velocity_also_of_those_that_wait():
     p = alike(3)._replace(regime=np.array([TOWARDS, CHANGE, WAIT]))
-    np.testing.assert_allclose(waypoint.headings(p), [[20.0, 20.0, 1.2, 0.9, 1.5]] * 3)
+    np.testing.assert_allclose(waypoint.headings(p, PEOPLE), [[20.0, 20.0, 1.2, 0.9, 1.5]] * 3)
     still = p._replace(destination=p.xy)
-    np.testing.assert_allclose(waypoint.headings(still), [[20.0, 20.0, 0.0, 0.0, 1.5]] * 3)
+    np.testing.assert_allclose(waypoint.headings(still, PEOPLE), [[20.0, 20.0, 0.0, 0.0, 1.5]] * 3)
