@@ -5,15 +5,16 @@ Everything begins with a prior that is worth a few boxes, so that one set of def
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import Bools, Floats
 
 from .config import JipdaConfig
 from .edges import LASTS_S, Edges, lasting_of, noise_of
-from .kernels.joint import Boxes, Rates, Result
+from .kernels.joint import BLIND, Boxes, Rates, Result
 from .people import CALM, TURNING, People
 
 CURVE = np.array([0.02, 0.1, 0.4, 0.8, 0.95, 1.0])
@@ -95,6 +96,18 @@ def boxes_of_nobody(counts: Counts) -> Floats:
     return np.asarray(counts.clutter[:, 0] / counts.clutter[:, 1])
 
 
+def blind_looks(boxes: Boxes, existence: Floats, detection: Floats) -> Bools:
+    """(L,) looks without any box that are more probably blind than that they missed everybody.
+
+    Args:
+        boxes: of L looks.
+        existence: (N,) of people.
+        detection: (L, N) probabilities of detection.
+    """
+    missed = np.log1p(-existence * np.minimum(detection, DETECTION_RANGE[1])).sum(axis=1)
+    return np.asarray((np.diff(boxes.first) == 0) & (missed < math.log(BLIND)))
+
+
 def learn(
     counts: Counts, people: People, *, dt: float, turn_s: float, boxes: Boxes, rates: Rates, result: Result
 ) -> Counts:
@@ -102,7 +115,10 @@ def learn(
     detected, curve = counts.detected.copy(), counts.curve.copy()
     sure = people.existence > SURE
     last = len(curve) - 1
+    blind = blind_looks(boxes, people.existence, result.detection)
     for look, c in enumerate(boxes.camera.tolist()):
+        if blind[look]:
+            continue
         visible = result.visible[look]
         hit = result.share[:, boxes.first[look] : boxes.first[look + 1]].sum(axis=1)
         plain = sure & (visible > PLAIN)

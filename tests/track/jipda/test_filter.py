@@ -24,6 +24,12 @@ def follow(made: Crowd, config: JipdaConfig | None = None) -> list[Moment]:
     return out
 
 
+def emptied(look: Look) -> Look:
+    """The same look at nobody."""
+    none = np.zeros(0, dtype=np.int64)
+    return look._replace(boxes=np.zeros((0, 4)), score=np.zeros(0), hint=none, appearance=np.zeros((0, 0)), row=none)
+
+
 def pairs(made: Crowd, moments: list[Moment], within: float = 1.0) -> list[tuple[int, int, int, float]]:
     """Frame, person, identity and normalised squared error of each pair of truth and estimate."""
     out = []
@@ -109,14 +115,30 @@ def test_supports_name_boxes_of_their_camera_and_sum_to_at_most_one() -> None:
 
 
 def test_births_and_deaths_are_told() -> None:
-    made = crowd(people=3, frames=30, seed=9)
-    gone = [[look._replace(boxes=np.zeros((0, 4)), score=np.zeros(0), hint=np.zeros(0, dtype=np.int64),
-                           appearance=np.zeros((0, 0)), row=np.zeros(0, dtype=np.int64)) for look in looks]
-            for looks in made.moments[20:]]  # fmt: skip
+    made = crowd(people=3, frames=50, seed=9)
+    gone = [[emptied(look) for look in looks] for looks in made.moments[20:]]
     moments = follow(made._replace(moments=made.moments[:20] + gone))
     events = [e.kind for m in moments for e in m.events]
     assert events.count("birth") == events.count("death") >= 3
     assert len(moments[-1].ids) == 0
+
+
+@pytest.mark.parametrize(("people", "moments"), [(2, 1), (10, 4)])
+def test_everybody_outlives_moments_at_which_all_cameras_are_blind(people: int, moments: int) -> None:
+    made = crowd(people=people, frames=30, hz=10.0, seed=4)
+    blind = range(20, 20 + moments)
+    looks = [[emptied(look) for look in looks] if t in blind else looks for t, looks in enumerate(made.moments)]
+    found = follow(made._replace(moments=looks))
+    before = set(found[19].ids.tolist())
+    assert len(before) == people
+    assert all(before <= set(found[t].ids.tolist()) for t in [*blind, blind.stop])
+
+
+def test_one_blind_camera_takes_nobody_away() -> None:
+    made = crowd(people=6, cameras=3, frames=40, seed=4)
+    blind = [[emptied(looks[0]), *looks[1:]] if t >= 15 else looks for t, looks in enumerate(made.moments)]
+    moments = follow(made._replace(moments=blind))
+    assert len(pairs(made, moments)) > 0.9 * 6 * 40
 
 
 def test_looks_at_slightly_different_times_are_one_moment() -> None:

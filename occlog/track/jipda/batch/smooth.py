@@ -18,7 +18,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 
-from ..detectors import leaving_rate, rates_of, turning_rate
+from ..detectors import blind_looks, leaving_rate, rates_of, turning_rate
 from ..filter import LEAST_SUPPORT, State, pack
 from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
 from ..kernels.joint import Boxes, Rates
@@ -76,6 +76,9 @@ def smooth(
     with np.errstate(divide="ignore", invalid="ignore"):
         interval = (span.time[-1] - span.time[0]) / (span.looked[-1] - 1.0)
     rates = rates_of(state.counts, state.edges, state.config, np.where(interval > 0.0, interval, np.inf))
+    # Blind frames are not looks
+    packed = [_seeing(boxes, rates, moment) for boxes, moment in zip(packed, moments, strict=True)]
+    span = span_of(state, packed, moments)
     found = [
         find(state, boxes, rates, hint, *_filtered(boxes, group, moment))
         for boxes, hint, group, moment in zip(packed, hints, looks, moments, strict=True)
@@ -85,17 +88,17 @@ def smooth(
     chosen = moments_apart(span)
     apart = at_moments(span, chosen)
     for hottest in HOTTEST:
-        tracks = tracks_from([found[k] for k in chosen.tolist()], apart, state.config, square, free=True)
+        tracks = tracks_from([found[k] for k in chosen.tolist()], apart, state.config, state.places, square, free=True)
         anneal(tracks, apart, generator, hottest)
         bridge(tracks, apart)
         tracks = tracks._replace(places=tracks.places._replace(moment=chosen[tracks.places.moment]))
         own, square = _scattered(tracks, span, square, state.metre)
         found, after = _again(state, packed, rates, hints, tracks, span, own, square)
     # Smooth: the scatter and the walk follow from each other
-    tracks = tracks_from(found, span, state.config, square, free=False)
+    tracks = tracks_from(found, span, state.config, state.places, square, free=False)
     for _ in range(REFINEMENTS):
         own, square = _scattered(tracks, span, square, state.metre)
-        tracks = tracks_from(found, span, state.config, own, free=False)
+        tracks = tracks_from(found, span, state.config, state.places, own, free=False)
     return _moments(tracks, span, packed, looks, moments, after, own, square)
 
 
@@ -116,6 +119,16 @@ def span_of(state: State, packed: Sequence[Boxes], moments: Sequence[Moment]) ->
         turning=turning_rate(state.counts),
         metre=state.metre,
     )
+
+
+def _seeing(boxes: Boxes, rates: Rates, moment: Moment) -> Boxes:
+    """The boxes without the looks that are blind, by the filter's people."""
+    visible = np.nan_to_num(moment.visibility[:, boxes.camera].T)
+    places = np.linspace(0.0, 1.0, len(rates.curve))
+    detection = rates.detection[boxes.camera, None] * np.interp(visible, places, rates.curve)
+    keep = ~blind_looks(boxes, moment.existence, np.where(visible > 0.0, detection, 0.0))
+    first = np.concatenate([[0], np.cumsum(np.diff(boxes.first)[keep])])
+    return boxes._replace(camera=boxes.camera[keep], delay=boxes.delay[keep], first=first)
 
 
 def moments_apart(span: Span) -> Ints:

@@ -12,6 +12,7 @@ from occlog.array_types import Floats, Ints
 
 from ..config import JipdaConfig
 from ..people import GROWTH
+from ..place_map import CELL, PlaceMap, leaving_at
 from .association import Found
 from .chains import (
     NONE,
@@ -110,6 +111,7 @@ def tracks_from(
     found: Sequence[Found],
     span: Span,
     config: JipdaConfig,
+    known: PlaceMap,
     scatter: float | Floats,
     free: bool,
 ) -> Tracks:
@@ -119,6 +121,7 @@ def tracks_from(
         found: of each moment.
         span: the moments.
         config: settings.
+        known: where people leave.
         scatter: variance of a place about the walk, or that of each place (n,).
         free: the links are to be changed: those that the chain could not make are cut.
     """
@@ -133,6 +136,7 @@ def tracks_from(
     T = len(span.time)
     unseen = np.exp(miss @ (span.looked[-1] / T))
     wait = np.minimum(span.step / np.maximum(1.0 - unseen, 1e-3), span.stay)
+    leaving = _leaving(known, mean[:, :2], span)
     early = np.exp((miss * span.looked[moment]).sum(axis=1))
     late = np.exp((miss * (span.looked[-1] - span.looked[moment + 1])).sum(axis=1))
     arrivals = span.people / span.area / span.stay
@@ -145,7 +149,7 @@ def tracks_from(
         c=constant,
         miss=miss,
         birth=np.log(arrivals * (wait + span.stay * early)),
-        death=np.log(np.minimum(wait / span.stay + late, 1.0)),
+        death=np.log(np.minimum(wait * leaving + late, 1.0)),
         hint=np.concatenate([f.hint for f in found]),
     )
     often = float(np.mean(1.0 - unseen)) if len(unseen) else 1.0
@@ -157,6 +161,13 @@ def tracks_from(
     for _ in range(2):
         renew_all(places, walk, span.looked, chain)
     return Tracks(places, walk, chain, raw_J, raw_h, label)
+
+
+def _leaving(known: PlaceMap, places: Floats, span: Span) -> Floats:
+    """(n,) rates [1/s] at which people leave at (n, 2) places, by the cells that these are in."""
+    side = CELL * known.metre
+    cells, cell = np.unique(np.floor(places / side), axis=0, return_inverse=True)
+    return leaving_at(known, (cells + 0.5) * side, 1.0 / span.stay)[cell.reshape(-1)]
 
 
 def _chain(places: Places, walk: Walk, track: Ints, free: bool) -> Chain:

@@ -31,6 +31,8 @@ SWEEPS = 2
 WIDER = 2.0
 """Association takes the variance of edges so many times: boxes have heavier tails than a normal distribution, and a
 person who turns is off from the prediction in all cameras alike, which the cameras' boxes must not be denied for."""
+BLIND = 0.01
+"""Probability that a frame shows nobody of all who are there: it was not recorded, or the lens is covered."""
 LEAST_SHARE = 0.02
 """An association that is less probable than this moves nobody."""
 
@@ -270,8 +272,14 @@ def update(
                 feet[i] = 1.0 - bottom / COLUMNS
                 detection[l, i] = rates.detection[c] * interpolate(rates.curve, visible[l, i])
             if stop == start:
+                # Nobody at all: everybody was missed, or the frame is blind, which counts once for all of them (and for
+                # all looks, where all are so)
+                expected = 0.0
                 for i in range(N):
-                    odds = math.log(max(1.0 - detection[l, i], 1e-6))
+                    expected += there[i] * detection[l, i]
+                least = math.log(BLIND) / (max(expected, 1.0) * (1 if M > 0 else L))
+                for i in range(N):
+                    odds = max(math.log(max(1.0 - detection[l, i], 1e-6)), least)
                     log_odds[i] += odds - site_odds[l, i]
                     site_odds[l, i] = odds
                 continue
