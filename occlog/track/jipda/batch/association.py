@@ -10,8 +10,10 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 
 from ..filter import CROWD, GATE, IN_IMAGE, LEAST_BIRTH, NEW_SHARE, State
+from ..interface import WIDTH
 from ..kernels.joint import Boxes, Rates, update
 from ..kernels.newborn import Arrival, newborn
+from ..people import DOUBLE
 from .chains import NONE
 from .places import factors, misses, seen
 
@@ -89,6 +91,7 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
     given = np.concatenate([best_boxes(boxes, share), best_boxes(boxes, used)], axis=1)
     track = np.concatenate([people.track, np.full(len(odds), NONE)])
     mean, covariance = np.concatenate([people.mean, mean]), np.concatenate([people.covariance, covariance])
+    _join_doubles(mean, given, len(people.track))
     # Whoever is new may be nobody, and hides others half as much
     there = np.concatenate([people.existence, 0.5 / (1.0 + np.exp(-odds))])
     _, feet, detection = seen(state.views, boxes, rates, mean, covariance, there)
@@ -103,6 +106,23 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
         has = np.flatnonzero(given[look] >= 0)
         named[has, camera] = hint[given[look, has]]
     return Found(track[rows], mean, given, J, h, constant, misses(state.views, rates, mean), named)
+
+
+def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
+    """Give the boxes (L, N) of new people to whom they stand in, in looks that show no other box of theirs; in place.
+
+    Args:
+        mean: (N, 6) people, the new ones last.
+        given: (L, N) box in each look; NONE.
+        known: how many are not new.
+    """
+    for j in range(known, len(mean)):
+        apart = np.hypot(*(mean[:j, :2] - mean[j, :2]).T)
+        apart[(given[:, :j] == NONE).all(axis=0)] = np.inf
+        i = int(np.argmin(apart)) if j else j
+        if i < j and apart[i] < DOUBLE * mean[i, WIDTH]:
+            given[:, i] = np.where(given[:, i] == NONE, given[:, j], given[:, i])
+            given[:, j] = NONE
 
 
 def best_boxes(boxes: Boxes, share: Floats) -> Ints:
