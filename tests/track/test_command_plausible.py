@@ -203,6 +203,12 @@ def test_two_people_offered_to_a_filter_of_one_target_are_said(tmp_path, capsys)
 
 
 @pytest.mark.jit
+def test_one_person_of_a_crowd_who_is_followed_from_a_given_start_is_said_to_be_among_others(tmp_path, capsys) -> None:
+    files, (x, y) = record(tmp_path, people=6, labelled=False), walks(6, 0)[0, 0]
+    assert "several-targets" in told(capsys, [*files.track, "--start", f"{x},{y},0.3"]).warnings
+
+
+@pytest.mark.jit
 def test_one_person_without_label_is_one_target(tmp_path, capsys) -> None:
     assert told(capsys, record(tmp_path, labelled=False).track).warnings == {}
 
