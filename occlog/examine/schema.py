@@ -32,7 +32,10 @@ CLASSES: dict[str, tuple[str, ...]] = {
     "listen": ("occlog.measure.listen.config:ListenConfig",),
     "epipolar": ("occlog.measure.epipolar.config:EpipolarConfig",),
     "detect": ("occlog.measure.detect.config:DetectConfig",),
-    "fuse": ("occlog.measure.fuse.config:FuseConfig",),
+    "fuse": (
+        "occlog.measure.fuse.config:FuseConfig",
+        "occlog.measure.fuse.tracks.config:TrackFusionConfig",
+    ),
     "priors": (
         "occlog.measure.priors.config:KalmanConfig",
         "occlog.measure.priors.config:HullConfig",

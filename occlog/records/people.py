@@ -44,6 +44,18 @@ class PeopleTracks(Tracks):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class JoinedTracks(PeopleTracks):
+    """Tracks of several groups of cameras brought together; every command reads them as `Tracks`.
+
+    `doubt` has `contradiction` besides, where two groups have the person in places that do not agree at this time.
+    """
+
+    made_of: Strings = column(
+        "U", "1", "identities in the inputs, in their order, separated by commas; `-`: not there", optional=True
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PeopleViews(ViewTracks):
     """Everybody in every image, hidden people too; every command reads them as `ViewTracks`.
 

@@ -15,7 +15,7 @@ Conventions (all tables)
 from __future__ import annotations
 
 from .columns import Table
-from .people import Events, PeopleTracks, PeopleViews, Support
+from .people import Events, JoinedTracks, PeopleTracks, PeopleViews, Support
 from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, TruthBoxes, Views
 from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, FusedTracks, Residuals, Tracks
 from .views import Counts, Failures, ViewTracks
@@ -65,6 +65,7 @@ __all__ = [
     "Failures",
     "FusedTracks",
     "Hulls",
+    "JoinedTracks",
     "Occluders",
     "PeopleTracks",
     "PeopleViews",

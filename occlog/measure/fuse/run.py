@@ -13,9 +13,10 @@ from occlog.cli import options
 from occlog.errors import UsageError
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.open import open_input
 from occlog.measure.scans.inputs import Inputs
 from occlog.records.columns import Table
-from occlog.records.tables import Bearings, Views
+from occlog.records.tables import Bearings, Tracks, Views
 from occlog.settings import configure
 
 from .config import FuseConfig
@@ -53,6 +54,10 @@ def run_fuse(files: FuseFiles, values: Mapping[str, object], quiet: bool) -> tup
     """
     if files.fused_views is not None and files.views is None:
         raise UsageError("--fused-views wants the views of the bearings; give them with --views")
+    if open_input(files.bearings).table == Tracks.NAME:
+        raise UsageError(
+            f"{files.bearings}: holds tracks; name those of another group of cameras with --with, or give bearings"
+        )
     inputs = Inputs(files.bearings, files.scene)
     views = [] if files.views is None else inputs.open(files.views, Views)
     unit = inputs.scene.length_unit

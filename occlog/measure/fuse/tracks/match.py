@@ -1,0 +1,133 @@
+"""Which tracks of two groups of cameras are of one person, moment by moment."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.core.numerics.assignment import assign
+from occlog.records.tables import PeopleTracks
+
+FAR = 4.0
+"""A distance counts at most so many times the gate, so that a quarter of the moments may be far off."""
+STAY = 4.0
+"""The pairs of the moment before are preferred by so much of the squared distance in standard deviations."""
+
+
+def matched(first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float) -> Ints:
+    """Find for each row of the first group the row of the second that is of the same person.
+
+    Two tracks are compared by the mean, over `span_s` about the moment, of the squared distance of their places in
+    standard deviations, that of each moment at most `FAR` times the gate.  At each moment the pairs within the gate are
+    assigned one to one.
+
+    Args:
+        first: tracks at common moments, ordered by time.
+        second: the same.
+        error: standard deviation of the places beyond their covariances, per axis.
+        gate: in standard deviations.
+        span_s: how long tracks are compared [s].
+
+    Returns:
+        (n,) rows of the second group; -1: nobody there is the person.
+    """
+    out = np.full(len(first), -1, dtype=np.int64)
+    found = _compared(first, second, error, gate, span_s)
+    if not len(found[0]):
+        return out
+    rows, others, cost = found
+    order = np.lexsort([others, rows])  # rows of `first` are in the order of time
+    rows, others, cost = rows[order], others[order], cost[order]
+    cuts = np.flatnonzero(np.diff(first.t_ns[rows])) + 1
+    before: set[tuple[int, int]] = set()
+    for part in np.split(np.arange(len(rows)), cuts):
+        mine, where = np.unique(rows[part], return_inverse=True)
+        theirs, there = np.unique(others[part], return_inverse=True)
+        pairs = list(zip(first.target_id[rows[part]].tolist(), second.target_id[others[part]].tolist(), strict=True))
+        held = np.array([pair in before for pair in pairs])
+        table = np.full((len(mine), len(theirs)), np.inf)
+        # Costs below 0 are not taken by the assignment; the gate is for the distance alone
+        table[where, there] = np.where(cost[part] <= gate**2, cost[part] + np.where(held, 0.0, STAY), np.inf)
+        a, b = assign(table, gate**2 + STAY)
+        out[mine[a]] = theirs[b]
+        before = set(zip(first.target_id[mine[a]].tolist(), second.target_id[theirs[b]].tolist(), strict=True))
+    return out
+
+
+class Places(NamedTuple):
+    """Places on the floor; n of them."""
+
+    x: Floats  # (n,)
+    y: Floats
+    xx: Floats  # covariance
+    xy: Floats
+    yy: Floats
+
+    @classmethod
+    def of(cls, tracks: PeopleTracks) -> Places:
+        """Those of all rows."""
+        return cls(tracks.x, tracks.y, tracks.cov_xx, tracks.cov_xy, tracks.cov_yy)
+
+    def take(self, rows: Ints) -> Places:
+        """Some of them."""
+        return Places(*(values[rows] for values in self))
+
+
+def distances(first: Places, second: Places, error: float) -> Floats:
+    """(n,) squared distances in standard deviations; chi-square with 2 degrees of freedom for independent errors.
+
+    Args:
+        first: n places.
+        second: n others.
+        error: standard deviation of both beyond their covariances, per axis.
+    """
+    dx, dy = second.x - first.x, second.y - first.y
+    xx, xy, yy = first.xx + second.xx + error**2, first.xy + second.xy, first.yy + second.yy + error**2
+    determinant = np.maximum(xx * yy - xy**2, np.finfo(np.float64).tiny)
+    squared: Floats = (yy * dx**2 - 2.0 * xy * dx * dy + xx * dy**2) / determinant
+    return squared
+
+
+def _compared(
+    first: PeopleTracks, second: PeopleTracks, error: float, gate: float, span_s: float
+) -> tuple[Ints, Ints, Floats]:
+    """Rows of both groups at one moment, of tracks that are ever near each other, and the mean squared distance."""
+    places = Places.of(first), Places.of(second)
+    rows_of = [{i: np.flatnonzero(g.target_id == i) for i in np.unique(g.target_id).tolist()} for g in (first, second)]
+    none = np.zeros(0, dtype=np.int64)
+    parts: list[tuple[Ints, Ints, Floats]] = [(none, none, np.zeros(0))]
+    for a, b in _ever_near(first, second, error, gate):
+        mine, theirs = rows_of[0][a], rows_of[1][b]
+        _, i, j = np.intersect1d(first.t_ns[mine], second.t_ns[theirs], assume_unique=True, return_indices=True)
+        mine, theirs = mine[i], theirs[j]
+        far = np.minimum(distances(places[0].take(mine), places[1].take(theirs), error), FAR * gate**2)
+        parts.append((mine, theirs, _windowed(far, first.t_ns[mine], round(0.5 * span_s * NS))))
+    a_rows, b_rows, cost = zip(*parts, strict=True)
+    return np.concatenate(a_rows), np.concatenate(b_rows), np.concatenate(cost)
+
+
+def _ever_near(first: PeopleTracks, second: PeopleTracks, error: float, gate: float) -> list[tuple[int, int]]:
+    """Pairs of identities that are within the gate at some moment."""
+    places = Places.of(first), Places.of(second)
+    near: set[tuple[int, int]] = set()
+    times, start, number = np.unique(second.t_ns, return_index=True, return_counts=True)
+    asked, begin, people = np.unique(first.t_ns, return_index=True, return_counts=True)
+    _, at, where = np.intersect1d(asked, times, assume_unique=True, return_indices=True)
+    for a, b in zip(at.tolist(), where.tolist(), strict=True):
+        mine = np.repeat(np.arange(begin[a], begin[a] + people[a]), number[b])
+        theirs = np.tile(np.arange(start[b], start[b] + number[b]), people[a])
+        close = distances(places[0].take(mine), places[1].take(theirs), error) <= gate**2
+        mine, theirs = mine[close], theirs[close]
+        near.update(zip(first.target_id[mine].tolist(), second.target_id[theirs].tolist(), strict=True))
+    return sorted(near)
+
+
+def _windowed(values: Floats, t_ns: Ints, half_ns: int) -> Floats:
+    """Means of the values that are at most so long before or after each one."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    low = np.searchsorted(t_ns, t_ns - half_ns, side="left")
+    high = np.searchsorted(t_ns, t_ns + half_ns, side="right")
+    mean: Floats = (total[high] - total[low]) / (high - low)
+    return mean

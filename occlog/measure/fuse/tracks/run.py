@@ -1,0 +1,127 @@
+"""Run of `occlog fuse` on tracks: read those of all groups of cameras, bring them together, write."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from occlog.cli import options
+from occlog.errors import InputError
+from occlog.io.files.atomic import Together
+from occlog.io.files.parquet import TableWriter
+from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.open import check_unit, losses_of, open_input
+from occlog.records.columns import Table
+from occlog.records.losses import Loss
+from occlog.records.tables import PeopleTracks
+from occlog.settings import configure
+
+from .config import TrackFusionConfig
+from .stage import Agreement, Fused, fuse_tracks
+
+BESIDE = 2.0
+"""Groups whose places differ by more than so many times the expected error, on average, are said to."""
+
+
+@dataclass(frozen=True)
+class TrackFiles:
+    """Files to read and to write."""
+
+    tracks: tuple[Path, ...]
+    output: Path
+    events: Path | None
+    overwrite: bool
+
+
+def run_fuse_tracks(
+    files: TrackFiles, values: Mapping[str, object], quiet: bool
+) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Fuse tracks and write; return the summary, and what had been lost before.
+
+    Args:
+        files: inputs and outputs.
+        values: settings of `TrackFusionConfig` that were given.
+        quiet: no notes.
+    """
+    opened = [open_input(path, PeopleTracks) for path in files.tracks]
+    unit = opened[0].length_unit or "m"
+    for each in opened[1:]:
+        check_unit(each, unit, str(opened[0].path), InputError)
+    config = configure(TrackFusionConfig.in_unit(unit), values)
+    groups = [each.read(PeopleTracks) for each in opened]
+    fused = fuse_tracks(groups, config)
+    losses = losses_of(opened)
+    provenance = Provenance("fuse", asdict(config), None, hash_inputs(list(files.tracks)), losses)
+    outputs: list[tuple[Path | None, Table]] = [(files.output, fused.tracks), (files.events, fused.events)]
+    with ExitStack() as stack:
+        together = stack.enter_context(Together())
+        for path, table in outputs:
+            if path is not None:
+                made = TableWriter(
+                    path, type(table), provenance, overwrite=files.overwrite, length_unit=unit, together=together
+                )
+                stack.enter_context(made).write(table)
+    notes = list(_notes(files.tracks, groups, fused, config, unit))
+    for line in notes:
+        options.note(f"warning: {line}", quiet)
+    written = {"tracks": str(files.output)} | ({} if files.events is None else {"events": str(files.events)})
+    return {**written, **figures(files.tracks, groups, fused)}, losses
+
+
+def figures(paths: tuple[Path, ...], groups: list[PeopleTracks], fused: Fused) -> dict[str, object]:
+    """Figures of the summary.
+
+    people, rows: of the output.  in_several: share of the rows of people whom several groups follow at that time.
+    doubts: how often two identities may have been exchanged.  groups: of each input the identities; of each but the
+    first the rows that it has in common with those before, and the median distance of their places.
+    """
+    several = np.char.count(fused.tracks.made_of, "-") < len(groups) - 1 if len(fused.tracks) else np.zeros(0)
+    by_group: dict[str, object] = {}
+    for place, (path, group) in enumerate(zip(paths, groups, strict=True)):
+        said: dict[str, object] = {"people": len(np.unique(group.target_id))}
+        if place:
+            agreement = fused.agreements[place - 1]
+            said |= {"in_common": agreement.pairs}
+            said |= {"apart": agreement.apart} if agreement.pairs else {}
+        by_group[path.name if path.name not in by_group else str(path)] = said
+    return {
+        "people": len(np.unique(fused.tracks.target_id)),
+        "rows": len(fused.tracks),
+        **({"in_several": float(several.mean())} if len(several) else {}),
+        "doubts": int(np.count_nonzero(fused.events.kind == "doubt")),
+        "groups": by_group,
+    }
+
+
+def _notes(
+    paths: tuple[Path, ...], groups: list[PeopleTracks], fused: Fused, config: TrackFusionConfig, unit: str
+) -> Iterator[str]:
+    """What a user must know of the inputs."""
+    for path, group in zip(paths, groups, strict=True):
+        if not len(group):
+            yield f"{path}: holds nobody"
+    for path, group, agreement in zip(paths[1:], groups[1:], fused.agreements, strict=True):
+        if not len(group) or not any(len(g) for g in groups):
+            continue
+        if not agreement.moments:
+            yield f"{path}: nobody is there at a time at which the tracks before it have anybody; check its clock"
+        elif not agreement.pairs:
+            yield (
+                f"{path}: none of its people is one of those before it, though there are some at {agreement.moments} "
+                "times; if the groups of cameras see the same places, check their poses and clocks"
+            )
+        elif _beside(agreement, config):
+            x, y = agreement.beside
+            yield (
+                f"{path}: its people are beside those before it by ({x:.3g}, {y:.3g}) {unit} on average; check poses "
+                "and clocks"
+            )
+
+
+def _beside(agreement: Agreement, config: TrackFusionConfig) -> bool:
+    return math.hypot(*agreement.beside) > BESIDE * config.error > 0.0

@@ -1,0 +1,265 @@
+"""Fusion of the tracks of several groups of cameras: one identity and one state of each person.
+
+The tracks of all groups are brought to common moments.  Then one group after the other joins those before: tracks of
+one person are matched, their states are fused by covariance intersection, since groups share what they do not know (the
+motion, cameras, poses), and identities go over from track to track.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
+from occlog.errors import InputError
+from occlog.records.tables import Events, JoinedTracks, PeopleTracks
+
+from .config import TrackFusionConfig
+from .identities import NOBODY, Identities
+from .intersect import intersect
+from .match import Places, distances, matched
+from .resample import at_moments, default_window, moments_of
+
+STATE = ("x", "y", "vx", "vy")
+COVARIANCE = (
+    ("cov_xx", "cov_xy", "cov_x_vx", "cov_x_vy"),
+    ("cov_xy", "cov_yy", "cov_y_vx", "cov_y_vy"),
+    ("cov_x_vx", "cov_y_vx", "cov_vx_vx", "cov_vx_vy"),
+    ("cov_x_vy", "cov_y_vy", "cov_vx_vy", "cov_vy_vy"),
+)
+"""Columns of the state and of its covariance."""
+UNSEEN, ONE_VIEW, EXCHANGE, CONTRADICTION = DOUBTS = ("unseen", "one-view", "exchange", "contradiction")
+"""Values of the column `doubt`, in the order in which they stand there."""
+NOT_THERE = "-"
+
+
+class Agreement(NamedTuple):
+    """How a group of cameras agrees with those before it."""
+
+    moments: int  # at which both have somebody
+    pairs: int  # rows of one person, at these moments
+    beside: tuple[float, float]  # mean of the later group's place minus that of those before; NaN without pairs
+    apart: float  # median distance; NaN without pairs
+
+
+class Fused(NamedTuple):
+    """Tracks of everybody, from all groups."""
+
+    tracks: JoinedTracks
+    events: Events
+    agreements: list[Agreement]  # of each group but the first one
+
+
+class _Doubt(NamedTuple):
+    t_ns: int
+    identity: int
+    other: int
+
+
+def fuse_tracks(groups: Sequence[PeopleTracks], config: TrackFusionConfig) -> Fused:
+    """Bring the tracks of several groups of cameras together.
+
+    Args:
+        groups: tracks on the ground in one world frame; their times may differ.
+        config: settings in the scene's unit.
+
+    Raises:
+        InputError: tracks in space.
+    """
+    for group in groups:
+        if np.isfinite(group.z).any():
+            raise InputError("tracks in space cannot be fused; give tracks on the ground")
+    window_ns = default_window(groups) if config.window_s is None else round(config.window_s * 1e9)
+    moments = moments_of(groups, window_ns)
+    first, *later = (at_moments(group, moments, window_ns, round(config.gap_s * 1e9)) for group in groups)
+    joined, doubts, agreements = _alone(first), list[_Doubt](), list[Agreement]()
+    for number, second in enumerate(later, start=1):
+        after, more, agreement = _join(joined, second, number, config)
+        doubts = [*_renamed(doubts, joined, after), *more]
+        joined = after
+        agreements.append(agreement)
+    return Fused(joined, _events(joined, doubts, moments), agreements)
+
+
+def _alone(tracks: PeopleTracks) -> JoinedTracks:
+    """The tracks of the first group, whose identities stay as they are until another group joins."""
+    columns = {c.name: getattr(tracks, c.name) for c in PeopleTracks.columns()}
+    return JoinedTracks(**columns, made_of=tracks.target_id.astype(np.str_))
+
+
+def _join(
+    first: JoinedTracks, second: PeopleTracks, number: int, config: TrackFusionConfig
+) -> tuple[JoinedTracks, list[_Doubt], Agreement]:
+    """The tracks of two groups as one; `number` groups have joined before."""
+    partner = matched(first, second, config.error, config.gate, config.compare_s)
+    pairs = np.flatnonzero(partner >= 0)
+    mine, theirs = first.take(pairs), second.take(partner[pairs])
+    left = np.setdiff1d(np.arange(len(second)), partner[pairs])
+    there, nothing = second.target_id.astype(np.str_), ",".join([NOT_THERE] * number)
+    lone_first, lone_second = first.take(partner < 0), _alone(second.take(left))
+    parts = [
+        replace(_both(mine, theirs, config), made_of=_with(mine.made_of, there[partner[pairs]])),
+        replace(lone_first, made_of=_with(lone_first.made_of, np.full(len(lone_first), NOT_THERE))),
+        replace(lone_second, made_of=_with(np.full(len(left), nothing), there[left])),
+    ]
+    # Identities: each row is a set of tracks
+    here, also = np.full(len(first) + len(left), -1), np.full(len(first) + len(left), -1)
+    here[: len(pairs)], also[: len(pairs)] = mine.target_id, theirs.target_id
+    here[len(pairs) : len(first)] = lone_first.target_id
+    also[len(first) :] = second.target_id[left]
+    # People of the first group come first, so that they have the lower identities
+    order = np.lexsort([also, here, here < 0, np.concatenate([part.t_ns for part in parts])])
+    columns = {c.name: np.concatenate([getattr(p, c.name) for p in parts])[order] for c in JoinedTracks.columns()}
+    rows, here, also = JoinedTracks(**columns), here[order], also[order]
+    identity, doubts, exchanged = _identities(rows.t_ns, here, also)
+    doubted = _joined_words(np.column_stack([_has(rows.doubt, word) for word in DOUBTS]) | _only(EXCHANGE, exchanged))
+    rows = replace(rows, target_id=identity, doubt=doubted).sorted()
+    return rows, doubts, _agreement(first, second, mine, theirs)
+
+
+def _identities(t_ns: Ints, here: Ints, also: Ints) -> tuple[Ints32, list[_Doubt], Bools]:
+    """Identities of rows in the order of time, by the tracks of both groups that they are of (-1: none)."""
+    identities, doubts = Identities(), list[_Doubt]()
+    out: Ints32 = np.zeros(len(t_ns), dtype=np.int32)
+    exchanged: Bools = np.zeros(len(t_ns), dtype=np.bool_)
+    for part in np.split(np.arange(len(t_ns)), np.flatnonzero(np.diff(t_ns)) + 1):
+        people = [
+            tuple((g, i) for g, i in enumerate(both) if i >= 0)
+            for both in zip(here[part].tolist(), also[part].tolist(), strict=True)
+        ]
+        out[part] = identities.step(people)
+        for identity, other in identities.doubts:
+            doubts.append(_Doubt(int(t_ns[part[0]]), identity, other))
+            exchanged[part[out[part] == identity]] = True
+    return out, doubts, exchanged
+
+
+def _both(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -> JoinedTracks:
+    """Rows of people whom both groups follow: covariance intersection, and what each group says besides."""
+    n = len(mine)
+    known = np.isfinite(_covariances(mine)).all(axis=(1, 2)) & np.isfinite(_covariances(theirs)).all(axis=(1, 2))
+    mean, covariance = np.full((n, 4), np.nan), np.full((n, 4, 4), np.nan)
+    for size, rows in ((4, np.flatnonzero(known)), (2, np.flatnonzero(~known))):
+        means = _means(mine)[rows, :size], _means(theirs)[rows, :size]
+        spreads = _covariances(mine)[rows, :size, :size], _covariances(theirs)[rows, :size, :size]
+        mean[rows, :size], covariance[rows, :size, :size] = intersect(means, spreads)
+    values: dict[str, Floats] = {name: mean[:, i] for i, name in enumerate(STATE)}
+    values |= {name: covariance[:, i, j] for i, row in enumerate(COVARIANCE) for j, name in enumerate(row) if i <= j}
+    # Covariance intersection of single numbers takes the more certain one
+    for name in ("height", "width"):
+        a, b = getattr(mine, f"sd_{name}"), getattr(theirs, f"sd_{name}")
+        less = ~(b >= a)
+        values[name] = np.where(less, getattr(theirs, name), getattr(mine, name))
+        values[f"sd_{name}"] = np.where(less, b, a)
+    values["existence"] = np.fmax(mine.existence, theirs.existence)
+    seen_by = [_united(a, b) for a, b in zip(mine.seen_by.tolist(), theirs.seen_by.tolist(), strict=True)]
+    apart = distances(Places.of(mine), Places.of(theirs), config.error) > config.gate**2
+    one = np.array([bool(text) and "," not in text for text in seen_by], dtype=np.bool_)
+    doubted = np.column_stack(
+        [
+            _has(mine.doubt, UNSEEN) & _has(theirs.doubt, UNSEEN),
+            one & (_has(mine.doubt, ONE_VIEW) | _has(theirs.doubt, ONE_VIEW)),
+            _has(mine.doubt, EXCHANGE) | _has(theirs.doubt, EXCHANGE),
+            _has(mine.doubt, CONTRADICTION) | apart,
+        ]
+    )
+    columns = {c.name: getattr(mine, c.name) for c in JoinedTracks.columns()} | values
+    said = {"seen_by": np.array(seen_by, dtype=np.str_), "doubt": _joined_words(doubted)}
+    return JoinedTracks(**{**columns, **said})
+
+
+def _means(tracks: PeopleTracks) -> Floats:
+    return np.column_stack([getattr(tracks, name) for name in STATE])
+
+
+def _covariances(tracks: PeopleTracks) -> Floats:
+    """(n, 4, 4)."""
+    return np.stack([np.column_stack([getattr(tracks, name) for name in row]) for row in COVARIANCE], axis=1)
+
+
+def _united(first: str, second: str) -> str:
+    """Names that are in one list or the other, in their order."""
+    return ",".join(dict.fromkeys(name for text in (first, second) for name in text.split(",") if name))
+
+
+def _has(texts: Strings, word: str) -> Bools:
+    """Whether lists of words, separated by commas, have a word."""
+    different, which = np.unique(texts, return_inverse=True)
+    there = np.array([word in text.split(",") for text in different.tolist()], dtype=np.bool_)
+    found: Bools = there[which]
+    return found
+
+
+def _only(word: str, where: Bools) -> Bools:
+    """(n, W) mask of the doubts with one of them."""
+    mask: Bools = where[:, None] & (np.array(DOUBTS) == word)
+    return mask
+
+
+def _joined_words(mask: Bools) -> Strings:
+    """(n,) doubts whose columns of a mask (n, W) are set, separated by commas."""
+    return np.array([",".join(np.array(DOUBTS)[row]) for row in mask], dtype=np.str_)
+
+
+def _with(texts: Strings, more: Strings) -> Strings:
+    """Lists with one more word each."""
+    return np.array([f"{a},{b}" for a, b in zip(texts.tolist(), more.tolist(), strict=True)], dtype=np.str_)
+
+
+def _agreement(first: PeopleTracks, second: PeopleTracks, mine: PeopleTracks, theirs: PeopleTracks) -> Agreement:
+    moments = len(np.intersect1d(first.t_ns, second.t_ns))
+    if not len(mine):
+        return Agreement(moments, 0, (np.nan, np.nan), np.nan)
+    dx, dy = theirs.x - mine.x, theirs.y - mine.y
+    return Agreement(moments, len(mine), (float(dx.mean()), float(dy.mean())), float(np.median(np.hypot(dx, dy))))
+
+
+def _renamed(doubts: list[_Doubt], before: JoinedTracks, after: JoinedTracks) -> list[_Doubt]:
+    """Doubts with the identities that people have after one more group has joined."""
+    named: dict[int, tuple[Ints, Ints]] = {}
+    groups = before.made_of[0].count(",") + 1 if len(before) else 0
+    keys = np.array([text.rsplit(",", 1)[0] for text in after.made_of.tolist()], dtype=np.str_)
+    now = dict(zip(zip(after.t_ns.tolist(), keys.tolist(), strict=True), after.target_id.tolist(), strict=True))
+    if not groups:
+        return []
+    for identity in {i for d in doubts for i in (d.identity, d.other)}:
+        rows = before.take(before.target_id == identity)
+        ids = [now[key] for key in zip(rows.t_ns.tolist(), rows.made_of.tolist(), strict=True)]
+        named[identity] = rows.t_ns, np.array(ids, dtype=np.int64)
+
+    def name(identity: int, t_ns: int) -> int:
+        times, ids = named[identity]
+        return int(ids[max(int(np.searchsorted(times, t_ns, side="right")) - 1, 0)])
+
+    return [_Doubt(d.t_ns, name(d.identity, d.t_ns), name(d.other, d.t_ns)) for d in doubts]
+
+
+def _events(tracks: JoinedTracks, doubts: list[_Doubt], moments: Ints) -> Events:
+    """Births at the first row of each identity, deaths at the moment after the last, and doubts."""
+    ids, first = np.unique(tracks.target_id, return_index=True)
+    last = len(tracks) - 1 - np.unique(tracks.target_id[::-1], return_index=True)[1]
+    ended = np.searchsorted(moments, tracks.t_ns[last], side="right")
+    gone = ended < len(moments)
+    births = [
+        (int(tracks.t_ns[row]), int(i), "birth", NOBODY, float(tracks.existence[row]))
+        for i, row in zip(ids, first, strict=True)
+    ]
+    deaths = [
+        (int(moments[end]), int(i), "death", NOBODY, float(tracks.existence[row]))
+        for i, end, row in zip(ids[gone], ended[gone], last[gone], strict=True)
+    ]
+    doubtful = [(d.t_ns, d.identity, "doubt", d.other, np.nan) for d in doubts]
+    rows = sorted([*births, *deaths, *doubtful], key=lambda row: row[:4])
+    if not rows:
+        return Events.empty()
+    t_ns, identity, kind, other, probability = zip(*rows, strict=True)
+    return Events.of(
+        t_ns=np.array(t_ns, dtype=np.int64),
+        target_id=np.array(identity, dtype=np.int32),
+        kind=np.array(kind, dtype=np.str_),
+        other_id=np.array(other, dtype=np.int32),
+        probability=np.array(probability, dtype=np.float64),
+    )
