@@ -85,7 +85,7 @@ def command(**given: Any) -> int:
     return options.strict_code(code, findings is None or plausible(findings), strict)
 
 
-TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "occluders")
+TABLES = ("tracks", "bearings", "truth", "errors", "bound", "diagnostics", "events", "occluders")
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,7 @@ class Paths:
     errors: Path | None = None
     bound: Path | None = None
     diagnostics: Path | None = None
+    events: Path | None = None
     occluders: Path | None = None
     metrics: Path | None = None
     png: Path | None = None
@@ -117,7 +118,7 @@ def from_folder(paths: Paths) -> Paths:
     folder = paths.tracks
     if folder is None or not folder.is_dir():
         return paths
-    names = {n: f"{n}.parquet" for n in ("tracks", "bearings", "errors", "bound", "diagnostics")}
+    names = {n: f"{n}.parquet" for n in ("tracks", "bearings", "errors", "bound", "diagnostics", "events")}
     names |= {"metrics": "metrics.json", "scene": "recording.mcap"}
     names["occluders"] = "hulls.parquet" if (folder / "hulls.parquet").is_file() else "occluders.parquet"
     found = {n: folder / file for n, file in names.items() if (folder / file).is_file()}
@@ -158,7 +159,7 @@ def run_report(paths: Paths, title: str) -> ReportInput:
 def read_input(paths: Paths, title: str) -> ReportInput:
     """Everything that was named; the scene of the recording with the truth or the bearings if no other is named."""
     from occlog.io.files.json_file import read_json
-    from occlog.records.tables import Bound, Diagnostics, Errors, Tracks, Truth
+    from occlog.records.tables import Bound, Diagnostics, Errors, Events, PeopleTracks, Truth
     from occlog.report.content.model import ReportInput
 
     scene = _scene(paths)
@@ -167,12 +168,13 @@ def read_input(paths: Paths, title: str) -> ReportInput:
     return ReportInput(
         title=title,
         scene=scene,
-        tracks=_read(paths.tracks, Tracks),
+        tracks=_read(paths.tracks, PeopleTracks),
         bearings=_read_bearings(paths.bearings, scene),
         truth=_read(paths.truth, Truth),
         errors=_read(paths.errors, Errors),
         bound=_read(paths.bound, Bound),
         diagnostics=_read(paths.diagnostics, Diagnostics),
+        events=_read(paths.events, Events),
         occluders=_read_occluders(paths.occluders),
         metrics=read_json(paths.metrics) if paths.metrics is not None else {},
         provenance=provenance,

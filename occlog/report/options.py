@@ -31,6 +31,7 @@ def page_options() -> list[click.Option]:
         table("--errors", "Errors written by evaluate."),
         table("--bound", "Bound written by evaluate."),
         table("--diagnostics", "Diagnostics written by track."),
+        table("--events", "Births, deaths and doubtful identities of everybody, written by track or fuse."),
         table("--occluders", "Moving occluders as the tracker was told: hulls or occluders, written by priors."),
         table("--metrics", "Figures written by evaluate (JSON)."),
         click.Option(["--strict"], is_flag=True, help=options.STRICT_HELP),

@@ -27,6 +27,7 @@ from occlog.report.plots.floorplan import (
     outside,
     plan_limits,
 )
+from occlog.report.plots.peopleplot import MOST_PEOPLE, crowd, draw_crowd, draw_seen_by, seeing
 from occlog.report.plots.selectionplot import cameras_of, draw_selection, expected_and_found, selected_targets, spans
 from occlog.report.plots.sensortable import sensor_rows
 from occlog.report.plots.sightplot import draw_sight
@@ -57,7 +58,7 @@ def build_page(data: ReportInput) -> str:
 
 
 def _plots(data: ReportInput) -> list[Plot]:
-    out = [_floorplan(data)]
+    out = [_floorplan(data), *_everybody(data)]
     for target in data.targets[:MOST_TARGETS]:
         out += _accuracy(data, target) or _sight(data, target)
     out += [_visibility(data, target) for target in watched(data)[:MOST_TARGETS]]
@@ -92,6 +93,37 @@ def _floorplan(data: ReportInput) -> Plot:
     if (gone := outside(data)) > 0:
         words.append(f"{plural(gone, 'estimate')} outside the drawing.")
     return _plot("plan", "Floor plan", " ".join(words), (WIDTH, height), lambda f: draw_floorplan(f, data))
+
+
+def _everybody(data: ReportInput) -> list[Plot]:
+    """Who was there, and who saw them."""
+    tracks = data.everybody
+    if tracks is None:
+        return []
+    people, ids = crowd(tracks), np.unique(tracks.target_id)
+    drawn = min(len(ids), MOST_PEOPLE)
+    words = [
+        f"{number(float(f'{people.people.mean():.3g}'))} people at a time, {number(int(people.people.max()))} at most"
+    ]
+    words.append(f"probability that they are there: {number(round(float(np.nanmean(tracks.existence)), 3))} on average")
+    if data.events is not None:
+        counts = [(int(np.count_nonzero(data.events.kind == kind)), kind) for kind in ("birth", "death", "doubt")]
+        words.append(", ".join(plural(count, kind) for count, kind in counts))
+    caption = "; ".join(words) + "."
+    if drawn < len(ids):
+        caption += f" The {drawn} identities that are there longest are drawn, of {number(len(ids))}."
+    size = (WIDTH, 2.4 + 0.16 * drawn)
+    who = _plot("people", "Who was there", caption, size, lambda f: draw_crowd(f, data, tracks, data.events))
+    names = seeing(tracks)
+    if not names:
+        return [who]
+    several = float(np.mean(np.char.find(tracks.seen_by, ",") >= 0))
+    caption = f"In {number(round(100.0 * several, 1))} % of the estimates several cameras see the person."
+    if len(names) > MOST_ROWS:
+        caption += f" The first {MOST_ROWS} of {len(names)} cameras are drawn."
+    size = (WIDTH, 1.15 + 0.27 * min(len(names), MOST_ROWS))
+    seen = _plot("seenby", "Which camera saw them", caption, size, lambda f: draw_seen_by(f, data, tracks))
+    return [who, seen]
 
 
 def _whose(data: ReportInput, target: int) -> str:

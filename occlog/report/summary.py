@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from occlog.array_types import NS
-from occlog.records.tables import Bound, Errors
+from occlog.records.tables import Bound, Errors, PeopleTracks
 from occlog.report.content.metrics_in_words import Figure, number
 from occlog.report.content.model import ReportInput
+from occlog.report.plots.peopleplot import crowd
 
 
 def plural(count: int, what: str) -> str:
@@ -22,7 +23,9 @@ def headline(data: ReportInput) -> list[Figure]:
     out = _accuracy(data)
     if data.time.length > 0:
         out.append(Figure("recorded time", number(float(f"{data.time.length:.4g}")), data.time.unit))
-    if data.tracks is not None:
+    if data.everybody is not None:
+        out += _people(data.everybody)
+    elif data.tracks is not None:
         out.append(Figure("estimates", number(len(data.tracks)), "", f"of {plural(len(data.targets), 'target')}"))
     if data.bearings is not None and len(data.bearings):
         share = 100.0 * float(data.bearings.seen.mean())
@@ -31,6 +34,17 @@ def headline(data: ReportInput) -> list[Figure]:
         lost = sum(loss.count for loss in data.losses)
         out.append(Figure("input lost", number(lost or len(data.losses)), "", "items" if lost else "stretches"))
     return out
+
+
+def _people(tracks: PeopleTracks) -> list[Figure]:
+    """How many people there were, all in all and at a time, and how many of them nobody saw."""
+    found = crowd(tracks)
+    at_a_time = number(float(f"{found.people.mean():.3g}"))
+    unseen = 100.0 * (1.0 - float(found.seen.sum() / found.people.sum()))
+    return [
+        Figure("identities", number(len(np.unique(tracks.target_id))), "", f"{at_a_time} at a time"),
+        Figure("predicted", number(round(unseen, 1)), "%", f"seen by no camera, of {number(len(tracks))} estimates"),
+    ]
 
 
 def _accuracy(data: ReportInput) -> list[Figure]:
@@ -90,7 +104,7 @@ def _sight(data: ReportInput) -> list[Figure]:
 def row_counts(data: ReportInput) -> list[Figure]:
     """How many rows each table has, and the time it covers."""
     out = []
-    for name in ("truth", "bearings", "tracks", "diagnostics", "errors", "bound"):
+    for name in ("truth", "bearings", "tracks", "diagnostics", "events", "errors", "bound"):
         table = getattr(data, name)
         if table is None:
             continue

@@ -14,7 +14,18 @@ from occlog.errors import InputError
 from occlog.evaluate.verdict import Made, judge
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Bound, Diagnostics, Errors, Hulls, Occluders, Tracks, Truth
+from occlog.records.tables import (
+    Bearings,
+    Bound,
+    Diagnostics,
+    Errors,
+    Events,
+    Hulls,
+    Occluders,
+    PeopleTracks,
+    Tracks,
+    Truth,
+)
 from occlog.track.plausibility.verdict import Finding
 
 from .plane_of_sight import Residuals, distances, residuals
@@ -76,6 +87,7 @@ class ReportInput:
         title: heading of the page.
         scene: room, occluders, sensors.
         tracks, bearings, truth, errors, bound, diagnostics: tables as the stages write them.
+        events: births, deaths and doubtful identities of everybody.
         occluders: where moving occluders were thought to be.
         metrics: flat figures of `occlog evaluate`, by name.
         provenance: how the inputs were made, as JSON-ready values.
@@ -92,6 +104,7 @@ class ReportInput:
     errors: Errors | None = None
     bound: Bound | None = None
     diagnostics: Diagnostics | None = None
+    events: Events | None = None
     occluders: Occluders | Hulls | None = None
     metrics: Mapping[str, object] = field(default_factory=dict)
     provenance: Mapping[str, object] = field(default_factory=dict)
@@ -113,6 +126,12 @@ class ReportInput:
     def smoothed(self) -> bool:
         """Whether the tracks know what came after them."""
         return self.made.smoothed
+
+    @property
+    def everybody(self) -> PeopleTracks | None:
+        """The tracks if they are of everybody, with probabilities of existence; None: they are not."""
+        tracks = self.tracks
+        return tracks if isinstance(tracks, PeopleTracks) and np.isfinite(tracks.existence).any() else None
 
     @cached_property
     def findings(self) -> tuple[Finding, ...] | None:

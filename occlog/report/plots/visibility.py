@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,18 +108,23 @@ def draw_visibility(
     """Draw the rows of all sensors, or of the first `most`, for one target; the first sensor is on top."""
     axes = figure.add_subplot()
     names = sensors(data)[:most]
-    shares = []
-    for row, name in enumerate(names):
-        found = sightings(bearings, name, target)
-        _bar(axes, data.time, found, -float(row))
-        whose = "any" if found.any_object else "seen"
-        shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} {whose}")
-    _rows(axes, [label(n, 18) for n in names], shares)
-    axes.set_xlim(0.0, max(data.time.length, 1e-9))
-    axes.set_xlabel(data.time.label)
+    rows = [sightings(bearings, name, target) for name in names]
+    draw_rows(axes, data.time, rows, [label(n, 18) for n in names])
     kinds = (("seen", "target seen"), ("hidden", "frame, target not seen"), ("absent", "no frame"))
     handles = [Patch(facecolor=COLOURS[colour], label=text) for colour, text in kinds]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
+
+
+def draw_rows(axes: Axes, time: TimeAxis, rows: Sequence[Sightings], names: Sequence[str]) -> None:
+    """Draw a bar for each sensor, with its share of sightings beside it; the first sensor is on top."""
+    shares = []
+    for row, found in enumerate(rows):
+        _bar(axes, time, found, -float(row))
+        whose = "any" if found.any_object else "seen"
+        shares.append("no frame" if np.isnan(found.share) else f"{_percent(found.share)} {whose}")
+    _rows(axes, list(names), shares)
+    axes.set_xlim(0.0, max(time.length, 1e-9))
+    axes.set_xlabel(time.label)
 
 
 def _percent(share: float) -> str:
