@@ -23,7 +23,9 @@ from occlog.simulate.command import KINDS
 from occlog.track.catalogue import BOXES, METHODS
 
 SOURCES = ("recording", "simulate", "ingest")
-STAGES = ("detect", "priors", "track", "evaluate", "report")
+OVERLAY = "overlay"
+"""Stage that draws everybody over the video; `overlay: false` leaves it out."""
+STAGES = ("detect", "priors", "track", "evaluate", "report", OVERLAY)
 PRIORS = ("hull", "kalman", "acoustic")
 KEYS = ("occlog_run", *SOURCES, *STAGES, "seed", "scene")
 
@@ -86,6 +88,8 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     if _of_everybody(config):
         yield from _everybody(config, folder, recording, out, scene)
         return
+    if OVERLAY in config.values:
+        raise InputError(f"{config.path}: overlay: wants a method that follows everybody; remove this key")
     tracked = {"output": out["tracks"], "diagnostics": out["diagnostics"]}
     inputs = dict(scene)
     if "priors" in config.values:
@@ -128,8 +132,7 @@ def _everybody(
     if truth:
         inputs["truth"] = shown["truth"] = truth["truth"]
         results = {"output": metrics, "errors": out["errors"]}
-        numbered = {**inputs, "match": "optimal"}
-        yield _stage(config, "evaluate", results, (str(out["tracks"]),), numbered)
+        yield _stage(config, "evaluate", results, (str(out["tracks"]),), inputs)
         shown |= {"errors": str(out["errors"]), "metrics": str(metrics)}
     if "views" in truth and "truth" not in config.stage("evaluate"):
         plain = Config(config.path, {k: v for k, v in config.values.items() if k != "evaluate"})
@@ -139,11 +142,14 @@ def _everybody(
             _stage(plain, "evaluate", results, (str(found["view_tracks"]),), compared), name="evaluate-in-images"
         )
     page = {"output": folder / "report.html", "png": folder / "report.png"}
-    yield _stage(config, "report", page, (str(out["tracks"]),), shown)
+    yield _stage(config, "report", page, (str(out["tracks"]),), {**shown, "events": str(found["events"])})
+    if config.values.get(OVERLAY) is False:
+        return
     if _has_video(config, recording):
-        drawn = folder / "overlay.mp4"
-        args = (str(found["view_tracks"]), "--recording", str(recording), "--video", str(drawn), "--quiet")
-        yield Stage("overlay", load_command("report"), args, (str(drawn),))
+        drawn, source = {"video": folder / "overlay.mp4"}, {"recording": str(recording)}
+        yield _stage(config, OVERLAY, drawn, (str(found["view_tracks"]),), source, load_command("report"))
+    elif OVERLAY in config.values:
+        raise InputError(f"{config.path}: overlay: the recording holds no video; remove this key")
 
 
 def _has_video(config: Config, recording: Path) -> bool:

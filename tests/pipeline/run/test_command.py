@@ -13,6 +13,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.parquet import read_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
+from occlog.pipeline.run.stages import plan, read_config
 from occlog.records.tables import PeopleTracks, Tracks
 
 SCENE = """
@@ -153,6 +154,43 @@ def test_a_run_simulates_people_and_draws_them_over_the_video(
     config.write_text("occlog_run: 1\nsimulate: {scene: people, frames: 5}\ntrack: {method: jipda}\n")
     wanted = stages(config, capsys, "--dry-run")
     assert set(wanted) == {"simulate", "detect", "track", "evaluate", "evaluate-in-images", "report", "overlay"}
+
+
+def test_keys_of_the_overlay_are_options_of_its_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    head = "occlog_run: 1\nsimulate: {scene: people, frames: 5}\ntrack: {method: jipda}\n"
+    config = tmp_path / "run.yaml"
+    config.write_text(head + "overlay: {camera: [cam1, cam2], frames: 0:3, fps: 5}\n")
+    made = list(plan(read_config(config), tmp_path / "out"))
+    assert made[-1].name == "overlay"
+    wanted = ("--camera", "cam1", "--camera", "cam2", "--frames", "0:3", "--fps", "5")
+    assert " ".join(wanted) in " ".join(made[-1].args)
+    report = next(stage for stage in made if stage.name == "report")
+    assert report.args[report.args.index("--events") + 1].endswith("events.parquet")
+    config.write_text(head + "overlay: false\n")
+    assert "overlay" not in stages(config, capsys, "--dry-run")
+    for overlay, words in (
+        ("{video: o.mp4}", "overlay.video: outputs of a run"),
+        ("{frame: x, fsp: 3}", "did you mean 'fps'"),
+    ):
+        config.write_text(head + f"overlay: {overlay}\n")
+        assert run(["run", str(config), "-o", str(tmp_path / "out"), "--dry-run"]) == ExitCode.BAD_INPUT
+        assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("simulate: {scene: people}\ntrack: {method: apf}\noverlay: {}\n", "wants a method that follows everybody"),
+        ("ingest: {boxes: b.csv}\ntrack: {method: jipda}\noverlay: {fps: 5}\n", "the recording holds no video"),
+    ],
+)
+def test_an_overlay_of_nothing_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str
+) -> None:
+    config = tmp_path / "run.yaml"
+    config.write_text("occlog_run: 1\n" + text)
+    assert run(["run", str(config), "-o", str(tmp_path / "out"), "--dry-run"]) == ExitCode.BAD_INPUT
+    assert words in capsys.readouterr().err
 
 
 def test_everybody_wants_no_priors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
