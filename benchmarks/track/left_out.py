@@ -33,7 +33,7 @@ LIMIT = 1.0
 SETS = ("CMC1", "CMC2", "CMC4")
 CAMERAS = (1, 2, 3, 4)
 GATE_PX = 100.0
-FPS, SIZE = 20.0, "1920x1024"
+FPS, SIZE = 10.0, "1920x1024"
 ROOT = Path(__file__).resolve().parents[2]
 
 

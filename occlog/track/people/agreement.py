@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from occlog.array_types import Floats, Ints
+from occlog.records.scene import Camera
 from occlog.track.jipda.interface import Moment
 from occlog.track.plausibility.verdict import Finding
 
+from .delay import Delays
 from .looks import BoxTally, FrameLook
 from .rows import LIKELY, seen_in
 
@@ -19,6 +21,8 @@ FEWEST = 50
 """Of a camera that should have seen fewer people nothing is said."""
 LEAST = 0.5
 """A camera that detects so small a share of whom it should, of the share of the other cameras, does not agree."""
+LESS = 0.8
+"""The same for a camera of which it is known by how much its clock is wrong."""
 LEAST_ALONE = 0.25
 """The same for the share itself, where there is no third camera to compare with."""
 TWICE = 0.2
@@ -30,9 +34,10 @@ OUTSIDE = 0.01
 class Agreement:
     """Counts, while moments stream by, whom each camera sees of those whom another one sees."""
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, cameras: Sequence[Camera]) -> None:
         """Nothing was seen yet."""
-        self.names = list(names)
+        self.names = [c.name for c in cameras]
+        self._delays = Delays(cameras)
         n = len(self.names)
         # What one odd camera alone sees is not expected of the others, where these are enough
         self.fewest = 2 if n > 3 else 1
@@ -43,9 +48,10 @@ class Agreement:
     def add(self, moment: Moment, looks: Sequence[FrameLook]) -> None:
         """Count one more moment."""
         np.add.at(self.used, moment.support.camera, moment.support.probability)
+        by = seen_in(moment, len(self.names)) >= LIKELY
+        self._delays.add(moment, looks, by)
         if not len(moment.ids):
             return
-        by = seen_in(moment, len(self.names)) >= LIKELY
         looked = [each.look.camera for each in looks]
         others = by.sum(axis=1)[:, None] - by >= self.fewest
         with np.errstate(invalid="ignore"):
@@ -90,13 +96,14 @@ class Agreement:
             others = np.delete(shares, c)
             others = others[np.isfinite(others)]
             limit = LEAST * float(np.median(others)) if len(others) > 1 else LEAST_ALONE
-            if shares[c] < limit:
+            late = self._delays.late(c, self.fewest) if shares[c] < max(limit, LESS * _median(others)) else float("nan")
+            if shares[c] < limit or np.isfinite(late):
                 yield Finding(
                     "camera-disagrees",
                     "warning",
                     f"camera {name} sees {shares[c]:.0%} of the people whom other cameras see and it should see plainly"
                     + (f" (the others: {float(np.median(others)):.0%})" if len(others) else "")
-                    + f"; check its clock and its pose, or leave {name} out",
+                    + f"; {_remedy(late)}, or leave {name} out",
                 )
 
     def _apart(self, first_ns: Ints, last_ns: Ints) -> Iterator[Finding]:
@@ -111,3 +118,18 @@ class Agreement:
                     f"camera {self.names[c]} looks at no time at which another camera does: its first frame is "
                     f"{(first_ns[c] - first_ns[others].min()) / 1e9:+.3g} s from the others'; check its clock",
                 )
+
+
+def _median(shares: Floats) -> float:
+    """0 of none."""
+    return float(np.median(shares)) if len(shares) else 0.0
+
+
+def _remedy(late: float) -> str:
+    """What to check, and by how much the camera's clock is wrong if that explains its boxes."""
+    if not np.isfinite(late):
+        return "check its clock and its pose"
+    return (
+        f"its boxes agree with the others' people if it is about {abs(late):.2g} s {'late' if late > 0 else 'ahead'}: "
+        "check its clock"
+    )

@@ -94,7 +94,7 @@ class PeopleInput:
             self.notes.append(
                 "warning: the boxes are regions of video, which split and merge for many frames at a time: with "
                 "the future identities are exchanged more often there, and covariances are too small; "
-                "leave --smooth and --lag out"
+                "leave the settings smooth and lag out"
             )
         self.window_ns = request.window_ns if request.window_ns is not None else default_window(first)
         self.moments: Iterator[list[FrameLook]] = moments_of(chain(first, looks), self.window_ns)
@@ -127,7 +127,7 @@ class PeopleInput:
             which = f"of {', '.join(left)} none has" if left else "no camera is left that has"
             raise InputError(
                 f"{self.request.boxes}: {which} a pose in space, so no place on the floor can be found; give a scene "
-                "with calibrated cameras (--scene), or follow people in the images (--method bmct)"
+                "with calibrated cameras, or follow people in the images (method bmct)"
             )
         if left:
             self.notes.append(
@@ -194,7 +194,7 @@ class PeopleInput:
                 raise InputError(
                     f"{self.request.boxes}: by their boxes people are {tall:.3g} {unit} tall, so the lengths of the "
                     f"scene are not in {unit}, or its cameras are not where it says; state the unit of the calibration "
-                    f"(occlog ingest --calibration-unit cm), or else how tall people are (--set height={tall:.3g})"
+                    f"(calibration_unit of `occlog ingest`), or else how tall people are (setting height, {tall:.3g})"
                 )
             return metre, configure(defaults, given)
         stated = configure(JipdaConfig(), {k: v for k, v in given.items() if k == "height"}).height
@@ -204,14 +204,14 @@ class PeopleInput:
             metre = tall / usual
             self.notes.append(
                 f"note: lengths are in a unit of their own; by their boxes people are {tall:.3g} tall, so {metre:.3g} "
-                "are taken for a metre; state another height with --set height="
+                "are taken for a metre; state another one in the setting height"
             )
         elif not anybody:
             metre = 1.0
         else:
             raise InputError(
                 f"{self.request.boxes}: the scene does not say its unit of length ({unit}), and the boxes do not tell "
-                "how tall people are; state it (--set height=)"
+                "how tall people are; state it in the setting height"
             )
         return metre, configure(in_units_of(JipdaConfig(), metre), given)
 
@@ -233,8 +233,8 @@ def _by_array(rows: Bearings, place: Mapping[str, int]) -> Iterator[Directions]:
 def _remedy(opened: Opened) -> str:
     """What to do about an input without boxes."""
     if opened.recording is not None and opened.recording.cameras:
-        return "find people in its images with `occlog detect --views views.parquet`, and give these views"
-    return "give a recording with boxes of a detector (occlog ingest --boxes), or views of `occlog detect`"
+        return "find people in its images with `occlog detect`, and give the views that it writes"
+    return "give a recording with boxes of a detector, made by `occlog ingest`, or views of `occlog detect`"
 
 
 def default_window(looks: list[FrameLook]) -> int:

@@ -119,7 +119,7 @@ class Tabulator:
         """Nothing was seen yet; `in_images` says whether everybody in every image is wanted."""
         self._names = [c.name for c in cameras]
         self._views = EverybodyInViews(cameras) if in_images else None
-        self.agreement = Agreement(self._names)
+        self.agreement = Agreement(cameras)
 
     def tables(self, seen: Sequence[SeenMoment]) -> MomentTables:
         """The rows of some moments."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from people_boxes import camera
 
 from occlog.track.jipda.interface import Look, Moment, Support
 from occlog.track.people.agreement import FEWEST, Agreement
@@ -36,7 +37,7 @@ def looks(cameras: int) -> list[FrameLook]:
 
 
 def codes(by: list[bool], times: int, visible: float = 1.0) -> list[str]:
-    agreement = Agreement("abcd"[: len(by)])
+    agreement = Agreement([camera(name) for name in "abcd"[: len(by)]])
     for _ in range(times):
         agreement.add(moment([by], visible), looks(len(by)))
     tally = BoxTally.of(len(by))
@@ -62,7 +63,7 @@ def test_of_four_cameras_two_must_see_whom_another_one_should_see() -> None:
 
 @pytest.mark.parametrize(("seen", "said"), [(0.25, False), (0.24, True)])
 def test_of_two_cameras_each_must_see_a_quarter_of_whom_the_other_sees(seen: float, said: bool) -> None:
-    agreement = Agreement("ab")
+    agreement = Agreement([camera(name) for name in "ab"])
     for k in range(100):
         agreement.add(moment([[True, k < 100 * seen]]), looks(2))
     tally = BoxTally.of(2)
@@ -74,8 +75,8 @@ def test_cameras_that_look_at_other_times_are_named() -> None:
     tally = BoxTally.of(2)
     tally.boxes[:] = 1
     tally.first_ns[:], tally.last_ns[:] = (0, 10_000_000_000), (9_000_000_000, 20_000_000_000)
-    found = list(Agreement("ab").findings(tally))
+    found = list(Agreement([camera(name) for name in "ab"]).findings(tally))
     assert [f.code for f in found] == ["camera-at-other-times"] * 2
     assert "its first frame is +10 s from the others'" in found[1].sentence
     tally.first_ns[1] = 9_000_000_000
-    assert list(Agreement("ab").findings(tally)) == []
+    assert list(Agreement([camera(name) for name in "ab"]).findings(tally)) == []

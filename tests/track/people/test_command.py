@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -161,6 +162,16 @@ def test_a_camera_that_is_late_is_named(tmp_path, capsys):
     assert not summary["plausible"]
     assert [warning["code"] for warning in summary["warnings"]] == ["camera-disagrees"]
     assert track(tmp_path, found, SCENE, "-q", "--strict") == ExitCode.THRESHOLD
+
+
+@pytest.mark.parametrize(("late", "words"), [(1.2, "late"), (-0.8, "ahead")])
+def test_by_how_much_a_camera_is_late_or_ahead_is_told(late, words, tmp_path, capsys):
+    scene = hall("abcd")
+    assert track(tmp_path, boxes(scene, 8.0, late={"b": late}), scene) == ExitCode.DONE
+    _, noted = said(capsys)
+    told = re.search(rf"people if it is about (.*) s {words}: check its clock, or leave b out", noted)
+    assert told is not None, noted
+    assert float(told[1]) == pytest.approx(abs(late), abs=0.11)  # one frame
 
 
 def test_a_camera_that_reports_everything_twice_is_named_and_counts_once(walk, tmp_path, capsys):

@@ -1,0 +1,116 @@
+"""By how much a camera is late: at which offset of its clock its boxes are where the other cameras' people were."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from occlog.array_types import NS, Bools, Floats
+from occlog.records.scene import Camera
+from occlog.track.jipda.interface import STATE, Moment
+from occlog.track.jipda.kernels.body_box import pack_views
+
+from .kernels.projection import project
+from .looks import FrameLook
+
+MOMENTS = 1200
+"""Moments that are kept from the beginning; more would say no more."""
+LOOKS = 150
+"""Looks of a camera that are compared, evenly spread."""
+FEWEST = 20
+"""Looks that an offset must leave to be compared."""
+NEAR = 0.15
+"""A box is where a person was if its middle is this near to that of the expected box, in its heights."""
+SHARE, ABOVE = 0.5, 0.2
+"""An offset is told if it explains so many of the boxes, and so many more than none does and offsets usually do."""
+
+
+class Delays:
+    """Keeps people and boxes from the beginning of a recording."""
+
+    def __init__(self, cameras: Sequence[Camera]) -> None:
+        """Nothing was seen yet."""
+        self._cameras = cameras
+        self._t_ns: list[int] = []
+        self._people: list[Floats] = []  # (m, 6) states
+        self._by: list[Bools] = []  # (m, C) who has a box of them
+        self._looks: list[list[tuple[int, Floats]]] = [[] for _ in cameras]  # times, (n, 2) middles of boxes [px]
+
+    def add(self, moment: Moment, looks: Sequence[FrameLook], by: Bools) -> None:
+        """Keep one more moment; `by` (m, C) says which cameras have a box of each person."""
+        if len(self._t_ns) >= MOMENTS:
+            return
+        self._t_ns.append(moment.t_ns)
+        self._people.append(moment.mean)
+        self._by.append(by)
+        for look in (each.look for each in looks):
+            self._looks[look.camera].append((look.t_ns, 0.5 * (look.boxes[:, :2] + look.boxes[:, 2:])))
+
+    def late(self, camera: int, fewest: int) -> float:
+        """Find by how many seconds what a camera shows is old; below 0: it is ahead; NaN: no other offset is better.
+
+        Args:
+            camera: its place.
+            fewest: other cameras that must see a person who counts.
+        """
+        looks = [(t_ns, boxes) for t_ns, boxes in self._looks[camera] if len(boxes)]
+        if len(looks) < FEWEST or len(self._t_ns) < FEWEST:
+            return float("nan")
+        looks = [looks[k] for k in np.unique(np.linspace(0, len(looks) - 1, LOOKS).astype(np.int64))]
+        times = np.array(self._t_ns, dtype=np.int64)
+        step = max(int(np.median(np.diff(times))), 1)
+        people, heights = self._expected(camera, fewest)
+        boxes, looked = _padded([b for _, b in looks]), np.array([t for t, _ in looks], dtype=np.int64)
+        span = int(times[-1] - times[0]) // step
+        offsets = np.arange(-span, span + 1)
+        shares, fits = np.full((2, len(offsets)), np.nan)
+        for k, offset in enumerate(offsets.tolist()):
+            asked = looked - offset * step
+            near = np.clip(np.searchsorted(times, asked - step // 2), 0, len(times) - 1)
+            good = np.abs(times[near] - asked) <= step
+            if np.count_nonzero(good) >= FEWEST:
+                shares[k], fits[k] = _explained(boxes[good], people[near[good]], heights[near[good]])
+        told = np.flatnonzero(np.isfinite(shares))
+        if not len(told):
+            return float("nan")
+        best = told[np.argmax(fits[told])]
+        usual = np.nanmax([np.median(shares[told]), shares[span]])
+        if shares[best] < max(SHARE, float(usual) + ABOVE):
+            return float("nan")
+        return float(offsets[best]) * step / NS
+
+    def _expected(self, camera: int, fewest: int) -> tuple[Floats, Floats]:
+        """(M, P, 2) middles and (M, P) heights [px] of the boxes of people whom other cameras see; NaN: no more."""
+        views = pack_views(self._cameras)
+        middles, heights = [], []
+        for mean, by in zip(self._people, self._by, strict=True):
+            own = mean[by.sum(axis=1) - by[:, camera] >= fewest]
+            found = np.zeros((len(own), 8))
+            project(views, camera, own, np.zeros((len(own), STATE, STATE)), 0.0, found)
+            found = found[found[:, 7] > 0.0]
+            middles.append(0.5 * (found[:, :2] + found[:, 2:4]))
+            heights.append(found[:, 3] - found[:, 1])
+        return _padded(middles), _padded([h[:, None] for h in heights])[..., 0]
+
+
+def _padded(parts: Sequence[Floats]) -> Floats:
+    """(N, most rows, K) parts with NaN after their rows."""
+    out = np.full((len(parts), max((len(p) for p in parts), default=0), parts[0].shape[1]), np.nan)
+    for row, part in enumerate(parts):
+        out[row, : len(part)] = part
+    return out
+
+
+def _explained(boxes: Floats, people: Floats, heights: Floats) -> tuple[float, float]:
+    """Share of the boxes (L, B, 2) that are near an expected one (L, P, 2), of so many pixels' height (L, P).
+
+    The second number counts those nearby by how near they are, from 1 to 0 at `NEAR`.
+    """
+    if not people.shape[1]:
+        return 0.0, 0.0
+    away = np.linalg.norm(boxes[:, :, None] - people[:, None], axis=-1) / heights[:, None]
+    nearest = np.where(np.isfinite(away), away, np.inf).min(axis=2)
+    whole = np.count_nonzero(np.isfinite(boxes[..., 0]))
+    near = np.maximum(1.0 - nearest / NEAR, 0.0)
+    return float(np.count_nonzero(nearest <= NEAR) / whole), float(near.sum() / whole)
