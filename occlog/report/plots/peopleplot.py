@@ -55,7 +55,7 @@ def drawn_people(tracks: PeopleTracks) -> Ints:
     """Identities that have a row of their own, in the order of their births."""
     ids, first, rows = np.unique(tracks.target_id, return_index=True, return_counts=True)
     longest = np.argsort(-rows, kind="stable")[:MOST_PEOPLE]
-    return ids[longest[np.argsort(first[longest], kind="stable")]]
+    return ids[longest[np.argsort(first[longest], kind="stable")]].astype(np.int64)
 
 
 def seeing(tracks: PeopleTracks) -> tuple[str, ...]:

@@ -68,7 +68,7 @@ class Agreement:
 
     def findings(self, tally: BoxTally) -> Iterator[Finding]:
         """What a user must know of the cameras."""
-        yield from self._odd()
+        yield from self._odd(tally)
         yield from self._apart(tally.first_ns, tally.last_ns)
         whole = tally.boxes + tally.outside + tally.twice
         for c, name in enumerate(self.names):
@@ -89,10 +89,12 @@ class Agreement:
                     "is the calibration for another size of the image, or are the boxes another camera's?",
                 )
 
-    def _odd(self) -> Iterator[Finding]:
-        """Cameras that do not see whom the others see."""
+    def _odd(self, tally: BoxTally) -> Iterator[Finding]:
+        """Cameras that do not see whom the others see, unless that is because their boxes are left out."""
         shares = self.shares
         for c, name in enumerate(self.names):
+            if tally.outside[c] > tally.boxes[c]:
+                continue
             others = np.delete(shares, c)
             others = others[np.isfinite(others)]
             limit = LEAST * float(np.median(others)) if len(others) > 1 else LEAST_ALONE
