@@ -29,7 +29,7 @@ from occlog.core.numerics.jit import array_kernel
 
 from .particles import systematic_ancestors
 
-KEPT = 400
+KEPT = 200
 """Particles that are kept of each time at most."""
 NOTHING, LEAST = 1e-18, 1e-12
 """Variances below this, and below this share of the largest, count as so much."""

@@ -43,21 +43,21 @@ def back(traces: Sequence[TrackTrace], config: ImmConfig, rng: Generator) -> lis
     for k in range(len(traces) - 2, -1, -1):
         dt = (traces[k + 1].t_ns - traces[k].t_ns) / NS
         chances = switching(len(models), dt, config.hold_s)
-        moved = moved_back(states, models[kinds], dt)
+        moved = moved_back(states, kinds, models, dt)
         noise = noise_back(config.sigma_v**2, dt)
         states, kinds = states_before(traces[k].knot, moved, noise, kinds, chances, rng=rng)
         out.append(_past(states))
     return out[::-1]
 
 
-def moved_back(states: Floats, models: Floats, dt: float) -> Floats:
-    """(4, M) states dt >= 0 seconds before, without noise, each under its own of (M, 3) models.
+def moved_back(states: Floats, kinds: Ints, models: Floats, dt: float) -> Floats:
+    """(4, M) states dt >= 0 seconds before, without noise, each under the one of (J, 3) models that (M,) kinds say.
 
     It is the inverse of a step of `occlog.core.motion.turns.move`, as a turn leaves the speed as it is.
     """
     out = np.empty_like(states)
-    for model in np.unique(models, axis=0):
-        own: Ints = np.flatnonzero((models == model).all(axis=1))
+    for kind, model in enumerate(models):
+        own: Ints = np.flatnonzero(kinds == kind)
         still = np.zeros((len(own), 4))
         out[:, own] = move(np.ascontiguousarray(states[:, own].T), model, -dt, np.zeros((2, 2)), still).T
     return out

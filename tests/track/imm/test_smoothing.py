@@ -30,7 +30,7 @@ def test_a_step_back_undoes_a_step_under_every_model(dt: float) -> None:
     ahead = np.concatenate(
         [move(states[k : k + 1], models[kinds[k]], dt, np.zeros((2, 2)), np.zeros((1, 4))) for k in range(60)]
     )
-    np.testing.assert_allclose(moved_back(ahead.T, models[kinds], dt).T, states, atol=1e-9)
+    np.testing.assert_allclose(moved_back(ahead.T, kinds, models, dt).T, states, atol=1e-9)
 
 
 def test_noise_moved_back_is_the_steps_noise_moved_back() -> None:
