@@ -1,8 +1,9 @@
-"""The best that a filter can do in a simulated world: it moves its particles as the simulation moves its target.
+"""The best that a filter and a smoother can do in a simulated world: particles move as the simulation's target does.
 
 A bootstrap filter with the simulation's own steps and very many particles: slow, and of use only where one knows
-how the target moves.  Destinations must change now and then by chance: those that last until arrival run out, since a
-bootstrap filter draws none anew.
+how the target moves.  It is smoothed by the ancestry of its particles: those of a scan count by the weights of the
+particles that come from them `LAG` scans later.  Destinations must change now and then by chance: those that last
+until arrival run out, since a bootstrap filter draws none anew.
 """
 
 from __future__ import annotations
@@ -26,12 +27,16 @@ from occlog.track.apf.model import likelihood, make_model
 from occlog.track.apf.sensing import pack_scan
 
 PARTICLES = 20_000
+LAG = 10
+"""Scans after which an estimate is smoothed; ancestries of so many particles last for about 20."""
 CHOICES = 8
 """Destinations of each particle of which the first free one is taken, as in the simulation."""
 
 
-def filtered(scene: Scene, bearings: Bearings, world: WorldConfig, seed: int, particles: int = PARTICLES) -> Floats:
-    """(T, 2) estimates of one target that walks alone, one for each scan, at the simulation's steps.
+def estimated(
+    scene: Scene, bearings: Bearings, world: WorldConfig, seed: int, particles: int = PARTICLES
+) -> tuple[Floats, Floats]:
+    """(T, 2) filtered and (T, 2) smoothed estimates of one target that walks alone, at the simulation's steps.
 
     Args:
         scene: room and cameras.
@@ -46,7 +51,10 @@ def filtered(scene: Scene, bearings: Bearings, world: WorldConfig, seed: int, pa
     low, size = scene.region.min(axis=0), np.ptp(scene.region, axis=0)
     xy = low + size * rng.random((particles, 2))
     destination = low + size * rng.random((particles, 2))
-    found, first = [], True
+    found: list[Floats] = []
+    smoothed: list[Floats] = []
+    past: list[Floats] = []
+    first = True
     for group in scans_of([bearings], scene, Rows({c.name for c in scene.cameras})):
         scan = group.of_target(0)
         if scan is None:
@@ -59,9 +67,12 @@ def filtered(scene: Scene, bearings: Bearings, world: WorldConfig, seed: int, pa
         if not math.isfinite(log_sum):
             raise ValueError(f"no particle agrees with the scan at {scan.t_ns} ns; use more particles")
         found.append(weights @ xy)
+        past.append(xy.copy())
+        if len(past) > LAG:
+            smoothed.append(weights @ past.pop(0))
         drawn = systematic_ancestors(weights, particles, rng.random())
-        xy, destination = xy[drawn], destination[drawn]
-    return np.array(found)
+        xy, destination, past = xy[drawn], destination[drawn], [places[drawn] for places in past]
+    return np.array(found), np.array([*smoothed, *(places.mean(axis=0) for places in past)])
 
 
 def _walk(

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.track._true_dynamics import filtered
+from benchmarks.track._true_dynamics import estimated
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import evaluate
 from occlog.io.scenes.scene import read_scene
@@ -47,12 +47,18 @@ class Ratios(NamedTuple):
     to_true_dynamics: float  # to the filter with the true dynamics; NaN: destinations last until arrival
     to_bound: float  # root of the mean squared bound of filtering
     true_to_bound: float  # that filter to the bound
+    smoothed_to_true_dynamics: float  # the smoothed estimate to that filter's, smoothed with a lag
+    smoothed_to_filter: float  # and to the filter's
+    true_smoothed_to_filter: float  # the same of the filter with the true dynamics
     smoothed_to_bound: float  # the smoothed estimate to the bound of filtering
     smoothed_to_own_bound: float  # and to that of smoothing
 
 
 def squares(scene: Scene, redirect: float, config: ApfConfig, seed: int, steps: int) -> tuple[float, ...]:
-    """Mean squares of one run over the same steps: errors, bound, errors with the true dynamics, smoothed, its bound.
+    """Mean squares of one run over the same steps.
+
+    They are of errors, the bound, smoothed errors, the bound of smoothing, and the errors with the true dynamics,
+    filtered and smoothed.
 
     Args:
         scene: room and cameras.
@@ -73,19 +79,28 @@ def squares(scene: Scene, redirect: float, config: ApfConfig, seed: int, steps: 
         bound = result.bound.take(np.isin(result.bound.t_ns, result.errors.t_ns[counted]))
         found += [np.mean(result.errors.error[counted] ** 2), np.mean(bound.bound**2), np.mean(bound.smoothed**2)]
     # Where destinations last until arrival a bootstrap filter runs out of them, however many particles it has
-    true = math.nan
+    true = [math.nan, math.nan]
     if redirect > 0.0:
         own = truth.take((truth.target_id == 0) & (truth.t_ns >= late))
-        best = filtered(scene, bearings, world, seed)[-len(own) :]
-        true = float(np.mean((best[:, 0] - own.x) ** 2 + (best[:, 1] - own.y) ** 2))
-    return float(found[0]), float(found[1]), true, float(found[3]), float(found[5])
+        best = [xy[-len(own) :] for xy in estimated(scene, bearings, world, seed)]
+        true = [float(np.mean((xy[:, 0] - own.x) ** 2 + (xy[:, 1] - own.y) ** 2)) for xy in best]
+    return float(found[0]), float(found[1]), float(found[3]), float(found[5]), *true
 
 
 def ratios(scene: Scene, redirect: float, config: ApfConfig, seeds: int = SEEDS, steps: int = STEPS) -> Ratios:
     """Roots of the mean squares over all seeds, over each other."""
     found = np.array([squares(scene, redirect, config, seed, steps) for seed in range(seeds)]).mean(axis=0)
-    error, bound, true, smoothed, smoothed_bound = (math.sqrt(value) for value in found)
-    return Ratios(error / true, error / bound, true / bound, smoothed / bound, smoothed / smoothed_bound)
+    error, bound, smoothed, smoothed_bound, true, true_smoothed = (math.sqrt(value) for value in found)
+    return Ratios(
+        to_true_dynamics=error / true,
+        to_bound=error / bound,
+        true_to_bound=true / bound,
+        smoothed_to_true_dynamics=smoothed / true_smoothed,
+        smoothed_to_filter=smoothed / error,
+        true_smoothed_to_filter=true_smoothed / true,
+        smoothed_to_bound=smoothed / bound,
+        smoothed_to_own_bound=smoothed / smoothed_bound,
+    )
 
 
 def run(repeats: int = 1) -> dict[str, Any]:  # noqa: ARG001 - seeds are fixed, so repeats would say the same
