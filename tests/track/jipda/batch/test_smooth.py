@@ -30,6 +30,11 @@ def filtered(frames=60, hz=5.0):
     return scene, states, moments
 
 
+def emptied(look):
+    """The same look at nobody."""
+    return look._replace(**{name: getattr(look, name)[:0] for name in ("boxes", "score", "hint", "appearance", "row")})
+
+
 def errors(moments, truth):
     """Distances of people to those in truth, and how often somebody in truth is given another identity."""
     off, last, switches = [], {}, 0
@@ -108,6 +113,35 @@ def test_a_person_whom_no_camera_sees_for_a_second_is_the_same_at_25_frames_a_se
     assert np.sqrt(np.mean(off**2)) < 0.1
 
 
+def test_everybody_is_there_while_all_cameras_are_blind():
+    scene, states, moments = filtered()
+    state, looks, moments = states[29], list(scene.moments), moments[:30]
+    for t in range(30, len(looks)):
+        if t < 33:
+            looks[t] = [emptied(look) for look in looks[t]]
+        state, moment = step(state, looks[t])
+        moments.append(moment)
+    smoothed = smooth(state, looks, moments, np.random.default_rng(0))
+    assert errors(smoothed, scene.truth)[1] == 0
+    assert [m.ids.tolist() for m in smoothed[30:34]] == 4 * [smoothed[29].ids.tolist()]
+    assert len(smoothed[29].ids) == scene.truth.shape[1]
+
+
+def test_people_are_reported_whom_the_last_association_did_not_expect():
+    scene = crowd(3, cameras=2, frames=30, hz=5.0, miss=0.6, false=0.5, seed=7)
+    state = begin(scene.scene, scene.scene.cameras, configure(JipdaConfig.in_unit("m"), {}))
+    moments = []
+    for looks in scene.moments:
+        state, moment = step(state, looks)
+        moments.append(moment)
+    for looks, moment in zip(
+        scene.moments, smooth(state, scene.moments, moments, np.random.default_rng(0)), strict=True
+    ):
+        says = moment.support
+        assert (says.person < len(moment.ids)).all()
+        assert all(row < len(looks[c].boxes) for c, row in zip(says.camera, says.row, strict=True))
+
+
 def test_births_and_deaths_are_those_of_the_identities():
     scene, states, moments = filtered()
     there = set()
@@ -152,9 +186,7 @@ def test_without_a_lag_the_window_is_the_whole_recording():
 def test_nothing_at_all_is_smoothed_to_nothing():
     scene, states, _ = filtered()
     assert smooth(states[-1], [], [], np.random.default_rng(0)) == []
-    empty = [[look._replace(boxes=look.boxes[:0], score=look.score[:0], hint=look.hint[:0],
-                            appearance=look.appearance[:0], row=look.row[:0]) for look in looks]
-             for looks in scene.moments[:3]]  # fmt: skip
+    empty = [[emptied(look) for look in looks] for looks in scene.moments[:3]]
     state = begin(scene.scene, scene.scene.cameras, states[0].config)
     out = []
     for looks in empty:

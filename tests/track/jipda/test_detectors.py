@@ -1,0 +1,103 @@
+"""What is learned of detectors: from looks at people who are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.track.jipda.config import JipdaConfig
+from occlog.track.jipda.detectors import (
+    Counts,
+    blind_looks,
+    boxes_of_nobody,
+    first_counts,
+    learn,
+    leaving_rate,
+    rates_of,
+    turning_rate,
+)
+from occlog.track.jipda.edges import first_edges
+from occlog.track.jipda.kernels.joint import BLIND, Boxes, Rates, Result
+from occlog.track.jipda.people import People, born
+
+N = 6
+
+
+def rates(counts: Counts, config: JipdaConfig | None = None) -> Rates:
+    config = config or JipdaConfig()
+    return rates_of(counts, first_edges(len(counts.detected), 1.0, config), config, np.ones(len(counts.detected)))
+
+
+def everybody() -> People:
+    """Six people who surely exist and walk on."""
+    return born(np.zeros((N, 6)), np.tile(np.eye(6), (N, 1, 1)), np.full(N, 0.99), np.full(N, 4.0), 0, 0)
+
+
+def look_at(count: int) -> Boxes:
+    """One look with so many boxes."""
+    return Boxes(
+        camera=np.zeros(1, dtype=np.int64), delay=np.zeros(1), first=np.array([0, count]), box=np.zeros((count, 4)),
+        believed=np.ones((count, 4), dtype=bool), clutter=np.zeros(count),
+    )  # fmt: skip
+
+
+def seen(visible: float, found: int) -> Result:
+    """Everybody visible to a share, the first of them detected."""
+    zero = np.zeros((N, 6))
+    share = np.eye(N)[:, :found]
+    return Result(
+        mean=zero, covariance=np.zeros((N, 6, 6)), information=np.zeros((N, 6, 6)), vector=zero,
+        existence=np.full(N, 0.99), visible=np.full((1, N), visible), detection=np.full((1, N), 0.8), share=share,
+        free=1.0 - share.sum(axis=0), owner=np.arange(found), cuts=np.array([1.0, 1.0]),
+    )  # fmt: skip
+
+
+def after(looks: int, visible: float, found: int) -> Counts:
+    counts = first_counts(1, JipdaConfig())
+    for _ in range(looks):
+        now = rates(counts)
+        counts = learn(
+            counts, everybody(), dt=0.5, turn_s=1.0, boxes=look_at(found), rates=now, result=seen(visible, found)
+        )
+    return counts
+
+
+def test_at_first_the_settings_hold() -> None:
+    config = JipdaConfig(detection=0.7, clutter=1.5, stay_s=30.0, calm_s=10.0)
+    counts = first_counts(2, config)
+    np.testing.assert_allclose(rates(counts, config).detection, 0.7)
+    np.testing.assert_allclose(boxes_of_nobody(counts), 1.5)
+    assert leaving_rate(counts) == pytest.approx(1.0 / 30.0)
+    assert turning_rate(counts) == pytest.approx(0.1)
+
+
+def test_the_rate_of_detection_is_that_of_people_in_plain_view() -> None:
+    assert rates(after(200, 1.0, 3)).detection[0] == pytest.approx(0.5, abs=0.02)
+    assert rates(after(200, 0.5, 3)).detection[0] == pytest.approx(JipdaConfig().detection)
+
+
+def test_the_curve_rises_and_is_learned_where_people_are_visible_in_part() -> None:
+    curve = rates(after(200, 0.4, 1)).curve
+    assert (np.diff(curve) >= 0.0).all()
+    assert curve[-1] == 1.0
+    # One of six is detected, in plain view four of five would be
+    assert curve[2] == pytest.approx(1.0 / 6.0 / 0.8, abs=0.03)
+    assert (rates(first_counts(1, JipdaConfig()), JipdaConfig(visible=False)).curve == 1.0).all()
+
+
+def test_the_rate_of_detection_has_bounds() -> None:
+    assert rates(after(400, 1.0, N)).detection[0] == pytest.approx(0.98)
+
+
+def test_a_look_at_nobody_of_many_is_blind_and_teaches_nothing() -> None:
+    first, then = first_counts(1, JipdaConfig()), after(10, 1.0, 0)
+    np.testing.assert_array_equal(then.detected, first.detected)
+    np.testing.assert_array_equal(then.curve, first.curve)
+
+
+def test_a_look_is_blind_if_that_is_more_probable_than_that_everybody_was_missed() -> None:
+    few = int(np.log(BLIND) / np.log(0.5))
+    for people, blind in ((few, False), (few + 1, True)):
+        assert blind_looks(look_at(0), np.ones(people), np.full((1, people), 0.5)).tolist() == [blind]
+    assert not blind_looks(look_at(1), np.ones(9), np.full((1, 9), 0.5)).any()
+    assert not blind_looks(look_at(0), np.ones(9), np.zeros((1, 9))).any()
