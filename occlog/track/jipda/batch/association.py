@@ -101,11 +101,15 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
         state.views, boxes, rates, mean, given,
         np.ascontiguousarray(detection[:, rows]), np.ascontiguousarray(feet[:, rows]),
     )  # fmt: skip
+    # Who hides a person hides them for a while: beside this moment they are missed as probably as at it, at least
+    miss = misses(state.views, rates, mean)
+    for look, camera in enumerate(boxes.camera.tolist()):
+        miss[:, camera] = np.maximum(miss[:, camera], np.log1p(-detection[look, rows]))
     named = np.full((len(rows), len(state.views.size)), NONE)
     for look, camera in enumerate(boxes.camera.tolist()):
         has = np.flatnonzero(given[look] >= 0)
         named[has, camera] = hint[given[look, has]]
-    return Found(track[rows], mean, given, J, h, constant, misses(state.views, rates, mean), named)
+    return Found(track[rows], mean, given, J, h, constant, miss, named)
 
 
 def _join_doubles(mean: Floats, given: Ints, known: int) -> None:
