@@ -35,6 +35,9 @@ FIRST_LASTING, PRIOR_LASTING, USUAL = 0.015, 20.0, 0.01
 """At first, in heights; it is worth so many pairs of looks with this noise, in heights."""
 FIRST_SWAY, PRIOR_SWAY = 0.03, 200.0
 """At first, in metres; it is worth so many triples of looks."""
+PRIOR_CHANGES = 200.0
+"""At first errors are new at each look; it is worth half as many looks."""
+MOST_ALIKE = 0.9
 MOST_LASTING = 0.06
 SWAY_RANGE = (0.03, 0.12)
 """Nobody's place is a point: feet and head sway about it [m]."""
@@ -62,6 +65,10 @@ class Edges:
     sway: Floats  # (2,) the same
     before: dict[tuple[int, int], tuple[int, Floats]]  # by person and camera: time, last disagreement of middles
     path: dict[int, tuple[tuple[int, Floats, float], ...]]  # by person: time, place, variance of the last five moments
+    changes: Floats  # (2,) squared changes of disagreements over two looks, and over one
+    last: dict[
+        tuple[int, int], tuple[tuple[int, Floats], ...]
+    ]  # by person and camera: time, disagreements at two looks
 
 
 def first_edges(cameras: int, metre: float, config: JipdaConfig) -> Edges:
@@ -81,6 +88,8 @@ def first_edges(cameras: int, metre: float, config: JipdaConfig) -> Edges:
         sway=PRIOR_SWAY * np.array([(FIRST_SWAY * metre) ** 2, 1.0]),
         before={},
         path={},
+        changes=np.full(2, PRIOR_CHANGES),
+        last={},
     )
 
 
@@ -108,6 +117,12 @@ def sway_of(edges: Edges) -> float:
     return float(np.clip(edges.sway[0] / edges.sway[1], *(np.array(SWAY_RANGE) * edges.metre) ** 2))
 
 
+def slowness_of(edges: Edges) -> float:
+    """(1 + r) / (1 - r), r the correlation of errors at successive looks: how many times as much they count."""
+    alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MOST_ALIKE))
+    return (1.0 + alike) / (1.0 - alike)
+
+
 def learn_edges(
     edges: Edges, t_ns: int, boxes: Boxes, found: Disagreement, *, key: Ints, owner: Ints, lasts: Floats
 ) -> Edges:
@@ -126,6 +141,7 @@ def learn_edges(
     used = np.flatnonzero((found.kept > LEAST_KEPT).any(axis=1))
     if len(used):
         edges = _noise_and_bias(edges, used, camera, found, lasts)
+    edges = _changes(edges, t_ns, used, camera, found, key[owner[used]])
     edges = _lasting(edges, t_ns, used, camera, found, key[owner[used]])
     return _sway(edges, t_ns, found, key)
 
@@ -154,6 +170,30 @@ def _noise_and_bias(edges: Edges, used: Ints, camera: Ints, found: Disagreement,
         bias=bias,
         bias_variance=variance,
     )
+
+
+def _changes(edges: Edges, t_ns: int, used: Ints, camera: Ints, found: Disagreement, key: Ints) -> Edges:
+    """Compare changes over two looks with those over one: 1 - r^2 to 1 - r, whatever stays for longer."""
+    noise, sums = noise_of(edges), edges.changes.copy()
+    noise[MIDDLES, 1] += lasting_of(edges)
+    last = {k: v for k, v in edges.last.items() if t_ns - v[-1][0] < 2 * NS}
+    for row, person in zip(used.tolist(), key.tolist(), strict=True):
+        size, kept = found.size[row], found.kept[row]
+        deviation = np.sqrt((noise[:, 0] + noise[:, 1] * size**2) * np.maximum(kept, LEAST_KEPT))
+        now = np.where(kept > LEAST_KEPT, found.residual[row] / deviation, np.nan)
+        at = (person, int(camera[row]))
+        looks = (*last.get(at, ()), (t_ns, now))[-3:]
+        last[at] = looks
+        if len(looks) == 3:
+            first, second = looks[1][0] - looks[0][0], looks[2][0] - looks[1][0]
+            if max(first, second) > (1.0 + EVEN) * min(first, second):
+                continue
+            two = np.minimum((now - looks[0][1]) ** 2, OUTLIER)
+            one = 0.5 * np.minimum((now - looks[1][1]) ** 2, OUTLIER)
+            one += 0.5 * np.minimum((looks[1][1] - looks[0][1]) ** 2, OUTLIER)
+            fine = np.isfinite(two) & np.isfinite(one)
+            sums += (two[fine].sum(), one[fine].sum())
+    return replace(edges, changes=sums, last=last)
 
 
 def _lasting(edges: Edges, t_ns: int, used: Ints, camera: Ints, found: Disagreement, key: Ints) -> Edges:

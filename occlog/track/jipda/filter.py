@@ -138,16 +138,18 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         for_people, NEW_SHARE, GATE,
     )  # fmt: skip
     people = corrected(people, result.information, result.vector, sway)
-    detected = (result.share.sum(axis=1) > 0.5)[:, None]
+    explained = (result.share + result.joint).sum(axis=1)
+    detected = (explained > 0.5)[:, None]
     people = replace(
         people,
         existence=result.existence,
         last=np.where(detected, people.mean[:, :2], people.last),
-        boxes=people.boxes + result.share.sum(axis=1),
+        boxes=people.boxes + explained,
         seen_ns=np.where(np.isfinite(result.visible).any(axis=0), t_ns, people.seen_ns),
     )
     counts = learn(state.counts, people, dt=dt, turn_s=config.turn_s, boxes=boxes, rates=rates, result=result)
     good = good_boxes(boxes, result.owner, result.share, result.visible, people.existence > SURE, PLAIN)
+    good &= result.odd < 0.5
     found = disagreement(result.mean, result.covariance, state.views, boxes, rates, result.owner, good)
     edges = learn_edges(state.edges, t_ns, boxes, found, key=people.key, owner=result.owner, lasts=rates.lasting)
     # Births, from boxes that are nobody's
@@ -198,6 +200,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     visible = np.full((len(state.views.size), len(people.key)), np.nan)
     visible[boxes.camera, :N] = result.visible
     share = share[rows[shown]] * kept.existence[shown, None]
+    joint = np.concatenate([result.joint, np.zeros_like(used)])[rows[shown]] * kept.existence[shown, None]
     moment = Moment(
         t_ns=t_ns,
         ids=kept.id[shown],
@@ -205,7 +208,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         covariance=kept.covariance[shown],
         existence=kept.existence[shown],
         visibility=np.ascontiguousarray(visible[:, rows[shown]].T),
-        support=_support(share, boxes, looks),
+        support=support_of(share, joint, boxes, looks),
         events=tuple(events),
     )
     next_key = state.next_key + K
@@ -248,9 +251,10 @@ def _count_nobody(counts: Counts, boxes: Boxes, free: Floats) -> Counts:
     return replace(counts, clutter=clutter)
 
 
-def _support(share: Floats, boxes: Boxes, looks: Sequence[Look]) -> Support:
-    """The boxes that speak for each person, where the probability (m, M) matters."""
-    person, box = np.nonzero(share > LEAST_SUPPORT)
+def support_of(share: Floats, joint: Floats, boxes: Boxes, looks: Sequence[Look]) -> Support:
+    """The boxes that speak for each person, where it matters how probably they are of them alone or with another."""
+    person, box = np.nonzero(share + joint > LEAST_SUPPORT)
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
     row = np.concatenate([look.row for look in looks])
-    return Support(person, camera[box], row[box], share[person, box])
+    both = joint[person, box]
+    return Support(person, camera[box], row[box], share[person, box] + both, both)

@@ -56,7 +56,8 @@ class Support(NamedTuple):
     person: Ints  # (k,) place in `Moment.ids`
     camera: Ints  # (k,) place in the list of cameras
     row: Ints  # (k,) `Look.row` of the box
-    probability: Floats  # (k,) that the box is of this person; sums over people of a box to at most 1
+    probability: Floats  # (k,) that the box is of this person, alone or with a neighbour who touches them
+    joint: Floats  # (k,) of it, with a neighbour; the rest sums over people of a box to at most 1
 
 
 class Event(NamedTuple):
@@ -86,4 +87,4 @@ class Moment(NamedTuple):
 def no_support() -> Support:
     """No box speaks for anybody."""
     none = np.zeros(0, dtype=np.int64)
-    return Support(none, none, none, np.zeros(0))
+    return Support(none, none, none, np.zeros(0), np.zeros(0))

@@ -221,10 +221,10 @@ class EverybodyInViews:
 
 
 def _own_boxes(moment: Moment, row: Ints, camera: int) -> Ints:
-    """(m,) place in a look of the box that is most probably each person's; -1: none is, more probably than not."""
+    """(m,) place in a look of the box that is more probably than not each person's alone; -1: none is."""
     out = np.full(len(moment.ids), -1, dtype=np.int64)
     s = moment.support
-    mine = np.flatnonzero((s.camera == camera) & (s.probability >= LIKELY))
+    mine = np.flatnonzero((s.camera == camera) & (s.probability - s.joint >= LIKELY))
     if len(mine):
         order = np.argsort(row)
         out[s.person[mine]] = order[np.searchsorted(row, s.row[mine], sorter=order)]

@@ -6,27 +6,31 @@ import numpy as np
 import pytest
 
 from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.edges import Edges, first_edges, lasting_of, learn_edges, noise_of, sway_of
+from occlog.track.jipda.edges import Edges, first_edges, lasting_of, learn_edges, noise_of, slowness_of, sway_of
 from occlog.track.jipda.kernels.disagreement import Disagreement
 from occlog.track.jipda.kernels.joint import Boxes
 
 N = 8
 
 
-def taught(*, lasting: float = 0.0, sway: float = 0.0, bias: float = 0.0, seed: int = 0, frames: int = 300) -> Edges:
+def taught(
+    *, lasting: float = 0.0, sway: float = 0.0, bias: float = 0.0, alike: float = 0.0, seed: int = 0, frames: int = 300
+) -> Edges:
     """What is learned of one camera, 10 looks a second, middles with 3 px and 1 % of the height."""
     rng = np.random.default_rng(seed)
     edges = first_edges(1, 1.0, JipdaConfig())
     boxes = Boxes(np.zeros(1, dtype=np.int64), np.zeros(1), np.array([0, N]), np.zeros((N, 4)),
                   np.ones((N, 4), dtype=bool), np.zeros(N))  # fmt: skip
     size = np.tile(rng.uniform(60.0, 400.0, (N, 1)), (1, 4))
+    noise = rng.normal(size=(N, 4))
     slow, walk = rng.normal(0.0, lasting, (N, 4)), rng.normal(size=(N, 2))
     velocity, keep = rng.normal(size=(N, 2)), np.exp(-0.1 / 0.5)
     for t in range(frames):
         slow = keep * slow + np.sqrt(1.0 - keep**2) * rng.normal(0.0, lasting, (N, 4))
         velocity += rng.normal(0.0, np.sqrt(0.06 * 0.1), (N, 2))
         walk += 0.1 * velocity
-        residual = rng.normal(0.0, 3.0, (N, 4)) + rng.normal(0.0, 0.01, (N, 4)) * size
+        noise = alike * noise + np.sqrt(1.0 - alike**2) * rng.normal(size=(N, 4))
+        residual = 3.0 * noise + rng.normal(0.0, 0.01, (N, 4)) * size
         residual[:, [0, 2]] += (slow * size)[:, [0, 2]]
         residual[:, 3] += bias * size[:, 3] - edges.bias[0, 3] * size[:, 3]
         place = walk + rng.normal(0.0, np.hypot(0.03, sway), (N, 2))
@@ -49,6 +53,13 @@ def test_errors_that_last_are_told_from_those_that_do_not() -> None:
 def test_the_sway_of_bodies_is_what_white_acceleration_does_not_explain() -> None:
     assert np.sqrt(sway_of(taught(sway=0.08, frames=600))) == pytest.approx(0.08, rel=0.2)
     assert np.sqrt(sway_of(taught(sway=0.0))) < 0.045
+
+
+def test_errors_that_go_on_from_look_to_look_are_told_from_those_that_are_new() -> None:
+    assert slowness_of(taught()) < 1.2
+    assert slowness_of(taught(lasting=0.03, bias=0.06)) < 1.6
+    # Noise of 3 px has a correlation of 0.6 and 1 % of the height is new each time
+    assert 1.4 < slowness_of(taught(alike=0.6, frames=600)) < 1.6 / 0.4
 
 
 def test_the_bias_of_a_camera_is_found() -> None:

@@ -23,7 +23,7 @@ def moment(by: list[list[bool]], visible: float = 1.0) -> Moment:
         covariance=np.zeros((len(seen), 6, 6)),
         existence=np.ones(len(seen)),
         visibility=np.full(seen.shape, visible),
-        support=Support(person, camera, np.arange(n), np.ones(n)),
+        support=Support(person, camera, np.arange(n), np.ones(n), np.zeros(n)),
         events=(),
     )
 

@@ -45,7 +45,13 @@ def step(state: int, looks: list[Look]) -> tuple[int, Moment]:
         covariance=np.tile(0.01 * np.eye(6), (PEOPLE, 1, 1)),
         existence=np.array([1.0, 0.75]),
         visibility=visibility,
-        support=Support(np.array(person, int), np.array(camera, int), np.array(row, int), np.full(len(row), 0.875)),
+        support=Support(
+            np.array(person, int),
+            np.array(camera, int),
+            np.array(row, int),
+            np.full(len(row), 0.875),
+            np.zeros(len(row)),
+        ),
         events=events.get(state, ()),
     )
     return state + 1, moment

@@ -49,7 +49,8 @@ class Seen(NamedTuple):
     """The same after the boxes; M boxes."""
 
     people: Expected
-    share: Floats  # (N, M) probability that they are there and the box is theirs
+    share: Floats  # (N, M) probability that they are there and the box is theirs alone
+    joint: Floats  # (N, M) the same, with a neighbour
     visible: Floats  # (L, N)
 
 
@@ -59,10 +60,11 @@ def associate(state: State, boxes: Boxes, rates: Rates, people: Expected, bonus:
         people.mean, people.covariance, people.existence, state.views, boxes, rates, bonus, NEW_SHARE, GATE
     )  # fmt: skip
     who = Expected(people.track, after.mean, after.covariance, after.existence)
-    return Seen(who, after.existence[:, None] * after.share, after.visible)
+    there = after.existence[:, None]
+    return Seen(who, there * after.share, there * after.joint, after.visible)
 
 
-def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected, share: Floats) -> Found:
+def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected, share: Floats, joint: Floats) -> Found:
     """Give boxes to the people whose they are, and make new people of those that are left.
 
     Args:
@@ -71,7 +73,8 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
         rates: of the detectors.
         hint: (M,) identities of boxes.
         people: who are believed to be there, after the boxes.
-        share: (N, M) probability that they are there and the box is theirs.
+        share: (N, M) probability that they are there and the box is theirs alone.
+        joint: (N, M) the same, with a neighbour.
     """
     c = state.config
     body = np.array([c.height, c.sigma_height, c.width, c.sigma_width, c.speed])
@@ -83,7 +86,7 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
         at=np.zeros(0),
         smooth=state.metre,
     )
-    free = np.clip(1.0 - share.sum(axis=0), 0.0, 1.0)
+    free = np.clip(1.0 - share.sum(axis=0) - 0.5 * joint.sum(axis=0), 0.0, 1.0)
     mean, covariance, odds, used = newborn(
         state.views, boxes, rates, body, arrival, people.mean, spread,
         people.existence, free, GATE, math.log(LEAST_BIRTH),
@@ -95,6 +98,10 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
     # Whoever is new may be nobody, and hides others half as much
     there = np.concatenate([people.existence, 0.5 / (1.0 + np.exp(-odds))])
     _, feet, detection = seen(state.views, boxes, rates, mean, covariance, there)
+    # Who is in one box with a neighbour was not missed
+    for look in range(len(boxes.camera)):
+        here = slice(boxes.first[look], boxes.first[look + 1])
+        detection[look, : len(joint)] *= 1.0 - np.minimum(joint[:, here].sum(axis=1), 1.0)
     rows = np.flatnonzero((given >= 0).any(axis=0))
     mean, given = mean[rows], np.ascontiguousarray(given[:, rows])
     J, h, constant = factors(

@@ -127,19 +127,32 @@ def factors(
                 continue
             shifted(box, rates.bias[camera], drawn)
             edge_noise(drawn, rates, 1.0, noise)
-            edge_noise(drawn, rates, rates.lasting[camera], lasting)
+            edge_noise(drawn, rates, rates.lasting[camera] / rates.slow, lasting)
+            lasting *= rates.slow
             off = boxes.box[j] - drawn
             use[:] = boxes.believed[j]
             nobody = log_nobody(boxes.box[j], use, views.size[camera, 0], views.size[camera, 1]) + boxes.clutter[j]
             log_box = log_of(off, use, noise, W)
             cut = rates.cut * (1.0 - feet[l, i])
-            if use[3] and cut > 0.01 and off[3] < 0.0:
-                # The box ends where the cover begins, if that is likelier
-                use[3] = False
-                part = log_of(off, use, noise, W) - math.log(BELOW * (drawn[3] - drawn[1])) + math.log(cut)
-                whole = log_box + math.log(1.0 - cut)
-                use[3] = whole >= part
-                log_box = max(whole, part)
+            log_box += math.log(1.0 - rates.wrong)
+            if off[3] < 0.0:
+                log_box += math.log(1.0 - cut)
+            best, used = -1, use.sum()
+            for e in range(4):
+                # The box ends where the cover begins, or one edge is that of something else, if that is likelier
+                extent = drawn[2 + e % 2] - drawn[e % 2]
+                chance = 0.25 * rates.wrong / (2.0 * extent) if used > 3 else 0.0
+                if e == 3 and cut > 0.01 and off[3] < 0.0:
+                    chance = cut / (BELOW * extent)
+                if chance == 0.0 or not use[e]:
+                    continue
+                use[e] = False
+                part = log_of(off, use, noise, W) + math.log(chance)
+                use[e] = True
+                if part > log_box:
+                    log_box, best = part, e
+            if best >= 0:
+                use[best] = False
             # Errors that last count as often as they are new
             W[:] = 0.0
             precision(lasting, use, 1.0, W)

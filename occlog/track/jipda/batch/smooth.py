@@ -19,7 +19,7 @@ import numpy as np
 from occlog.array_types import NS, Floats, Ints
 
 from ..detectors import blind_looks, leaving_rate, rates_of, turning_rate
-from ..filter import LEAST_SUPPORT, State, pack
+from ..filter import State, pack, support_of
 from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
 from ..kernels.joint import Boxes, Rates
 from .association import Expected, Found, Seen, associate, find
@@ -149,18 +149,17 @@ def at_moments(span: Span, chosen: Ints) -> Span:
     return span._replace(time=span.time[chosen], looked=looked)
 
 
-def _filtered(boxes: Boxes, group: Sequence[Look], moment: Moment) -> tuple[Expected, Floats]:
-    """The filter's people and their boxes."""
+def _filtered(boxes: Boxes, group: Sequence[Look], moment: Moment) -> tuple[Expected, Floats, Floats]:
+    """The filter's people, their boxes, and those that they share with a neighbour."""
     share = np.zeros((len(moment.ids), len(boxes.box)))
+    joint = np.zeros_like(share)
     camera = np.repeat(boxes.camera, np.diff(boxes.first)).tolist()
     row = np.concatenate([look.row for look in group]).tolist()
     place = {key: k for k, key in enumerate(zip(camera, row, strict=True))}
     says = moment.support
-    for i, c, r, p in zip(
-        says.person.tolist(), says.camera.tolist(), says.row.tolist(), says.probability.tolist(), strict=True
-    ):
-        share[i, place[c, r]] = p
-    return Expected(moment.ids, moment.mean, moment.covariance, moment.existence), share
+    box = [place[at] for at in zip(says.camera.tolist(), says.row.tolist(), strict=True)]
+    share[says.person, box], joint[says.person, box] = says.probability - says.joint, says.joint
+    return Expected(moment.ids, moment.mean, moment.covariance, moment.existence), share, joint
 
 
 def _scattered(tracks: Tracks, span: Span, square: float, metre: float) -> tuple[Floats, float]:
@@ -214,7 +213,7 @@ def _again(
         bonus = _bonus(boxes, hint, tracks, walk.last[rows], walk.next[rows])
         seen = associate(state, boxes, rates, people, bonus)
         after.append(seen)
-        found.append(find(state, boxes, rates, hint, seen.people, seen.share))
+        found.append(find(state, boxes, rates, hint, seen.people, seen.share, seen.joint))
     return found, after
 
 
@@ -308,14 +307,12 @@ def _seen_by(
     """The boxes that speak for the people of some rows, and (m, C) how visible they are."""
     visible = np.full((len(rows), cameras), np.nan)
     share = np.zeros((len(rows), len(boxes.box)))
+    joint = np.zeros_like(share)
     # The last association knows people by the number of the track that led to it; it expected nobody of some who are
     # there before their first place or after their last one
     label = tracks.label[walk.head[rows]]
     expected = np.flatnonzero(np.isin(label, seen.people.track))
     k = np.searchsorted(seen.people.track, label[expected])
-    share[expected] = seen.share[k]
+    share[expected], joint[expected] = seen.share[k], seen.joint[k]
     visible[np.ix_(expected, boxes.camera)] = seen.visible[:, k].T
-    person, box = np.nonzero(share > LEAST_SUPPORT)
-    camera = np.repeat(boxes.camera, np.diff(boxes.first))
-    row = np.concatenate([look.row for look in group])
-    return Support(person, camera[box], row[box], share[person, box]), visible
+    return support_of(share, joint, boxes, group), visible

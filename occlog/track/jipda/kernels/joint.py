@@ -19,7 +19,7 @@ from occlog.core.numerics.jit import kernel
 from .body_box import Views, box_and_slope
 from .cover import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
 from .linear import invert
-from .marginals import box_messages
+from .merged import outline, own_edges, pair_messages, touching
 
 LEFT_OUT = 1e10
 """Variance [px^2] of an edge that says nothing."""
@@ -34,6 +34,8 @@ person who turns is off from the prediction in all cameras alike, which the came
 BLIND = 0.01
 """Probability that a frame shows nobody of all who are there: it was not recorded, or the lens is covered."""
 LEAST_SHARE = 0.02
+FAR_EDGE = 4.0
+"""An edge may be wrong that is off by more than this squared number of standard deviations."""
 """An association that is less probable than this moves nobody."""
 
 
@@ -54,10 +56,13 @@ class Rates(NamedTuple):
     detection: Floats  # (C,) probability of detection of a person in plain view
     curve: Floats  # (K,) factor of it at the visible shares 0, 1 / (K - 1), .., 1
     cut: float  # probability that a box ends where the cover of the feet begins
+    wrong: float  # probability that one edge of a box, any of the four, is anywhere
     bias: Floats  # (C, 4) middle and width across, middle and height down, in heights, widths, heights, heights
     noise: Floats  # (4, 2) variances of the same: constant [px^2], and share squared
     sway: float  # variance of either middle besides, in heights squared; its errors last
     lasting: Floats  # (C,) how many times as much it counts in an update
+    merge: Floats  # (C,) probability that two people who touch in the image are one box
+    slow: float  # how many times as much the noise counts in an update, whose errors go on from look to look
 
 
 class Result(NamedTuple):
@@ -70,10 +75,14 @@ class Result(NamedTuple):
     existence: Floats  # (N,)
     visible: Floats  # (L, N) visible share; NaN: outside the image
     detection: Floats  # (L, N) probability of detection that was used; 0 outside the image
-    share: Floats  # (N, M) probability that the box is of the person, given that they exist
+    share: Floats  # (N, M) probability that the box is of the person alone, given that they exist
+    joint: Floats  # (N, M) the same of the person and a neighbour together
     free: Floats  # (M,) probability that the box is of none of the people
     owner: Ints  # (M,) likeliest person; -1: nobody
     cuts: Floats  # (2,) boxes that end where the cover of the feet begins, and boxes of people whose feet are covered
+    odd: Floats  # (M,) probability that one edge of the box is wrong or cut, if it is its owner's
+    wrong: Floats  # (2,) boxes with a wrong edge, and all boxes
+    merges: Floats  # (L, 2) pairs who touch and are one box, and all pairs who touch and of whom there is a box
 
 
 @kernel
@@ -205,9 +214,9 @@ def update(
     log_odds = np.log(existence) - np.log1p(-existence)
     site_odds = np.zeros((L, N))
     visible, detection = np.full((L, N), np.nan), np.zeros((L, N))
-    share, free = np.zeros((N, M)), np.ones(M)
+    share, joint, free = np.zeros((N, M)), np.zeros((N, M)), np.ones(M)
     owner = np.full(M, -1)
-    cuts = np.zeros(2)
+    cuts, merges, wrong, odd = np.zeros(2), np.zeros((L, 2)), np.zeros(2), np.zeros(M)
     # Scratch
     box, slope, noise = np.empty((N, 4)), np.zeros((N, 4, 6)), np.empty((N, 4, 4))
     drawn, spread, lasting = np.empty((N, 4)), np.empty((N, 4, 4)), np.empty((N, 4, 4))
@@ -218,6 +227,8 @@ def update(
     cavity_m, cavity_P = np.empty((N, 6)), np.empty((N, 6, 6))
     inverse, work = np.empty((4, 4)), np.empty((6, 6))
     off, use = np.empty(4), np.empty(4, dtype=np.bool_)
+    union, union_noise, union_spread = np.empty(4), np.empty((4, 4)), np.empty((4, 4))
+    alone = np.empty(N)
     for sweep in range(SWEEPS):
         for l in range(L):  # noqa: E741 - a look
             c, start, stop = boxes.camera[l], boxes.first[l], boxes.first[l + 1]
@@ -248,7 +259,8 @@ def update(
                     shifted(box[i], rates.bias[c], drawn[i])
                     edge_noise(drawn[i], rates, 1.0, noise[i])
                     noise[i] *= WIDER
-                    edge_noise(drawn[i], rates, rates.lasting[c], lasting[i])
+                    edge_noise(drawn[i], rates, rates.lasting[c] / rates.slow, lasting[i])
+                    lasting[i] *= rates.slow
                 else:
                     inside[i] = 0.0
             # Visible shares and probabilities of detection
@@ -271,6 +283,15 @@ def update(
                     bottom += cells[ROWS - 1, column]
                 feet[i] = 1.0 - bottom / COLUMNS
                 detection[l, i] = rates.detection[c] * interpolate(rates.curve, visible[l, i])
+            # Who touches whom may be one box with them, and has none alone
+            pair = touching(box, depth, across, there)
+            K = len(pair)
+            alone[:] = detection[l]
+            for k in range(K):
+                a, b = pair[k]
+                alone[a] *= 1.0 - rates.merge[c] * there[b]
+                alone[b] *= 1.0 - rates.merge[c] * there[a]
+            detection[l] = alone
             if stop == start:
                 # Nobody at all: everybody was missed, or the frame is blind, which counts once for all of them (and for
                 # all looks, where all are so)
@@ -283,46 +304,80 @@ def update(
                     log_odds[i] += odds - site_odds[l, i]
                     site_odds[l, i] = odds
                 continue
-            # Likelihood ratios of boxes to nobody's, and how far the lower edge counts
+            # Likelihood ratios of boxes to nobody's, how far all edges count, and which one does not otherwise
             ratio = np.zeros((N, stop - start))
-            whole = np.ones((N, stop - start))
+            whole, left_out = np.ones((N, stop - start)), np.full((N, stop - start), -1)
             for i in range(N):
                 if detection[l, i] < 1e-4:
                     continue
                 for j in range(start, stop):
-                    near = True
+                    far, used = 0, 0
                     for e in range(4):
                         off[e] = boxes.box[j, e] - drawn[i, e]
                         use[e] = boxes.believed[j, e]
-                    for e in (0, 1, 2):
+                        used += 1 if use[e] else 0
                         if use[e] and off[e] * off[e] > 2.0 * gate * (spread[i, e, e] + noise[i, e, e]):
-                            near = False
-                    if not near:
+                            far += 1
+                    if far > 1:
                         continue
                     nobody = log_nobody(boxes.box[j], use, width, height) + boxes.clutter[j]
                     log_full, distance = log_density(off, inverse, use, noise[i], spread[i])
                     full = math.exp(log_full - nobody + bonus[i, j]) if distance < gate else 0.0
-                    cut = rates.cut * feet[i]
-                    if use[3] and cut > 0.01 and off[3] < 0.0:
-                        # The box may end where the cover begins: its lower edge is anywhere below the middle
-                        use[3] = False
+                    cut, most = rates.cut * feet[i], 0.0
+                    for e in range(4):
+                        chance, extent = 0.0, drawn[i, 2 + e % 2] - drawn[i, e % 2]
+                        if e == 3 and cut > 0.01 and off[3] < 0.0:
+                            # The box may end where the cover begins: its lower edge is anywhere below the middle
+                            chance = cut / (0.8 * extent)
+                        elif used > 3 and off[e] * off[e] > FAR_EDGE * (spread[i, e, e] + noise[i, e, e]):
+                            # The edge is that of something else, or of a part
+                            chance = 0.25 * rates.wrong / (2.0 * extent)
+                        if chance == 0.0 or not use[e]:
+                            continue
+                        use[e] = False
                         log_part, distance = log_density(off, inverse, use, noise[i], spread[i])
-                        tall = drawn[i, 3] - drawn[i, 1]
-                        if distance < gate:
-                            part = math.exp(log_part - nobody + bonus[i, j]) / (0.8 * tall)
-                            ratio[i, j - start] = (1.0 - cut) * full + cut * part
-                            whole[i, j - start] = (1.0 - cut) * full / ratio[i, j - start]
-                        else:
-                            ratio[i, j - start] = (1.0 - cut) * full
-                    else:
-                        ratio[i, j - start] = full
+                        use[e] = True
+                        part = chance * math.exp(log_part - nobody + bonus[i, j]) if distance < gate else 0.0
+                        if part > most:
+                            most, left_out[i, j - start] = part, e
+                    if off[3] < 0.0:
+                        full *= 1.0 - cut
+                    full *= 1.0 - rates.wrong
+                    ratio[i, j - start] = full + most
+                    if most > 0.0:
+                        whole[i, j - start] = full / (full + most)
+            # The same of the outlines of two
+            both, own = np.zeros((K, stop - start)), np.empty((K, 4))
+            for k in range(K):
+                a, b = pair[k]
+                outline(a, b, drawn, noise, spread, union, union_noise, union_spread, own[k])
+                seen = rates.detection[c] * interpolate(rates.curve, max(visible[l, a], visible[l, b]))
+                for j in range(start, stop):
+                    near = True
+                    for e in range(4):
+                        off[e] = boxes.box[j, e] - union[e]
+                        use[e] = boxes.believed[j, e]
+                        if use[e] and off[e] * off[e] > 2.0 * gate * (union_spread[e, e] + union_noise[e, e]):
+                            near = False
+                    if not near:
+                        continue
+                    nobody = log_nobody(boxes.box[j], use, width, height) + boxes.clutter[j]
+                    log_full, distance = log_density(off, inverse, use, union_noise, union_spread)
+                    if distance < gate:
+                        both[k, j - start] = rates.merge[c] * seen * math.exp(log_full - nobody) / (1.0 + birth)
             # Marginals by belief propagation; a box may be of somebody new
-            weight = np.zeros_like(ratio)
+            weight, weight_both = np.zeros_like(ratio), np.zeros_like(both)
             for i in range(N):
                 missed = 1.0 - there[i] * detection[l, i]
                 for j in range(stop - start):
                     weight[i, j] = there[i] * detection[l, i] * ratio[i, j] / (missed * (1.0 + birth))
-            nu = box_messages(weight)
+            for k in range(K):
+                a, b = pair[k]
+                chance = there[a] / (1.0 - there[a] * detection[l, a]) * there[b] / (1.0 - there[b] * detection[l, b])
+                for j in range(stop - start):
+                    weight_both[k, j] = chance * both[k, j]
+            nu = pair_messages(weight, pair, weight_both)
+            mine = np.zeros((K, 2, stop - start))
             for j in range(start, stop):
                 free[j] = 1.0
                 owner[j] = -1
@@ -330,21 +385,42 @@ def update(
             for i in range(N):
                 total = 1.0 - detection[l, i]
                 for j in range(stop - start):
-                    total += detection[l, i] * ratio[i, j] / (1.0 + birth) * nu[i, j]
+                    total += detection[l, i] * ratio[i, j] / (1.0 + birth) * nu.single[i, j]
+                # Boxes with a neighbour
+                for k in range(K):
+                    for s in range(2):
+                        if pair[k, s] != i:
+                            continue
+                        other = pair[k, 1 - s]
+                        chance = there[other] / (1.0 - there[other] * detection[l, other])
+                        for j in range(stop - start):
+                            mine[k, s, j] = chance * both[k, j] * nu.partner[k, 1 - s, j] * nu.pair[k, j]
+                            total += mine[k, s, j]
                 odds = math.log(max(total, 1e-12))
                 log_odds[i] += odds - site_odds[l, i]
                 site_odds[l, i] = odds
                 posterior = there[i] * total / (1.0 - there[i] + there[i] * total)
                 best, best_j = 0.0, -1
                 for j in range(stop - start):
-                    p = detection[l, i] * ratio[i, j] / (1.0 + birth) * nu[i, j] / total
-                    share[i, start + j] = p
+                    p = detection[l, i] * ratio[i, j] / (1.0 + birth) * nu.single[i, j] / total
+                    share[i, start + j], joint[i, start + j] = p, 0.0
                     free[start + j] -= posterior * p
                     if posterior * p > best_share[j]:
                         best_share[j] = posterior * p
                         owner[start + j] = i
                     if p > best:
                         best, best_j = p, j
+                best_k, best_s = -1, 0
+                for k in range(K):
+                    for s in range(2):
+                        if pair[k, s] != i:
+                            continue
+                        for j in range(stop - start):
+                            mine[k, s, j] /= total
+                            joint[i, start + j] += mine[k, s, j]
+                            free[start + j] -= 0.5 * posterior * mine[k, s, j]
+                            if mine[k, s, j] > best:
+                                best, best_j, best_k, best_s = mine[k, s, j], j, k, s
                 # Message: the boxes with their shares
                 information[i] -= site[l, i]
                 vector[i] -= site_vector[l, i]
@@ -352,25 +428,31 @@ def update(
                 site_vector[l, i] = 0.0
                 if best > LEAST_SHARE:
                     Hm = slope[i] @ cavity_m[i]
-                    for j in range(stop - start):
-                        p = share[i, start + j]
-                        if j != best_j:
-                            continue
-                        p = p * p
-                        if sweep == SWEEPS - 1 and boxes.believed[start + j, 3] and feet[i] > 0.5:
-                            cuts[0] += p * (1.0 - whole[i, j])
-                            cuts[1] += p * feet[i]
-                        W = np.zeros((4, 4))
-                        for e in range(4):
-                            use[e] = boxes.believed[start + j, e]
+                    j = best_j
+                    p = best * best
+                    W = np.zeros((4, 4))
+                    for e in range(4):
+                        use[e] = boxes.believed[start + j, e]
+                    if best_k >= 0:
+                        own_edges(lasting[i], use, own[best_k], best_s == 0, p, W)
+                    else:
+                        if sweep == SWEEPS - 1:
+                            ends = left_out[i, j] == 3 and boxes.box[start + j, 3] < drawn[i, 3]
+                            if boxes.believed[start + j, 3] and feet[i] > 0.5:
+                                cuts[0] += p * (1.0 - whole[i, j]) if ends else 0.0
+                                cuts[1] += p * feet[i]
+                            if not (ends and feet[i] > 0.1):
+                                wrong[0] += p * there[i] * (1.0 - whole[i, j])
+                            wrong[1] += p * there[i]
+                            odd[start + j] += p * (1.0 - whole[i, j])
                         precision(lasting[i], use, p * whole[i, j], W)
                         if whole[i, j] < 1.0:
-                            use[3] = False
+                            use[left_out[i, j]] = False
                             precision(lasting[i], use, p * (1.0 - whole[i, j]), W)
-                        z = boxes.box[start + j] - drawn[i] + Hm
-                        HW = slope[i].T @ W
-                        site[l, i] += HW @ slope[i]
-                        site_vector[l, i] += HW @ z
+                    z = boxes.box[start + j] - drawn[i] + Hm
+                    HW = slope[i].T @ W
+                    site[l, i] += HW @ slope[i]
+                    site_vector[l, i] += HW @ z
                 information[i] += site[l, i]
                 vector[i] += site_vector[l, i]
                 if best > LEAST_SHARE or sweep > 0:
@@ -378,6 +460,14 @@ def update(
                     m[i] = P[i] @ vector[i]
             for j in range(start, stop):
                 free[j] = max(free[j], 0.0)
+            if sweep == SWEEPS - 1:
+                for k in range(K):
+                    a, b = pair[k]
+                    certain = there[a] * there[b]
+                    merged = 0.5 * (mine[k, 0].sum() + mine[k, 1].sum())
+                    apart = max(share[a, start:stop].sum(), share[b, start:stop].sum())
+                    merges[l, 0] += certain * merged
+                    merges[l, 1] += certain * min(merged + apart, 1.0)
     return Result(
         mean=m,
         covariance=P,
@@ -387,7 +477,11 @@ def update(
         visible=visible,
         detection=detection,
         share=share,
+        joint=joint,
         free=free,
         owner=owner,
         cuts=cuts,
+        odd=odd,
+        wrong=wrong,
+        merges=merges,
     )

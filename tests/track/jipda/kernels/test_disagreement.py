@@ -11,8 +11,9 @@ from occlog.track.jipda.kernels.joint import Boxes, Rates
 
 VIEWS = pack_views(cameras_around(4, 10.0, 8.0))
 RATES = Rates(
-    np.full(4, 0.9), np.ones(6), 0.0, np.zeros((4, 4)), np.array([[4.5, 0.0], [18.0, 0.0]] * 2), 0.0, np.ones(4)
-)
+    np.full(4, 0.9), np.ones(6), 0.0, 0.0, np.zeros((4, 4)), np.array([[4.5, 0.0], [18.0, 0.0]] * 2), 0.0, np.ones(4),
+    merge=np.zeros(4), slow=1.0,
+)  # fmt: skip
 
 
 def test_a_common_shift_is_no_disagreement_and_noise_is_found_by_its_share() -> None:

@@ -28,9 +28,20 @@ P = np.diag([0.05, 0.08, 0.1, 0.1, 0.01, 0.01])[None]
 NOISE = np.array([[8.0, 1e-4], [20.0, 4e-4], [6.0, 1e-4], [15.0, 2e-4]])
 
 
-def rates(detection: float = 0.9) -> Rates:
+def rates(detection: float = 0.9, merge: float = 0.0, wrong: float = 0.0, slow: float = 1.0) -> Rates:
     """One camera without bias."""
-    return Rates(np.array([detection]), np.ones(6), 0.0, np.zeros((1, 4)), NOISE, 0.0, np.ones(1))
+    return Rates(
+        detection=np.array([detection]),
+        curve=np.ones(6),
+        cut=0.0,
+        wrong=wrong,
+        bias=np.zeros((1, 4)),
+        noise=NOISE,
+        sway=0.0,
+        lasting=np.ones(1),
+        merge=np.array([merge]),
+        slow=slow,
+    )
 
 
 def boxes(*box: Floats) -> Boxes:
@@ -40,12 +51,11 @@ def boxes(*box: Floats) -> Boxes:
                  np.ones((n, 4), dtype=bool), np.full(n, np.log(1e-9)))  # fmt: skip
 
 
-def after(made: Boxes, existence: float = 0.95, detection: float = 0.9) -> Result:
-    """The update of the one person."""
-    n = len(made.box)
-    return update(
-        MEAN, P, np.array([existence]), pack_views([VIEW]), made, rates(detection), np.zeros((1, n)), 0.0, 30.0
-    )
+def after(made: Boxes, existence: float = 0.95, known: Rates | None = None, mean: Floats = MEAN) -> Result:
+    """The update of the people."""
+    N, bonus = len(mean), np.zeros((len(mean), len(made.box)))
+    there, known = np.full(N, existence), rates() if known is None else known
+    return update(mean, np.repeat(P, N, axis=0), there, pack_views([VIEW]), made, known, bonus, 0.0, 30.0)
 
 
 def expected() -> tuple[Floats, Floats]:
@@ -67,7 +77,7 @@ def test_one_person_and_one_box_are_a_kalman_filter() -> None:
 
 
 def test_a_miss_lowers_existence_by_bayes_rule_and_moves_nobody() -> None:
-    result = after(boxes(), existence=0.8, detection=0.9)
+    result = after(boxes(), existence=0.8)
     assert result.existence[0] == pytest.approx(0.8 * 0.1 / (0.8 * 0.1 + 0.2), rel=1e-6)
     np.testing.assert_allclose(result.mean, MEAN)
 
@@ -76,6 +86,63 @@ def test_a_box_that_is_far_away_is_nobodys() -> None:
     result = after(boxes(np.array([1100.0, 100.0, 1150.0, 250.0])))
     assert result.share[0, 0] == 0.0
     assert result.free[0] == 1.0
+
+
+def test_a_box_with_one_edge_that_is_something_elses_is_of_the_person_and_its_other_edges_count() -> None:
+    box, H = expected()
+    z, R = box + np.array([6.0, -4.0, 9.0, 5.0]), np.empty((4, 4))
+    edge_noise(box, rates(), 1.0, R)
+    z[1] -= 150.0
+    assert after(boxes(z)).share[0, 0] == 0.0
+    result = after(boxes(z), known=rates(wrong=0.02))
+    assert result.share[0, 0] > 0.99
+    assert result.odd[0] > 0.9
+    R[1, :] = R[:, 1] = 0.0
+    R[1, 1] = 1e10
+    K = P[0] @ H.T @ np.linalg.inv(H @ P[0] @ H.T + R)
+    np.testing.assert_allclose(result.mean[0], MEAN[0] + K @ (z - box), atol=5e-3)
+
+
+def test_noise_that_goes_on_from_look_to_look_counts_less() -> None:
+    z = expected()[0] + np.array([6.0, -4.0, 9.0, 5.0])
+    sure, unsure = after(boxes(z)), after(boxes(z), known=rates(slow=4.0))
+    assert (np.diag(unsure.covariance[0])[:2] > 1.5 * np.diag(sure.covariance[0])[:2]).all()
+
+
+PAIR = MEAN + np.array([[0.0], [1.0]]) * [[0.6, 0.2, 0.0, 0.0, 0.0, 0.0]]
+"""Two people who touch in the image."""
+
+
+def outline_of_both() -> Floats:
+    """The box around both."""
+    both = np.empty((2, 4))
+    for k in range(2):
+        box_and_slope(pack_views([VIEW]), 0, PAIR[k], 0.0, both[k], np.zeros((4, 6)))
+    return np.concatenate([both[:, :2].min(axis=0), both[:, 2:].max(axis=0)])
+
+
+def test_the_outline_of_two_people_is_one_detection_of_both() -> None:
+    result = after(boxes(outline_of_both()), known=rates(merge=0.3), mean=PAIR)
+    assert (result.joint[:, 0] > 0.95).all()
+    assert (result.existence > 0.95).all()
+    assert result.free[0] < 0.1
+    np.testing.assert_allclose(result.mean[:, :2], PAIR[:, :2], atol=0.03)
+    assert result.merges[0, 0] > 0.8
+
+
+def test_two_boxes_of_two_people_who_touch_are_of_one_each() -> None:
+    both = np.empty((2, 4))
+    for k in range(2):
+        box_and_slope(pack_views([VIEW]), 0, PAIR[k], 0.0, both[k], np.zeros((4, 6)))
+    result = after(boxes(*both), known=rates(merge=0.3), mean=PAIR)
+    assert (np.diag(result.share) > 0.9).all()
+    assert result.joint.max() < 0.1
+    assert result.merges[0, 0] < 0.1 * result.merges[0, 1]
+
+
+def test_where_boxes_never_merge_nobody_shares_one() -> None:
+    result = after(boxes(outline_of_both()), mean=PAIR)
+    assert result.joint.max() == 0.0
 
 
 def test_edges_are_the_middle_and_half_the_size() -> None:
