@@ -99,21 +99,22 @@ def _parents(now: Link, later: Link, chosen: Ints, motion: WaypointModel, rng: G
 
 
 @kernel
-def kernel_variance(states: Floats, weights: Floats) -> float:
-    """Squared width of the kernel that stands for exact velocities: best for a Gaussian of four dimensions (Silverman).
+def kernel_variance(states: Floats, weights: Floats) -> tuple[float, float]:
+    """Squared widths per axis of the kernel of place and velocity: best for a Gaussian of four dimensions (Silverman).
 
     Args:
         states: (L, 5) from `waypoint.headings`.
         weights: (L,) sum 1.
     """
-    mx, my, square, second = 0.0, 0.0, 0.0, 0.0
+    mean, second, square = np.zeros(4), np.zeros(4), 0.0
     for i in range(weights.shape[0]):
-        mx += weights[i] * states[i, 2]
-        my += weights[i] * states[i, 3]
-        second += weights[i] * (states[i, 2] ** 2 + states[i, 3] ** 2)
+        for k in range(4):
+            mean[k] += weights[i] * states[i, k]
+            second[k] += weights[i] * states[i, k] ** 2
         square += weights[i] * weights[i]
-    variance = max(0.5 * (second - mx * mx - my * my), 0.0)
-    return float(variance * (2.0 / 3.0 * square) ** 0.25)
+    variance = np.maximum(second - mean * mean, 0.0)
+    share = (2.0 / 3.0 * square) ** 0.25
+    return 0.5 * (variance[0] + variance[1]) * share, 0.5 * (variance[2] + variance[3]) * share
 
 
 def _state(now: Link, chosen: Ints) -> Past:

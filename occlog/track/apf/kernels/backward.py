@@ -17,6 +17,11 @@ c being the velocity, s its amount, p0, gain and V of `gather`, those with 1 and
 line of W is the paper's, the others are of targets that stand (`wait_s`); c is the velocity with which they
 creep then, and the speed that they remember is integrated out.
 
+No density of a place is narrower than the kernel of the cloud's places, nor is that of the velocity of one that stands
+narrower than the kernel of the velocities.  Where bearings are blunt the cloud is wide beside the noise of a step, so
+that next to no other particle could have led to a given one; trajectories then would share a few ancestors, and
+their spread would be too small.
+
 To compare with every particle would cost L for each trajectory.  Instead a trajectory chooses among K
 particles that are drawn from the filter's weights, and its own parent: one step of iterated sampling importance
 resampling (Andrieu, Doucet and Holenstein 2010), which leaves the smoothing distribution as it is.
@@ -50,7 +55,7 @@ def parents_of(
     candidates: Ints,
     dt: float,
     motion: WaypointModel,
-    width2: float,
+    width2: tuple[float, float],
     u: Floats,
 ) -> Ints:
     """Draw the particle before each of M particles.
@@ -65,18 +70,20 @@ def parents_of(
         candidates: (K,) of the L particles, drawn by their weights.
         dt: time between the steps [s], > 0.
         motion: parameters.
-        width2: h^2.
+        width2: h^2 of the place and of the velocity.
         u: (M,) uniform in [0, 1).
 
     Returns:
         (M,) of the L particles.
     """
     M, K = later.shape[0], candidates.shape[0]
+    place2, velocity2 = width2
     moving, gain, left = gather(dt, motion)
-    waiting = max(motion.sigma_waiting**2 * dt, LEAST_VARIANCE)
-    standing, stopping = _standing(dt, motion, True), _standing(dt, motion, False)
-    spread = max(left + width2, LEAST_VARIANCE)
-    steady = max(width2, LEAST_VARIANCE)
+    moving = max(moving, place2)
+    waiting = max(motion.sigma_waiting**2 * dt, place2, LEAST_VARIANCE)
+    standing, stopping = _standing(dt, motion, True, width2), _standing(dt, motion, False, width2)
+    spread = max(left + velocity2, LEAST_VARIANCE)
+    steady = max(velocity2, LEAST_VARIANCE)
     weights, out = np.empty(K + 1), np.empty(M, dtype=np.int64)
     for j in range(M):
         total, r = 0.0, regime[j]
@@ -127,8 +134,10 @@ def parents_of(
 
 
 @kernel
-def _standing(dt: float, motion: WaypointModel, stood: bool) -> tuple[float, float, float, float]:
+def _standing(
+    dt: float, motion: WaypointModel, stood: bool, width2: tuple[float, float]
+) -> tuple[float, float, float, float]:
     """Variance, gain and variance left of `stand`, above 0, and the factor of the densities of both axes."""
     place, gain, left = stand(dt, motion, stood)
-    place, left = max(place, LEAST_VARIANCE), max(left, LEAST_VARIANCE)
+    place, left = max(place, width2[0], LEAST_VARIANCE), max(left, width2[1], LEAST_VARIANCE)
     return place, gain, left, 1.0 / (place * left)
