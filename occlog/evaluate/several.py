@@ -26,7 +26,7 @@ from occlog.track.images.run.provenance import born_from_detections
 from .inputs import Paths, in_frames, read_tables
 from .matching.config import EvaluateConfig
 from .mot.config import ManyConfig
-from .mot.on_ground import evaluate_ground
+from .mot.on_ground import evaluate_ground, times_of
 from .mot.run import compared_boxes, in_images
 from .mot.stage import evaluate_views
 from .mot.truth_and_tracks import TruthAndTracks
@@ -172,25 +172,28 @@ def _of_ground(
         sides.append((tables.tracks, tables.truth))
     if len(set(units)) > 1:
         raise UsageError(f"--also: lengths are in {' and '.join(sorted(set(units)))}; they cannot be put together")
-    tracks, truth = _positions_together(sides)
-    whole = evaluate_ground(tracks, truth, config, chosen.limit_ns, units[0])
+    tracks, truth, times = _positions_together(sides)
+    whole = evaluate_ground(tracks, truth, config, chosen.limit_ns, units[0], times)
     return Several(each, _combined(whole.metrics), units[0])
 
 
-def _positions_together(sides: Sequence[tuple[Tracks, Truth]]) -> tuple[Tracks, Truth]:
-    """Recordings one after another, with identities of their own."""
+def _positions_together(sides: Sequence[tuple[Tracks, Truth]]) -> tuple[Tracks, Truth, Ints]:
+    """Recordings one after another, with identities of their own, and the times of their frames."""
     tracks: list[Tracks] = []
     truth: list[Truth] = []
+    frames: list[Ints] = [np.zeros(0, dtype=np.int64)]
     used = now = 0
     for ours, theirs in sides:
         known = np.unique(np.concatenate([ours.target_id, theirs.target_id]))
         times = np.concatenate([ours.t_ns, theirs.t_ns])
+        if not len(times):
+            continue
         begin = int(times.min()) - now
-
+        frames.append(times_of(ours, theirs) - begin)
         tracks.append(replace(ours, t_ns=ours.t_ns - begin, target_id=_numbered(ours.target_id, known, used)))
         truth.append(replace(theirs, t_ns=theirs.t_ns - begin, target_id=_numbered(theirs.target_id, known, used)))
         used, now = used + len(known), now + int(np.ptp(times)) + APART
-    return Tracks.concat(tracks), Truth.concat(truth)
+    return Tracks.concat(tracks), Truth.concat(truth), np.concatenate(frames)
 
 
 def _numbered(labels: Ints32, known: Ints32, used: int) -> Ints32:

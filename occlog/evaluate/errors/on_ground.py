@@ -105,8 +105,10 @@ class Matched(NamedTuple):
 def match_tracks(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> dict[int, int]:
     """Which target each track is of: the one of its own number, or the assignment of least overall RMSE.
 
-    Tracks that are of no target are left out.  InputError if none is of any.
+    Tracks that are of no target are left out.  InputError if none is of any, unless the truth is empty.
     """
+    if not len(truth):
+        return {}
     targets, estimated = paths_of(truth, "target"), paths_of(tracks)
     if not targets:
         raise InputError("truth: has no rows of role target; nothing to compare with")
@@ -148,7 +150,7 @@ def compare(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> Matched:
         left_out += int(np.count_nonzero(~good))
         interpolated += int(np.count_nonzero(~targets[target].sampled(part.t_ns)))
     errors = Errors.merge(parts)
-    if not len(errors) and len(tracks):
+    if not len(errors) and len(tracks) and len(truth):
         raise InputError(
             f"tracks: the truth covers the time of no estimate: tracks {_span(tracks)}, truth {_span(truth)}, "
             f"gaps of at most {config.bridge_s:g} s are bridged; check the clocks or raise max_gap"

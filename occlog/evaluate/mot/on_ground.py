@@ -37,14 +37,19 @@ EACH_FRAME = ClearRule(memory=0)
 
 
 def evaluate_ground(
-    tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int | None, unit: str = "m"
+    tracks: Tracks,
+    truth: Truth,
+    config: ManyConfig,
+    limit_ns: int | None,
+    unit: str = "m",
+    times: Ints | None = None,
 ) -> Evaluation:
     """Figures of points (x, y); heights are not looked at.
 
     A frame is a time at which the truth has a sample of any target.  Truth and tracks are
     interpolated to it, the truth over gaps of at most `limit_ns`, tracks over gaps of at most
     `config.track_gap_s`; nothing is extrapolated, so that a track that begins late misses its
-    target until then.
+    target until then.  Of an empty truth, which says that nobody is there, every time of the tracks is a frame.
 
     Args:
         tracks: estimates of any number of targets.
@@ -52,13 +57,15 @@ def evaluate_ground(
         config: options; `match_distance` is at once the distance at which a pair still meets, and tau.
         limit_ns: widest gap of the truth that is bridged [ns]; None: by the usual time between its rows.
         unit: of lengths.
+        times: of the frames, if not `times_of` the truth.
 
     Raises:
-        InputError: no distance is given, or the truth has no target.
+        InputError: no distance is given, or the truth has rows, but no target.
     """
     if config.match_distance is None:
         raise InputError("evaluate: targets and tracks on the ground need a distance at which they meet")
-    places = points_in_true_frames(tracks, truth, config, limit_ns, unit)
+    times = times_of(tracks, truth) if times is None else times
+    places = points_in_true_frames(tracks, truth, times, config, limit_ns, unit)
     found = find_failures(places, config)
     frames = of_points(places.truth, places.tracks, config.match_distance)
     cells = len(places.t_ns[0])
@@ -196,12 +203,18 @@ def _interpolated(places: Places, truth: Truth) -> int:
     return sum(int(np.count_nonzero(~path.sampled(at))) for path, at in mine)
 
 
-def points_in_true_frames(tracks: Tracks, truth: Truth, config: ManyConfig, limit_ns: int | None, unit: str) -> Places:
-    """Truth and tracks at the times of the truth, as the one view without a name."""
+def times_of(tracks: Tracks, truth: Truth) -> Ints:
+    """(T,) times at which the truth has a target [ns]; those of the tracks where it is empty."""
+    return np.unique(truth.t_ns[truth.role == "target"] if len(truth) else tracks.t_ns)
+
+
+def points_in_true_frames(
+    tracks: Tracks, truth: Truth, times: Ints, config: ManyConfig, limit_ns: int | None, unit: str
+) -> Places:
+    """Truth and tracks at the times of the frames, as the one view without a name."""
     targets = paths_of(truth, "target")
-    if not targets:
+    if len(truth) and not targets:
         raise InputError("truth: has no rows of role target; nothing to compare with")
-    times = np.unique(truth.t_ns[truth.role == "target"])
     left = _points(targets, times, limit_ns)
     right = _points(paths_of(tracks), times, config.gap_ns(limit_ns))
     tau = np.full(len(left.frame), config.match_distance)

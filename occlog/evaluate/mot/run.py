@@ -236,7 +236,7 @@ def ground_figures(
 ) -> tuple[Evaluation, dict[str, object]]:
     """The evaluation with the figures of many targets, and the options behind these.
 
-    They are given where there are several tracks or targets, or where they are asked for.
+    They are given where there are several tracks or targets, where nobody is there, or where they are asked for.
 
     Args:
         result: the other figures.
@@ -251,7 +251,7 @@ def ground_figures(
     if tracks is None or truth is None:
         return result, {}
     several = max(len(np.unique(tracks.target_id)), len(np.unique(truth.target_id[truth.role == "target"]))) > 1
-    if not (several or told or wanted):
+    if not (several or told or wanted or not len(truth)):
         return result, {}
     many = configure(ManyConfig.in_unit(unit), {"own": own, **told})
     if many.match_distance is None:
