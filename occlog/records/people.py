@@ -5,12 +5,13 @@ Conventions: see `tables`.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints, Ints32, Strings
+from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
 
 from .columns import Table, check_order, column, first_row
@@ -19,6 +20,23 @@ from .views import ViewTracks
 
 KINDS = ("birth", "death", "doubt")
 """`kind` of an event."""
+UNSEEN, ONE_VIEW, EXCHANGE, CONTRADICTION = "unseen", "one-view", "exchange", "contradiction"
+"""Words of the column `doubt`, in the order in which they stand there."""
+
+
+def words_of(mask: Bools, words: Sequence[str]) -> Strings:
+    """(N,) words whose columns of a mask (N, W) are set, separated by commas."""
+    different, which = np.unique(mask, axis=0, return_inverse=True)
+    texts = [",".join(w for w, has in zip(words, row, strict=True) if has) for row in different.tolist()]
+    return np.array(texts, dtype=np.str_)[which.reshape(-1)]
+
+
+def has_word(texts: Strings, word: str) -> Bools:
+    """(N,) whether lists of words, separated by commas, have a word."""
+    different, which = np.unique(texts, return_inverse=True)
+    there = np.array([word in text.split(",") for text in different.tolist()], dtype=np.bool_)
+    found: Bools = there[which]
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,6 +133,21 @@ class Events(Table):
     probability: Floats = column(
         "f8", "1", "birth, death: that the person is there; doubt: that the two were exchanged", nan="not known"
     )
+
+    @classmethod
+    def of_rows(cls, rows: Iterable[tuple[int, str, int, int, float]]) -> Self:
+        """Build the table from rows of time, kind, identity, other identity and probability, in any order."""
+        listed = sorted(rows, key=lambda row: (row[0], row[2]))
+        if not listed:
+            return cls.empty()
+        t_ns, kind, target, other, probability = zip(*listed, strict=True)
+        return cls.of(
+            t_ns=np.array(t_ns, dtype=np.int64),
+            target_id=np.array(target, dtype=np.int32),
+            kind=np.array(kind, dtype=np.str_),
+            other_id=np.array(other, dtype=np.int32),
+            probability=np.array(probability, dtype=np.float64),
+        )
 
     def check(self) -> None:
         """Times in order, known kinds."""

@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.records.people import has_word
 from occlog.records.tables import Events, PeopleTracks, Truth
 from occlog.report.content.model import ReportInput, TimeAxis
 from occlog.report.drawing.style import COLOURS, label
@@ -112,9 +113,7 @@ def _sightings(tracks: PeopleTracks, name: str) -> Sightings:
 
 def sees(tracks: PeopleTracks, name: str) -> Bools:
     """(N,) whether a camera has a box of the person."""
-    different, which = np.unique(tracks.seen_by, return_inverse=True)
-    found: Bools = np.array([name in text.split(",") for text in different.tolist()], dtype=np.bool_)[which]
-    return found
+    return has_word(tracks.seen_by, name)
 
 
 def _period(t_ns: Ints) -> int:

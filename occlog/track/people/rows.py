@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Bools, Floats, Ints, Strings
+from occlog.array_types import NS, Bools, Floats, Ints
+from occlog.records.people import EXCHANGE, ONE_VIEW, UNSEEN, words_of
 from occlog.records.scene import Camera
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.jipda.interface import HEIGHT, VX, VY, WIDTH, Moment, X, Y
@@ -18,8 +19,7 @@ from .looks import FrameLook
 
 LIKELY = 0.5
 """A box is a person's if it is more probably of this person than not."""
-UNSEEN = "unseen"
-DOUBTS = (UNSEEN, "one-view", "exchange")
+DOUBTS = (UNSEEN, ONE_VIEW, EXCHANGE)
 """Values of the column `doubt`, in the order in which they stand there."""
 BOX, FLOOR = "box", "floor"
 """Values of the column `mode` of everybody in every image."""
@@ -85,16 +85,9 @@ def tracks_of(seen: Sequence[SeenMoment], names: Sequence[str]) -> PeopleTracks:
         width=mean[:, WIDTH],
         sd_height=np.sqrt(covariance[:, HEIGHT, HEIGHT]),
         sd_width=np.sqrt(covariance[:, WIDTH, WIDTH]),
-        seen_by=_joined(by, names),
-        doubt=_joined(np.column_stack([~by.any(axis=1), alone, np.concatenate(exchanged)]), DOUBTS),
+        seen_by=words_of(by, names),
+        doubt=words_of(np.column_stack([~by.any(axis=1), alone, np.concatenate(exchanged)]), DOUBTS),
     )
-
-
-def _joined(mask: Bools, words: Sequence[str]) -> Strings:
-    """(N,) words whose columns of a mask (N, W) are set, separated by commas."""
-    different, which = np.unique(mask, axis=0, return_inverse=True)
-    texts = [",".join(w for w, has in zip(words, row, strict=True) if has) for row in different.tolist()]
-    return np.array(texts, dtype=np.str_)[which.reshape(-1)]
 
 
 def support_of(seen: Sequence[SeenMoment], names: Sequence[str]) -> Support:
@@ -127,17 +120,7 @@ def _numbers(each: SeenMoment) -> tuple[Ints, Ints]:
 
 def events_of(seen: Sequence[SeenMoment]) -> Events:
     """A row for each event."""
-    events = [(each.moment.t_ns, *event) for each in seen for event in each.moment.events]
-    if not events:
-        return Events.empty()
-    t_ns, kind, target, other, probability = zip(*events, strict=True)
-    return Events.of(
-        t_ns=np.array(t_ns, dtype=np.int64),
-        target_id=np.array(target, dtype=np.int32),
-        kind=np.array(kind, dtype=np.str_),
-        other_id=np.array(other, dtype=np.int32),
-        probability=np.array(probability, dtype=np.float64),
-    ).sorted()
+    return Events.of_rows((each.moment.t_ns, *event) for each in seen for event in each.moment.events)
 
 
 class ViewRows(NamedTuple):

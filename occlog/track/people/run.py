@@ -16,13 +16,14 @@ from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
+from occlog.records.people import UNSEEN
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.catalogue import METHODS, load
 from occlog.track.plausibility.verdict import Finding, figures
 
 from .agreement import Agreement
 from .inputs import PeopleInput, PeopleRequest
-from .rows import UNSEEN, MomentTables
+from .rows import MomentTables
 from .sizes import odd_cameras
 from .stage import Follower, Tabulator, follow
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
+from occlog.records.people import CONTRADICTION, EXCHANGE, ONE_VIEW, UNSEEN, has_word, words_of
 from occlog.records.tables import Events, JoinedTracks, PeopleTracks
 
 from .config import TrackFusionConfig
@@ -31,7 +32,7 @@ COVARIANCE = (
     ("cov_x_vy", "cov_y_vy", "cov_vx_vy", "cov_vy_vy"),
 )
 """Columns of the state and of its covariance."""
-UNSEEN, ONE_VIEW, EXCHANGE, CONTRADICTION = DOUBTS = ("unseen", "one-view", "exchange", "contradiction")
+DOUBTS = (UNSEEN, ONE_VIEW, EXCHANGE, CONTRADICTION)
 """Values of the column `doubt`, in the order in which they stand there."""
 NOT_THERE = "-"
 
@@ -115,7 +116,9 @@ def _join(
     columns = {c.name: np.concatenate([getattr(p, c.name) for p in parts])[order] for c in JoinedTracks.columns()}
     rows, here, also = JoinedTracks(**columns), here[order], also[order]
     identity, doubts, exchanged = _identities(rows.t_ns, here, also)
-    doubted = _joined_words(np.column_stack([_has(rows.doubt, word) for word in DOUBTS]) | _only(EXCHANGE, exchanged))
+    doubted = words_of(
+        np.column_stack([has_word(rows.doubt, word) for word in DOUBTS]) | _only(EXCHANGE, exchanged), DOUBTS
+    )
     rows = replace(rows, target_id=identity, doubt=doubted).sorted()
     return rows, doubts, _agreement(first, second, mine, theirs)
 
@@ -160,14 +163,14 @@ def _both(mine: JoinedTracks, theirs: PeopleTracks, config: TrackFusionConfig) -
     one = np.array([bool(text) and "," not in text for text in seen_by], dtype=np.bool_)
     doubted = np.column_stack(
         [
-            _has(mine.doubt, UNSEEN) & _has(theirs.doubt, UNSEEN),
-            one & (_has(mine.doubt, ONE_VIEW) | _has(theirs.doubt, ONE_VIEW)),
-            _has(mine.doubt, EXCHANGE) | _has(theirs.doubt, EXCHANGE),
-            _has(mine.doubt, CONTRADICTION) | apart,
+            has_word(mine.doubt, UNSEEN) & has_word(theirs.doubt, UNSEEN),
+            one & (has_word(mine.doubt, ONE_VIEW) | has_word(theirs.doubt, ONE_VIEW)),
+            has_word(mine.doubt, EXCHANGE) | has_word(theirs.doubt, EXCHANGE),
+            has_word(mine.doubt, CONTRADICTION) | apart,
         ]
     )
     columns = {c.name: getattr(mine, c.name) for c in JoinedTracks.columns()} | values
-    said = {"seen_by": np.array(seen_by, dtype=np.str_), "doubt": _joined_words(doubted)}
+    said = {"seen_by": np.array(seen_by, dtype=np.str_), "doubt": words_of(doubted, DOUBTS)}
     return JoinedTracks(**{**columns, **said})
 
 
@@ -185,23 +188,10 @@ def _united(first: str, second: str) -> str:
     return ",".join(dict.fromkeys(name for text in (first, second) for name in text.split(",") if name))
 
 
-def _has(texts: Strings, word: str) -> Bools:
-    """Whether lists of words, separated by commas, have a word."""
-    different, which = np.unique(texts, return_inverse=True)
-    there = np.array([word in text.split(",") for text in different.tolist()], dtype=np.bool_)
-    found: Bools = there[which]
-    return found
-
-
 def _only(word: str, where: Bools) -> Bools:
     """(n, W) mask of the doubts with one of them."""
     mask: Bools = where[:, None] & (np.array(DOUBTS) == word)
     return mask
-
-
-def _joined_words(mask: Bools) -> Strings:
-    """(n,) doubts whose columns of a mask (n, W) are set, separated by commas."""
-    return np.array([",".join(np.array(DOUBTS)[row]) for row in mask], dtype=np.str_)
 
 
 def _with(texts: Strings, more: Strings) -> Strings:
@@ -244,22 +234,12 @@ def _events(tracks: JoinedTracks, doubts: list[_Doubt], moments: Ints) -> Events
     ended = np.searchsorted(moments, tracks.t_ns[last], side="right")
     gone = ended < len(moments)
     births = [
-        (int(tracks.t_ns[row]), int(i), "birth", NOBODY, float(tracks.existence[row]))
+        (int(tracks.t_ns[row]), "birth", int(i), NOBODY, float(tracks.existence[row]))
         for i, row in zip(ids, first, strict=True)
     ]
     deaths = [
-        (int(moments[end]), int(i), "death", NOBODY, float(tracks.existence[row]))
+        (int(moments[end]), "death", int(i), NOBODY, float(tracks.existence[row]))
         for i, end, row in zip(ids[gone], ended[gone], last[gone], strict=True)
     ]
-    doubtful = [(d.t_ns, d.identity, "doubt", d.other, np.nan) for d in doubts]
-    rows = sorted([*births, *deaths, *doubtful], key=lambda row: row[:4])
-    if not rows:
-        return Events.empty()
-    t_ns, identity, kind, other, probability = zip(*rows, strict=True)
-    return Events.of(
-        t_ns=np.array(t_ns, dtype=np.int64),
-        target_id=np.array(identity, dtype=np.int32),
-        kind=np.array(kind, dtype=np.str_),
-        other_id=np.array(other, dtype=np.int32),
-        probability=np.array(probability, dtype=np.float64),
-    )
+    doubtful = [(d.t_ns, "doubt", d.identity, d.other, np.nan) for d in doubts]
+    return Events.of_rows([*births, *deaths, *doubtful])
