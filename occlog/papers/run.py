@@ -31,7 +31,7 @@ from occlog.pipeline.sweep.trial import Spec
 from .catalogue import PAPERS, RECORDED, TITLES, Finding, choose, reproduce, size_of
 
 STORE = "trials.jsonl"
-SIZE = re.compile(r"([\w-]+)=(\d+)x(\d+)")
+SIZE = re.compile(r"([\w.-]+)=(\d+)x(\d+)")
 PAGE = "reproduce.html"
 
 

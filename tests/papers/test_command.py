@@ -10,6 +10,8 @@ import pytest
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode
+from occlog.papers.catalogue import PAPERS
+from occlog.papers.run import sizes_of
 
 FIG17 = ["reproduce", "ercan", "fig17", "--quick", "--steps", "60", "-q"]
 SMALL = ["reproduce", "ercan", "fig9", "--quick", "--steps", "12", "-q"]
@@ -62,6 +64,12 @@ def test_size_of_one_experiment(capsys: pytest.CaptureFixture[str]) -> None:
     assert run([*FIG17[:4], "-q", "--size", "fig17=3x50", "--json"]) == ExitCode.DONE
     found = json.loads(capsys.readouterr().out)["items"][0]
     assert (found["runs"], found["steps"]) == (3, 50)
+
+
+def test_every_experiment_can_be_given_a_size() -> None:
+    for experiments in PAPERS.values():
+        items = [e.item for e in experiments]
+        assert sizes_of([f"{item}=2x10" for item in items], items) == dict.fromkeys(items, (2, 10))
 
 
 @pytest.mark.parametrize(
