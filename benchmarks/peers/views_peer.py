@@ -46,7 +46,9 @@ TRUE_STARTS = ("idmot", "bmct")
 ALONE = ("mipf", "idmot", "bmct")
 """Methods that are something with one view."""
 TRUE_START = " (true start)"
-EVERY = (*OURS, *PEERS, *(m + TRUE_START for m in TRUE_STARTS))
+EVERYBODY: dict[str, tuple[str, ...]] = {"jipda": (), "jipda --smooth": ("--smooth",)}
+"""Options of `--method jipda`, which knows where the cameras are and does not look at pixels."""
+EVERY = (*OURS, *EVERYBODY, *PEERS, *(m + TRUE_START for m in TRUE_STARTS))
 
 
 class Outcome(NamedTuple):
@@ -84,6 +86,18 @@ def ours(case: Case, method: str, work: Path, *, true_start: bool) -> Outcome:
     out = work / "view_tracks.parquet"
     start = ("--initial", case.recording) if true_start else ("--detections", case.detections)
     seconds = cases.occlog("track", case.recording, "--method", method, *start, "-o", out, "--overwrite", "-q")
+    return _placed(case, out, seconds)
+
+
+def everybody(case: Case, options: tuple[str, ...], work: Path) -> Outcome:
+    """Tracks of `--method jipda` in the images."""
+    given, out = ("--scene", case.recording, "--method", "jipda", *options), work / "everybody.parquet"
+    outputs = ("-o", work / "tracks.parquet", "--view-tracks", out, "--overwrite", "-q")
+    return _placed(case, out, cases.occlog("track", case.detections, *given, *outputs))
+
+
+def _placed(case: Case, out: Path, seconds: float) -> Outcome:
+    """The tracks of a file."""
     t = read_table(out, ViewTracks)
     ellipses = np.column_stack([t.x_px, t.y_px, t.a_px, t.b_px, t.rho])
     placed = LabelledBoxes(cases.places(t.sensor, case.views), t.frame, t.target_id.astype(np.int64), around(ellipses))
@@ -106,6 +120,8 @@ def contenders(views: int, only: list[str], folder: Path) -> Iterator[tuple[str,
     methods = [m for m in (OURS if views > 1 else ALONE) if m in only]
     for method in methods:
         yield method, lambda c, w, m=method: ours(c, m, w, true_start=False)  # type: ignore[misc]
+    for name in (n for n in EVERYBODY if n in only):
+        yield name, lambda c, w, o=EVERYBODY[name]: everybody(c, o, w)  # type: ignore[misc]
     for name in (n for n in PEERS if n in only):
         package = PEERS[name]
         home = Path(os.environ.get(VARIABLE) or folder) / package
