@@ -129,4 +129,5 @@ def test_memory_does_not_grow_with_the_number_of_steps():
         return top
 
     peak(256)
-    assert peak(256 * 40) < 1.1 * peak(256 * 4)
+    # Ten times as many steps; what they hold in all would be ten times as much
+    assert peak(256 * 40) < 1.5 * peak(256 * 4)
