@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import importlib
 import os
-import signal
 import sys
-import threading
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import click
 
 from occlog import __version__
 from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
-if TYPE_CHECKING:
-    from sys import UnraisableHookArgs
+from .interrupts import INTERRUPTS
 
 
 class Command(NamedTuple):
@@ -113,25 +110,10 @@ def cli() -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Run the command line and leave the process with its exit code."""
-    sys.unraisablehook = _interrupt_again
-    sys.exit(run(args))
-
-
-INTERRUPT_AGAIN_S = 0.05
-
-
-def _interrupt_again(unraisable: UnraisableHookArgs) -> None:
-    """Interrupt the program once more where an interrupt was swallowed.
-
-    Python drops an exception that a finaliser or a callback of compiled code raises, and an
-    interrupt that arrives there would be lost.  The new one comes later, so that the callback has ended.
-    """
-    if issubclass(unraisable.exc_type, KeyboardInterrupt):
-        again = threading.Timer(INTERRUPT_AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
-        again.daemon = True
-        again.start()
-    else:
-        sys.__unraisablehook__(unraisable)
+    INTERRUPTS.install()
+    code = run(args)
+    INTERRUPTS.end()
+    sys.exit(code)
 
 
 def run(args: list[str] | None = None) -> int:
@@ -140,9 +122,8 @@ def run(args: list[str] | None = None) -> int:
         result: object = cli.main(args=args, prog_name="occlog", standalone_mode=False)
         sys.stdout.flush()
         return int(result) if isinstance(result, int) else ExitCode.DONE
-    except click.exceptions.Abort:
-        return _fail("interrupted", ExitCode.INTERRUPTED)
-    except KeyboardInterrupt:
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        INTERRUPTS.end()
         return _fail("interrupted", ExitCode.INTERRUPTED)
     except click.exceptions.Exit as stop:
         return int(stop.exit_code)

@@ -21,6 +21,8 @@ import click
 
 from occlog.errors import ExitCode, UsageError
 
+from .interrupts import INTERRUPTS
+
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
@@ -66,13 +68,18 @@ def note(message: str, quiet: bool = False) -> None:
 
 
 def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet: bool = False) -> Iterator[T]:
-    """The items, with a progress bar on standard error when that is a terminal."""
-    if quiet or not sys.stderr.isatty():
-        yield from items
-        return
-    from tqdm import tqdm
+    """The items, with a progress bar on standard error when that is a terminal.
 
-    yield from tqdm(items, desc=label, total=total, file=sys.stderr, leave=False)
+    Raises:
+        KeyboardInterrupt: there was an interrupt that got lost.
+    """
+    if not quiet and sys.stderr.isatty():
+        from tqdm import tqdm
+
+        items = tqdm(items, desc=label, total=total, file=sys.stderr, leave=False)
+    for item in items:
+        INTERRUPTS.check()
+        yield item
 
 
 def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:

@@ -230,23 +230,48 @@ def test_stopped_in_the_middle(work: Path, how: int, code: int) -> None:
     assert not [name for name in os.listdir(work) if "partial" in name]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="wants signals")
-def test_an_interrupt_that_a_finaliser_swallows_comes_again(tmp_path: Path) -> None:
-    program = tmp_path / "program.py"
-    program.write_text("""
-import os, signal, sys, time
-from occlog.cli import main
-
+IN_A_FINALISER = """
 class Swallows:
     def __del__(self):
-        os.kill(os.getpid(), signal.SIGINT)
-        for _ in range(10_000):
-            pass
+        interrupt()
 
 def work(**_):
     Swallows()
     time.sleep(60)
+"""
+IN_COMPILED_CODE = """
+def work(**_):
+    try:
+        interrupt()
+    except KeyboardInterrupt:
+        pass
+    for _ in options.progress(range(60), "work", quiet=True):
+        time.sleep(1)
+"""
+IN_TEXT_THAT_RUNS = """
+def work(**_):
+    exec("interrupt()")
+"""
+WHILE_IT_ENDS = """
+def work(**_):
+    atexit.register(interrupt)
+    interrupt()
+"""
 
+
+@pytest.mark.skipif(os.name != "posix", reason="wants signals")
+@pytest.mark.parametrize("where", [IN_A_FINALISER, IN_COMPILED_CODE, IN_TEXT_THAT_RUNS, WHILE_IT_ENDS])
+def test_an_interrupt_ends_the_program_once_wherever_it_arrives(tmp_path: Path, where: str) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(f"""
+import atexit, os, signal, sys, time
+from occlog.cli import main, options
+
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(10_000):
+        pass
+{where}
 main.cli.main = work
 main.main([])
 """)

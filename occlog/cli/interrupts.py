@@ -1,0 +1,81 @@
+"""Ctrl-C ends the program once, wherever it arrives.
+
+Python drops an exception that a finaliser or a callback of compiled code raises, and some compiled code drops it
+without a word.  An interrupt that arrives there would be lost, so that it is remembered here and raised later.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from types import FrameType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
+AGAIN_S = 0.05
+"""An interrupt that was dropped comes again so much later, so that the callback has ended."""
+
+
+class Interrupts:
+    """What is known of the interrupts of this process.
+
+    Attributes:
+        asked: there was one.
+        raised: it was raised where it is not dropped; no other one may disturb the tidying up.
+    """
+
+    def __init__(self) -> None:
+        """There was none."""
+        self.asked = self.raised = self._waiting = False
+
+    def install(self) -> None:
+        """Take over SIGINT, unless the process is to ignore it, and look at what Python drops."""
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, self._arrived)
+        sys.unraisablehook = self._dropped
+
+    def check(self) -> None:
+        """Raise the interrupt that was dropped; called between the steps of every command's work.
+
+        Raises:
+            KeyboardInterrupt: there was an interrupt, and the program still works.
+        """
+        if self.asked and not self.raised:
+            self.raised = True
+            raise KeyboardInterrupt
+
+    def end(self) -> None:
+        """The program ends: no interrupt matters any more, not even while the interpreter stops."""
+        self.raised = True
+        if signal.getsignal(signal.SIGINT) == self._arrived:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            # An interrupt that left code which ran from text, as imports do, would make CPython kill itself by SIGINT
+            # instead of leaving with the exit code; the next text that runs makes it forget
+            exec("")
+
+    def _arrived(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 - as signal wants it
+        if not self.raised:
+            self.asked = True
+            raise KeyboardInterrupt
+
+    def _dropped(self, unraisable: UnraisableHookArgs) -> None:
+        """Interrupt the program once more where Python drops an interrupt; show all else that is dropped."""
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            sys.__unraisablehook__(unraisable)
+        elif not self._waiting:
+            self._waiting = True
+            again = threading.Timer(AGAIN_S, self._again)
+            again.daemon = True
+            again.start()
+
+    def _again(self) -> None:
+        self._waiting = False
+        if not self.raised:
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+INTERRUPTS = Interrupts()
