@@ -262,8 +262,7 @@ def work(**_):
 @pytest.mark.skipif(os.name != "posix", reason="wants signals")
 @pytest.mark.parametrize("where", [IN_A_FINALISER, IN_COMPILED_CODE, IN_TEXT_THAT_RUNS, WHILE_IT_ENDS])
 def test_an_interrupt_ends_the_program_once_wherever_it_arrives(tmp_path: Path, where: str) -> None:
-    program = tmp_path / "program.py"
-    program.write_text(f"""
+    (tmp_path / "program.py").write_text(f"""
 import atexit, os, signal, sys, time
 from occlog.cli import main, options
 
@@ -275,7 +274,9 @@ def interrupt():
 main.cli.main = work
 main.main([])
 """)
-    done = subprocess.run([sys.executable, program], stderr=subprocess.PIPE, text=True, timeout=50, check=False)
+    # Only a module that runs by its name, as occlog does, could end by the signal
+    run_it = [sys.executable, "-m", "program"]
+    done = subprocess.run(run_it, cwd=tmp_path, stderr=subprocess.PIPE, text=True, timeout=50, check=False)
     assert (done.returncode, done.stderr.strip()) == (ExitCode.INTERRUPTED, "occlog: interrupted")
 
 
