@@ -110,6 +110,7 @@ def test_a_recording_with_boxes_and_views_made_of_it_give_the_same_tracks(walk, 
     empty = replace(
         walk,
         box=np.where(gone, np.int32(-1), walk.box),
+        confidence=np.full(len(walk), np.nan),
         **{n: np.where(gone, np.nan, getattr(walk, n)) for n in ("left_px", "top_px", "width_px", "height_px")},
     ).take(~gone | first)
     with RecordingWriter(tmp_path / "r.mcap", SCENE, Provenance("test"), overwrite=True) as out:
@@ -124,7 +125,7 @@ def test_a_recording_with_boxes_and_views_made_of_it_give_the_same_tracks(walk, 
     np.testing.assert_array_equal(other.t_ns, rows.t_ns)
     # Boxes stand in another order there
     np.testing.assert_allclose(other.x, rows.x, atol=0.02)
-    # Regions of video have no scores: with the future they are not to be believed, and neither are these
+    # They have no scores, as regions of video, which are not to be believed with the future
     output = ["-o", str(tmp_path / "smoothed.parquet"), "--smooth", "--strict", "-q"]
     asked = ["track", str(tmp_path / "v.parquet"), *scene, "--method", "jipda", *output]
     assert run(asked) == ExitCode.THRESHOLD
