@@ -31,7 +31,7 @@ COMMANDS = {
     "epipolar": Command("occlog.measure.epipolar.command", "Find how pairs of views see the same point, or check it."),
     "detect": Command("occlog.measure.detect.command", "Reduce the frames of a recording to bearings."),
     "fuse": Command(
-        "occlog.measure.fuse.command", "Remove false detections and recover missed ones, from several cameras."
+        "occlog.measure.fuse.command", "Fuse detections of several cameras, or tracks of several groups of cameras."
     ),
     "priors": Command("occlog.measure.priors.command", "Find where moving occluders are."),
     "fit-motion": Command("occlog.track.map.fit_motion.command", "Identify a motion model from trajectories."),

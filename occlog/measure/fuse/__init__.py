@@ -1,1 +1,1 @@
-"""Verb: remove false detections and recover missed ones, from several cameras."""
+"""Verb: fuse detections of several cameras, or tracks of several groups of cameras."""
