@@ -14,6 +14,10 @@ from occlog.track.smoothing_and_lag import MOST_STEPS
 from .rows import Row
 
 
+SPAN = 3
+"""Lags that a target's rows span when they are smoothed: each row is smoothed SPAN / (SPAN - 1) times on average."""
+
+
 class Waiting(NamedTuple):
     """The rows of one target that wait, each with what its step left for the way back."""
 
@@ -50,14 +54,14 @@ class Lookback(Generic[State, Config]):
     def settled(self, now_ns: int) -> list[Row]:
         """Rows that need not wait any longer, of all targets, in the order of time.
 
-        With a lag a target's rows are smoothed whenever they span twice the lag, or when the target was not
-        met for longer than that.
+        With a lag a target's rows are smoothed whenever they span `SPAN` lags, and those older than one are given out;
+        all of them when the target was not met for longer than that.
         """
         for target, own in list(self._waiting.items()):
             first, last = own.rows[0].t_ns, own.rows[-1].t_ns
-            if self._lag_ns is not None and now_ns - last > 2 * self._lag_ns:
+            if self._lag_ns is not None and now_ns - last > SPAN * self._lag_ns:
                 self._release(target, len(own.rows))
-            elif self._lag_ns is not None and last - first >= 2 * self._lag_ns:
+            elif self._lag_ns is not None and last - first >= SPAN * self._lag_ns:
                 self._release(target, sum(row.t_ns <= last - self._lag_ns for row in own.rows))
             elif len(own.rows) >= MOST_STEPS:
                 self._release(target, MOST_STEPS // 2)

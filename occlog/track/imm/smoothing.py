@@ -68,7 +68,9 @@ def noise_back(density: float, dt: float) -> Floats:
     root = acceleration_root(density, dt)
     block = root @ root.T
     block[0, 1] = block[1, 0] = -block[0, 1]
-    return np.asarray(np.kron(np.eye(2), block), dtype=np.float64)
+    out = np.zeros((4, 4))
+    out[:2, :2] = out[2:, 2:] = block
+    return out
 
 
 def _past(states: Floats) -> Past:

@@ -129,31 +129,46 @@ def test_a_target_that_leaves_does_not_hold_the_others_back_for_longer_than_the_
         given = queue.settled(second * SECOND)
         held[second] = queue.held
         assert all(row.t_ns <= (second - 4) * SECOND for row in given)
-    assert max(held.values()) < 3 * 9 + 5
+    assert max(held.values()) < 4 * 9 + 5
 
 
 @pytest.mark.parametrize("lag", [1.0, 4.0, 7.5])
-def test_a_row_waits_for_what_comes_within_its_lag_and_at_most_twice_that(lag) -> None:
+def test_a_row_waits_for_what_comes_within_its_lag_and_at_most_three_times_that(lag) -> None:
     times = [k * SECOND for k in range(50)]
     given, rest, most = feed(Settings(lag_s=lag), times)
     after = np.array([row.estimate.xy[1] for row in given])
     assert after.min() >= lag
-    assert after.max() <= 2 * lag + 1
-    assert most <= 2 * lag + 2
+    assert after.max() <= 3 * lag + 1
+    assert most <= 3 * lag + 2
     # Those at the end of the record have what there is
     assert [row.estimate.xy[1] for row in rest] == list(range(len(rest) - 1, -1, -1))
     assert [row.t_ns for row in given + rest] == times
 
 
-def test_rows_are_given_out_once_they_span_twice_the_lag_and_not_before() -> None:
+def test_rows_are_given_out_once_they_span_three_lags_and_not_before() -> None:
     config = Settings(lag_s=2.0)
-    assert feed(config, [0, 4 * SECOND - 1])[0] == []
-    given, rest, _ = feed(config, [0, 4 * SECOND])
+    assert feed(config, [0, 6 * SECOND - 1])[0] == []
+    given, rest, _ = feed(config, [0, 6 * SECOND])
     assert [row.t_ns for row in given] == [0]
-    assert [row.t_ns for row in rest] == [4 * SECOND]
+    assert [row.t_ns for row in rest] == [6 * SECOND]
     # A row exactly one lag before the last has seen enough
-    given, _, _ = feed(config, [0, 2 * SECOND, 2 * SECOND + 1, 4 * SECOND])
-    assert [row.t_ns for row in given] == [0, 2 * SECOND]
+    given, _, _ = feed(config, [0, 4 * SECOND, 4 * SECOND + 1, 6 * SECOND])
+    assert [row.t_ns for row in given] == [0, 4 * SECOND]
+
+
+def test_with_a_lag_a_row_is_smoothed_one_and_a_half_times_on_average() -> None:
+    lengths: list[int] = []
+
+    def counted(traces, config, rng):
+        lengths.append(len(traces))
+        return back(traces, config, rng)
+
+    held, n = Lookback(WAY_BACK._replace(back=counted), Settings(lag_s=5.0), 0), 2000
+    for t in range(0, n * SECOND // 10, SECOND // 10):
+        held.add(Row(0, t, estimate(t), 1), Seen(0, t))
+        held.settled(t)
+    held.rest()
+    assert sum(lengths) / n == pytest.approx(1.5, abs=0.05)
 
 
 @pytest.mark.parametrize("lag", [39.0, 100.0])
@@ -167,7 +182,7 @@ def test_a_lag_that_covers_the_record_is_smoothing_of_everything(lag) -> None:
 def test_what_waits_does_not_grow_with_the_record() -> None:
     found = {n: feed(Settings(lag_s=5.0), [k * SECOND // 5 for k in range(n)])[2] for n in (200, 2000)}
     assert found[200] == found[2000]
-    assert found[2000] <= 52
+    assert found[2000] <= 77
 
 
 def test_without_a_lag_no_more_than_the_most_steps_wait() -> None:
@@ -180,12 +195,12 @@ def test_without_a_lag_no_more_than_the_most_steps_wait() -> None:
     assert [row.t_ns for row in given + rest] == times
 
 
-def test_a_target_that_is_gone_for_more_than_twice_the_lag_does_not_wait() -> None:
+def test_a_target_that_is_gone_for_more_than_three_lags_does_not_wait() -> None:
     config = Settings(lag_s=2.0)
     queue = Lookback(WAY_BACK, config, 0)
     queue.add(Row(0, 0, estimate(0), 1), Seen(0, 0))
-    assert queue.settled(4 * SECOND) == []
-    assert [row.t_ns for row in queue.settled(4 * SECOND + 1)] == [0]
+    assert queue.settled(6 * SECOND) == []
+    assert [row.t_ns for row in queue.settled(6 * SECOND + 1)] == [0]
     assert queue.held == 0
 
 
