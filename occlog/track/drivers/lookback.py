@@ -13,7 +13,6 @@ from occlog.track.smoothing_and_lag import MOST_STEPS
 
 from .rows import Row
 
-
 SPAN = 3
 """Lags that a target's rows span when they are smoothed: each row is smoothed SPAN / (SPAN - 1) times on average."""
 
