@@ -33,6 +33,7 @@ COMMANDS = {
     "fuse": Command(
         "occlog.measure.fuse.command", "Fuse detections of several cameras, or tracks of several groups of cameras."
     ),
+    "appearance": Command("occlog.measure.appearance.command", "Learn how people look from several sides."),
     "priors": Command("occlog.measure.priors.command", "Find where moving occluders are."),
     "fit-motion": Command("occlog.track.map.fit_motion.command", "Identify a motion model from trajectories."),
     "track": Command("occlog.track.command", "Estimate target tracks from bearings."),

@@ -41,7 +41,12 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.measure.priors.config:HullConfig",
         "occlog.measure.priors.config:AcousticConfig",
     ),
-    "label": ("occlog.measure.label.config:LabelConfig",),
+    "label": (
+        "occlog.measure.label.config:LabelConfig",
+        "occlog.measure.appearance.config:MatchConfig",
+        "occlog.measure.label.config:NamingConfig",
+    ),
+    "appearance": ("occlog.measure.appearance.config:LearnConfig",),
     "fit-motion": ("occlog.track.map.fit_motion.config:FitConfig",),
     "evaluate": (
         "occlog.evaluate.matching.config:EvaluateConfig",

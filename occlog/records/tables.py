@@ -15,6 +15,7 @@ Conventions (all tables)
 from __future__ import annotations
 
 from .columns import Table
+from .gallery import AppearanceMatches, Gallery
 from .people import Events, JoinedTracks, PeopleTracks, PeopleViews, Support
 from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, TruthBoxes, Views
 from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, FusedTracks, Residuals, Tracks
@@ -44,6 +45,8 @@ TABLES: dict[str, type[Table]] = {
         Counts,
         Support,
         Events,
+        Gallery,
+        AppearanceMatches,
     )
 }
 """Every table by the name that its files carry."""
@@ -52,6 +55,7 @@ __all__ = [
     "APPEARANCE_BINS",
     "TABLES",
     "UNLABELLED",
+    "AppearanceMatches",
     "Bearings",
     "Bound",
     "Boxes",
@@ -64,6 +68,7 @@ __all__ = [
     "Events",
     "Failures",
     "FusedTracks",
+    "Gallery",
     "Hulls",
     "JoinedTracks",
     "Occluders",

@@ -190,6 +190,12 @@ class RenderConfig(Settings):
     lookalike: bool = setting(
         False, "The others wear the same clothes as the targets.", option="--lookalike", shown="clothes of their own"
     )
+    two_sided: bool = setting(
+        False,
+        "Shirts have another colour behind than in front: the back of each target is as the front of the next one.",
+        option="--two-sided",
+        shown="the same all around",
+    )
     alike: bool = setting(False, "All targets have the clothes and the stature of the first one.")
     min_visible: float = setting(
         0.1, "Bodies of which less than this share is visible have no box; 0: hidden ones have it too.", **SHARE

@@ -29,3 +29,18 @@ class LabelConfig(Settings):
     keep_rest: bool = setting(
         False, "Keep candidates of nobody, without a label.", option="--keep-rest", shown="leave them out"
     )
+
+
+@dataclass(frozen=True)
+class NamingConfig(Settings):
+    """When a track is of a target of a gallery."""
+
+    OWNER: ClassVar[str] = "naming"
+
+    least_boxes: int = setting(
+        10,
+        "Fewest boxes of a track that were compared with a target, for the track to be of it.",
+        at_least=1,
+        option="--least-boxes",
+        metavar="N",
+    )

@@ -18,7 +18,7 @@ from occlog.core.numerics.time_grid import Grid
 
 STATURE = 1.75
 SKIN, HAIR, SHIRT, TROUSERS, SHOES = range(5)
-PLAIN, HOOPS, STRIPES, CHECKS = range(4)
+PLAIN, HOOPS, STRIPES, CHECKS, SIDES = range(5)
 THIGH, SHIN, UPPER_ARM, FOREARM = 0.44, 0.43, 0.28, 0.25
 FULL_SWING = 0.5
 """Swing of a leg to either side at walking speed [rad]."""
@@ -154,13 +154,14 @@ class Outfit(NamedTuple):
     stature: float  # height over 1.75 m
 
 
-def dress(number: int, target: bool, rng: np.random.Generator) -> Outfit:
+def dress(number: int, target: bool, rng: np.random.Generator, *, two_sided: bool = False) -> Outfit:
     """Clothes for one body: targets wear warm hooped shirts, each its own hue, others cool or grey ones.
 
     Args:
         number: of the target among the targets; it chooses the hue.
         target: whether the body is a target.
         rng: the source of all other choices.
+        two_sided: the shirt is plain, and behind it has another colour: a target's that of the front of the next one.
     """
     stature, tone, dark = rng.uniform(0.95, 1.05), rng.uniform(0.45, 1.0), rng.uniform(0.1, 0.45)
     hue, vivid, value = rng.uniform(0.4, 0.68), rng.choice([0.06, 0.5, 0.75]), rng.uniform(0.3, 0.75)
@@ -169,12 +170,19 @@ def dress(number: int, target: bool, rng: np.random.Generator) -> Outfit:
     if target:
         hue, vivid, value = WARM[number % len(WARM)] + 0.05 * (number // len(WARM)), 0.85, 0.8
         trousers, pattern, other = _bgr(0.6, 0.45, 0.5), HOOPS, 0.7
+    behind = WARM[(number + 1) % len(WARM)] + 0.05 * (number // len(WARM))
+    if two_sided and not target:
+        behind = hue + rng.uniform(0.25, 0.75)
     skin = [tone * c for c in (150.0, 178.0, 224.0)]
     shoes = [38.0, 36.0, 34.0]
     first = np.array([skin, _bgr(0.07, 0.5, dark), _bgr(hue, vivid, value), trousers, shoes])
     patterns = np.zeros(5, dtype=np.int64)
     patterns[SHIRT] = pattern
-    return Outfit(first, first * other, patterns, stature)
+    second = first * other
+    if two_sided:
+        patterns[SHIRT] = SIDES
+        second[SHIRT] = _bgr(behind, vivid, value)
+    return Outfit(first, second, patterns, stature)
 
 
 def clothes_of(outfits: Sequence[Outfit]) -> Clothes:

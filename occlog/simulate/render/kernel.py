@@ -106,6 +106,8 @@ def cloth(qx: float, qy: float, qz: float, half: float, pattern: int, metre: flo
         first = math.floor(qz * half / (0.06 * metre)) % 2 == 0
     if pattern == 2 or pattern == 3:
         first = first == (math.floor(math.atan2(qy, qx) * 2.5) % 2 == 0)
+    if pattern == 4:
+        first = qx >= 0.0
     return 1.0 if first else 0.0
 
 

@@ -138,7 +138,7 @@ def _clothes(ids: NDArray[np.int64], target: NDArray[np.bool_], config: RenderCo
         if config.alike and model in targets:
             model = targets[0]
         rank = targets.index(model) if model in targets else -1
-        look = dress(rank, rank >= 0, generator(seed, Stage.RENDER_CLOTHES, model))
+        look = dress(rank, rank >= 0, generator(seed, Stage.RENDER_CLOTHES, model), two_sided=config.two_sided)
         worn.append(look)
     return clothes_of(worn)
 

@@ -46,7 +46,7 @@ def reference_appearances(
     numbers = list(targets)
     for rank, target in enumerate(numbers):
         model, hue = (numbers[0], 0) if config.alike else (target, rank)
-        look = dress(hue, True, generator(seed, Stage.RENDER_CLOTHES, model))
+        look = dress(hue, True, generator(seed, Stage.RENDER_CLOTHES, model), two_sided=config.two_sided)
         counts = np.zeros(N_BINS)
         for side, view in enumerate(views):
             _add_into(counts, view, clothes_of([look]), 2 * math.pi * side / SIDES)

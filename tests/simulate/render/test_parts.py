@@ -8,7 +8,8 @@ import pytest
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.numerics.time_grid import Grid
 from occlog.simulate.render import texture
-from occlog.simulate.render.body import FULL_SWING, SHIRT, STRIDE, Poses, clothes_of, dress, solids, walking
+from occlog.simulate.render.body import FULL_SWING, SHIRT, SIDES, STRIDE, Poses, clothes_of, dress, solids, walking
+from occlog.simulate.render.kernel import cloth
 from occlog.simulate.render.light import in_shadow, lamps, light_at
 
 
@@ -148,3 +149,14 @@ def test_a_prism_throws_a_shadow_up_to_its_height():
     assert not in_shadow(3.0, 0.0, 0.0, *lamp, wall, starts, low)  # the way passes over the wall
     assert in_shadow(3.0, 0.0, 0.0, *lamp, wall, starts, high)
     assert not in_shadow(0.5, 0.0, 0.0, *lamp, wall, starts, high)
+
+
+def test_two_sided_shirts_are_the_next_target_s_behind():
+    """Four hues in a ring; all else is as without, and the cloth changes where the front meets the back."""
+    outfits = [dress(k, True, np.random.default_rng(5), two_sided=True) for k in range(4)]
+    plain = [dress(k, True, np.random.default_rng(5)) for k in range(4)]
+    for k in range(4):
+        assert outfits[k].second[SHIRT] == pytest.approx(outfits[(k + 1) % 4].first[SHIRT])
+        assert (outfits[k].first == plain[k].first).all()
+        assert outfits[k].pattern.tolist() == [0, 0, SIDES, 0, 0]
+    assert [cloth(qx, 0.3, 0.2, 0.3, SIDES, 1.0) for qx in (-0.1, 0.0, 0.1)] == [0.0, 1.0, 1.0]

@@ -1,0 +1,128 @@
+"""Settings of `occlog appearance learn`, and of `occlog label` with a gallery."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.core.image.colour_density import MOST_LEVELS
+from occlog.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class SightingConfig(Settings):
+    """Which box is of whom, and from which side it is seen; lengths in the scene's unit."""
+
+    OWNER: ClassVar[str] = "appearance"
+
+    max_gap_s: float = setting(
+        1.0,
+        "Longest time between two rows of a track that is bridged.",
+        unit="s",
+        at_least=0,
+        at_most=1e9,
+        option="--max-gap",
+        metavar="SECONDS",
+    )
+    heading_s: float = setting(
+        1.0,
+        "Where positions have no velocity: the time about each row over which it is taken.",
+        unit="s",
+        above=0,
+        at_most=1e9,
+        option="--heading-time",
+        metavar="SECONDS",
+    )
+    least_speed: float = setting(
+        0.3,
+        "Speed from which people face the way they go; of slower ones it is not known where they face.",
+        unit="length/s",
+        at_least=0,
+        option="--least-speed",
+        metavar="SPEED",
+    )
+    person_height: float = setting(
+        11.3,
+        "Of a person, to find the track that a box is of.",
+        unit="length",
+        people=1.7,
+        above=0,
+        option="--person-height",
+        metavar="LENGTH",
+    )
+    least_overlap: float = setting(
+        0.3,
+        "Intersection over union of a box and of what is expected of a track, from which the box is of the track.",
+        above=0,
+        at_most=1,
+        option="--least-overlap",
+        metavar="SHARE",
+    )
+    most_covered: float = setting(
+        0.2,
+        "Share of a box that boxes of nearer people may cover.",
+        at_least=0,
+        at_most=1,
+        option="--most-covered",
+        metavar="SHARE",
+    )
+    least_pixels: int = setting(
+        100, "Fewest pixels of a box that counts.", at_least=1, option="--least-pixels", metavar="N"
+    )
+
+
+@dataclass(frozen=True)
+class LearnConfig(SightingConfig):
+    """What a gallery holds."""
+
+    angle_step: float = setting(
+        30.0,
+        "Between two viewing angles, from the front to the back; it must divide 180 degrees. 180: front and back; "
+        "360: all sides together.",
+        unit="deg",
+        above=0,
+        at_most=360,
+        option="--angle-step",
+        metavar="DEG",
+    )
+    levels: int = setting(
+        8,
+        "Of hue, of saturation and of brightness: L (L + 1) colours are told apart.",
+        at_least=2,
+        at_most=MOST_LEVELS,
+        option="--levels",
+        metavar="L",
+    )
+    least_samples: int = setting(
+        5,
+        "Fewest boxes from which a side of a target is learnt.",
+        at_least=1,
+        option="--least-samples",
+        metavar="N",
+    )
+
+    def rules(self) -> list[tuple[str, bool, str]]:
+        """The step divides half a turn, or is a whole one."""
+        steps = 180.0 / self.angle_step
+        good = self.angle_step == 360.0 or (steps >= 1.0 and abs(steps - round(steps)) < 1e-9)
+        return [("angle_step", good, "a divisor of 180 degrees, or 360")]
+
+    @property
+    def angles(self) -> int:
+        """Number N of viewing angles ([Lee] 5.6); 1: all sides together."""
+        return 1 if self.angle_step == 360.0 else round(180.0 / self.angle_step) + 1
+
+
+@dataclass(frozen=True)
+class MatchConfig(SightingConfig):
+    """When a box is of a target of the gallery."""
+
+    OWNER: ClassVar[str] = "match"
+
+    least_likeness: float = setting(
+        0.8,
+        "Least likeness (Bhattacharyya coefficient without its bias) of a box to a target that it may be.",
+        at_least=0,
+        at_most=1,
+        option="--least-likeness",
+    )

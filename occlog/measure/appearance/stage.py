@@ -1,0 +1,150 @@
+"""Sightings to a gallery, and sightings beside a gallery to decisions ([Lee] Sec. 5.2.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints, Ints32
+from occlog.core.image.colour_density import bins_of, corrected
+from occlog.errors import InputError
+from occlog.records.gallery import MOST_BINS, OTHER, SAME, SUSPENDED, AppearanceMatches, Gallery
+
+from .config import LearnConfig, MatchConfig, SightingConfig
+from .sightings import NOBODY, Sighting
+from .viewing_angle import angle_bins
+
+ANGLE, HEADING, COVERED, PIXELS = "angle", "heading", "covered", "pixels"
+"""`reason` of a decision that is suspended."""
+
+
+def learn(sightings: Iterable[Sighting], config: LearnConfig) -> Gallery:
+    """Gather the colours of each target and viewing angle; every pixel counts the same.
+
+    Boxes without a track, of a heading that is not known, covered ones and those of too few pixels are left out.
+    The table is empty where no side of anybody has enough boxes.
+    """
+    counts: dict[tuple[int, int], Floats] = {}
+    samples: dict[tuple[int, int], int] = {}
+    last_ns = 0
+    for each in sightings:
+        angle = angle_bins(each.angle, config.angles)
+        good = (each.track != NOBODY) & (angle > 0) & (obstacles(each, config) == "")
+        for k in np.flatnonzero(good).tolist():
+            key = int(each.track[k]), int(angle[k])
+            counts[key] = counts.get(key, np.zeros(bins_of(config.levels))) + each.density[k] * each.pixels[k]
+            samples[key] = samples.get(key, 0) + 1
+            last_ns = each.boxes.t_ns
+    keys = sorted(key for key, n in samples.items() if n >= config.least_samples)
+    if not keys:
+        return Gallery.empty()
+    whole = np.stack([counts[key] for key in keys])
+    densities = np.zeros((len(keys), MOST_BINS))
+    densities[:, : whole.shape[1]] = whole / whole.sum(axis=1, keepdims=True)
+    return Gallery(
+        t_ns=np.full(len(keys), last_ns),
+        target_id=np.array([target for target, _ in keys], dtype=np.int32),
+        angle=np.array([n for _, n in keys], dtype=np.int32),
+        angles=np.full(len(keys), config.angles, dtype=np.int32),
+        bins=np.full(len(keys), bins_of(config.levels), dtype=np.int32),
+        samples=np.array([samples[key] for key in keys], dtype=np.int32),
+        pixels=np.rint(whole.sum(axis=1)).astype(np.int64),
+        density=densities,
+    )
+
+
+def obstacles(sighting: Sighting, config: SightingConfig) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
+    """(n,) why boxes say nothing of whom they show: `covered` or `pixels`; empty: they do."""
+    few = sighting.pixels < config.least_pixels
+    return np.where(sighting.covered > config.most_covered, COVERED, np.where(few, PIXELS, ""))
+
+
+class Sides(NamedTuple):
+    """A gallery as arrays; R targets, N angles, m bins."""
+
+    target: Ints32  # (R,) rising
+    density: Floats  # (R, N, m)
+    pixels: Ints  # (R, N)
+    there: Bools  # (R, N)
+    levels: int
+
+
+def sides_of(gallery: Gallery) -> Sides:
+    """The sides of a gallery's targets; InputError for an empty one, or one whose bins are of no number of levels."""
+    if not len(gallery):
+        raise InputError("gallery: has no rows; learn one")
+    bins, angles = int(gallery.bins[0]), int(gallery.angles[0])
+    levels = round((np.sqrt(4.0 * bins + 1.0) - 1.0) / 2.0)
+    if bins_of(levels) != bins:
+        raise InputError(f"gallery: has densities of {bins} bins, and no number L of levels has L (L + 1) of them")
+    target, row = np.unique(gallery.target_id, return_inverse=True)
+    column = gallery.angle - 1
+    density, pixels = np.zeros((len(target), angles, bins)), np.zeros((len(target), angles), dtype=np.int64)
+    density[row, column], pixels[row, column] = gallery.density[:, :bins], gallery.pixels
+    return Sides(target, density, pixels, pixels > 0, levels)
+
+
+def match(sightings: Iterable[Sighting], sides: Sides, config: MatchConfig) -> Iterator[AppearanceMatches]:
+    """Compare each box with each target seen from the same side; one table a frame.
+
+    In a frame a box is the target that it is most like, if it is like it enough; of two boxes that are most like one
+    target the one that is more like it is.  What cannot be compared is suspended: a target of which the gallery has not
+    this side, and all targets where it is not known which side is seen, or where hardly anything is.
+    """
+    n_targets, n_angles = sides.there.shape
+    for each in sightings:
+        n = len(each.boxes.box)
+        angle = angle_bins(each.angle, n_angles)
+        column = np.maximum(angle, 1) - 1
+        # Reasons to suspend, the first of them
+        own = obstacles(each, config)
+        own = np.where((own == "") & (angle == 0), HEADING, own)
+        reason = np.where(own[:, None] != "", own[:, None], np.where(sides.there[:, column].T, "", ANGLE))
+        decided = reason == ""
+        # Compare ([Lee] 5.5), the bias corrected
+        rho, rho_corrected = np.full((2, n, n_targets), np.nan)
+        for k in np.unique(column[decided.any(axis=1)]).tolist():
+            rows, columns = np.flatnonzero((column == k) & decided.any(axis=1)), np.flatnonzero(sides.there[:, k])
+            place = np.ix_(rows, columns)
+            rho[place], rho_corrected[place] = corrected(
+                each.density[rows], sides.density[columns, k], each.pixels[rows], sides.pixels[columns, k]
+            )
+        same = most_alike(rho_corrected, config.least_likeness)
+        row, target = np.divmod(np.arange(n * n_targets), n_targets)
+        yield AppearanceMatches(
+            t_ns=np.full(n * n_targets, each.boxes.t_ns),
+            sensor=np.full(n * n_targets, each.boxes.sensor),
+            frame=np.full(n * n_targets, each.boxes.frame),
+            box=each.boxes.box[row],
+            track_id=each.track[row],
+            target_id=sides.target[target],
+            angle=angle[row],
+            viewing_angle=each.angle[row],
+            pixels=each.pixels[row],
+            rho=rho.reshape(-1),
+            rho_corrected=rho_corrected.reshape(-1),
+            decision=np.where(decided, np.where(same, SAME, OTHER), SUSPENDED).reshape(-1),
+            reason=reason.reshape(-1),
+        )
+
+
+def most_alike(likeness: Floats, least: float) -> Bools:
+    """(n, R) pairs of a box and the target that it is most like, of which no other box is more like that target.
+
+    Args:
+        likeness: (n, R); NaN: not compared.
+        least: of a pair.
+    """
+    filled = np.where(np.isnan(likeness), -np.inf, likeness)
+    out = np.zeros(likeness.shape, dtype=np.bool_)
+    if not likeness.size:
+        return out
+    box = np.arange(len(likeness))
+    best = filled.argmax(axis=1)
+    value = filled[box, best]
+    for target in np.unique(best[value >= least]).tolist():
+        rows = np.flatnonzero((best == target) & (value >= least))
+        out[rows[value[rows].argmax()], target] = True
+    return out
