@@ -12,9 +12,6 @@ from occlog.array_types import Bytes, Floats, Ints
 
 from .histogram_bins import as_colour
 
-MOST_LEVELS = 15
-"""15 levels are 240 bins; m is at most 256."""
-
 
 def bins_of(levels: int) -> int:
     """Number m of bins of so many levels."""
@@ -26,7 +23,7 @@ def colour_bins(image: Bytes, levels: int) -> Ints:
 
     Args:
         image: (height, width, 3) BGR or (height, width) grey.
-        levels: of hue, of saturation and of brightness, 2 to `MOST_LEVELS`.
+        levels: of hue, of saturation and of brightness, at least 2.
     """
     blue, green, red = np.moveaxis(as_colour(image).astype(np.int64), -1, 0)
     high = np.maximum(np.maximum(blue, green), red)

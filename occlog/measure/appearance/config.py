@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.core.image.colour_density import MOST_LEVELS
 from occlog.settings import Settings, setting
+
+MOST_LEVELS = 15
+"""15 levels are 240 bins; m is at most 256 ([Lee] Sec. 5.2.1)."""
 
 
 @dataclass(frozen=True)
