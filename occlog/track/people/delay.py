@@ -17,13 +17,31 @@ from .looks import FrameLook
 MOMENTS = 1200
 """Moments that are kept from the beginning; more would say no more."""
 LOOKS = 150
-"""Looks of a camera that are compared, evenly spread."""
+"""Looks of a camera that are compared, evenly spread; at most twice as many are kept."""
 FEWEST = 20
 """Looks that an offset must leave to be compared."""
 NEAR = 0.15
 """A box is where a person was if its middle is this near to that of the expected box, in its heights."""
 SHARE, ABOVE = 0.5, 0.2
 """An offset is told if it explains so many of the boxes, and so many more than none does and offsets usually do."""
+
+
+class _Spread:
+    """Looks of a camera, evenly spread over all that there were."""
+
+    def __init__(self) -> None:
+        """None yet."""
+        self.kept: list[tuple[int, Floats]] = []  # times [ns], (n, 2) middles of boxes [px]
+        self._every, self._count = 1, 0
+
+    def add(self, t_ns: int, middles: Floats) -> None:
+        """Keep the look if it is due; when there are too many, keep every other one from then on."""
+        if self._count % self._every == 0:
+            self.kept.append((t_ns, middles))
+            if len(self.kept) > 2 * LOOKS:
+                self.kept = self.kept[::2]
+                self._every *= 2
+        self._count += 1
 
 
 class Delays:
@@ -35,7 +53,7 @@ class Delays:
         self._t_ns: list[int] = []
         self._people: list[Floats] = []  # (m, 6) states
         self._by: list[Bools] = []  # (m, C) who has a box of them
-        self._looks: list[list[tuple[int, Floats]]] = [[] for _ in cameras]  # times, (n, 2) middles of boxes [px]
+        self._looks = [_Spread() for _ in cameras]
 
     def add(self, moment: Moment, looks: Sequence[FrameLook], by: Bools) -> None:
         """Keep one more moment; `by` (m, C) says which cameras have a box of each person."""
@@ -45,7 +63,8 @@ class Delays:
         self._people.append(moment.mean)
         self._by.append(by)
         for look in (each.look for each in looks):
-            self._looks[look.camera].append((look.t_ns, 0.5 * (look.boxes[:, :2] + look.boxes[:, 2:])))
+            if len(look.boxes):
+                self._looks[look.camera].add(look.t_ns, 0.5 * (look.boxes[:, :2] + look.boxes[:, 2:]))
 
     def late(self, camera: int, fewest: int) -> float:
         """Find by how many seconds what a camera shows is old; below 0: it is ahead; NaN: no other offset is better.
@@ -54,7 +73,7 @@ class Delays:
             camera: its place.
             fewest: other cameras that must see a person who counts.
         """
-        looks = [(t_ns, boxes) for t_ns, boxes in self._looks[camera] if len(boxes)]
+        looks = self._looks[camera].kept
         if len(looks) < FEWEST or len(self._t_ns) < FEWEST:
             return float("nan")
         looks = [looks[k] for k in np.unique(np.linspace(0, len(looks) - 1, LOOKS).astype(np.int64))]

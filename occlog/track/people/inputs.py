@@ -33,7 +33,7 @@ from .looks import (
     rows_of_boxes,
     rows_of_views,
 )
-from .sizes import WRONG, in_units_of, statures, typical
+from .sizes import NOBODYS, WRONG, in_units_of, statures, typical
 
 FIRST_LOOKS = 64
 """Looks of each camera that are read ahead, to learn how often it looks and how tall people are."""
@@ -185,15 +185,23 @@ class PeopleInput:
         defaults = JipdaConfig.in_unit(unit)
         usual = JipdaConfig().height
         if unit in METRES:
-            metre = 1.0 / METRES[unit]
-            share = tall / configure(defaults, given).height
+            config = configure(defaults, given)
+            remedy = "state the unit of the calibration (calibration_unit of `occlog ingest`)"
+            if not 1.0 / NOBODYS < config.height / defaults.height < NOBODYS:
+                # The other settings would not be in that unit
+                raise InputError(
+                    f"{self.request.boxes}: nobody is {config.height:.3g} {unit} tall (setting height), so the lengths "
+                    f"of the scene are not in {unit}; {remedy}"
+                )
+            share = tall / config.height
             if np.isfinite(share) and not 1.0 / WRONG < share < WRONG:
+                if 1.0 / NOBODYS < tall / defaults.height < NOBODYS:
+                    remedy += f", or else how tall people are (setting height, {tall:.3g})"
                 raise InputError(
                     f"{self.request.boxes}: by their boxes people are {tall:.3g} {unit} tall, so the lengths of the "
-                    f"scene are not in {unit}, or its cameras are not where it says; state the unit of the calibration "
-                    f"(calibration_unit of `occlog ingest`), or else how tall people are (setting height, {tall:.3g})"
+                    f"scene are not in {unit}, or its cameras are not where it says; {remedy}"
                 )
-            return metre, configure(defaults, given)
+            return 1.0 / METRES[unit], config
         stated = configure(JipdaConfig(), {k: v for k, v in given.items() if k == "height"}).height
         if "height" in given:
             metre = stated / usual

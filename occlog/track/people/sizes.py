@@ -26,6 +26,10 @@ WRONG = 2.5
 """People so many times taller or shorter than stated are not people: the unit of the scene is another one."""
 
 
+NOBODYS = 10.0
+"""Nobody, not even a child or a tall machine, is so many times taller or shorter than people usually are."""
+
+
 def statures(looks: Sequence[FrameLook], cameras: Sequence[Camera]) -> Floats:
     """(C,) median height of who is in the boxes of each camera, in the scene's unit; NaN where few boxes tell.
 

@@ -19,7 +19,8 @@ from .rows import EverybodyInViews, MomentTables, SeenMoment, events_of, support
 
 State = TypeVar("State")
 Window = TypeVar("Window")
-MOMENTS_PER_PART = 256
+ROWS_PER_PART = 8192
+"""Rows of all tables together, about; a part of one moment may have more."""
 
 
 class Future(NamedTuple, Generic[State, Window]):
@@ -52,7 +53,7 @@ def follow(
     seed: int = 0,
     heard: Iterable[Directions] = (),
 ) -> Iterator[list[SeenMoment]]:
-    """Follow everybody; some moments at a time, so that memory does not grow with their number.
+    """Follow everybody; some moments at a time, as many as have few rows together, so that memory does not grow.
 
     Args:
         moments: in the order of time; none is empty.
@@ -64,12 +65,15 @@ def follow(
         heard: directions of the scene's arrays, in the order of time.
     """
     held: list[SeenMoment] = []
+    rows = 0
     steps = _steps(moments, scene, follower.begin(scene, cameras, config), follower, heard)
     for each in _reported(steps, follower, config, seed):
         held.append(each)
-        if len(held) >= MOMENTS_PER_PART:
+        # Even a moment without anybody is kept with its looks
+        rows += 1 + len(each.moment.support.row) + len(each.moment.ids) * (1 + len(each.looks))
+        if rows >= ROWS_PER_PART:
             yield held
-            held = []
+            held, rows = [], 0
     if held:
         yield held
 

@@ -114,8 +114,8 @@ def crowd(
     for t in range(frames):
         looks = []
         for c, view in enumerate(views):
-            boxes = [_body(view, truth[t, i], height[i], girth[i], ring, metre) for i in range(people)]
-            kept = [b for i, (b, _) in enumerate(boxes) if _seen(i, boxes, hidden, rng) and rng.random() > miss]
+            boxes, far = _bodies(view, truth[t], height, girth, ring, metre)
+            kept = [b for i, b in enumerate(boxes) if _seen(i, boxes, far, hidden, rng) and rng.random() > miss]
             found = np.array(kept).reshape(-1, 4)
             found = found + rng.normal(0.0, px, found.shape)
             nobody = []
@@ -143,28 +143,28 @@ def crowd(
     return Crowd(Scene(cameras=views, length_unit="m" if metre == 1.0 else "cm"), moments, truth * metre)
 
 
-def _body(view: Camera, place: Floats, height: float, girth: float, ring: Floats, metre: float) -> tuple[Floats, float]:
-    """Box (4,) of all points of a body, NaN where it is not in the image, and its distance."""
-    points = np.column_stack([place[0] + girth * ring[:, 0], place[1] + girth * ring[:, 1], height * ring[:, 2]])
-    pixels = view.project(points * metre)
-    far = float(np.hypot(*(place * metre - view.position[:2])))
-    if not np.isfinite(pixels).all():
-        return np.full(4, np.nan), far
-    (left, top), (right, bottom) = pixels.min(axis=0), pixels.max(axis=0)
-    u, v = 0.5 * (left + right), 0.5 * (top + bottom)
-    if not (0.0 < u < 1279.0 and 0.0 < v < 719.0):
-        return np.full(4, np.nan), far
-    return np.array([left, top, right, bottom]), far
+def _bodies(
+    view: Camera, places: Floats, height: Floats, girth: Floats, ring: Floats, metre: float
+) -> tuple[Floats, Floats]:
+    """Boxes (n, 4) of all points of n bodies, NaN of those that are not in the image, and their distances (n,)."""
+    points = np.empty((len(places), len(ring), 3))
+    points[..., :2] = places[:, None] + girth[:, None, None] * ring[:, :2]
+    points[..., 2] = height[:, None] * ring[:, 2]
+    pixels = view.project(points.reshape(-1, 3) * metre).reshape(len(places), len(ring), 2)
+    boxes = np.concatenate([pixels.min(axis=1), pixels.max(axis=1)], axis=1)
+    u, v = 0.5 * (boxes[:, 0] + boxes[:, 2]), 0.5 * (boxes[:, 1] + boxes[:, 3])
+    shown = np.isfinite(boxes).all(axis=1) & (u > 0.0) & (u < 1279.0) & (v > 0.0) & (v < 719.0)
+    boxes[~shown] = np.nan
+    return boxes, np.hypot(*(places * metre - view.position[:2]).T)
 
 
-def _seen(i: int, boxes: list[tuple[Floats, float]], hidden: float, rng: np.random.Generator) -> bool:
+def _seen(i: int, boxes: Floats, far: Floats, hidden: float, rng: np.random.Generator) -> bool:
     """Whether nearer bodies leave enough of body i, by random places in its box."""
-    box, far = boxes[i]
+    box = boxes[i]
     if not np.isfinite(box).all():
         return False
     u, v = rng.uniform(box[0], box[2], 60), rng.uniform(box[1], box[3], 60)
-    covered = np.zeros(60, dtype=bool)
-    for other, nearer in boxes:
-        if nearer < far and np.isfinite(other).all():
-            covered |= (u > other[0]) & (u < other[2]) & (v > other[1]) & (v < other[3])
+    # A body that is not in the image covers nothing: NaN is neither above nor below
+    left, top, right, bottom = boxes[far < far[i], :, None].transpose(1, 0, 2)
+    covered = ((u > left) & (u < right) & (v > top) & (v < bottom)).any(axis=0)
     return float(covered.mean()) <= hidden

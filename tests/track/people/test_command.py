@@ -223,6 +223,16 @@ def test_centimetres_that_are_said_to_be_metres_are_refused(tmp_path, capsys):
     assert "by their boxes people are 17" in noted
     assert "so the lengths of the scene are not in m" in noted
     assert noted.count("\n") == 1
+    assert "setting height" not in noted
+
+
+def test_a_stated_height_that_nobody_has_is_refused(tmp_path, capsys):
+    scene = hall("abcd", 100.0, "m")
+    found = boxes(scene, SECONDS, metre=100.0)
+    assert track(tmp_path, found, scene, "--set", "height=170") == ExitCode.BAD_INPUT
+    noted = capsys.readouterr().err
+    assert "nobody is 170 m tall (setting height), so the lengths of the scene are not in m; state the unit" in noted
+    assert noted.count("\n") == 1
 
 
 @pytest.mark.parametrize("found", [boxes(SCENE, 1.0, people=0), Boxes.empty()], ids=["frames without boxes", "no rows"])

@@ -1,0 +1,47 @@
+"""Moments in parts, as many together as have few rows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from people_boxes import hall
+
+from occlog.track.jipda.config import JipdaConfig
+from occlog.track.jipda.interface import Look, Moment, no_support
+from occlog.track.people.looks import FrameLook
+from occlog.track.people.stage import ROWS_PER_PART, Follower, follow
+
+SCENE = hall("ab")
+
+
+def everywhere(people: int) -> Follower[None, None]:
+    """A method that sees so many people at each moment, whatever the boxes."""
+
+    def step(state: None, looks: object) -> tuple[None, Moment]:
+        ids = np.arange(people)
+        covariance = np.tile(np.eye(6), (people, 1, 1))
+        return None, Moment(
+            0, ids, np.zeros((people, 6)), covariance, np.ones(people), np.ones((people, 2)), no_support(), ()
+        )
+
+    return Follower(begin=lambda scene, cameras, config: None, step=step)
+
+
+def looks(moments: int) -> list[list[FrameLook]]:
+    none = np.zeros(0, dtype=np.int64)
+    return [
+        [FrameLook(Look(t, c, np.zeros((0, 4)), np.zeros(0), none, np.zeros((0, 0)), none), t, none) for c in range(2)]
+        for t in range(moments)
+    ]
+
+
+@pytest.mark.parametrize("people", [0, 5, 100, ROWS_PER_PART])
+def test_parts_have_few_rows_whatever_the_number_of_people(people) -> None:
+    moments = 500 if people < ROWS_PER_PART else 3
+    parts = list(follow(looks(moments), SCENE, SCENE.cameras, JipdaConfig(), everywhere(people)))
+    sizes = [len(part) for part in parts]
+    assert sum(sizes) == moments
+    # A row for each person in `tracks` and two in `view_tracks`
+    rows = 1 + 3 * people
+    assert max(sizes) <= -(-ROWS_PER_PART // rows)
+    assert set(sizes[:-1]) <= {-(-ROWS_PER_PART // rows)}
