@@ -180,7 +180,8 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     # Confirm, end
     sure = (people.existence > config.confirm) & (people.boxes > LEAST_BOXES)
     ids = np.where((people.id == NOBODY) & sure, people.key, people.id)
-    stays = (people.existence > config.die) & ~doubles(people)
+    people, twice = doubles(people, t_ns)
+    stays = (people.existence > config.die) & ~twice
     left, new = ~stays & (people.id != NOBODY), stays & (ids != NOBODY) & (people.id == NOBODY)
     counts = replace(counts, left=counts.left + np.array([left.sum(), dt * people.existence[ids != NOBODY].sum()]))
     events = [Event("birth", int(ids[k]), NOBODY, float(people.existence[k])) for k in np.flatnonzero(new)]

@@ -24,8 +24,10 @@ SUREST = 1e-6
 """Nobody's existence is surer than this, nor their absence."""
 OUTSIDE, OUTSIDE_AFTER_S = 0.5, 1.0
 """People whose place no camera has shown for so long [s] leave at this rate [1/s]: nobody knows where they go."""
-DOUBLE = 0.5
-"""Two people whose axes are nearer than so many widths are one."""
+DOUBLE, DOUBLE_S = 0.5, 2.0
+"""Two people whose axes are nearer than so many widths for so long [s] are one."""
+RIVAL = 0.5
+"""Of two who are one the older stays, but if they exist with less than this share of the other's probability."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class People:
     seen_ns: Ints  # (N,) when a camera last showed the place
     boxes: Floats  # (N,) expected number of boxes that spoke for them
     born_ns: Ints  # (N,)
+    apart_ns: Ints  # (N,) when they last stood apart from everybody else
     first: Floats  # (N, 2) where they were detected first
     last: Floats  # (N, 2) where they were detected last
     model: Floats  # (N, 2) probabilities of the models
@@ -59,6 +62,7 @@ def born(mean: Floats, covariance: Floats, existence: Floats, boxes: Floats, fir
         seen_ns=np.full(K, t_ns, dtype=np.int64),
         boxes=boxes,
         born_ns=np.full(K, t_ns, dtype=np.int64),
+        apart_ns=np.full(K, t_ns, dtype=np.int64),
         first=mean[:, :2].copy(),
         last=mean[:, :2].copy(),
         model=np.tile([1.0, 0.0], (K, 1)),
@@ -182,12 +186,27 @@ def _merged(people: People) -> People:
     return replace(people, mean=mean, covariance=covariance)
 
 
-def doubles(people: People) -> Bools:
-    """(N,) who stands where somebody stands who was confirmed before, or is likelier to exist."""
+def doubles(people: People, t_ns: int) -> tuple[People, Bools]:
+    """Find who stands where somebody stands who was there before them.
+
+    Estimates of two people who pass each other may meet for a moment; two tracks of one person stay together.
+
+    Returns:
+        The people with the times at which they were apart, and (N,) who is a double: somebody who is not confirmed
+        at once, the younger of two confirmed people when they have been together for `DOUBLE_S`.
+    """
     out = np.zeros(len(people.key), dtype=np.bool_)
     apart = people.mean[:, None, :2] - people.mean[None, :, :2]
-    near = np.triu(np.hypot(apart[..., 0], apart[..., 1]) < DOUBLE * people.mean[:, None, WIDTH], 1)
-    rank = people.existence + (people.id != NOBODY)
-    for a, b in np.argwhere(near):
-        out[b if rank[a] >= rank[b] else a] = True
-    return out
+    near = np.hypot(apart[..., 0], apart[..., 1]) < DOUBLE * people.mean[:, None, WIDTH]
+    near |= near.T
+    np.fill_diagonal(near, False)
+    known = people.id != NOBODY
+    together = near & known[:, None] & known
+    since = np.where(together.any(axis=1), people.apart_ns, t_ns)
+    long = t_ns - since >= DOUBLE_S * NS
+    for a, b in np.argwhere(np.triu(near, 1)):
+        if not (known[a] and known[b]):
+            out[b if known[a] or people.existence[a] >= people.existence[b] else a] = True
+        elif long[a] and long[b] and not (out[a] or out[b]):
+            out[a if people.existence[a] < RIVAL * people.existence[b] else b] = True
+    return replace(people, apart_ns=since), out

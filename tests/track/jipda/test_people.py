@@ -7,9 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from occlog.array_types import Floats
+from occlog.array_types import NS, Floats
 from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.people import CALM, DOUBLE, TURNING, born, corrected, doubles, predict, take
+from occlog.track.jipda.people import (
+    CALM,
+    DOUBLE,
+    DOUBLE_S,
+    RIVAL,
+    TURNING,
+    People,
+    born,
+    corrected,
+    doubles,
+    predict,
+    take,
+)
 
 RNG = np.random.default_rng(0)
 
@@ -103,13 +115,33 @@ def test_a_turn_makes_the_manoeuvre_probable_and_is_followed() -> None:
     assert people.model[0, CALM] >= 0.0
 
 
-def test_doubles_are_the_less_established() -> None:
+def three_people() -> People:
+    """Two who stand where one person stands, and a third; nobody is confirmed."""
     mean = np.zeros((3, 6))
     mean[:, 5], mean[1, 0], mean[2, 0] = 0.5, DOUBLE * 0.5 * 0.99, 1.0
-    people = born(mean, covariance(3), np.array([0.6, 0.9, 0.9]), np.ones(3), 0, 0)
-    np.testing.assert_array_equal(doubles(people), [True, False, False])
+    return born(mean, covariance(3), np.array([0.6, 0.9, 0.9]), np.ones(3), 0, 0)
+
+
+def test_people_who_are_not_confirmed_are_doubles_at_once() -> None:
+    people = three_people()
+    np.testing.assert_array_equal(doubles(people, 0)[1], [True, False, False])
     confirmed = replace(people, id=np.array([7, -1, -1]))
-    np.testing.assert_array_equal(doubles(confirmed), [False, True, False])
-    mean[1, 0] = DOUBLE * 0.5 * 1.01
-    assert not doubles(replace(people, mean=mean)).any()
-    assert not doubles(take(people, np.array([0]))).any()
+    np.testing.assert_array_equal(doubles(confirmed, 0)[1], [False, True, False])
+    people.mean[1, 0] = DOUBLE * 0.5 * 1.01
+    assert not doubles(people, 0)[1].any()
+    assert not doubles(take(people, np.array([0])), 0)[1].any()
+
+
+def test_confirmed_people_are_doubles_when_they_have_been_together_for_long() -> None:
+    people = replace(three_people(), id=np.arange(3), existence=np.array([0.9, 0.9, 0.9]))
+    first, last = int(5 * NS), int((5 + DOUBLE_S) * NS)
+    # They were apart at 5 s, and are together from then on
+    people, out = doubles(replace(people, mean=people.mean * [3, 1, 1, 1, 1, 1]), first)
+    assert not out.any()
+    people = replace(people, mean=people.mean / [3, 1, 1, 1, 1, 1])
+    people, out = doubles(people, last - 1)
+    assert not out.any()
+    # The younger one goes, but for a much surer one
+    np.testing.assert_array_equal(doubles(people, last)[1], [False, True, False])
+    doubtful = replace(people, existence=np.array([0.9 * RIVAL - 0.01, 0.9, 0.9]))
+    np.testing.assert_array_equal(doubles(doubtful, last)[1], [True, False, False])
