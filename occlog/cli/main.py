@@ -41,6 +41,9 @@ COMMANDS = {
         "occlog.track.images.ground.command", "Bring tracks in the images of calibrated cameras together in the world."
     ),
     "label": Command("occlog.measure.label.command", "Give candidates the identity of the track they agree with."),
+    "navigate": Command(
+        "occlog.navigate.command", "Drive a robot through a scene, around obstacles and tracked people."
+    ),
     "evaluate": Command("occlog.evaluate.command", "Compare tracks with the truth and with the Cramer-Rao bound."),
     "report": Command("occlog.report.command", "Show a run as one offline page and a picture."),
     "run": Command("occlog.pipeline.run.command", "Do all stages of a configuration into a run folder."),

@@ -53,6 +53,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.evaluate.mot.config:ManyConfig",
     ),
     "ground": ("occlog.track.images.ground.config:GroundConfig",),
+    "navigate": ("occlog.navigate.config:NavigateConfig",),
 }
 """Classes of settings of each verb but `track`."""
 AROUND_METHODS = ("occlog.track.images.births.config:ViewsConfig", "occlog.track.apf.selection_config:SelectConfig")

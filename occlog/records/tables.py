@@ -17,6 +17,7 @@ from __future__ import annotations
 from .columns import Table
 from .gallery import AppearanceMatches, Gallery
 from .people import Events, JoinedTracks, PeopleTracks, PeopleViews, Support
+from .robots import RobotPath
 from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, TruthBoxes, Views
 from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, FusedTracks, Residuals, Tracks
 from .views import Counts, Failures, ViewTracks
@@ -47,6 +48,7 @@ TABLES: dict[str, type[Table]] = {
         Events,
         Gallery,
         AppearanceMatches,
+        RobotPath,
     )
 }
 """Every table by the name that its files carry."""
@@ -75,6 +77,7 @@ __all__ = [
     "PeopleTracks",
     "PeopleViews",
     "Residuals",
+    "RobotPath",
     "Support",
     "Tracks",
     "Truth",

@@ -1,0 +1,80 @@
+"""Settings of forces and of rules of motion, for robots that navigate and for people that avoid each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from occlog.settings import METRES, Settings, setting
+
+from .potentials import Field
+
+CUBIC_METRE = {unit: 0.1 / metres**3 for unit, metres in METRES.items()}
+"""The default repulsion in each unit of length: with m = 1 and n = 2 it is a length to the third power."""
+
+
+@dataclass(frozen=True)
+class FieldSettings(Settings):
+    """Constants of the potentials, and rules against collisions and oscillation ([Lee] Sec. 5.2.2).
+
+    The defaults in a unit of its own are those of the printed example; those in metres, feet and inches let people
+    and robots pass each other, and doors.
+    """
+
+    attraction: float = setting(
+        0.5, "Strength c_att of the goal's potential; only its ratio to the repulsion counts.", above=0
+    )
+    attraction_power: int = setting(
+        2, "Exponent m of the goal's potential; with 1 the goal pulls equally at all distances.", people=1, at_least=1
+    )
+    repulsion: float = setting(5.0, "Strength c_rep of an obstacle's potential.", people=CUBIC_METRE, at_least=0)
+    repulsion_power: int = setting(2, "Exponent n of an obstacle's potential.", at_least=1)
+    influence: float = setting(
+        10.0,
+        "Distance rho_0 from which obstacles repel.",
+        unit="length",
+        people=1.5,
+        above=0,
+        option="--influence",
+        metavar="LENGTH",
+    )
+    force: str = setting(
+        "prevent",
+        "Total force: `original` (Eq. 5.15), or `prevent`, which turns away from an obstacle in line with the "
+        "goal before a step could reach it (Eq. 5.25).",
+        choices=("original", "prevent"),
+        option="--force",
+    )
+    escape: str = setting(
+        "inside",
+        "Way out of an oscillation: `none`; `inside` the region of the prevention by a right angle (step 3.1); "
+        "`outside` it by the angle at which the obstacle is just passed (step 3.2).",
+        choices=("none", "inside", "outside"),
+        option="--escape",
+    )
+    side: str = setting(
+        "free",
+        "Side to which an escape turns; `free`: where obstacles are farther, else where the goal is nearer, else left.",
+        choices=("left", "right", "free"),
+        option="--side",
+    )
+    aligned: float = setting(
+        0.1,
+        "Robot, obstacle and goal are in line where the unit vectors of Eq. 5.18 differ by at most this; 0 is the "
+        "printed equality, which rounding alone breaks.",
+        at_least=0,
+        at_most=2,
+        option="--aligned",
+    )
+    opposite: float = setting(
+        0.05,
+        "Two forces are opposite where the cosine of the angle between them is at most -1 plus this (Eq. 5.26).",
+        at_least=0,
+        below=1,
+        option="--opposite",
+    )
+
+    def field(self) -> Field:
+        """The constants of the potentials."""
+        return Field(
+            self.attraction, self.repulsion, self.attraction_power, self.repulsion_power, influence=self.influence
+        )

@@ -1,0 +1,86 @@
+"""Round obstacles and walls as robots meet them: nearest points, and the least distance during a step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Floats
+
+from .potentials import direction, distance
+
+LEAST_SHARE = 1e-6
+"""Of the distance from a disc's centre: how far behind a place inside the disc its nearest point is."""
+
+
+def nearest_on_discs(xy: Floats, centre: Floats, radius: Floats) -> Floats:
+    """(N, K, 2) points of K discs nearest to N places: of their borders, or the centres for a radius of 0.
+
+    For a place inside a disc it is a point just behind the place, as seen from outside, so that the
+    direction from the point to the place leads out.
+
+    Args:
+        xy: (N, 2) places.
+        centre: (K, 2), or (N, K, 2) where each place has discs of its own.
+        radius: (K,).
+    """
+    at = np.broadcast_to(centre, (len(xy), *centre.shape[-2:]))
+    border = np.minimum(radius, distance(xy[:, None], at) * (1.0 - LEAST_SHARE))
+    return at + border[..., None] * direction(xy[:, None], at)
+
+
+def nearest_on_segments(xy: Floats, segments: Floats) -> Floats:
+    """(N, E, 2) points of (E, 2, 2) segments nearest to (N, 2) places."""
+    along = segments[:, 1] - segments[:, 0]
+    length2 = np.sum(along**2, axis=1)
+    share = np.sum((xy[:, None] - segments[:, 0]) * along, axis=2) / np.where(length2 > 0.0, length2, 1.0)
+    return np.asarray(segments[:, 0] + np.clip(share, 0.0, 1.0)[..., None] * along)
+
+
+def nearest_on_polygons(xy: Floats, corners: Floats, starts: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Floats:
+    """(N, P, 2) points of packed polygons' borders (`pack_polygons`) nearest to (N, 2) places."""
+    out = np.empty((len(xy), len(starts) - 1, 2))
+    for p in range(len(starts) - 1):
+        points = nearest_on_segments(xy, edges(corners[starts[p] : starts[p + 1]]))
+        best = np.argmin(distance(xy[:, None], points), axis=1)
+        out[:, p] = points[np.arange(len(xy)), best]
+    return out
+
+
+def edges(polygon: Floats) -> Floats:
+    """(K, 2, 2) edges of a (K, 2) polygon."""
+    return np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
+
+
+def least_to_points(start: Floats, end: Floats, first: Floats, last: Floats) -> Floats:
+    """(N, K) least distances of N robots from K points while all move straight and evenly.
+
+    Args:
+        start: (N, 2) places of the robots before the step.
+        end: (N, 2) places after it.
+        first: (K, 2) places of the points before the step.
+        last: (K, 2) places after it.
+    """
+    before, after = start[:, None] - first, end[:, None] - last
+    change = after - before
+    length2 = np.sum(change**2, axis=2)
+    share = np.clip(-np.sum(before * change, axis=2) / np.where(length2 > 0.0, length2, 1.0), 0.0, 1.0)
+    least = before + share[..., None] * change
+    return np.asarray(np.hypot(least[..., 0], least[..., 1]))
+
+
+def least_to_segments(start: Floats, end: Floats, segments: Floats) -> Floats:
+    """(N, E) least distances between the robots' steps, from (N, 2) to (N, 2), and E segments; 0 where they cross."""
+    ends = [distance(p[:, None], nearest_on_segments(p, segments)) for p in (start, end)]
+    steps = np.stack([start, end], axis=1)
+    for corner in (segments[:, 0], segments[:, 1]):
+        ends.append(distance(corner[:, None], nearest_on_segments(corner, steps)).T)
+    p, q = segments[:, 0], segments[:, 1]
+    one = _side(start[:, None], end[:, None], p) * _side(start[:, None], end[:, None], q)
+    other = _side(p, q, start[:, None]) * _side(p, q, end[:, None])
+    return np.where((one < 0.0) & (other < 0.0), 0.0, np.minimum.reduce(ends))
+
+
+def _side(a: Floats, b: Floats, c: Floats) -> Floats:
+    """(...) twice the signed area of triangles a, b, c: on which side of a-b is c."""
+    ab, ac = b - a, c - a
+    return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])

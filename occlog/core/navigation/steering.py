@@ -1,0 +1,130 @@
+"""Direction of each robot's next step: forces, prevention of collisions, escape from oscillation ([Lee] Sec. 5.2.2).
+
+The thesis has one obstacle.  Of several, each repels; the prevention is that of the obstacle nearest to its reach among
+those that stand in line with the goal, and the region in which a robot oscillates is that of the nearest one.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+
+from .alignment import ROUNDING, prevented
+from .oscillation import opposite, turned
+from .potentials import Field, attractive_force, direction, distance, repulsive_force
+
+
+class State(IntEnum):
+    """What decides on the direction of a step; where several do, the highest number is told."""
+
+    FREE = 0  # the forces alone
+    OSCILLATING = 1  # oscillation was recognised, but the robot does not escape
+    PREVENT = 2  # the force away from an obstacle in line with the goal
+    ESCAPING = 3  # the force turned away from the line of oscillation
+
+
+STATES = ("free", "oscillating", "prevent", "escaping")
+"""Names of the states, by number."""
+
+
+class Around(NamedTuple):
+    """K obstacles as N robots meet them at one moment."""
+
+    nearest: Floats  # (N, K, 2) p_o, from which distances are measured: the centre, or the nearest point of a border
+    radius: Floats  # (K,) what the obstacle has beyond that point
+    size: Floats  # (K,) r_o, radius of the whole obstacle
+    way: Floats  # (K,) how far the obstacle itself goes in a step; 0: it stands
+
+
+class Steps(NamedTuple):
+    """How robots step and what they do about obstacles."""
+
+    way: float  # s_r T_s
+    radius: float  # r_r
+    prevent: bool  # the force of (5.25), not the original one of (5.15)
+    escape: str  # `none`, `inside` (step 3.1) or `outside` (step 3.2)
+    side: str  # to which a robot turns: `left`, `right` or `free`
+    aligned: float  # tolerance of (5.18)
+    opposite: float  # tolerance of (5.26)
+
+
+class Steering(NamedTuple):
+    """Forces on N robots, and what they do."""
+
+    attractive: Floats  # (N, 2)
+    repulsive: Floats  # (N, 2) sum over the obstacles
+    total: Floats  # (N, 2) force that moves the robot: (5.15), (5.25), or turned by theta_osc
+    state: Ints  # (N,) numbers of `State`
+    recognised: Bools  # (N,) oscillation (5.26)
+
+
+def steer(xy: Floats, goal: Floats, around: Around, field: Field, steps: Steps, previous: Floats) -> Steering:
+    """Forces on robots, and the total force that gives the direction of the next step.
+
+    Args:
+        xy: (N, 2) places of the robots.
+        goal: (N, 2) their goals.
+        around: obstacles.
+        field: constants of the potentials.
+        steps: length of steps, radius, rules.
+        previous: (N, 2) total forces one step before; NaN: none yet.
+    """
+    # Forces of goal and obstacles ([Lee] Eqs. 5.11 to 5.15)
+    attractive = attractive_force(xy, goal, field)
+    repulsive = repulsive_force(xy[:, None], around.nearest, field).sum(axis=1)
+    total, state = attractive + repulsive, np.full(len(xy), State.FREE, dtype=np.int64)
+    reach = steps.way + around.way + steps.radius + around.radius
+    beyond = distance(xy[:, None], around.nearest) - reach
+    # Prevention of collisions with aligned obstacles ([Lee] Eqs. 5.24 and 5.25)
+    prevent: Bools = np.zeros(len(xy), dtype=np.bool_)
+    if steps.prevent and len(reach):
+        blocked = prevented(xy[:, None], around.nearest, goal[:, None], reach, field, steps.aligned)
+        prevent = np.asarray(blocked.any(axis=1))
+        row, worst = np.flatnonzero(prevent), np.argmin(np.where(blocked, beyond, np.inf), axis=1)
+        total[row] = direction(xy[row], around.nearest[row, worst[row]])
+        state[row] = State.PREVENT
+    # Recognition of oscillation ([Lee] Eq. 5.26)
+    recognised = opposite(previous, total, steps.opposite)
+    state[recognised & ~prevent] = State.OSCILLATING
+    if steps.escape != "none" and len(reach) and recognised.any():
+        angle = np.where(recognised, _escape_angle(xy, around, steps, beyond, reach), 0.0)
+        # Escape: turn the total force by theta_osc ([Lee] Eqs. 5.33 and 5.34)
+        escaping = angle > 0.0
+        total = np.where(escaping[:, None], turned(total, _sided(xy, goal, around, steps, total, angle)), total)
+        state[escaping] = State.ESCAPING
+    return Steering(attractive, repulsive, total, state, recognised)
+
+
+def _escape_angle(xy: Floats, around: Around, steps: Steps, beyond: Floats, reach: Floats) -> Floats:
+    """(N,) the largest angle of (5.31) or (5.32); 0 where the robot is not in the region in which it is to escape."""
+    near = np.argmin(beyond, axis=1)
+    gap = beyond[np.arange(len(xy)), near]
+    inside = gap <= ROUNDING * reach[near]
+    if steps.escape == "inside":
+        return np.where(inside, 0.5 * math.pi, 0.0)
+    # Outside the region, but no farther than a step ([Lee] Eq. 5.28)
+    outside = ~inside & (gap <= steps.way + ROUNDING * reach[near])
+    radii = steps.radius + around.size[near]
+    return np.where(outside, np.arcsin(radii / (steps.way + radii)), 0.0)
+
+
+def _sided(xy: Floats, goal: Floats, around: Around, steps: Steps, total: Floats, angle: Floats) -> Floats:
+    """(N,) the angles with the sign of the side to which the robots turn.
+
+    `free`: the side on which the next place is farther from the obstacles, of equal ones the one nearer to the
+    goal, of equal ones the left.
+    """
+    if steps.side != "free":
+        return angle if steps.side == "left" else -angle
+    heading = total / np.maximum(np.hypot(total[:, 0], total[:, 1]), np.finfo(float).tiny)[:, None]
+    ends = [xy + steps.way * turned(heading, sign * angle) for sign in (1.0, -1.0)]
+    room = [np.min(distance(p[:, None], around.nearest) - around.radius, axis=1) for p in ends]
+    left = [distance(p, goal) for p in ends]
+    slack = ROUNDING * steps.way
+    right = (room[1] > room[0] + slack) | ((room[1] >= room[0] - slack) & (left[1] < left[0] - slack))
+    return np.where(right, -angle, angle)

@@ -1,0 +1,106 @@
+"""Settings of `occlog navigate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.core.navigation.config import FieldSettings
+from occlog.settings import setting
+
+
+@dataclass(frozen=True)
+class NavigateConfig(FieldSettings):
+    """A robot, its steps, and what counts as an obstacle; lengths in the scene's unit.
+
+    The defaults in a unit of its own are those of the example printed in [Lee] Sec. 5.2.2.
+    """
+
+    OWNER: ClassVar[str] = "navigate"
+
+    speed: float = setting(
+        2.0**0.5,
+        "Constant speed s_r of the robot.",
+        unit="length/s",
+        people=1.0,
+        above=0,
+        option="--speed",
+        metavar="LENGTH",
+        shown="1 m/s, or the square root of 2 in a unit of its own",
+    )
+    step_s: float = setting(
+        1.0,
+        "Time T_s between two changes of direction.",
+        unit="s",
+        people=0.1,
+        at_least=1e-6,
+        at_most=1e6,
+        option="--step",
+        metavar="SECONDS",
+    )
+    radius: float = setting(
+        0.0, "Of the robot, r_r.", unit="length", people=0.25, at_least=0, option="--radius", metavar="LENGTH"
+    )
+    obstacle_radius: float = setting(
+        0.0,
+        "Of tracked people, r_o.",
+        unit="length",
+        people=0.25,
+        at_least=0,
+        option="--obstacle-radius",
+        metavar="LENGTH",
+    )
+    sigmas: float = setting(
+        0.0,
+        "Standard deviations of a track, along its widest axis, by which its obstacle is larger.",
+        at_least=0,
+    )
+    max_gap_s: float = setting(
+        1.0, "Longest time between two rows of a track that is bridged.", unit="s", at_least=0, at_most=1e9
+    )
+    origin: str = setting(
+        "centre",
+        "Distances of potentials are from the `centre` of round obstacles and people, as in the thesis, or from their "
+        "`border`.",
+        people="border",
+        choices=("centre", "border"),
+        option="--origin",
+    )
+    ahead_s: float = setting(
+        0.0,
+        "People repel from where they will be nearest within this time, if they go on as in the last step.",
+        unit="s",
+        people=1.0,
+        at_least=0,
+        at_most=3600,
+        option="--ahead",
+        metavar="SECONDS",
+    )
+    shape: str = setting(
+        "circle",
+        "Static occluders repel as `circle` about them, or by their nearest point, as a `polygon`, before whose sides "
+        "robots are caught; collisions are with the polygon in either case.",
+        choices=("circle", "polygon"),
+        option="--shape",
+    )
+    walls: bool = setting(True, "The room's walls repel, too.", option="--walls/--no-walls")
+    arrive: float | None = setting(
+        None,
+        "Distance from the goal at which it is reached.",
+        unit="length",
+        above=0,
+        option="--arrive",
+        metavar="LENGTH",
+        nothing="the length of a step",
+    )
+    steps: int = setting(2000, "Most steps.", at_least=1, at_most=10_000_000, option="--steps")
+
+    @property
+    def way(self) -> float:
+        """s_r T_s, the length of a step."""
+        return self.speed * self.step_s
+
+    @property
+    def near(self) -> float:
+        """Distance from the goal at which it is reached."""
+        return self.way if self.arrive is None else self.arrive

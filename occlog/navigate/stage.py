@@ -1,0 +1,216 @@
+"""Robots on their way: steps of constant length along the total force, until goal, collision or endless repetition.
+
+Robots do not see each other; several at a time are for experiments with many starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.navigation.alignment import ROUNDING
+from occlog.core.navigation.potentials import distance
+from occlog.core.navigation.steering import STATES, State, Steering, Steps, steer
+
+from .config import NavigateConfig
+from .course import Course, Moment
+
+WINDOW = 50
+"""Steps over which a robot's whereabouts are gathered, to tell whether it still gets on."""
+STUCK = 4.0
+"""A robot that stayed for a window and more within so many steps' length is caught."""
+
+
+class End(IntEnum):
+    """How a path ends."""
+
+    GOING = 0
+    REACHED = 1
+    COLLIDED = 2
+    ENDLESS = 3  # place and force of an earlier step come back: they come back for ever
+    STOPPED = 4  # the steps ran out
+
+
+class Step(NamedTuple):
+    """N robots at one step, of which some may have ended before."""
+
+    number: int
+    active: Ints  # numbers of the robots that were still going
+    xy: Floats  # (A, 2) where they are
+    clearance: Floats  # (A,) least distance from obstacles since the step before, border to border
+    nearest: Ints  # (A,) which obstacle that was; -1: there are none
+    steering: Steering | None  # what they do next; None: none of them goes on
+
+
+@dataclass(eq=False)
+class Drive:
+    """How N robots fared; filled while `drive` goes on.
+
+    Attributes:
+        xy: (N, 2) last places.
+        end: (N,) numbers of `End`.
+        steps: (N,) steps done.
+        clearance: (N,) least distance from obstacles, border to border, between steps, too.
+        nearest: (N,) which obstacle that was; -1: there are none.
+        states: (N, 4) steps in each `State`.
+        recognised: (N,) steps at which oscillation was recognised.
+        caught: (N,) whether a robot whose steps ran out stayed at one place in the end.
+        prevented: (N,) whether the endless part of a path, or its last window, has steps of the prevention.
+    """
+
+    xy: Floats
+    end: Ints
+    steps: Ints
+    clearance: Floats
+    nearest: Ints
+    states: Ints
+    recognised: Ints
+    caught: Bools
+    prevented: Bools
+
+    @classmethod
+    def at(cls, starts: Floats) -> Drive:
+        """Robots that have not moved yet."""
+        n = len(starts)
+        return cls(
+            xy=starts.copy(),
+            end=np.zeros(n, dtype=np.int64),
+            steps=np.zeros(n, dtype=np.int64),
+            clearance=np.full(n, np.inf),
+            nearest=np.full(n, -1),
+            states=np.zeros((n, len(STATES)), dtype=np.int64),
+            recognised=np.zeros(n, dtype=np.int64),
+            caught=np.zeros(n, dtype=np.bool_),
+            prevented=np.zeros(n, dtype=np.bool_),
+        )
+
+
+def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) -> Iterator[Step]:
+    """Move robots step by step; yield each step, the one before the first move included.
+
+    Args:
+        robots: where they start; how they fare is written into it.
+        goals: (N, 2).
+        course: obstacles.
+        config: speed, rules, most steps.
+    """
+    steps = Steps(
+        way=config.way,
+        radius=config.radius,
+        prevent=config.force == "prevent",
+        escape=config.escape,
+        side=config.side,
+        aligned=config.aligned,
+        opposite=config.opposite,
+    )
+    field, total = config.field(), np.full_like(robots.xy, np.nan)
+    watch = _Watch(robots.xy)
+    moment = course.moment(0)
+    active = np.arange(len(robots.xy))
+    gaps = course.clearance(robots.xy, robots.xy, config.radius, _standing(moment))
+    for number in range(config.steps + 1):
+        clearance, nearest = _least(gaps)
+        _note_clearance(robots, active, clearance, nearest)
+        xy = robots.xy[active]
+        # Ends: collision first, since a robot that drives through something has not reached its goal
+        arrived = distance(xy, goals[active]) <= config.near * (1.0 + ROUNDING)
+        collided = clearance <= ROUNDING * config.way
+        end = np.where(collided, End.COLLIDED, np.where(arrived, End.REACHED, End.GOING))
+        if number == config.steps:
+            robots.caught[active] = watch.stays(active, STUCK * config.way)
+            robots.prevented[active] = watch.prevented[active]
+            end = np.where(end == End.GOING, End.STOPPED, end)
+        elif course.moving is None:
+            again = (end == End.GOING) & watch.repeats(active, xy, total[active], ROUNDING * config.way)
+            robots.prevented[active[again]] = watch.prevented[active[again]]
+            end = np.where(again, End.ENDLESS, end)
+        robots.end[active] = end
+        going = end == End.GOING
+        if not going.any():
+            yield Step(number, active, xy, clearance, nearest, None)
+            return
+        moment = course.moment(number)
+        steering = steer(xy, goals[active], course.around(xy, moment), field, steps, total[active])
+        yield Step(number, active, xy, clearance, nearest, steering)
+        # Move: a step of constant length along the total force
+        active, moved = active[going], Steering(*(part[going] for part in steering))
+        length = np.hypot(moved.total[:, 0], moved.total[:, 1])[:, None]
+        heading = np.where(length > 0.0, moved.total / np.where(length > 0.0, length, 1.0), 0.0)
+        before = robots.xy[active]
+        robots.xy[active] = before + config.way * heading
+        robots.steps[active] += 1
+        robots.states[active, moved.state] += 1
+        robots.recognised[active] += moved.recognised
+        total[active] = moved.total
+        watch.see(robots.xy, active, moved.state == State.PREVENT)
+        gaps = course.clearance(before, robots.xy[active], config.radius, moment)
+
+
+def _standing(moment: Moment) -> Moment:
+    """The moving obstacles as if they stood where they are at the start."""
+    return moment._replace(after=moment.xy, radius_after=moment.radius)
+
+
+def _least(gaps: Floats) -> tuple[Floats, Ints]:
+    """(A,) least of (A, K) clearances, infinite without obstacles, and whose it is, -1 without."""
+    if not gaps.shape[1]:
+        return np.full(len(gaps), np.inf), np.full(len(gaps), -1)
+    nearest = np.argmin(gaps, axis=1)
+    return gaps[np.arange(len(gaps)), nearest], nearest
+
+
+def _note_clearance(robots: Drive, active: Ints, clearance: Floats, nearest: Ints) -> None:
+    """Keep the least clearance of each robot."""
+    less = clearance < robots.clearance[active]
+    robots.clearance[active[less]] = clearance[less]
+    robots.nearest[active[less]] = nearest[less]
+
+
+class _Watch:
+    """Notices robots that repeat themselves for ever, or that stay at one place.
+
+    Among obstacles that stand, place and total force decide on everything that follows: where both come back the
+    robot repeats what it did between.  The state that is compared is taken anew at steps 1, 2, 4, 8, ... (Brent's
+    way to find cycles), so that a cycle of any length is found without a memory of all steps.
+    """
+
+    def __init__(self, xy: Floats) -> None:
+        """Nothing was seen yet."""
+        self._step, self._next = 0, 1
+        self._xy, self._total = np.full_like(xy, np.nan), np.full_like(xy, np.nan)
+        self._box = np.stack([xy, xy])  # least and largest x and y of each robot in this window of steps
+        self._before = self._box
+        self.prevented = np.zeros(len(xy), dtype=np.bool_)
+        """(N,) whether the prevention acted since the state that is compared was taken."""
+
+    def repeats(self, active: Ints, xy: Floats, total: Floats, slack: float) -> Bools:
+        """(A,) whether robots at (A, 2) places, moved there by forces (A, 2), have been so before."""
+        size = np.hypot(total[:, 0], total[:, 1])
+        same = (distance(xy, self._xy[active]) <= slack) & (distance(total, self._total[active]) <= ROUNDING * size)
+        if self._step == self._next:
+            self._next *= 2
+            # Robots that have just been found to repeat themselves are told so before the state is forgotten
+            fresh = active[~same]
+            self._xy[fresh], self._total[fresh], self.prevented[fresh] = xy[~same], total[~same], False
+        return np.asarray(same)
+
+    def see(self, xy: Floats, active: Ints, prevented: Bools) -> None:
+        """Note where all robots (N, 2) are, and for which of the active ones the prevention acted."""
+        self._step += 1
+        self.prevented[active] |= prevented
+        if self._step % WINDOW == 0:
+            self._before, self._box = self._box, np.stack([xy, xy])
+        self._box = np.stack([np.minimum(self._box[0], xy), np.maximum(self._box[1], xy)])
+
+    def stays(self, active: Ints, most: float) -> Bools:
+        """(A,) whether robots stayed within a length in this window and the one before; false before there are two."""
+        if self._step < 2 * WINDOW:
+            return np.zeros(len(active), dtype=np.bool_)
+        low = np.minimum(self._before[0, active], self._box[0, active])
+        high = np.maximum(self._before[1, active], self._box[1, active])
+        return np.asarray(np.max(high - low, axis=1) <= most)
