@@ -15,7 +15,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.navigation.alignment import ROUNDING
 from occlog.core.navigation.potentials import distance
-from occlog.core.navigation.steering import STATES, State, Steering, Steps, steer
+from occlog.core.navigation.steering import STATES, State, Steering, field_of, steer, steps_of
 
 from .config import NavigateConfig
 from .course import Course, Moment
@@ -99,16 +99,8 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
         course: obstacles.
         config: speed, rules, most steps.
     """
-    steps = Steps(
-        way=config.way,
-        radius=config.radius,
-        prevent=config.force == "prevent",
-        escape=config.escape,
-        side=config.side,
-        aligned=config.aligned,
-        opposite=config.opposite,
-    )
-    field, total = config.field(), np.full_like(robots.xy, np.nan)
+    steps, field = steps_of(config, config.way, config.radius), field_of(config)
+    total = np.full_like(robots.xy, np.nan)
     watch = _Watch(robots.xy)
     moment = course.moment(0)
     active = np.arange(len(robots.xy))

@@ -1,12 +1,13 @@
-"""Settings of forces and of rules of motion, for robots that navigate and for people that avoid each other."""
+"""Settings of forces and of rules of motion, for robots that navigate and for people that avoid each other.
+
+It loads nothing heavy, so that `--help` can read it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from occlog.settings import METRES, Settings, setting
-
-from .potentials import Field
 
 CUBIC_METRE = {unit: 0.1 / metres**3 for unit, metres in METRES.items()}
 """The default repulsion in each unit of length: with m = 1 and n = 2 it is a length to the third power."""
@@ -51,6 +52,14 @@ class FieldSettings(Settings):
         choices=("none", "inside", "outside"),
         option="--escape",
     )
+    escape_angle: float | None = setting(
+        None,
+        "Angle of the escape.",
+        unit="rad",
+        at_least=0,
+        at_most=3.2,
+        nothing="the largest of Eq. 5.31 or 5.32",
+    )
     side: str = setting(
         "free",
         "Side to which an escape turns; `free`: where obstacles are farther, else where the goal is nearer, else left.",
@@ -72,9 +81,3 @@ class FieldSettings(Settings):
         below=1,
         option="--opposite",
     )
-
-    def field(self) -> Field:
-        """The constants of the potentials."""
-        return Field(
-            self.attraction, self.repulsion, self.attraction_power, self.repulsion_power, influence=self.influence
-        )

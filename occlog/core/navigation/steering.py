@@ -15,6 +15,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 
 from .alignment import ROUNDING, prevented
+from .config import FieldSettings
 from .oscillation import opposite, turned
 from .potentials import Field, attractive_force, direction, distance, repulsive_force
 
@@ -51,6 +52,32 @@ class Steps(NamedTuple):
     side: str  # to which a robot turns: `left`, `right` or `free`
     aligned: float  # tolerance of (5.18)
     opposite: float  # tolerance of (5.26)
+    angle: float | None = None  # of the escape [rad]; None: the largest one of (5.31) or (5.32)
+
+
+def field_of(settings: FieldSettings) -> Field:
+    """The constants of the potentials among the settings."""
+    return Field(
+        attraction=settings.attraction,
+        repulsion=settings.repulsion,
+        attraction_power=settings.attraction_power,
+        repulsion_power=settings.repulsion_power,
+        influence=settings.influence,
+    )
+
+
+def steps_of(settings: FieldSettings, way: float, radius: float) -> Steps:
+    """The rules among the settings, for robots of a radius whose steps have a length."""
+    return Steps(
+        way=way,
+        radius=radius,
+        prevent=settings.force == "prevent",
+        escape=settings.escape,
+        side=settings.side,
+        aligned=settings.aligned,
+        opposite=settings.opposite,
+        angle=settings.escape_angle,
+    )
 
 
 class Steering(NamedTuple):
@@ -101,16 +128,17 @@ def steer(xy: Floats, goal: Floats, around: Around, field: Field, steps: Steps, 
 
 
 def _escape_angle(xy: Floats, around: Around, steps: Steps, beyond: Floats, reach: Floats) -> Floats:
-    """(N,) the largest angle of (5.31) or (5.32); 0 where the robot is not in the region in which it is to escape."""
+    """(N,) the angle of the escape; 0 where the robot is not in the region in which it is to escape."""
     near = np.argmin(beyond, axis=1)
     gap = beyond[np.arange(len(xy)), near]
     inside = gap <= ROUNDING * reach[near]
     if steps.escape == "inside":
-        return np.where(inside, 0.5 * math.pi, 0.0)
+        return np.where(inside, 0.5 * math.pi if steps.angle is None else steps.angle, 0.0)
     # Outside the region, but no farther than a step ([Lee] Eq. 5.28)
     outside = ~inside & (gap <= steps.way + ROUNDING * reach[near])
     radii = steps.radius + around.size[near]
-    return np.where(outside, np.arcsin(radii / (steps.way + radii)), 0.0)
+    largest = np.arcsin(radii / (steps.way + radii))
+    return np.where(outside, largest if steps.angle is None else steps.angle, 0.0)
 
 
 def _sided(xy: Floats, goal: Floats, around: Around, steps: Steps, total: Floats, angle: Floats) -> Floats:
