@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Floats, Ints
+from occlog.array_types import Floats
+from occlog.core.navigation.moving import Moment, Moving
 from occlog.core.navigation.obstacles import (
     edges,
     least_to_points,
@@ -19,16 +20,12 @@ from occlog.core.navigation.obstacles import (
 )
 from occlog.core.navigation.potentials import distance
 from occlog.core.navigation.steering import Around
-from occlog.core.numerics.interpolate import interpolate_positions
 from occlog.core.plane.polygons import inside_polygon, pack_polygons
 from occlog.errors import InputError
+from occlog.measure.scans.moving_people import People
 from occlog.records.scene import Scene
-from occlog.records.tables import Tracks, Truth
 
 from .config import NavigateConfig
-
-BLOCK = 256
-"""Steps for which the places of moving obstacles are interpolated at a time."""
 
 
 class Disc(NamedTuple):
@@ -37,65 +34,6 @@ class Disc(NamedTuple):
     x: float
     y: float
     radius: float = 0.0
-
-
-class Moment(NamedTuple):
-    """Moving obstacles at the start and the end of a step; NaN where one is not there."""
-
-    xy: Floats  # (M, 2)
-    radius: Floats  # (M,)
-    after: Floats  # (M, 2) a step later
-    radius_after: Floats  # (M,)
-    move: Floats  # (M, 2) how each moved in the step before; 0 where that is not known
-
-
-class Moving:
-    """Tracked people, interpolated at the times of a robot's steps."""
-
-    def __init__(self, tracks: Tracks | Truth, start_ns: int, config: NavigateConfig) -> None:
-        """Gather the rows of each track.
-
-        Args:
-            tracks: all rows; those of `Truth` have no covariance.
-            start_ns: time of the robot's start.
-            config: step, radius of people, `sigmas`, gaps that are bridged.
-        """
-        self.start_ns, self._config, self._first = start_ns, config, -BLOCK
-        self.ids = np.unique(tracks.target_id)
-        wide = config.obstacle_radius + config.sigmas * _deviation(tracks)
-        columns = np.column_stack([tracks.x, tracks.y, wide])
-        own = [tracks.target_id == name for name in self.ids.tolist()]
-        self._known = [(tracks.t_ns[rows], columns[rows]) for rows in own]
-        self._block = np.empty((0, len(own), 3))
-
-    def at(self, step: int) -> Moment:
-        """The obstacles at a step; steps are asked for in rising order."""
-        if not self._first <= step < self._first + BLOCK:
-            self._first = step
-            self._block = self._places(np.arange(step - 1, step + BLOCK + 1))
-        before, now, after = self._block[step - self._first : step - self._first + 3]
-        return Moment(
-            xy=now[:, :2],
-            radius=now[:, 2],
-            after=after[:, :2],
-            radius_after=after[:, 2],
-            move=np.nan_to_num(now[:, :2] - before[:, :2]),
-        )
-
-    def _places(self, steps: Ints) -> Floats:
-        """(T, M, 3) x, y and radius of all obstacles at steps."""
-        t_ns = self.start_ns + np.rint(steps * (self._config.step_s * NS)).astype(np.int64)
-        limit_ns = round(self._config.max_gap_s * NS)
-        places = [interpolate_positions(t_ns, known, columns, limit_ns)[0] for known, columns in self._known]
-        return np.stack(places, axis=1) if places else np.empty((len(steps), 0, 3))
-
-
-def _deviation(tracks: Tracks | Truth) -> Floats:
-    """(R,) standard deviation along the widest axis of each row's covariance."""
-    if isinstance(tracks, Truth):
-        return np.zeros(len(tracks))
-    middle, half = 0.5 * (tracks.cov_xx + tracks.cov_yy), 0.5 * (tracks.cov_xx - tracks.cov_yy)
-    return np.asarray(np.sqrt(np.maximum(middle + np.hypot(half, tracks.cov_xy), 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +144,17 @@ class Course:
             if apart.min() <= 0.0:
                 name = self.names[len(self.discs) + int(np.argmin(apart))]
                 raise InputError(f"{at} is inside the circle about {name}, which repels robots; take shape polygon")
+
+
+def people_of(config: NavigateConfig) -> People:
+    """How the settings take people as obstacles."""
+    return People(
+        radius=config.obstacle_radius,
+        sigmas=config.sigmas,
+        max_gap_s=config.max_gap_s,
+        step_s=config.step_s,
+        steps=config.steps,
+    )
 
 
 def course_of(scene: Scene, discs: Sequence[Disc], moving: Moving | None, config: NavigateConfig) -> Course:

@@ -14,11 +14,12 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.navigation.alignment import ROUNDING
+from occlog.core.navigation.moving import Moment
 from occlog.core.navigation.potentials import distance
 from occlog.core.navigation.steering import STATES, State, Steering, field_of, steer, steps_of
 
 from .config import NavigateConfig
-from .course import Course, Moment
+from .course import Course
 
 WINDOW = 50
 """Steps over which a robot's whereabouts are gathered, to tell whether it still gets on."""

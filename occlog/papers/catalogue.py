@@ -13,6 +13,8 @@ from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS
 from occlog.papers.lee.cooperation.room import ROOM_EXPERIMENTS
 from occlog.papers.lee.fusion.cases import DECISION_EXPERIMENTS
 from occlog.papers.lee.fusion.detection_rates import FUSION_EXPERIMENTS
+from occlog.papers.lee.navigation.escapes import ESCAPE_EXPERIMENTS
+from occlog.papers.lee.navigation.forces import FORCE_EXPERIMENTS
 from occlog.papers.lee.space import scenarios, tables, variances
 from occlog.papers.page.planplot import Plan
 from occlog.papers.page.shotplot import Shots
@@ -37,6 +39,9 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
         # Chapter 4
         *DECISION_EXPERIMENTS,
         *FUSION_EXPERIMENTS,
+        # Chapter 5
+        *FORCE_EXPERIMENTS,
+        *ESCAPE_EXPERIMENTS,
     ),
     "qu": (table1.TABLE1, table2.TABLE2, table3.TABLE3, fig7.FIG7, *variants.VARIANTS, loop.LOOP),
 }

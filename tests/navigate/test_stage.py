@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from occlog.errors import InputError
+from occlog.measure.scans.moving_people import obstacles_of
 from occlog.navigate.config import NavigateConfig
-from occlog.navigate.course import Disc, Moving, course_of
+from occlog.navigate.course import Disc, course_of, people_of
 from occlog.navigate.stage import Drive, End, drive
 from occlog.navigate.verdict import Verdict
 from occlog.records.scene import Occluder, Scene
@@ -33,7 +34,7 @@ def driven(
 ) -> tuple[np.ndarray, Drive, Verdict]:
     """The places of one robot, how it fared, and the verdict."""
     config = configure(NavigateConfig.in_unit(scene.length_unit), values)
-    moving = None if people is None else Moving(people, int(people.t_ns[0]), config)
+    moving = None if people is None else obstacles_of(people, int(people.t_ns[0]), people_of(config))
     course = course_of(scene, discs, moving, config)
     robots = Drive.at(np.array([start], dtype=np.float64))
     steps = list(drive(robots, np.array([goal], dtype=np.float64), course, config))
@@ -172,7 +173,7 @@ def test_a_person_counts_while_their_track_lasts():
 def test_moving_obstacles_grow_with_their_uncertainty():
     config = configure(NavigateConfig.in_unit("m"), {"sigmas": 2.0})
     rows = people(np.linspace(1.0, 2.0, 11), 3.0, variance=0.09)
-    moment = Moving(rows, 0, config).at(5)
+    moment = obstacles_of(rows, 0, people_of(config)).at(5)
     np.testing.assert_allclose(moment.xy, [[1.5, 3.0]])
     np.testing.assert_allclose(moment.move, [[0.1, 0.0]])
     np.testing.assert_allclose(moment.radius, 0.25 + 2.0 * 0.3)
@@ -181,7 +182,7 @@ def test_moving_obstacles_grow_with_their_uncertainty():
 def test_moving_obstacles_are_the_same_in_whichever_order_steps_are_asked_for():
     config = configure(NavigateConfig.in_unit("m"), {})
     rows = people(np.linspace(1.0, 7.0, 600), 3.0)
-    forward, back = Moving(rows, 0, config), Moving(rows, 0, config)
+    forward, back = obstacles_of(rows, 0, people_of(config)), obstacles_of(rows, 0, people_of(config))
     there = [forward.at(k).xy for k in range(590)]
     again = [back.at(k).xy for k in reversed(range(590))][::-1]
     np.testing.assert_array_equal(there, again)

@@ -101,7 +101,8 @@ def _curve(axes: Axes, n: int, curve: Curve) -> None:
 def _scale(axes: Axes, chart: Chart) -> None:
     axes.set_xlabel(chart.x_label)
     axes.set_ylabel(chart.y_label)
-    axes.set_ylim(bottom=0.0)
+    if all(y >= 0.0 for c in chart.curves for y in (*c.y, *c.across)):
+        axes.set_ylim(bottom=0.0)
     if all(x == round(x) for c in chart.curves for x in c.x):
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 

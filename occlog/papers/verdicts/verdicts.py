@@ -3,6 +3,8 @@
 number   a stated number: `reproduced` within 10 % of it, or within two standard errors if the standard error
          is at most 10 % of it; `in part` within 35 %, or, where the number is a factor by which something
          grows, if at least half of its excess over 1 is there.
+printed  a number that follows from printed inputs without any noise: `reproduced` if it is off by at most two
+         units of its last digit; `in part` within 10 %.
 pairs    a statement that one mean is below another, at several points: a point counts as held if
          the difference is above one standard error of it.  All points: `reproduced`; at least half: `in part`.
 close    two means are as good as equal, at several points: a point counts as held if they differ by
@@ -108,6 +110,27 @@ def number(key: str, statement: str, paper: float, measured: float, error: float
         verdict=REPRODUCED if good else IN_PART if fair else NOT,
         rule=rule,
     )
+
+
+def printed(key: str, said: str, number: float, row: Row | None) -> Verdict:
+    """Judge a printed number to its digits: within two units of the last, as its inputs are rounded too."""
+    if row is None:
+        return Verdict(
+            key,
+            said,
+            paper=number,
+            measured=None,
+            error_bar=None,
+            runs=0,
+            verdict=NOT,
+            rule="printed digits; it could not be computed",
+        )
+    off = abs(row.mean - number)
+    digits = len(f"{number}".split(".")[1])
+    near, fair = 2.0 * 10.0**-digits, NEAR * abs(number)
+    verdict = REPRODUCED if off <= near else IN_PART if off <= fair else NOT
+    rule = f"printed digits: off by at most two units of the last; in part within {NEAR:.0%}"
+    return Verdict(key, said, paper=number, measured=row.mean, error_bar=None, runs=1, verdict=verdict, rule=rule)
 
 
 def factor(key: str, statement: str, paper: float, low: Row | None, high: Row | None) -> Verdict:

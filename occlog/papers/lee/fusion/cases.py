@@ -227,18 +227,18 @@ def judge_case(name: str, table: Table) -> list[Verdict]:
     """Judge each printed number of a case study."""
     c = CASES[name]
     out = [
-        _printed(
+        v.printed(
             f"{name}-w{j + 1}", f"Quality W of the detection of sensor {j + 1}.", w, v.find(table, "quality", j + 1.0)
         )
         for j, w in c.qualities.items()
     ]
     for axis, number in zip("xy", c.fused, strict=True):
-        out.append(_printed(f"{name}-{axis}", f"Fused position (4.22), {axis}.", number, v.find(table, axis)))
-    out.append(_printed(f"{name}-prior", "Prior P_1 (4.23) of the fused position.", c.prior, v.find(table, "prior")))
+        out.append(v.printed(f"{name}-{axis}", f"Fused position (4.22), {axis}.", number, v.find(table, axis)))
+    out.append(v.printed(f"{name}-prior", "Prior P_1 (4.23) of the fused position.", c.prior, v.find(table, "prior")))
     for row, how in ((ITEMS[4], "by (4.13), log10"), (ITEMS[5], "log10, with log W for log W/(1 - W)")):
         key = f"{name}-value-{'printed' if row == ITEMS[4] else 'cases'}"
         out.append(
-            _printed(key, f"Value of the decision, {how}, from the printed W and P_1.", c.value, v.find(table, row))
+            v.printed(key, f"Value of the decision, {how}, from the printed W and P_1.", c.value, v.find(table, row))
         )
     found = v.find(table, ITEMS[4])
     said = f"The object is declared {'present' if c.declared else 'absent'} by (4.13)."
@@ -258,29 +258,8 @@ def judge_case(name: str, table: Table) -> list[Verdict]:
     )
     if c.value_plain is not None:
         said = "Value of the decision by (4.3) without prior, by which the false object would be declared."
-        out.append(_printed(f"{name}-value-plain", said, c.value_plain, v.find(table, ITEMS[6])))
+        out.append(v.printed(f"{name}-value-plain", said, c.value_plain, v.find(table, ITEMS[6])))
     return out
-
-
-def _printed(key: str, said: str, number: float, row: Row | None) -> Verdict:
-    """Judge a printed number to its digits: within two units of the last, as its inputs are rounded too."""
-    if row is None:
-        return Verdict(
-            key,
-            said,
-            paper=number,
-            measured=None,
-            error_bar=None,
-            runs=0,
-            verdict=v.NOT,
-            rule="printed digits; it could not be computed",
-        )
-    off = abs(row.mean - number)
-    digits = len(f"{number}".split(".")[1])
-    near, fair = 2.0 * 10.0**-digits, v.NEAR * abs(number)
-    verdict = v.REPRODUCED if off <= near else v.IN_PART if off <= fair else v.NOT
-    rule = f"printed digits: off by at most two units of the last; in part within {v.NEAR:.0%}"
-    return Verdict(key, said, paper=number, measured=row.mean, error_bar=None, runs=1, verdict=verdict, rule=rule)
 
 
 def _case(name: str, title: str) -> Experiment:

@@ -1,0 +1,316 @@
+"""[Lee] Figs. 5-25 to 5-27: forces along the diagonal of the printed example, with and without the prevention."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.navigation.alignment import aligned, within_reach, zero_force_distance
+from occlog.core.navigation.potentials import attractive_force, distance, repulsive_force
+from occlog.core.navigation.steering import Around, State, Steps, steer
+from occlog.navigate.config import NavigateConfig
+from occlog.navigate.course import Disc
+from occlog.navigate.stage import End
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+
+from .robots import (
+    FIELD,
+    GOAL,
+    OBSTACLE,
+    OUT,
+    SPAWN,
+    WAY,
+    always,
+    collided,
+    driven,
+    printed_drive,
+    random_lines,
+    shown,
+)
+
+FIRST, LAST, SPACING = 2.0, 14.0, 0.25
+"""Ends of the diagonal in the figures, and the distance between points."""
+HIDDEN = 0.6
+"""Points nearer to the obstacle along an axis are in no plot: the push is too large there."""
+BEHIND = math.sqrt(8.0)
+"""Distance of the goal from the obstacle."""
+ATTRACTION, REPULSION, TOTAL, PREVENTED = "attractive force", "repulsive force", "total force", "total force (5.24)"
+BEYOND = ", beyond the obstacle"
+FORCE, DELTA, PLACE = "zero force at", "delta", "place after step"
+SAFE, DOOMED = "collisions, delta above a step", "collisions, (5.16) to (5.18)"
+ORIGINAL = NavigateConfig(force="original", escape="none")
+PREVENTION = NavigateConfig(force="prevent", escape="none")
+EXACT = 1e-9
+
+
+def signed(force: Floats) -> Floats:
+    """(N,) forces along the diagonal, positive away from the origin."""
+    return np.asarray(force @ OUT)
+
+
+def diagonal(at: Floats) -> dict[str, Floats]:
+    """Signed forces at (N,) points (at, at) of the printed example."""
+    p, goal, obstacle = np.column_stack([at, at]), np.array(GOAL), np.array(OBSTACLE)
+    pull, push = signed(attractive_force(p, goal, FIELD)), signed(repulsive_force(p, obstacle, FIELD))
+    rule = Steps(way=WAY, radius=0.0, prevent=True, escape="none", side="left", aligned=0.1, opposite=0.05)
+    flat = np.zeros(1)
+    around = Around(nearest=np.tile(obstacle, (len(p), 1, 1)), radius=flat, size=flat, way=flat)
+    goals, before = np.tile(goal, (len(p), 1)), np.full_like(p, np.nan)
+    prevented = signed(steer(p, goals, around, FIELD, rule, before).total)
+    return {ATTRACTION: pull, REPULSION: push, TOTAL: pull + push, PREVENTED: prevented}
+
+
+def original_forces(size: Size, execute: Execute) -> Table:
+    """Forces along the diagonal, the place of zero force, the printed robot's places, and shares of collisions."""
+    at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
+    at = at[at != OBSTACLE[0]]
+    rows = _curves(at, (ATTRACTION, REPULSION, TOTAL))
+    delta = float(zero_force_distance(np.array(BEHIND), FIELD))
+    rows.append(Row(FORCE, 0.0, (OBSTACLE[0] + delta / math.sqrt(2.0),), plotted=False))
+    rows.append(Row(DELTA, 0.0, (delta,), plotted=False))
+    steps, _ = printed_drive(ORIGINAL)
+    rows += [Row(PLACE, float(s.number), (float(s.xy[0, 0]),), plotted=False) for s in steps]
+    return rows + _shares("fig5.26", size, execute, (SAFE, DOOMED))
+
+
+def _curves(at: Floats, names: tuple[str, ...]) -> Table:
+    """Rows of forces along the diagonal."""
+    curves, drawn = diagonal(at), np.abs(at - OBSTACLE[0]) >= HIDDEN
+    # Curves of forces that the obstacle pushes apart are two each
+    return [
+        Row(name if x > OBSTACLE[0] else name + BEYOND, float(x), (float(y),), plotted=bool(near))
+        for name in names
+        for x, y, near in zip(at, curves[name], drawn, strict=True)
+    ]
+
+
+def _shares(item: str, size: Size, execute: Execute, names: tuple[str, ...]) -> Table:
+    """Rows of shares over random lines, one value a run; outside the figures' range, so that they are in no plot."""
+    found = execute([{"item": item, "seed": size.seed, "run": run, "lines": size.steps} for run in range(size.runs)])
+    shares = {name: tuple(f[name] for f in found if name in f and not math.isnan(f[name])) for name in names}
+    return [Row(name, math.nan, values, plotted=False) for name, values in shares.items()]
+
+
+def collision_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Shares of robots on random lines that collide under the original force.
+
+    Args:
+        spec: `item`, `seed`, `run`, and `lines`, how many robots.
+
+    Returns:
+        Among robots whose delta is above a step, and among those for which the three conditions (5.16) to (5.18)
+        hold at some step, the shares that collide; NaN where there are none.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(*SPAWN, 26, spec["run"])))
+    lines = random_lines(int(spec["lines"]), rng)
+    steps, robots = driven(lines.starts, lines.goals, Disc(0.0, 0.0), ORIGINAL)
+    hit, doomed, origin = collided(robots), np.zeros(len(lines.starts), dtype=np.bool_), np.zeros(2)
+    for step in steps:
+        if step.steering is None:
+            continue
+        pull, push = (np.hypot(*force.T) for force in (step.steering.attractive, step.steering.repulsive))
+        near = within_reach(distance(step.xy, origin), np.full(len(step.xy), WAY))
+        inline = aligned(step.xy, origin, lines.goals[step.active], EXACT)
+        doomed[step.active] |= (pull > push) & near & inline
+    safe = zero_force_distance(lines.behind, FIELD) > WAY
+    return {SAFE: _share(hit[safe]), DOOMED: _share(hit[doomed])}
+
+
+def _share(of: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> float:
+    return float(of.mean()) if len(of) else math.nan
+
+
+def judge_original(table: Table) -> list[Verdict]:
+    """Judge what Sec. 5.2.2 says of the printed example and of Fig. 5-26, and the definition of the problem."""
+    zero, delta = v.find(table, FORCE), v.find(table, DELTA)
+    fine = np.arange(8.91, LAST, 0.01)
+    negative = float(np.mean(diagonal(fine)[TOTAL] < 0.0))
+    off = np.arange(0.25, 4.0, 0.25)
+    pulls = [diagonal(GOAL[0] + sign * off)[ATTRACTION] for sign in (1.0, -1.0)]
+    pushes = [diagonal(OBSTACLE[0] + sign * off)[REPULSION] for sign in (1.0, -1.0)]
+    places = [row.mean for row in v.series(table, PLACE)]
+    expected = [12.0, 11.0, 10.0, 9.0]
+    return [
+        v.printed("fig5.26-zero", "The total force is zero at (8.9, 8.9).", 8.9, zero),
+        v.printed("fig5.26-delta", "delta, the distance of zero force from the obstacle, is 1.27.", 1.27, delta),
+        shown(
+            "fig5.26-negative",
+            "The total forces from (14,14) to (8.9,8.9) are negative.",
+            negative == 1.0,
+            negative,
+            "share of points at distances of 0.01 down to (8.91,8.91)",
+        ),
+        shown(
+            "fig5.26-attraction",
+            "From the goal position (6,6), the attractive force is symmetrically exerted.",
+            _mirrored(pulls) < EXACT,
+            _mirrored(pulls),
+            "largest sum of forces at equal distances: 0",
+        ),
+        shown(
+            "fig5.26-repulsion",
+            "From the obstacle position (8,8), the repulsive force is symmetrically exerted.",
+            _mirrored(pushes) < EXACT,
+            _mirrored(pushes),
+            "largest sum of forces at equal distances: 0",
+        ),
+        shown(
+            "fig5.26-path",
+            "The robot moves toward the obstacle from (12,12), and passes (11,11), (10,10) and (9,9).",
+            np.allclose(places[:4], expected, atol=EXACT),
+            float(np.abs(np.subtract(places[:4], expected)).max()),
+            "largest deviation: 0",
+        ),
+        shown(
+            "fig5.26-collision",
+            "From (9,9) it continuously moves toward the obstacle and collides with it at (8,8).",
+            len(places) == 5 and abs(places[4] - 8.0) < EXACT and printed_drive(ORIGINAL)[1].end[0] == End.COLLIDED,
+            places[-1],
+            "the path ends by a collision at (8,8)",
+            paper=8.0,
+        ),
+        always("fig5.26-conditions", "Robots for which (5.16) to (5.18) hold collide.", v.find(table, DOOMED), 1.0),
+        always(
+            "fig5.26-safe",
+            "If delta is larger than s_r T_s, the collision is prevented: share that collides.",
+            v.find(table, SAFE),
+            0.0,
+        ),
+    ]
+
+
+def _mirrored(forces: list[Floats]) -> float:
+    """Largest sum of two forces that must be opposite."""
+    return float(np.abs(forces[0] + forces[1]).max())
+
+
+GUARDED, WIDE = "collisions by (5.24)", "collisions by (5.25)"
+ENDLESS, FIRED = "endless oscillation by (5.25)", "lines on which equality (5.18) holds in doubles"
+
+
+def prevention_trial(spec: Mapping[str, Any]) -> dict[str, float]:
+    """Shares of robots on random lines that collide, and that oscillate for ever, under the modified force.
+
+    Args:
+        spec: `item`, `seed`, `run`, and `lines`, how many robots.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(*SPAWN, 27, spec["run"])))
+    n = int(spec["lines"])
+    lines = random_lines(n, rng)
+    points = driven(lines.starts, lines.goals, Disc(0.0, 0.0), PREVENTION)[1]
+    hits, tried, endless, held = 0, 0, 0, 0
+    for radius in (0.1, 0.2, 0.5, 1.0):
+        config = NavigateConfig(force="prevent", escape="none", radius=radius)
+        apart = distance(lines.starts, np.zeros(2)) > 2.0 * radius
+        wide = driven(lines.starts[apart], lines.goals[apart], Disc(0.0, 0.0, radius), config)[1]
+        hits, tried = hits + int(collided(wide).sum()), tried + int(apart.sum())
+        prevented = wide.states[:, State.PREVENT] > 0
+        endless, held = endless + int((wide.end[prevented] == End.ENDLESS).sum()), held + int(prevented.sum())
+    exact = aligned(lines.starts, np.zeros(2), lines.goals, 0.0)
+    return {
+        GUARDED: float(collided(points).mean()),
+        WIDE: hits / tried,
+        ENDLESS: endless / held if held else math.nan,
+        FIRED: float(exact.mean()),
+    }
+
+
+def prevented_forces(size: Size, execute: Execute) -> Table:
+    """Forces along the diagonal by (5.24), the printed robot's places, and shares over random lines."""
+    at = np.arange(FIRST, LAST + 0.5 * SPACING, SPACING)
+    at = at[at != OBSTACLE[0]]
+    steps, _ = printed_drive(PREVENTION)
+    rows = _curves(at, (TOTAL, PREVENTED))
+    rows += [Row(PLACE, float(s.number), (float(s.xy[0, 0]),), plotted=False) for s in steps]
+    return rows + _shares("fig5.27", size, execute, (GUARDED, WIDE, ENDLESS, FIRED))
+
+
+def judge_prevention(table: Table) -> list[Verdict]:
+    """Judge what Sec. 5.2.2 says of the modified force, Fig. 5-27 and the oscillation after it."""
+    places = [row.mean for row in v.series(table, PLACE)]
+    robots = printed_drive(PREVENTION)[1]
+    back = [9.0, 10.0, 9.0, 10.0][: len(places) - 3]
+    return [
+        shown(
+            "fig5.27-back",
+            "When the robot moves from (10,10) to (9,9), it moves back to (10,10), and the collision is avoided.",
+            abs(places[4] - 10.0) < EXACT and not collided(robots)[0],
+            places[4],
+            "the place after (9,9) is (10,10), without a collision",
+            paper=10.0,
+        ),
+        shown(
+            "fig5.27-oscillation",
+            "It moves back and forth between (9,9) and (10,10) and never reaches the goal.",
+            robots.end[0] == End.ENDLESS and np.allclose(places[3:], back, atol=EXACT),
+            float(np.abs(np.subtract(places[3:], back)).max()),
+            "place and force come back exactly; largest deviation of places: 0",
+        ),
+        shown(
+            "fig5.27-recognised",
+            "The oscillation is recognised by (5.26).",
+            bool(robots.recognised[0] > 0),
+            float(robots.recognised[0]),
+            "steps at which it is recognised, with a tolerance of 0.05 on the cosine: above 0",
+        ),
+        always(
+            "fig5.27-never",
+            "With (5.24) a point robot in line with obstacle and goal never collides: share that does.",
+            v.find(table, GUARDED),
+            0.0,
+        ),
+        always(
+            "fig5.27-radii",
+            "(5.25) guarantees the prevention, in line and before an escape: share of robots of a size that collides.",
+            v.find(table, WIDE),
+            0.0,
+        ),
+        always(
+            "fig5.27-endless",
+            "A robot that is prevented oscillates and never reaches its goal: share of robots.",
+            v.find(table, ENDLESS),
+            1.0,
+        ),
+        always(
+            "fig5.27-equality",
+            "The condition of (5.24) is the equality of two unit vectors: share of aligned robots for which it holds "
+            "in double precision.",
+            v.find(table, FIRED),
+            1.0,
+        ),
+    ]
+
+
+FORCE_EXPERIMENTS = (
+    Experiment(
+        item="fig5.26",
+        title="Forces along the diagonal of the printed example",
+        x_label="x = y",
+        y_label="force, away from the origin",
+        runs=10,
+        steps=400,
+        quick=(2, 100),
+        compute=original_forces,
+        judge=judge_original,
+        trial=collision_trial,
+        note="Shares are over robots on random lines through an obstacle, so many in each run.",
+    ),
+    Experiment(
+        item="fig5.27",
+        title="Total force with the prevention of collisions in line",
+        x_label="x = y",
+        y_label="force, away from the origin",
+        runs=10,
+        steps=400,
+        quick=(2, 100),
+        compute=prevented_forces,
+        judge=judge_prevention,
+        trial=prevention_trial,
+        note="Radii of robot and obstacle are equal: 0.1, 0.2, 0.5 and 1.",
+    ),
+)
