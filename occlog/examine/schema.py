@@ -22,6 +22,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
     "ingest": ("occlog.ingest.plan:IngestPlan",),
     "simulate": (
         "occlog.simulate.config:WorldConfig",
+        "occlog.simulate.config:FieldConfig",
         "occlog.simulate.config:ObserveConfig",
         "occlog.simulate.config:SoundConfig",
         "occlog.simulate.config:RenderConfig",

@@ -16,7 +16,7 @@ from occlog.cli.values import AT_LEAST_0, RATE
 from occlog.errors import UsageError
 
 from .balls.config import BallsConfig
-from .config import ObserveConfig, PeopleConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
+from .config import FieldConfig, ObserveConfig, PeopleConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
 
 RENDER_PREFIX = "render_"
 """Of the names of parameters that are settings of the video: the noise of images is not that of cameras."""
@@ -74,7 +74,15 @@ def _size(settings: type[BallsConfig | PeopleConfig]) -> click.Option:
 
 def walkers_params() -> list[click.Parameter]:
     """Options of a scene from a file in which objects walk at random."""
-    return [*options_of(WorldConfig), *_times(), *_sensing()]
+    avoid = click.Option(
+        ["--avoid"],
+        type=PATH,
+        default=None,
+        metavar="FILE",
+        help="People whom the objects avoid, with --motion field: tracks, or a recording with the truth. They walk as "
+        "they did, from their first row on, and are not in the recording.",
+    )
+    return [*options_of(WorldConfig), avoid, *options_of(FieldConfig), *_times(), *_sensing()]
 
 
 def paths_params() -> list[click.Parameter]:
@@ -182,6 +190,7 @@ def command(
     \b
       occlog simulate examples/room100.yaml -o room.mcap --steps 1000 --occluders 40 --seed 7
       occlog simulate examples/room.yaml -o video.mcap --render --seconds 15 --occluders 3
+      occlog simulate examples/room.yaml -o walk.mcap --seconds 60 --occluders 4 --motion field
       occlog simulate examples/lee_field.yaml --paths examples/lee_field_paths.yaml -o field.mcap
       occlog simulate --scene balls -o balls.mcap --store ffv1 --seed 1
       occlog simulate --scene people -o people.mcap --views 4 --store ffv1
@@ -204,7 +213,9 @@ def command(
     request = SimulateRequest(
         scene=scene,
         paths=own.get("paths"),
+        avoid=own.get("avoid"),
         world=given(WorldConfig, own),
+        avoidance=given(FieldConfig, own),
         seconds=own.get("seconds"),
         rate_hz=own.get("rate_hz"),
         bearings=own.get("bearings"),

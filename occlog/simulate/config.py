@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
+from occlog.core.navigation.config import FieldSettings
 from occlog.settings import Settings, setting
 
 START_NS = 1_577_836_800_000_000_000
@@ -83,6 +84,32 @@ class WorldConfig(Settings):
         shown="0.9 m; not known in a unit of its own, or of scripted targets",
     )
     start_ns: int = setting(START_NS, "Time of the first step.", unit="ns")
+    motion: str = setting(
+        "waypoints",
+        "How objects come to their places: `waypoints`, straight on and around each other at the last moment, or "
+        "`field`, by potential fields, out of each other's way ([Lee] Sec. 5.2.2).",
+        choices=("waypoints", "field"),
+        option="--motion",
+    )
+
+
+@dataclass(frozen=True)
+class FieldConfig(FieldSettings):
+    """How objects avoid each other, walls and people, where motion is `field`."""
+
+    OWNER: ClassVar[str] = "field"
+
+    attraction_power: int = setting(1, "Exponent m of the potential of an object's destination.", at_least=1)
+    patience_s: float = setting(
+        20.0,
+        "An object that does not get nearer to its destination for so long takes another one.",
+        unit="s",
+        people=5.0,
+        above=0,
+        at_most=1e6,
+        option="--patience",
+        metavar="SECONDS",
+    )
 
 
 @dataclass(frozen=True)

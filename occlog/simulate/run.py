@@ -11,18 +11,24 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from occlog.array_types import Floats
 from occlog.cli import options
 from occlog.cli.setting_options import flag_of
+from occlog.core.navigation.moving import Moving
+from occlog.core.navigation.potentials import distance
 from occlog.core.numerics.time_grid import Grid
 from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import Together
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.open import open_input
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.paths import read_paths
+from occlog.measure.scans.moving_people import People, moving_people
 from occlog.records.scene import Scene
 from occlog.records.scripts import Script
-from occlog.records.tables import Truth
+from occlog.records.tables import Tracks, Truth
 from occlog.settings import SettingError, configure
 from occlog.simulate.render.reference import reference_appearances
 from occlog.simulate.sensors.arrays import observe_arrays
@@ -31,10 +37,12 @@ from occlog.simulate.world.people_room import CLEARANCE, people_apart, people_ro
 from occlog.simulate.world.scripted_paths import check_inside, grid_truth, silences, simulate_paths
 from occlog.simulate.world.truth_grid import truth_grid
 
-from .config import ObserveConfig, PeopleConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
+from .config import FieldConfig, ObserveConfig, PeopleConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
 from .stage import simulate_truth
 from .video import Setup, film
 
+LONGEST_GAP_S = 1.0
+"""Longest time between two rows of a person to avoid that is bridged."""
 APPEARANCE = "appearance.json"
 """Attachment of a recording: what the targets look like."""
 
@@ -46,7 +54,9 @@ class SimulateRequest:
     Attributes:
         scene: the file; None: people in a room of their own.
         paths: file of scripted targets; None: random walkers.
+        avoid: file with tracks, or a truth, of people whom walkers avoid; None: nobody.
         world: fields of `WorldConfig`.
+        avoidance: fields of `FieldConfig`.
         seconds: length of the recording, in the place of steps; None: not given.
         rate_hz: steps a second; None: as in the file of paths, or as people move.
         bearings: whether cameras measure bearings; None: unless there is video.
@@ -61,7 +71,9 @@ class SimulateRequest:
 
     scene: Path | None = None
     paths: Path | None = None
+    avoid: Path | None = None
     world: Mapping[str, object] = field(default_factory=dict)
+    avoidance: Mapping[str, object] = field(default_factory=dict)
     seconds: float | None = None
     rate_hz: float | None = None
     bearings: bool | None = None
@@ -76,7 +88,7 @@ class SimulateRequest:
     @property
     def inputs(self) -> list[Path]:
         """Files that are read."""
-        return [path for path in (self.scene, self.paths) if path is not None]
+        return [path for path in (self.scene, self.paths, self.avoid) if path is not None]
 
 
 def scene_setup(request: SimulateRequest) -> Setup:
@@ -102,6 +114,7 @@ def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = N
     watch = configure(ObserveConfig(diameter=world.diameter), request.observe) if observing else None
     workers = request.workers or os.cpu_count() or 1
     look = configure(RenderConfig(diameter=world.diameter, workers=workers), request.render)
+    fields = configure(FieldConfig.in_unit(scene.length_unit), request.avoidance)
     heights = world.z is not None or (script is not None and script.heights)
     return Setup(
         scene=scene,
@@ -111,7 +124,20 @@ def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = N
         store=configure(StoreConfig(), request.store),
         sound=configure(SoundConfig(step_s=world.step_s, heights=heights), request.sound),
         script=script,
+        field=fields if world.motion == "field" else None,
+        people=_people(scene, request, world),
     )
+
+
+def _people(scene: Scene, request: SimulateRequest, world: WorldConfig) -> Moving | None:
+    """Whom walkers avoid; None: nobody."""
+    if request.avoid is None:
+        return None
+    opened = open_input(request.avoid, Tracks, Truth)
+    taken = People(
+        radius=0.5 * world.diameter, sigmas=0.0, max_gap_s=LONGEST_GAP_S, step_s=world.step_s, steps=world.steps
+    )
+    return moving_people(opened, scene.length_unit, 0.0, taken)
 
 
 def _check_request(scene: Scene, request: SimulateRequest) -> None:
@@ -120,6 +146,9 @@ def _check_request(scene: Scene, request: SimulateRequest) -> None:
     of_video += [flag_of(StoreConfig, name) for name in request.store]
     if of_video and not request.video:
         raise UsageError(f"{of_video[0]} is about video; add --render")
+    if (request.avoidance or request.avoid is not None) and request.world.get("motion") != "field":
+        flag = "--avoid" if request.avoid is not None else flag_of(FieldConfig, next(iter(request.avoidance)))
+        raise UsageError(f"{flag} is about walkers that avoid what is in their way; add --motion field")
     if request.sound and not scene.arrays:
         flag = flag_of(SoundConfig, next(iter(request.sound)))
         raise UsageError(f"{flag} is about microphone arrays, but the scene has none")
@@ -204,6 +233,8 @@ def run_simulate(
 def _parameters(setup: Setup) -> dict[str, object]:
     """Every value that changes the result."""
     world = asdict(setup.world)
+    if world["motion"] == "waypoints":
+        del world["motion"]
     if setup.script is not None:
         world = {k: world[k] for k in ("steps", "step_s", "diameter", "z", "start_ns")}
     observe = None if setup.observe is None else asdict(setup.observe)
@@ -211,6 +242,8 @@ def _parameters(setup: Setup) -> dict[str, object]:
     if setup.render is not None:
         values["render"] = {k: v for k, v in asdict(setup.render).items() if k != "workers"}
         values |= {"store": setup.store.store, "grey": setup.store.grey, "start_apart": setup.apart}
+    if setup.field is not None:
+        values["field"] = asdict(setup.field)
     if setup.sound != SoundConfig(step_s=setup.sound.step_s, heights=setup.sound.heights):
         values["sound"] = asdict(setup.sound)
     values["rates_hz"] = {c.name: c.rate_hz for c in setup.scene.cameras}
@@ -236,7 +269,7 @@ def _truth(setup: Setup, seed: int, start: Floats | None) -> Iterator[Truth | Gr
     """Chunks of true paths: random walks from the places (n, 2) at first (None: random ones), or the script's."""
     world, script = setup.world, setup.script
     if script is None:
-        return simulate_truth(setup.scene, world, seed, start)
+        return simulate_truth(setup.scene, world, seed, start, field=setup.field, people=setup.people)
     z = math.nan if world.z is None else world.z
     return simulate_paths(script, steps=world.steps, step_s=world.step_s, z=z, start_ns=world.start_ns, seed=seed)
 
@@ -252,6 +285,8 @@ def _recorded(
         setup.scene, heard, setup.observe or ObserveConfig(), seed, sound=setup.sound, silent=silent
     )
     for chunk in truth:
+        if setup.people is not None:
+            counts["contacts"] += _contacts(truth_grid(chunk), setup.people, setup.world)
         writer.table(grid_truth(chunk) if isinstance(chunk, Grid) else chunk)
         if setup.observe is not None:
             rows = next(bearings)
@@ -268,6 +303,16 @@ def _recorded(
         yield chunk
 
 
+def _contacts(chunk: Grid, people: Moving, world: WorldConfig) -> int:
+    """At how many moments a person was nearer to a walker than a diameter: the person walked into the walker."""
+    numbers = np.rint((chunk.t_ns - world.start_ns) * 1e-9 / world.step_s).astype(np.int64)
+    gaps = [
+        distance(places[:, None, :2], people.at(int(number)).xy)
+        for number, places in zip(numbers, chunk.xyz, strict=True)
+    ]
+    return sum(int(np.count_nonzero((gap < world.diameter).any(axis=1))) for gap in gaps)
+
+
 def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dict[str, object]:
     world = setup.world
     summary: dict[str, object] = {
@@ -279,6 +324,8 @@ def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dic
         "occluders": world.occluders,
         "cameras": len(setup.scene.cameras),
     }
+    if setup.people is not None:
+        summary |= {"people_avoided": len(setup.people.ids), "contacts": counts["contacts"]}
     if setup.observe is not None:
         summary |= {"bearings": counts["bearings"], "seen": counts["seen"]}
     if setup.scene.arrays:

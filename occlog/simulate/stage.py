@@ -1,4 +1,4 @@
-"""Scene and seed to the true paths of targets and moving occluders: the world of [Ercan] Sec. 6.
+"""Scene and seed to the true paths of targets and moving occluders: [Ercan] Sec. 6, or potential fields.
 
 Scripted paths are in `occlog.simulate.world.scripted_paths`; what sensors measure of either in
 `occlog.simulate.sensors`.
@@ -12,18 +12,24 @@ from collections.abc import Iterator
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.core.navigation.moving import Moving
+from occlog.core.navigation.potentials import distance
+from occlog.core.navigation.steering import field_of, steps_of
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.plane.convexity import pockets
 from occlog.core.plane.polygons import pack_polygons
 from occlog.errors import InputError
 from occlog.records.scene import Scene
 from occlog.records.tables import Truth
+from occlog.simulate.world.avoiding import Avoidance, starting, walk_avoiding
 from occlog.simulate.world.waypoints import CANDIDATES, Draws, Ground, WaypointMotion, WaypointState, populate, walk
 
-from .config import WorldConfig
+from .config import FieldConfig, WorldConfig
 
 CHUNK_STEPS = 256
 """Steps computed and yielded at a time; random numbers are drawn for whole chunks, so do not change it."""
+STARTS = 200
+"""Tries to put all objects where no people are."""
 
 
 def motion_in_a_step(config: WorldConfig) -> WaypointMotion:
@@ -43,7 +49,15 @@ def ground(scene: Scene, clearance: float) -> Ground:
     return Ground(np.ascontiguousarray(scene.surroundings, dtype=np.float64), *pack_polygons(walls), clearance)
 
 
-def simulate_truth(scene: Scene, config: WorldConfig, seed: int, start: Floats | None = None) -> Iterator[Truth]:
+def simulate_truth(
+    scene: Scene,
+    config: WorldConfig,
+    seed: int,
+    start: Floats | None = None,
+    *,
+    field: FieldConfig | None = None,
+    people: Moving | None = None,
+) -> Iterator[Truth]:
     """True places of all objects, chunk after chunk: targets are numbered 0, 1, ..., occluders after them.
 
     An object's noise depends on seed and number only, not on how many others there are
@@ -54,30 +68,56 @@ def simulate_truth(scene: Scene, config: WorldConfig, seed: int, start: Floats |
         config: numbers, speeds, times.
         seed: of all random numbers.
         start: (n, 2) places of all objects at the first step; None: random ones.
+        field: how objects avoid each other where motion is `field`; None: the defaults of the scene's unit.
+        people: who walk as they did and are avoided where motion is `field`; None: nobody.
 
     Returns:
         Tables of up to CHUNK_STEPS steps; time k is `start_ns + round(k step_s)`.
         InputError if there are no objects, or if they do not fit into the room.
     """
     floor, n = ground(scene, config.clearance), config.targets + config.occluders
-    world = _first(floor, n, config, seed)
+    world = _first(floor, n, config, seed, people)
     world = world if start is None else world._replace(xy=start.copy())
     generators = [[generator(seed, Stage.WORLD_MOTION, i, kind) for kind in range(3)] for i in range(n)]
     path, motion = world.xy[None], motion_in_a_step(config)
+    rules = _avoidance(scene, config, field or FieldConfig.in_unit(scene.length_unit), people)
+    avoiding = starting(world)
     for first in range(0, config.steps, CHUNK_STEPS):
-        world, walked, _ = walk(world, floor, motion, _draw(generators))
+        if config.motion == "field":
+            avoiding, walked = walk_avoiding(avoiding, floor, motion, rules, _draw(generators))
+        else:
+            world, walked, _ = walk(world, floor, motion, _draw(generators))
         places = np.concatenate([path, walked[:-1]])[: config.steps - first]
         path = walked[-1:]
         yield _truth(places, first, config)
 
 
-def _first(floor: Ground, n: int, config: WorldConfig, seed: int) -> WaypointState:
+def _avoidance(scene: Scene, config: WorldConfig, field: FieldConfig, people: Moving | None) -> Avoidance:
+    """Rules of objects that avoid what is in their way."""
+    return Avoidance(
+        field=field_of(field),
+        steps=steps_of(field, config.speed * config.step_s, 0.5 * config.diameter),
+        occluders=pack_polygons([o.polygon for o in scene.occluders]),
+        patience=max(1, round(field.patience_s / config.step_s)),
+        people=people,
+    )
+
+
+def _first(floor: Ground, n: int, config: WorldConfig, seed: int, people: Moving | None) -> WaypointState:
+    """All objects at random places, where no people are."""
     if n == 0:
         raise InputError("simulate: targets and occluders are both 0; give at least one object")
+    there = np.empty((0, 2)) if people is None else people.at(0).xy
+    there = there[np.isfinite(there[:, 0])]
+    rng = generator(seed, Stage.WORLD_START)
     try:
-        return populate(n, floor, config.diameter, generator(seed, Stage.WORLD_START))
+        for _ in range(STARTS):
+            world = populate(n, floor, config.diameter, rng)
+            if not len(there) or distance(world.xy[:, None], there).min() >= config.diameter:
+                return world
     except ValueError as error:
         raise InputError(f"simulate: {error}; use fewer or smaller objects, or a larger room") from error
+    raise InputError(f"simulate: no places found for {n} objects beside {len(there)} people; use fewer or smaller ones")
 
 
 def _draw(generators: list[list[np.random.Generator]]) -> Draws:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from occlog.cli import options
+from occlog.core.navigation.moving import Moving
 from occlog.core.numerics.time_grid import Grid
 from occlog.io.frames.codec import encode_image
 from occlog.io.frames.writer import LosslessVideo
@@ -20,7 +21,7 @@ from occlog.records.tables import Truth
 from occlog.simulate.render.light import grey
 from occlog.simulate.render.people import Rendered, render
 
-from .config import ObserveConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
+from .config import FieldConfig, ObserveConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ class Setup:
         sound: what sources do and arrays hear.
         script: paths of targets; None: random walkers.
         apart: nobody hides another in the first frame.
+        field: how walkers avoid what is in their way, where motion is `field`.
+        people: who walk as they did and are avoided; None: nobody.
     """
 
     scene: Scene
@@ -46,6 +49,8 @@ class Setup:
     sound: SoundConfig
     script: Script | None = None
     apart: bool = False
+    field: FieldConfig | None = None
+    people: Moving | None = None
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:
