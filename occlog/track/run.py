@@ -239,9 +239,11 @@ def run_track(
                     writer.write(table)
             summary.add(part)
         if not summary.evidence.rows and not joint:
-            remedy = "a fix wants directions of two sensors at one time (--window)" if request.method == "fix" else ""
-            what = "no row is of the chosen targets and sensors"
-            raise InputError(f"{request.bearings}: {what}; {remedy or 'choose others'}")
+            why = "no row is of the chosen targets and sensors; choose others"
+            if request.method == "fix":
+                why = "no moment of the chosen targets and sensors gives a position; a fix wants directions of two "
+                why += "sensors at one time (--window)"
+            raise InputError(f"{request.bearings}: {why}")
     options.note_findings(summary.findings(), quiet)
     return {"tracks": str(wanted.tracks), "method": request.method, **summary.figures()}, losses
 
