@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 
 from occlog.errors import UsageError
 from occlog.papers.ercan import accuracy, recorded_figures, selection, speed, square
+from occlog.papers.ercan import statements as ercan_statements
+from occlog.papers.lee import statements as lee_statements
 from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS
 from occlog.papers.lee.cooperation.room import ROOM_EXPERIMENTS
 from occlog.papers.lee.fusion.cases import DECISION_EXPERIMENTS
@@ -18,10 +20,13 @@ from occlog.papers.lee.navigation.forces import FORCE_EXPERIMENTS
 from occlog.papers.lee.space import scenarios, tables, variances
 from occlog.papers.page.planplot import Plan
 from occlog.papers.page.shotplot import Shots
+from occlog.papers.qu import statements as qu_statements
 from occlog.papers.qu import variants
 from occlog.papers.qu.experiments import fig7, loop, table1, table2, table3
 from occlog.papers.rahimi import results, search, trust
+from occlog.papers.rahimi import statements as rahimi_statements
 from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
+from occlog.papers.verdicts.source import Sources, attributed
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
     "ercan": (*square.EXPERIMENTS, speed.FIG10, selection.FIG12, selection.FIG14, selection.FIG15, accuracy.FIG17),
@@ -46,6 +51,13 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
     "qu": (table1.TABLE1, table2.TABLE2, table3.TABLE3, fig7.FIG7, *variants.VARIANTS, loop.LOOP),
 }
 """Every paper's experiments, in the order of the paper."""
+SOURCES: dict[str, Sources] = {
+    "ercan": ercan_statements.SOURCES,
+    "rahimi": rahimi_statements.SOURCES,
+    "lee": lee_statements.SOURCES,
+    "qu": qu_statements.SOURCES,
+}
+"""Where each paper makes its statements."""
 RECORDED = {"ercan": recorded_figures.ITEMS}
 """Items of the experiments that need a recording."""
 TITLES = {
@@ -112,10 +124,10 @@ def size_of(experiment: Experiment, *, quick: bool, runs: int | None, steps: int
     return Size(runs or own[0], steps or own[1], quick=quick, seed=seed)
 
 
-def reproduce(experiment: Experiment, size: Size, execute: Execute) -> Finding:
-    """Run an experiment, judge its table, and draw its pictures."""
+def reproduce(paper: str, experiment: Experiment, size: Size, execute: Execute) -> Finding:
+    """Run an experiment of a paper, judge its table, and draw its pictures."""
     start = time.process_time()
     table = experiment.compute(size, execute)
-    verdicts = experiment.judge(table)
+    verdicts = attributed(experiment.judge(table), SOURCES[paper])
     plans = {name: draw(size) for name, draw in experiment.plans.items()}
     return Finding(experiment, size, table, verdicts, time.process_time() - start, plans)

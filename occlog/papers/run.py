@@ -85,7 +85,7 @@ def run_reproduce(request: ReproduceRequest) -> None:
         runs, steps = own.get(e.item, (request.runs, request.steps))
         size = size_of(e, quick=request.quick, runs=runs, steps=steps, seed=request.seed)
         options.note(f"{e.item}: {size.runs} runs of {size.steps} steps", request.quiet)
-        finding = reproduce(e, size, executor(e, request))
+        finding = reproduce(paper, e, size, executor(e, request))
         findings.append(finding)
         if output is not None:
             write(output, finding, request.overwrite)

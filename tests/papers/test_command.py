@@ -34,7 +34,19 @@ def test_files_of_an_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert sorted(p.name for p in out.iterdir()) == ["fig17.csv", "fig17.json", "fig17.png", "reproduce.html"]
     verdicts = json.loads((out / "fig17.json").read_text())["verdicts"]
     assert printed["items"][0]["verdicts"] == verdicts
-    assert {"id", "statement", "paper", "measured", "error_bar", "runs", "verdict", "rule"} == set(verdicts[0])
+    assert {
+        "id",
+        "statement",
+        "paper",
+        "measured",
+        "error_bar",
+        "runs",
+        "verdict",
+        "rule",
+        "place",
+        "page",
+        "words",
+    } == set(verdicts[0])
     rows = list(csv.DictReader((out / "fig17.csv").read_text().splitlines()))
     assert {r["series"] for r in rows} == {"printed", "improved", "quadrature"}
     assert all(len(r["values"].split()) == 2 for r in rows)

@@ -9,6 +9,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.occlusion.priors import Priors, gaussian_priors
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import mean_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 
 from .blocking import FORMS, blocking
@@ -99,22 +100,10 @@ def judge17(table: Table) -> list[Verdict]:
         row = v.find(table, name, 3.0)
         if row is None:
             continue
-        good = v.REPRODUCED if row.mean > MOST else v.IN_PART if row.mean > 0.5 * MOST else v.NOT
         which = {"printed": "as printed", "improved": "in its improved form"}.get(name, "by quadrature")
         off = row.extra["largest_error"]
         said = f"Most places are within 3 sigma of Monte Carlo: Eq. 7 {which} (largest error {off:.3g})."
-        out.append(
-            Verdict(
-                f"fig17-{name}",
-                said,
-                paper=None,
-                measured=row.mean,
-                error_bar=row.error,
-                runs=row.runs,
-                verdict=good,
-                rule=rule,
-            )
-        )
+        out.append(v.judge(f"fig17-{name}", said, mean_of(row), v.above(MOST), v.above(0.5 * MOST), rule=rule))
     return out
 
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Spec, Values
 
 from .scenes import L_ORDER, LAB_ORDER, l_room, lab, names
@@ -21,6 +21,7 @@ from .trial import (
     Point,
     judge_worst_case,
     kalman,
+    priors_error,
     run_points,
     trial,
     worst_case,
@@ -135,16 +136,6 @@ def judge15(table: Table) -> list[Verdict]:
     points = [pair for name in HEURISTICS for pair in v.matched(table, GREEDY, name)]
     out.append(v.close("fig15-variation", "The differences are no larger than the variation over the runs.", points))
     return [*out, *priors_error("fig15", table, 12.1)]
-
-
-def priors_error(item: str, table: Table, paper: float) -> list[Verdict]:
-    """Judge the error of the priors, the mean over all rows with priors."""
-    rows: list[Row] = [r for r in table if r.extra.get("rmse_occ", 0.0) > 0.0]
-    if not rows:
-        return []
-    mean = math.fsum(r.extra["rmse_occ"] for r in rows) / len(rows)
-    said = "Error of the occluders' priors (set by the noise of the virtual measurements)."
-    return [v.number(f"{item}-rmse-occ", said, paper=paper, measured=mean, error=math.nan, runs=rows[0].runs)]
 
 
 FIG12 = Experiment(

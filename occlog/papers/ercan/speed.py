@@ -18,6 +18,7 @@ from occlog.measure.priors.from_positions import virtual_priors
 from occlog.measure.scans.grouping import Rows, choose_sensors, scans_of
 from occlog.measure.scans.occluder_priors import OccluderFeed, known_positions
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import power_of, quotient_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Occluders, Truth
@@ -147,15 +148,6 @@ def _likelihood(scene: Scene, form: LikelihoodForm) -> Callable[[LikelihoodInput
     return compute
 
 
-def exponent(rows: list[Row]) -> float:
-    """Fit the slope of log time against log N by least squares; NaN for fewer than two rows."""
-    if len(rows) < 2:
-        return math.nan
-    x, y = np.log([r.x for r in rows]), np.log([r.mean for r in rows])
-    x = x - x.mean()
-    return float(np.sum(x * y) / np.sum(x * x))
-
-
 def judge10(table: Table) -> list[Verdict]:
     """Judge the statements about Fig. 10, from two cameras on."""
     own = {s.series: [r for r in v.series(table, s.series) if r.x >= 2] for s in LIKELIHOOD_FORMS}
@@ -164,50 +156,25 @@ def judge10(table: Table) -> list[Verdict]:
         rows = own[name]
         if len(rows) < 2 or len(none) < 2:
             continue
-        power, growth = exponent(rows), _growth(rows)
-        good = v.REPRODUCED if power <= LINEAR else v.IN_PART if power <= NEARLY else v.NOT
-        rule = f"exponent of N at most {LINEAR}; in part up to {NEARLY}"
-        runs = rows[0].runs
+        power, growth = power_of(rows), quotient_of(rows[-1], rows[0])
         said = f"Time grows about linearly with the cameras ({name}): exponent of N."
-        out.append(
-            Verdict(
-                f"fig10-linear-{key}",
-                said,
-                paper=1.0,
-                measured=power,
-                error_bar=None,
-                runs=runs,
-                verdict=good,
-                rule=rule,
-            )
-        )
+        rule = f"exponent of N at most {LINEAR}; in part up to {NEARLY}"
+        linear, nearly = v.at_most(LINEAR), v.at_most(NEARLY)
+        out.append(v.judge(f"fig10-linear-{key}", said, power, linear, nearly, rule=rule, paper=1.0))
         most = 2.0 ** (rows[-1].x - rows[0].x)
-        good = v.REPRODUCED if growth < 0.5 * most else v.IN_PART if growth < most else v.NOT
         said = f"Time grows much less than 2^N ({name}): from the fewest cameras to the most, by this factor."
         rule = "below half of 2^N; in part below 2^N"
-        out.append(
-            Verdict(
-                f"fig10-exponential-{key}",
-                said,
-                paper=most,
-                measured=growth,
-                error_bar=None,
-                runs=runs,
-                verdict=good,
-                rule=rule,
-            )
-        )
+        half, whole = v.below(0.5 * most), v.below(most)
+        out.append(v.judge(f"fig10-exponential-{key}", said, growth, half, whole, rule=rule, paper=most))
         said = f"Time grows about as without priors ({name}): quotient of the two growths."
-        out.append(
-            v.number(
-                f"fig10-as-none-{key}", said, paper=1.0, measured=growth / _growth(none), error=math.nan, runs=runs
-            )
-        )
+        out.append(v.stated(f"fig10-as-none-{key}", said, 1.0, quotient_of(_growth(rows), _growth(none))))
     return out
 
 
-def _growth(rows: list[Row]) -> float:
-    return rows[-1].mean / rows[0].mean
+def _growth(rows: list[Row]) -> Row:
+    """Return the growth of time from the fewest cameras to the most, run by run."""
+    growth = tuple(b / a for a, b in zip(rows[0].values, rows[-1].values, strict=True))
+    return Row("growth", math.nan, growth)
 
 
 FIG10 = Experiment(

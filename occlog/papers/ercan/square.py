@@ -6,6 +6,7 @@ import math
 from itertools import pairwise
 
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import Measure, difference, estimate, mean_of, sample
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Values
 
@@ -18,6 +19,7 @@ from .trial import (
     Point,
     judge_worst_case,
     kalman,
+    priors_error,
     run_points,
     trial,
     worst_case,
@@ -65,19 +67,7 @@ def judge6(table: Table) -> list[Verdict]:
         falls = v.neighbours(v.series(table, name))
         out.append(v.pairs(f"fig6-cameras-{key}", f"Every further camera lowers the error ({name}).", falls))
     out += judge_worst_case(table, "fig6", 24.4)
-    prior = v.series(table, PRIOR)
-    if prior:
-        occ = [r.extra["rmse_occ"] for r in prior]
-        out.append(
-            v.number(
-                "fig6-rmse-occ",
-                "Virtual measurements with a deviation of 8 give priors of this error.",
-                paper=6.67,
-                measured=math.fsum(occ) / len(occ),
-                error=math.nan,
-                runs=prior[0].runs,
-            )
-        )
+    out += priors_error("fig6", v.series(table, PRIOR), 6.67)
     return [*out, _spread("fig6", [r for _, r in v.matched(table, KNOWN, NONE)], v.series(table, KNOWN))]
 
 
@@ -123,7 +113,7 @@ def judge7(table: Table) -> list[Verdict]:
     ]
     if cross is not None:
         said = "The error of tracker and priors are equal at this one."
-        out.append(v.number("fig7-crossing", said, paper=3.72, measured=cross.mean, error=cross.error, runs=cross.runs))
+        out.append(v.stated("fig7-crossing", said, 3.72, mean_of(cross)))
         if none is not None:
             out.append(_sd_factor("fig7-deviation", cross, none))
     if known is not None and none is not None:
@@ -149,7 +139,8 @@ def fig8(size: Size, execute: Execute) -> Table:
         grid = [r.extra["rmse_occ"] for r in own[:-1]] + [worst.mean]
         values = [needed(grid, [r.values[run] for r in own]) for run in range(size.runs)]
         kept = tuple(x for x in values if not math.isnan(x))
-        out.append(Row(NEEDED, n, kept, {"reached": float(len(kept)), "rmse_none": own[-1].mean}))
+        extra = {"reached": float(len(kept)), "rmse_none": own[-1].mean}
+        out.append(Row(NEEDED, n, kept, extra, each={"rmse_none": own[-1].values}))
     return [*out, worst]
 
 
@@ -175,23 +166,12 @@ def judge8(table: Table) -> list[Verdict]:
     # From the number of cameras on that need no priors, more cameras cannot lower the need.
     points = [(a, b) for a, b in pairwise(rows) if worst is None or min(a.values) < worst.mean]
     out = [v.pairs("fig8-trade-off", said, points)]
-    if last is not None and worst is not None:
-        none = last.extra["rmse_none"]
-        good = v.REPRODUCED if none <= TARGET else v.IN_PART if none <= 1.35 * TARGET else v.NOT
-        rule = "RMSE without priors and with all cameras: at most 3; in part up to 35 % above"
+    if last is not None:
+        rule = f"RMSE without priors and with all cameras: at most {TARGET:g}; in part up to 35 % above"
         said = "With enough cameras no priors are needed."
-        out.append(
-            Verdict(
-                "fig8-no-priors",
-                said,
-                paper=TARGET,
-                measured=none,
-                error_bar=None,
-                runs=last.runs,
-                verdict=good,
-                rule=rule,
-            )
-        )
+        none = sample(last.each["rmse_none"])
+        good, fair = v.at_most(TARGET), v.at_most(1.35 * TARGET)
+        out.append(v.judge("fig8-no-priors", said, none, good, fair, rule=rule, paper=TARGET))
     return out
 
 
@@ -212,7 +192,7 @@ def judge9(table: Table) -> list[Verdict]:
     both = v.matched(table, KNOWN, NONE)
     if len(both) < 3:
         return []
-    gaps = [v.difference(low, high) for low, high in both]
+    gaps = [difference(low, high) for low, high in both]
     most = max(range(len(gaps)), key=lambda i: gaps[i][0])
     first, last = _gap(both[0]), _gap(both[-1])
     peak = _gap(both[most])
@@ -231,30 +211,29 @@ def _gap(pair: v.Pair) -> Row:
 
 
 def _spread(item: str, wide: list[Row], narrow: list[Row]) -> Verdict:
-    """Judge that deviations over the runs are larger where less is known of the occluders: their quotient against 1.
-
-    A deviation of n runs has a relative error of about 1 / sqrt(2 (n - 1)).
-    """
-    above = math.sqrt(math.fsum(r.sd**2 for r in wide) / len(wide))
-    below = math.sqrt(math.fsum(r.sd**2 for r in narrow) / len(narrow))
-    runs = min(r.runs for r in [*wide, *narrow])
-    ratio = above / below if below > 0 else math.nan
-    error = ratio * math.sqrt(sum(0.5 / max(1, sum(r.runs - 1 for r in rows)) for rows in (wide, narrow)))
-    good = v.REPRODUCED if ratio - 1.0 > error else v.IN_PART if ratio > 1.0 else v.NOT
+    """Judge that deviations over the runs are larger where less is known of the occluders: their quotient against 1."""
     said = "The error differs more from run to run without priors than with known positions, by this factor."
-    rule = "above 1 by more than its standard error; in part if only above 1"
-    return Verdict(
-        f"{item}-variation", said, paper=None, measured=ratio, error_bar=error, runs=runs, verdict=good, rule=rule
-    )
+    return v.judge(f"{item}-variation", said, _deviations(wide, narrow), v.above(1.0), rule="above 1")
+
+
+def _deviations(wide: list[Row], narrow: list[Row]) -> Measure:
+    """Return the quotient of the deviations over the runs, each the root of the mean square over its rows.
+
+    A deviation of n runs has a relative error of about 1 / sqrt(2 (n - 1)).  The rows have the same worlds, so
+    that more rows do not lower it.
+    """
+    upper, lower = (math.sqrt(math.fsum(r.sd**2 for r in rows) / len(rows)) for rows in (wide, narrow))
+    runs = min(r.runs for r in [*wide, *narrow])
+    if runs < 2 or not lower > 0.0:
+        return estimate(math.nan, math.nan, runs)
+    ratio = upper / lower
+    return estimate(ratio, ratio / math.sqrt(runs - 1), runs)
 
 
 def _sd_factor(key: str, narrow: Row, wide: Row) -> Verdict:
-    ratio = wide.sd / narrow.sd if narrow.sd > 0 else math.nan
-    error = ratio / math.sqrt(max(1, narrow.runs - 1))
     said = "From none to priors as good as the tracker, the deviation over the runs falls by this factor."
-    good = v.REPRODUCED if abs(ratio - 3.4) <= 0.34 else v.IN_PART if ratio > 1.0 + error else v.NOT
-    rule = "within 10 %; in part if above 1 by more than its standard error (sigma / sqrt(2 (n - 1)), both)"
-    return Verdict(key, said, paper=3.4, measured=ratio, error_bar=error, runs=wide.runs, verdict=good, rule=rule)
+    rule = "within 10 % of it; in part if above 1"
+    return v.judge(key, said, _deviations([wide], [narrow]), v.around(3.4, v.NEAR), v.above(1.0), rule=rule, paper=3.4)
 
 
 NOTE = "Priors by a Kalman filter on virtual measurements; M = 40 moving occluders, 1000 particles."

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from occlog.io.scenes.scene import scene_from_yaml
+from occlog.papers.verdicts.measures import mean_of, sample
 from occlog.papers.verdicts.model import EXTRAS, Execute, Row, Size, Table, Verdict
-from occlog.papers.verdicts.verdicts import find, number
+from occlog.papers.verdicts.verdicts import find, stated
 from occlog.pipeline.sweep.trial import Spec, Values
 from occlog.settings import configure
 from occlog.simulate.config import WorldConfig
@@ -16,6 +17,8 @@ from occlog.simulate.stage import simulate_truth
 
 WORST = "no tracking (middle of the room)"
 NONE, KNOWN, PRIOR = "no priors", "positions known", "priors"
+EACH = ("rmse_occ",)
+"""Figures of trials that are judged, too."""
 
 
 class Point(NamedTuple):
@@ -68,7 +71,8 @@ def _row(point: Point, results: Sequence[Mapping[str, float]]) -> Row:
     for name in EXTRAS:
         values = [r[name] for r in results if name in r and not math.isnan(r[name])]
         extra[name] = math.fsum(values) / len(values) if values else math.nan
-    return Row(point.series, point.x, tuple(r["rmse"] for r in results), extra)
+    each = {name: tuple(r[name] for r in results) for name in EACH if all(name in r for r in results)}
+    return Row(point.series, point.x, tuple(r["rmse"] for r in results), extra, each=each)
 
 
 def worst_case(scene_text: str, simulate: Values, size: Size) -> Row:
@@ -96,7 +100,17 @@ def judge_worst_case(table: Table, item: str, paper: float) -> list[Verdict]:
     if row is None:
         return []
     said = "Error without tracking, of the middle of the room."
-    return [number(f"{item}-rmse-max", said, paper=paper, measured=row.mean, error=row.error, runs=row.runs)]
+    return [stated(f"{item}-rmse-max", said, paper, mean_of(row))]
+
+
+def priors_error(item: str, rows: Sequence[Row], paper: float) -> list[Verdict]:
+    """Judge the error of the priors, the mean over the rows with priors, run by run."""
+    given = [own for r in rows if (own := r.each.get("rmse_occ")) and min(own) > 0.0]
+    if not given:
+        return []
+    of_runs = sample([math.fsum(own) / len(own) for own in zip(*given, strict=True)])
+    said = "Error of the occluders' priors (set by the noise of the virtual measurements)."
+    return [stated(f"{item}-rmse-occ", said, paper, of_runs)]
 
 
 def kalman(sigma: float, q: float = 1.2) -> Values:

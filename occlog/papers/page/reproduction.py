@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from occlog.papers.verdicts.words import WORDS
 from occlog.report.drawing.style import COLOURS, DARK, house_style, new_figure, raw_svg, to_png
 from occlog.report.drawing.svg import page_svg
 
@@ -25,7 +26,6 @@ LINES = ("t0", "t1", "t2", "t3", "t4", "t5", "moving", "muted", "ink")
 FAR = 1.6
 """Lines across that are higher than this many times all curves are named in the legend and not drawn."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
-KINDS = ("reproduced", "in part", "not reproduced")
 
 
 class Curve(NamedTuple):
@@ -129,7 +129,7 @@ def build_reproduction(title: str, parts: Sequence[Part]) -> str:
     return environment.get_template("reproduce.html.j2").render(
         title=title,
         parts=list(zip(parts, plots, plans, strict=True)),
-        totals=[(kind, sum(v["verdict"] == kind for p in parts for v in p.verdicts)) for kind in KINDS],
+        totals=[(kind, sum(v["verdict"] == kind for p in parts for v in p.verdicts)) for kind in WORDS],
         shown=shown,
         light=COLOURS,
         dark=DARK,

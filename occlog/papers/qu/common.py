@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from occlog.array_types import Floats
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import difference_of
 from occlog.papers.verdicts.model import Row, Size, Verdict
 from occlog.pipeline.sweep.trial import Spec
 
@@ -21,10 +21,6 @@ RATES = {"fr_p": "false positions", "fr_l": "false labels"}
 """The two failure rates: figures of trials, and their names."""
 PARTS = 20
 """Parts of equal length of the video, for Fig. 7."""
-DRAWS = 4000
-"""Bootstrap samples of the runs."""
-SURE = 0.84
-"""Share of the samples that must agree; that of a normal mean within one standard error above 0."""
 LITTLE = 1.0
 """Rate [%] below which there is nothing to gain."""
 KEPT = ("idf1", "hota", "mota", "frame_ms", "particles", "left", "lost")
@@ -51,21 +47,18 @@ def rate_row(
     for name in KEPT:
         given = [r[f"{label}.{name}"] for r in results if not math.isnan(r[f"{label}.{name}"])]
         extra[name] = math.fsum(given) / len(given) if given else math.nan
-    return Row(series, x, values, extra, plotted=plotted)
+    each = {"frame_ms": tuple(r[f"{label}.frame_ms"] for r in results)}
+    return Row(series, x, values, extra, plotted=plotted, each=each)
 
 
 def ordered(key: str, statement: str, low: Row, high: Row) -> Verdict:
-    """Judge by bootstrap over the runs that one mean is below another, where runs may be far from normal."""
-    gaps = np.subtract(high.values, low.values)
-    sure = bootstrap_share(gaps)
-    better, worse = int(np.sum(gaps > 0)), int(np.sum(gaps < 0))
-    gap, error = v.difference(low, high)
-    word = v.REPRODUCED if gap > 0 and sure >= SURE else v.IN_PART if gap > 0 else v.NOT
-    rule = (
-        f"above 0 in at least {SURE:.0%} of bootstrap samples of the runs (here {sure:.0%}); in part if above 0; "
-        f"lower in {better} runs, higher in {worse}"
-    )
-    return Verdict(key, statement, paper=None, measured=gap, error_bar=error, runs=low.runs, verdict=word, rule=rule)
+    """Judge that one mean rate [%] is below another; where the higher one is below `LITTLE`, nothing can be said."""
+    points = [] if high.mean < LITTLE and low.mean < LITTLE else [v.lower(low, high)]
+    better = sum(a < b for a, b in zip(low.values, high.values, strict=True))
+    worse = sum(a > b for a, b in zip(low.values, high.values, strict=True))
+    rule = f"below it by two standard errors, run by run (lower in {better} runs, higher in {worse})"
+    left = "" if points else f"; both are below {LITTLE:g} %, so that there is nothing to gain"
+    return v.judge_points(key, statement, points, rule=rule + left, shown=difference_of(low, high))
 
 
 def everywhere(key: str, statement: str, points: Sequence[tuple[Row, Row]]) -> Verdict | None:
@@ -76,31 +69,10 @@ def everywhere(key: str, statement: str, points: Sequence[tuple[Row, Row]]) -> V
         statement: its text.
         points: the lower and the higher row [%] of each; those whose higher mean is below `LITTLE` are left out.
     """
-    open_ones = [(low, high) for low, high in points if high.mean >= LITTLE]
+    open_ones = [(low, high) for low, high in points if max(low.mean, high.mean) >= LITTLE]
     if not open_ones:
         return None
-    single = [ordered(key, statement, low, high) for low, high in open_ones]
-    held = [x.verdict == v.REPRODUCED for x in single]
-    found = [v.difference(low, high) for low, high in open_ones]
-    error = math.sqrt(math.fsum(e * e for _, e in found)) / len(found)
-    left = f"; {len(points) - len(found)} left out, at which there is less than {LITTLE:g} % to gain"
-    rule = f"above 0 in {SURE:.0%} of bootstrap samples of the runs: {sum(held)} of {len(held)} points"
-    mean = math.fsum(gap for gap, _ in found) / len(found)
-    runs = min(low.runs for low, _ in open_ones)
-    return Verdict(
-        key,
-        statement,
-        paper=None,
-        measured=mean,
-        error_bar=error,
-        runs=runs,
-        verdict=v.share(held),
-        rule=rule + (left if len(points) > len(found) else ""),
-    )
-
-
-def bootstrap_share(gaps: Floats) -> float:
-    """Return the share of samples of the runs, drawn with repetition, whose mean is above 0."""
-    rng = np.random.default_rng(len(gaps))
-    drawn = rng.integers(0, len(gaps), (DRAWS, len(gaps)))
-    return float(np.mean(gaps[drawn].mean(axis=1) > 0.0))
+    left = len(points) - len(open_ones)
+    rule = "below it by two standard errors, run by run"
+    rule += f" ({left} points left out, at which there is less than {LITTLE:g} % to gain)" if left else ""
+    return v.judge_points(key, statement, [v.lower(low, high) for low, high in open_ones], rule=rule)

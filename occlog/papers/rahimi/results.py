@@ -10,6 +10,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.papers.page.planplot import EstimatedPath, Plan
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import difference_of, estimate, exact, quotient_of, share_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 
 from .example import HALF, sparse_scene
@@ -25,6 +26,8 @@ KINDS = {
 }
 CLOSE = 0.1
 """Median error, as a share of the room's side, up to which an estimate counts as close."""
+SOME = 0.05
+"""Share of the problems from which something that should not occur does occur."""
 CRITICAL = 0.1
 """Reduction of the error, as a share of it, from which the constraints count as critical."""
 
@@ -63,22 +66,13 @@ def judge4(table: Table) -> list[Verdict]:
     middle = Row("middle", math.nan, _rms(parts[1:-1]))
     between, beyond = v.find(table, BETWEEN), v.find(table, BEYOND)
     median, side = whole.extra["median"], 2.0 * HALF
-    good = v.REPRODUCED if median <= CLOSE * side else v.IN_PART if median <= 2.0 * CLOSE * side else v.NOT
     rule = f"at most {CLOSE:.0%} of the room's side; in part up to twice that"
     said = (
         f"The estimated trajectory is close to the true one: median RMSE [m] of the problems (mean {whole.mean:.3g})."
     )
+    near, fair = v.at_most(CLOSE * side), v.at_most(2.0 * CLOSE * side)
     out = [
-        Verdict(
-            "fig4-close",
-            said,
-            paper=None,
-            measured=median,
-            error_bar=whole.extra["median_error"],
-            runs=whole.runs,
-            verdict=good,
-            rule=rule,
-        ),
+        v.judge("fig4-close", said, estimate(median, whole.extra["median_error"], whole.runs), near, fair, rule=rule),
         v.pairs("fig4-ends", "The first and last tenth are worse than the rest, by this much [m].", [(middle, ends)]),
     ]
     if between is not None and beyond is not None and between.runs:
@@ -123,50 +117,43 @@ def judge5(table: Table) -> list[Verdict]:
     low, high, room = (_mean_row(table, name) for name in (WITH, WITHOUT, ROOM))
     behind = {name: [r.extra["behind"] for r in v.series(table, name)] for name in (WITH, WITHOUT)}
     n, (kept, lost) = low.runs, (sum(b > 0 for b in behind[name]) for name in (WITH, WITHOUT))
-    gap, sure = v.difference(low, high)
     points, of = sum(behind[WITHOUT]), sum(r.extra["measurements"] for r in v.series(table, WITHOUT))
+    gap = difference_of(low, high)
+    ratio = quotient_of(low, high)
+    saved = estimate(1.0 - ratio.value, ratio.error, ratio.runs)
     return [
-        Verdict(
+        v.judge(
             "fig5-behind",
             "Without the constraints the dynamics pull trajectories behind cameras that saw the "
-            f"target: problems ({points:.0f} of {of:.0f} measurements).",
-            paper=None,
-            measured=float(lost),
-            error_bar=None,
-            runs=n,
-            verdict=v.REPRODUCED if lost >= 0.05 * n else v.IN_PART if lost else v.NOT,
-            rule="at least 5 % of the problems; in part if any",
+            f"target: share of the problems ({points:.0f} of {of:.0f} measurements).",
+            share_of(lost, n),
+            v.at_least(SOME),
+            v.above(0.0),
+            rule=f"at least {SOME:.0%} of the problems; in part if any",
         ),
-        Verdict(
+        v.judge(
             "fig5-front",
             "With them no trajectory is behind a camera that saw the target: problems in which one is.",
-            paper=0.0,
-            measured=float(kept),
-            error_bar=None,
-            runs=n,
-            verdict=v.REPRODUCED if kept == 0 else v.NOT,
+            exact(float(kept), n),
+            v.at_most(0.0),
             rule="none",
+            paper=0.0,
         ),
-        Verdict(
+        v.judge(
             "fig5-no-worse",
             "The error is no worse with the constraints: lower by so much [m].",
-            paper=None,
-            measured=gap,
-            error_bar=sure,
-            runs=n,
-            verdict=v.REPRODUCED if gap >= -sure else v.IN_PART if gap >= -2.0 * sure else v.NOT,
-            rule="not below 0 by more than a standard error, run by run; in part: two",
+            gap,
+            v.at_least(-v.NEGLIGIBLE * high.mean),
+            rule=f"higher by less than {v.NEGLIGIBLE:.0%}",
         ),
-        Verdict(
+        v.judge(
             "fig5-critical",
             "The constraints are critical in recovering the trajectories: share by which the mean "
             "RMSE is lower with them.",
-            paper=None,
-            measured=gap / high.mean,
-            error_bar=sure / high.mean,
-            runs=n,
-            verdict=v.REPRODUCED if gap - sure > CRITICAL * high.mean else v.IN_PART if gap > sure else v.NOT,
-            rule=f"above {CRITICAL:.0%} by more than a standard error, run by run; in part if above one",
+            saved,
+            v.above(CRITICAL),
+            v.above(0.0),
+            rule=f"above {CRITICAL:.0%}; in part above 0",
         ),
         v.pairs(
             "fig5-room",

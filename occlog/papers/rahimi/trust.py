@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterable
 
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+from occlog.papers.verdicts.measures import estimate, exact, mean_of, quotient
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Values
 
 from .trial import sparse_spec, sparse_trial
@@ -46,8 +47,8 @@ ESTIMATES: dict[str, tuple[str, Values]] = {
 FIT_STEPS = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Steps at which the motion is identified [s]."""
 LONGEST = FIT_STEPS[-1]
-LARGE = 1.0
-"""Half width of a 95 % range above which nothing can be concluded."""
+RIGHT_WITHIN = (1.4, 2.8)
+"""Mean normalised squared errors of a covariance that is right: within a factor of 1.4 of 2."""
 
 
 def false(size: Size, execute: Execute) -> Table:
@@ -81,33 +82,18 @@ def judge_false(table: Table) -> list[Verdict]:
     if other is not None and clean is not None:
         off = max(abs(a - b) for a, b in zip(clean.values, other.values, strict=True))
         said = "For squares and clean data the start does not matter: largest difference of the RMSE [m]."
-        good = v.REPRODUCED if off < SAME else v.NOT
         rule = f"below {SAME:g} m in every problem"
-        out.append(
-            Verdict(
-                "false-start-squares",
-                said,
-                paper=None,
-                measured=off,
-                error_bar=None,
-                runs=clean.runs,
-                verdict=good,
-                rule=rule,
-            )
-        )
+        out.append(v.judge("false-start-squares", said, exact(off, clean.runs), v.below(SAME), rule=rule))
     return out
 
 
 def _adds(key: str, name: str, clean: Row, row: Row) -> Verdict:
-    """Judge what false bearings add, as a share of the clean error; error bar of a quotient of paired means."""
-    ratio = row.mean / clean.mean
-    left = [b - ratio * a for a, b in zip(clean.values, row.values, strict=True)]
-    error = deviation(left) / math.sqrt(len(left)) / clean.mean
-    added = ratio - 1.0
-    good = v.REPRODUCED if added + error < LOSES else v.IN_PART if added - error < LOSES else v.NOT
+    """Judge what false bearings add, as a share of the clean error, run by run."""
+    ratio, error = quotient(row, clean)
     said = f"10 % of false bearings add less than {LOSES:.0%} to the mean RMSE with clean data ({name}): share added."
-    rule = f"below {LOSES:.0%} by more than a standard error; in part within one of it"
-    return Verdict(key, said, paper=None, measured=added, error_bar=error, runs=row.runs, verdict=good, rule=rule)
+    rule = f"below {LOSES:.0%}; in part below twice that"
+    added = estimate(ratio - 1.0, error, row.runs)
+    return v.judge(key, said, added, v.below(LOSES), v.below(2.0 * LOSES), rule=rule)
 
 
 def covariance(size: Size, execute: Execute) -> Table:
@@ -150,13 +136,10 @@ def judge_covariance(table: Table) -> list[Verdict]:
 
 def _consistent(key: str, what: str, row: Row) -> Verdict:
     """Judge a mean against 2; the error bar is that of the problems' means, as errors within a problem depend."""
-    right = abs(row.mean - 2.0) <= 1.96 * row.error <= LARGE
-    good = v.REPRODUCED if right else v.IN_PART if 1.0 <= row.mean <= 4.0 else v.NOT
     said = f"The normalised squared error is 2 in the mean, as the covariance says ({what})."
-    rule = f"within 1.96 standard errors of the problems' means, if that is at most {LARGE:g}; in part: a factor of 2"
-    return Verdict(
-        key, said, paper=None, measured=row.mean, error_bar=row.error, runs=row.runs, verdict=good, rule=rule
-    )
+    low, high = RIGHT_WITHIN
+    rule = f"from {low:g} to {high:g}; in part within a factor of 2"
+    return v.judge(key, said, mean_of(row), v.Interval(low, high), v.Interval(1.0, 4.0), rule=rule, paper=2.0)
 
 
 FALSE = Experiment(

@@ -37,6 +37,7 @@ class Row:
     values: tuple[float, ...]
     extra: dict[str, float] = field(default_factory=dict)
     plotted: bool = True  # false: in the table only
+    each: dict[str, tuple[float, ...]] = field(default_factory=dict)  # further figures of every run
 
     @property
     def runs(self) -> int:
@@ -64,7 +65,7 @@ Table = list[Row]
 
 @dataclass(frozen=True)
 class Verdict:
-    """A statement of the paper and the measurement that confirms it, in whole or in part, or does not."""
+    """A statement of the paper, and whether what was measured confirms it."""
 
     id: str
     statement: str
@@ -72,8 +73,11 @@ class Verdict:
     measured: float | None
     error_bar: float | None  # standard error of `measured`
     runs: int
-    verdict: str  # `reproduced`, `in part` or `not reproduced`
+    verdict: str  # one of `occlog.papers.verdicts.words.WORDS`
     rule: str  # how the verdict was reached
+    place: str = ""  # figure, table, equation or section of the paper
+    page: int | None = None  # of the paper, where its text has page numbers
+    words: str = ""  # the statement as the paper has it; empty: its text does not state it
 
     def as_dict(self) -> dict[str, object]:
         """Return the fields as plain values for JSON; NaN and infinities become None."""

@@ -1,17 +1,22 @@
-"""Rules by which statements are judged; every verdict names its rule.
+"""The one rule by which statements are judged.
 
-number   a stated number: `reproduced` within 10 % of it, or within two standard errors if the standard error
-         is at most 10 % of it; `in part` within 35 %, or, where the number is a factor by which something
-         grows, if at least half of its excess over 1 is there.
-printed  a number that follows from printed inputs without any noise: `reproduced` if it is off by at most two
-         units of its last digit; `in part` within 10 %.
-pairs    a statement that one mean is below another, at several points: a point counts as held if
-         the difference is above one standard error of it.  All points: `reproduced`; at least half: `in part`.
-close    two means are as good as equal, at several points: a point counts as held if they differ by
-         no more than one standard deviation over the runs, and the standard error of the difference is
-         at most half of that.  Counted in the same way.
+A statement is about a quantity, and holds while that is in a `good` interval; it holds in part while the
+quantity is in a wider one, `fair`.  What was measured has a range of two standard errors to each side
+(`measures`).  The statement is
 
-Differences are taken run by run, since trials of equal run share world and noise.
+reproduced        if the range is in the good interval;
+not reproduced    if the range is outside of the fair interval;
+in part           if the range is in the fair interval, and outside of the good one, or across an end of that with
+                  a small error bar: half the range at most `SHARP` of the good interval's half and of the
+                  distance between the ends;
+not decided       otherwise: the error bar is too large to say.
+
+What is computed exactly has a range of width 0, so that it is always decided.
+
+A statement about several points holds, fails or is open at each of them: it holds if the range is in the
+good interval, it fails if the range is outside of it, or if there is no difference to speak of.  It is reproduced
+if it holds at all points, in part if at half of them or more; it is not decided if the open points could change that.
+`number`, `printed`, `factor`, `pairs` and `close` are cases of these two.
 """
 
 from __future__ import annotations
@@ -19,14 +24,78 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
-from .model import Row, Table, Verdict, deviation
+from .measures import Measure, difference_of, estimate, exact, quotient_of
+from .model import Row, Table, Verdict
+from .words import IN_PART as IN_PART
+from .words import NOT as NOT
+from .words import REPRODUCED as REPRODUCED
+from .words import UNDECIDED as UNDECIDED
+from .words import WORDS as WORDS
 
-REPRODUCED, IN_PART, NOT = "reproduced", "in part", "not reproduced"
 NEAR, FAR = 0.10, 0.35
+"""Shares of a stated number within which it is reproduced, and in part."""
 SHARP = 0.5
-"""Largest standard error of a difference that shows agreement, as a share of the difference that is allowed."""
+"""Largest half of a range that lies across an end of the good interval and is decided all the same."""
+NEGLIGIBLE = 0.02
+"""A difference that is not above 0 for sure is none if it is known to be within this share of the level."""
 Pair = tuple[Row, Row]
+
+
+class Interval(NamedTuple):
+    """Numbers from `low` to `high`, both included."""
+
+    low: float = -math.inf
+    high: float = math.inf
+
+    def holds(self, m: Measure) -> bool:
+        """Return whether the whole range is in the interval."""
+        return self.low <= m.low and m.high <= self.high
+
+    def misses(self, m: Measure) -> bool:
+        """Return whether the whole range is outside."""
+        return m.high < self.low or self.high < m.low
+
+
+def at_most(limit: float) -> Interval:
+    """Return the numbers up to a limit."""
+    return Interval(high=limit)
+
+
+def at_least(limit: float) -> Interval:
+    """Return the numbers from a limit on."""
+    return Interval(low=limit)
+
+
+def above(limit: float) -> Interval:
+    """Return the numbers above a limit, without it."""
+    return Interval(low=math.nextafter(limit, math.inf))
+
+
+def below(limit: float) -> Interval:
+    """Return the numbers below a limit, without it."""
+    return Interval(high=math.nextafter(limit, -math.inf))
+
+
+def around(number: float, share: float) -> Interval:
+    """Return the numbers within a share of a number."""
+    return Interval(number - share * abs(number), number + share * abs(number))
+
+
+class Point(NamedTuple):
+    """One of several points of a statement."""
+
+    measure: Measure
+    good: Interval
+    none: float = 0.0  # a difference up to this is none; 0: every difference counts
+
+    def stands(self) -> bool | None:
+        """Return true where the statement holds, false where it fails, and None where that is open."""
+        if self.good.holds(self.measure):
+            return True
+        negligible = Interval(-self.none, self.none).holds(self.measure)
+        return False if negligible or self.good.misses(self.measure) else None
 
 
 def find(table: Table, series: str, x: float | None = None) -> Row | None:
@@ -58,12 +127,111 @@ def neighbours(rows: Sequence[Row]) -> list[Pair]:
     return [(after, before) for before, after in pairwise(rows)]
 
 
-def difference(low: Row, high: Row) -> tuple[float, float]:
-    """Return the mean of high - low and its standard error, run by run where the numbers of runs are equal."""
-    if low.runs == high.runs:
-        values = [b - a for a, b in zip(low.values, high.values, strict=True)]
-        return math.fsum(values) / len(values), deviation(values) / math.sqrt(len(values))
-    return high.mean - low.mean, math.hypot(low.error, high.error)
+def word_of(m: Measure, good: Interval, fair: Interval) -> str:
+    """Return the word for a quantity; see the text of the module."""
+    if math.isnan(m.value):
+        return UNDECIDED
+    if good.holds(m):
+        return REPRODUCED
+    if fair.misses(m):
+        return NOT
+    if fair.holds(m) and (good.misses(m) or m.half_width <= SHARP * _margin(good, fair)):
+        return IN_PART
+    return UNDECIDED
+
+
+def _margin(good: Interval, fair: Interval) -> float:
+    """Return the least of half the good interval and the distances between its ends and those of the fair one."""
+    widths = (0.5 * (good.high - good.low), fair.high - good.high, good.low - fair.low)
+    return min((w for w in widths if math.isfinite(w) and w > 0.0), default=0.0)
+
+
+def judge(
+    key: str,
+    statement: str,
+    measure: Measure,
+    good: Interval,
+    fair: Interval | None = None,
+    *,
+    rule: str,
+    paper: float | None = None,
+) -> Verdict:
+    """Judge a statement about one quantity; `fair` None: it holds or not, never in part.
+
+    Args:
+        key: id of the verdict.
+        statement: what is stated.
+        measure: the quantity.
+        good: where the statement holds.
+        fair: where it holds in part; contains `good`.
+        rule: both intervals in words.
+        paper: the number that the paper has.
+    """
+    word = word_of(measure, good, fair or good)
+    return _verdict(key, statement, measure, paper=paper, word=word, rule=rule)
+
+
+def fact(
+    key: str, statement: str, *, holds: bool, measured: float | None, rule: str, paper: float | None = None
+) -> Verdict:
+    """Judge a statement that was computed exactly, and holds or does not; `measured` is only shown."""
+    word = REPRODUCED if holds else NOT
+    shown = exact(math.nan if measured is None else measured)
+    return _verdict(key, statement, shown, paper=paper, word=word, rule=rule)
+
+
+def judge_points(
+    key: str,
+    statement: str,
+    points: Sequence[Point],
+    *,
+    rule: str,
+    paper: float | None = None,
+    shown: Measure | None = None,
+) -> Verdict:
+    """Judge a statement about several points.
+
+    Args:
+        key: id of the verdict.
+        statement: what is stated.
+        points: the points; without any, nothing is decided.
+        rule: what holds at a point, in words.
+        paper: the number that the paper has.
+        shown: what the verdict shows as measured; None: the mean over the points.
+    """
+    stands = [p.stands() for p in points]
+    held, left = sum(s is True for s in stands), sum(s is None for s in stands)
+    least, most = (share([True] * n + [False] * (len(points) - n)) for n in (held, held + left))
+    word = least if points and least == most else UNDECIDED
+    count = f"{held} of {len(points)} points"
+    counted = f"{rule}: holds at {count}" + (f", open at {left}" if left else "")
+    return _verdict(key, statement, shown or _mean(points), paper=paper, word=word, rule=counted)
+
+
+def _mean(points: Sequence[Point]) -> Measure:
+    n = len(points)
+    if n == 0:
+        return estimate(math.nan, math.nan, 0)
+    mean = math.fsum(p.measure.value for p in points) / n
+    error = math.sqrt(math.fsum(p.measure.error**2 for p in points)) / n
+    return estimate(mean, error, min(p.measure.runs for p in points))
+
+
+def _verdict(key: str, statement: str, m: Measure, *, paper: float | None, word: str, rule: str) -> Verdict:
+    value, error = (None if math.isnan(x) else x for x in (m.value, m.error))
+    said = rule if word != UNDECIDED else f"{rule}; the error bar is too large to say" if value is not None else rule
+    if value is None and word == UNDECIDED:
+        said = f"{rule}; it could not be measured"
+    return Verdict(
+        key,
+        statement,
+        paper=None if paper is None or math.isnan(paper) else paper,
+        measured=value,
+        error_bar=error,
+        runs=m.runs,
+        verdict=word,
+        rule=said,
+    )
 
 
 def share(held: Sequence[bool]) -> str:
@@ -74,121 +242,54 @@ def share(held: Sequence[bool]) -> str:
 
 
 def pairs(key: str, statement: str, points: Sequence[Pair], paper: float | None = None) -> Verdict:
-    """Judge by rule `pairs` that low is below high at every point; `measured` is the mean difference."""
-    found = [difference(low, high) for low, high in points]
-    held = [gap > error for gap, error in found]
-    rule = f"pairs: {sum(held)} of {len(held)} differences above one standard error"
-    return _verdict(key, statement, paper=paper, found=found, points=points, verdict=share(held), rule=rule)
+    """Judge that low is below high at every point; `measured` is the mean difference, run by run.
+
+    A difference that may be 0 and is known to be within `NEGLIGIBLE` of the level counts as none.
+    """
+    rule = f"above 0 by two standard errors (no difference: known to be within {NEGLIGIBLE:.0%} of the level)"
+    return judge_points(key, statement, [lower(low, high) for low, high in points], rule=rule, paper=paper)
+
+
+def lower(low: Row, high: Row) -> Point:
+    """Return the point at which the mean of one row should be below that of another."""
+    level = 0.5 * (abs(low.mean) + abs(high.mean))
+    return Point(difference_of(low, high), above(0.0), NEGLIGIBLE * level)
 
 
 def close(key: str, statement: str, points: Sequence[Pair]) -> Verdict:
-    """Judge by rule `close` that low and high are equal at every point; `measured` is the mean difference.
-
-    A large error bar is no agreement: it must be at most `SHARP` of what the means may differ by.
-    """
-    found = [difference(low, high) for low, high in points]
-    held = []
-    for (gap, error), (low, high) in zip(found, points, strict=True):
+    """Judge that low and high are as good as equal at every point: within one standard deviation over the runs."""
+    near = []
+    for low, high in points:
         tolerance = max(low.sd, high.sd)
-        held.append(abs(gap) <= tolerance and error <= SHARP * tolerance)
-    rule = f"close: {sum(held)} of {len(held)} differences within one standard deviation, known to half of it"
-    return _verdict(key, statement, paper=None, found=found, points=points, verdict=share(held), rule=rule)
+        near.append(Point(difference_of(low, high), Interval(-tolerance, tolerance)))
+    rule = "the difference and two standard errors of it are within one standard deviation over the runs"
+    return judge_points(key, statement, near, rule=rule)
 
 
 def number(key: str, statement: str, paper: float, measured: float, error: float, runs: int) -> Verdict:
-    """Judge a quantity by rule `number`."""
-    fair = abs(measured - paper) <= FAR * abs(paper)
-    good = _near(measured, error, paper)
-    rule = f"number: within {NEAR:.0%} or 2 (small) standard errors; in part within {FAR:.0%}"
-    return Verdict(
-        key,
-        statement,
-        paper=paper,
-        measured=measured,
-        error_bar=error,
-        runs=runs,
-        verdict=REPRODUCED if good else IN_PART if fair else NOT,
-        rule=rule,
-    )
+    """Judge a stated number: within `NEAR` of it, in part within `FAR`; an error of 0 is an exact computation."""
+    return stated(key, statement, paper, estimate(measured, error, runs))
+
+
+def stated(key: str, statement: str, paper: float, m: Measure) -> Verdict:
+    """Judge a stated number as `number` does."""
+    rule = f"within {NEAR:.0%} of it; in part within {FAR:.0%}"
+    return judge(key, statement, m, around(paper, NEAR), around(paper, FAR), rule=rule, paper=paper)
 
 
 def printed(key: str, said: str, number: float, row: Row | None) -> Verdict:
     """Judge a printed number to its digits: within two units of the last, as its inputs are rounded too."""
-    if row is None:
-        return Verdict(
-            key,
-            said,
-            paper=number,
-            measured=None,
-            error_bar=None,
-            runs=0,
-            verdict=NOT,
-            rule="printed digits; it could not be computed",
-        )
-    off = abs(row.mean - number)
     digits = len(f"{number}".split(".")[1])
-    near, fair = 2.0 * 10.0**-digits, NEAR * abs(number)
-    verdict = REPRODUCED if off <= near else IN_PART if off <= fair else NOT
+    near = 2.0 * 10.0**-digits
+    fair = max(NEAR * abs(number), near)
     rule = f"printed digits: off by at most two units of the last; in part within {NEAR:.0%}"
-    return Verdict(key, said, paper=number, measured=row.mean, error_bar=None, runs=1, verdict=verdict, rule=rule)
+    value = exact(math.nan if row is None else row.mean)
+    good, part = Interval(number - near, number + near), Interval(number - fair, number + fair)
+    return judge(key, said, value, good, part, rule=rule, paper=number)
 
 
 def factor(key: str, statement: str, paper: float, low: Row | None, high: Row | None) -> Verdict:
-    """Judge the quotient high / low of two means by rule `number`; without both rows it is not reproduced."""
-    rule = f"number: within {NEAR:.0%} or 2 (small) standard errors; in part if at least half of the excess over 1"
-    if low is None or high is None:
-        return Verdict(
-            key,
-            statement,
-            paper=paper,
-            measured=None,
-            error_bar=None,
-            runs=0,
-            verdict=NOT,
-            rule=rule + "; it could not be measured",
-        )
-    measured, error = quotient(high, low)
-    good = _near(measured, error, paper)
-    fair = measured - 1.0 >= 0.5 * (paper - 1.0)
-    return Verdict(
-        key,
-        statement,
-        paper=paper,
-        measured=measured,
-        error_bar=error,
-        runs=min(low.runs, high.runs),
-        verdict=REPRODUCED if good else IN_PART if fair else NOT,
-        rule=rule,
-    )
-
-
-def _near(measured: float, error: float, paper: float) -> bool:
-    """Return whether a measured number agrees with a stated one; within a large error bar alone it does not."""
-    near = NEAR * abs(paper)
-    return abs(measured - paper) <= (max(near, 2.0 * error) if error <= near else near)
-
-
-def quotient(above: Row, below: Row) -> tuple[float, float]:
-    """Return the quotient of two means and its standard error by the delta method; NaN if `below` has mean 0."""
-    if not below.mean:
-        return math.nan, math.nan
-    if not above.mean:
-        return 0.0, above.error / abs(below.mean)
-    ratio = above.mean / below.mean
-    return ratio, abs(ratio) * math.hypot(above.error / above.mean, below.error / below.mean)
-
-
-def _verdict(
-    key: str,
-    statement: str,
-    paper: float | None,
-    found: Sequence[tuple[float, float]],
-    points: Sequence[Pair],
-    verdict: str,
-    rule: str,
-) -> Verdict:
-    n = len(found)
-    mean = math.fsum(gap for gap, _ in found) / n if n else None
-    error = math.sqrt(math.fsum(e * e for _, e in found)) / n if n else None
-    runs = min((min(a.runs, b.runs) for a, b in points), default=0)
-    return Verdict(key, statement, paper=paper, measured=mean, error_bar=error, runs=runs, verdict=verdict, rule=rule)
+    """Judge a stated quotient high / low, above 1, of two means; None where there is no such row."""
+    m = quotient_of(high, low) if low is not None and high is not None else estimate(math.nan, math.nan, 0)
+    rule = f"within {NEAR:.0%} of it; in part if at least half of the excess over 1"
+    return judge(key, statement, m, around(paper, NEAR), at_least(1.0 + 0.5 * (paper - 1.0)), rule=rule, paper=paper)

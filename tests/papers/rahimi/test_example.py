@@ -203,7 +203,7 @@ def test_constraints_hold() -> None:
     verdicts = {x.id: x for x in results.judge5(table)}
     assert verdicts["fig5-front"].verdict == v.REPRODUCED
     behind = sum(r.extra["behind"] > 0 for r in v.series(table, results.WITHOUT))
-    assert verdicts["fig5-behind"].measured == behind
+    assert verdicts["fig5-behind"].measured == behind / 3
 
 
 def test_small_refinement() -> None:
@@ -231,12 +231,12 @@ def test_false_bearings_are_judged_by_what_they_add() -> None:
     assert found["false-start"].verdict == v.REPRODUCED
 
 
-def test_a_covariance_with_a_large_error_bar_is_not_consistent() -> None:
+def test_a_covariance_with_a_large_error_bar_is_not_decided() -> None:
     good = Row(trust.KNOWN, 8.0, tuple(np.linspace(1.0, 3.0, 50).tolist()))
     tail = Row(trust.HESSIAN, math.nan, (*[2.0] * 49, 500.0))
     found = {x.id: x for x in trust.judge_covariance([good, tail])}
     assert found["covariance-mode-hessian-distances-known-8s"].verdict == v.REPRODUCED
-    assert found["covariance-mode-hessian-8s"].verdict == v.NOT
+    assert found["covariance-mode-hessian-8s"].verdict == v.UNDECIDED
 
 
 def test_experiments_are_listed_in_order_with_their_pictures() -> None:

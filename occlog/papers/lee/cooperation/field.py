@@ -10,6 +10,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import CONFIDENCE, Measure, errors_allowed, estimate, mean_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
 from occlog.pipeline.sweep.trial import Values
 
@@ -95,7 +96,7 @@ def judge_policy(table: Table) -> list[Verdict]:
     none = v.find(table, f"{NONE}, {THESIS}")
     if none is not None:
         said = "Without cameras the average error is 5.59 m."
-        out.append(v.number("fig3.14-none", said, paper=AVERAGE, measured=none.mean, error=none.error, runs=none.runs))
+        out.append(v.stated("fig3.14-none", said, AVERAGE, mean_of(none)))
     for name, key in FORMS.items():
         period = v.series(table, f"{PERIODIC}, {name}")
         for policy, code in ((PRINTED, "printed"), (EDGE, "count"), (SPREAD, "spread")):
@@ -110,37 +111,14 @@ def judge_policy(table: Table) -> list[Verdict]:
 def _cheaper(key: str, which: str, row: Row, period: list[Row]) -> Verdict:
     """Judge by bootstrap over the runs whether a policy asks for fewer frames than the period of equal error."""
     said = f"Asks for fewer frames than the period of equal error: {which}; frames saved."
-    rule = "95 % range of the frames saved (bootstrap over runs): above 0: reproduced; holds 0: in part"
-    saved = saved_frames(row, period)
-    if saved is None:
-        return Verdict(
-            key,
-            said,
-            paper=None,
-            measured=None,
-            error_bar=None,
-            runs=row.runs,
-            verdict=v.NOT,
-            rule=rule + "; the error is beyond all periods'",
-        )
-    mean, low, high, error = saved
-    good = v.REPRODUCED if low > 0 else v.NOT if high < 0 else v.IN_PART
-    return Verdict(
-        key,
-        said,
-        paper=None,
-        measured=mean,
-        error_bar=error,
-        runs=row.runs,
-        verdict=good,
-        rule=rule + f"; it is {low:.1f} to {high:.1f}",
-    )
+    rule = "above 0 (bootstrap over runs)"
+    return v.judge(key, said, saved_frames(row, period), v.above(0.0), rule=rule)
 
 
-def saved_frames(row: Row, period: list[Row]) -> tuple[float, float, float, float] | None:
-    """Return the frames of the period of equal error less those of a policy: mean, 95 % range, standard error.
+def saved_frames(row: Row, period: list[Row]) -> Measure:
+    """Return the frames of the period of equal error less those of a policy; NaN: no period has such an error.
 
-    A bootstrap sample takes the same runs of the policy and of all periods.  None: no period has such an error.
+    A bootstrap sample takes the same runs of the policy and of all periods.
     """
     n = row.runs
     errors = np.array([r.values for r in period])
@@ -155,9 +133,10 @@ def saved_frames(row: Row, period: list[Row]) -> tuple[float, float, float, floa
     ]
     good = [x for x in found if not math.isnan(x)]
     if math.isnan(value) or len(good) < 0.9 * RESAMPLES:
-        return None
-    low, high = np.quantile(good, [0.025, 0.975])
-    return value, float(low), float(high), deviation(good)
+        return estimate(math.nan, math.nan, n)
+    wide = 0.5 * errors_allowed(n)
+    low, high = np.quantile(good, [1.0 - CONFIDENCE, CONFIDENCE])
+    return Measure(value, deviation(good), n, value - wide * (value - float(low)), value + wide * (float(high) - value))
 
 
 def _frames(row: Row) -> Floats:
@@ -195,11 +174,7 @@ def judge_object(table: Table) -> list[Verdict]:
             row = v.find(table, name, float(k))
             if row is not None and row.values and not math.isnan(row.mean):
                 said = f"RMS error of object {k} {text} [m]."
-                out.append(
-                    v.number(
-                        f"table3.1-{k}-{n}", said, paper=values[n], measured=row.mean, error=row.error, runs=row.runs
-                    )
-                )
+                out.append(v.stated(f"table3.1-{k}-{n}", said, values[n], mean_of(row)))
     return out
 
 

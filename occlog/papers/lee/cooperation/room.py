@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable
 
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+from occlog.papers.verdicts.measures import mean_of
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Spec
 
 from .trial import BIN, cooperation_spec, cooperation_trial
@@ -89,18 +90,8 @@ def judge_silence(table: Table) -> list[Verdict]:
 
 
 def _certain(key: str, said: str, row: Row) -> Verdict:
-    good = v.REPRODUCED if row.mean >= CERTAIN else v.IN_PART if row.mean >= 0.5 else v.NOT
     rule = f"share of at least {CERTAIN:g}; in part from 0.5"
-    return Verdict(
-        key,
-        said,
-        paper=None,
-        measured=row.mean,
-        error_bar=deviation(row.values) / math.sqrt(row.runs),
-        runs=row.runs,
-        verdict=good,
-        rule=rule,
-    )
+    return v.judge(key, said, mean_of(row), v.at_least(CERTAIN), v.at_least(0.5), rule=rule)
 
 
 def judge_final(table: Table) -> list[Verdict]:

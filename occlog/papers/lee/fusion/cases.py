@@ -20,6 +20,7 @@ from occlog.measure.fuse.kernels.decision_rule import (
     weighted_value,
 )
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import exact, sample
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Spec
 
@@ -116,26 +117,23 @@ def judge_curves(table: Table) -> list[Verdict]:
 
 
 def _threshold(key: str, said: str, limit: float, rows: list[Row], level: float) -> Verdict:
-    """Judge at which variance the share declared falls below a level, by linear interpolation."""
-    measured = math.nan
-    for before, after in itertools.pairwise(rows):
-        if before.mean > level >= after.mean:
-            measured = before.x + (after.x - before.x) * (before.mean - level) / (before.mean - after.mean)
-            break
-    good = math.isfinite(measured) and abs(measured - limit) <= v.NEAR * limit
-    part = math.isfinite(measured) and abs(measured - limit) <= v.FAR * limit
-    verdict = v.REPRODUCED if good else v.IN_PART if part else v.NOT
-    rule = f"number: within {v.NEAR:.0%}; in part within {v.FAR:.0%}; not: also where no point is above the level"
-    return Verdict(
-        key,
-        said,
-        paper=limit,
-        measured=measured,
-        error_bar=None,
-        runs=rows[0].runs if rows else 0,
-        verdict=verdict,
-        rule=rule,
-    )
+    """Judge at which variance the share declared falls below a level, by linear interpolation, run by run."""
+    n = min((r.runs for r in rows), default=0)
+    crossings = [_crossing([(r.x, r.values[k]) for r in rows], level) for k in range(n)]
+    found = [x for x in crossings if x is not None]
+    if not found and n:  # the curve is above the level, or below it, everywhere
+        ends = [rows[0], rows[-1]]
+        outside = rows[-1].x if all(r.mean > level for r in ends) else rows[0].x
+        return v.stated(key, said + " It has no such limit: the end of the curve.", limit, exact(outside, n))
+    return v.stated(key, said, limit, sample(found))
+
+
+def _crossing(curve: list[tuple[float, float]], level: float) -> float | None:
+    """Return where a falling curve crosses a level; None: nowhere."""
+    for (x, y), (x_next, y_next) in itertools.pairwise(curve):
+        if y > level >= y_next:
+            return x + (x_next - x) * (y - level) / (y - y_next)
+    return None
 
 
 class Case(NamedTuple):
@@ -242,20 +240,9 @@ def judge_case(name: str, table: Table) -> list[Verdict]:
         )
     found = v.find(table, ITEMS[4])
     said = f"The object is declared {'present' if c.declared else 'absent'} by (4.13)."
-    good = found is not None and (found.mean > 0.0) == c.declared
-    measured = None if found is None else found.mean
-    out.append(
-        Verdict(
-            f"{name}-declared",
-            said,
-            paper=None,
-            measured=measured,
-            error_bar=None,
-            runs=1,
-            verdict=v.REPRODUCED if good else v.NOT,
-            rule="sign",
-        )
-    )
+    if found is not None:
+        right = v.above(0.0) if c.declared else v.at_most(0.0)
+        out.append(v.judge(f"{name}-declared", said, exact(found.mean), right, rule="sign"))
     if c.value_plain is not None:
         said = "Value of the decision by (4.3) without prior, by which the false object would be declared."
         out.append(v.printed(f"{name}-value-plain", said, c.value_plain, v.find(table, ITEMS[6])))

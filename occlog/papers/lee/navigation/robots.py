@@ -14,6 +14,7 @@ from occlog.navigate.config import NavigateConfig
 from occlog.navigate.course import Disc, course_of
 from occlog.navigate.stage import Drive, End, Step, drive
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import estimate, mean_of
 from occlog.papers.verdicts.model import Row, Verdict
 from occlog.records.scene import Scene
 
@@ -64,23 +65,14 @@ def collided(robots: Drive) -> Bools:
 
 def shown(key: str, said: str, good: bool, measured: float | None, rule: str, paper: float | None = None) -> Verdict:
     """Verdict on a statement about a determinate quantity."""
-    return Verdict(
-        key,
-        said,
-        paper=paper,
-        measured=measured,
-        error_bar=None,
-        runs=1,
-        verdict=v.REPRODUCED if good else v.NOT,
-        rule=rule,
-    )
+    return v.fact(key, said, holds=good, measured=measured, rule=rule, paper=paper)
 
 
 def always(key: str, said: str, row: Row | None, share: float, paper: float | None = None) -> Verdict:
     """Verdict on a statement that says what always, or never, happens.
 
     Reproduced where the share over all trials is exactly that; not reproduced where it differs from it by more than
-    two standard errors over the runs.  In between it is in part: too few trials contradict it.
+    two standard errors over the runs.
 
     Args:
         key: of the verdict.
@@ -89,16 +81,5 @@ def always(key: str, said: str, row: Row | None, share: float, paper: float | No
         share: what it must be, 0 or 1.
         paper: what is printed; None: nothing.
     """
-    off = math.inf if row is None else abs(row.mean - share)
-    error = math.nan if row is None else row.error
-    verdict = v.REPRODUCED if off == 0.0 else v.IN_PART if off <= 2.0 * error else v.NOT
-    return Verdict(
-        key,
-        said,
-        paper=paper,
-        measured=None if row is None else row.mean,
-        error_bar=None if row is None else row.error,
-        runs=0 if row is None else row.runs,
-        verdict=verdict,
-        rule=f"share of trials: {share:g} in all of them; in part within 2 standard errors",
-    )
+    found = estimate(math.nan, math.nan, 0) if row is None else mean_of(row)
+    return v.judge(key, said, found, v.Interval(share, share), rule=f"share of trials: {share:g} in all", paper=paper)

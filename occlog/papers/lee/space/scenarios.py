@@ -12,6 +12,7 @@ from occlog.array_types import Floats
 from occlog.core.bounds.in_space import sight_angles
 from occlog.core.sight.projected_planes import YZ, select_as_printed
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import estimate, exact, mean_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Values
 
@@ -116,22 +117,20 @@ def judge_scenario(scenario: int, table: Table) -> list[Verdict]:
 
 def _reaches(key: str, said: str, rows: Sequence[Row], bound: Sequence[Row]) -> Verdict:
     """Judge the ratio of error and bound on the axis where it is largest."""
-    ratios = [(r.mean / b.mean, r.error / b.mean, r.runs) for r, b in zip(rows, bound, strict=True)]
-    worst, error, runs = max(ratios)
-    good = v.REPRODUCED if worst - error <= NEAR else v.IN_PART if min(ratios)[0] <= NEAR else v.NOT
+    points = [
+        v.Point(estimate(r.mean / b.mean, r.error / b.mean, r.runs), v.at_most(NEAR))
+        for r, b in zip(rows, bound, strict=True)
+    ]
+    worst = max((p.measure for p in points), key=lambda m: m.value, default=None)
     statement = f"{said}: RMSE over all instants to it, on the axis where that is most ({PARTICLES} particles)."
-    rule = f"at most {NEAR:g} up to a standard error on every axis; in part: on one"
-    return Verdict(key, statement, paper=None, measured=worst, error_bar=error, runs=runs, verdict=good, rule=rule)
+    return v.judge_points(key, statement, points, rule=f"at most {NEAR:g} on every axis", shown=worst)
 
 
 def _below(key: str, planes: Sequence[Row], direct: Sequence[Row]) -> Verdict:
     """Judge whether a bound of the planes is below the direct one."""
-    ratio = min(p.mean / d.mean for p, d in zip(planes, direct, strict=True))
+    ratio = exact(min(p.mean / d.mean for p, d in zip(planes, direct, strict=True)))
     said = "PPS has the lower bound (the thesis' figures): bound of the planes to the direct one, where that is least."
-    good = v.REPRODUCED if ratio < 1.0 - 1e-9 else v.NOT
-    return Verdict(
-        key, said, paper=None, measured=ratio, error_bar=None, runs=1, verdict=good, rule="below 1 on some axis"
-    )
+    return v.judge(key, said, ratio, v.below(1.0 - 1e-9), rule="below 1 on some axis")
 
 
 def _angles(scenario: int) -> list[Verdict]:
@@ -144,37 +143,15 @@ def _angles(scenario: int) -> list[Verdict]:
             off = float(np.max(np.abs(np.array([angle.min(), angle.max()]) - printed[scenario])))
             low, high = printed[scenario]
             said = f"{name} is between {low:g} and {high:g} degrees: largest difference of an end."
-            good = v.REPRODUCED if off < 0.00501 else v.NOT
-            out.append(
-                Verdict(
-                    f"scenario{scenario}-{name}",
-                    said,
-                    paper=0.0,
-                    measured=off,
-                    error_bar=None,
-                    runs=1,
-                    verdict=good,
-                    rule="to the printed digits",
-                )
-            )
+            key, rule = f"scenario{scenario}-{name}", "to the printed digits"
+            out.append(v.judge(key, said, exact(off), v.below(0.00501), rule=rule, paper=0.0))
     if scenario == 3:
         count = int(np.sum(select_as_printed(np.deg2rad(phi)[:, None])[:, 0, 1] == YZ))
         said = (
             "By the printed rule, xy and yz are selected in the first instants, xy and zx later: number of the first."
         )
-        good = v.REPRODUCED if count == 13 else v.NOT
-        out.append(
-            Verdict(
-                "scenario3-switch",
-                said,
-                paper=13.0,
-                measured=float(count),
-                error_bar=None,
-                runs=1,
-                verdict=good,
-                rule="the same number",
-            )
-        )
+        good = v.Interval(13.0, 13.0)
+        out.append(v.judge("scenario3-switch", said, exact(float(count)), good, rule="the same number", paper=13.0))
     return out
 
 
@@ -225,20 +202,10 @@ def judge_particles(table: Table) -> list[Verdict]:
     ]
     last = v.find(table, DIRECT, many[1])
     if last is not None:
-        good = v.REPRODUCED if last.mean - last.error <= NEAR else v.NOT
         said = "The direct method is near its bound at 10000 particles: RMSE in space to it, all scenarios."
-        out.append(
-            Verdict(
-                "particles-bound",
-                said,
-                paper=None,
-                measured=last.mean,
-                error_bar=last.error,
-                runs=last.runs,
-                verdict=good,
-                rule=f"at most {NEAR:g}",
-            )
-        )
+        near, twice = v.at_most(NEAR), v.at_most(2.0 * NEAR)
+        rule = f"at most {NEAR:g}; in part: twice that"
+        out.append(v.judge("particles-bound", said, mean_of(last), near, twice, rule=rule))
     return out
 
 

@@ -6,6 +6,7 @@ import functools
 import math
 
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import mean_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 
 from .scenarios import root_mean
@@ -72,16 +73,7 @@ def judge_table(name: str, table: Table) -> list[Verdict]:
                 said = (
                     f"RMSE of {AXIS_NAMES[j]} [m], {way} (the thesis does not say what spread the filters start with)."
                 )
-                out.append(
-                    v.number(
-                        f"{key}-{way}-{AXIS_NAMES[j]}",
-                        said,
-                        paper=value,
-                        measured=row.mean,
-                        error=row.error,
-                        runs=row.runs,
-                    )
-                )
+                out.append(v.stated(f"{key}-{way}-{AXIS_NAMES[j]}", said, value, mean_of(row)))
     return out
 
 

@@ -23,6 +23,7 @@ from occlog.core.sight.projected_planes import (
     select_by_variance,
 )
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import Measure, estimate, mean_of, share_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 
 SIGMA = math.radians(1.0)
@@ -33,6 +34,8 @@ SHOWN = (30, 60)
 DRAWS, DIRECTIONS = 4000, 20_000
 """Random angles in each run of a point, and random directions in each run of a share."""
 SAME = 0.05
+CHANCE = 0.35
+"""Largest share of wrong directions of a rule that is in part right; half of them are wrong by chance."""
 FIRST, MONTE_CARLO = "first order", "Monte Carlo"
 WRONG_YZ, WRONG_ZX, WRONG_RULE, WRONG_BAND = "yz", "zx", "rule", "band"
 SHARES = (WRONG_YZ, WRONG_ZX, WRONG_RULE, WRONG_BAND)
@@ -135,29 +138,16 @@ def xy_is_worst(seed: int) -> float:
 
 def judge(table: Table) -> list[Verdict]:
     """Judge first order against Monte Carlo, and the statements of Secs. 2.1.2 and 2.2.1."""
-    ratios: list[tuple[float, float, int]] = []
+    points = []
     for row in table:
         if row.series.endswith(FIRST):
             drawn = v.find(table, row.series.replace(FIRST, MONTE_CARLO), row.x)
-            if drawn is not None and drawn.runs > 1:
-                ratios.append((abs(drawn.mean / row.mean - 1.0), drawn.error / row.mean, drawn.runs))
-    worst, error, runs = max(ratios)
-    share = sum(r - 2.0 * e <= SAME for r, e, _ in ratios) / len(ratios)
-    good = v.REPRODUCED if share == 1.0 else v.IN_PART if share >= 0.5 else v.NOT
-    said = f"First-order variances agree with Monte Carlo where they hold: largest deviation of {len(ratios)} points."
-    rule = f"within {SAME:.0%} or two standard errors more, everywhere; in part: at half of the points"
-    out = [
-        Verdict(
-            "variances-first-order",
-            said,
-            paper=None,
-            measured=worst,
-            error_bar=error,
-            runs=runs,
-            verdict=good,
-            rule=rule,
-        )
-    ]
+            if drawn is not None:
+                off = estimate(drawn.mean / row.mean - 1.0, drawn.error / row.mean, drawn.runs)
+                points.append(v.Point(off, v.Interval(-SAME, SAME)))
+    said = f"First-order variances agree with Monte Carlo where they hold: largest deviation of {len(points)} points."
+    worst = max((p.measure for p in points), key=lambda m: abs(m.value), default=None)
+    out = [v.judge_points("variances-first-order", said, points, rule=f"within {SAME:.0%}", shown=worst)]
     statements = {
         WRONG_YZ: ("Eq. 2.1 and 2.2 project on yz: share of directions where they are wrong.", 0.001),
         WRONG_ZX: ("Eq. 2.1 and 2.2 project on zx: share of directions where they are wrong.", 0.001),
@@ -170,37 +160,16 @@ def judge(table: Table) -> list[Verdict]:
     for name, (text, limit) in statements.items():
         share_row = v.find(table, f"share wrong: {name}")
         if share_row is not None:
-            wrong = share_row.mean
-            good = v.REPRODUCED if wrong <= limit else v.IN_PART if wrong <= 0.35 else v.NOT
-            rule = f"at most {limit:g}; in part: at most 0.35 (chance is 0.5)"
-            out.append(
-                Verdict(
-                    f"variances-{name}",
-                    text,
-                    paper=0.0,
-                    measured=wrong,
-                    error_bar=share_row.error,
-                    runs=share_row.runs,
-                    verdict=good,
-                    rule=rule,
-                )
-            )
-    never = xy_is_worst(0)
-    good = v.REPRODUCED if never <= 0.01 else v.IN_PART if never <= 0.35 else v.NOT
+            out.append(_rarely(f"variances-{name}", text, mean_of(share_row), limit))
+    never = share_of(round(xy_is_worst(0) * DIRECTIONS), DIRECTIONS)
     said = "xy always is the second best plane: share of directions where it is the worst one."
-    out.append(
-        Verdict(
-            "variances-xy",
-            said,
-            paper=0.0,
-            measured=never,
-            error_bar=None,
-            runs=1,
-            verdict=good,
-            rule="at most 0.01; in part: at most 0.35",
-        )
-    )
-    return out
+    return [*out, _rarely("variances-xy", said, never, 0.01)]
+
+
+def _rarely(key: str, said: str, wrong: Measure, limit: float) -> Verdict:
+    """Judge that a statement is wrong for a small share of the directions; in part: for fewer than by chance."""
+    rule = f"at most {limit:g}; in part: at most {CHANCE:g} (chance is 0.5)"
+    return v.judge(key, said, wrong, v.at_most(limit), v.at_most(CHANCE), rule=rule, paper=0.0)
 
 
 VARIANCES = Experiment(

@@ -16,6 +16,7 @@ from occlog.papers.qu.follow import FollowedFrame, TrackerRows, follow
 from occlog.papers.qu.trial import run_views_trial, runner_of
 from occlog.papers.qu.world import geometry_of
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import mean_of, share_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.video import BallsFrame
@@ -23,6 +24,10 @@ from occlog.simulate.balls.video import BallsFrame
 SHOWN = ("mipf", "idmot", "bmct")
 """The methods of the figure."""
 COLUMNS = 4
+ALL = 0.7
+"""Share of the videos that counts as all: what twelve videos without an exception can show."""
+MANY = 100.0 / 3.0
+"""Share of the trackers [%] that counts as many."""
 
 
 class MostHidden(NamedTuple):
@@ -114,7 +119,6 @@ def judge7(table: Table) -> list[Verdict]:
     """Judge the paper's statements about the three methods."""
     end = {m: next(r for r in table if r.series == f"{m.upper()}, last frame") for m in SHOWN}
     hijacked, n = end["mipf"], end["mipf"].runs
-    word = v.REPRODUCED if hijacked.mean - hijacked.error > 100 / 3 else v.IN_PART if hijacked.mean > 10 else v.NOT
     failed = sum(x > 0 for x in end["idmot"].values)
     whole = sum(x == 0 for x in end["bmct"].values)
     said = (
@@ -122,37 +126,31 @@ def judge7(table: Table) -> list[Verdict]:
     )
     better = "BMCT rectifies these problems: share of trackers off their target at the end lower than IDMOT's, by [%]."
     return [
-        Verdict(
+        v.judge(
             "fig7-hijacked",
             "MIPF: many trackers are hijacked and lose their target: share at the end [%].",
-            paper=None,
-            measured=hijacked.mean,
-            error_bar=hijacked.error,
-            runs=n,
-            verdict=word,
-            rule="above a third by a standard error; in part above 10 %",
+            mean_of(hijacked),
+            v.above(MANY),
+            v.above(10.0),
+            rule="above a third; in part above 10 %",
         ),
         ordered("fig7-idmot", said, end["idmot"], end["mipf"]),
-        Verdict(
+        v.judge(
             "fig7-idmot-fails",
-            "IDMOT still has failures: videos at whose end a tracker is off its target.",
-            paper=None,
-            measured=float(failed),
-            error_bar=None,
-            runs=n,
-            verdict=v.share([x > 0 for x in end["idmot"].values]),
-            rule="all of the videos; in part at least half",
+            "IDMOT still has failures: share of the videos at whose end a tracker is off its target.",
+            share_of(failed, n),
+            v.at_least(0.5),
+            v.at_least(0.1),
+            rule="at least half of the videos; in part a tenth",
         ),
         ordered("fig7-bmct", better, end["bmct"], end["idmot"]),
-        Verdict(
+        v.judge(
             "fig7-all",
-            "BMCT tracks all targets: videos at whose end all trackers are on their targets.",
-            paper=float(n),
-            measured=float(whole),
-            error_bar=None,
-            runs=n,
-            verdict=v.share([x == 0 for x in end["bmct"].values]),
-            rule="all of the videos; in part at least half",
+            "BMCT tracks all targets: share of the videos at whose end all trackers are on their targets.",
+            share_of(whole, n),
+            v.at_least(ALL),
+            v.at_least(0.5 * ALL),
+            rule=f"at least {ALL:.0%} of the videos; in part half of that",
         ),
     ]
 

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from occlog.papers.qu.common import RATES, SURE, bootstrap_share, ordered, rate_row, seed_of
+from occlog.papers.qu.common import LITTLE, RATES, ordered, rate_row, seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import difference_of, sample, share_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.simulate.balls.config import BallsConfig
 
@@ -25,6 +27,8 @@ AT = 0.1
 """Share of the video after which they are exchanged."""
 WITHIN = 60
 """Frames within which a wrong tracker should be noticed, or be back on its target."""
+MOSTLY = 0.8
+"""Share of the wrong trackers that counts as all: what 24 of them can show."""
 BMCT, IDMOT = "BMCT", "IDMOT"
 
 
@@ -64,7 +68,8 @@ def _alarmed(row: Row, results: Sequence[Mapping[str, float]], label: str) -> Ro
     for name in ("checked", "bad", "false_alarm", "missed"):
         given = [r[f"{label}.{name}"] for r in results if not math.isnan(r[f"{label}.{name}"])]
         extra[name] = math.fsum(given) / len(given) if given else math.nan
-    return Row(row.series, row.x, row.values, extra, plotted=row.plotted)
+    each = {name: tuple(r[f"{label}.{name}"] for r in results) for name in ("bad", "false_alarm")}
+    return replace(row, extra=extra, each=each)
 
 
 def _injected(methods: Iterable[str], results: Sequence[Mapping[str, float]]) -> list[Row]:
@@ -111,82 +116,42 @@ def _noticed(table: Table) -> list[Verdict]:
     noticed = next((r for r in table if r.series.startswith("frames until a wrong tracker")), None)
     if over is None or noticed is None:
         return []
-    word = v.REPRODUCED if over.mean >= 0.9 else v.IN_PART if over.mean >= 0.5 else v.NOT
     said = (
         f"A tracker that was put on another target is noticed, or finds back, within {WITHIN} frames: share of them "
         f"(noticed: {noticed.extra['share']:.0%}, those after a median of {noticed.extra['median']:.3g} frames)."
     )
-    return [
-        Verdict(
-            "loop-noticed",
-            said,
-            paper=None,
-            measured=over.mean,
-            error_bar=over.error,
-            runs=over.runs,
-            verdict=word,
-            rule="at least 90 %; in part half",
-        )
-    ]
+    over_all = share_of(round(math.fsum(over.values)), over.runs)
+    rule = f"at least {MOSTLY:.0%}; in part half"
+    return [v.judge("loop-noticed", said, over_all, v.at_least(MOSTLY), v.at_least(0.5), rule=rule)]
 
 
 def _alarms(table: Table) -> list[Verdict]:
     rows = v.series(table, f"{BMCT}, {RATES['fr_p']}")
     out = []
     if rows and rows[0].x == 0.0:
-        false = rows[0].extra["false_alarm"]
-        word = v.REPRODUCED if false <= 0.01 else v.IN_PART if false <= 0.05 else v.NOT
         said = "False alarms are rare: share of the checks of sound targets that say bad, with the right lines."
-        out.append(
-            Verdict(
-                "loop-false-alarms",
-                said,
-                paper=None,
-                measured=false,
-                error_bar=None,
-                runs=rows[0].runs,
-                verdict=word,
-                rule="at most 1 %; in part 5 %",
-            )
-        )
-    far = [r for r in rows if r.x >= 45.0]
+        false, rule = sample(_known(rows[0].each["false_alarm"])), "at most 1 %; in part 5 %"
+        out.append(v.judge("loop-false-alarms", said, false, v.at_most(0.01), v.at_most(0.05), rule=rule))
+    far = [r.each["bad"] for r in rows if r.x >= 45.0]
     if far:
-        bad = math.fsum(r.extra["bad"] for r in far) / len(far)
-        word = v.REPRODUCED if bad >= 0.5 else v.IN_PART if bad >= 0.2 else v.NOT
         said = "Wrong lines are noticed: share of the checks that say bad, with lines 45 px and more away."
-        out.append(
-            Verdict(
-                "loop-wrong-lines",
-                said,
-                paper=None,
-                measured=bad,
-                error_bar=None,
-                runs=far[0].runs,
-                verdict=word,
-                rule="at least half; in part 20 %",
-            )
-        )
+        of_runs = [math.fsum(run) / len(run) for run in zip(*far, strict=True)]
+        bad, rule = sample(_known(of_runs)), "at least half; in part 20 %"
+        out.append(v.judge("loop-wrong-lines", said, bad, v.at_least(0.5), v.at_least(0.2), rule=rule))
     return out
 
 
+def _known(values: Iterable[float]) -> list[float]:
+    return [x for x in values if not math.isnan(x)]
+
+
 def _not_inferior(rate: str, name: str, idmot: Row, wrong: Sequence[Row]) -> Verdict:
-    """Judge that no rate is higher by more than chance: the reverse order does not hold by the rule of `ordered`."""
-    gaps = [np.subtract(r.values, idmot.values) for r in wrong]
-    held = [bootstrap_share(gap) < SURE for gap in gaps]
-    worst = max(range(len(gaps)), key=lambda i: float(np.mean(gaps[i]))) if gaps else None
-    gap, error = (None, None) if worst is None else v.difference(idmot, wrong[worst])
+    """Judge that no rate is higher; the verdict shows the worst."""
+    points = [v.Point(difference_of(idmot, r), v.at_most(LITTLE)) for r in wrong]
+    worst = max((p.measure for p in points), key=lambda m: m.value, default=None)
     said = f"BMCT is never inferior to IDMOT, even with wrong lines: rate of {name} higher at worst by [%]."
-    rule = f"not above it in {SURE:.0%} of bootstrap samples: {sum(held)} of {len(held)} kinds of wrong lines"
-    return Verdict(
-        f"loop-{rate}-not-inferior",
-        said,
-        paper=0.0,
-        measured=gap,
-        error_bar=error,
-        runs=idmot.runs,
-        verdict=v.share(held),
-        rule=rule,
-    )
+    rule = f"higher by less than {LITTLE:g} %, for each kind of wrong lines"
+    return v.judge_points(f"loop-{rate}-not-inferior", said, points, rule=rule, paper=0.0, shown=worst)
 
 
 LOOP = Experiment(

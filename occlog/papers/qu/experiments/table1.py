@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from occlog.papers.qu.common import ordered, seed_of
+from occlog.papers.qu.common import seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import quotient_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 
 LOCAL, INTERACTION, COLLABORATION, STEP = "local", "interaction", "collaboration", "whole step"
@@ -36,26 +37,13 @@ def judge1(table: Table) -> list[Verdict]:
         return []
     out = []
     for name, row in ((COLLABORATION, collaboration), (INTERACTION, interaction)):
-        measured, error = v.quotient(row, local)
-        word = v.REPRODUCED if measured <= SMALL else v.IN_PART if measured <= SOME else v.NOT
         what = "is negligible" if name == COLLABORATION else "costs much less than the local one"
         said = f"The {name} likelihood {what}: its time over that of the local likelihood."
         rule = f"at most {SMALL:g}; in part {SOME:g}"
-        printed = PRINTED_MS[name] / PRINTED_MS[LOCAL]
-        out.append(
-            Verdict(
-                f"table1-{name}",
-                said,
-                paper=printed,
-                measured=measured,
-                error_bar=error,
-                runs=row.runs,
-                verdict=word,
-                rule=rule,
-            )
-        )
+        small, some, printed = v.at_most(SMALL), v.at_most(SOME), PRINTED_MS[name] / PRINTED_MS[LOCAL]
+        out.append(v.judge(f"table1-{name}", said, quotient_of(row, local), small, some, rule=rule, paper=printed))
     said = "Collaboration costs less than interaction, by [ms] a frame."
-    return [*out, ordered("table1-order", said, collaboration, interaction)]
+    return [*out, v.pairs("table1-order", said, [(collaboration, interaction)])]
 
 
 TABLE1 = Experiment(

@@ -16,7 +16,8 @@ from occlog.array_types import Floats
 from occlog.papers.qu.common import seed_of
 from occlog.papers.qu.trial import run_views_trial, views_spec
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+from occlog.papers.verdicts.measures import mean_of, power_of, sample
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.papers.verdicts.verdicts import find
 from occlog.pipeline.sweep.trial import Spec
 
@@ -30,18 +31,9 @@ FPS = {"MCMC": {4: 8.75, 5: 2.55, 6: 0.4}, "BMCT": {4: 14.4, 5: 11.5, 6: 9.75}}
 """Frames a second by number of targets, the middles of the printed ranges."""
 
 
-def exponents(rows: Sequence[Row]) -> tuple[float, float]:
-    """Fit the exponent of the number of targets by least squares in every run: mean and standard error."""
-    if len(rows) < 2:
-        return math.nan, math.nan
-    x = np.log([row.x for row in rows])
-    x = x - x.mean()
-    slopes = [float(x @ np.log([row.values[k] for row in rows]) / (x @ x)) for k in range(rows[0].runs)]
-    return math.fsum(slopes) / len(slopes), deviation(slopes) / math.sqrt(len(slopes))
-
-
 def _printed_exponent(values: Mapping[int, float]) -> float:
-    return exponents([Row("", n, (value,)) for n, value in values.items()])[0]
+    """Return the exponent of printed values, which have no error bar."""
+    return power_of([Row("", n, (value, value)) for n, value in values.items()]).value
 
 
 def judge2(table: Table) -> list[Verdict]:
@@ -64,82 +56,39 @@ def judge2(table: Table) -> list[Verdict]:
         row = v.find(table, f"MCMC, {TOTAL}", n)
         if row is not None and row.runs:
             said = f"Total particles of MCMC-PF for {n} targets."
-            out.append(
-                v.number(f"table2-mcmc-{n}", said, paper=paper, measured=row.mean, error=row.error, runs=row.runs)
-            )
+            out.append(v.stated(f"table2-mcmc-{n}", said, paper, mean_of(row)))
     quicker = v.matched(table, f"BMCT, {TIME}", f"MCMC, {TIME}", (4, 5, 6))
     said = "BMCT is faster than MCMC-PF: CPU time of a frame lower, by [ms]."
     return [*out, v.pairs("table2-faster", said, quicker)]
 
 
 def _linear(key: str, said: str, paper: float, rows: Sequence[Row]) -> Verdict:
-    power, error = exponents(rows)
-    word = v.REPRODUCED if power <= LINEAR else v.IN_PART if power <= NEARLY else v.NOT
     rule = f"exponent at most {LINEAR}; in part up to {NEARLY}"
-    return Verdict(key, said, paper=paper, measured=power, error_bar=error, runs=_runs(rows), verdict=word, rule=rule)
+    return v.judge(key, said, power_of(rows), v.at_most(LINEAR), v.at_most(NEARLY), rule=rule, paper=paper)
 
 
 def _faster(key: str, said: str, paper: float, rows: Sequence[Row], bmct: Sequence[Row]) -> Verdict:
-    power, error = exponents(rows)
-    own, own_error = exponents(bmct)
-    doubt = 2.0 * (0.0 if math.isnan(error) else error)
-    more = power - own > 2.0 * math.hypot(*(0.0 if math.isnan(e) else e for e in (error, own_error)))
-    word = v.REPRODUCED if power - doubt > LINEAR else v.IN_PART if more else v.NOT
-    rule = f"exponent above {LINEAR} by two standard errors; in part above that of BMCT by as much"
-    return Verdict(
-        key,
-        said,
-        paper=paper if math.isfinite(paper) else None,
-        measured=power,
-        error_bar=error,
-        runs=_runs(rows),
-        verdict=word,
-        rule=rule,
-    )
+    """Judge that an exponent is above that of linear growth, or at least above that of BMCT."""
+    own = power_of(bmct).value
+    rule = f"exponent above {LINEAR}; in part above that of BMCT, {own:.2f}"
+    good, fair = v.above(LINEAR), v.above(min(own, LINEAR))
+    return v.judge(key, said, power_of(rows), good, fair, rule=rule, paper=paper)
 
 
 def _exponential(rows: Sequence[Row]) -> Verdict:
     """Judge whether the numbers grow by the same factor with every target, rather than as a power."""
-    said = "Joint-state methods grow exponentially with the targets (joint SIR): particles, factor for one target more."
-    rule = (
-        "a factor fits the growth better than a power, and is above 1 by two standard errors; in part without the first"
+    said = (
+        "Joint-state methods grow exponentially with the targets (joint SIR): squares left by a constant factor for "
+        "every target, over those left by a power of their number."
     )
-    if len(rows) < 3:
-        return Verdict(
-            "table2-sir-exponential",
-            said,
-            paper=None,
-            measured=None,
-            error_bar=None,
-            runs=_runs(rows),
-            verdict=v.NOT,
-            rule=rule + "; too few points",
-        )
-    x, factors, left = np.array([row.x for row in rows]), [], np.zeros(2)
-    for k in range(rows[0].runs):
+    rule = "below 1: a factor fits better than a power"
+    left: list[float] = []
+    x = np.array([row.x for row in rows])
+    for k in range(rows[0].runs if len(rows) >= 3 else 0):
         y = np.log([row.values[k] for row in rows])
-        for i, places in enumerate((x, np.log(x))):
-            fit = np.polyfit(places, y, 1)
-            left[i] += float(np.sum((y - np.polyval(fit, places)) ** 2))
-            if i == 0:
-                factors.append(math.exp(float(fit[0])))
-    mean, error = math.fsum(factors) / len(factors), deviation(factors) / math.sqrt(len(factors))
-    sure = mean - 2.0 * (0.0 if math.isnan(error) else error) > 1.0
-    word = v.NOT if not sure else v.REPRODUCED if left[0] < left[1] else v.IN_PART
-    return Verdict(
-        "table2-sir-exponential",
-        said,
-        paper=None,
-        measured=mean,
-        error_bar=error,
-        runs=_runs(rows),
-        verdict=word,
-        rule=rule,
-    )
-
-
-def _runs(rows: Sequence[Row]) -> int:
-    return min((row.runs for row in rows), default=0)
+        by_factor, by_power = (np.polyfit(places, y, 1, full=True)[1].item() for places in (x, np.log(x)))
+        left.append(by_factor / by_power if by_power > 0.0 else math.nan)
+    return v.judge("table2-sir-exponential", said, sample(left), v.below(1.0), rule=rule)
 
 
 VIEWS = 2

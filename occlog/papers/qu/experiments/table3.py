@@ -12,6 +12,7 @@ from dataclasses import replace
 from occlog.papers.qu.common import METHODS, RATES, ordered, rate_row, spec_of
 from occlog.papers.qu.trial import run_views_trial
 from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import mean_of, quotient_of, share_of
 from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 
 PRINTED = {
@@ -61,93 +62,44 @@ def judge3(table: Table) -> list[Verdict]:
 def _much_lower(rate: str, name: str, rows: Mapping[str, Row]) -> Verdict:
     """Judge the rate of BMCT against that of the best other method."""
     best = min((m for m in METHODS if m != "bmct"), key=lambda m: rows[m].mean)
-    measured, error = v.quotient(rows["bmct"], rows[best])
     printed = PRINTED[rate]["bmct"] / PRINTED[rate]["idmot"]
-    word = v.REPRODUCED if measured <= 0.5 else v.IN_PART if measured < 1.0 else v.NOT
     said = f"BMCT has a much lower rate of {name} than the others: its rate over that of the best of them ({best})."
     rule = "at most a half; in part below 1; the printed one is of another video"
-    return Verdict(
-        f"table3-{rate}-much-lower",
-        said,
-        paper=printed,
-        measured=measured,
-        error_bar=error,
-        runs=rows["bmct"].runs,
-        verdict=word,
-        rule=rule,
-    )
+    ratio = quotient_of(rows["bmct"], rows[best])
+    return v.judge(f"table3-{rate}-much-lower", said, ratio, v.at_most(0.5), v.below(1.0), rule=rule, paper=printed)
 
 
 def _goals(rate: str, name: str, row: Row) -> list[Verdict]:
+    """Judge mean and median of BMCT; the median is at most a goal if at least half of the videos are."""
     mean, median = GOAL[rate]
+    said = f"Goal of this project: mean rate of {name} of BMCT at most [%]."
     rule = "at most that; in part up to twice that"
+    goal, twice = v.at_most(mean), v.at_most(2.0 * mean)
+    low = sum(x <= median for x in row.values)
+    half = (
+        f"Goal of this project: median rate of {name} of BMCT at most {median:g} %: share of the videos "
+        f"(the median is {row.extra['median']:.3g} %)."
+    )
     return [
-        Verdict(
-            f"table3-{rate}-mean",
-            f"Goal of this project: mean rate of {name} of BMCT at most [%].",
-            paper=mean,
-            measured=row.mean,
-            error_bar=row.error,
-            runs=row.runs,
-            verdict=_at_most(row.mean, mean),
-            rule=rule,
-        ),
-        Verdict(
-            f"table3-{rate}-median",
-            f"Goal of this project: median rate of {name} of BMCT at most [%].",
-            paper=median,
-            measured=row.extra["median"],
-            error_bar=None,
-            runs=row.runs,
-            verdict=_at_most(row.extra["median"], median),
-            rule=rule,
-        ),
+        v.judge(f"table3-{rate}-mean", said, mean_of(row), goal, twice, rule=rule, paper=mean),
+        v.judge(f"table3-{rate}-median", half, share_of(low, row.runs), v.at_least(0.5), rule="at least half"),
     ]
-
-
-def _at_most(value: float, limit: float) -> str:
-    return v.REPRODUCED if value <= limit else v.IN_PART if value <= 2.0 * limit else v.NOT
 
 
 def _speed(rows: Mapping[str, Row]) -> list[Verdict]:
-    ms = {m: rows[m].extra["frame_ms"] for m in METHODS}
+    """Judge the speed of BMCT against that of the others, by the CPU times of the same videos."""
+    times = {m: Row(m, 0.0, rows[m].each["frame_ms"]) for m in METHODS}
     out = []
     for other in ("mipf", "idmot"):
-        share = ms[other] / ms["bmct"]
-        word = v.REPRODUCED if share >= 0.75 else v.IN_PART if share >= 0.5 else v.NOT
         said = f"BMCT is nearly as fast as {other.upper()}: its speed over that of {other.upper()}."
         rule = "CPU time of a frame, drawing left out; at least 0.75; in part 0.5"
-        printed = PRINTED_FPS["bmct"] / PRINTED_FPS[other]
-        out.append(
-            Verdict(
-                f"table3-speed-{other}",
-                said,
-                paper=printed,
-                measured=share,
-                error_bar=None,
-                runs=rows["bmct"].runs,
-                verdict=word,
-                rule=rule,
-            )
-        )
-    times = ms["cmct"] / ms["bmct"]
-    word = v.REPRODUCED if times > 1.1 else v.IN_PART if times > 1.0 else v.NOT
+        speed, printed = quotient_of(times[other], times["bmct"]), PRINTED_FPS["bmct"] / PRINTED_FPS[other]
+        near, half = v.at_least(0.75), v.at_least(0.5)
+        out.append(v.judge(f"table3-speed-{other}", said, speed, near, half, rule=rule, paper=printed))
     said = "BMCT (60 particles) is faster than CMCT (100, as in the paper): by this factor."
     rule = "CPU time of a frame, drawing left out; above 1.1; in part above 1"
-    printed = PRINTED_FPS["bmct"] / PRINTED_FPS["cmct"]
-    return [
-        *out,
-        Verdict(
-            "table3-speed-cmct",
-            said,
-            paper=printed,
-            measured=times,
-            error_bar=None,
-            runs=rows["bmct"].runs,
-            verdict=word,
-            rule=rule,
-        ),
-    ]
+    speed, printed = quotient_of(times["cmct"], times["bmct"]), PRINTED_FPS["bmct"] / PRINTED_FPS["cmct"]
+    return [*out, v.judge("table3-speed-cmct", said, speed, v.above(1.1), v.above(1.0), rule=rule, paper=printed)]
 
 
 TABLE3 = Experiment(

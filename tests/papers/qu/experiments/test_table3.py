@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
 from occlog.papers.qu import variants
-from occlog.papers.qu.common import METHODS, PARTS, bootstrap_share, everywhere, ordered, seed_of, spec_of
+from occlog.papers.qu.common import METHODS, PARTS, everywhere, ordered, seed_of, spec_of
 from occlog.papers.qu.experiments import fig7, loop, table1, table3
 from occlog.papers.qu.experiments.fig7 import fig7_shots
 from occlog.papers.qu.experiments.table3 import RATES
@@ -63,35 +62,34 @@ def test_videos_have_seeds_from_one_on() -> None:
     assert list(spec_of(size, 0)["methods"]) == list(METHODS)
 
 
-def test_order_counts_where_most_samples_of_the_runs_have_it() -> None:
-    low, high = Row("low", 1.0, (1.0, 2.0, 3.0)), Row("high", 1.0, (2.0, 4.0, 3.5))
-    assert ordered("k", "", low, high).verdict == v.REPRODUCED
-    assert ordered("k", "", low, high).measured == pytest.approx((1.0 + 2.0 + 0.5) / 3)
+def test_order_counts_by_two_standard_errors_run_by_run() -> None:
+    low, high = Row("low", 1.0, (1.0, 2.0, 3.0)), Row("high", 1.0, (3.0, 4.1, 5.1))
+    found = ordered("k", "", low, high)
+    assert (found.verdict, found.measured) == (v.REPRODUCED, pytest.approx((2.0 + 2.1 + 2.1) / 3))
     assert ordered("k", "", high, low).verdict == v.NOT
-    one_of_many = Row("high", 1.0, (2.9, 1.0, 2.0))
-    assert ordered("k", "", Row("low", 1.0, (1.0, 1.5, 3.0)), one_of_many).verdict == v.IN_PART
+    one_of_many = Row("high", 1.0, (2.9, 1.0, 3.0))
+    assert ordered("k", "", Row("low", 1.0, (1.0, 1.5, 3.0)), one_of_many).verdict == v.UNDECIDED
 
 
-def test_the_bootstrap_agrees_with_all_samples() -> None:
-    gaps = np.array([-1.0, 0.5, 2.0])
-    draws = np.stack(np.meshgrid(*3 * [gaps]), axis=-1).reshape(-1, 3)
-    exact = float(np.mean(draws.mean(axis=1) > 0))
-    # 4000 samples: standard error below 0.008
-    assert bootstrap_share(gaps) == pytest.approx(exact, abs=0.03)
+def test_nothing_is_said_of_the_order_of_rates_below_one_per_cent() -> None:
+    small = Row("low", 1.0, (0.0, 0.0, 0.0))
+    assert ordered("k", "", small, Row("high", 1.0, (0.98, 0.99, 0.99))).verdict == v.UNDECIDED
+    assert ordered("k", "", small, Row("high", 1.0, (1.0, 1.0, 1.01))).verdict == v.REPRODUCED
 
 
 def test_points_with_nothing_to_gain_are_left_out() -> None:
     nothing = (Row("", 1.0, (0.0, 0.0)), Row("", 1.0, (0.1, 0.2)))
-    good = (Row("", 2.0, (1.0, 2.0)), Row("", 2.0, (3.0, 5.0)))
+    good = (Row("", 2.0, (1.0, 2.0)), Row("", 2.0, (3.45, 4.55)))
     assert everywhere("k", "", [nothing]) is None
     verdict = everywhere("k", "", [nothing, good])
     assert verdict is not None
     assert (verdict.verdict, verdict.measured) == (v.REPRODUCED, 2.5)
-    assert "1 of 1 points; 1 left out" in verdict.rule
+    assert "1 points left out" in verdict.rule
+    assert "holds at 1 of 1 points" in verdict.rule
 
 
 def test_table3_has_both_rates_of_all_methods_and_says_whose_the_printed_ones_are() -> None:
-    table = table3.TABLE3.compute(Size(4, 40), made_up)
+    table = table3.TABLE3.compute(Size(12, 40), made_up)
     assert [(r.series, r.x) for r in table] == [(name, x) for name in RATES.values() for x in (1, 2, 3, 4)]
     row = table[0]
     assert row.values[0] == pytest.approx(30.0 * (1.0 + 0.1 * math.sin(1)))
@@ -106,14 +104,14 @@ def test_table3_finds_what_does_not_hold() -> None:
         swap = {"mipf": "bmct", "bmct": "mipf", "cmct": "idmot", "idmot": "cmct"}
         return [{f"{swap[k.split('.')[0]]}.{k.split('.')[1]}": x for k, x in r.items()} for r in made_up(specs)]
 
-    words = found(table3.TABLE3.judge(table3.TABLE3.compute(Size(4, 40), reversed_order)))
+    words = found(table3.TABLE3.judge(table3.TABLE3.compute(Size(12, 40), reversed_order)))
     for rate in RATES:
         for key in ("bmct-idmot", "idmot-cmct", "cmct-mipf", "much-lower", "mean", "median"):
             assert words[f"table3-{rate}-{key}"] == v.NOT
 
 
 def test_fig7_judges_by_the_last_frame() -> None:
-    table = fig7.FIG7.compute(Size(4, 40), made_up)
+    table = fig7.FIG7.compute(Size(12, 40), made_up)
     assert [r.x for r in v.series(table, "BMCT")] == [2.0 * k + 1.0 for k in range(PARTS)]
     words = found(fig7.FIG7.judge(table))
     assert words["fig7-hijacked"] == words["fig7-bmct"] == words["fig7-all"] == v.REPRODUCED
@@ -123,7 +121,7 @@ def test_fig7_judges_by_the_last_frame() -> None:
 
 @pytest.mark.parametrize("experiment", variants.VARIANTS)
 def test_variants_have_both_rates_at_every_value(experiment) -> None:
-    table = experiment.compute(Size(2, 40, quick=True), made_up)
+    table = experiment.compute(Size(6, 40, quick=True), made_up)
     assert len(table) == 2 * 4 * 2
     assert {r.plotted for r in table if "labels" in r.series} == {False}
     words = found(experiment.judge(table))
@@ -143,21 +141,21 @@ def test_loop_counts_wrong_trackers_and_compares_with_idmot() -> None:
                 result[f"{label}.bad"] = 0.8
         return out
 
-    table = loop.LOOP.compute(Size(2, 40), trials)
+    table = loop.LOOP.compute(Size(8, 40), trials)
     verdicts = {x.id: x for x in loop.LOOP.judge(table)}
-    assert verdicts["loop-noticed"].measured == pytest.approx(5 / 6)
+    assert verdicts["loop-noticed"].measured == pytest.approx(23 / 24)
     assert verdicts["loop-noticed"].verdict == v.IN_PART
     assert verdicts["loop-false-alarms"].verdict == v.REPRODUCED
     assert verdicts["loop-wrong-lines"].measured == pytest.approx(0.8)
     assert verdicts["loop-fr_p-right"].verdict == v.REPRODUCED
-    assert "9 of 9 kinds" in verdicts["loop-fr_p-not-inferior"].rule
+    assert "9 of 9 points" in verdicts["loop-fr_p-not-inferior"].rule
 
 
 def test_loop_sees_that_wrong_lines_do_harm() -> None:
-    rows = [Row("BMCT, false positions", d, (20.0, 21.0)) for d in (10.0, 20.0)]
+    rows = [Row("BMCT, false positions", d, (20.0, 21.4)) for d in (10.0, 20.0)]
     idmot = Row("IDMOT, false positions", math.nan, (10.0, 11.5))
     verdict = loop._not_inferior("fr_p", "false positions", idmot, rows)
-    assert (verdict.verdict, verdict.measured) == (v.NOT, pytest.approx(9.75))
+    assert (verdict.verdict, verdict.measured) == (v.NOT, pytest.approx(9.95))
 
 
 def test_table1_compares_with_the_local_likelihood() -> None:

@@ -1,0 +1,85 @@
+"""The statements of [Lee] that are judged: where the thesis makes them, and its words."""
+
+from __future__ import annotations
+
+from occlog.papers.verdicts.source import OWN, Source, Sources
+
+OUTPERFORMS = "the proposed method outperforms the direct 3-D method"
+BETTER = "Selected planes based on PPS shows better performance"
+CLOSER = "more accurate as the visual sensor's sampling time T_v is close to the acoustic sampling time T_s"
+LESS = "requires less visual sensor resources than the periodic visual sensor cooperation for the same performance"
+
+
+def _scenario(number: int, figure: str, page: int, words: str) -> Sources:
+    return {
+        f"scenario{number}": Source(f"{figure}, Sec. 2.4.{number}", words, page),
+        f"scenario{number}-phi": Source(f"Sec. 2.4.{number}", "", 39 + (number > 2)),
+        f"scenario{number}-theta": Source(f"Sec. 2.4.{number}", "", 39 + (number > 2)),
+        f"scenario{number}-printed-better": OWN,
+        f"scenario{number}-direct-bound": Source(f"{figure}, Sec. 2.4.{number}", "", page),
+        f"scenario{number}-pps-bound": Source(f"{figure}, Sec. 2.4.{number}", "", page),
+    }
+
+
+SOURCES: Sources = {
+    # Chapter 2
+    "variances-first": Source("Figs. 2-2 and 2-3", "", 13),
+    "variances-yz": Source("Eqs. 2.1 and 2.2", "", 12),
+    "variances-zx": Source("Eqs. 2.1 and 2.2", "", 12),
+    "variances-rule": Source("Sec. 2.2.1", "when phi is measured between 45 and 135 degrees, yz-plane is chosen", 20),
+    "variances-band": Source(
+        "Fig. 2-2, Sec. 2.1.2", "angles phi between 45 and 135 degrees are projected with a smaller variance", 13
+    ),
+    "variances-xy": Source("Sec. 2.2.1", "the projected variance in xy-plane is the second best plane", 20),
+    "table2.1": Source("Table 2.1", "", 26),
+    "table2.1-alike": Source("Table 2.1, Sec. 2.2.2", "have similar tracking performances", 26),
+    "table2.2": Source("Table 2.2", "", 26),
+    "table2.2-weighted": Source(
+        "Table 2.2, Sec. 2.2.2", "the planes weighted combining method maintains the object tracking", 26
+    ),
+    "table2.2-inverse": OWN,
+    **_scenario(1, "Fig. 2-10", 41, BETTER),
+    **_scenario(2, "Fig. 2-11", 41, BETTER),
+    **_scenario(3, "Fig. 2-12", 42, OUTPERFORMS),
+    "scenario3-switch": Source("Fig. 2-12", "phi of the first 13 time instants is between 48.24 and 45.42 degrees", 42),
+    **_scenario(4, "Fig. 2-13", 43, OUTPERFORMS),
+    "particles": Source("Sec. 2.5", OUTPERFORMS, 43),
+    "particles-bound": OWN,
+    "sensors": Source("Figs. 2-12 and 2-13, Sec. 2.4.5", "better comparing single sensor based estimation", 43),
+    # Chapter 3
+    "fig3.6": Source("Fig. 3-6, Sec. 3.3.1", CLOSER, 60),
+    "fig3.14": Source("Fig. 3-14, Sec. 3.3.4", LESS, 71),
+    "fig3.14-none": Source("Table 3.1", "", 72),
+    "fig3.14-thesis-count": OWN,
+    "fig3.14-thesis-spread": OWN,
+    "fig3.14-joint": OWN,
+    "table3.1": Source("Table 3.1", "", 72),
+    "fig3.18": Source("Fig. 3-18, Sec. 3.4.3", "", 77),
+    "fig3.19": Source("Fig. 3-19, Sec. 3.4.3", "", 78),
+    "fig3.19-silence": Source(
+        "Fig. 3-19, Sec. 3.4.3", "the number of objects and the number of measurements are different", 78
+    ),
+    "fig3.20": Source("Fig. 3-20, Sec. 3.4.3", "", 79),
+    "fig3.21": Source("Fig. 3-21, Sec. 3.4.3", "", 80),
+    # Chapter 4
+    "fig4.3": Source("Fig. 4-3, Sec. 4.4.1", "P(G_1) is more than 0.99 until sigma_xy^2 reaches 1.135", 95),
+    "fig4.3-n4": Source("Fig. 4-3, Sec. 4.4.1", "more than 0.99 until 0.480, and more than 0.5 when 1.565", 95),
+    "fig4.3-n3": Source("Fig. 4-3, Sec. 4.4.1", "more than 0.99 until 0.195, and more than 0.50 when 0.635", 95),
+    "fig4.3-n2": Source("Fig. 4-3, Sec. 4.4.1", "more than 0.99 until 0.085, and more than 0.50 when 0.325", 95),
+    "fig4.3-n1": Source("Fig. 4-3, Sec. 4.4.1", "more than 0.99 until 0.030, and more than 0.55 when 0.235", 95),
+    "fig4.3-crossing": Source(
+        "Fig. 4-3, Sec. 4.4.1", "P(G_1) with N(S_E1) = 1 becomes larger than P(G_1) with N(S_E1) = 2 [and 3]", 95
+    ),
+    "case1": Source("Fig. 4-4, Sec. 4.4.2", "", 96),
+    "case2": Source("Fig. 4-5, Sec. 4.4.2", "", 97),
+    "case3": Source("Fig. 4-6, Sec. 4.4.2", "", 98),
+    "detection": Source("Sec. 4.1", "", 81),
+    "false": Source("Sec. 4.1", "preventing from the propagation of the false object detection", 81),
+    "fused": OWN,
+    "twice": OWN,
+    # Chapter 5
+    "fig5.26": Source("Fig. 5-26, Sec. 5.2.2"),
+    "fig5.27": Source("Fig. 5-27, Sec. 5.2.2"),
+    "fig5.29": Source("Eqs. 5.29 to 5.32, Sec. 5.2.2"),
+    "near": Source("Eq. 5.25, Sec. 5.2.2"),
+}

@@ -1,0 +1,45 @@
+"""The statements of [Qu] that are judged: where the paper makes them, and its words."""
+
+from __future__ import annotations
+
+from occlog.papers.verdicts.source import OWN, Source, Sources
+
+MUCH_LOWER = "BMCT outperforms the other approaches with much lower false position and label rates"
+LINEARLY = "both the required number of particles and the speed of the proposed BMCT vary linearly"
+EXPONENTIALLY = "increases exponentially in terms of the number of targets and cameras"
+
+SOURCES: Sources = {
+    "table1-collaboration": Source(
+        "Table 1, Sec. 4.4.1", "the computational cost required for camera collaboration is negligible"
+    ),
+    "table1-interaction": Source("Table 1, Sec. 4.4.1"),
+    "table1-order": Source("Table 1, Sec. 4.4.1"),
+    "table2-bmct": Source("Table 2, Sec. 4.4.1", LINEARLY),
+    "table2-mcmc": Source("Table 2, Sec. 4.4.1", EXPONENTIALLY),
+    "table2-mcmc-4": Source("Table 2"),
+    "table2-mcmc-5": Source("Table 2"),
+    "table2-mcmc-6": Source("Table 2"),
+    "table2-sir": Source("Sec. 4.4.1", EXPONENTIALLY),
+    "table2-faster": Source("Table 2"),
+    "table3-fr_p": Source("Table 3, Sec. 4.4.2"),
+    "table3-fr_l": Source("Table 3, Sec. 4.4.2"),
+    "table3-fr_p-much-lower": Source("Table 3, Sec. 4.4.2", MUCH_LOWER),
+    "table3-fr_l-much-lower": Source("Table 3, Sec. 4.4.2", MUCH_LOWER),
+    "table3-fr_p-bmct-idmot": Source("Table 3, Sec. 4.4.2", MUCH_LOWER),
+    "table3-fr_l-bmct-idmot": Source("Table 3, Sec. 4.4.2", MUCH_LOWER),
+    "table3-fr_p-mean": OWN,
+    "table3-fr_p-median": OWN,
+    "table3-fr_l-mean": OWN,
+    "table3-fr_l-median": OWN,
+    "table3-speed": Source("Table 3, Sec. 4.4.3", "achieves very close efficiency compared with MIPF and IDMOT"),
+    "table3-speed-cmct": Source("Table 3, Sec. 4.4.3", "the proposed BMCT outperforms the CMCT in speed"),
+    "fig7-hijacked": Source("Fig. 7a, Sec. 4.1", "Many trackers are hijacked by targets with strong local observation"),
+    "fig7-idmot": Source("Fig. 7b, Sec. 4.1", "IDMOT has improved the performance"),
+    "fig7-idmot-fails": Source("Fig. 7b, Sec. 4.1", "this approach has two failure cases"),
+    "fig7-bmct": Source("Fig. 7c, Sec. 4.1", "BMCT rectifies these problems"),
+    "fig7-all": Source("Fig. 7c, Sec. 4.1", "tracks all of the targets robustly"),
+    "balls": OWN,
+    "radius": OWN,
+    "views": OWN,
+    "loop": OWN,
+}

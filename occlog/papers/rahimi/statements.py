@@ -1,0 +1,31 @@
+"""The statements of [Rahimi] that are judged: where the paper makes them, and its words."""
+
+from __future__ import annotations
+
+from occlog.papers.verdicts.source import OWN, Source, Sources
+
+SOURCES: Sources = {
+    "fig3-start": Source(
+        "Sec. 6",
+        "all unobserved trajectory points at the origin, all observed ones at one meter along the optical axis",
+    ),
+    "fig3-rays": Source("Fig. 3, Sec. 6", "In early iterations, the likelihood term lines up the trajectory points"),
+    "fig3-prior": Source("Fig. 3, Sec. 6", "The prior pulls the trajectory towards the right distance"),
+    "fig3-closer": Source("Fig. 3, Sec. 6", "the estimated trajectory as it is refined"),
+    "fig3-converges": Source("Fig. 3, Sec. 6"),
+    "fig3-iterations": Source("Fig. 3", "iterations 0, 1, 3, 9, 11, and 17"),
+    "fig4-close": Source("Figs. 3 and 4, Sec. 6", "the estimated trajectory is close to the true trajectory"),
+    "fig4-ends": Source("Fig. 4", "the ends of the trajectories do not match up with the ground truth"),
+    "fig4-beyond": Source("Fig. 4", "For these points, velocity information can only come from past points"),
+    "fig5-behind": Source("Fig. 5", "the dynamics can pull the trajectories behind the cameras"),
+    "fig5-front": Source(
+        "Eq. 9, Sec. 5", "every measurement emanated from a sensor that had the target in front of it"
+    ),
+    "fig5-no-worse": Source("Fig. 5, Sec. 6"),
+    "fig5-critical": Source(
+        "Fig. 5, Sec. 6", "The field of view constraints are critical in recovering the trajectories"
+    ),
+    "fig5-room": Source("Sec. 8", "known obstacles in the environment can provide helpful information"),
+    "false": OWN,
+    "covariance": OWN,
+}
