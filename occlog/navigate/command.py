@@ -9,7 +9,7 @@ import click
 
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, given, with_options
-from occlog.cli.values import AT_LEAST_0
+from occlog.cli.values import AT_LEAST_0, AnyFinite, parse_setting
 from occlog.errors import UsageError
 
 from .config import NavigateConfig
@@ -23,10 +23,8 @@ STRICT = "Exit code 6 if the robot collides or does not reach its goal. The path
 class Numbers(click.ParamType):  # type: ignore[type-arg,unused-ignore]
     """Numbers with commas, between a least and a greatest count of them."""
 
-    name = "X,Y"
-
-    def __init__(self, least: int, most: int) -> None:
-        self.least, self.most = least, most
+    def __init__(self, name: str, least: int, most: int) -> None:
+        self.name, self.least, self.most = name, least, most
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
         """The numbers; a usage error for other texts and for numbers that are not finite."""
@@ -35,18 +33,10 @@ class Numbers(click.ParamType):  # type: ignore[type-arg,unused-ignore]
         parts = str(value).split(",")
         if not self.least <= len(parts) <= self.most:
             self.fail(f"{value!r}: want {self.name}", param, ctx)
-        return tuple(options_number(part, param, ctx) for part in parts)
+        return tuple(AnyFinite().convert(part.strip(), param, ctx) for part in parts)
 
 
-def options_number(text: str, param: click.Parameter | None, ctx: click.Context | None) -> float:
-    """A finite number."""
-    from occlog.cli.values import AnyFinite
-
-    return AnyFinite().convert(text.strip(), param, ctx)
-
-
-PLACE, DISC = Numbers(2, 2), Numbers(2, 3)
-DISC.name = "X,Y or X,Y,RADIUS"
+PLACE, DISC = Numbers("X,Y", 2, 2), Numbers("X,Y or X,Y,RADIUS", 2, 3)
 
 
 @click.command(
@@ -112,11 +102,9 @@ def command(
     The path ends at the goal, with a collision, where everything repeats itself for ever, or after --steps.
 
     \b
-      occlog navigate examples/room.yaml --from 1,2.8 --to 7,2.8 -o path.parquet --picture path.png
+      occlog navigate examples/room.yaml --from 1,2.6 --to 7,2.6 -o path.parquet --picture path.png
       occlog navigate examples/room.yaml --from 1,1 --to 7,5 --obstacles tracks.parquet -o path.parquet --strict
     """
-    from occlog.cli.values import parse_setting
-
     from .run import NavigateRequest, run_navigate
 
     request = NavigateRequest(

@@ -58,6 +58,7 @@ def draw_path(what: PathPicture) -> Figure:
     plan, below = figure.subplots(2, 1, height_ratios=[5.0, 1.0])
     handles = _plan(plan, what)
     _clearance(below, what)
+    figure.suptitle(label(what.end, 90), x=0.015, ha="left", fontsize=10.5, fontweight="bold")
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
@@ -75,7 +76,6 @@ def _plan(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
     axes.set_xlabel(f"x [{unit}]")
     axes.set_ylabel(f"y [{unit}]")
     draw_scale_bar(axes, limits, unit)
-    axes.set_title(label(what.end, 90))
     return handles
 
 
@@ -121,7 +121,7 @@ def _people(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
     xy = np.stack([m.xy for m in moments])
     for person in range(xy.shape[1]):
         axes.plot(xy[:, person, 0], xy[:, person, 1], **style)
-    step = int(np.nanargmin(what.path.clearance))
+    step = _nearest_row(what.path)
     for (x, y), radius in zip(moments[step].xy, moments[step].radius, strict=True):
         if np.isfinite(x):
             axes.add_patch(Circle((x, y), radius, facecolor=COLOURS["moving"], alpha=0.5, edgecolor="none", zorder=2.3))
@@ -139,10 +139,9 @@ def _path(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
     handles: list[Line2D | Patch] = [Line2D([], [], label="path", **line)]
     if radius > 0.0:
         rows = np.unique(np.linspace(0, len(path) - 1, BODIES).round().astype(int))
-        nearest = int(np.nanargmin(path.clearance)) if np.isfinite(path.clearance).any() else 0
         for row in rows:
             axes.add_patch(_body(path, int(row), radius, alpha=0.25))
-        axes.add_patch(_body(path, nearest, radius, alpha=1.0))
+        axes.add_patch(_body(path, _nearest_row(path), radius, alpha=1.0))
         handles.append(Line2D([], [], color=PATH, linewidth=0.8, label="robot, boldly where it was nearest"))
     for state, (name, marker, colour) in MARKS.items():
         rows = np.flatnonzero(path.state == state)
@@ -162,6 +161,11 @@ def _path(axes: Axes, what: PathPicture) -> list[Line2D | Patch]:
         Line2D([], [], label="goal", **goal, **ends),
         Line2D([], [], label="end of the path", marker="X", color=PATH, **ends),
     ]
+
+
+def _nearest_row(path: RobotPath) -> int:
+    """The row of least clearance; the first one without obstacles."""
+    return int(np.nanargmin(path.clearance)) if np.isfinite(path.clearance).any() else 0
 
 
 def _body(path: RobotPath, row: int, radius: float, alpha: float) -> Circle:

@@ -17,6 +17,7 @@ from occlog.io.open import open_input
 from occlog.measure.scans.moving_people import moving_people
 from occlog.records.tables import RobotPath, Tracks, Truth
 from occlog.settings import configure
+from occlog.simulate.config import START_NS
 
 from .config import NavigateConfig
 from .course import Course, Disc, course_of, people_of
@@ -27,9 +28,6 @@ from .verdict import Verdict
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
-
-START_NS = 1_577_836_800_000_000_000
-"""Time of the first row where there are no tracks: 2020-01-01T00:00:00Z."""
 
 
 @dataclass(frozen=True)

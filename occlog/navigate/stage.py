@@ -150,11 +150,12 @@ def _standing(moment: Moment) -> Moment:
 
 
 def _least(gaps: Floats) -> tuple[Floats, Ints]:
-    """(A,) least of (A, K) clearances, infinite without obstacles, and whose it is, -1 without."""
+    """(A,) least of (A, K) clearances, infinite where no obstacle is there, and whose it is, -1 then."""
     if not gaps.shape[1]:
         return np.full(len(gaps), np.inf), np.full(len(gaps), -1)
     nearest = np.argmin(gaps, axis=1)
-    return gaps[np.arange(len(gaps)), nearest], nearest
+    least = gaps[np.arange(len(gaps)), nearest]
+    return least, np.where(np.isfinite(least), nearest, -1)
 
 
 def _note_clearance(robots: Drive, active: Ints, clearance: Floats, nearest: Ints) -> None:

@@ -170,6 +170,16 @@ def test_a_person_counts_while_their_track_lasts():
     assert robots.clearance[0] > 0.1  # of the walls: the person left long before the robot came
 
 
+def test_without_anything_in_the_way_there_is_no_clearance():
+    gone = people(np.full(3, 4.0), 3.0)
+    _, robots, verdict = driven(Scene(), (), (1.0, 3.0), (7.0, 3.0), people=gone, max_gap_s=0.0)
+    assert verdict.reached
+    assert robots.clearance[0] < 3.0  # while the person was there
+    _, robots, verdict = driven(PLANE, ())
+    assert verdict.figures()["least_clearance"] is None
+    assert verdict.figures()["nearest"] == ""
+
+
 def test_moving_obstacles_grow_with_their_uncertainty():
     config = configure(NavigateConfig.in_unit("m"), {"sigmas": 2.0})
     rows = people(np.linspace(1.0, 2.0, 11), 3.0, variance=0.09)

@@ -5,6 +5,7 @@ It loads nothing heavy, so that `--help` can read it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from occlog.settings import METRES, Settings, setting
@@ -57,7 +58,7 @@ class FieldSettings(Settings):
         "Angle of the escape.",
         unit="rad",
         at_least=0,
-        at_most=3.2,
+        at_most=math.pi,
         nothing="the largest of Eq. 5.31 or 5.32",
     )
     side: str = setting(
