@@ -39,6 +39,7 @@ def rmse_occ(truth: Truth, priors: Occluders) -> tuple[float, float]:
 
 
 @pytest.mark.jit
+@pytest.mark.jit
 def test_reference_world_gives_6_67(truth: Truth) -> None:
     """q = 1.2 and sigma_psi = 8 give RMSE_occ 6.67: within 3 standard errors and 2 % (the world is our own)."""
     got, error = rmse_occ(truth, Occluders.concat(virtual_priors([truth], 8.0, 1.2, 1)).sorted())

@@ -27,8 +27,7 @@ def tracked(bearings, scene, config, seed=0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sigma_px", [0.5, 5.0])
-@pytest.mark.parametrize("focal_px", [70.0, 1000.0])
+@pytest.mark.parametrize(("focal_px", "sigma_px"), [(70.0, 5.0), (1000.0, 0.5)])
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_normalised_errors_are_those_of_a_consistent_estimate(motion, focal_px, sigma_px):
     """A target that stands is known better than a filter that expects it to walk can say."""
