@@ -33,7 +33,7 @@ class Found(NamedTuple):
     h: Floats  # (N, 6)
     c: Floats  # (N,)
     miss: Floats  # (N, C) log of the probability that a camera detects nobody there
-    hint: Ints  # (N, C) identity that a single-camera tracker gave; NONE: none
+    hint: Ints  # (N, 2 C) identity of the box of each camera by a tracker in its images, then by the filter; NONE
 
 
 class Expected(NamedTuple):
@@ -71,7 +71,7 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
         state: of the filter.
         boxes: of the moment.
         rates: of the detectors.
-        hint: (M,) identities of boxes.
+        hint: (M, 2) identities of boxes, by trackers in the images and by the filter.
         people: who are believed to be there, after the boxes.
         share: (N, M) probability that they are there and the box is theirs alone.
         joint: (N, M) the same, with a neighbour.
@@ -112,11 +112,11 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
     miss = misses(state.views, rates, mean)
     for look, camera in enumerate(boxes.camera.tolist()):
         miss[:, camera] = np.maximum(miss[:, camera], np.log1p(-detection[look, rows]))
-    named = np.full((len(rows), len(state.views.size)), NONE)
+    named = np.full((len(rows), 2, len(state.views.size)), NONE)
     for look, camera in enumerate(boxes.camera.tolist()):
         has = np.flatnonzero(given[look] >= 0)
-        named[has, camera] = hint[given[look, has]]
-    return Found(track[rows], mean, given, J, h, constant, miss, named)
+        named[has, :, camera] = hint[given[look, has]]
+    return Found(track[rows], mean, given, J, h, constant, miss, named.reshape(len(rows), -1))
 
 
 def _join_doubles(mean: Floats, given: Ints, known: int) -> None:

@@ -36,8 +36,8 @@ SAME = 1e-7
 KINDS = (0.6, 0.85)
 """Bounds of the shares of the three kinds of moves."""
 SAME_HINT, OTHER_HINT = 2.0, -2.0
-"""Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two places of one person, or a
-place of the track and a box that may be the next."""
+"""Log likelihood ratios of one identity, and of two, that a single-camera tracker, or the filter between two moments of
+the chain, gives two places of one person, or a place of the track and a box that may be the next."""
 
 
 class Places(NamedTuple):
@@ -52,7 +52,7 @@ class Places(NamedTuple):
     miss: Floats  # (n, C) log of the probability that the camera does not detect somebody there
     birth: Floats  # (n,) log of the density of somebody new, whose first place it is, a unit of area
     death: Floats  # (n,) log of the probability that it is somebody's last place
-    hint: Ints  # (n, C) identity that a tracker in the camera's images gave; NONE: none
+    hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NONE: none
 
 
 class Walk(NamedTuple):
@@ -186,7 +186,7 @@ def between(places: Places, walk: Walk, looked: Floats, i: int, j: int) -> float
             count = looked[b, c] - looked[a, c]
             if count > 0.0:
                 total += count * 0.5 * (places.miss[i, c] + places.miss[j, c])
-    for c in range(looked.shape[1]):
+    for c in range(places.hint.shape[1]):
         if places.hint[i, c] != NONE and places.hint[j, c] != NONE:
             total += SAME_HINT if places.hint[i, c] == places.hint[j, c] else OTHER_HINT
     return total

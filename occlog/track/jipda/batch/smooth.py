@@ -22,7 +22,7 @@ from ..detectors import blind_looks, leaving_rate, rates_of, turning_rate
 from ..filter import State, pack, support_of
 from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
 from ..kernels.joint import Boxes, Rates
-from .association import Expected, Found, Seen, associate, find
+from .association import OWN, Expected, Found, Seen, associate, find
 from .chains import NONE, OTHER_HINT, SAME_HINT
 from .doubts import doubts
 from .presence import presence
@@ -70,7 +70,6 @@ def smooth(
     if not moments:
         return []
     packed = [pack(state, group, moment.t_ns) for group, moment in zip(looks, moments, strict=True)]
-    hints = [np.concatenate([look.hint for look in group]).astype(np.int64) for group in looks]
     span = span_of(state, packed, moments)
     # Mean time between looks of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -79,13 +78,16 @@ def smooth(
     # Blind frames are not looks
     packed = [_seeing(boxes, rates, moment) for boxes, moment in zip(packed, moments, strict=True)]
     span = span_of(state, packed, moments)
+    chosen = moments_apart(span)
+    # What the filter followed through moments that the chain does not see tells it what it would have to find out anew
+    followed = len(chosen) < len(moments)
+    hints = [_identities(group, moment, followed) for group, moment in zip(looks, moments, strict=True)]
     found = [
         find(state, boxes, rates, hint, *_filtered(boxes, group, moment))
         for boxes, hint, group, moment in zip(packed, hints, looks, moments, strict=True)
     ]
     square = (FIRST * state.metre) ** 2
     after: list[Seen] = []
-    chosen = moments_apart(span)
     apart = at_moments(span, chosen)
     for hottest in HOTTEST:
         tracks = tracks_from([found[k] for k in chosen.tolist()], apart, state.config, state.places, square, free=True)
@@ -149,17 +151,32 @@ def at_moments(span: Span, chosen: Ints) -> Span:
     return span._replace(time=span.time[chosen], looked=looked)
 
 
+def _identities(group: Sequence[Look], moment: Moment, followed: bool) -> Ints:
+    """(M, 2) identities of boxes: those of trackers in the images and, where it is `followed`, the filter's; NOBODY."""
+    by_tracker = np.concatenate([look.hint for look in group]).astype(np.int64)
+    by_filter = np.full(len(by_tracker), NOBODY)
+    if followed:
+        mine = moment.support.probability > OWN
+        by_filter[_supporting(group, moment)[mine]] = moment.ids[moment.support.person[mine]]
+    return np.column_stack([by_tracker, by_filter])
+
+
 def _filtered(boxes: Boxes, group: Sequence[Look], moment: Moment) -> tuple[Expected, Floats, Floats]:
     """The filter's people, their boxes, and those that they share with a neighbour."""
     share = np.zeros((len(moment.ids), len(boxes.box)))
     joint = np.zeros_like(share)
-    camera = np.repeat(boxes.camera, np.diff(boxes.first)).tolist()
-    row = np.concatenate([look.row for look in group]).tolist()
-    place = {key: k for k, key in enumerate(zip(camera, row, strict=True))}
-    says = moment.support
-    box = [place[at] for at in zip(says.camera.tolist(), says.row.tolist(), strict=True)]
+    says, box = moment.support, _supporting(group, moment)
     share[says.person, box], joint[says.person, box] = says.probability - says.joint, says.joint
     return Expected(moment.ids, moment.mean, moment.covariance, moment.existence), share, joint
+
+
+def _supporting(group: Sequence[Look], moment: Moment) -> Ints:
+    """(k,) which of the moment's boxes each row of its support is."""
+    keys = ((look.camera, row) for look in group for row in look.row.tolist())
+    place = {key: k for k, key in enumerate(keys)}
+    says = moment.support
+    rows = zip(says.camera.tolist(), says.row.tolist(), strict=True)
+    return np.array([place[at] for at in rows], dtype=np.int64)
 
 
 def _scattered(tracks: Tracks, span: Span, square: float, metre: float) -> tuple[Floats, float]:
@@ -220,13 +237,15 @@ def _again(
 def _bonus(boxes: Boxes, hint: Ints, tracks: Tracks, last: Ints, following: Ints) -> Floats:
     """(N, M) logs of likelihood ratios of the hints of boxes, by the hints of the track's places beside the moment."""
     out = np.zeros((len(last), len(hint)))
-    if (hint == NOBODY).all():
-        return out
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
-    for beside in (last, following):
-        known = np.where(beside[:, None] != NONE, tracks.places.hint[beside][:, camera], NOBODY)
-        both = (known != NOBODY) & (hint != NOBODY)
-        out += np.where(both, np.where(known == hint, SAME_HINT, OTHER_HINT), 0.0)
+    cameras = tracks.places.hint.shape[1] // 2
+    for kind, named in enumerate(hint.T):
+        if (named == NOBODY).all():
+            continue
+        for beside in (last, following):
+            known = np.where(beside[:, None] != NONE, tracks.places.hint[beside][:, kind * cameras + camera], NOBODY)
+            both = (known != NOBODY) & (named != NOBODY)
+            out += np.where(both, np.where(known == named, SAME_HINT, OTHER_HINT), 0.0)
     return out
 
 
