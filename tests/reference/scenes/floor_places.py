@@ -35,7 +35,8 @@ def places_at(moment, at, worth):
         miss=np.full((n, 1), -0.7),
         birth=np.full(n, -3.0),
         death=np.full(n, -2.0),
-        hint=np.full((n, 1), NONE),
+        hint=np.full((n, 2), NONE),
+        life=np.zeros((0, 2)),
     )
 
 

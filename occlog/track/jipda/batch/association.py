@@ -116,7 +116,7 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
     for look, camera in enumerate(boxes.camera.tolist()):
         has = np.flatnonzero(given[look] >= 0)
         named[has, :, camera] = hint[given[look, has]]
-    return Found(track[rows], mean, given, J, h, constant, miss, named.reshape(len(rows), -1))
+    return Found(track[rows], mean, given, J, h, constant, miss, named.reshape(len(rows), 2 * len(state.views.size)))
 
 
 def _join_doubles(mean: Floats, given: Ints, known: int) -> None:

@@ -36,8 +36,11 @@ SAME = 1e-7
 KINDS = (0.6, 0.85)
 """Bounds of the shares of the three kinds of moves."""
 SAME_HINT, OTHER_HINT = 2.0, -2.0
-"""Log likelihood ratios of one identity, and of two, that a single-camera tracker, or the filter between two moments of
-the chain, gives two places of one person, or a place of the track and a box that may be the next."""
+"""Log likelihood ratios of one identity, and of two, that a single-camera tracker gives two places of one person, or a
+place of the track and a box that may be the next."""
+SAME_FOLLOWED, OTHER_FOLLOWED = 6.0, -6.0
+"""The same of identities that the filter gives the boxes of a camera at two places; it saw moments between them that
+the chain does not see."""
 
 
 class Places(NamedTuple):
@@ -53,6 +56,7 @@ class Places(NamedTuple):
     birth: Floats  # (n,) log of the density of somebody new, whose first place it is, a unit of area
     death: Floats  # (n,) log of the probability that it is somebody's last place
     hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NONE: none
+    life: Floats  # (I, 2) first and last time of each identity of the filter [s]
 
 
 class Walk(NamedTuple):
@@ -188,7 +192,14 @@ def between(places: Places, walk: Walk, looked: Floats, i: int, j: int) -> float
                 total += count * 0.5 * (places.miss[i, c] + places.miss[j, c])
     for c in range(places.hint.shape[1]):
         if places.hint[i, c] != NONE and places.hint[j, c] != NONE:
-            total += SAME_HINT if places.hint[i, c] == places.hint[j, c] else OTHER_HINT
+            one, other = places.hint[i, c], places.hint[j, c]
+            if c < looked.shape[1]:
+                total += SAME_HINT if one == other else OTHER_HINT
+            elif one == other:
+                total += SAME_FOLLOWED
+            elif places.life[one, 0] <= places.life[other, 1] and places.life[other, 0] <= places.life[one, 1]:
+                # Who begins after the other has ended may be the same person, whom the filter lost
+                total += OTHER_FOLLOWED
     return total
 
 

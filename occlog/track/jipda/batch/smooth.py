@@ -18,6 +18,7 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 
+from ..cues import log_ratio
 from ..detectors import blind_looks, leaving_rate, rates_of, turning_rate
 from ..filter import State, pack, support_of
 from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
@@ -69,7 +70,7 @@ def smooth(
     """
     if not moments:
         return []
-    packed = [pack(state, group, moment.t_ns) for group, moment in zip(looks, moments, strict=True)]
+    packed = [_scored(state, group, moment.t_ns) for group, moment in zip(looks, moments, strict=True)]
     span = span_of(state, packed, moments)
     # Mean time between looks of each camera
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -102,6 +103,13 @@ def smooth(
         own, square = _scattered(tracks, span, square, state.metre)
         tracks = tracks_from(found, span, state.config, state.places, own, free=False)
     return _moments(tracks, span, packed, looks, moments, after, own, square)
+
+
+def _scored(state: State, group: Sequence[Look], t_ns: int) -> Boxes:
+    """The looks of a moment for the kernels; what scores say of boxes is that of the whole recording."""
+    boxes = pack(state, group, t_ns)
+    scores = np.concatenate([look.score for look in group])
+    return boxes._replace(clutter=boxes.clutter - log_ratio(state.cues.score, scores))
 
 
 def span_of(state: State, packed: Sequence[Boxes], moments: Sequence[Moment]) -> Span:
@@ -227,7 +235,7 @@ def _again(
             walk.covariance[rows],
             np.where(walk.inside[rows], STAYED, STAYS),
         )
-        bonus = _bonus(boxes, hint, tracks, walk.last[rows], walk.next[rows])
+        bonus = _bonus(boxes, hint[:, 0], tracks, walk.last[rows], walk.next[rows])
         seen = associate(state, boxes, rates, people, bonus)
         after.append(seen)
         found.append(find(state, boxes, rates, hint, seen.people, seen.share, seen.joint))
@@ -235,17 +243,15 @@ def _again(
 
 
 def _bonus(boxes: Boxes, hint: Ints, tracks: Tracks, last: Ints, following: Ints) -> Floats:
-    """(N, M) logs of likelihood ratios of the hints of boxes, by the hints of the track's places beside the moment."""
+    """(N, M) logs of likelihood ratios of hints of trackers in the images, by those of the places beside the moment."""
     out = np.zeros((len(last), len(hint)))
+    if (hint == NOBODY).all():
+        return out
     camera = np.repeat(boxes.camera, np.diff(boxes.first))
-    cameras = tracks.places.hint.shape[1] // 2
-    for kind, named in enumerate(hint.T):
-        if (named == NOBODY).all():
-            continue
-        for beside in (last, following):
-            known = np.where(beside[:, None] != NONE, tracks.places.hint[beside][:, kind * cameras + camera], NOBODY)
-            both = (known != NOBODY) & (named != NOBODY)
-            out += np.where(both, np.where(known == named, SAME_HINT, OTHER_HINT), 0.0)
+    for beside in (last, following):
+        known = np.where(beside[:, None] != NONE, tracks.places.hint[beside][:, camera], NOBODY)
+        both = (known != NOBODY) & (hint != NOBODY)
+        out += np.where(both, np.where(known == hint, SAME_HINT, OTHER_HINT), 0.0)
     return out
 
 

@@ -41,7 +41,8 @@ MOST_REACH = 64
 """... and within so many moments."""
 BRIDGE_S = 8.0
 """Gaps between tracks are bridged up to this long."""
-TEMPERATURES = 12
+TEMPERATURES, RENEWED = 12, 4
+"""Steps of the cooling, and after how many of them all messages are renewed; the last one is such a step."""
 COLDEST = 0.2
 PROPOSALS = 60
 """For each place in each run of the chain."""
@@ -139,6 +140,7 @@ def tracks_from(
     leaving = _leaving(known, mean[:, :2], span)
     early = np.exp((miss * span.looked[moment]).sum(axis=1))
     late = np.exp((miss * (span.looked[-1] - span.looked[moment + 1])).sum(axis=1))
+    hint, life = _lives(np.concatenate([f.hint for f in found]), span.time[moment])
     arrivals = span.people / span.area / span.stay
     places = Places(
         moment=moment,
@@ -150,7 +152,8 @@ def tracks_from(
         miss=miss,
         birth=np.log(arrivals * (wait + span.stay * early)),
         death=np.log(np.minimum(wait * leaving + late, 1.0)),
-        hint=np.concatenate([f.hint for f in found]),
+        hint=hint,
+        life=life,
     )
     often = float(np.mean(1.0 - unseen)) if len(unseen) else 1.0
     reach = int(min(np.ceil(DETECTIONS / max(often, 1e-3)), MOST_REACH)) if free else T
@@ -161,6 +164,20 @@ def tracks_from(
     for _ in range(2):
         renew_all(places, walk, span.looked, chain)
     return Tracks(places, walk, chain, raw_J, raw_h, label)
+
+
+def _lives(hint: Ints, time: Floats) -> tuple[Ints, Floats]:
+    """The identities (n, 2 C) of places, those of the filter counted from 0, and when each of these was seen (I, 2)."""
+    C = hint.shape[1] // 2
+    hint = hint.copy()
+    own = hint[:, C:]
+    place, camera = np.nonzero(own != NONE)
+    number, code = np.unique(own[place, camera], return_inverse=True)
+    own[place, camera] = code
+    life = np.column_stack([np.full(len(number), np.inf), np.full(len(number), -np.inf)])
+    np.minimum.at(life[:, 0], code, time[place])
+    np.maximum.at(life[:, 1], code, time[place])
+    return hint, life
 
 
 def _leaving(known: PlaceMap, places: Floats, span: Span) -> Floats:
@@ -202,11 +219,12 @@ def anneal(tracks: Tracks, span: Span, generator: np.random.Generator, hottest: 
     listed = listed_of(tracks, span)
     known = nothing_known(listed)
     each = max(PROPOSALS * n // TEMPERATURES, 1)
-    for temperature in np.geomspace(hottest, COLDEST, TEMPERATURES):
+    for step, temperature in enumerate(np.geomspace(hottest, COLDEST, TEMPERATURES), start=1):
         drawn = generator.random((each, 4))
         sweep(tracks.places, tracks.walk, span.looked, listed, known, tracks.chain, float(temperature), drawn)
-        # Rounding and the tolerance of renewals do not add up
-        renew_all(tracks.places, tracks.walk, span.looked, tracks.chain)
+        if step % RENEWED == 0:
+            # Rounding and the tolerance of renewals do not add up
+            renew_all(tracks.places, tracks.walk, span.looked, tracks.chain)
 
 
 def listed_of(tracks: Tracks, span: Span) -> Candidates:

@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 from floor_places import WALK, chain_with, places_at
 
-from occlog.track.jipda.batch.chains import NONE, candidates, may_follow, nothing_known, renew_all, sweep, total
+from occlog.track.jipda.batch.chains import (
+    NONE,
+    OTHER_FOLLOWED,
+    SAME_FOLLOWED,
+    between,
+    candidates,
+    may_follow,
+    nothing_known,
+    renew_all,
+    sweep,
+    total,
+)
 
 
 def all_states(places, looked):
@@ -87,3 +98,23 @@ def test_two_people_who_cross_keep_their_ways():
     after = chain.after
     assert [after[after[6]], after[after[7]]] == [10, 11]
     assert after[:6].tolist() == [2, 3, 4, 5, 6, 7]
+
+
+@pytest.mark.parametrize(
+    ("other", "begins", "worth"),
+    [
+        (0, 0.0, SAME_FOLLOWED),
+        (1, 0.0, OTHER_FOLLOWED),
+        (1, 0.4999, OTHER_FOLLOWED),
+        (1, 0.5001, 0.0),
+        (NONE, 0.0, 0.0),
+    ],
+    ids=["same", "both at a time", "the other begins before it ends", "the other begins after it", "not followed"],
+)
+def test_what_the_filter_followed_speaks_for_links(other, begins, worth):
+    places = places_at([0, 2], np.zeros((2, 2)), np.zeros(2))
+    looked = np.arange(4.0)[:, None]
+    without = between(places, WALK, looked, 0, 1)
+    hint = np.array([[NONE, 0], [NONE, other]])
+    life = np.array([[0.0, 0.5], [begins, 1.0]])
+    assert between(places._replace(hint=hint, life=life), WALK, looked, 0, 1) - without == pytest.approx(worth)
