@@ -7,6 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.jit
+
 KERNEL = """
 from typing import NamedTuple
 from occlog.core.numerics.jit import kernel

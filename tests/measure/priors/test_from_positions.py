@@ -47,6 +47,7 @@ def test_reference_world_gives_6_67(truth: Truth) -> None:
     assert abs(got - 6.67) < 3 * error + 0.02 * 6.67
 
 
+@pytest.mark.jit
 def test_prior_is_isotropic_and_settles(truth: Truth) -> None:
     priors = Occluders.concat(virtual_priors([truth], 8.0, 1.2, 1))
     assert np.allclose(priors.cov_xx, priors.cov_yy)
