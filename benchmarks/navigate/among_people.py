@@ -27,15 +27,20 @@ LIMIT = 0.5
 SEEDS, ROBOTS = 15, 60
 MARGIN = 0.6
 """Starts and goals keep this distance from the walls [m]."""
+ALONE: dict[str, object] = {"force": "original", "escape": "none"}
+"""Forces alone, without prevention and escape."""
+DEFAULTS, STRAIGHT = "defaults", "straight on, no guard"
 CASES: dict[str, dict[str, object]] = {
-    "straight on": {"repulsion": 0.0, "force": "original", "escape": "none"},
-    "original force": {"force": "original", "escape": "none"},
-    "prevent, no escape": {"escape": "none"},
-    "prevent, escape inside (defaults)": {},
-    "prevent, escape outside": {"escape": "outside"},
-    "defaults, not looking ahead": {"ahead_s": 0.0},
-    "defaults, repulsion 0.02": {"repulsion": 0.02},
-    "defaults, repulsion 0.5": {"repulsion": 0.5},
+    STRAIGHT: {**ALONE, "repulsion": 0.0, "guard": False},
+    "original force, no guard": {**ALONE, "guard": False},
+    "prevention, no escape, no guard": {"escape": "none", "guard": False},
+    "prevention, escape inside, no guard": {"guard": False},
+    "prevention, escape outside, no guard": {"escape": "outside", "guard": False},
+    "the same as inside, not looking ahead": {"ahead_s": 0.0, "guard": False},
+    "the same as inside, repulsion 0.02": {"repulsion": 0.02, "guard": False},
+    "the same as inside, repulsion 0.5": {"repulsion": 0.5, "guard": False},
+    "original force": ALONE,
+    DEFAULTS: {},
 }
 
 
@@ -83,4 +88,8 @@ def run(repeats: int) -> dict[str, Any]:  # noqa: ARG001
             words.append(f"{key} {fmean(values):.3f} ± {deviation(values) / len(values) ** 0.5:.3f}")
         parts[name] = ", ".join(words)
     share = {name: fmean(r["collided"] for r in runs) for name, runs in found.items()}
-    return {"ratio": share["prevent, escape inside (defaults)"] / share["straight on"], "limit": LIMIT, "parts": parts}
+    return {
+        "ratio": share[DEFAULTS] / share[STRAIGHT],
+        "limit": LIMIT,
+        "parts": parts,
+    }

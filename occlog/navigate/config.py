@@ -76,6 +76,12 @@ class NavigateConfig(FieldSettings):
         option="--ahead",
         metavar="SECONDS",
     )
+    guard: bool = setting(
+        False,
+        "Turn or leave out a step that would collide, if people go on as they did; the thesis has no such guard.",
+        people=True,
+        option="--guard/--no-guard",
+    )
     shape: str = setting(
         "circle",
         "Static occluders repel as `circle` about them, or by their nearest point, as a `polygon`, before whose sides "

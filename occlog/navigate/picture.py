@@ -38,6 +38,7 @@ MARKS: dict[str, tuple[str, str, str]] = {
     "oscillating": ("oscillation recognised", "v", COLOURS["t1"]),
     "prevent": ("collision prevented", "s", COLOURS["t3"]),
     "escaping": ("escape", "^", COLOURS["t2"]),
+    "guarded": ("step turned by the guard", "D", COLOURS["t4"]),
 }
 """Name in the legend, marker and colour of each state beside `free`."""
 DOTS = 120

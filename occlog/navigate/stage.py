@@ -5,6 +5,7 @@ Robots do not see each other; several at a time are for experiments with many st
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
@@ -15,6 +16,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.navigation.alignment import ROUNDING
 from occlog.core.navigation.moving import Moment
+from occlog.core.navigation.oscillation import turned
 from occlog.core.navigation.potentials import distance
 from occlog.core.navigation.steering import STATES, State, Steering, field_of, steer, steps_of
 
@@ -23,6 +25,10 @@ from .course import Course
 
 WINDOW = 50
 """Steps over which a robot's whereabouts are gathered, to tell whether it still gets on."""
+GUARD = 1e-3
+"""Clearance that guarded steps keep, in lengths of a step."""
+TURNS = tuple(math.radians(15.0 * k) for k in range(-11, 13))
+"""Angles by which a step that would collide is turned."""
 STUCK = 4.0
 """A robot that stayed for a window and more within so many steps' length is caught."""
 
@@ -56,6 +62,7 @@ class Drive:
         xy: (N, 2) last places.
         end: (N,) numbers of `End`.
         steps: (N,) steps done.
+        length: (N,) of the paths; steps that the guard left out have none.
         clearance: (N,) least distance from obstacles, border to border, between steps, too.
         nearest: (N,) which obstacle that was; -1: there are none.
         states: (N, 4) steps in each `State`.
@@ -67,6 +74,7 @@ class Drive:
     xy: Floats
     end: Ints
     steps: Ints
+    length: Floats
     clearance: Floats
     nearest: Ints
     states: Ints
@@ -82,6 +90,7 @@ class Drive:
             xy=starts.copy(),
             end=np.zeros(n, dtype=np.int64),
             steps=np.zeros(n, dtype=np.int64),
+            length=np.zeros(n),
             clearance=np.full(n, np.inf),
             nearest=np.full(n, -1),
             states=np.zeros((n, len(STATES)), dtype=np.int64),
@@ -129,19 +138,52 @@ def drive(robots: Drive, goals: Floats, course: Course, config: NavigateConfig) 
             return
         moment = course.moment(number)
         steering = steer(xy, goals[active], course.around(xy, moment), field, steps, total[active])
+        # Step: of constant length along the total force
+        length = np.hypot(steering.total[:, 0], steering.total[:, 1])[:, None]
+        move = config.way * np.where(length > 0.0, steering.total / np.where(length > 0.0, length, 1.0), 0.0)
+        if config.guard:
+            move, state = _guarded(xy, move, steering.state, goals[active], course, moment, config)
+            steering = steering._replace(state=state)
         yield Step(number, active, xy, clearance, nearest, steering)
-        # Move: a step of constant length along the total force
-        active, moved = active[going], Steering(*(part[going] for part in steering))
-        length = np.hypot(moved.total[:, 0], moved.total[:, 1])[:, None]
-        heading = np.where(length > 0.0, moved.total / np.where(length > 0.0, length, 1.0), 0.0)
-        before = robots.xy[active]
-        robots.xy[active] = before + config.way * heading
+        active, before, moved = active[going], xy[going], Steering(*(part[going] for part in steering))
+        robots.xy[active] = before + move[going]
         robots.steps[active] += 1
+        robots.length[active] += np.hypot(move[going, 0], move[going, 1])
         robots.states[active, moved.state] += 1
         robots.recognised[active] += moved.recognised
         total[active] = moved.total
         watch.see(robots.xy, active, moved.state == State.PREVENT)
         gaps = course.clearance(before, robots.xy[active], config.radius, moment)
+
+
+def _guarded(
+    xy: Floats, move: Floats, state: Ints, goals: Floats, course: Course, moment: Moment, config: NavigateConfig
+) -> tuple[Floats, Ints]:
+    """Steps (A, 2) of robots at (A, 2) places that do not collide if people go on as they did, and their states.
+
+    A step that would collide is turned by as little as will do, of two equal angles to the side on which the goal is
+    nearer; where no direction is free, the one of the greatest clearance is taken, which may be to stand.
+    """
+    expected = moment.expected()
+    clearance = _least(course.clearance(xy, xy + move, config.radius, expected))[0]
+    rows = np.flatnonzero(clearance <= GUARD * config.way)
+    if not len(rows):
+        return move, state
+    ends, gaps = [], []
+    for angle in (*TURNS, None):
+        tried = np.zeros_like(move[rows]) if angle is None else turned(move[rows], np.full(len(rows), angle))
+        ends.append(tried)
+        gaps.append(_least(course.clearance(xy[rows], xy[rows] + tried, config.radius, expected))[0])
+    # Order of preference: least turn, then the nearer goal; standing comes last
+    left = np.stack([distance(xy[rows] + end, goals[rows]) for end in ends])
+    turn = np.array([*(abs(a) for a in TURNS), math.inf])[:, None]
+    free = np.stack(gaps) > GUARD * config.way
+    order = np.lexsort((left, np.broadcast_to(turn, left.shape), ~free), axis=0)
+    best = np.where(free.any(axis=0), order[0], np.argmax(np.stack(gaps), axis=0))
+    move, state = move.copy(), state.copy()
+    move[rows] = np.stack(ends)[best, np.arange(len(rows))]
+    state[rows] = State.GUARDED
+    return move, state
 
 
 def _standing(moment: Moment) -> Moment:

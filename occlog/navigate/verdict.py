@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from occlog.array_types import Floats
 from occlog.core.navigation.potentials import distance
-from occlog.core.navigation.steering import STATES
+from occlog.core.navigation.steering import STATES, State
 
 from .config import NavigateConfig
 from .stage import Drive, End
@@ -28,7 +28,7 @@ class Verdict:
         """
         self.end = End(int(robots.end[number]))
         self._steps, self._config = int(robots.steps[number]), config
-        self._states = robots.states[number]
+        self._states, self._length = robots.states[number], float(robots.length[number])
         self._recognised = int(robots.recognised[number])
         self._stays = self.end == End.ENDLESS or bool(robots.caught[number])
         self._prevented = bool(robots.prevented[number])
@@ -45,7 +45,7 @@ class Verdict:
 
     @property
     def trap(self) -> bool:
-        """Whether the forces hold the robot at one place (a local minimum), without the prevention taking part."""
+        """Whether forces, or the guard, hold the robot at one place, without the prevention taking part."""
         return self._stays and not self._prevented
 
     def words(self) -> str:
@@ -54,6 +54,8 @@ class Verdict:
             return "goal reached"
         if self.end == End.COLLIDED:
             return f"collided with {self._nearest} in step {self._steps}"
+        if self._stays and self._states[State.GUARDED]:
+            return f"caught at {self._at} before {self._nearest}, where the guard holds it back"
         if self.trap:
             return f"caught at {self._at}, where goal and obstacles pull and push alike (a local minimum)"
         if self._stays:
@@ -69,7 +71,7 @@ class Verdict:
     def _remedy(self) -> str:
         """What to change."""
         if self.end == End.COLLIDED:
-            return "take shorter steps, a larger repulsion, or force prevent with escape inside"
+            return "take " + ("" if self._config.guard else "the guard, ") + "shorter steps or a larger repulsion"
         if self.trap:
             return "take a smaller influence or repulsion, or goals on the way"
         if self._stays:
@@ -79,16 +81,17 @@ class Verdict:
     def figures(self) -> dict[str, object]:
         """The figures of the summary.
 
-        reached: without a collision.  length: of the path.  least_clearance: from obstacles, border to border,
-        also between steps; null without obstacles.  oscillation: whether it was recognised at any step.
-        trap: a local minimum holds the robot.  states: steps by what decided on them.
+        reached: without a collision.  length: of the path, without steps that the guard left out.
+        least_clearance: from obstacles, border to border, also between steps; null without obstacles.
+        oscillation: whether it was recognised at any step.  trap: a local minimum, or the guard, holds the robot.
+        states: steps by what decided on them.
         """
         return {
             "reached": self.reached,
             "end": self.words(),
             "steps": self._steps,
             "seconds": self._steps * self._config.step_s,
-            "length": self._steps * self._config.way,
+            "length": self._length,
             "to_goal": self._left,
             "least_clearance": self._clearance if math.isfinite(self._clearance) else None,
             "nearest": self._nearest,

@@ -32,10 +32,16 @@ class RobotPath(Table):
     attractive_y: Floats = column("f8", "1", "force of the goal", nan=ENDED)
     repulsive_x: Floats = column("f8", "1", "force of all obstacles", nan=ENDED)
     repulsive_y: Floats = column("f8", "1", "force of all obstacles", nan=ENDED)
-    total_x: Floats = column("f8", "1", "force along which the robot goes, prevented or turned", nan=ENDED)
-    total_y: Floats = column("f8", "1", "force along which the robot goes, prevented or turned", nan=ENDED)
+    total_x: Floats = column(
+        "f8", "1", "force along which the robot goes, prevented or turned; a guarded step leaves it", nan=ENDED
+    )
+    total_y: Floats = column(
+        "f8", "1", "force along which the robot goes, prevented or turned; a guarded step leaves it", nan=ENDED
+    )
     state: Strings = column(
-        "U", "1", "what decides on the next step: `free`, `oscillating`, `prevent`, `escaping`; `end` in the last row"
+        "U",
+        "1",
+        "what decides on the next step: `free`, `oscillating`, `prevent`, `escaping`, `guarded`; `end` in the last row",
     )
     recognised: Bools = column("?", "1", "whether oscillation was recognised")
     clearance: Floats = column(

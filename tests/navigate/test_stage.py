@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from occlog.core.navigation.steering import State
 from occlog.errors import InputError
 from occlog.measure.scans.moving_people import obstacles_of
 from occlog.navigate.config import NavigateConfig
@@ -130,6 +131,7 @@ def test_a_wall_between_start_and_goal_is_a_collision_without_repulsion():
         shape="polygon",
         repulsion=0.0,
         aligned=0.0,
+        guard=False,
         force="original",
     )
     assert robots.end[0] == End.COLLIDED
@@ -157,7 +159,15 @@ def test_people_who_cross_are_passed_and_those_who_do_not_move_aside_are_collisi
     _, _, passed = driven(Scene(room=ROOM), (), (1.0, 3.0), (7.0, 3.0), people=crossing)
     assert passed.reached, passed.words()
     _, robots, hit = driven(
-        Scene(room=ROOM), (), (1.0, 3.4), (7.0, 3.4), people=crossing, repulsion=0.0, force="original", escape="none"
+        Scene(room=ROOM),
+        (),
+        (1.0, 3.4),
+        (7.0, 3.4),
+        people=crossing,
+        repulsion=0.0,
+        force="original",
+        escape="none",
+        guard=False,
     )
     assert robots.end[0] == End.COLLIDED
     assert "collided with person 0" in hit.words()
@@ -250,3 +260,42 @@ def test_a_goal_within_the_circle_about_an_occluder_is_free_where_the_polygon_re
     course["polygon"].check_place("goal", beside, config["polygon"])
     with pytest.raises(InputError, match="inside the circle about static occluder pillar, which repels"):
         course["circle"].check_place("goal", beside, config["circle"])
+
+
+@pytest.mark.parametrize("place", [(1.0, 3.0), (1.0, 1.0), (4.0, 5.5), (7.5, 5.5)])
+def test_a_guarded_robot_does_not_collide_with_what_stands_even_without_forces(place: tuple[float, float]):
+    scene = Scene(room=ROOM, occluders=(PILLAR,))
+    for goal in ((7.0, 3.0), (0.3, 0.3), (4.0, 0.5)):
+        for speed in (1.0, 4.0):
+            _, robots, _ = driven(scene, (Disc(2.0, 2.0, 0.2),), place, goal, repulsion=0.0, speed=speed, steps=300)
+            assert robots.end[0] != End.COLLIDED
+            assert robots.clearance[0] > 0.0
+
+
+def test_a_guarded_robot_lets_a_person_pass_and_says_where_the_guard_acted():
+    crossing = people(np.linspace(7.0, 1.0, 80), 3.4)
+    _, _, verdict = driven(Scene(room=ROOM), (), (1.0, 3.4), (7.0, 3.4), people=crossing, repulsion=0.0)
+    assert verdict.reached
+    assert verdict.figures()["states"]["guarded"] > 0
+
+
+def test_the_guard_leaves_steps_alone_that_do_not_collide():
+    scene = Scene(room=ROOM, occluders=(PILLAR,))
+    plain, _, _ = driven(scene, (), (1.0, 3.6), (7.0, 3.6), guard=False)
+    guarded, robots, _ = driven(scene, (), (1.0, 3.6), (7.0, 3.6))
+    np.testing.assert_array_equal(plain, guarded)
+    assert robots.states[0, State.GUARDED] == 0
+
+
+def test_a_robot_that_the_guard_holds_back_says_so_and_counts_no_way_that_it_did_not_go():
+    corridor = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 0.6], [0.0, 0.6]])
+    screen = Occluder("screen", np.array([[4.0, 0.0], [4.1, 0.0], [4.1, 0.6], [4.0, 0.6]]))
+    scene, forces = (
+        Scene(room=corridor, occluders=(screen,)),
+        {"repulsion": 0.0, "force": "original", "shape": "polygon"},
+    )
+    places, robots, verdict = driven(scene, (), (1.0, 0.3), (7.0, 0.3), **forces)
+    assert robots.end[0] in (End.ENDLESS, End.STOPPED)
+    assert "where the guard holds it back" in verdict.words()
+    assert verdict.trap
+    assert verdict.figures()["length"] == pytest.approx(np.hypot(*np.diff(places, axis=0).T).sum())

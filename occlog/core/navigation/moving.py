@@ -29,6 +29,10 @@ class Moment(NamedTuple):
     radius_after: Floats  # (M,)
     move: Floats  # (M, 2) how each moved in the step before; 0 where that is not known
 
+    def expected(self) -> Moment:
+        """The moment as it is known at its start: the obstacles go on as in the step before."""
+        return self._replace(after=self.xy + self.move, radius_after=self.radius)
+
 
 class Moving:
     """Obstacles whose places are known at times of their own, linear in between."""

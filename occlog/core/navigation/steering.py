@@ -27,9 +27,10 @@ class State(IntEnum):
     OSCILLATING = 1  # oscillation was recognised, but the robot does not escape
     PREVENT = 2  # the force away from an obstacle in line with the goal
     ESCAPING = 3  # the force turned away from the line of oscillation
+    GUARDED = 4  # whatever the force: the step would have collided, and was turned or left out
 
 
-STATES = ("free", "oscillating", "prevent", "escaping")
+STATES = ("free", "oscillating", "prevent", "escaping", "guarded")
 """Names of the states, by number."""
 
 
