@@ -27,6 +27,7 @@ COMMANDS = {
     "ingest": Command(
         "occlog.ingest.command", "Gather video, detections, DOA logs and calibration into one recording."
     ),
+    "traffic": Command("occlog.simulate.traffic.command", "Simulate the data traffic of sensors that help each other."),
     "listen": Command("occlog.measure.listen.command", "Find directions of arrival in the sound of microphone arrays."),
     "epipolar": Command("occlog.measure.epipolar.command", "Find how pairs of views see the same point, or check it."),
     "detect": Command("occlog.measure.detect.command", "Reduce the frames of a recording to bearings."),
@@ -36,6 +37,7 @@ COMMANDS = {
     "appearance": Command("occlog.measure.appearance.command", "Learn how people look from several sides."),
     "priors": Command("occlog.measure.priors.command", "Find where moving occluders are."),
     "fit-motion": Command("occlog.track.map.fit_motion.command", "Identify a motion model from trajectories."),
+    "fit-readers": Command("occlog.track.readers.fit.command", "Learn how strongly readers read tags."),
     "track": Command("occlog.track.command", "Estimate target tracks from bearings."),
     "ground": Command(
         "occlog.track.images.ground.command", "Bring tracks in the images of calibrated cameras together in the world."

@@ -14,7 +14,7 @@ from occlog.errors import InputError
 
 if TYPE_CHECKING:
     from occlog.io.recording.reader import Recording
-    from occlog.records.scene import Camera, MicrophoneArray, Scene
+    from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene
 
 
 @click.command(name="info", short_help="Print what a scene, a recording or a table holds.")
@@ -77,6 +77,7 @@ def _describe_scene(scene: Scene) -> Description:
         f"{len(a.microphones)} microphones, sigma {math.degrees(a.sigma):.3g} deg{_array_more(a)}"
         for a in scene.arrays
     ]
+    lines += [f"reader    {_reader_words(r)}" for r in scene.readers]
     lines += [f"clock     {c.name}: offset {c.offset_ns} ns, drift {c.drift_ppm:g} ppm" for c in scene.clocks]
     values = {
         "kind": "scene",
@@ -85,6 +86,7 @@ def _describe_scene(scene: Scene) -> Description:
         "occluders": [o.name for o in scene.occluders],
         "cameras": cameras,
         "arrays": [a.name for a in scene.arrays],
+        **({"readers": [r.name for r in scene.readers]} if scene.readers else {}),
         "clocks": [c.name for c in scene.clocks],
     }
     return Description(values, lines)
@@ -126,6 +128,14 @@ def _array_more(array: MicrophoneArray) -> str:
     if array.planar:
         parts.append("no elevation")
     return "".join(f", {part}" for part in parts)
+
+
+def _reader_words(reader: Reader) -> str:
+    """Write a reader's place, and range and power where they are known."""
+    far = f", range {reader.range:g}" if math.isfinite(reader.range) else ""
+    power = "" if reader.power is None else f", {reader.power:g} dBm at 1 m"
+    x, y, z = reader.position
+    return f"{reader.name}: at ({x:g}, {y:g}, {z:g}){far}{power}"
 
 
 def _camera_lines(scene: Scene) -> Iterator[str]:

@@ -30,6 +30,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "occlog.simulate.config:PeopleConfig",
         "occlog.simulate.balls.config:BallsConfig",
     ),
+    "traffic": ("occlog.simulate.traffic.config:TrafficConfig",),
     "listen": ("occlog.measure.listen.config:ListenConfig",),
     "epipolar": ("occlog.measure.epipolar.config:EpipolarConfig",),
     "detect": ("occlog.measure.detect.config:DetectConfig",),
@@ -49,6 +50,7 @@ CLASSES: dict[str, tuple[str, ...]] = {
     ),
     "appearance": ("occlog.measure.appearance.config:LearnConfig",),
     "fit-motion": ("occlog.track.map.fit_motion.config:FitConfig",),
+    "fit-readers": ("occlog.track.readers.fit.config:FitReadersConfig",),
     "evaluate": (
         "occlog.evaluate.matching.config:EvaluateConfig",
         "occlog.evaluate.mot.config:ManyConfig",

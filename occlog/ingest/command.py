@@ -26,6 +26,7 @@ INPUTS = (
     ),
     click.option("--mot", multiple=True, metavar="CAM=FILE", help="MOTChallenge detections; the same as --boxes."),
     click.option("--doa", multiple=True, metavar="[ARRAY=]FILE", help="Log of directions of arrival."),
+    click.option("--reads", multiple=True, type=options.PATH, metavar="FILE", help="Log of tags that readers read."),
     click.option("--truth", multiple=True, metavar="[CAM=]FILE", help="Ground truth: positions or boxes."),
     click.option(
         "--timestamps",
@@ -54,6 +55,9 @@ PLACES = (
         multiple=True,
         metavar="[NAME=]FILE",
         help="Places of direction finders, or microphones of one array.",
+    ),
+    click.option(
+        "--readers", type=options.PATH, default=None, metavar="FILE", help="Places and ranges of the readers of tags."
     ),
 )
 TIMES = (
@@ -92,7 +96,7 @@ def _all_options(command: F) -> F:
 @options.quiet_opt
 @options.json_opt
 def command(output: Path, overwrite: bool, quiet: bool, as_json: bool, **values: object) -> int:
-    """Gather what cameras and microphone arrays have recorded into one recording.
+    """Gather what cameras, microphone arrays and readers of tags have recorded into one recording.
 
     The time of a frame comes from --timestamps, else from the time stamps of the video
     file, else from its frame rate; which one it was is told and recorded.  Frames that a
@@ -102,6 +106,7 @@ def command(output: Path, overwrite: bool, quiet: bool, as_json: bool, **values:
     \b
       occlog ingest -o walk.mcap --calibration Calib.qca.txt --video cam01=cam01.mp4 --video cam02=cam02.mp4
       occlog ingest -o hall.mcap --calibration calib/ --image-size 1920x1024 --boxes detections.csv --fps 20
+      occlog ingest -o tags.mcap --readers readers.csv --reads reads.csv --truth truth.csv
     """
     from .run import run_ingest
 

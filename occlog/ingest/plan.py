@@ -60,6 +60,8 @@ class IngestPlan(Settings):
     image_size: tuple[int, int] | None
     scene: Path | None
     arrays: tuple[tuple[str | None, Path], ...]
+    readers: Path | None
+    reads: tuple[Path, ...]
     start_time: tuple[tuple[str | None, str], ...]
     fps: tuple[tuple[str | None, str], ...]
     frames: tuple[int, int] | None
@@ -146,7 +148,7 @@ class IngestPlan(Settings):
         mot = _named("mot", values["mot"])
         settings = given(cls, values)
         taken = {
-            **{key: values[key] for key in ("calibration", "image_size", "scene", "frames")},
+            **{key: values[key] for key in ("calibration", "image_size", "scene", "frames", "readers", "reads")},
             "video": _named("video", values["video"]),
             "images": _named("images", values["images"]),
             "boxes": (*pairs(values["boxes"], Path), *mot.items()),
@@ -162,8 +164,8 @@ class IngestPlan(Settings):
         both = next((name for name in self.video if name in self.images), None)
         if both is not None:
             raise UsageError(f"camera {both}: has both video and images; give one")
-        if not (self.video or self.images or self.boxes or self.doa):
-            raise UsageError("nothing to ingest; give video, images, boxes or directions (doa)")
+        if not (self.video or self.images or self.boxes or self.doa or self.reads):
+            raise UsageError("nothing to ingest; give video, images, boxes, directions (doa) or reads of tags")
         if not self.calibration and (self.up is not None or self.ground is not None):
             raise UsageError("up and ground turn the world of a calibration; give calibration")
         if self.store == "link" and self.images:
@@ -181,6 +183,8 @@ class IngestPlan(Settings):
         found = [(path, "a video file") for path in self.video.values()]
         for key, what in tables.items():
             found += [(path, what) for _, path in getattr(self, key)]
+        found += [(path, "a log of reads") for path in self.reads]
+        found += [(self.readers, "a table of readers")] if self.readers else []
         return found + ([(self.scene, "a scene file")] if self.scene else [])
 
     def paths(self) -> list[Path]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import heapq
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,11 +22,12 @@ from occlog.io.frames.process import Delivered
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
+from occlog.io.tags.reads import ReadLog, read_reads
 from occlog.io.truth.reader import TruthOptions, read_truth
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
-from occlog.records.tables import Boxes, Truth, TruthBoxes
+from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
 
 from .plan import IngestPlan
 from .scene import base_scene, fit_sizes, match_cameras
@@ -41,6 +42,7 @@ class Ingested(Failures):
     frames: dict[str, int] = field(default_factory=dict)
     rows: dict[str, int] = field(default_factory=dict)
     times: dict[str, str] = field(default_factory=dict)
+    tags: dict[str, int] = field(default_factory=dict)
 
 
 def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[str, object], list[Loss]]:
@@ -66,6 +68,7 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
         provenance = Provenance("ingest", settings, None, _hashes(plan))
         writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=overwrite))
         # Tables first: a fault in one is then told before hours of video have been read.
+        _write_reads(plan, scene, writer, done, note)
         _write_tables(plan, scene, turn, survey, times, writer, done)
         _write_frames(plan, sources, writer, done, quiet)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
@@ -83,6 +86,7 @@ def _summary(plan: IngestPlan, done: Ingested) -> dict[str, object]:
         "frames": dict(sorted(done.frames.items())),
         "rows": done.rows,
         "times": dict(sorted(done.times.items())),
+        **({"tags": done.tags} if done.tags else {}),
     }
 
 
@@ -207,6 +211,43 @@ def _write_tables(
         for table in chunks:
             writer.table(table)
             done.rows[table.NAME] = done.rows.get(table.NAME, 0) + len(table)
+
+
+def _write_reads(
+    plan: IngestPlan, scene: Scene, writer: RecordingWriter, done: Ingested, note: Callable[[str], None]
+) -> None:
+    """Write the reads of all logs; a tag has one target in all of them."""
+    names = [r.name for r in scene.readers]
+    clocks = {name: clock for name in names if (clock := clock_of(scene, name)) is not None}
+    for path in plan.reads:
+        log = read_reads(
+            path,
+            names,
+            start_ns=start_of(plan, ""),
+            clocks=clocks,
+            ignore_extra=plan.ignore_extra_columns,
+        )
+        _check_tags(path, log, done.tags)
+        done.tags.update(log.tags)
+        if log.late:
+            note(f"{path.name}: {log.late} reads stood after later ones, and were put in the order of time")
+        if log.double:
+            note(
+                f"warning: {path.name}: {log.double} reads stood there twice, with the same strength; each counts once"
+            )
+        writer.table(log.reads)
+        done.rows[Reads.NAME] = done.rows.get(Reads.NAME, 0) + len(log.reads)
+
+
+def _check_tags(path: Path, log: ReadLog, known: Mapping[str, int]) -> None:
+    """InputError for a tag that was of another target in a log before, or the other way about."""
+    owner = {target: tag for tag, target in known.items()}
+    for tag, target in log.tags.items():
+        if known.get(tag, target) != target or owner.get(target, tag) != tag:
+            raise InputError(
+                f"{path}: tag {tag} would be target {target}, as in the logs before it another tag is; "
+                "join the logs into one"
+            )
 
 
 def _truth(path: Path, how: TruthOptions, plan: IngestPlan, turn: Turn | None) -> Iterator[Truth | TruthBoxes]:

@@ -18,6 +18,7 @@ from occlog.io.calibration.reader import describe, read_calibration
 from occlog.io.files.sensor_names import match_sensor, safe_name
 from occlog.io.frames.process import Decoder
 from occlog.io.sound.author_formats import read_arrays
+from occlog.io.tags.places import read_readers
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_fov, camera_rotation
 
 from .plan import IngestPlan
@@ -115,7 +116,16 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
         turn = find_turn(calibration.cameras, plan.up, plan.ground, note)
         cameras += calibration.cameras if turn is None else [turn.camera(c) for c in calibration.cameras]
     arrays = [*scene.arrays, *(a for name, path in plan.arrays for a in _arrays(path, name, note))]
-    return replace(scene, cameras=tuple(cameras), arrays=tuple(arrays)), turn
+    readers = scene.readers if plan.readers is None else (*scene.readers, *read_readers(plan.readers))
+    found = replace(scene, cameras=tuple(cameras), arrays=tuple(arrays), readers=readers)
+    _check_names(plan, [s.name for s in found.sensors])
+    return found, turn
+
+
+def _check_names(plan: IngestPlan, names: Sequence[str]) -> None:
+    """UsageError where a reader of the table has the name of another sensor."""
+    if plan.readers is not None and (double := next((n for n in names if names.count(n) > 1), None)) is not None:
+        raise UsageError(f"{plan.readers}: reader {double} has the name of another sensor; names must differ")
 
 
 def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, ...]:

@@ -63,8 +63,8 @@ def times_of(plan: IngestPlan, name: str, sidecars: Sidecars) -> FrameTimes | No
 
 
 def clock_of(scene: Scene, name: str) -> Clock | None:
-    """The clock that a camera or an array of the scene runs by."""
-    named = {**{a.name: a.clock for a in scene.arrays}, **{c.name: c.clock for c in scene.cameras}}.get(name)
+    """The clock that a sensor of the scene runs by."""
+    named = {s.name: s.clock for s in scene.sensors}.get(name)
     return next((clock for clock in scene.clocks if clock.name == named), None)
 
 

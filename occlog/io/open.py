@@ -30,6 +30,7 @@ RECORDING_SUFFIX = ".mcap"
 WORDS = {
     "boxes": "boxes of a detector",
     "doa": "directions of arrival",
+    "reads": "reads of tags",
     "truth_boxes": "true boxes",
     "view_tracks": "tracks in images",
 }

@@ -17,7 +17,9 @@ from occlog.papers.lee.fusion.cases import DECISION_EXPERIMENTS
 from occlog.papers.lee.fusion.detection_rates import FUSION_EXPERIMENTS
 from occlog.papers.lee.navigation.escapes import ESCAPE_EXPERIMENTS
 from occlog.papers.lee.navigation.forces import FORCE_EXPERIMENTS
+from occlog.papers.lee.readers.coarse_and_refined import READER_EXPERIMENTS
 from occlog.papers.lee.space import scenarios, tables, variances
+from occlog.papers.lee.traffic.delays import TRAFFIC_EXPERIMENTS
 from occlog.papers.page.planplot import Plan
 from occlog.papers.page.shotplot import Shots
 from occlog.papers.qu import statements as qu_statements
@@ -47,6 +49,9 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
         # Chapter 5
         *FORCE_EXPERIMENTS,
         *ESCAPE_EXPERIMENTS,
+        # Section 5.2.3
+        *READER_EXPERIMENTS,
+        *TRAFFIC_EXPERIMENTS,
     ),
     "qu": (table1.TABLE1, table2.TABLE2, table3.TABLE3, fig7.FIG7, *variants.VARIANTS, loop.LOOP),
 }

@@ -1,4 +1,4 @@
-"""The place and its sensors: room, static occluders, cameras, microphone arrays, clocks.
+"""The place and its sensors: room, static occluders, cameras, microphone arrays, readers of tags, clocks.
 
 A scene is validated once, when it is built; everything downstream trusts it.
 """
@@ -114,6 +114,18 @@ class MicrophoneArray:
 
 
 @dataclass(frozen=True, eq=False)
+class Reader:
+    """A reader of radio tags (RFID, Bluetooth), which detects the tags around it; it tells no direction."""
+
+    name: str
+    position: Floats  # (3,)
+    range: float = np.inf  # farthest distance on the ground at which it reads a tag; infinite: not known
+    power: float | None = None  # strength of a tag's signal at a distance of 1 m [dBm]; None: the method's setting
+    rate_hz: float | None = None
+    clock: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Occluder:
     """A static occluder: what stands behind it, seen from a sensor, is hidden."""
 
@@ -137,11 +149,17 @@ class Scene:
 
     cameras: tuple[Camera, ...] = ()
     arrays: tuple[MicrophoneArray, ...] = ()
+    readers: tuple[Reader, ...] = ()
     occluders: tuple[Occluder, ...] = ()
     clocks: tuple[Clock, ...] = ()
     room: Floats | None = None  # (K, 2), counter-clockwise; None: unbounded
     room_height: float = 2.5
     length_unit: str = "m"
+
+    @property
+    def sensors(self) -> tuple[Camera | MicrophoneArray | Reader, ...]:
+        """Cameras, then arrays, then readers."""
+        return (*self.cameras, *self.arrays, *self.readers)
 
     def camera(self, name: str) -> Camera:
         """The camera of that name; InputError names the ones there are."""
@@ -174,7 +192,7 @@ class Scene:
         """(K, 2) the room, or else a box around all sensors: where a simulated world is, and the scale of the scene."""
         if self.room is not None:
             return self.room
-        if not self.cameras and not self.arrays:
+        if not self.cameras and not self.arrays and not self.readers:
             raise InputError("scene: neither a room nor a sensor says where targets can be; add `room`")
         (x0, y0), (x1, y1) = box_around(self)
         return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])

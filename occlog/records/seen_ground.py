@@ -40,7 +40,7 @@ BELOW_HORIZON = np.radians(0.5)
 
 def box_around(scene: Scene) -> tuple[Floats, Floats]:
     """(2,) lowest and (2,) highest corner of a box around all sensors, widened by 1 unit and a tenth."""
-    places = np.array([c.position[:2] for c in scene.cameras] + [a.position[:2] for a in scene.arrays])
+    places = np.array([s.position[:2] for s in scene.sensors])
     low, high = places.min(axis=0), places.max(axis=0)
     pad = MARGIN + 0.1 * float(np.max(high - low))
     return low - pad, high + pad

@@ -1,4 +1,4 @@
-"""The tables of what sensors saw and heard, true boxes included.  Conventions: see `tables`."""
+"""The tables of what sensors saw, heard and read, true boxes included.  Conventions: see `tables`."""
 
 from __future__ import annotations
 
@@ -234,3 +234,24 @@ class Doa(Table):
         if bad.any():
             row = first_row(bad)
             raise InputError(f"Doa: row {row}: azimuth {self.azimuth[row]:g} rad must be in [-pi, pi)")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reads(Table):
+    """Tags that readers detected: a row for each read; a reader that detects no tag has no row."""
+
+    NAME: ClassVar[str] = "reads"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "sensor", "tag")
+
+    t_ns: Ints = column("i8", "ns", "time since the Unix epoch")
+    sensor: Strings = column("U", "1", "name of the reader in the scene")
+    tag: Strings = column("U", "1", "identity that the tag sends")
+    target_id: Ints32 = column("i4", "1", "target that carries the tag, >= 0")
+    rssi: Floats = column("f8", "dBm", "strength of the received signal", nan="the reader does not tell it")
+
+    def check(self) -> None:
+        """Times in order; every tag is of a target."""
+        check_order(self)
+        if (bad := self.target_id < 0).any():
+            row = first_row(bad)
+            raise InputError(f"Reads: row {row}: target_id {self.target_id[row]} of tag {self.tag[row]} is below 0")

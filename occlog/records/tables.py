@@ -18,8 +18,20 @@ from .columns import Table
 from .gallery import AppearanceMatches, Gallery
 from .people import Events, JoinedTracks, PeopleTracks, PeopleViews, Support
 from .robots import RobotPath
-from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, TruthBoxes, Views
-from .tracks import Bound, Calibration, Cooperation, Diagnostics, Errors, FusedTracks, Residuals, Tracks
+from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, Reads, TruthBoxes, Views
+from .tracks import (
+    Bound,
+    Calibration,
+    Cooperation,
+    Diagnostics,
+    Errors,
+    FusedTracks,
+    Residuals,
+    TagTracks,
+    Tracks,
+    VirtualSensors,
+)
+from .traffic import Delays
 from .views import Counts, Failures, ViewTracks
 from .world import Hulls, Occluders, Truth
 
@@ -31,6 +43,7 @@ TABLES: dict[str, type[Table]] = {
         Boxes,
         TruthBoxes,
         Doa,
+        Reads,
         Occluders,
         Hulls,
         Truth,
@@ -41,6 +54,8 @@ TABLES: dict[str, type[Table]] = {
         Errors,
         Bound,
         Cooperation,
+        VirtualSensors,
+        Delays,
         ViewTracks,
         Failures,
         Counts,
@@ -64,6 +79,7 @@ __all__ = [
     "Calibration",
     "Cooperation",
     "Counts",
+    "Delays",
     "Diagnostics",
     "Doa",
     "Errors",
@@ -76,12 +92,15 @@ __all__ = [
     "Occluders",
     "PeopleTracks",
     "PeopleViews",
+    "Reads",
     "Residuals",
     "RobotPath",
     "Support",
+    "TagTracks",
     "Tracks",
     "Truth",
     "TruthBoxes",
     "ViewTracks",
     "Views",
+    "VirtualSensors",
 ]

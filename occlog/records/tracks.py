@@ -83,6 +83,46 @@ class FusedTracks(Tracks):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TagTracks(Tracks):
+    """Tracks of tags from the reads of readers; every command reads them as `Tracks`."""
+
+    read_by: Strings = column("U", "1", "readers that detected the tag, separated by commas", optional=True)
+    refined_by: Strings = column("U", "1", "cameras that refined the place, separated by commas", optional=True)
+    doubt: Strings = column(
+        "U",
+        "1",
+        "why the place is not to be believed, separated by commas; empty: no reason was found. `unmatched` (no place "
+        "is in the range of just these readers), `restart` (no particle explained the reads), `depleted` (fewer than "
+        "ten effective particles: the covariance says little)",
+        optional=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VirtualSensors(Table):
+    """Regions into which the ranges of readers cut the floor: a row for each set of readers that cover one together."""
+
+    NAME: ClassVar[str] = "virtual_sensors"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "readers")
+
+    t_ns: Ints = column("i8", "ns", "time of the first read since the Unix epoch; readers do not move")
+    readers: Strings = column("U", "1", "readers that cover the region, and all others do not, separated by commas")
+    count: Ints32 = column("i4", "1", "number of these readers")
+    area: Floats = column("f8", "m^2", "area of the region")
+    x: Floats = column("f8", "m", "centroid of the region, its reference point")
+    y: Floats = column("f8", "m", "centroid of the region, its reference point")
+    cov_xx: Floats = column("f8", "m^2", "covariance of a place that is even over the region")
+    cov_xy: Floats = column("f8", "m^2", "covariance of a place that is even over the region")
+    cov_yy: Floats = column("f8", "m^2", "covariance of a place that is even over the region")
+
+    def check(self) -> None:
+        """Neither areas nor numbers of readers are below 0."""
+        check_order(self)
+        if (bad := (self.area < 0.0) | (self.count < 0)).any():
+            raise InputError(f"VirtualSensors: row {first_row(bad)}: area and count must not be below 0")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Diagnostics(Table):
     """How a filter fared at each step."""
 

@@ -33,7 +33,9 @@ IN_IMAGES = ("initial", "detections", "fundamental", "world")
 """Options of all methods that track in images."""
 OF_EVERYBODY = ("support", "events", "view_tracks", "doa", "strict")
 """Options of all methods that follow everybody."""
-BEARINGS, IMAGES, BOXES = "bearings", "images", "boxes"
+OF_TAGS = ("targets", "path_loss", "sights", "strict")
+"""Options of all methods that take reads of tags."""
+BEARINGS, IMAGES, BOXES, READS = "bearings", "images", "boxes", "reads"
 """What a method takes in."""
 
 
@@ -44,10 +46,11 @@ class Entry:
     Attributes:
         summary: one line.
         method: module and name of the method, a value of `occlog.track.interface`, of `Visual` for one in images, or of
-            `Follower` for one that follows everybody.
+            `Follower` for one that follows everybody; of one that takes reads the function that tracks.
         settings: module and name of the class of its settings.
         takes: names of the options that it takes beside the shared ones and its settings.
-        takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows everybody by them.
+        takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows everybody by them;
+            `READS`: reads of tags.
     """
 
     summary: str
@@ -105,6 +108,20 @@ METHODS: dict[str, Entry] = {
         "occlog.track.jipda.config:JipdaConfig",
         OF_EVERYBODY,
         takes_in=BOXES,
+    ),
+    "virtual": Entry(
+        "tags in the regions that sets of readers cover, the virtual sensors (Lee 2009)",
+        "occlog.track.readers.stage:track_virtual",
+        "occlog.track.readers.config:VirtualConfig",
+        (*OF_TAGS, "virtual_sensors"),
+        takes_in=READS,
+    ),
+    "rssi": Entry(
+        "tags by the strength of their signals: particles with path loss and shadowing",
+        "occlog.track.readers.stage:track_rssi",
+        "occlog.track.readers.config:RssiConfig",
+        OF_TAGS,
+        takes_in=READS,
     ),
     "mipf": Entry(
         "in images: a particle filter for each target and view, on its own (Qu, Schonfeld, Mohamed 2007)",

@@ -12,7 +12,7 @@ import click
 from occlog.cli import options
 from occlog.cli.setting_options import Variant, VariantCommand, given, value_after
 
-from .catalogue import BOXES, METHODS, settings_of
+from .catalogue import BOXES, METHODS, READS, settings_of
 from .options import method_params
 
 
@@ -56,7 +56,7 @@ def chosen_method(args: Sequence[str]) -> str | None:
     default=None,
     metavar="SECONDS",
     help="Measurements this close together in time make one scan. [default: equal times; frames: below half the "
-    "shortest frame period]",
+    "shortest frame period; reads: 1]",
 )
 @click.option(
     "--set",
@@ -104,6 +104,9 @@ def command(
     --method jipda follows everybody on the floor by the boxes of all calibrated cameras: BEARINGS is then a
     recording with boxes, or a table of views or boxes. Nobody need be labelled, and nothing be known of the start.
 
+    --method virtual and rssi locate radio tags: BEARINGS is then a recording (or a table) with the reads of fixed
+    readers. A tag's track has the tag's identity, which `occlog label` gives to bearings.
+
     \b
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
@@ -114,6 +117,7 @@ def command(
       occlog track balls.mcap --method bmct --initial balls.mcap -o view_tracks.parquet
       occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet --view-tracks in_images.parquet
       occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
+      occlog track tags.mcap --method rssi --path-loss readers.json -o tags.parquet
     """
     from occlog.cli.values import parse_names, parse_setting, parse_window
 
@@ -159,6 +163,27 @@ def command(
         options.check_outputs(crowd.paths, people.paths, overwrite)
         found, lost = run_track_people(crowd, people, overwrite, quiet)
         return options.strict_code(options.finish(found, lost, as_json), bool(found["plausible"]), own["strict"])
+    if METHODS[method].takes_in == READS:
+        from .readers.inputs import ReadsRequest
+        from .readers.run import ReadsFiles, run_track_reads
+
+        reads = ReadsRequest(
+            reads=bearings,
+            scene=scene,
+            method=method,
+            settings=values,
+            targets=own["targets"],
+            only=parse_names(only),
+            without=parse_names(without),
+            window_ns=None if window is None else parse_window(window),
+            seed=seed,
+            path_loss=own["path_loss"],
+            sights=own["sights"],
+        )
+        tags = ReadsFiles(output, own.get("virtual_sensors"))
+        options.check_outputs(reads.paths, tags.paths, overwrite)
+        located, lost = run_track_reads(reads, tags, overwrite, quiet)
+        return options.strict_code(options.finish(located, lost, as_json), bool(located["plausible"]), own["strict"])
     from .run import TrackFiles, TrackRequest, run_track
 
     request = TrackRequest(

@@ -75,6 +75,24 @@ LISTED: tuple[click.Option, ...] = (
         help="Use one sensor at a time, each for so long, in the order of the scene. [default: all at once]",
     ),
     click.Option(["--strict"], is_flag=True, help=STRICT_HELP),
+    click.Option(
+        ["--sights"],
+        type=PATH,
+        default=None,
+        help="Bearings of the cameras of --refine: a table, or a recording. [default: those of the recording]",
+    ),
+    click.Option(
+        ["--path-loss"],
+        type=PATH,
+        default=None,
+        help="How strongly readers read tags (JSON, see `occlog fit-readers`). [default: settings]",
+    ),
+    click.Option(
+        ["--virtual-sensors"],
+        type=PATH,
+        default=None,
+        help="The regions that sets of readers cover, with area, centroid and covariance (Parquet).",
+    ),
     click.Option(["--motion"], type=PATH, default=None, help="How targets move, from `occlog fit-motion`."),
     click.Option(
         ["--initial"],

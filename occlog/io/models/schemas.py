@@ -18,6 +18,8 @@ from occlog.records.tables import TABLES
 
 from .fundamental_matrices import epipolar_schema
 from .motion_models import motion_schema
+from .networks import network_schema
+from .path_losses import path_loss_schema
 
 _KINDS = {"i8": "int64", "i4": "int32", "f8": "float64", "f4": "float32", "?": "bool", "U": "string"}
 
@@ -53,6 +55,8 @@ SCHEMAS: dict[str, Callable[[], dict[str, object]]] = {
     VIDEO_FRAME: lambda: VIDEO_FRAME_SCHEMA,
     "scene": scene_schema,
     "motion": motion_schema,
+    "path_loss": path_loss_schema,
+    "network": network_schema,
     "paths": paths_schema,
     "epipolar": epipolar_schema,
 }

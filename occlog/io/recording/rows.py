@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from occlog.array_types import Ints, Strings
 from occlog.errors import InputError
 from occlog.records.columns import Column, Table
-from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Truth, TruthBoxes
+from occlog.records.tables import Bearings, Boxes, Doa, Occluders, Reads, Truth, TruthBoxes
 
 T = TypeVar("T", bound=Table)
 
-RECORDED: tuple[type[Table], ...] = (Truth, TruthBoxes, Boxes, Bearings, Doa, Occluders)
+RECORDED: tuple[type[Table], ...] = (Truth, TruthBoxes, Boxes, Bearings, Doa, Reads, Occluders)
 """Tables that a recording can hold."""
 
 _JSON_TYPES = {"i8": "integer", "i4": "integer", "f8": "number", "f4": "number", "?": "boolean", "U": "string"}

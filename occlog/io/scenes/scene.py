@@ -19,7 +19,7 @@ from shapely.validation import explain_validity
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.yaml_file import parse_yaml, read_yaml
-from occlog.records.scene import Camera, Clock, MicrophoneArray, Occluder, Scene, camera_fov, camera_rotation
+from occlog.records.scene import Camera, Clock, MicrophoneArray, Occluder, Reader, Scene, camera_fov, camera_rotation
 
 Positive = Annotated[float, Meta(gt=0)]
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[^\s,/=:]+$")]
@@ -120,6 +120,22 @@ class ArraySpec(Spec, kw_only=True):
     clock: Name | None = None
 
 
+class ReaderSpec(Spec, kw_only=True):
+    """One reader of radio tags."""
+
+    name: Name
+    position: Place
+    range: (
+        Annotated[float, Meta(gt=0, description="farthest distance on the ground at which it reads a tag")] | None
+    ) = None
+    power: (
+        Annotated[float, Meta(ge=-200, le=100, description="strength of a tag's signal at a distance of 1 m, dBm")]
+        | None
+    ) = None
+    rate_hz: Positive | None = None
+    clock: Name | None = None
+
+
 class OccluderSpec(Spec, kw_only=True):
     """One static occluder."""
 
@@ -146,6 +162,7 @@ class SceneSpec(Spec, kw_only=True):
     static_occluders: list[OccluderSpec] = []
     cameras: list[CameraSpec] = []
     microphone_arrays: list[ArraySpec] = []
+    readers: list[ReaderSpec] = []
     clocks: list[ClockSpec] = []
 
 
@@ -171,6 +188,9 @@ def _build(spec: SceneSpec, source: str) -> Scene:
     scene = Scene(
         cameras=tuple(_camera(c, f"{source}: camera {c.name}") for c in spec.cameras),
         arrays=tuple(_array(a, f"{source}: microphone array {a.name}") for a in spec.microphone_arrays),
+        readers=tuple(
+            Reader(r.name, _place(r.position), r.range or math.inf, r.power, r.rate_hz, r.clock) for r in spec.readers
+        ),
         occluders=tuple(
             Occluder(o.name, _polygon(o.polygon, f"{source}: static occluder {o.name}"), o.height)
             for o in spec.static_occluders
@@ -185,13 +205,12 @@ def _build(spec: SceneSpec, source: str) -> Scene:
 
 
 def _check_names(scene: Scene, source: str) -> None:
-    names = [s.name for s in scene.cameras] + [s.name for s in scene.arrays]
+    names = [s.name for s in scene.sensors]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{source}: two sensors are named {name!r}; names must differ")
     clocks = {c.name for c in scene.clocks}
-    wanted = [(c.name, c.clock) for c in scene.cameras] + [(a.name, a.clock) for a in scene.arrays]
-    for sensor, clock in wanted:
+    for sensor, clock in ((s.name, s.clock) for s in scene.sensors):
         if clock is not None and clock not in clocks:
             known = ", ".join(sorted(clocks)) or "none"
             raise InputError(f"{source}: {sensor}: clock {clock!r} is not defined; clocks: {known}")
@@ -323,6 +342,7 @@ def _spec(scene: Scene) -> SceneSpec:
         ],
         cameras=[_camera_spec(c) for c in scene.cameras],
         microphone_arrays=[_array_spec(a) for a in scene.arrays],
+        readers=[_reader_spec(r) for r in scene.readers],
         clocks=[ClockSpec(name=c.name, offset_ns=c.offset_ns, drift_ppm=c.drift_ppm) for c in scene.clocks],
     )
 
@@ -366,4 +386,15 @@ def _array_spec(a: MicrophoneArray) -> ArraySpec:
         sigma_elevation=a.sigma_elevation,
         resolution=a.resolution or None,
         planar=a.planar,
+    )
+
+
+def _reader_spec(r: Reader) -> ReaderSpec:
+    return ReaderSpec(
+        name=r.name,
+        position=_floats(r.position),
+        range=None if math.isinf(r.range) else r.range,
+        power=r.power,
+        rate_hz=r.rate_hz,
+        clock=r.clock,
     )

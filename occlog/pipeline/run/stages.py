@@ -20,7 +20,7 @@ from occlog.io.files.yaml_file import read_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.records.tables import Truth, TruthBoxes
 from occlog.simulate.command import KINDS
-from occlog.track.catalogue import BOXES, METHODS
+from occlog.track.catalogue import BOXES, METHODS, READS
 
 SOURCES = ("recording", "simulate", "ingest")
 OVERLAY = "overlay"
@@ -76,6 +76,12 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
     The arguments of later stages depend on what the recording holds.  The first stage must therefore have
     run when the iteration goes on; without a recording the configuration tells what it will hold.
     """
+    method = str(config.stage("track").get("method"))
+    if method in METHODS and METHODS[method].takes_in == READS:
+        raise InputError(
+            f"{config.path}: track: method {method} takes reads of tags, which no stage before it makes; call "
+            "`occlog track` with the recording"
+        )
     recording = folder / "recording.mcap"
     if "simulate" in config.values or "ingest" in config.values:
         name = "simulate" if "simulate" in config.values else "ingest"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
@@ -60,14 +61,24 @@ class CameraRequests:
         self._cameras, self._config = scene.cameras, config
         self._sensors: Sensors | None = pack_sensors(scene) if scene.cameras else None
         self._room = None if scene.room is None else np.ascontiguousarray(scene.room)
-        self._frames: dict[int, Scan] = {}  # the last of each camera: its rows that are seen
+        self._frames: dict[int, Scan] = {}  # of each camera the last that its answer can be about: rows that are seen
+        self._coming: dict[int, deque[Scan]] = {}  # later ones, by camera
         self.offered = 0  # frames that could have been asked for
 
     def put(self, scan: Scan) -> None:
-        """Keep the last frame of every camera; labels below 0 are none."""
+        """Keep the frames of every camera that answers can be about; labels below 0 are none."""
         for camera, frame in scan.take(scan.sensor < len(self._cameras)).by_sensor():
-            self._frames[camera] = frame._replace(target_id=np.maximum(frame.target_id, UNLABELLED))
+            known = frame._replace(target_id=np.maximum(frame.target_id, UNLABELLED))
+            self._coming.setdefault(camera, deque()).append(known)
             self.offered += 1
+        self._arrive(scan.t_ns)
+
+    def _arrive(self, t_ns: int) -> None:
+        """Let frames that are old enough take the place of those before them: an answer takes its time."""
+        latest = t_ns - round(self._config.answer_s * NS)
+        for camera, coming in self._coming.items():
+            while coming and coming[0].t_ns <= latest:
+                self._frames[camera] = coming.popleft()
 
     def ask(self, asks: Sequence[Ask], others: Sequence[Ask], t_ns: int) -> list[CameraRequest]:
         """Answers to all questions of one time, in their order, and then other targets found; frames count once.
@@ -78,7 +89,9 @@ class CameraRequests:
             t_ns: now.
         """
         # Choose two cameras for each question
-        fresh = [c for c, f in self._frames.items() if t_ns - f.t_ns <= self._config.frame_age_s * NS]
+        self._arrive(t_ns)
+        oldest = (self._config.frame_age_s + self._config.answer_s) * NS
+        fresh = [c for c, f in self._frames.items() if t_ns - f.t_ns <= oldest]
         pairs: list[Pair | None] = []
         for ask in asks:
             pairs.append(self._pair(ask, sorted(fresh), [p for p in pairs if p is not None]))

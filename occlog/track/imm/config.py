@@ -97,7 +97,19 @@ class ImmConfig(SmoothingConfig):
         choices=("update", "replace"),
     )
     share: bool = setting(True, "Other targets that the frames show are taken in as well.")
-    frame_age_s: float = setting(0.5, "Frames older than this are not used.", unit="s", above=0)
+    frame_age_s: float = setting(
+        0.5, "Frames older than this are not used, the time of an answer not counted.", unit="s", above=0
+    )
+    answer_s: float = setting(
+        0.0,
+        "Cameras' answers take so long: of each camera the last frame that is at least so old is used (see "
+        "`occlog traffic`).",
+        unit="s",
+        at_least=0,
+        at_most=1e6,
+        option="--answer-delay",
+        metavar="SECONDS",
+    )
     retry_s: float = setting(0.5, "A request in vain is not made anew before.", unit="s", at_least=0)
     gate: float = setting(
         4.0, "Standard deviations within which what unlabelled candidates show is of a target.", above=0

@@ -198,3 +198,10 @@ def test_everybody_wants_no_priors(tmp_path: Path, capsys: pytest.CaptureFixture
     config.write_text("occlog_run: 1\nsimulate: {scene: people}\npriors: {}\ntrack: {method: jipda}\n")
     assert run(["run", str(config), "-o", str(tmp_path / "out")]) == ExitCode.BAD_INPUT
     assert "priors: method jipda takes none" in capsys.readouterr().err
+
+
+def test_reads_of_tags_are_not_for_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "run.yaml"
+    config.write_text("occlog_run: 1\nrecording: tags.mcap\ntrack: {method: rssi}\n")
+    assert run(["run", str(config), "-o", str(tmp_path / "out"), "--dry-run"]) == ExitCode.BAD_INPUT
+    assert "method rssi takes reads of tags" in capsys.readouterr().err

@@ -137,3 +137,21 @@ def test_cameras_asked_already_do_up_to_twice_the_best_deviation(times, cameras,
     first, second = requests(standing()).ask([ask(0, (13.0, 10.0)), ask(1, (7.0, near))], [], 0)
     assert first.cameras == ("c1", "c3")
     assert (second.cameras, second.frames) == (cameras, frames)
+
+
+def test_answers_that_take_their_time_are_about_older_frames():
+    moving = rows(SCENE, {0: line(*HERE, 1.0, 0.0)}, seconds=2.0, cameras=True)
+    slow = replace(CONFIG, answer_s=1.0, frame_age_s=0.1)
+    now = int(moving.t_ns[-1])
+    (late,) = requests(moving, config=slow).ask([ask(0, HERE, label=0)], [], now)
+    (early,) = requests(moving).ask([ask(0, HERE, label=0)], [], now)
+    np.testing.assert_allclose(early.answer.place - late.answer.place, [1.0, 0.0], atol=1e-6)
+    # ... whose covariance is widened by what the target may have walked since
+    assert late.answer.covariance[0, 0] > early.answer.covariance[0, 0] + 0.5 * CONFIG.speed**2
+
+
+def test_nothing_is_known_before_the_first_answer_could_have_come():
+    slow = replace(CONFIG, answer_s=1.0)
+    (request,) = requests(standing(), config=slow).ask([ask(0, HERE)], [], 0)
+    assert request.answer.place is None
+    assert request.frames == 0

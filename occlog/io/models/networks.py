@@ -1,0 +1,112 @@
+"""Networks of routers, sensors and cameras in YAML, for `occlog traffic`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from occlog.errors import InputError
+from occlog.io.files.yaml_file import read_yaml
+
+Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[^\s,/=:]+$")]
+Count = Annotated[int, Meta(ge=0, le=1_000_000)]
+Bytes = Annotated[int, Meta(ge=0, le=1_000_000_000)]
+
+
+class Spec(msgspec.Struct, forbid_unknown_fields=True):
+    """Base of all parts: unknown keys are errors."""
+
+
+class SensorNodeSpec(Spec, kw_only=True):
+    """A node with a reader and an array of microphones."""
+
+    name: Name
+    router: Name
+    detects: Annotated[Count, Meta(description="objects that its reader detects")]
+    assigned: Annotated[float, Meta(ge=0, le=1, description="share of the router's tracked objects that it hears")]
+
+
+class CameraNodeSpec(Spec, kw_only=True):
+    """A camera at a router."""
+
+    name: Name
+    router: Name
+
+
+class SizesSpec(Spec, kw_only=True):
+    """Bytes of what is sent."""
+
+    packet: Annotated[int, Meta(gt=0, le=1_000_000_000, description="payload of a packet, at most")] = 1000
+    header: Annotated[Bytes, Meta(description="of each packet, besides")] = 0
+    ack: Annotated[Bytes, Meta(description="acknowledgement of a packet of an image, at each hop")] = 40
+    detection: Annotated[Bytes, Meta(description="RFID detection data of an object")] = 8
+    assigned: Annotated[Bytes, Meta(description="assigned object data of an object")] = 8
+    acoustic: Annotated[Bytes, Meta(description="acoustic sensing data of an object")] = 16
+    estimate: Annotated[Bytes, Meta(description="estimate of an object")] = 24
+
+
+class NetworkSpec(Spec, kw_only=True):
+    """A network: [Lee] Fig. 5-40, or its string of routers, Fig. 5-41."""
+
+    occlog_network: Annotated[Literal[1], Meta(description="version of this format")]
+    server: Name
+    links: Annotated[
+        list[tuple[Name, Name]], Meta(min_length=1, description="pairs of routers, or of a router and the server")
+    ]
+    channel: Annotated[
+        Literal["shared", "node", "link"],
+        Meta(description="what links between routers share: one channel, a radio at each node, or nothing"),
+    ] = "shared"
+    rate_bps: Annotated[float, Meta(gt=0, description="of every channel, bit/s")] = 2e6
+    processing_s: Annotated[float, Meta(ge=0, description="time that an estimate takes")] = 0.0
+    objects: Annotated[dict[Name, Count], Meta(min_length=1, description="number in the range of each router")]
+    sensors: Annotated[list[SensorNodeSpec], Meta(min_length=1)]
+    cameras: Annotated[list[CameraNodeSpec], Meta(min_length=1)]
+    sizes: SizesSpec = msgspec.field(default_factory=SizesSpec)
+
+
+def network_schema() -> dict[str, object]:
+    """JSON Schema of networks."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **msgspec.json.schema(NetworkSpec)}
+
+
+def read_network(path: Path) -> NetworkSpec:
+    """Read a network; InputError names what is wrong in it."""
+    spec = read_yaml(path, NetworkSpec, "a network (YAML)")
+    nodes = {name for pair in spec.links for name in pair}
+    routers = nodes - {spec.server}
+    if spec.server not in nodes:
+        raise InputError(f"{path}: no link leads to the server {spec.server}; add one")
+    if (loop := next((a for a, b in spec.links if a == b), None)) is not None:
+        raise InputError(f"{path}: a link leads from {loop} to itself; remove it")
+    attached = [(s.name, s.router) for s in spec.sensors] + [(c.name, c.router) for c in spec.cameras]
+    names = [name for name, _ in attached]
+    if (double := next((n for n in names if names.count(n) > 1 or n in nodes), None)) is not None:
+        raise InputError(f"{path}: two nodes are named {double}; names must differ")
+    known = ", ".join(sorted(routers))
+    for name, router in attached:
+        if router not in routers:
+            raise InputError(f"{path}: {name}: no router {router!r} among the links; there are: {known}")
+    for router, number in spec.objects.items():
+        if router not in routers:
+            raise InputError(f"{path}: objects: no router {router!r} among the links; there are: {known}")
+        if number and not any(s.router == router for s in spec.sensors):
+            raise InputError(f"{path}: objects: router {router} has {number} objects, but no sensor; add one")
+    if not any(spec.objects.values()):
+        raise InputError(f"{path}: objects: there are none; give a router some")
+    _check_ways(path, spec, nodes)
+    return spec
+
+
+def _check_ways(path: Path, spec: NetworkSpec, nodes: set[str]) -> None:
+    """InputError for a node that no way leads to from the server."""
+    reached, grown = {spec.server}, True
+    while grown:
+        more = {b for a, b in spec.links if a in reached} | {a for a, b in spec.links if b in reached}
+        grown = not more <= reached
+        reached |= more
+    if lost := sorted(nodes - reached):
+        raise InputError(f"{path}: no way leads from the server to {lost[0]}; add a link")

@@ -1,0 +1,1 @@
+"""Readers of radio tags: tables of their places, and logs of their reads."""

@@ -1,0 +1,180 @@
+"""[Lee] Figs. 5-44 to 5-47: end-to-end and hop-by-hop delays of RBVC and SBVC in three scenarios."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import exact
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.simulate.traffic.config import CHANNELS, PROTOCOLS, TrafficConfig
+from occlog.simulate.traffic.network import CameraNode, Network, SensorNode
+from occlog.simulate.traffic.stage import Case, hop_delays, simulate_traffic
+
+ROUTERS = tuple(f"R{n}" for n in range(1, 6))
+IMAGES_KB = (10.0, 40.0, 100.0)
+SHARES = (0.1, 0.5, 1.0)
+USUAL_KB, USUAL_SHARE = 40.0, 0.1
+DETECTED_ASSIGNED = ((30, 0.3), (40, 0.3), (50, 0.4))
+"""Objects that the three readers of a router detect, and shares of the tracked ones that its arrays are to hear."""
+SCENARIOS = {1: (("R1",), ("R2", "R4")), 2: (ROUTERS, ("R2", "R4")), 3: (ROUTERS, ("R5", "R5"))}
+"""Routers with 100 objects in range, and the routers of the two cameras; the text's "router 4 (R_2)" is R5."""
+SHARED = "shared"
+PRINTED = {
+    2: {
+        "RFID detection data": (0.000615, 0.001919),
+        "assigned object data": (0.001639, 0.001625),
+        "acoustic sensing data": (0.001263, 0.001288),
+        "visual sensing data": (0.008797, 0.004149),
+        "final estimation data": (0.023861, 0.009267),
+        "estimation based on acoustic sensors": (None, 0.014093),
+    },
+    3: {
+        "RFID detection data": (0.001853, 0.000624),
+        "assigned object data": (0.001620, 0.001741),
+        "acoustic sensing data": (0.001281, 0.001252),
+        "visual sensing data": (0.010335, 0.001783),
+        "final estimation data": (0.010127, 0.004588),
+        "estimation based on acoustic sensors": (None, 0.012266),
+    },
+}
+"""Printed hop-by-hop delays [s] of RBVC and SBVC by scenario (tables of Figs. 5-45 and 5-46)."""
+
+
+def network(scenario: int, channel: str = SHARED) -> Network:
+    """Return the string of five routers and a server ([Lee] Fig. 5-41) in a scenario."""
+    tracking, cameras = SCENARIOS[scenario]
+    return Network(
+        links=(*pairwise(ROUTERS), ("R5", "server")),
+        server="server",
+        sensors=tuple(
+            SensorNode(f"S{router[1:]}{k}", router, detects, share)
+            for router in ROUTERS
+            for k, (detects, share) in enumerate(DETECTED_ASSIGNED, start=1)
+        ),
+        cameras=tuple(CameraNode(f"V{k}", router) for k, router in enumerate(cameras, start=1)),
+        objects=dict.fromkeys(tracking, 100),
+        channel=channel,
+    )
+
+
+def end_to_end(size: Size, execute: Execute) -> Table:  # noqa: ARG001
+    """Compute the largest end-to-end delay of each scenario, channel and protocol against image size and share."""
+    rows = []
+    for scenario in SCENARIOS:
+        for channel in CHANNELS:
+            for case in _cases(scenario, channel, IMAGES_KB, (USUAL_SHARE,)):
+                name = f"{scenario}, {case.protocol}, {channel}"
+                rows.append(Row(name, case.image_kb, (case.delay_s,), plotted=channel == SHARED))
+        for case in _cases(scenario, SHARED, (USUAL_KB,), SHARES):
+            rows.append(Row(f"{scenario}, {case.protocol}, by share", case.share, (case.delay_s,), plotted=False))
+    return rows
+
+
+def hop_by_hop(size: Size, execute: Execute) -> Table:  # noqa: ARG001
+    """Compute mean delays of a hop of each kind of message, with those printed beside them."""
+    rows = []
+    for scenario, printed in PRINTED.items():
+        for case in _cases(scenario, SHARED, (USUAL_KB,), (USUAL_SHARE,)):
+            found = hop_delays(case)
+            for kind, values in printed.items():
+                paper = values[PROTOCOLS.index(case.protocol)]
+                if kind in found and paper is not None:
+                    name = f"{scenario}, {case.protocol}, {kind}"
+                    rows.append(Row(name, float(scenario), (found[kind],), {"printed": paper}))
+            images = [m for m in case.cycle.messages if m.kind == "visual sensing data"]
+            air = sum(m.air_s for m in images)
+            rows.append(Row(f"{scenario}, {case.protocol}, air time of images", float(scenario), (air,), plotted=False))
+    return rows
+
+
+def _cases(scenario: int, channel: str, images_kb: tuple[float, ...], shares: tuple[float, ...]) -> list[Case]:
+    config = TrafficConfig(image_kb=images_kb, objects_share=shares)
+    return list(simulate_traffic(network(scenario, channel), config))
+
+
+def judge_end_to_end(table: Table) -> list[Verdict]:
+    """Judge the orderings that the text states; nothing is random, so that a difference has no error bar."""
+    out = []
+    for scenario, (low, high) in {1: PROTOCOLS, 2: PROTOCOLS[::-1], 3: PROTOCOLS[::-1]}.items():
+        for channel in CHANNELS:
+            points = v.matched(table, f"{scenario}, {low}, {channel}", f"{scenario}, {high}, {channel}")
+            said = f"Scenario {scenario}: {low.upper()} has a lower delay than {high.upper()}; channel: {channel}."
+            gaps = [b.mean - a.mean for a, b in points]
+            out.append(_ordered(f"traffic-{scenario}-{channel}", said, gaps, "image sizes"))
+    for channel in CHANNELS:
+        points = v.matched(table, f"3, sbvc, {channel}", f"2, sbvc, {channel}")
+        said = f"Images get to the server sooner from R5: SBVC is faster in scenario 3 than in 2; channel: {channel}."
+        out.append(_ordered(f"traffic-closer-{channel}", said, [b.mean - a.mean for a, b in points], "image sizes"))
+    sizes, shares = [], []
+    for scenario in SCENARIOS:
+        for protocol in PROTOCOLS:
+            by_size = v.series(table, f"{scenario}, {protocol}, {SHARED}")
+            by_share = v.series(table, f"{scenario}, {protocol}, by share")
+            sizes += [b.mean - a.mean for a, b in pairwise(by_size)]
+            shares += [b.mean - a.mean for a, b in pairwise(by_share)]
+    out.append(_ordered("traffic-size", "The delay grows with the size of images.", sizes, "steps"))
+    out.append(_ordered("traffic-share", "The delay grows with the share of tracked objects.", shares, "steps"))
+    ratios = []
+    for scenario in SCENARIOS:
+        for protocol in PROTOCOLS:
+            by_size = v.series(table, f"{scenario}, {protocol}, {SHARED}")
+            by_share = v.series(table, f"{scenario}, {protocol}, by share")
+            ratios.append((by_size[-1].mean / by_size[0].mean) - (by_share[-1].mean / by_share[0].mean))
+    said = "Ten times larger images delay more than ten times more objects (factor of the delay higher by this)."
+    out.append(_ordered("traffic-more-by-size", said, ratios, "scenarios and protocols"))
+    return out
+
+
+def judge_hops(table: Table) -> list[Verdict]:
+    """Judge the orderings of the printed hop-by-hop delays; the numbers follow from settings that are not told."""
+    out = []
+    for scenario in PRINTED:
+        for kind in ("visual sensing data", "final estimation data"):
+            low = v.find(table, f"{scenario}, sbvc, {kind}")
+            high = v.find(table, f"{scenario}, rbvc, {kind}")
+            if low is not None and high is not None:
+                said = f"Scenario {scenario}: a hop of {kind} takes longer with RBVC."
+                key = f"hops-{scenario}-{kind.split()[0]}"
+                out.append(_ordered(key, said, [high.mean - low.mean], "difference"))
+        air = [v.find(table, f"{scenario}, {p}, air time of images") for p in PROTOCOLS]
+        if air[0] is not None and air[1] is not None:
+            said = f"Scenario {scenario}: the sum of visual sensing is larger with RBVC."
+            out.append(_ordered(f"hops-{scenario}-sum", said, [air[0].mean - air[1].mean], "difference"))
+    return out
+
+
+def _ordered(key: str, said: str, gaps: list[float], of: str) -> Verdict:
+    """Judge that all gaps are above 0; `measured` is the smallest."""
+    points = [v.Point(exact(gap), v.above(0.0)) for gap in gaps]
+    shown = exact(min(gaps)) if gaps else None
+    return v.judge_points(key, said, points, rule=f"in this order ({of}); shown: the smallest difference", shown=shown)
+
+
+TRAFFIC_EXPERIMENTS = (
+    Experiment(
+        item="traffic",
+        title="End-to-end delays of RBVC and SBVC",
+        x_label="size of an image [kB]",
+        y_label="delay [s]",
+        runs=1,
+        steps=1,
+        quick=(1, 1),
+        compute=end_to_end,
+        judge=judge_end_to_end,
+        note="Packets of 1 kB, 2 Mb/s, acknowledgements of 40 bytes; the thesis does not tell its settings of NS-2, so "
+        "that only orderings are judged. Plotted: links that share one channel.",
+    ),
+    Experiment(
+        item="traffic-hops",
+        title="Hop-by-hop delays of RBVC and SBVC",
+        x_label="scenario",
+        y_label="mean delay of a hop [s]",
+        runs=1,
+        steps=1,
+        quick=(1, 1),
+        compute=hop_by_hop,
+        judge=judge_hops,
+        note="Images of 40 kB, a tenth of the objects, one channel; printed delays are in the table.",
+    ),
+)

@@ -1,0 +1,52 @@
+"""Settings of `occlog traffic`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, listed, setting
+
+PROTOCOLS = ("rbvc", "sbvc")
+CHANNELS = ("shared", "node", "link")
+
+
+@dataclass(frozen=True)
+class TrafficConfig(Settings):
+    """What is sent through the network: each protocol with each size of images and each share of objects."""
+
+    OWNER: ClassVar[str] = "traffic"
+
+    protocol: str = setting(
+        "rbvc,sbvc",
+        "Where visual data correct the estimates: in the routers (rbvc) or in the server (sbvc); several with commas.",
+        choices=PROTOCOLS,
+        several=True,
+        option="--protocol",
+        metavar="A,B",
+    )
+    image_kb: tuple[float, ...] = setting(
+        (40.0,), "Size of a camera's image, 1000 bytes each.", option="--image-kb", metavar="A,B,..."
+    )
+    objects_share: tuple[float, ...] = setting(
+        (0.1,), "Share of the objects that are tracked.", option="--objects-share", metavar="A,B,..."
+    )
+    channel: str | None = setting(
+        None,
+        "What the links between routers share: one channel, a radio at each node, or nothing.",
+        choices=CHANNELS,
+        option="--channel",
+        nothing="as the network says",
+    )
+
+    @property
+    def protocols(self) -> tuple[str, ...]:
+        """Names of `protocol`, each once."""
+        return tuple(dict.fromkeys(listed(self.protocol)))
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """Sizes are above 0, shares are shares."""
+        yield "image_kb", min(self.image_kb) > 0.0 and max(self.image_kb) <= 1e5, "above 0 and at most 100000 each"
+        shares = self.objects_share
+        yield "objects_share", min(shares) > 0.0 and max(shares) <= 1.0, "above 0 and at most 1 each"

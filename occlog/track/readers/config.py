@@ -1,0 +1,93 @@
+"""Settings of the methods `virtual` and `rssi`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class RefineConfig(Settings):
+    """How cameras refine positions of tags."""
+
+    refine: tuple[str, ...] | None = setting(
+        None,
+        "Cameras that refine the positions.",
+        option="--refine",
+        metavar="CAM,CAM",
+        nothing="none",
+    )
+    form: str = setting(
+        "rays",
+        "How they do: the sight lines cross, with the position as prior (rays); or as published, by planes through the "
+        "position (printed-1, [Lee] Eq. 5.39) and with its depth corrected (parallel, Eq. 5.40).",
+        choices=("rays", "parallel", "printed-1"),
+        option="--with",
+    )
+    frame_age_s: float = setting(0.5, "Frames farther away in time are not used.", unit="s", at_least=0, at_most=1e6)
+    gate: float = setting(3.0, "Standard deviations within which a candidate without a label is of a tag.", above=0)
+    pace: float = setting(
+        1.0, "Speed of tags, by which a sight line of another time may be off.", unit="length/s", people=1.0, at_least=0
+    )
+
+
+@dataclass(frozen=True)
+class VirtualConfig(RefineConfig):
+    """Settings of method `virtual`: which virtual sensor a tag is in, by the readers that read it."""
+
+    OWNER: ClassVar[str] = "virtual"
+
+    range: float | None = setting(
+        None,
+        "How far readers read whose range the scene does not say.",
+        unit="length",
+        above=0,
+        nothing="the scene must say it",
+    )
+    threshold: float | None = setting(
+        None, "Weaker reads do not count [dBm].", nothing="every read counts, or as the file of path losses says"
+    )
+    detection: float = setting(
+        1.0, "Probability that a reader reads a tag in its range in a window.", above=0, at_most=1
+    )
+    stray: float = setting(
+        0.0, "Probability that a reader reads a tag out of its range in a window.", at_least=0, below=1
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """A reader reads tags in its range more often than others."""
+        yield "stray", self.stray < self.detection, "below detection"
+
+
+@dataclass(frozen=True)
+class RssiConfig(RefineConfig):
+    """Settings of method `rssi`: a particle filter on the strength of the signals.
+
+    A read at a distance of d metres has the strength power - 10 exponent log10(d), plus the reader's shadowing, which
+    changes slowly, plus white noise.
+    """
+
+    OWNER: ClassVar[str] = "rssi"
+
+    particles: int = setting(1000, "Number of particles.", at_least=10, at_most=1_000_000)
+    power: float = setting(-60.0, "Strength at 1 m [dBm] of readers of which the scene does not say it.")
+    exponent: float = setting(2.0, "Exponent of the path loss: 2 in free space.", above=0)
+    noise_db: float = setting(5.0, "Standard deviation of the white noise of a read [dB].", above=0)
+    shadow_db: float = setting(3.0, "Standard deviation of the shadowing [dB].", at_least=0)
+    shadow_s: float = setting(5.0, "Time in which the shadowing is forgotten.", unit="s", above=0)
+    height: float = setting(0.0, "Of tags above the floor.", unit="length", people=1.2)
+    speed: float = setting(1.0, "Standard deviation of each axis' velocity.", unit="length/s", people=0.5, above=0)
+    turn_s: float = setting(4.0, "Time in which a velocity is forgotten.", unit="s", above=0)
+    detection: float = setting(
+        0.95, "Probability that a reader of known range reads a tag in it in a window.", above=0, below=1
+    )
+    stray: float = setting(
+        0.01, "Probability that a reader of known range reads a tag out of it in a window.", above=0, below=1
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """A reader reads tags in its range more often than others."""
+        yield "stray", self.stray < self.detection, "below detection"

@@ -1,0 +1,50 @@
+"""Settings of `occlog fit-readers`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class FitReadersConfig(Settings):
+    """How path losses are fitted."""
+
+    OWNER: ClassVar[str] = "fit-readers"
+
+    window_s: float = setting(
+        1.0,
+        "Reads of so long are taken together.",
+        unit="s",
+        above=0,
+        at_most=1e9,
+        option="--window",
+        metavar="SECONDS",
+    )
+    height: float = setting(
+        0.0, "Of tags above the floor.", unit="length", people=1.2, option="--height", metavar="LENGTH"
+    )
+    max_gap_s: float = setting(
+        2.0,
+        "Longest time between two true positions that is bridged.",
+        unit="s",
+        at_least=0,
+        at_most=1e9,
+        option="--max-gap",
+        metavar="SECONDS",
+    )
+    ranges: tuple[float, ...] | None = setting(
+        None,
+        "Ranges to try for the virtual sensors; the one with the least error is kept.",
+        unit="length",
+        option="--ranges",
+        metavar="A,B,...",
+        nothing="ten, from half of the readers' usual distance to their neighbours to twice it",
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """Ranges are lengths."""
+        yield "ranges", self.ranges is None or min(self.ranges) > 0, "lengths above 0"
