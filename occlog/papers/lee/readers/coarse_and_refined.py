@@ -28,9 +28,9 @@ SIGMA = 1e-4
 ROOM = np.array([[0.0, 0.0], [SIDE, 0.0], [SIDE, SIDE], [0.0, SIDE]])
 
 
-def name_of(readers: int, reach: float) -> str:
-    """Name a setting: `16 readers, 2.6 m`."""
-    return f"{readers} readers, {reach:g} m"
+def name_of(what: str, reach: float) -> str:
+    """Name a series: `coarse, range 2.6 m`."""
+    return f"{what}, range {reach:g} m"
 
 
 def grid(readers: int) -> Floats:
@@ -66,18 +66,17 @@ def errors(size: Size, execute: Execute) -> Table:  # noqa: ARG001
                 medians[form].append(float(np.median(error)))
                 tails[form].append(float(np.percentile(error, 95.0)))
         x = float(readers)
-        name = name_of(readers, reach)
-        rows.append(Row(f"{COARSE} RMS, {name}", x, tuple(rms)))
-        rows += [Row(f"{form}, {name}", x, tuple(values)) for form, values in medians.items()]
-        rows += [Row(f"{form} p95, {name}", x, tuple(values), plotted=False) for form, values in tails.items()]
+        rows.append(Row(name_of(f"{COARSE} RMS", reach), x, tuple(rms)))
+        rows += [Row(name_of(form, reach), x, tuple(values)) for form, values in medians.items()]
+        rows += [Row(name_of(f"{form} p95", reach), x, tuple(values), plotted=False) for form, values in tails.items()]
     return rows
 
 
 def judge_errors(table: Table) -> list[Verdict]:
     """Judge the statements about accuracy; medians and RMS errors by two standard errors."""
 
-    def rows(series: str) -> list[Row]:
-        found = [v.find(table, f"{series}, {name_of(*each)}") for each in SETTINGS]
+    def rows(what: str) -> list[Row]:
+        found = [v.find(table, name_of(what, reach), float(readers)) for readers, reach in SETTINGS]
         return [row for row in found if row is not None]
 
     rms, coarse = rows(f"{COARSE} RMS"), rows(COARSE)

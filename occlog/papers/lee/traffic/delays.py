@@ -19,7 +19,7 @@ DETECTED_ASSIGNED = ((30, 0.3), (40, 0.3), (50, 0.4))
 """Objects that the three readers of a router detect, and shares of the tracked ones that its arrays are to hear."""
 SCENARIOS = {1: (("R1",), ("R2", "R4")), 2: (ROUTERS, ("R2", "R4")), 3: (ROUTERS, ("R5", "R5"))}
 """Routers with 100 objects in range, and the routers of the two cameras; the text's "router 4 (R_2)" is R5."""
-SHARED = "shared"
+SHARED, AIR = "shared", "air time of images"
 PRINTED = {
     2: {
         "RFID detection data": (0.000615, 0.001919),
@@ -80,11 +80,11 @@ def hop_by_hop(size: Size, execute: Execute) -> Table:  # noqa: ARG001
             for kind, values in printed.items():
                 paper = values[PROTOCOLS.index(case.protocol)]
                 if kind in found and paper is not None:
-                    name = f"{scenario}, {case.protocol}, {kind}"
+                    name = f"{case.protocol}, {kind}"
                     rows.append(Row(name, float(scenario), (found[kind],), {"printed": paper}))
             images = [m for m in case.cycle.messages if m.kind == "visual sensing data"]
             air = sum(m.air_s for m in images)
-            rows.append(Row(f"{scenario}, {case.protocol}, air time of images", float(scenario), (air,), plotted=False))
+            rows.append(Row(f"{case.protocol}, {AIR}", float(scenario), (air,), plotted=False))
     return rows
 
 
@@ -131,13 +131,13 @@ def judge_hops(table: Table) -> list[Verdict]:
     out = []
     for scenario in PRINTED:
         for kind in ("visual sensing data", "final estimation data"):
-            low = v.find(table, f"{scenario}, sbvc, {kind}")
-            high = v.find(table, f"{scenario}, rbvc, {kind}")
+            low = v.find(table, f"sbvc, {kind}", float(scenario))
+            high = v.find(table, f"rbvc, {kind}", float(scenario))
             if low is not None and high is not None:
                 said = f"Scenario {scenario}: a hop of {kind} takes longer with RBVC."
                 key = f"hops-{scenario}-{kind.split()[0]}"
                 out.append(_ordered(key, said, [high.mean - low.mean], "difference"))
-        air = [v.find(table, f"{scenario}, {p}, air time of images") for p in PROTOCOLS]
+        air = [v.find(table, f"{p}, {AIR}", float(scenario)) for p in PROTOCOLS]
         if air[0] is not None and air[1] is not None:
             said = f"Scenario {scenario}: the sum of visual sensing is larger with RBVC."
             out.append(_ordered(f"hops-{scenario}-sum", said, [air[0].mean - air[1].mean], "difference"))

@@ -20,8 +20,8 @@ def test_printed_numbers_of_virtual_sensors_come_out() -> None:
 
 def test_errors_of_coarse_positions_are_those_of_an_independent_implementation() -> None:
     table = ERRORS.compute(Size(3, 500), lambda _: [])
-    for setting, rms in zip(SETTINGS, (0.90, 0.63, 0.61, 0.46), strict=True):
-        row = v.find(table, f"coarse RMS, {name_of(*setting)}")
+    for (readers, reach), rms in zip(SETTINGS, (0.90, 0.63, 0.61, 0.46), strict=True):
+        row = v.find(table, name_of("coarse RMS", reach), float(readers))
         assert row is not None
         assert row.mean == pytest.approx(rms, abs=3.0 * row.error + 0.01)
     found = {x.id: x.verdict for x in ERRORS.judge(table)}
