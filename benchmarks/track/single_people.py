@@ -2,7 +2,8 @@
 
 `python -m benchmarks single-people` measures `map`; any other method and setting by
 `python -m benchmarks.track.single_people --method apf --set smooth=true --seeds 10 11 12`, with some of the cameras by
-`--select greedy --count 3`.
+`--select greedy --count 3`.  `--write FOLDER` writes the people of the first seed as files for `occlog track` and `occlog
+evaluate`, and prints what the benchmark makes of each.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import math
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,8 +20,11 @@ import numpy as np
 from benchmarks.track._single_people import Noise, Person, annotations, people, scene_of
 from occlog.array_types import Bools, Floats
 from occlog.core.metrics.errors import normalised_squared_errors
+from occlog.io.files.parquet import write_table
+from occlog.io.files.provenance import Provenance
+from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Residuals, Tracks
+from occlog.records.tables import Bearings, Residuals, Tracks, Truth
 from occlog.settings import configure
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.catalogue import settings_of
@@ -141,6 +146,29 @@ def measure(
     }
 
 
+def write(to: Path, method: str, settings: Mapping[str, Any], noise: Noise, seed: int, *, room: bool = False) -> None:
+    """Write a scene, and each person's bearings and true places, into a folder; print everybody's RMSE."""
+    folder = annotations()
+    if folder is None:
+        raise SystemExit("single-people: wildtrack_annotations not found")
+    scene = scene_of(folder, room=room)
+    to.mkdir(parents=True)
+    (to / "scene.yaml").write_text(scene_to_yaml(scene), encoding="utf-8")
+    for person in people(folder, scene, noise, seed):
+        name, T = f"person{person.target:03d}", len(person.t_ns)
+        truth = Truth.of(
+            t_ns=person.t_ns,
+            target_id=np.zeros(T, dtype=np.int32),
+            role=["target"] * T,
+            x=person.xy[:, 0],
+            y=person.xy[:, 1],
+            z=np.full(T, math.nan),
+        )
+        write_table(to / f"{name}.parquet", person.bearings, Provenance("detect"))
+        write_table(to / f"{name}_truth.parquet", truth, Provenance("ingest"))
+        print(f"{name} {follow(person, scene, method, settings).rmse:.4f}")
+
+
 def run(repeats: int = 5) -> dict[str, Any]:
     """Median RMSE of `map` over as many seeds as repeats."""
     parts = measure("map", {}, Noise(), [FIRST_SEED + k for k in range(repeats)])
@@ -158,6 +186,7 @@ def main() -> None:
     parser.add_argument("--false", type=float, default=Noise().false)
     parser.add_argument("--sigma", choices=("box", "px"), default=Noise().sigma)
     parser.add_argument("--room", action="store_true", help="where people can be is known")
+    parser.add_argument("--write", type=Path, metavar="FOLDER", help="write files for the command line instead")
     parser.add_argument("--select", help="policy of the selection of cameras", default=None)
     parser.add_argument("--count", type=int, default=SelectConfig().count)
     parser.add_argument("--every", type=float, default=SelectConfig().every)
@@ -167,6 +196,9 @@ def main() -> None:
     chosen = {"count": options.count, "every": options.every, "patience": options.patience}
     selection = None if options.select is None else SelectConfig(options.select, **chosen)
     noise = Noise(options.px, options.miss, options.false, options.sigma)
+    if options.write is not None:
+        write(options.write, options.method, settings, noise, options.seeds[0], room=options.room)
+        return
     found = measure(options.method, settings, noise, options.seeds, room=options.room, selection=selection)
     for name, value in found.items():
         print(f"{name:<28} {value:.4g}" if isinstance(value, float) else f"{name:<28} {value}")
