@@ -2,8 +2,8 @@
 
 `python -m benchmarks single-people` measures `map`; any other method and setting by
 `python -m benchmarks.track.single_people --method apf --set smooth=true --seeds 10 11 12`, with some of the cameras by
-`--select greedy --count 3`.  `--write FOLDER` writes the people of the first seed as files for `occlog track` and `occlog
-evaluate`, and prints what the benchmark makes of each.
+`--select greedy --count 3`.  `--write FOLDER` writes the people of the first seed as files for `occlog track` and
+`occlog evaluate`, and prints what the benchmark makes of each.
 """
 
 from __future__ import annotations
