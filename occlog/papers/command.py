@@ -13,9 +13,11 @@ from occlog.errors import ExitCode
 @click.command(name="reproduce", short_help="Run a paper's experiments and judge each of its statements.")
 @click.argument("paper", required=False)
 @click.argument("items", nargs=-1)
-@click.option("--all", "everything", is_flag=True, help="All experiments of the paper.")
-@click.option("--list", "listing", is_flag=True, help="Name the papers and their experiments, and stop.")
-@click.option("--quick", is_flag=True, help="A small version: a few runs of a few steps; the verdicts say little.")
+@click.option("--all", "everything", is_flag=True, help="All experiments of the paper; without a paper, of all papers.")
+@click.option("--list", "listing", is_flag=True, help="Name the experiments of the paper, or of all papers, and stop.")
+@click.option(
+    "--quick", is_flag=True, help="A small version: a few runs of a few steps; most verdicts are not decided."
+)
 @click.option(
     "-o",
     "--output",
@@ -59,23 +61,23 @@ from occlog.errors import ExitCode
 def command(paper: str | None, listing: bool, as_json: bool, **given: Any) -> int:
     """Run the experiments ITEMS of PAPER anew, and say which of its statements come out.
 
-    Each statement gets a verdict by a stated rule: reproduced, in part, or not reproduced,
-    with what the paper says, what was measured, its standard error and the number of runs.
-    With -o, trials that have finished are kept in DIR/trials.jsonl, and a run that was
-    stopped goes on from there.
+    Each statement gets a verdict: reproduced, in part, not reproduced, or not decided where
+    the error bar is too large to say; with the place and the words of the paper, what was
+    measured, its standard error and the number of runs.  With -o, trials that have finished
+    are kept in DIR/trials.jsonl, and a run that was stopped goes on from there.  Without a
+    paper, --all runs all papers, each in a folder of its own in DIR, and counts the verdicts.
 
     \b
       occlog reproduce --list
       occlog reproduce ercan fig6 --quick -o out/
       occlog reproduce ercan --all --workers 8 -o reproduced/
+      occlog reproduce --all --workers 8 -o papers/
       occlog reproduce ercan fig14-recorded --data cmc_detections/ -o recorded/
     """
     from .run import ReproduceRequest, list_papers, run_reproduce
 
     if listing:
-        list_papers(as_json)
+        list_papers(as_json, paper)
         return ExitCode.DONE
-    if paper is None:
-        raise click.UsageError("name a paper, or give --list")
     run_reproduce(ReproduceRequest(paper=paper, as_json=as_json, **given))
     return ExitCode.DONE

@@ -11,8 +11,8 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
@@ -23,23 +23,36 @@ from occlog.errors import InputError, OutputError, UsageError
 from occlog.io.files.atomic import check_writable, translate_write_errors, write_bytes
 from occlog.papers.ercan.recorded import cmc_files, files_of, target_of
 from occlog.papers.ercan.recorded_figures import recorded_experiments
-from occlog.papers.page.reproduction import Chart, Curve, Part, build_reproduction, chart_png, picture_png
+from occlog.papers.page.reproduction import (
+    Chart,
+    Curve,
+    Paper,
+    Part,
+    build_reproduction,
+    build_verdicts,
+    chart_png,
+    picture_png,
+)
 from occlog.papers.verdicts.model import EXTRAS, Execute, Experiment, Table, Verdict
+from occlog.papers.verdicts.words import WORDS
 from occlog.pipeline.sweep.engine import run_all
 from occlog.pipeline.sweep.trial import Spec
 
 from .catalogue import PAPERS, RECORDED, TITLES, Finding, choose, reproduce, size_of
+from .made import Made, made_by
 
 STORE = "trials.jsonl"
 SIZE = re.compile(r"([\w.-]+)=(\d+)x(\d+)")
 PAGE = "reproduce.html"
+SUMMARY = ("verdicts.html", "verdicts.json")
+"""Files over all papers: the page and the verdicts."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReproduceRequest:
     """Request of the command line; the help of the options describes each field."""
 
-    paper: str
+    paper: str | None  # None: all papers
     items: Sequence[str]
     everything: bool
     quick: bool
@@ -58,12 +71,15 @@ class ReproduceRequest:
     as_json: bool
 
 
-def list_papers(as_json: bool) -> None:
-    """Print all papers and their experiments."""
+def list_papers(as_json: bool, only: str | None = None) -> None:
+    """Print the experiments of all papers, or of one; UsageError for an unknown one."""
+    if only is not None and only not in PAPERS:
+        raise UsageError(f"no experiments of {only!r}; there are those of: {', '.join(PAPERS)}")
+    papers = {p: experiments for p, experiments in PAPERS.items() if only in (None, p)}
     if as_json:
-        options.echo_summary({p: {e.item: e.title for e in experiments} for p, experiments in PAPERS.items()}, True)
+        options.echo_summary({p: {e.item: e.title for e in experiments} for p, experiments in papers.items()}, True)
         return
-    for paper, experiments in PAPERS.items():
+    for paper, experiments in papers.items():
         click.echo(f"{paper}: {TITLES[paper]}")
         for e in experiments:
             click.echo(f"  {e.item:<6} {e.title} ({e.runs} runs of {e.steps} steps)")
@@ -72,40 +88,125 @@ def list_papers(as_json: bool) -> None:
 
 
 def run_reproduce(request: ReproduceRequest) -> None:
-    """Run the experiments one after the other; the files of each are written as soon as it is done."""
-    paper, output = request.paper, request.output
-    recorded = recorded_of(request)
-    _check_names(request, recorded)
+    """Run the experiments of a paper, or of all papers; print what they gave."""
+    if request.paper is None:
+        _run_papers(request)
+        return
+    findings = _run_paper(request.paper, request, request.output)
+    if any(finding.size.quick for finding in findings):
+        options.note("--quick: too small to judge by; most verdicts are not decided", request.quiet)
+    counts = counts_of(findings)
+    if request.as_json:
+        items = [f.as_dict() for f in findings]
+        made = _made(request.paper, request).as_dict()
+        options.echo_summary({"paper": request.paper, "items": items, "counts": counts, "made": made}, True)
+    else:
+        click.echo(", ".join(f"{n} {word}" for word, n in counts.items()))
+
+
+def _run_papers(request: ReproduceRequest) -> None:
+    """Run all experiments of all papers, each paper in a folder of its own; count the verdicts."""
+    if not request.everything:
+        raise UsageError("name a paper, or give --all or --list")
+    if request.sizes:
+        raise UsageError("--size wants a paper, as several have an experiment of the same name")
+    output = request.output
+    if output is not None:
+        _make_folder(output)
+        for name in SUMMARY:
+            check_writable(output / name, request.overwrite)
+    found: dict[str, list[Finding]] = {}
+    for paper in PAPERS:
+        # Only the papers with experiments on recordings take one
+        own = request if paper in RECORDED else replace(request, data=None, bearings=None, scene=None)
+        found[paper] = _run_paper(paper, own, None if output is None else output / paper)
+    totals = {paper: counts_of(findings) for paper, findings in found.items()}
+    totals["all papers"] = counts_of([f for findings in found.values() for f in findings])
+    made = _made(None, request)
+    summary: dict[str, object] = {
+        "papers": {p: {"title": TITLES[p], "items": [f.as_dict() for f in own]} for p, own in found.items()},
+        "counts": totals,
+        "made": made.as_dict(),
+    }
+    if output is not None:
+        papers = {p: Paper(TITLES[p], [v.as_dict() for f in own for v in f.verdicts]) for p, own in found.items()}
+        page = build_verdicts(papers, totals, PAGE, made.text())
+        text = json.dumps(summary, indent=2, sort_keys=True) + "\n"
+        for name, content in zip(SUMMARY, (page, text), strict=True):
+            write_bytes(output / name, content.encode(), request.overwrite)
+        options.note(f"wrote {output / SUMMARY[0]}", request.quiet)
+    if request.as_json:
+        options.echo_summary(summary, True)
+    else:
+        _print_totals(totals)
+
+
+def _print_totals(totals: Mapping[str, Mapping[str, int]]) -> None:
+    click.echo(f"{'':<11}" + "".join(f"{word:>16}" for word in WORDS))
+    for name, counts in totals.items():
+        click.echo(f"{name:<11}" + "".join(f"{counts[word]:>16}" for word in WORDS))
+
+
+def counts_of(findings: Sequence[Finding]) -> dict[str, int]:
+    """Return how many statements got which verdict."""
+    return {word: sum(v.verdict == word for f in findings for v in f.verdicts) for word in WORDS}
+
+
+def _made(paper: str | None, request: ReproduceRequest) -> Made:
+    """Describe the run by the options that change its results."""
+    words = ["reproduce", *([paper] if paper else []), *(["--all"] if request.everything else request.items)]
+    words += ["--quick"] if request.quick else []
+    for name, value in (("runs", request.runs), ("steps", request.steps)):
+        words += [] if value is None else [f"--{name}", str(value)]
+    for size in request.sizes:
+        words += ["--size", size]
+    for name, path in (("data", request.data), ("bearings", request.bearings), ("scene", request.scene)):
+        words += [] if path is None else [f"--{name}", path.name]
+    return made_by([*words, "--seed", str(request.seed)], request.seed)
+
+
+def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> list[Finding]:
+    """Run the experiments one after the other; the files of each are written as soon as it is done.
+
+    A folder with finished trials and without a page is that of a run that was stopped: what it has
+    written of single experiments is replaced.
+    """
+    recorded = recorded_of(paper, request)
+    _check_names(paper, request, recorded)
     chosen = choose(paper, request.items, everything=request.everything, recorded=recorded)
     own = sizes_of(request.sizes, [e.item for e in chosen])
+    overwrite = request.overwrite
     if output is not None:
-        prepare(output, chosen, request.overwrite)
+        overwrite = overwrite or was_stopped(output)
+        prepare(output, chosen, overwrite)
     findings: list[Finding] = []
     for e in chosen:
         runs, steps = own.get(e.item, (request.runs, request.steps))
         size = size_of(e, quick=request.quick, runs=runs, steps=steps, seed=request.seed)
-        options.note(f"{e.item}: {size.runs} runs of {size.steps} steps", request.quiet)
-        finding = reproduce(paper, e, size, executor(e, request))
+        options.note(f"{paper} {e.item}: {size.runs} runs of {size.steps} steps", request.quiet)
+        finding = reproduce(paper, e, size, executor(e, request, output))
         findings.append(finding)
         if output is not None:
-            write(output, finding, request.overwrite)
+            write(output, finding, overwrite)
         if not request.as_json:
             _print(finding.verdicts)
     if output is not None:
-        write_page(output, paper, findings, request.overwrite)
-        options.note(f"wrote {output / 'reproduce.html'}", request.quiet)
+        write_page(output, paper, findings, overwrite, _made(paper, request))
+        options.note(f"wrote {output / PAGE}", request.quiet)
     if request.everything and not recorded and paper in RECORDED:
         left = ", ".join(RECORDED[paper])
         options.note(f"left out: {left}; they want --data, or --bearings and --scene", request.quiet)
-    if any(finding.size.quick for finding in findings):
-        options.note("--quick: too small to judge by; the verdicts say little", request.quiet)
-    if request.as_json:
-        options.echo_summary({"paper": paper, "items": [f.as_dict() for f in findings]}, True)
+    return findings
 
 
-def recorded_of(request: ReproduceRequest) -> tuple[Experiment, ...]:
+def was_stopped(folder: Path) -> bool:
+    """Return whether a folder is that of a run that was stopped: it has finished trials, and no page."""
+    return (folder / STORE).is_file() and not (folder / PAGE).exists()
+
+
+def recorded_of(paper: str, request: ReproduceRequest) -> tuple[Experiment, ...]:
     """Experiments on the recording that was given; none without one."""
-    _check_recorded(request)
+    _check_recorded(paper, request)
     path = request.data or request.bearings
     try:
         if request.data is not None:
@@ -120,20 +221,19 @@ def recorded_of(request: ReproduceRequest) -> tuple[Experiment, ...]:
         raise InputError(message) from error
 
 
-def _check_recorded(request: ReproduceRequest) -> None:
+def _check_recorded(paper: str, request: ReproduceRequest) -> None:
     """Raise UsageError for options of a recording that do not go together."""
     if request.data is not None and (request.bearings is not None or request.scene is not None):
         raise UsageError("--data has its own bearings and scene; leave --bearings and --scene out")
     if (request.bearings is None) != (request.scene is None):
         raise UsageError("--scene goes with --bearings; give both")
     option = "data" if request.data is not None else "bearings" if request.bearings is not None else None
-    if option is not None and request.paper in PAPERS and request.paper not in RECORDED:
-        raise UsageError(f"{request.paper} has no experiment on a recording; leave --{option} out")
+    if option is not None and paper in PAPERS and paper not in RECORDED:
+        raise UsageError(f"{paper} has no experiment on a recording; leave --{option} out")
 
 
-def _check_names(request: ReproduceRequest, recorded: Sequence[Experiment]) -> None:
+def _check_names(paper: str, request: ReproduceRequest, recorded: Sequence[Experiment]) -> None:
     """Raise UsageError for a missing choice, and for experiments on a recording that was not given."""
-    paper = request.paper
     if paper not in PAPERS:
         return
     wanting = [item for item in request.items if item in RECORDED.get(paper, ()) and not recorded]
@@ -157,9 +257,9 @@ def sizes_of(given: Sequence[str], items: Sequence[str]) -> dict[str, tuple[int,
     return sizes
 
 
-def executor(experiment: Experiment, request: ReproduceRequest) -> Execute:
+def executor(experiment: Experiment, request: ReproduceRequest, output: Path | None) -> Execute:
     """Return what runs the trials of an experiment as the options say, with progress on standard error."""
-    store = None if request.output is None else request.output / STORE
+    store = None if output is None else output / STORE
 
     def execute(specs: Sequence[Spec]) -> list[dict[str, float]]:
         advance, close = _bar(experiment.item, len(specs), request.quiet)
@@ -187,7 +287,7 @@ def _print(verdicts: Sequence[Verdict]) -> None:
     for v in verdicts:
         paper = "" if v.paper is None else f", paper {v.paper:.4g}"
         measured = "nothing" if v.measured is None else f"{v.measured:.4g}"
-        error = "" if v.error_bar is None or math.isnan(v.error_bar) else f" ± {v.error_bar:.2g}"
+        error = "" if not v.error_bar or math.isnan(v.error_bar) else f" ± {v.error_bar:.2g}"
         click.echo(f"{v.verdict:<15} {v.id:<24} {measured}{error}{paper}: {v.statement}")
 
 
@@ -204,12 +304,16 @@ def plan_path(folder: Path, experiment: Experiment, name: str) -> Path:
 
 def prepare(folder: Path, experiments: Sequence[Experiment], overwrite: bool) -> None:
     """Make the folder and check that every file can be written, before any experiment runs."""
+    _make_folder(folder)
+    for path in paths(folder, experiments):
+        check_writable(path, overwrite)
+
+
+def _make_folder(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is a file; name a folder")
     with translate_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    for path in paths(folder, experiments):
-        check_writable(path, overwrite)
 
 
 def write(folder: Path, finding: Finding, overwrite: bool) -> None:
@@ -223,10 +327,10 @@ def write(folder: Path, finding: Finding, overwrite: bool) -> None:
     write_bytes(folder / f"{item}.json", text.encode(), overwrite)
 
 
-def write_page(folder: Path, paper: str, findings: Sequence[Finding], overwrite: bool) -> None:
+def write_page(folder: Path, paper: str, findings: Sequence[Finding], overwrite: bool, made: Made) -> None:
     """Write the page of all experiments."""
     parts = [Part(chart(f), _size(f), [x.as_dict() for x in f.verdicts], _cells(f.table), f.plans) for f in findings]
-    write_bytes(folder / PAGE, build_reproduction(TITLES[paper], parts).encode(), overwrite)
+    write_bytes(folder / PAGE, build_reproduction(TITLES[paper], parts, made.text()).encode(), overwrite)
 
 
 def table_csv(table: Table) -> str:

@@ -8,10 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from occlog import __version__
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.papers.catalogue import PAPERS
-from occlog.papers.run import sizes_of
+from occlog.papers.page.reproduction import Paper, build_verdicts
+from occlog.papers.run import PAGE, sizes_of, was_stopped
+from occlog.papers.verdicts.words import WORDS
 
 FIG17 = ["reproduce", "ercan", "fig17", "--quick", "--steps", "60", "-q"]
 SMALL = ["reproduce", "ercan", "fig9", "--quick", "--steps", "12", "-q"]
@@ -25,6 +28,55 @@ def test_list_names_all(capsys: pytest.CaptureFixture[str]) -> None:
     assert "fig17 " in text
     assert run(["reproduce", "--list", "--json"]) == ExitCode.DONE
     assert list(json.loads(capsys.readouterr().out)) == ["ercan", "lee", "qu", "rahimi"]
+
+
+def test_list_of_a_paper_has_that_paper_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["reproduce", "rahimi", "--list"]) == ExitCode.DONE
+    text = capsys.readouterr().out
+    assert text.startswith("rahimi: Rahimi")
+    assert "ercan" not in text
+    assert run(["reproduce", "rahimi", "--list", "--json"]) == ExitCode.DONE
+    assert list(json.loads(capsys.readouterr().out)) == ["rahimi"]
+
+
+def test_a_run_that_was_stopped_goes_on(tmp_path: Path) -> None:
+    """Without its page a folder is that of a stopped run: trials are kept, and files of experiments replaced."""
+    assert run([*SMALL, "-o", str(tmp_path)]) == ExitCode.DONE
+    first = (tmp_path / "fig9.csv").read_bytes()
+    (tmp_path / "reproduce.html").unlink()
+    lines = (tmp_path / "trials.jsonl").read_bytes().splitlines(keepends=True)
+    (tmp_path / "trials.jsonl").write_bytes(b"".join(lines[:-1]) + lines[-1][:20])
+    assert was_stopped(tmp_path)
+    assert run([*SMALL, "-o", str(tmp_path)]) == ExitCode.DONE
+    assert not was_stopped(tmp_path)
+    kept = list(csv.DictReader(first.decode().splitlines()))
+    again = list(csv.DictReader((tmp_path / "fig9.csv").read_text().splitlines()))
+    assert [r["values"] for r in again] == [r["values"] for r in kept]
+    assert run([*SMALL, "-o", str(tmp_path)]) == ExitCode.EXISTS
+
+
+def test_the_page_says_how_it_was_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([*FIG17, "--seed", "3", "-o", str(tmp_path), "--json"]) == ExitCode.DONE
+    printed = json.loads(capsys.readouterr().out)
+    command = "occlog reproduce ercan fig17 --quick --steps 60 --seed 3"
+    assert printed["made"]["command"] == command
+    assert (printed["made"]["seed"], printed["made"]["version"]) == (3, __version__)
+    assert set(printed["counts"]) == set(WORDS)
+    assert sum(printed["counts"].values()) == len(printed["items"][0]["verdicts"])
+    assert f"`{command}`, seed 3, with occlog {__version__}" in (tmp_path / "reproduce.html").read_text()
+
+
+def test_every_verdict_of_the_page_of_all_papers_leads_to_that_of_its_paper() -> None:
+    verdict = {"id": "fig1-a", "statement": "A <b>.", "place": "Fig. 1", "page": 3, "paper": 1.0, "measured": None}
+    paper = Paper("Title", [{**verdict, "error_bar": None, "verdict": word} for word in WORDS])
+    totals = {"ercan": dict.fromkeys(WORDS, 1), "all papers": dict.fromkeys(WORDS, 1)}
+    page = build_verdicts({"ercan": paper}, totals, PAGE, "Made by hand.")
+    assert page.count('href="ercan/reproduce.html#fig1-a"') == 4
+    assert all(f'<td class="verdict {kind}">' in page for kind in ("reproduced", "part", "not", "undecided"))
+    assert "A &lt;b&gt;." in page
+    assert "Fig. 1, p. 3" in page
+    assert "Made by hand." in page
+    assert '<td class="n">4</td>' in page
 
 
 def test_files_of_an_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -88,6 +140,9 @@ def test_every_experiment_can_be_given_a_size() -> None:
     ("args", "code", "said"),
     [
         ([], ExitCode.USAGE, "--list"),
+        (["erkan", "--list"], ExitCode.USAGE, "erkan"),
+        (["--all", "--size", "fig7=2x50"], ExitCode.USAGE, "--size wants a paper"),
+        (["--all", "--bearings", "b.csv"], ExitCode.USAGE, "--scene"),
         (["ercan"], ExitCode.USAGE, "--all"),
         (["erkan", "fig6"], ExitCode.USAGE, "erkan"),
         (["ercan", "fig66"], ExitCode.USAGE, "did you mean 'fig6'"),

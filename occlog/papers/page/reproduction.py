@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -26,6 +26,10 @@ LINES = ("t0", "t1", "t2", "t3", "t4", "t5", "moving", "muted", "ink")
 FAR = 1.6
 """Lines across that are higher than this many times all curves are named in the legend and not drawn."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
+
+
+KINDS = dict(zip(WORDS, ("reproduced", "part", "not", "undecided"), strict=True))
+"""Classes of the pages' style by the word of a verdict."""
 
 
 class Curve(NamedTuple):
@@ -113,11 +117,59 @@ def chart_png(chart: Chart) -> bytes:
         return to_png(draw(chart), 110.0, {"Title": f"{chart.item}: {chart.title}"})
 
 
-def build_reproduction(title: str, parts: Sequence[Part]) -> str:
-    """Return the page as HTML: self-contained, without scripts; the same input gives the same bytes."""
+def build_reproduction(title: str, parts: Sequence[Part], made: str) -> str:
+    """Return the page as HTML: self-contained, without scripts; the same input gives the same bytes.
+
+    Args:
+        title: of the paper.
+        parts: the experiments.
+        made: command, seed and version of the program.
+    """
     with house_style():
         plots = [Markup(_svg(part.chart)) for part in parts]
         plans = [[(p, Markup(_picture(part.chart.item, name, p))) for name, p in part.plans.items()] for part in parts]
+    return _template("reproduce.html.j2").render(
+        title=title,
+        parts=list(zip(parts, plots, plans, strict=True)),
+        totals=[(kind, sum(v["verdict"] == kind for p in parts for v in p.verdicts)) for kind in WORDS],
+        made=made,
+        kinds=KINDS,
+        shown=shown,
+        light=COLOURS,
+        dark=DARK,
+    )
+
+
+class Paper(NamedTuple):
+    """The verdicts on one paper."""
+
+    title: str
+    verdicts: list[dict[str, object]]
+
+
+def build_verdicts(papers: Mapping[str, Paper], totals: Mapping[str, Mapping[str, int]], page: str, made: str) -> str:
+    """Return the page of several papers as HTML: how many statements got which verdict, and all verdicts.
+
+    Args:
+        papers: the papers by key.
+        totals: counts by word, of each paper and of all.
+        page: name of each paper's own page, in the folder of its key.
+        made: command, seed and version of the program.
+    """
+    return _template("verdicts.html.j2").render(
+        papers=papers,
+        totals=totals,
+        page=page,
+        made=made,
+        words=WORDS,
+        kinds=KINDS,
+        shown=shown,
+        light=COLOURS,
+        dark=DARK,
+    )
+
+
+def _template(name: str) -> Template:
     environment = Environment(
         loader=PackageLoader("occlog.papers", "page"),
         autoescape=True,
@@ -126,14 +178,7 @@ def build_reproduction(title: str, parts: Sequence[Part]) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return environment.get_template("reproduce.html.j2").render(
-        title=title,
-        parts=list(zip(parts, plots, plans, strict=True)),
-        totals=[(kind, sum(v["verdict"] == kind for p in parts for v in p.verdicts)) for kind in WORDS],
-        shown=shown,
-        light=COLOURS,
-        dark=DARK,
-    )
+    return environment.get_template(name)
 
 
 def _svg(chart: Chart) -> str:

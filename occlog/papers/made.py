@@ -1,0 +1,57 @@
+"""How a page was made: the command as far as it changes the results, the seed, and the version of the program."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import subprocess
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import NamedTuple
+
+import occlog
+
+COMMIT_S = 5.0
+"""Time that git has to name the commit [s]."""
+
+
+class Made(NamedTuple):
+    """How a page was made."""
+
+    command: str
+    seed: int
+    version: str
+    commit: str | None  # None where the program does not know it
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fields as plain values for JSON."""
+        return self._asdict()
+
+    def text(self) -> str:
+        """Return one sentence for a page."""
+        commit = f" (commit {self.commit})" if self.commit else ""
+        return f"Made by `{self.command}`, seed {self.seed}, with occlog {self.version}{commit}."
+
+
+def made_by(arguments: Sequence[str], seed: int) -> Made:
+    """Describe a run of `occlog` with these arguments."""
+    return Made(shlex.join(["occlog", *arguments]), seed, occlog.__version__, commit_of_program())
+
+
+def commit_of_program() -> str | None:
+    """Return the commit that the program is from: of the repository it runs in, or that pip has installed."""
+    folder = Path(occlog.__file__).resolve().parents[1]
+    if (folder / ".git").exists():
+        asked = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+        try:
+            done = subprocess.run(asked, capture_output=True, text=True, timeout=COMMIT_S, check=False)
+        except (OSError, subprocess.SubprocessError):
+            return None
+        return done.stdout.strip() or None if done.returncode == 0 else None
+    try:
+        text = distribution("occlog").read_text("direct_url.json")
+        commit = json.loads(text or "{}").get("vcs_info", {}).get("commit_id")
+    except (PackageNotFoundError, ValueError, AttributeError):
+        return None
+    return commit if isinstance(commit, str) else None

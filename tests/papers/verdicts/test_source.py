@@ -1,0 +1,31 @@
+"""Places and words of the statements: found by the beginning of an id, and known for every experiment."""
+
+from __future__ import annotations
+
+from occlog.papers.catalogue import PAPERS, SOURCES
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import exact
+from occlog.papers.verdicts.source import OWN, Source, attributed, source_of
+
+PLACES = {"fig3": Source("Fig. 3", "words", 7), "fig3-own": OWN}
+
+
+def test_the_longest_beginning_of_an_id_counts_and_ends_at_a_hyphen() -> None:
+    assert source_of("fig3-a-b", PLACES) == PLACES["fig3"]
+    assert source_of("fig3-own-b", PLACES) == OWN
+    assert source_of("fig31-a", PLACES) is None
+
+
+def test_verdicts_get_the_place_that_they_do_not_have() -> None:
+    first = v.judge("fig3-a", "", exact(1.0), v.above(0.0), rule="")
+    (found,) = attributed([first], PLACES)
+    assert (found.place, found.words, found.page) == ("Fig. 3", "words", 7)
+    assert attributed([found], {"fig3": OWN}) == [found]
+    assert attributed([first], {}) == [first]
+
+
+def test_every_experiment_has_places() -> None:
+    for paper, experiments in PAPERS.items():
+        keys = "\n".join(SOURCES[paper])
+        for e in experiments:
+            assert any(key.split("-")[0] == e.item.split("-")[0] for key in keys.split("\n")), (paper, e.item)
