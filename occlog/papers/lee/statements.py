@@ -48,6 +48,13 @@ SOURCES: Sources = {
     "sensors": Source("Figs. 2-12 and 2-13, Sec. 2.4.5", "better comparing single sensor based estimation", 43),
     # Chapter 3
     "fig3.6": Source("Fig. 3-6, Sec. 3.3.1", CLOSER, 60),
+    "fig3.7-count": Source(
+        "Fig. 3-7, Eq. 3.14", "The visual sensor cooperation should be triggered in case of (3.14)", 63
+    ),
+    "fig3.13-bearing": Source(
+        "Figs. 3-8, 3-10 and 3-13, Eq. 3.15", "cooperation are triggered not by (3.16) but from (3.15)", 69
+    ),
+    "fig3.11-ellipse": Source("Fig. 3-11, Eq. 3.16", "the triggering condition in (3.15) is not enough", 67),
     "fig3.14": Source("Fig. 3-14, Sec. 3.3.4", LESS, 71),
     "fig3.14-none": Source("Table 3.1", "", 72),
     "fig3.14-thesis-count": OWN,

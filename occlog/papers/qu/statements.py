@@ -7,6 +7,7 @@ from occlog.papers.verdicts.source import OWN, Source, Sources
 MUCH_LOWER = "BMCT outperforms the other approaches with much lower false position and label rates"
 LINEARLY = "both the required number of particles and the speed of the proposed BMCT vary linearly"
 EXPONENTIALLY = "increases exponentially in terms of the number of targets and cameras"
+STABLE = "using more particles will increase the stability of the tracking performance"
 
 SOURCES: Sources = {
     "table1-collaboration": Source(
@@ -20,6 +21,11 @@ SOURCES: Sources = {
     "table2-mcmc-5": Source("Table 2"),
     "table2-mcmc-6": Source("Table 2"),
     "table2-sir": Source("Sec. 4.4.1", EXPONENTIALLY),
+    "table2-rates": Source("Table 2"),
+    "table2-rates-bmct-growth": Source("Table 2, Sec. 4.4.1", LINEARLY),
+    "table2-rates-mcmc-growth": Source("Table 2, Sec. 4.4.1", EXPONENTIALLY),
+    "table2-rates-bmct-stable": Source("Sec. 4.4.3", STABLE),
+    "table2-rates-mcmc-stable": Source("Sec. 4.4.3", STABLE),
     "table2-faster": Source("Table 2"),
     "table3-fr_p": Source("Table 3, Sec. 4.4.2"),
     "table3-fr_l": Source("Table 3, Sec. 4.4.2"),
@@ -39,7 +45,9 @@ SOURCES: Sources = {
     "fig7-bmct": Source("Fig. 7c, Sec. 4.1", "BMCT rectifies these problems"),
     "fig7-all": Source("Fig. 7c, Sec. 4.1", "tracks all of the targets robustly"),
     "balls": OWN,
+    "balls-cost": Source("Sec. 4.4.1", "increases linearly with the number of targets and cameras"),
     "radius": OWN,
     "views": OWN,
+    "views-cost": Source("Sec. 4.4.1", "increases linearly with the number of targets and cameras"),
     "loop": OWN,
 }

@@ -7,12 +7,15 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
+from occlog.papers.verdicts.measures import power_of
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 
 from .common import METHODS, RATES, everywhere, rate_row, seed_of, spec_of
 from .trial import run_views_trial, views_spec
 
 MOST_VIEWS = 4
+LINEAR, NEARLY = 1.3, 1.6
+"""Largest exponents of a cost that count as linear, and as in part."""
 
 
 class Variant(NamedTuple):
@@ -101,7 +104,21 @@ def judge(variant: Variant, table: Table) -> list[Verdict]:
         if variant is VIEWS:
             said = f"With more cameras failures are avoided: rate of {name} of BMCT lower with one view more, by [%]."
             out.append(everywhere(f"views-{rate}-more", said, v.neighbours(own)))
-    return [verdict for verdict in out if verdict is not None]
+    found = [verdict for verdict in out if verdict is not None]
+    return [*found, _cost(variant, table)] if variant in (BALLS, VIEWS) else found
+
+
+def _cost(variant: Variant, table: Table) -> Verdict:
+    """Judge that the time of a frame grows linearly with the targets, or with the views, by the same videos."""
+    rows = v.series(table, f"BMCT, {RATES['fr_p']}")
+    times = [Row("time", r.x, r.each["frame_ms"]) for r in rows if r.x > 1]  # one view has no collaboration
+    what = "cameras" if variant is VIEWS else "targets"
+    said = (
+        f"The cost of BMCT grows linearly with the number of {what}: exponent of the CPU time of a frame of all views."
+    )
+    rule = f"at most {LINEAR:g}; in part {NEARLY:g}"
+    limits = v.at_most(LINEAR), v.at_most(NEARLY)
+    return v.judge(f"{variant.item}-cost", said, power_of(times), *limits, rule=rule, paper=1.0)
 
 
 def _experiment(variant: Variant) -> Experiment:

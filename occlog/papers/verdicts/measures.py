@@ -7,11 +7,13 @@ true value is below it, or above it, in 2.3 % of all cases whatever the number o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import betaincinv, stdtrit
+
+from occlog.array_types import Ints
 
 from .model import Row, deviation
 
@@ -125,3 +127,21 @@ def power_of(rows: Sequence[Row]) -> Measure:
     x = np.log([row.x for row in rows])
     x = x - x.mean()
     return sample([float(x @ np.log([row.values[k] for row in rows]) / (x @ x)) for k in range(rows[0].runs)])
+
+
+def bootstrapped(runs: int, statistic: Callable[[Ints], float], resamples: int) -> Measure:
+    """Return a statistic of the runs with the range of its bootstrap samples, wider for few runs as `estimate`'s.
+
+    Args:
+        runs: number of runs.
+        statistic: figure of the runs with these numbers, which may repeat; NaN where there is none.
+        resamples: number of samples.  If the statistic is NaN for more than a tenth of them, nothing is known.
+    """
+    value = statistic(np.arange(runs))
+    drawn = np.random.default_rng(2009).integers(runs, size=(resamples, runs)) if runs else np.empty((0, 0), int)
+    found = [x for d in drawn if not math.isnan(x := statistic(d))]
+    if math.isnan(value) or runs < 2 or len(found) < 0.9 * resamples:
+        return estimate(math.nan, math.nan, runs)
+    wide = 0.5 * errors_allowed(runs)
+    low, high = (float(q) for q in np.quantile(found, [1.0 - CONFIDENCE, CONFIDENCE]))
+    return Measure(value, deviation(found), runs, value - wide * (value - low), value + wide * (high - value))

@@ -10,8 +10,8 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.papers.verdicts import verdicts as v
-from occlog.papers.verdicts.measures import CONFIDENCE, Measure, errors_allowed, estimate, mean_of
-from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict, deviation
+from occlog.papers.verdicts.measures import Measure, bootstrapped, mean_of, sample
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
 from occlog.pipeline.sweep.trial import Values
 
 from .trial import cooperation_spec, cooperation_trial
@@ -26,6 +26,12 @@ SPREADS = (0.5, 1.0, 2.0)
 NONE, PRINTED, EDGE, SPREAD, PERIODIC = "none", "printed triggers", "count change", "spread", "periodic"
 FIGURES = ("frames", "requests", "fixes", "period")
 RESAMPLES = 1000
+CONDITIONS = {
+    "count": ("3.14", "fig3.7-count"),
+    "bearing": ("3.15", "fig3.13-bearing"),
+    "ellipse": ("3.16", "fig3.11-ellipse"),
+}
+"""Equation of each printed trigger by its cause, and the id of the verdict that it fires where the others do not."""
 TABLE = {1: (7.54, 1.38), 2: (3.70, 0.24), 3: (5.54, 0.32)}
 """RMS errors of Table 3.1 [m] without cameras and with the printed triggers."""
 AVERAGE = 5.59
@@ -48,7 +54,9 @@ def trials(size: Size, execute: Execute, points: Sequence[tuple[str, str, float,
         extra = {name: _mean([r[name] for r in own]) for name in (*FIGURES, "rmse_1", "rmse_2", "rmse_3")}
         extra["limit"] = float(settings.get("spread", math.nan))
         extra |= {f"frames_{k}": r["frames"] for k, r in enumerate(own)}
-        rows.append(Row(series, extra["frames"] if math.isnan(x) else x, tuple(r["rmse"] for r in own), extra))
+        each = {f"alone_{c}": tuple(r[f"alone_{c}"] for r in own) for c in CONDITIONS}
+        place = extra["frames"] if math.isnan(x) else x
+        rows.append(Row(series, place, tuple(r["rmse"] for r in own), extra, each=each))
     return rows
 
 
@@ -97,6 +105,11 @@ def judge_policy(table: Table) -> list[Verdict]:
     if none is not None:
         said = "Without cameras the average error is 5.59 m."
         out.append(v.stated("fig3.14-none", said, AVERAGE, mean_of(none)))
+    for row in v.series(table, f"{PRINTED}, {THESIS}"):
+        for cause, (equation, key) in CONDITIONS.items():
+            said = f"({equation}) asks where the other two conditions do not: requests of a run by it alone."
+            alone = sample(row.each[f"alone_{cause}"])
+            out.append(v.judge(key, said, alone, v.above(0.0), rule="above 0 in the mean over the runs"))
     for name, key in FORMS.items():
         period = v.series(table, f"{PERIODIC}, {name}")
         for policy, code in ((PRINTED, "printed"), (EDGE, "count"), (SPREAD, "spread")):
@@ -120,23 +133,13 @@ def saved_frames(row: Row, period: list[Row]) -> Measure:
 
     A bootstrap sample takes the same runs of the policy and of all periods.
     """
-    n = row.runs
-    errors = np.array([r.values for r in period])
-    frames = np.array([_frames(r) for r in period])
-    draws = np.random.default_rng(2009).integers(n, size=(RESAMPLES, n))
-    value = _saved(
-        errors=np.array(row.values), frames=_frames(row), of_periods=errors, frames_of=frames, runs=np.arange(n)
-    )
-    found = [
-        _saved(errors=np.array(row.values), frames=_frames(row), of_periods=errors, frames_of=frames, runs=d)
-        for d in draws
-    ]
-    good = [x for x in found if not math.isnan(x)]
-    if math.isnan(value) or len(good) < 0.9 * RESAMPLES:
-        return estimate(math.nan, math.nan, n)
-    wide = 0.5 * errors_allowed(n)
-    low, high = np.quantile(good, [1.0 - CONFIDENCE, CONFIDENCE])
-    return Measure(value, deviation(good), n, value - wide * (value - float(low)), value + wide * (float(high) - value))
+    errors, own = np.array([r.values for r in period]), np.array(row.values)
+    frames, own_frames = np.array([_frames(r) for r in period]), _frames(row)
+
+    def saved(runs: Ints) -> float:
+        return _saved(errors=own, frames=own_frames, of_periods=errors, frames_of=frames, runs=runs)
+
+    return bootstrapped(row.runs, saved, RESAMPLES)
 
 
 def _frames(row: Row) -> Floats:

@@ -97,8 +97,9 @@ def cooperation_trial(spec: Spec) -> dict[str, float]:
     Returns:
         `rmse_K` of each target while it is heard, their mean `rmse`, `requests`, `frames`,
         `fixes` (positions found), `period` (mean steps between fixes of a target), `asked_CAUSE`
-        (requests of each cause), `final_K` (error at the last step, of those heard then) and
-        `share_N` (share of the steps of the N-th `BIN` in which cameras were asked).
+        (requests of each cause), `alone_CAUSE` (those of no other cause), `final_K` (error at the
+        last step, of those heard then) and `share_N` (share of the steps of the N-th `BIN` in
+        which cameras were asked).
     """
     made = environment(spec["scene"], spec["seed"], spec["run"])
     output = follow(made, spec)
@@ -123,6 +124,7 @@ def cooperation_trial(spec: Spec) -> dict[str, float]:
         "fixes": float(fixes),
         "period": float(heard.sum()) / fixes if fixes else float("nan"),
         **{f"asked_{c}": float(sum(c in r.answer.ask.causes for r in output.requests)) for c in CAUSES},
+        **{f"alone_{c}": float(sum(set(r.answer.ask.causes) == {c} for r in output.requests)) for c in CAUSES},
     }
 
 

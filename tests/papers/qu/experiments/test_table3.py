@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from occlog.papers.qu import variants
@@ -178,3 +179,16 @@ def test_frames_of_fig7_are_one_of_each_quarter_for_each_method_and_view() -> No
     assert [s.title for s in shots.shots[0]] == [s.title for s in shots.shots[5]]
     assert all(len(s.marks) == 6 for row in shots.shots for s in row)
     assert not any(s.lines for row in shots.shots[:4] for s in row)
+
+
+@pytest.mark.parametrize("experiment", [variants.BALLS, variants.VIEWS])
+def test_the_cost_grows_with_targets_and_views_as_a_power(experiment) -> None:
+    def rows(power):
+        rng = np.random.default_rng(2)
+        values = {x: tuple((x**power * rng.uniform(0.95, 1.05, 6)).tolist()) for x in (1.0, 2.0, 3.0, 4.0)}
+        return [Row("BMCT, false positions", x, (1.0,) * 6, each={"frame_ms": ms}) for x, ms in values.items()]
+
+    for power, word in ((1.0, v.REPRODUCED), (2.0, v.NOT)):
+        found = variants._cost(experiment, rows(power))
+        assert (found.id, found.verdict) == (f"{experiment.item}-cost", word)
+        assert found.measured == pytest.approx(power, abs=0.1)

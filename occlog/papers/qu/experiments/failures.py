@@ -1,0 +1,169 @@
+"""[Qu] Table 2 by the paper's own criterion: the fewest particles that do not degrade the performance.
+
+Sec. 4.4.3 selects "the minimal number of particles which does not degrade the performance significantly".  Here the
+performance is the sum of both failure rates (Eq. 9), and a number of particles suffices if the mean over the videos is
+within `WORSE` of that with the most particles tried.  Video and trackers of a run have a seed of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.papers.qu.common import everywhere, seed_of
+from occlog.papers.qu.trial import run_views_trial, views_spec
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import bootstrapped
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.pipeline.sweep.trial import Spec, Values
+
+BMCT, MCMC = "BMCT", "MCMC"
+VIEWS = 2
+WORSE = 2.0
+"""Failures [%] above those with the most particles that do not count as a significant degradation."""
+FOLLOWED = 20.0
+"""Failures [%] with the most particles above which the targets are not followed, so that none suffice."""
+LINEAR = 1.3
+"""Largest exponent of the number of targets that counts as linear; as in Table 2 by effective samples."""
+PRINTED = {MCMC: {4: 500.0, 5: 1100.0, 6: 2800.0}, BMCT: {4: 400.0, 5: 500.0, 6: 600.0}}
+"""Total particles by number of targets, as printed."""
+TRIED = {MCMC: (6, 12, 25, 50, 100, 200, 400), BMCT: (6, 12, 25, 50, 100, 200)}
+"""Particles of a view for each target: a tracker's, and the joint filter's over the targets."""
+QUICK = {MCMC: (6, 25), BMCT: (12, 50)}
+RESAMPLES = 1000
+
+
+class Curve(NamedTuple):
+    """Failures of a filter at one number of targets, of K numbers of particles in R runs."""
+
+    targets: int
+    totals: Floats  # (K,) particles of all trackers in all views, rising
+    rates: Floats  # (K, R) sum of both failure rates [%]
+
+
+def failure_rates(size: Size, execute: Execute) -> Table:
+    """Compute FR_p + FR_l [%] against the total number of particles, for each filter and number of targets."""
+    counts, tried = ((4, 6), QUICK) if size.quick else ((4, 5, 6, 8), TRIED)
+    results = execute([_spec(size, run, n, tried) for n in counts for run in range(size.runs)])
+    rows = []
+    for name, numbers in tried.items():
+        for i, n in enumerate(counts):
+            own = results[i * size.runs : (i + 1) * size.runs]
+            for k in numbers:
+                each = {q: tuple(100.0 * r[f"{name}-{k}.{q}"] for r in own) for q in ("fr_p", "fr_l")}
+                both = tuple(a + b for a, b in zip(each["fr_p"], each["fr_l"], strict=True))
+                means = {q: math.fsum(x) / len(x) for q, x in each.items()}
+                rows.append(Row(series_of(name, n), total(n, k), both, means))
+    return rows
+
+
+def series_of(name: str, targets: int) -> str:
+    """Return the series of a filter at a number of targets."""
+    return f"{name}, {targets} targets"
+
+
+def total(targets: int, particles: int) -> float:
+    """Return the particles of all targets in all views."""
+    return float(VIEWS * particles * targets)
+
+
+def _spec(size: Size, run: int, targets: int, tried: Mapping[str, Sequence[int]]) -> Spec:
+    methods: dict[str, Values] = {
+        f"{name}-{k}": {"method": name.lower(), "set": {"particles": k * (targets if name == MCMC else 1)}}
+        for name in tried
+        for k in tried[name]
+    }
+    return views_spec(seed_of(size, run), methods, {"frames": size.steps, "balls": targets, "views": VIEWS})
+
+
+def enough(totals: Floats, rates: Floats) -> float:
+    """Return the fewest particles that suffice; between two numbers the rate is linear in their logarithm.
+
+    Args:
+        totals: (K,) numbers of particles, rising.
+        rates: (K,) mean failures [%].
+
+    Returns:
+        The number from which on the rate stays within `WORSE` of the last one; NaN if all do, so that fewer may
+        suffice, and if the last one is above `FOLLOWED`.
+    """
+    limit = float(rates[-1]) + WORSE
+    if rates[-1] > FOLLOWED:
+        return math.nan
+    above = np.flatnonzero(rates > limit)
+    if len(above) == 0:
+        return math.nan
+    k = int(above[-1])
+    share = (rates[k] - limit) / (rates[k] - rates[k + 1])
+    return float(totals[k] * (totals[k + 1] / totals[k]) ** share)
+
+
+def growth(curves: Sequence[Curve], runs: Sequence[int] | slice = slice(None)) -> float:
+    """Return the exponent of the number of targets in what suffices, of the means over some runs; NaN: not followed."""
+    need = np.array([enough(c.totals, c.rates[:, runs].mean(axis=1)) for c in curves])
+    if len(need) < 2 or not np.all(np.isfinite(need)):
+        return math.nan
+    return float(np.polyfit(np.log([c.targets for c in curves]), np.log(need), 1)[0])
+
+
+def curves_of(table: Table, name: str) -> list[Curve]:
+    """Return the curves of a filter by rising number of targets."""
+    out = []
+    for n in (4, 5, 6, 8):
+        rows = v.series(table, series_of(name, n))
+        if rows:
+            out.append(Curve(n, np.array([r.x for r in rows]), np.array([r.values for r in rows])))
+    return out
+
+
+def judge_failures(table: Table) -> list[Verdict]:
+    """Judge the growth of what suffices, the printed numbers, and that more particles are more stable."""
+    out = []
+    own = {name: [c for c in curves_of(table, name) if c.targets <= 6] for name in (BMCT, MCMC)}
+    for name, good, said in (
+        (BMCT, v.at_most(LINEAR), "What BMCT needs grows linearly with the targets"),
+        (MCMC, v.above(LINEAR), "What the joint filter (MCMC) needs grows faster than linearly with the targets"),
+    ):
+        curves = own[name]
+        if not curves:
+            continue
+        runs = curves[0].rates.shape[1]
+        power = bootstrapped(runs, lambda d, c=curves: growth(c, d), RESAMPLES)  # type: ignore[misc]
+        rule = f"exponent {'at most' if name == BMCT else 'above'} {LINEAR:g} (bootstrap over videos)"
+        paper = float(np.polyfit(np.log(list(PRINTED[name])), np.log(list(PRINTED[name].values())), 1)[0])
+        key = f"table2-rates-{name.lower()}"
+        out.append(v.judge(f"{key}-growth", f"{said}: exponent of their number.", power, good, rule=rule, paper=paper))
+        for c in curves:
+            need = bootstrapped(runs, lambda d, c=c: enough(c.totals, c.rates[:, d].mean(axis=1)), RESAMPLES)  # type: ignore[misc]
+            said_n = f"Total particles of {name} that suffice for {c.targets} targets."
+            out.append(v.stated(f"{key}-{c.targets}", said_n, PRINTED[name][c.targets], need))
+        out += _more_stable(name, table)
+    return out
+
+
+def _more_stable(name: str, table: Table) -> list[Verdict]:
+    """Judge that failures with the most particles are below those with the fewest; nothing where there are none."""
+    ends = [(rows[-1], rows[0]) for n in (4, 5, 6, 8) if (rows := v.series(table, series_of(name, n)))]
+    said = f"More particles are more stable ({name}): failures with the fewest less those with the most, by [%]."
+    verdict = everywhere(f"table2-rates-{name.lower()}-stable", said, ends)
+    return [] if verdict is None else [verdict]
+
+
+FAILURES = Experiment(
+    item="table2-rates",
+    title="Particles that suffice, by failure rates",
+    x_label="particles of all trackers in both views",
+    y_label="false positions and false labels [%]",
+    runs=12,
+    steps=400,
+    quick=(2, 12),
+    compute=failure_rates,
+    judge=judge_failures,
+    trial=run_views_trial,
+    note=f"Suffices: within {WORSE:g} % of the failures with the most particles tried, in the mean over the videos.",
+)
+"""Table 2 by the criterion of Sec. 4.4.3."""
