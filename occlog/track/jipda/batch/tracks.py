@@ -41,8 +41,7 @@ MOST_REACH = 64
 """... and within so many moments."""
 BRIDGE_S = 8.0
 """Gaps between tracks are bridged up to this long."""
-TEMPERATURES, RENEWED = 12, 4
-"""Steps of the cooling, and after how many of them all messages are renewed; the last one is such a step."""
+TEMPERATURES = 12
 COLDEST = 0.2
 PROPOSALS = 60
 """For each place in each run of the chain."""
@@ -219,12 +218,11 @@ def anneal(tracks: Tracks, span: Span, generator: np.random.Generator, hottest: 
     listed = listed_of(tracks, span)
     known = nothing_known(listed)
     each = max(PROPOSALS * n // TEMPERATURES, 1)
-    for step, temperature in enumerate(np.geomspace(hottest, COLDEST, TEMPERATURES), start=1):
+    for temperature in np.geomspace(hottest, COLDEST, TEMPERATURES):
         drawn = generator.random((each, 4))
         sweep(tracks.places, tracks.walk, span.looked, listed, known, tracks.chain, float(temperature), drawn)
-        if step % RENEWED == 0:
-            # Rounding and the tolerance of renewals do not add up
-            renew_all(tracks.places, tracks.walk, span.looked, tracks.chain)
+        # Rounding and the tolerance of renewals do not add up
+        renew_all(tracks.places, tracks.walk, span.looked, tracks.chain)
 
 
 def listed_of(tracks: Tracks, span: Span) -> Candidates:
