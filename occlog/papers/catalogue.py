@@ -11,6 +11,9 @@ from occlog.errors import UsageError
 from occlog.papers.ercan import accuracy, recorded_figures, selection, speed, square
 from occlog.papers.ercan import statements as ercan_statements
 from occlog.papers.lee import statements as lee_statements
+from occlog.papers.lee.appearance.coefficient import COEFFICIENT
+from occlog.papers.lee.appearance.faces import FACES
+from occlog.papers.lee.appearance.motion import MOTION
 from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS
 from occlog.papers.lee.cooperation.room import ROOM_EXPERIMENTS
 from occlog.papers.lee.fusion.cases import DECISION_EXPERIMENTS
@@ -47,6 +50,9 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
         *DECISION_EXPERIMENTS,
         *FUSION_EXPERIMENTS,
         # Chapter 5
+        COEFFICIENT,
+        *FACES,
+        MOTION,
         *FORCE_EXPERIMENTS,
         *ESCAPE_EXPERIMENTS,
         # Section 5.2.3

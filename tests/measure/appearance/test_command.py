@@ -9,11 +9,12 @@ import pytest
 import two_coloured as people
 
 from occlog.cli.main import run
+from occlog.core.image.colour_density import colour_counts
 from occlog.errors import ExitCode
 from occlog.io.files.parquet import read_provenance, read_table, write_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.scenes.scene import scene_to_yaml
-from occlog.records.tables import AppearanceMatches, Gallery, PeopleTracks, Tracks
+from occlog.records.tables import AppearanceMatches, Gallery, PeopleTracks, Tracks, Views
 
 
 def tracks(steps, numbers=(0, 1), names=None):
@@ -163,10 +164,58 @@ def test_frames_that_are_missing_are_told(folder, capsys):
     assert "hall: boxes: there is no frame of that number (40 lost)" in capsys.readouterr().err
 
 
-def test_a_gallery_of_other_levels_fits_images_but_not_views(folder):
-    assert learn(folder, "--levels", "4") == ExitCode.DONE
+def views(steps):
+    """The boxes as views, which bring their colours: red or green all over."""
+    pictures, edges = people.frames(steps)
+    boxes = people.box_table(edges, (0, 1))
+    none, zero = np.full(len(boxes), np.nan), np.zeros(len(boxes))
+    colours = []
+    for picture, (left, top, right, bottom) in zip(np.repeat(pictures, 2, axis=0), edges.reshape(-1, 4), strict=True):
+        middle = picture[round((top + bottom) / 2), round((left + right) / 2)]
+        colours.append(colour_counts(middle[None, None], np.ones((1, 1), dtype=np.uint8), 8))
+    shared = ("t_ns", "sensor", "frame", "target_id", "left_px", "top_px", "width_px", "height_px", "confidence")
+    return Views.of(
+        **{name: getattr(boxes, name) for name in shared},
+        cluster=boxes.box,
+        x_px=zero,
+        y_px=zero,
+        cov_xx_px=zero + 1,
+        cov_xy_px=zero,
+        cov_yy_px=zero + 1,
+        area_px=boxes.width_px * boxes.height_px,
+        bearing=none,
+        sigma=none,
+        u_px=none,
+        sigma_px=none,
+        likeness=none,
+        appearance=np.array(colours, dtype=np.float32),
+    )
+
+
+def test_views_bring_their_colours_and_need_no_images(folder, capsys):
+    write_table(folder / "views.parquet", views(40), Provenance("detect"))
+    (folder / "scene.yaml").write_text(scene_to_yaml(people.SCENE))
+    scene = ["--scene", str(folder / "scene.yaml"), "--tracks", str(folder / "tracks.parquet")]
+    assert learn(folder, *scene, source="views.parquet") == ExitCode.DONE
+    assert set(read_table(folder / "gallery.parquet", Gallery).target_id.tolist()) == {11, 12}
+    assert label(folder, *scene, source="views.parquet") == ExitCode.DONE
+    found = read_table(folder / "matches.parquet", AppearanceMatches)
+    same = found.decision == "same"
+    assert same.sum() > 70
+    assert (found.target_id[same] == found.track_id[same]).all()
+    # Their colours are in eight levels
+    capsys.readouterr()
+    other = ["--levels", "4", "--overwrite"]
+    assert learn(folder, *scene, *other, source="views.parquet") == refused(
+        capsys, ExitCode.BAD_INPUT, "72 bins (8 levels)"
+    )
+    assert learn(folder, *other) == ExitCode.DONE
+    capsys.readouterr()
+    assert label(folder, *scene, "--overwrite", source="views.parquet") == refused(
+        capsys, ExitCode.BAD_INPUT, "72 bins"
+    )
+    assert label(folder, "--overwrite") == ExitCode.DONE
     assert read_table(folder / "gallery.parquet", Gallery).bins[0] == 20
-    assert label(folder) == ExitCode.DONE
 
 
 def test_a_file_that_is_no_gallery_is_refused(folder, capsys):

@@ -1,0 +1,37 @@
+"""How well likenesses tell people apart: rank-1 and the area under the ROC curve."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import rankdata
+
+from occlog.array_types import Floats, Ints
+
+
+def rank_one(like: Floats, owner: Ints) -> float:
+    """Share of candidates that are most like their owner; of k equal ones each counts 1 / k; NaN without candidates.
+
+    Args:
+        like: (n, P) likenesses of candidates to people; NaN: not compared, which is never the most alike.
+        owner: (n,) place of the person whom each candidate shows.
+    """
+    if not len(like):
+        return float("nan")
+    filled = np.where(np.isnan(like), -np.inf, like)
+    best = (filled == filled.max(axis=1, keepdims=True)) & np.isfinite(filled)
+    hit = best[np.arange(len(like)), owner]
+    return float(np.mean(hit / np.maximum(best.sum(axis=1), 1)))
+
+
+def area_under_curve(like: Floats, owner: Ints) -> float:
+    """Probability that a candidate is more like its owner than a candidate is like somebody else.
+
+    The Mann-Whitney form over all pairs that are not NaN; equal ones count half.  NaN where there are none of a kind.
+    """
+    same = owner[:, None] == np.arange(like.shape[1])
+    known = np.isfinite(like)
+    right, wrong = like[same & known], like[~same & known]
+    if not len(right) or not len(wrong):
+        return float("nan")
+    ranks = rankdata(np.concatenate([right, wrong]))[: len(right)]
+    return float((ranks.sum() - 0.5 * len(right) * (len(right) + 1)) / (len(right) * len(wrong)))

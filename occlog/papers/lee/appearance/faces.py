@@ -1,0 +1,358 @@
+"""[Lee] Figs. 5-20 to 5-23: heads from several angles, told apart by their colours; decisions that are suspended."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Bytes, Floats, Ints
+from occlog.core.image.colour_density import bins_of, colour_counts, corrected, density
+from occlog.core.metrics.ranking import area_under_curve, rank_one
+from occlog.core.sight.camera import rotation_from_angles
+from occlog.papers.page.shotplot import Shot, Shots
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import sample
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.pipeline.sweep.trial import Spec
+from occlog.records.scene import Camera
+from occlog.simulate.render.body import HAIR, SKIN, WALKING, Clothes
+from occlog.simulate.render.frame import Canvas, bare_canvas, draw
+
+PEOPLE = 10
+ANGLES = 7
+"""N of the full gallery: every 30 degrees from the front to the back."""
+LEVELS = {2: 6, 4: 20, 8: 72, 15: 240}
+"""Levels of colours, and the numbers m of bins that they make."""
+OWN_LEVELS = 8
+IMAGE, DISTANCE, FOCAL_PX = (72, 64), 4.0, 560.0
+EYES, HEAD = 1.6, 0.25
+"""Height at which the camera hangs, and height of a head from its top [m]."""
+LIGHTS = np.array([[-1.5, -1.5, 2.7, 0.6, 6.0], [1.5, 1.5, 2.7, 0.4, 6.0]])
+GAIN, NOISE = 0.1, (1.5, 1.0)
+"""Share by which the light of a candidate differs, and noise of pixels, common and of each colour."""
+DIFFERENT, ALIKE = "other skin and hair", "same skin and hair"
+KINDS = {"different": DIFFERENT, "alike": ALIKE}
+FRONT, POOLED = "front face only", "all sides together"
+GALLERIES = (1, 2, 4, 7)
+"""Numbers N of angles; 1 is the front."""
+KNOWN = (1, 2, 4)
+"""How many of the seven angles, from the front on, a gallery has where decisions are suspended."""
+ANYWAY, SUSPENDED, LEFT = "decided anyway", "suspended", "share that is suspended"
+
+
+class Heads(NamedTuple):
+    """Heads of P people at A angles, S images of each, as counts of colours."""
+
+    counts: Floats  # (P, A, S, m)
+    angle: Ints  # (A,) place of the angle, 0 (front) to N - 1
+
+
+def people_of(kind: str, rng: np.random.Generator) -> Clothes:
+    """People who differ in skin and hair, or hardly (`alike`); all in the same clothes."""
+    wide = kind == "different"
+    tone = rng.uniform(0.35, 1.05, PEOPLE) if wide else 0.85 + rng.uniform(-0.02, 0.02, PEOPLE)
+    dark = rng.uniform(0.1, 0.8, PEOPLE) if wide else 0.25 + rng.uniform(-0.02, 0.02, PEOPLE)
+    tint = rng.uniform(0.0, 1.0, PEOPLE) if wide else np.full(PEOPLE, 0.5)
+    first = np.full((PEOPLE, 5, 3), 90.0)
+    first[:, SKIN] = tone[:, None] * np.array([150.0, 178.0, 224.0])
+    # From red-brown to blond
+    hair = np.array([60.0, 110.0, 255.0]) * (1.0 - tint[:, None]) + np.array([120.0, 215.0, 255.0]) * tint[:, None]
+    first[:, HAIR] = dark[:, None] * hair
+    return Clothes(first, first, np.zeros((PEOPLE, 5), dtype=np.int64), np.ones(PEOPLE))
+
+
+def studio() -> Canvas:
+    """A canvas of the place where heads are seen, by a camera that looks along the x axis."""
+    width, height = IMAGE
+    camera = Camera(
+        "studio",
+        np.array([-DISTANCE, 0.0, EYES]),
+        rotation_from_angles(0.0, 0.0, 0.0),
+        np.array([FOCAL_PX, FOCAL_PX]),
+        np.array([0.5 * (width - 1), 0.5 * (height - 1)]),
+        image_size=IMAGE,
+    )
+    return bare_canvas(camera, LIGHTS, 1.0)
+
+
+def head_counts(
+    canvas: Canvas, people: Clothes, angle: float, rng: np.random.Generator, gain: float, levels: list[int]
+) -> list[Floats]:
+    """(P, m) pixels of each colour of everybody's head at one viewing angle, for each number of levels."""
+    out: list[list[Ints]] = [[] for _ in levels]
+    for k in range(len(people.stature)):
+        one = Clothes(*(part[k : k + 1] for part in people))  # type: ignore[arg-type]
+        bare = head_image(canvas, one, angle, rng.uniform(0.0, 2.0 * math.pi), gain)
+        mask = bare.max(axis=2) > 0
+        rows = np.flatnonzero(mask.any(axis=1))
+        mask[rows[0] + round(HEAD * FOCAL_PX / DISTANCE) :] = False
+        grain = rng.normal(0.0, NOISE[0], (*mask.shape, 1)) + rng.normal(0.0, NOISE[1], bare.shape)
+        image = np.clip(np.rint(bare + grain), 0, 255).astype(np.uint8)
+        for found, level in zip(out, levels, strict=True):
+            found.append(colour_counts(image, mask.astype(np.uint8), level))
+    return [np.array(found, dtype=np.float64) for found in out]
+
+
+def heads(size: Size) -> Shots:
+    """Draw the heads of four different people at every angle of the gallery."""
+    rng = np.random.default_rng(size.seed)
+    canvas, people = studio(), people_of("different", rng)
+    step = math.pi / (ANGLES - 1)
+    rows = []
+    for k in range(4):
+        one = Clothes(*(part[k : k + 1] for part in people))  # type: ignore[arg-type]
+        rows.append(
+            tuple(
+                Shot(
+                    f"n = {a + 1}, {180 * a // (ANGLES - 1)} deg",
+                    head_image(canvas, one, a * step, 0.0, 1.0),
+                    (),
+                    (),
+                    (),
+                )
+                for a in range(ANGLES)
+            )
+        )
+    caption = "The colours of each head at each angle are a density of the gallery."
+    return Shots("Heads from front to back", caption, tuple(f"person {k}" for k in range(4)), tuple(rows))
+
+
+def head_image(canvas: Canvas, one: Clothes, angle: float, phase: float, gain: float) -> Bytes:
+    """The head of one person at a viewing angle, on black and without noise."""
+    # The camera lies towards -x: who heads there is seen from the front
+    heading = math.pi + angle
+    row = np.array([[0.0, 0.0, WALKING * math.cos(heading), WALKING * math.sin(heading), phase]])
+    return draw(canvas, row, one, gain, (0.0, 0.0), shadows=False, rng=np.random.default_rng(0)).image
+
+
+def faces_trial(spec: Spec) -> dict[str, float]:
+    """Draw everybody once for the gallery and `probes` times as candidates, at every angle, and tell them apart.
+
+    Args:
+        spec: `probes`, `seed` and `run`.
+
+    Returns:
+        For each kind of people `rank1-KIND-bins-M` and `auc-KIND-bins-M` with all angles, `rank1-KIND-angles-N` and
+        `auc-...` by number of angles in the gallery (`angles-0`: all sides together), and by the number K of angles
+        known `false-KIND-anyway-K` and `false-KIND-suspended-K`, the shares of false decisions, and `left-KIND-K`.
+    """
+    run = np.random.SeedSequence(int(spec["seed"]), spawn_key=(int(spec["run"]),))
+    canvas, levels, probes = studio(), list(LEVELS), int(spec["probes"])
+    out: dict[str, float] = {}
+    for kind, seed in zip(KINDS, run.spawn(len(KINDS)), strict=True):
+        rng = np.random.default_rng(seed)
+        people = people_of(kind, rng)
+        step = math.pi / (ANGLES - 1)
+        stored = [head_counts(canvas, people, a * step, rng, 1.0, levels) for a in range(ANGLES)]
+        seen: list[list[Floats]] = []
+        place: list[int] = []
+        for a in range(ANGLES):
+            for _ in range(probes):
+                # Anywhere in the bin, on either side of the person
+                off = rng.uniform(-0.5, 0.5) * step
+                angle = rng.choice([-1.0, 1.0]) * abs(a * step + off)
+                seen.append(head_counts(canvas, people, angle, rng, 1.0 + rng.uniform(-GAIN, GAIN), levels))
+                place.append(a)
+        for i, level in enumerate(levels):
+            gallery = np.stack([s[i] for s in stored], axis=1)  # (P, A, m)
+            candidates = np.concatenate([s[i] for s in seen])  # (probes, m), person after person
+            owner = np.tile(np.arange(PEOPLE), len(seen))
+            at = np.repeat(place, PEOPLE)
+            full = likeness(gallery, candidates, at)
+            out[f"rank1-{kind}-bins-{bins_of(level)}"] = rank_one(full, owner)
+            out[f"auc-{kind}-bins-{bins_of(level)}"] = area_under_curve(full, owner)
+            if level == OWN_LEVELS:
+                out |= _by_angles(kind, gallery, candidates, owner, at)
+                out |= _suspended(kind, gallery, candidates, owner, at)
+    return out
+
+
+def likeness(gallery: Floats, candidates: Floats, angle: Ints) -> Floats:
+    """(n, P) coefficients of candidates (n, m) with the gallery (P, A, m) at their angles (n,), without the bias."""
+    out = np.empty((len(candidates), len(gallery)))
+    for a in np.unique(angle).tolist():
+        rows, side = angle == a, gallery[:, a]
+        own = candidates[rows]
+        _, out[rows] = corrected(
+            density(own), density(side), own.sum(axis=1).astype(np.int64), side.sum(axis=1).astype(np.int64)
+        )
+    return out
+
+
+def _by_angles(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: Ints) -> dict[str, float]:
+    """Figures by number of angles; a candidate is compared with the nearest one that there is."""
+    out = {}
+    for n in (0, *GALLERIES):
+        if n == 0:
+            own, angle = gallery.sum(axis=1, keepdims=True), np.zeros_like(at)
+        else:
+            kept = np.rint(np.linspace(0, ANGLES - 1, n)).astype(np.int64) if n > 1 else np.zeros(1, dtype=np.int64)
+            own, angle = gallery[:, kept], np.abs(at[:, None] - kept[None, :]).argmin(axis=1)
+        like = likeness(own, candidates, angle)
+        out[f"rank1-{kind}-angles-{n}"] = rank_one(like, owner)
+        out[f"auc-{kind}-angles-{n}"] = area_under_curve(like, owner)
+    return out
+
+
+def _suspended(kind: str, gallery: Floats, candidates: Floats, owner: Ints, at: Ints) -> dict[str, float]:
+    """False decisions (is this the person or not) with the front part of a gallery, with and without suspending.
+
+    The threshold is that at which, of candidates at angles that the gallery has, as large a share of the right ones
+    is refused as of the wrong ones is accepted.
+    """
+    out = {}
+    same = owner[:, None] == np.arange(PEOPLE)
+    for known in KNOWN:
+        like = likeness(gallery, candidates, np.minimum(at, known - 1))
+        there = at < known
+        threshold = equal_error(like[there], same[there])
+        wrong = (like >= threshold) != same
+        # As many right as wrong pairs count
+        weight = np.where(same, 1.0 / same.sum(), 1.0 / (~same).sum())
+        out[f"false-{kind}-anyway-{known}"] = float((wrong * weight).sum() / weight.sum())
+        out[f"false-{kind}-suspended-{known}"] = float((wrong * weight)[there].sum() / weight[there].sum())
+        out[f"left-{kind}-{known}"] = float(1.0 - there.mean())
+    return out
+
+
+def equal_error(like: Floats, same: Bools) -> float:
+    """The threshold at which the share of right pairs below is nearest to the share of wrong pairs at or above."""
+    right, wrong = np.sort(like[same]), np.sort(like[~same])
+    levels = np.unique(like)
+    missed = np.searchsorted(right, levels) / len(right)
+    accepted = 1.0 - np.searchsorted(wrong, levels) / len(wrong)
+    return float(levels[np.abs(missed - accepted).argmin()])
+
+
+def _run(size: Size, execute: Execute) -> list[dict[str, float]]:
+    return execute([{"kind": "lee-faces", "probes": size.steps, "seed": size.seed, "run": r} for r in range(size.runs)])
+
+
+def by_bins(size: Size, execute: Execute) -> Table:
+    """Compute rank-1 and AUC against the number of bins; steps are candidates of each person and angle."""
+    found = _run(size, execute)
+    return [
+        Row(f"{words}, {name}", m, tuple(f[f"{key}-{kind}-bins-{m}"] for f in found))
+        for kind, words in KINDS.items()
+        for key, name in (("rank1", "rank-1"), ("auc", "AUC"))
+        for m in LEVELS.values()
+    ]
+
+
+def by_angles(size: Size, execute: Execute) -> Table:
+    """Compute rank-1 and AUC against the number of angles; all sides together is a line across."""
+    found = _run(size, execute)
+    rows = []
+    for kind, words in KINDS.items():
+        for key, name in (("rank1", "rank-1"), ("auc", "AUC")):
+            values = {n: tuple(f[f"{key}-{kind}-angles-{n}"] for f in found) for n in (0, *GALLERIES)}
+            rows += [Row(f"{words}, {name}", n, values[n]) for n in GALLERIES]
+            rows.append(Row(f"{words}, {name}, {POOLED}", math.nan, values[0]))
+    return rows
+
+
+def by_suspension(size: Size, execute: Execute) -> Table:
+    """Compute the share of false decisions against the number of angles that the gallery has of seven."""
+    found = _run(size, execute)
+    rows = []
+    for kind, words in KINDS.items():
+        for key, name in (("anyway", ANYWAY), ("suspended", SUSPENDED)):
+            rows += [Row(f"{words}, {name}", k, tuple(f[f"false-{kind}-{key}-{k}"] for f in found)) for k in KNOWN]
+        rows += [Row(f"{words}, {LEFT}", k, tuple(f[f"left-{kind}-{k}"] for f in found), plotted=False) for k in KNOWN]
+    return rows
+
+
+def judge_bins(table: Table) -> list[Verdict]:
+    """Judge that different people are separable and alike ones challenging."""
+    out = []
+    for name in ("rank-1", "AUC"):
+        said = f"Figs. 5-20 and 5-21: people of one skin and hair are harder to tell apart ({name} lower by this)."
+        points = v.matched(table, f"{ALIKE}, {name}", f"{DIFFERENT}, {name}")
+        out.append(v.pairs(f"race-{name}", said, points))
+    row = v.find(table, f"{DIFFERENT}, AUC", float(bins_of(OWN_LEVELS)))
+    said = "Fig. 5-20: people of different skin and hair are told apart by the coefficient; AUC with 72 bins."
+    rule = "an AUC of at least .9; in part from .7 on"
+    measured = sample(() if row is None else row.values)
+    return [*out, v.judge("separable", said, measured, v.at_least(0.9), v.at_least(0.7), rule=rule)]
+
+
+def judge_angles(table: Table) -> list[Verdict]:
+    """Judge that several angles are better than one front face, and (of this project) than all sides together."""
+    out = []
+    for kind, words in KINDS.items():
+        for name in ("rank-1", "AUC"):
+            rows = v.series(table, f"{words}, {name}")
+            pooled = v.find(table, f"{words}, {name}, {POOLED}")
+            if not rows or pooled is None:
+                continue
+            said = (
+                f"Figs. 5-22, 5-23: seven angles are better than the front face alone; {words}: {name} higher by this."
+            )
+            out.append(v.pairs(f"angles-{kind}-{name}", said, [(rows[0], rows[-1])]))
+            said = f"Seven angles are better than all sides together (of this project); {words}: {name} higher by this."
+            out.append(v.pairs(f"pooled-{kind}-{name}", said, [(pooled, rows[-1])]))
+    return out
+
+
+def judge_suspension(table: Table) -> list[Verdict]:
+    """Judge that suspending avoids false decisions."""
+    return [
+        v.pairs(
+            f"suspend-{kind}",
+            f"Suspending until a known side is seen avoids false decisions; {words}: share of them lower by this.",
+            v.matched(table, f"{words}, {SUSPENDED}", f"{words}, {ANYWAY}"),
+        )
+        for kind, words in KINDS.items()
+    ]
+
+
+NOTE = (
+    f"Heads of {PEOPLE} drawn people, 500 pixels each, one image of each at {ANGLES} angles in the gallery; candidates "
+    f"at any angle of the bin, on either side, in light that differs by up to {GAIN:.0%}. Steps are candidates of each "
+    "person and angle."
+)
+FACES = (
+    Experiment(
+        item="faces",
+        title="Figs. 5-20 and 5-21: people told apart by colours",
+        x_label="number of bins",
+        y_label="rank-1, AUC",
+        runs=24,
+        steps=4,
+        quick=(4, 2),
+        compute=by_bins,
+        judge=judge_bins,
+        trial=faces_trial,
+        note=NOTE,
+    ),
+    Experiment(
+        item="angles",
+        title="Figs. 5-22 and 5-23: faces from several angles",
+        x_label="angles in the gallery",
+        y_label="rank-1, AUC",
+        runs=24,
+        steps=4,
+        quick=(4, 2),
+        compute=by_angles,
+        judge=judge_angles,
+        trial=faces_trial,
+        note=f"{NOTE} One angle is the front.",
+        plans={"heads": heads},
+    ),
+    Experiment(
+        item="suspended",
+        title="Sec. 5.2.1: decisions that wait for a known side",
+        x_label="angles in the gallery, of seven, from the front on",
+        y_label="share of false decisions",
+        runs=24,
+        steps=4,
+        quick=(4, 2),
+        compute=by_suspension,
+        judge=judge_suspension,
+        trial=faces_trial,
+        note=NOTE,
+    ),
+)
+"""Heads from several angles."""
