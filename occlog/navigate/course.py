@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Floats
+from occlog.core.navigation.alignment import ROUNDING
 from occlog.core.navigation.moving import Moment, Moving
 from occlog.core.navigation.obstacles import (
     edges,
@@ -121,7 +122,7 @@ class Course:
         return np.concatenate(parts, axis=1) - radius
 
     def check_place(self, what: str, xy: Floats, config: NavigateConfig) -> None:
-        """InputError unless a robot can be at a (2,) place, the start or the goal."""
+        """InputError unless a robot can be at a (2,) place, the start or the goal, without touching anything."""
         at = f"the {what} ({xy[0]:g}, {xy[1]:g})"
         here = xy[None]
         for name, polygon in zip(self.names[len(self.discs) :], self.polygons, strict=False):
@@ -132,12 +133,13 @@ class Course:
         gaps = self.clearance(here, here, config.radius, self.moment(0))[0]
         if what == "goal":
             gaps = gaps[: len(gaps) - (0 if self.moving is None else len(self.moving.ids))]
-        if len(gaps) and (worst := int(np.argmin(gaps))) >= 0 and gaps[worst] < 0.0:
+        worst = int(np.argmin(gaps)) if len(gaps) else 0
+        if len(gaps) and gaps[worst] <= ROUNDING * config.way:
             away = gaps[worst] + config.radius
             if away < 0.0:
                 raise InputError(f"{at} is inside {self.names[worst]}; give a place on the floor")
             raise InputError(
-                f"{at} is {away:.4g} from {self.names[worst]}, nearer than the robot's radius {config.radius:g}"
+                f"{at} is {away:.4g} from {self.names[worst]}; want more than the robot's radius {config.radius:g}"
             )
         if self.round_shapes and len(self.circles):
             apart = distance(here, self.circles[:, :2]) - self.circles[:, 2]

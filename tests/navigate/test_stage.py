@@ -231,7 +231,7 @@ def test_many_robots_fare_as_each_alone():
         ("start", (4.0, 3.0), "inside static occluder pillar"),
         ("goal", (4.0, 3.0), "inside static occluder pillar"),
         ("start", (9.0, 3.0), "outside the room"),
-        ("start", (0.2, 3.0), "0.2 from wall 4, nearer than the robot's radius 0.25"),
+        ("start", (0.2, 3.0), "0.2 from wall 4; want more than the robot's radius 0.25"),
         ("start", (1.0, 1.0), "inside obstacle 1"),
         ("start", (3.35, 3.0), "0.15 from static occluder pillar"),
     ],
@@ -243,12 +243,12 @@ def test_places_where_no_robot_can_be_are_refused(what: str, place: tuple[float,
         course.check_place(what, np.array(place), config)
 
 
-def test_a_place_at_the_robots_radius_from_a_wall_is_free():
+def test_a_place_farther_from_a_wall_than_the_robots_radius_is_free():
     config = NavigateConfig.in_unit("m")
     course = course_of(Scene(room=ROOM), (), None, config)
-    course.check_place("start", np.array([0.25, 3.0]), config)
-    with pytest.raises(InputError, match="nearer than"):
-        course.check_place("start", np.array([0.2499, 3.0]), config)
+    course.check_place("start", np.array([0.2501, 3.0]), config)
+    with pytest.raises(InputError, match="more than the robot's radius"):
+        course.check_place("start", np.array([0.25, 3.0]), config)  # it touches, which counts as a collision
 
 
 def test_a_goal_within_the_circle_about_an_occluder_is_free_where_the_polygon_repels():
