@@ -169,19 +169,23 @@ def _guarded(
     rows = np.flatnonzero(clearance <= GUARD * config.way)
     if not len(rows):
         return move, state
-    ends, gaps = [], []
-    for angle in (*TURNS, None):
-        tried = np.zeros_like(move[rows]) if angle is None else turned(move[rows], np.full(len(rows), angle))
-        ends.append(tried)
-        gaps.append(_least(course.clearance(xy[rows], xy[rows] + tried, config.radius, expected))[0])
-    # Order of preference: least turn, then the nearer goal; standing comes last
-    left = np.stack([distance(xy[rows] + end, goals[rows]) for end in ends])
-    turn = np.array([*(abs(a) for a in TURNS), math.inf])[:, None]
-    free = np.stack(gaps) > GUARD * config.way
+    # All directions, and to stand, which comes last: (T + 1, R, 2)
+    angles = np.array(TURNS)[:, None]
+    tried = turned(
+        np.broadcast_to(move[rows], (len(TURNS), len(rows), 2)), np.broadcast_to(angles, (len(TURNS), len(rows)))
+    )
+    tried = np.concatenate([tried, np.zeros((1, len(rows), 2))])
+    start = np.broadcast_to(xy[rows], tried.shape).reshape(-1, 2)
+    gaps = _least(course.clearance(start, start + tried.reshape(-1, 2), config.radius, expected))[0]
+    gaps = gaps.reshape(tried.shape[:2])
+    # Order of preference: least turn, then the nearer goal
+    left = distance(xy[rows] + tried, goals[rows])
+    turn = np.append(np.abs(TURNS), math.inf)[:, None]
+    free = gaps > GUARD * config.way
     order = np.lexsort((left, np.broadcast_to(turn, left.shape), ~free), axis=0)
-    best = np.where(free.any(axis=0), order[0], np.argmax(np.stack(gaps), axis=0))
+    best = np.where(free.any(axis=0), order[0], np.argmax(gaps, axis=0))
     move, state = move.copy(), state.copy()
-    move[rows] = np.stack(ends)[best, np.arange(len(rows))]
+    move[rows] = tried[best, np.arange(len(rows))]
     state[rows] = State.GUARDED
     return move, state
 

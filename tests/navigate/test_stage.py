@@ -267,7 +267,7 @@ def test_a_guarded_robot_does_not_collide_with_what_stands_even_without_forces(p
     scene = Scene(room=ROOM, occluders=(PILLAR,))
     for goal in ((7.0, 3.0), (0.3, 0.3), (4.0, 0.5)):
         for speed in (1.0, 4.0):
-            _, robots, _ = driven(scene, (Disc(2.0, 2.0, 0.2),), place, goal, repulsion=0.0, speed=speed, steps=300)
+            _, robots, _ = driven(scene, (Disc(2.0, 2.0, 0.2),), place, goal, repulsion=0.0, speed=speed, steps=100)
             assert robots.end[0] != End.COLLIDED
             assert robots.clearance[0] > 0.0
 
@@ -294,7 +294,7 @@ def test_a_robot_that_the_guard_holds_back_says_so_and_counts_no_way_that_it_did
         Scene(room=corridor, occluders=(screen,)),
         {"repulsion": 0.0, "force": "original", "shape": "polygon"},
     )
-    places, robots, verdict = driven(scene, (), (1.0, 0.3), (7.0, 0.3), **forces)
+    places, robots, verdict = driven(scene, (), (1.0, 0.3), (7.0, 0.3), steps=150, **forces)
     assert robots.end[0] in (End.ENDLESS, End.STOPPED)
     assert "where the guard holds it back" in verdict.words()
     assert verdict.trap
