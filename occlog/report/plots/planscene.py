@@ -103,6 +103,11 @@ def draw_scene(axes: Axes, scene: Scene, limits: Floats) -> list[Line2D | Patch]
         handles += axes.plot(
             at[:, 0], at[:, 1], "D", color=COLOURS["ink"], markersize=6, zorder=6, label="microphone array"
         )
+    if scene.readers:
+        at = np.array([r.position[:2] for r in scene.readers])
+        handles += axes.plot(
+            at[:, 0], at[:, 1], "^", color=COLOURS["ink"], markersize=6, zorder=6, label="reader of tags"
+        )
     if scene.occluders:
         handles.append(Patch(facecolor=COLOURS["pillar"], edgecolor=COLOURS["wall"], label="static occluder"))
     return handles
