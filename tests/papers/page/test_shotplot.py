@@ -51,7 +51,9 @@ def test_the_page_holds_the_picture_and_says_what_it_shows() -> None:
     assert picture[:8] == b"\x89PNG\r\n\x1a\n"
     assert picture == picture_png(shots())
     chart = Chart("fig7", "What happens", "frame", "rate", [], "")
-    page = build_reproduction("A paper", [Part(chart, "2 runs.", [], [["series", "values"]], {"frames": shots()})])
+    part = Part(chart, "2 runs.", [], [["series", "values"]], {"frames": shots()})
+    page = build_reproduction("A paper", [part], "Made by hand.")
+    assert "Made by hand." in page
     assert 'src="data:image/png;base64,' in page
     assert 'alt="Frames: BMCT &lt;1&gt;, MIPF"' in page
     assert "img-src data:" in page

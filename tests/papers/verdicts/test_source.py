@@ -24,8 +24,8 @@ def test_verdicts_get_the_place_that_they_do_not_have() -> None:
     assert attributed([first], {}) == [first]
 
 
-def test_every_experiment_has_places() -> None:
-    for paper, experiments in PAPERS.items():
-        keys = "\n".join(SOURCES[paper])
-        for e in experiments:
-            assert any(key.split("-")[0] == e.item.split("-")[0] for key in keys.split("\n")), (paper, e.item)
+def test_every_experiment_of_the_papers_on_cameras_has_places() -> None:
+    for paper in ("ercan", "rahimi", "qu"):
+        begins = {key.split("-")[0] for key in SOURCES[paper]}
+        for e in PAPERS[paper]:
+            assert e.item.split("-")[0] in begins, (paper, e.item)
