@@ -6,7 +6,9 @@ Everything begins with a prior that is worth a few boxes, so that one set of def
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +16,7 @@ from occlog.array_types import Bools, Floats
 
 from .config import JipdaConfig
 from .edges import LASTS_S, Edges, lasting_of, noise_of, slowness_of
-from .kernels.joint import BLIND, Boxes, Rates, Result
+from .kernels.joint import BLIND, SIZES, WIDER, Boxes, Rates, Result
 from .people import CALM, TURNING, People
 
 CURVE = np.array([0.02, 0.1, 0.4, 0.8, 0.95, 1.0])
@@ -33,6 +35,14 @@ PRIOR_TURNS = 5.0
 """The first rate of manoeuvres is worth so many of them."""
 PRIOR_DEATHS = 2.0
 """The first rate of leaving is worth so many who left."""
+PRIOR_AGAIN = (1.0, 4.0)
+"""At first so many of so many boxes of nobody are there again at the camera's next look."""
+MOST_AGAIN = 0.95
+"""Boxes of nobody are there again at most so probably."""
+MOST_LOG = 50.0
+"""Greatest log of a density against that of a box anywhere."""
+LEAST_FREE = 0.05
+"""Boxes that are of nobody with a lower probability are not looked for again."""
 SURE, PLAIN = 0.9, 0.85
 """Those teach who exist this surely; in plain view they are visible to this share."""
 DETECTION_RANGE = (0.05, 0.98)
@@ -50,6 +60,7 @@ class Counts:
     cuts: Floats  # (2,) boxes that end where the cover of the feet begins, boxes of people whose feet are covered
     merges: Floats  # (C, 2) pairs who touch in the image: in one box, of whom there is a box
     wrong: Floats  # (2,) boxes with a wrong edge, all boxes
+    again: Floats  # (C, 2) boxes of nobody that are there again at the next look, boxes of nobody
     left: Floats  # (2,) people who left, person-seconds
     turned: Floats  # (2,) manoeuvres begun, seconds of calm motion
 
@@ -63,6 +74,7 @@ def first_counts(cameras: int, config: JipdaConfig) -> Counts:
         cuts=np.array(PRIOR_CUTS),
         merges=np.tile(PRIOR_MERGES, (cameras, 1)),
         wrong=np.array(PRIOR_WRONG),
+        again=np.tile(PRIOR_AGAIN, (cameras, 1)),
         left=PRIOR_DEATHS * np.array([1.0, config.stay_s]),
         turned=PRIOR_TURNS * np.array([1.0, config.calm_s]),
     )
@@ -107,6 +119,59 @@ def turning_rate(counts: Counts) -> float:
 def boxes_of_nobody(counts: Counts) -> Floats:
     """(C,) expected in a look of each camera."""
     return np.asarray(counts.clutter[:, 0] / counts.clutter[:, 1])
+
+
+class Nobodys(NamedTuple):
+    """Boxes of a camera's last look that may be of nobody."""
+
+    box: Floats  # (n, 4)
+    free: Floats  # (n,) probability that they are of nobody
+
+
+def no_box() -> Nobodys:
+    """No box of nobody."""
+    return Nobodys(np.zeros((0, 4)), np.zeros(0))
+
+
+def again_rate(counts: Counts) -> Floats:
+    """(C,) probability that a box of nobody is there again at the camera's next look."""
+    return np.asarray(np.minimum(counts.again[:, 0] / counts.again[:, 1], MOST_AGAIN))
+
+
+def seen_again(boxes: Boxes, before: Sequence[Nobodys], again: Floats, noise: Floats, size: Floats) -> Floats:
+    """Expect boxes of nobody where the camera's last look had some: a shadow or a post is there again.
+
+    Args:
+        boxes: of the moment, M of L looks.
+        before: of each camera.
+        again: (C,) probability that a box of nobody is there again.
+        noise: (4, 2) variances as in `Rates.noise`.
+        size: (C, 2) width and height of the images [px].
+
+    Returns:
+        (M,) expected number of such boxes, as `exp(Boxes.clutter)` is that of boxes of nobody anywhere.
+    """
+    out = np.zeros(len(boxes.box))
+    for look, c in enumerate(boxes.camera.tolist()):
+        here = slice(boxes.first[look], boxes.first[look + 1])
+        old, now = before[c].box, boxes.box[here]
+        if not len(old) or not len(now):
+            continue
+        # Density of the new box about the old one, against that of a box anywhere in the image
+        width, height = (old[:, 2:] - old[:, :2]).T
+        extent = np.column_stack([height, width, height, height])
+        variance = 2.0 * WIDER * (noise[:, 0] + noise[:, 1] * extent**2)
+        off = _middles_and_sizes(now)[:, None] - _middles_and_sizes(old)
+        log = -0.5 * (off**2 / variance + np.log(2.0 * np.pi * variance)).sum(axis=2)
+        log += np.log(size[c]).sum() + (np.log(np.maximum(now[:, 2:] - now[:, :2], 1.0)) + SIZES).sum(axis=1)[:, None]
+        out[here] = again[c] * (np.exp(np.minimum(log, MOST_LOG)) * before[c].free).sum(axis=1)
+    return out
+
+
+def _middles_and_sizes(box: Floats) -> Floats:
+    """(n, 4) middle and width across, middle and height down, of boxes (n, 4)."""
+    low, high = box[:, :2], box[:, 2:]
+    return np.stack([0.5 * (low + high), high - low], axis=2).reshape(-1, 4)
 
 
 def blind_looks(boxes: Boxes, existence: Floats, detection: Floats) -> Bools:

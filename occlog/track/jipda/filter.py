@@ -20,7 +20,22 @@ from occlog.settings import METRES
 
 from .config import JipdaConfig
 from .cues import Cues, bonus, no_cues, remember
-from .detectors import PLAIN, SURE, Counts, boxes_of_nobody, first_counts, learn, leaving_rate, rates_of, turning_rate
+from .detectors import (
+    LEAST_FREE,
+    PLAIN,
+    SURE,
+    Counts,
+    Nobodys,
+    again_rate,
+    boxes_of_nobody,
+    first_counts,
+    learn,
+    leaving_rate,
+    no_box,
+    rates_of,
+    seen_again,
+    turning_rate,
+)
 from .edges import Edges, first_edges, good_boxes, learn_edges, sway_of
 from .interface import NOBODY, Event, Look, Moment, Support, X, Y
 from .kernels.body_box import Views, pack_views
@@ -67,6 +82,7 @@ class State:
     looked: Ints  # (C,) time of each camera's last look; -1: none
     cues: Cues
     places: PlaceMap
+    nobodys: tuple[Nobodys, ...]  # of each camera's last look
 
 
 def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State:
@@ -98,6 +114,7 @@ def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State
         looked=np.full(len(cameras), -1),
         cues=no_cues(len(cameras)),
         places=no_map(metre),
+        nobodys=(no_box(),) * len(cameras),
     )
 
 
@@ -131,7 +148,10 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
     sway = sway_of(state.edges)
     dimension = max(state.cues.appearance.shape[1], *(look.appearance.shape[1] for look in looks))
     for_people, for_anybody = bonus(state.cues, people, list(looks), dimension)
+    before = seen_again(boxes, state.nobodys, again_rate(state.counts), rates.noise, state.views.size)
+    anywhere = np.exp(boxes.clutter)
     boxes = boxes._replace(clutter=boxes.clutter - for_anybody)
+    for_people = for_people - np.log1p(before / anywhere) * (people.id == NOBODY)[:, None]
     N = len(people.key)
     result = update(
         people.mean, shown_covariance(people, sway), people.existence, state.views, boxes, rates,
@@ -172,7 +192,12 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         np.concatenate([result.share, used]),
         result.free * np.prod(1.0 - existence[:, None] * used, axis=0),
     )
-    counts = _count_nobody(counts, boxes, left_free)
+    counts = _count_nobody(counts, boxes, left_free, before / (anywhere + before), state.nobodys)
+    nobodys = list(state.nobodys)
+    for k, c in enumerate(boxes.camera.tolist()):
+        here = slice(boxes.first[k], boxes.first[k + 1])
+        may = np.flatnonzero(left_free[here] > LEAST_FREE)
+        nobodys[c] = Nobodys(boxes.box[here][may], left_free[here][may])
     people = join(people, born(mean, covariance, existence, used.sum(axis=1), state.next_key, t_ns))
     cues = remember(
         state.cues, people, list(looks), dimension, share=share, free=left_free, sure=people.existence > config.confirm
@@ -223,6 +248,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         looked=looked,
         cues=cues,
         places=places,
+        nobodys=tuple(nobodys),
     ), moment
 
 
@@ -244,12 +270,22 @@ def pack(state: State, looks: Sequence[Look], t_ns: int) -> Boxes:
     )
 
 
-def _count_nobody(counts: Counts, boxes: Boxes, free: Floats) -> Counts:
-    """The sums with the boxes that neither tracked nor new people explain."""
-    clutter = counts.clutter.copy()
+def _count_nobody(counts: Counts, boxes: Boxes, free: Floats, before: Floats, last: Sequence[Nobodys]) -> Counts:
+    """The sums with the boxes that neither tracked nor new people explain.
+
+    Args:
+        counts: before.
+        boxes: of the moment.
+        free: (M,) probability that a box is of nobody.
+        before: (M,) probability that it was there at the camera's last look, too.
+        last: boxes of nobody of each camera's last look.
+    """
+    clutter, again = counts.clutter.copy(), counts.again.copy()
     for look, c in enumerate(boxes.camera.tolist()):
-        clutter[c] += (free[boxes.first[look] : boxes.first[look + 1]].sum(), 1.0)
-    return replace(counts, clutter=clutter)
+        here = slice(boxes.first[look], boxes.first[look + 1])
+        clutter[c] += (free[here].sum(), 1.0)
+        again[c] += ((free[here] * before[here]).sum(), last[c].free.sum())
+    return replace(counts, clutter=clutter, again=again)
 
 
 def support_of(share: Floats, joint: Floats, boxes: Boxes, looks: Sequence[Look]) -> Support:

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.detectors import (
+    MOST_AGAIN,
     Counts,
+    Nobodys,
+    again_rate,
     blind_looks,
     boxes_of_nobody,
     first_counts,
     learn,
     leaving_rate,
+    no_box,
     rates_of,
+    seen_again,
     turning_rate,
 )
 from occlog.track.jipda.edges import first_edges
@@ -102,3 +109,22 @@ def test_a_look_is_blind_if_that_is_more_probable_than_that_everybody_was_missed
         assert blind_looks(look_at(0), np.ones(people), np.full((1, people), 0.5)).tolist() == [blind]
     assert not blind_looks(look_at(1), np.ones(9), np.full((1, 9), 0.5)).any()
     assert not blind_looks(look_at(0), np.ones(9), np.zeros((1, 9))).any()
+
+
+def test_a_box_of_nobody_is_expected_where_it_was() -> None:
+    old = np.array([[100.0, 50.0, 130.0, 120.0]])
+    boxes = look_at(2)._replace(box=np.concatenate([old + 1.0, old + 60.0]))
+    again, noise, size = np.array([0.5]), rates(first_counts(1, JipdaConfig())).noise, np.array([[480.0, 360.0]])
+    there, elsewhere = seen_again(boxes, [Nobodys(old, np.array([0.8]))], again, noise, size)
+    # Against one box anywhere in the image, of any size
+    assert there > 1e3
+    assert elsewhere < 1e-3
+    half = seen_again(boxes, [Nobodys(old, np.array([0.4]))], again, noise, size)
+    assert half[0] == pytest.approx(0.5 * there)
+    np.testing.assert_array_equal(seen_again(boxes, [no_box()], again, noise, size), [0.0, 0.0])
+
+
+def test_boxes_of_nobody_are_never_sure_to_be_there_again() -> None:
+    counts = first_counts(1, JipdaConfig())
+    assert again_rate(counts) == pytest.approx(0.25)
+    assert again_rate(replace(counts, again=np.array([[99.0, 100.0]]))) == MOST_AGAIN
