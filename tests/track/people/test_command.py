@@ -170,7 +170,7 @@ def test_a_camera_that_is_late_is_named(tmp_path, capsys):
     assert track(tmp_path, found, SCENE, "-q", "--strict") == ExitCode.THRESHOLD
 
 
-@pytest.mark.parametrize(("late", "words"), [(1.2, "late"), (-0.8, "ahead")])
+@pytest.mark.parametrize(("late", "words"), [(1.2, "late"), (-1.2, "ahead")])
 def test_by_how_much_a_camera_is_late_or_ahead_is_told(late, words, tmp_path, capsys):
     scene = hall("abcd")
     assert track(tmp_path, boxes(scene, 8.0, late={"b": late}), scene) == ExitCode.DONE
