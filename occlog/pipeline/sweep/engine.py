@@ -32,9 +32,9 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 """Variables that give each worker one thread: as many workers as processors then share them evenly."""
 
 
-def key_of(spec: Spec) -> str:
-    """Hash what identifies a trial: its description and the version of the program."""
-    text = json.dumps([__version__, spec], sort_keys=True, separators=(",", ":"))
+def key_of(spec: Spec, run: Trial = run_trial) -> str:
+    """Hash what identifies a trial: the version of the program, the function that runs it, and its description."""
+    text = json.dumps([__version__, run.__module__, run.__qualname__, spec], sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
@@ -115,7 +115,7 @@ def run_all(
     scheduler: str | None = None,
     store: Path | None = None,
     progress: Callable[[int], None] | None = None,
-    run: Trial | None = None,
+    run: Trial = run_trial,
 ) -> list[Result]:
     """Run all trials; return their figures in the order of the descriptions.
 
@@ -125,14 +125,14 @@ def run_all(
         scheduler: address of a Dask scheduler; its workers are used instead.
         store: file of finished trials (JSON lines); those in it are not run again.
         progress: called with the number of trials that have finished since the last call.
-        run: runs one trial; None: `run_trial`.  Descriptions for different functions must differ.
+        run: runs one trial.
 
     Raises:
         TrialError: names the first trial that failed; all others were run before.
         UsageError: a scheduler without the package `distributed`, or that does not answer.
     """
     kept = Store(store)
-    keys = [key_of(spec) for spec in specs]
+    keys = [key_of(spec, run) for spec in specs]
     todo: dict[str, Spec] = {}
     for key, spec in zip(keys, specs, strict=True):
         if key not in kept.results:
@@ -141,7 +141,7 @@ def run_all(
         progress(sum(key in kept.results for key in keys))
     failed: dict[str, str] = {}
     with kept:
-        for key, outcome in _outcomes(todo, workers, scheduler, run or run_trial):
+        for key, outcome in _outcomes(todo, workers, scheduler, run):
             if outcome.result is None:
                 failed[key] = outcome.error or "unknown"
             else:

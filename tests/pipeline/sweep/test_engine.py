@@ -149,6 +149,21 @@ def test_keys_tell_trials_apart():
     assert len({key_of(t) for t in (trial(), trial(1), trial(skip=1), trial(seed=4))}) == 4
 
 
+def lowest(spec):
+    return {"value": min(spec["values"])}
+
+
+def highest(spec):
+    return {"value": max(spec["values"])}
+
+
+def test_equal_descriptions_for_different_functions_are_different_trials(tmp_path):
+    store, spec = tmp_path / "trials.jsonl", {"values": [2.0, 5.0]}
+    for run, value in ((lowest, 2.0), (highest, 5.0), (lowest, 2.0)):
+        assert run_all([spec], store=store, run=run) == [{"value": value}]
+    assert len(Store(store).results) == 2
+
+
 def test_progress_counts_every_trial_once():
     told = []
     run_all([TRIALS[0], TRIALS[0], TRIALS[1]], progress=told.append)
