@@ -14,7 +14,7 @@ from occlog.io.files.timestamps import parse_time, read_sidecar
 from occlog.io.frames.camera_source import CameraSource, image_source, video_source
 from occlog.io.frames.folder import ImageFolder, read_folders
 from occlog.io.frames.video_stream import rate_times, sidecar_times, video_times
-from occlog.io.truth.board import read_sync_times
+from occlog.io.truth.calibration_board import read_sync_times
 from occlog.records.losses import Loss
 from occlog.records.scene import Clock, Scene
 

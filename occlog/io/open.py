@@ -17,7 +17,7 @@ from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.inputs import check_input
 from occlog.io.files.parquet import iter_table, read_header
 from occlog.io.files.provenance import Provenance
-from occlog.io.recording.guard import MAGIC
+from occlog.io.recording.mcap_errors import MAGIC
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.io.scenes.scene import read_scene
 from occlog.records.columns import Table

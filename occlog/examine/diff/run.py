@@ -18,7 +18,7 @@ from occlog.io.files.parquet import describe, iter_table
 from occlog.io.files.yaml_file import parse_yaml
 from occlog.io.frames.codec import image_kind
 from occlog.io.open import Content, content_of
-from occlog.io.recording.guard import open_mcap
+from occlog.io.recording.mcap_errors import open_mcap
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.io.recording.rows import RECORDED, schema_of
 from occlog.records.columns import Table, check_order, column

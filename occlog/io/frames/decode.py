@@ -25,7 +25,7 @@ from occlog.records.frames import Image
 from occlog.records.losses import Loss
 
 from .codec import MAX_PIXELS, dark_bars
-from .ledger import Ledger
+from .frame_losses import Ledger
 from .sizes import Changes, size_at
 
 PATIENCE = 64

@@ -13,7 +13,7 @@ from occlog import __version__
 from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import Provenance
 
-from .guard import open_mcap
+from .mcap_errors import open_mcap
 from .reader import Recording
 from .writer import FORMAT, METADATA, VIDEO_METADATA
 

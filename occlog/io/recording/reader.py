@@ -27,7 +27,7 @@ from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 
-from .guard import open_mcap, read_attachment
+from .mcap_errors import open_mcap, read_attachment
 from .rows import RowCollector, schema_of
 from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA
 

@@ -28,7 +28,7 @@ from occlog.io.files.inputs import check_input
 from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
 from occlog.records.tables import Truth, TruthBoxes
 
-from .board import read_board
+from .calibration_board import read_board
 from .xml_boxes import read_xml_boxes
 
 WHAT = "ground truth"

@@ -30,8 +30,8 @@ from occlog.records.scene import Scene
 from occlog.track.in_space.kernels.resampling import moments, redraw
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 
-from .adapted import Way, sight_lines, taken_in
 from .config import Direct3dConfig, SpaceConfig
+from .importance_step import Way, sight_lines, taken_in
 from .sensing import ScanDirections, agrees, pack_directions
 from .smoothing import CloudTrace, through_clouds
 from .start import C, Space, around, found, log_leaving, log_likelihood, make_space

@@ -21,7 +21,7 @@ from occlog.core.bounds.in_space import plane_axes
 from occlog.core.motion.in_space import AccelerationModel
 from occlog.core.sight.projected_planes import AXES
 
-from .adapted import drift_matrix, process_noise
+from .importance_step import drift_matrix, process_noise
 
 PLANE_ROWS = tuple(slice(4 * p, 4 * p + 4) for p in range(3))
 TO_PLANES = np.eye(6)[[k for p in range(3) for k in plane_axes(p)]]

@@ -28,7 +28,7 @@ from occlog.core.sight.projected_planes import (
 from occlog.track.in_space.kernels.importance import Lines
 from occlog.track.in_space.kernels.likelihood import UNIFORM_AZIMUTH, Chances, log_in_plane, scan_log_likelihood
 
-from .adapted import factors
+from .importance_step import factors
 from .plane_errors import PLANE_ROWS, combination_of, measured_errors, rescaled
 from .sensing import ScanDirections
 

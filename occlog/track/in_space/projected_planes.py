@@ -34,9 +34,9 @@ from occlog.records.scene import Scene
 from occlog.track.in_space.kernels.resampling import moments, redraw
 from occlog.track.interface import Cloud, Estimate, Height, Online, Prediction, Smoothing
 
-from .adapted import Way, sight_lines, taken_in
 from .config import PpsConfig
 from .direct3d import REFERENCE_S, Draw, begin, contradicted, elapsed
+from .importance_step import Way, sight_lines, taken_in
 from .plane_errors import begun, combination_of, moved_errors, woken
 from .planes import (
     NOTHING,

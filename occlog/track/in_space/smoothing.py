@@ -19,8 +19,8 @@ from occlog.core.filter.backward import Knot, last_states, spread_of, states_bef
 from occlog.core.motion.in_space import AccelerationModel, moved, moved_back
 from occlog.track.interface import Height, Past
 
-from .adapted import drift_matrix, process_noise
 from .config import SpaceConfig
+from .importance_step import drift_matrix, process_noise
 from .start import motion_of
 
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats
 
+from .box_errors import LASTS_S, Edges, lasting_of, noise_of, slowness_of
 from .config import JipdaConfig
-from .edges import LASTS_S, Edges, lasting_of, noise_of, slowness_of
 from .kernels.joint import BLIND, SIZES, WIDER, Boxes, Rates, Result
 from .people import CALM, TURNING, People
 

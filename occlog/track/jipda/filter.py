@@ -18,6 +18,7 @@ from occlog.records.scene import Camera, Scene
 from occlog.records.seen_ground import box_around, sight_limit
 from occlog.settings import METRES
 
+from .box_errors import Edges, first_edges, good_boxes, learn_edges, sway_of
 from .config import JipdaConfig
 from .cues import Cues, bonus, no_cues, remember
 from .detectors import (
@@ -36,7 +37,6 @@ from .detectors import (
     seen_again,
     turning_rate,
 )
-from .edges import Edges, first_edges, good_boxes, learn_edges, sway_of
 from .interface import NOBODY, Event, Look, Moment, Support, X, Y
 from .kernels.body_box import Views, pack_views
 from .kernels.disagreement import disagreement

@@ -31,9 +31,9 @@ from occlog.track.map.kernels.terms import losses
 from occlog.track.map.kernels.windows import summary
 
 from .barriers import obstacles
+from .believed_bearings import judge
 from .config import MapConfig
 from .fixed_lag import lag_ns, settled
-from .judgement import judge
 from .pending import Pending, begin
 from .record import EMPTY, Record, after, fill, join, record_of
 from .robust import Sought, plain_search, robust_search

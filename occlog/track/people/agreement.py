@@ -11,8 +11,8 @@ from occlog.records.scene import Camera
 from occlog.track.jipda.interface import Moment
 from occlog.track.plausibility.verdict import Finding
 
+from .boxes_by_moment import BoxTally, FrameLook
 from .delay import Delays
-from .looks import BoxTally, FrameLook
 from .rows import LIKELY, seen_in
 
 PLAIN = 0.8

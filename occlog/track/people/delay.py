@@ -11,8 +11,8 @@ from occlog.records.scene import Camera
 from occlog.track.jipda.interface import STATE, Moment
 from occlog.track.jipda.kernels.body_box import pack_views
 
+from .boxes_by_moment import FrameLook
 from .kernels.projection import project
-from .looks import FrameLook
 
 MOMENTS = 1200
 """Moments that are kept from the beginning; more would say no more."""

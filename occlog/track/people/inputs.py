@@ -22,7 +22,7 @@ from occlog.settings import METRES, configure
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Directions
 
-from .looks import (
+from .boxes_by_moment import (
     BoxTally,
     FrameLook,
     FrameTimes,

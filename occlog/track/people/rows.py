@@ -14,8 +14,8 @@ from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.jipda.interface import HEIGHT, VX, VY, WIDTH, Moment, X, Y
 from occlog.track.jipda.kernels.body_box import pack_views
 
+from .boxes_by_moment import FrameLook
 from .kernels.projection import project
-from .looks import FrameLook
 
 LIKELY = 0.5
 """A box is a person's if it is more probably of this person than not."""

@@ -12,7 +12,7 @@ from occlog.array_types import Floats
 from occlog.records.scene import Camera
 from occlog.settings import LENGTH_POWER, Settings, declaration, declared
 
-from .looks import FrameLook
+from .boxes_by_moment import FrameLook
 
 S = TypeVar("S", bound=Settings)
 

@@ -14,7 +14,7 @@ from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Directions, Look, Moment
 
 from .agreement import Agreement
-from .looks import FrameLook
+from .boxes_by_moment import FrameLook
 from .rows import EverybodyInViews, MomentTables, SeenMoment, events_of, support_of, tracks_of
 
 State = TypeVar("State")

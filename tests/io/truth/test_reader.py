@@ -10,7 +10,7 @@ import pytest
 
 from occlog.errors import InputError, UsageError
 from occlog.io.frames.video_stream import rate_times
-from occlog.io.truth.board import read_board, read_sync_times
+from occlog.io.truth.calibration_board import read_board, read_sync_times
 from occlog.io.truth.reader import TruthOptions, read_truth
 from occlog.records.tables import Truth, TruthBoxes
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from occlog.track.jipda.box_errors import first_edges
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.detectors import (
     MOST_AGAIN,
@@ -23,7 +24,6 @@ from occlog.track.jipda.detectors import (
     seen_again,
     turning_rate,
 )
-from occlog.track.jipda.edges import first_edges
 from occlog.track.jipda.kernels.joint import BLIND, Boxes, Rates, Result
 from occlog.track.jipda.people import People, born
 

@@ -8,7 +8,7 @@ from people_boxes import camera
 
 from occlog.track.jipda.interface import Look, Moment, Support
 from occlog.track.people.agreement import FEWEST, Agreement
-from occlog.track.people.looks import BoxTally, FrameLook
+from occlog.track.people.boxes_by_moment import BoxTally, FrameLook
 
 
 def moment(by: list[list[bool]], visible: float = 1.0) -> Moment:

@@ -10,7 +10,7 @@ from occlog.core.numerics.assignment import assign
 from occlog.records.tables import PeopleTracks
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import NOBODY, Event, Look, Moment, Support
-from occlog.track.people.looks import BoxTally, FrameLook, looks_of, moments_of, rows_of_boxes
+from occlog.track.people.boxes_by_moment import BoxTally, FrameLook, looks_of, moments_of, rows_of_boxes
 from occlog.track.people.rows import SeenMoment
 from occlog.track.people.stage import Follower, Tabulator, follow
 

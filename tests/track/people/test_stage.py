@@ -8,7 +8,7 @@ from people_boxes import hall
 
 from occlog.track.jipda.config import JipdaConfig
 from occlog.track.jipda.interface import Look, Moment, no_support
-from occlog.track.people.looks import FrameLook
+from occlog.track.people.boxes_by_moment import FrameLook
 from occlog.track.people.stage import ROWS_PER_PART, Follower, follow
 
 SCENE = hall("ab")

@@ -16,8 +16,8 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from ..kernels.body_box import Views, box_and_slope, expected_box
-from ..kernels.cover import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
 from ..kernels.joint import Boxes, Rates, edge_noise, interpolate, log_nobody, precision, shifted
+from ..kernels.visible_share import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
 
 LOG_2PI = math.log(2.0 * math.pi)
 MOST_SURE = 0.995

@@ -17,9 +17,9 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from .body_box import Views, box_and_slope
-from .cover import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
 from .linear import invert
 from .merged import outline, own_edges, pair_messages, touching
+from .visible_share import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
 
 LEFT_OUT = 1e10
 """Variance [px^2] of an edge that says nothing."""

@@ -16,8 +16,8 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from .cover import below
 from .marginals import CONVERGED, MOST_ITERATIONS
+from .visible_share import below
 
 SURE_PAIR = 0.2
 """Pairs are looked at if both exist with at least this probability."""

@@ -17,9 +17,9 @@ from occlog.array_types import Floats
 from occlog.core.numerics.jit import kernel
 
 from .body_box import Views, box_and_slope
-from .cover import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
 from .joint import LOG_2PI, Boxes, Rates, edge_noise, interpolate, log_density, log_nobody, precision, shifted
 from .linear import invert
+from .visible_share import COLUMNS, ROWS, clear_cells, hide_behind, inside_image
 
 NEWTON_STEPS = 4
 LEAST_FREE = 0.2

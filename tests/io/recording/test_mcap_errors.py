@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from occlog.errors import InputError
-from occlog.io.recording.guard import FOOTER_BYTES, MAGIC, MAX_CHUNK_BYTES, open_mcap, read_attachment
+from occlog.io.recording.mcap_errors import FOOTER_BYTES, MAGIC, MAX_CHUNK_BYTES, open_mcap, read_attachment
 
 NOTE = b"what the attachment says"
 
