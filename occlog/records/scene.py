@@ -149,12 +149,12 @@ class Scene:
 
     cameras: tuple[Camera, ...] = ()
     arrays: tuple[MicrophoneArray, ...] = ()
-    readers: tuple[Reader, ...] = ()
     occluders: tuple[Occluder, ...] = ()
     clocks: tuple[Clock, ...] = ()
     room: Floats | None = None  # (K, 2), counter-clockwise; None: unbounded
     room_height: float = 2.5
     length_unit: str = "m"
+    readers: tuple[Reader, ...] = ()
 
     @property
     def sensors(self) -> tuple[Camera | MicrophoneArray | Reader, ...]:

@@ -13,8 +13,10 @@ import pytest
 from occlog.errors import InputError, OutputExistsError
 from occlog.io.files import parquet
 from occlog.io.files.provenance import Provenance
+from occlog.records.gallery import MOST_BINS, OTHER, AppearanceMatches, Gallery
 from occlog.records.losses import Loss
 from occlog.records.people import KINDS, Events
+from occlog.records.robots import PATH_STATES, RobotPath
 from occlog.records.tables import APPEARANCE_BINS, TABLES, Bearings, Hulls, Occluders, Tracks, Views
 from occlog.records.views import COUNTERPARTS, EVENTS, Failures, ViewTracks
 
@@ -25,6 +27,9 @@ WORDS = {
     (ViewTracks, "counterpart"): COUNTERPARTS,
     (Failures, "kind"): ["position", "label"],
     (Events, "kind"): KINDS,
+    (RobotPath, "state"): PATH_STATES,
+    (AppearanceMatches, "decision"): [OTHER],
+    (AppearanceMatches, "reason"): [""],
 }
 
 
@@ -60,6 +65,11 @@ def random_table(table: type, rows: int, seed: int = 0):
     elif table is Hulls:
         values |= {"occluder_id": np.full(rows, -1), "corner": np.zeros(rows, np.int32)}
         values |= {"x": np.full(rows, np.nan), "y": np.full(rows, np.nan)}
+    if table is Gallery:
+        values |= {name: np.full(rows, 5) for name in ("angles", "bins")}
+        values |= {"target_id": np.arange(rows), "angle": np.arange(rows) % 5 + 1}
+        values |= {"samples": values["samples"] + 1, "pixels": values["pixels"] + 1}
+        values["density"] = np.zeros((rows, MOST_BINS)) + (np.arange(MOST_BINS) < 5) / 5
     return table.of(**values)
 
 
