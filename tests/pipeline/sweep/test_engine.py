@@ -14,7 +14,6 @@ import pytest
 from sweep_scene import trial, without_times
 
 from occlog.errors import InputError, UsageError
-from occlog.pipeline.sweep import engine
 from occlog.pipeline.sweep.engine import Store, TrialError, key_of, run_all
 from occlog.pipeline.sweep.trial import run_trial
 
@@ -72,12 +71,14 @@ def test_a_scheduler_that_is_not_there_is_told(address):
     assert done.stderr == ""
 
 
-def test_finished_trials_are_not_run_again(tmp_path, monkeypatch):
+def test_finished_trials_are_not_run_again(tmp_path):
     store = tmp_path / "trials.jsonl"
-    first = run_all(TRIALS[:2], store=store)
-    monkeypatch.setattr(engine, "run_trial", lambda spec: {"rmse": 1.0})
-    second = run_all(TRIALS[:3], store=store)
-    assert [r["rmse"] for r in second] == [first[0]["rmse"], first[1]["rmse"], 1.0]
+    run_all(TRIALS[:2], store=store)
+    rows = [json.loads(line) for line in store.read_text().splitlines()]
+    store.write_text("".join(json.dumps({**row, "result": {"rmse": -1.0 - k}}) + "\n" for k, row in enumerate(rows)))
+    found = [r["rmse"] for r in run_all(TRIALS[:3], store=store)]
+    assert sorted(found[:2]) == [-2.0, -1.0]
+    assert found[2] > 0.0
 
 
 def worker_processes(script):
