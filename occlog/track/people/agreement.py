@@ -21,6 +21,8 @@ FEWEST = 50
 """Of a camera that should have seen fewer people nothing is said."""
 LEAST = 0.5
 """A camera that detects so small a share of whom it should, of the share of the other cameras, does not agree."""
+LESS = 0.97
+"""A camera that sees a smaller share than this of that of the others may have a wrong clock: tracks follow it, too."""
 LEAST_ALONE = 0.25
 """The same for the share itself, where there is no third camera to compare with."""
 TWICE = 0.2
@@ -96,8 +98,8 @@ class Agreement:
             others = np.delete(shares, c)
             others = others[np.isfinite(others)]
             limit = LEAST * float(np.median(others)) if len(others) > 1 else LEAST_ALONE
-            # A wrong clock can show in the offsets alone: tracks may follow such a camera, too
-            late = self._delays.late(c, self.fewest)
+            usual = float(np.median(others)) if len(others) else 0.0
+            late = self._delays.late(c, self.fewest) if shares[c] < max(limit, LESS * usual) else float("nan")
             if shares[c] < limit or np.isfinite(late):
                 yield Finding(
                     "camera-disagrees",

@@ -84,7 +84,11 @@ class Delays:
         span = int(times[-1] - times[0]) // step
         offsets = np.arange(-span, span + 1)
         shares, fits = np.full((2, len(offsets)), np.nan)
-        for k, offset in enumerate(offsets.tolist()):
+        # No offset first: where it explains the boxes, none can explain so many more
+        for k in sorted(range(len(offsets)), key=lambda k: k != span):
+            if shares[span] > 1.0 - ABOVE:
+                return float("nan")
+            offset = int(offsets[k])
             asked = looked - offset * step
             near = np.clip(np.searchsorted(times, asked - step // 2), 0, len(times) - 1)
             good = np.abs(times[near] - asked) <= step
