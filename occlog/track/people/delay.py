@@ -16,7 +16,7 @@ from .kernels.projection import project
 
 MOMENTS = 1200
 """Moments that are kept from the beginning; more would say no more."""
-LOOKS = 150
+LOOKS = 60
 """Looks of a camera that are compared, evenly spread; at most twice as many are kept."""
 FEWEST = 20
 """Looks that an offset must leave to be compared."""
