@@ -23,7 +23,7 @@ from occlog.records.frames import Frame, Image
 from occlog.records.scene import Camera, Scene
 from occlog.simulate.config import RenderConfig, WorldConfig
 from occlog.simulate.render.people import render
-from occlog.simulate.render.reference import reference_appearances
+from occlog.simulate.render.target_colours import reference_appearances
 from occlog.simulate.stage import simulate_truth
 
 NAME = "detect"

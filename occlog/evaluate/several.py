@@ -79,7 +79,7 @@ def run_evaluate_several(
     options.check_outputs(files, (paths.output,), paths.overwrite)
     kinds = {in_images(recording.tracks) for recording in recordings}
     if len(kinds) > 1:
-        raise UsageError("--also: tracks in images and tracks on the ground cannot be put together")
+        raise UsageError("also: tracks in images and tracks on the ground cannot be put together")
     names = _names(recordings)
     if kinds.pop():
         told = {**given} if frames is None else {**given, "frames": frames}
@@ -163,7 +163,7 @@ def _of_ground(
         tables = read_tables(replace(paths, tracks=recording.tracks, truth=recording.truth))
         tables = tables if frames is None else in_frames(tables, frames)
         if tables.tracks is None or tables.truth is None:
-            raise UsageError(f"--also: {recording.truth} holds no true positions")
+            raise UsageError(f"also: {recording.truth} holds no true positions")
         units.append(tables.scene.length_unit)
         born = born_from_detections(recording.tracks)
         own = "start" if born else ("label" if chosen.match == "id" else "best")
@@ -171,7 +171,7 @@ def _of_ground(
         each[name] = evaluate_ground(tables.tracks, tables.truth, config, chosen.limit_ns, units[0]).metrics
         sides.append((tables.tracks, tables.truth))
     if len(set(units)) > 1:
-        raise UsageError(f"--also: lengths are in {' and '.join(sorted(set(units)))}; they cannot be put together")
+        raise UsageError(f"also: lengths are in {' and '.join(sorted(set(units)))}; they cannot be put together")
     tracks, truth, times = _positions_together(sides)
     whole = evaluate_ground(tracks, truth, config, chosen.limit_ns, units[0], times)
     return Several(each, _combined(whole.metrics), units[0])

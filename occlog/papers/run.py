@@ -39,7 +39,7 @@ from occlog.pipeline.sweep.engine import run_all
 from occlog.pipeline.sweep.trial import Spec
 
 from .catalogue import PAPERS, RECORDED, TITLES, Finding, choose, reproduce, size_of
-from .made import Made, made_by
+from .page_provenance import Made, made_by
 
 STORE = "trials.jsonl"
 SIZE = re.compile(r"([\w.-]+)=(\d+)x(\d+)")

@@ -30,7 +30,7 @@ from occlog.records.scene import Scene
 from occlog.records.scripts import Script
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import SettingError, configure
-from occlog.simulate.render.reference import reference_appearances
+from occlog.simulate.render.target_colours import reference_appearances
 from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.world.people_room import CLEARANCE, people_apart, people_room

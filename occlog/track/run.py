@@ -22,7 +22,7 @@ from occlog.measure.scans.sources import in_turn, only_measured
 from occlog.records.tables import Bearings, Calibration, Cooperation, Diagnostics, Residuals, Tracks
 from occlog.settings import METRES, Settings, configure
 from occlog.track.apf.selection_config import SelectConfig
-from occlog.track.drivers.messages import Messages
+from occlog.track.drivers.network_cost import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.imm.config import START_NUMBERS, ImmConfig

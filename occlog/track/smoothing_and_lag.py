@@ -1,4 +1,8 @@
-"""Settings of methods that can look back: whether estimates use what was recorded after them."""
+"""Settings of methods that can look back: whether estimates use what was recorded after them.
+
+Particle filters look back in `occlog.track.drivers.lookback`, `map` in `occlog.track.map.fixed_lag`, `jipda` in
+`occlog.track.jipda.batch`.
+"""
 
 from __future__ import annotations
 

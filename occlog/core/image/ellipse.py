@@ -2,7 +2,8 @@
 
 An ellipse is a row (cx, cy, a, b, rho): centre [px], half axes a and b [px] and the angle
 rho [rad] of axis a, from +x (to the right) to +y (down).  The axes may come in any order.
-Pixel centres are at whole numbers.  Colours inside an ellipse are in `ellipse_colour`.
+Pixel centres are at whole numbers.  `occlog.track.images.kernels.ellipse_colour`
+compares the colours inside.
 """
 
 from __future__ import annotations

@@ -107,7 +107,7 @@ class SightingInput:
             if not found:
                 raise InputError(
                     f"{self.files.boxes}: no box has an identity that tells a path on the floor; give tracks, for "
-                    "example of `occlog track --method jipda`"
+                    "example those of `occlog track` with method jipda"
                 )
             return found
         source: Opened = self._tracks

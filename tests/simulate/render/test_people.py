@@ -10,7 +10,7 @@ from occlog.records.scene import Camera, Occluder, Scene
 from occlog.records.tables import Truth, TruthBoxes
 from occlog.simulate.config import RenderConfig
 from occlog.simulate.render.people import render, scene_metre
-from occlog.simulate.render.reference import reference_appearances
+from occlog.simulate.render.target_colours import reference_appearances
 
 ROOM = np.array([[0.0, 0.0], [8.0, 0.0], [8.0, 6.0], [0.0, 6.0]])
 PILLAR = np.array([[4.0, 2.0], [4.5, 2.0], [4.5, 2.5], [4.0, 2.5]])

@@ -15,7 +15,7 @@ from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.filter import METHOD
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.apf.selection_policies import choose, network
-from occlog.track.drivers.messages import Messages
+from occlog.track.drivers.network_cost import Messages
 from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.interface import Cloud

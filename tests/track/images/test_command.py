@@ -197,7 +197,7 @@ def test_a_start_in_a_later_frame(balls, tmp_path):
 def test_inputs_without_images(balls, tmp_path, capsys):
     bearings = tmp_path / "b.parquet"
     write_table(bearings, Bearings.empty(), Provenance("test"))
-    assert "is not a recording (.mcap); --method bmct tracks in images" in refused(
+    assert "is not a recording (.mcap); method bmct tracks in images" in refused(
         capsys, track(bearings, tmp_path, initial=None)
     )
     plain = record_balls(tmp_path / "plain.mcap", keep=lambda view, frame: False)

@@ -118,7 +118,7 @@ class ViewsInput:
         if not self._placed():
             raise InputError(
                 f"{self.request.recording}: no camera has a pose, so nothing can be told of the ground; give a scene "
-                "with poses (--scene), or leave --world out"
+                "with poses, or leave world out"
             )
 
     def starts(self) -> tuple[tuple[Start, ...], int]:
@@ -203,14 +203,14 @@ def open_video(request: ViewsRequest) -> tuple[Opened, Recording]:
     opened = open_if_ours(path)
     if opened is None or opened.recording is None:
         raise InputError(
-            f"{path}: is not a recording (.mcap); --method {method} tracks in images: give a recording with video, "
+            f"{path}: is not a recording (.mcap); method {method} tracks in images: give a recording with video, "
             "made with `occlog ingest` or `occlog simulate`"
         )
     recording = opened.recording
     if not recording.cameras:
         raise InputError(
-            f"{path}: holds no images; --method {method} tracks in images: give a recording with video, or track its "
-            "bearings with another method, for example --method apf"
+            f"{path}: holds no images; method {method} tracks in images: give a recording with video, or track its "
+            "bearings with another method, for example apf"
         )
     return opened, recording
 
