@@ -187,7 +187,7 @@ def test_what_the_tracker_says_of_itself(folder: Path, capsys: pytest.CaptureFix
     assert run(both) == ExitCode.DONE
     assert "born from detections, so that their numbers are not those of targets; --own start" in _notes(capsys)
     assert run([*both, "--own", "label"]) == ExitCode.DONE
-    assert "FR needs own start" in _notes(capsys)
+    assert "FR needs --own start" in _notes(capsys)
     assert figures([*both, "--own", "start"], capsys)["fr_p_sensor_north"] == 1.0
     assert "born" not in _notes(capsys)
     assert figures(both, capsys) == figures([*both, "--own", "start"], capsys)

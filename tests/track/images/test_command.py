@@ -202,7 +202,7 @@ def test_inputs_without_images(balls, tmp_path, capsys):
     )
     plain = record_balls(tmp_path / "plain.mcap", keep=lambda view, frame: False)
     said = refused(capsys, track(plain, tmp_path, initial=None))
-    assert "plain.mcap: holds no images; --method bmct tracks in images" in said
+    assert "plain.mcap: holds no images; method bmct tracks in images" in said
     assert "no images of camera 'view9'; did you mean" in refused(
         capsys, track(balls, tmp_path, "--cameras", "view9"), ExitCode.USAGE
     )

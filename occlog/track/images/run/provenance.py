@@ -32,11 +32,11 @@ def own_notes(tracks: Path | None, own: str, asked: str | None) -> list[str]:
     Args:
         tracks: the tracks.
         own: how it is found.
-        asked: value that was asked for; None: not given.
+        asked: value of --own; None: not given.
     """
     if not born_from_detections(tracks) or asked not in (None, "label"):
         return []
-    how = f"own {own} is used" if asked is None else "FR needs own start"
+    how = f"--own {own} is used" if asked is None else "FR needs --own start"
     return [f"{tracks}: {FROM_DETECTIONS}; {how}"]
 
 
