@@ -27,7 +27,7 @@ from occlog.papers.page.planplot import Plan
 from occlog.papers.page.shotplot import Shots
 from occlog.papers.qu import statements as qu_statements
 from occlog.papers.qu import variants
-from occlog.papers.qu.experiments import failures, fig7, loop, table1, table2, table3
+from occlog.papers.qu.experiments import failures, fig7, loop, motion, table1, table2, table3
 from occlog.papers.rahimi import results, search, trust
 from occlog.papers.rahimi import statements as rahimi_statements
 from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
@@ -59,7 +59,16 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
         *READER_EXPERIMENTS,
         *TRAFFIC_EXPERIMENTS,
     ),
-    "qu": (table1.TABLE1, table2.TABLE2, failures.FAILURES, table3.TABLE3, fig7.FIG7, *variants.VARIANTS, loop.LOOP),
+    "qu": (
+        table1.TABLE1,
+        table2.TABLE2,
+        failures.FAILURES,
+        table3.TABLE3,
+        fig7.FIG7,
+        *variants.VARIANTS,
+        motion.MOTION,
+        loop.LOOP,
+    ),
 }
 """Every paper's experiments, in the order of the paper."""
 SOURCES: dict[str, Sources] = {

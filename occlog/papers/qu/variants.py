@@ -50,7 +50,7 @@ VIEWS = Variant(
     label="views that are used",
     title="More views",
     values=(1, 2, 3, 4),
-    quick=(1, 3),
+    quick=(2, 3),
     note="Six balls of radius 22 px in a video of four views, of which the methods get the first ones; rates are those "
     "of the views that they get.",
 )

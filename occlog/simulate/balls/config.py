@@ -10,6 +10,10 @@ from occlog.settings import Settings, setting
 
 FAR = 1e6
 """At this distance [px] places and sizes in an image of 320 px change by less than 0.03 px with depth."""
+MOTIONS = ("straight", "walk", "manoeuvre")
+"""How balls may move: straight on at constant speed, by steps at random, or with accelerations at random."""
+FASTEST = 2.0
+"""Balls that manoeuvre are at most this many times as fast as `speed`."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +66,24 @@ class BallsConfig(Settings):
         1.0, "Noise of every colour alone.", at_least=0, option="--colour-noise", metavar="LEVELS"
     )
     clutter: int = setting(6, "Patches in the balls' colours on each background.", at_least=0, option="--clutter")
+    motion: str = setting(
+        "straight",
+        f"Straight on; a random walk whose steps have the standard deviation `speed` along each axis; or manoeuvres: "
+        f"random accelerations, with at most {FASTEST:g} times `speed`.",
+        choices=MOTIONS,
+        option="--ball-motion",
+    )
+    acceleration: float = setting(
+        1.0,
+        "Of balls that manoeuvre: standard deviation of the change of the velocity in a frame, along each axis.",
+        unit="px",
+        at_least=0,
+        option="--ball-acceleration",
+        metavar="PX",
+    )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:
-        """The cameras are outside the box in which the balls fly."""
+        """The cameras are outside the box in which the balls fly; balls that collide fly straight on in between."""
         limit = self.width + self.height + 4 * self.radius
         yield "distance", self.distance > limit, f"above {limit:g}, outside the box"
+        yield "motion", self.motion == "straight" or not self.collide, "straight for balls that collide"

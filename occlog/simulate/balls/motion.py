@@ -18,7 +18,7 @@ from occlog.core.sight.camera import rotation_from_angles
 from occlog.errors import InputError
 from occlog.records.scene import Camera
 
-from .config import BallsConfig
+from .config import FASTEST, BallsConfig
 
 VIEWS = ((0.0, 0.0), (90.0, 0.0), (45.0, -15.0), (135.0, -15.0), (20.0, -10.0), (110.0, -10.0))
 """Yaw and pitch [deg] of the cameras that there may be: the two of the paper, then more that look down."""
@@ -96,11 +96,14 @@ def ball_paths(config: BallsConfig, seed: int) -> BallPaths:
     # Move them independently of each other, or as balls that collide
     speeds = config.speed * np.array([rng.uniform(0.5, 1.5) for rng in rngs])
     velocity = speeds[:, None] * _directions(rngs)
-    centres = _bounce(config, start, velocity, reach) if config.collide else _fly(config, start, velocity, reach)
     # Turn each about an axis of its own
     axes = _directions(rngs)
     first = np.array([rng.uniform(0.0, 2.0 * np.pi) for rng in rngs])
     angles = first + config.spin * np.arange(config.frames)[:, None]
+    if config.collide:
+        centres = _bounce(config, start, velocity, reach)
+    else:
+        centres = _folded(start + _way(config, velocity, rngs), reach)
     centres[..., 2] += 0.5 * config.height
     return BallPaths(centres, _rotations(axes, angles))
 
@@ -134,10 +137,32 @@ def _start(config: BallsConfig, reach: Floats, rng: np.random.Generator) -> Floa
     raise InputError(f"balls: {config.balls} are more than the {TRIES} that there can be; take fewer")
 
 
-def _fly(config: BallsConfig, start: Floats, velocity: Floats, reach: Floats) -> Floats:
-    """(T, n, 3) places of balls that only the walls throw back: a straight way, folded into the box."""
-    straight = start + velocity * np.arange(config.frames)[:, None, None]
-    folded = np.mod(straight + reach, 4.0 * reach)
+def _way(config: BallsConfig, velocity: Floats, rngs: list[np.random.Generator]) -> Floats:
+    """(T, n, 3) ways of the balls from their starts if there were no walls.
+
+    Args:
+        config: kind of motion.
+        velocity: (n, 3) at the start [px a frame].
+        rngs: of each ball.
+    """
+    T = config.frames
+    if config.motion == "straight":
+        return np.asarray(velocity * np.arange(T)[:, None, None])
+    drawn = np.stack([rng.standard_normal((T - 1, 3)) for rng in rngs], axis=1)
+    steps = config.speed * drawn
+    if config.motion == "manoeuvre":
+        v = velocity
+        for t in range(T - 1):
+            v = v + config.acceleration * drawn[t]
+            speed = np.linalg.norm(v, axis=1, keepdims=True)
+            v = v * np.minimum(1.0, FASTEST * config.speed / np.maximum(speed, 1e-12))
+            steps[t] = v
+    return np.concatenate([np.zeros((1, *velocity.shape)), np.cumsum(steps, axis=0)])
+
+
+def _folded(way: Floats, reach: Floats) -> Floats:
+    """(T, n, 3) places in the box of balls that only the walls throw back: a way without walls, folded into the box."""
+    folded = np.mod(way + reach, 4.0 * reach)
     return np.asarray(np.where(folded > 2.0 * reach, 4.0 * reach - folded, folded) - reach)
 
 

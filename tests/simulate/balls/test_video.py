@@ -7,6 +7,7 @@ import pytest
 
 from occlog.core.image.ellipse import quadratic
 from occlog.errors import InputError
+from occlog.settings import SettingError, configure
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import BallPaths, ball_box, ball_cameras, ball_ellipses, ball_paths
 from occlog.simulate.balls.video import FOOTBALL, football_faces, render_balls
@@ -82,6 +83,36 @@ def test_ways_are_straight_but_for_the_walls():
         np.testing.assert_allclose(place, centres[t] - [0, 0, 120], atol=1e-8)
     speed = np.linalg.norm(step[0], axis=1)
     assert ((speed > 2.0) & (speed < 6.0)).all()
+
+
+@pytest.mark.parametrize("motion", ["walk", "manoeuvre"])
+def test_motions_of_one_seed_start_alike_stay_in_the_box_and_step_as_told(motion):
+    config = BallsConfig(frames=400, motion=motion)
+    paths, straight = ball_paths(config, 3), ball_paths(replace(config, motion="straight"), 3)
+    np.testing.assert_array_equal(paths.centres[0], straight.centres[0])
+    np.testing.assert_array_equal(paths.turns, straight.turns)
+    reach = ball_box(config) - 22.0
+    assert (np.abs(paths.centres - [0, 0, 120]) <= reach + 1e-9).all()
+    steps = np.diff(paths.centres, axis=0)
+    if motion == "walk":
+        assert steps.std() == pytest.approx(3.0, rel=0.05)
+        return
+    speed = np.linalg.norm(steps, axis=-1)
+    assert 0.999 * 6.0 < speed.max() <= 6.0 + 1e-9
+    # Where neither the walls nor the limit of the speed changes them, velocities change by 1 px a frame along each axis
+    free = (speed[1:] < 4.0) & (speed[:-1] < 4.0) & (np.abs(paths.centres[1:-1] - [0, 0, 120]) < reach - 7.0).all(-1)
+    assert free.sum() > 200
+    assert np.diff(steps, axis=0)[free].std() == pytest.approx(1.0, rel=0.1)
+
+
+def test_a_video_of_one_frame_has_every_motion():
+    for motion in ("straight", "walk", "manoeuvre"):
+        assert ball_paths(BallsConfig(frames=1, motion=motion), 1).centres.shape == (1, 6, 3)
+
+
+def test_balls_that_collide_fly_straight_on():
+    with pytest.raises(SettingError, match="straight for balls that collide"):
+        configure(BallsConfig(), {"collide": True, "motion": "walk"})
 
 
 def test_balls_that_collide_keep_their_energy_and_stay_apart():

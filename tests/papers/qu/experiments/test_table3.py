@@ -9,7 +9,7 @@ import pytest
 
 from occlog.papers.qu import variants
 from occlog.papers.qu.common import METHODS, PARTS, everywhere, ordered, seed_of, spec_of
-from occlog.papers.qu.experiments import fig7, loop, table1, table3
+from occlog.papers.qu.experiments import fig7, loop, motion, table1, table3
 from occlog.papers.qu.experiments.fig7 import fig7_shots
 from occlog.papers.qu.experiments.table3 import RATES
 from occlog.papers.verdicts import verdicts as v
@@ -129,6 +129,33 @@ def test_variants_have_both_rates_at_every_value(experiment) -> None:
     assert words[f"{experiment.item}-fr_p"] == words[f"{experiment.item}-fr_l"] == v.REPRODUCED
     if experiment.item == "views":
         assert "views-fr_p-more" not in words  # nothing to gain with any number
+
+
+def test_motions_are_judged_one_by_one_and_the_remedy_against_bmct() -> None:
+    def trials(specs):
+        out = made_up(specs)
+        for spec, result in zip(specs, out, strict=True):
+            hard = spec["balls"]["motion"] == "manoeuvre"
+            for rate in RATES:
+                result[f"bmct.{rate}"] = 0.2 + 0.01 * (spec["seed"] % 3) if hard else 0.01
+                result[f"{motion.REMEDY}.{rate}"] = 0.05 if hard else 0.011
+                result[f"idmot.{rate}"] = 0.15 + 0.01 * (spec["seed"] % 2)
+        return out
+
+    table = motion.MOTION.compute(Size(12, 40), trials)
+    assert len(table) == 2 * 5 * 3
+    words = found(motion.MOTION.judge(table))
+    assert words["motion-fr_p"] == words["motion-fr_l"] == v.IN_PART  # not where they manoeuvre
+    assert words["motion-straight-fr_l-followed"] == words["motion-walk-fr_l-followed"] == v.REPRODUCED
+    assert words["motion-manoeuvre-fr_l-followed"] == v.NOT
+    assert words["motion-manoeuvre-fr_l-remedy"] == words["motion-manoeuvre-fr_p-remedy"] == v.REPRODUCED
+    assert words["motion-walk-fr_l-cost"] == words["motion-straight-fr_p-cost"] == v.REPRODUCED
+
+
+def test_the_quick_form_of_the_views_measures_their_cost() -> None:
+    table = variants.VARIANTS[2].compute(Size(2, 40, quick=True), made_up)
+    cost = next(x for x in variants.VARIANTS[2].judge(table) if x.id == "views-cost")
+    assert cost.measured == pytest.approx(0.0)  # the made-up times do not grow
 
 
 def test_loop_counts_wrong_trackers_and_compares_with_idmot() -> None:
