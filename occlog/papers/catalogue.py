@@ -14,14 +14,16 @@ from occlog.papers.lee import statements as lee_statements
 from occlog.papers.lee.appearance.coefficient import COEFFICIENT
 from occlog.papers.lee.appearance.faces import FACES
 from occlog.papers.lee.appearance.motion import MOTION
+from occlog.papers.lee.cooperation.drawn_cases import DRAWN_EXPERIMENTS
 from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS
+from occlog.papers.lee.cooperation.parallel_projection import SEC3_2_2
 from occlog.papers.lee.cooperation.room import ROOM_EXPERIMENTS
 from occlog.papers.lee.fusion.cases import DECISION_EXPERIMENTS
 from occlog.papers.lee.fusion.detection_rates import FUSION_EXPERIMENTS
 from occlog.papers.lee.navigation.escapes import ESCAPE_EXPERIMENTS
 from occlog.papers.lee.navigation.forces import FORCE_EXPERIMENTS
 from occlog.papers.lee.readers.coarse_and_refined import READER_EXPERIMENTS
-from occlog.papers.lee.space import scenarios, tables, variances
+from occlog.papers.lee.space import scenarios, tables, variances, weight_sums
 from occlog.papers.lee.traffic.delays import TRAFFIC_EXPERIMENTS
 from occlog.papers.page.planplot import Plan
 from occlog.papers.page.shotplot import Shots
@@ -39,12 +41,15 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
     "lee": (
         # Chapter 2
         variances.VARIANCES,
+        weight_sums.FIG2_7,
         *tables.TABLES,
         *scenarios.SCENARIOS,
         scenarios.SENSORS,
         scenarios.COUNTED,
         # Chapter 3
+        SEC3_2_2,
         *FIELD_EXPERIMENTS,
+        *DRAWN_EXPERIMENTS,
         *ROOM_EXPERIMENTS,
         # Chapter 4
         *DECISION_EXPERIMENTS,

@@ -31,6 +31,15 @@ SOURCES: Sources = {
         "Fig. 2-2, Sec. 2.1.2", "angles phi between 45 and 135 degrees are projected with a smaller variance", 13
     ),
     "variances-xy": Source("Sec. 2.2.1", "the projected variance in xy-plane is the second best plane", 20),
+    "fig2.7-larger": Source(
+        "Fig. 2-7, Sec. 2.2.2", "weight-sums of PPS method is larger than those of the direct 3-D Method", 29
+    ),
+    "fig2.7-unit": OWN,
+    "fig2.7-sensitive": Source(
+        "Fig. 2-7, Sec. 2.2.2",
+        "the selected plane is less sensitive to measurement noise than the direct 3-D model",
+        29,
+    ),
     "table2.1": Source("Table 2.1", "", 26),
     "table2.1-alike": Source("Table 2.1, Sec. 2.2.2", "have similar tracking performances", 26),
     "table2.2": Source("Table 2.2", "", 26),
@@ -47,6 +56,15 @@ SOURCES: Sources = {
     "particles-bound": OWN,
     "sensors": Source("Figs. 2-12 and 2-13, Sec. 2.4.5", "better comparing single sensor based estimation", 43),
     # Chapter 3
+    "sec3.2.2": OWN,
+    "sec3.2.2-improves": Source(
+        "Secs. 3.2.2 and 5.2.3", "the refined estimation with visual sensors improves any coarse estimation", 138
+    ),
+    "sec3.2.2-depth": Source("Eqs. 5.39 and 5.40, Sec. 5.2.3", "the Equation (5.39) is modified", 135),
+    "fig3.4": Source("Fig. 3-4, Sec. 3.3.1", "", 58),
+    "fig3.4-grows": Source(
+        "Fig. 3-4, Sec. 3.3.1", "As the noise variance increases, the estimation has a higher Root-Mean-Square", 58
+    ),
     "fig3.6": Source("Fig. 3-6, Sec. 3.3.1", CLOSER, 60),
     "fig3.7-count": Source(
         "Fig. 3-7, Eq. 3.14", "The visual sensor cooperation should be triggered in case of (3.14)", 63
@@ -55,6 +73,22 @@ SOURCES: Sources = {
         "Figs. 3-8, 3-10 and 3-13, Eq. 3.15", "cooperation are triggered not by (3.16) but from (3.15)", 69
     ),
     "fig3.11-ellipse": Source("Fig. 3-11, Eq. 3.16", "the triggering condition in (3.15) is not enough", 67),
+    "fig3.8": Source(
+        "Fig. 3-8, Sec. 3.3.3",
+        "The triggering based on (3.14) cannot trigger [...] for a simultaneous varying number of objects",
+        63,
+    ),
+    "fig3.8-soon": Source(
+        "Fig. 3-8, Sec. 3.3.3",
+        "should trigger the visual sensor association by considering the estimation performance",
+        64,
+    ),
+    "fig3.8-more": OWN,
+    "fig3.10-drawn": Source(
+        "Fig. 3-10, Eq. 3.15", "strays off from the 95 % confidence true bearing range of z^1(k)", 66
+    ),
+    "fig3.11-drawn": Source("Fig. 3-11, Eq. 3.16", "the triggering condition in (3.15) is not enough", 67),
+    "fig3.13-drawn": Source("Fig. 3-13", "triggered not by (3.16) but from (3.15)", 69),
     "fig3.14": Source("Fig. 3-14, Sec. 3.3.4", LESS, 71),
     "fig3.14-none": Source("Table 3.1", "", 72),
     "fig3.14-thesis-count": OWN,

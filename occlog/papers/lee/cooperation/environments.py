@@ -1,24 +1,33 @@
-"""The two environments of [Lee] Ch. 3, the field of Fig. 3-7 and the room of Sec. 3.4, with simulated bearings.
+"""The environments of [Lee] Ch. 3 with simulated bearings: those of Fig. 3-4, of Fig. 3-7 and of Sec. 3.4.
 
 The room's ranges are those on the ground, so its sensors are at the height of the objects.
 
 The thesis does not print which way the turns go, where the cameras of the field stand, and the
 ranges of the room's sensors.  They are chosen as in the files of the same names in `examples/`.
+
+Of Fig. 3-4 the text has the starts of the three objects, the number of samples, the models and the
+noise; the paths are only drawn, and the figure is lost.  So each run draws paths of its own: speeds
+of 0.2 to 0.3 m/s towards the sensor's side of the field, and one of the three models in each of the
+stretches of Fig. 3-7.  The sensor is at the origin, as the bearings of Eqs. 3.2 and 3.4 are.
 """
 
 from __future__ import annotations
 
 import functools
+import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.time_grid import Grid
+from occlog.core.plane.polygons import inside_polygon
 from occlog.io.scenes.paths import paths_from_yaml
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.measure.scans.sources import bearings_of_doa, in_time
 from occlog.records.scene import Scene
+from occlog.records.scripts import Script
 from occlog.records.tables import Bearings
 from occlog.simulate.config import ObserveConfig
 from occlog.simulate.sensors.arrays import observe_arrays
@@ -104,9 +113,28 @@ targets:
   segments:
   - {from_s: 13, velocity: [0, -1.3]}
 """
+OPEN = """
+occlog_scene: 1
+length_unit: m
+room: [[-20, -20], [70, -20], [70, 70], [-20, 70]]
+microphone_arrays:
+- {name: mic, position: [0, 0], sigma_deg: 2.23606797749979, planar: true, rate_hz: 1}
+cameras:
+- {name: cam1, position: [-20, -20, 3], yaw_deg: 45, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
+- {name: cam2, position: [70, -20, 3], yaw_deg: 135, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
+- {name: cam3, position: [-20, 70, 3], yaw_deg: 315, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
+"""
+OPEN_STARTS = ((50.0, 30.0), (35.0, 50.0), (45.0, 45.0))
+"""Where the objects of Fig. 3-4 begin [m]."""
+OPEN_SPEEDS, OPEN_SIDE = (0.2, 0.3), math.radians(45.0)
+"""Least and greatest speed [m/s], and how far a first course may be from that to the origin."""
+STRETCHES = ((50, 100), (100, 150), (150, 200))
+"""Times between which one model holds, as in Fig. 3-7 [s]; the first stretch is straight."""
 HEIGHT = 0.9
 """Height of the sound sources [m]."""
-TEXTS = {"field": (FIELD, FIELD_PATHS), "room": (ROOM, ROOM_PATHS)}
+PAIR = "\n".join(line for line in FIELD.splitlines() if "cam3" not in line)
+"""The field with the two cameras alone whose axes are at a right angle."""
+TEXTS = {"field": (FIELD, FIELD_PATHS), "pair": (PAIR, FIELD_PATHS), "room": (ROOM, ROOM_PATHS)}
 
 
 class Environment(NamedTuple):
@@ -119,22 +147,62 @@ class Environment(NamedTuple):
 
 
 @functools.lru_cache(maxsize=4)
-def environment(name: str, seed: int, run: int) -> Environment:
-    """Simulate `field` or `room` with the noise of a run."""
-    scene, script = scene_from_yaml(TEXTS[name][0], name), paths_from_yaml(TEXTS[name][1], name)
-    assert script.rate_hz is not None
-    assert script.seconds is not None
-    step_s = 1.0 / script.rate_hz
+def environment(name: str, seed: int, run: int, variance: float | None = None) -> Environment:
+    """Simulate `open` (Fig. 3-4), `field` or `pair` (Fig. 3-7) or `room` (Sec. 3.4) with the noise of a run.
+
+    Args:
+        name: of the environment.
+        seed: of all random numbers.
+        run: number of the run.
+        variance: of the arrays' noise [deg^2], above 0; None: that of the scene.
+    """
     own = int(np.random.SeedSequence(seed, spawn_key=(run, 2009)).generate_state(1)[0])
-    grids = list(simulate_paths(script, round(script.seconds / step_s) + 1, step_s, HEIGHT, 0, own))
-    truth = Grid(
-        np.concatenate([g.t_ns for g in grids]), grids[0].ids, grids[0].target, np.concatenate([g.xyz for g in grids])
-    )
+    text, paths = (OPEN, "") if name == "open" else TEXTS[name]
+    scene = scene_from_yaml(text, name)
+    if variance is not None:
+        sigma = math.radians(math.sqrt(variance))
+        scene = replace(scene, arrays=tuple(replace(a, sigma=sigma) for a in scene.arrays))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run, 2009, 34)))
+    while True:
+        script = paths_from_yaml(paths or _drawn_paths(rng), name)
+        grids = list(simulate_paths(script, *_steps(script), HEIGHT, 0, own))
+        places = np.concatenate([g.xyz for g in grids])
+        if paths or _within(scene, places):
+            break
+    truth = Grid(np.concatenate([g.t_ns for g in grids]), grids[0].ids, grids[0].target, places)
     silent = silences(script, 0)
     looks = ObserveConfig(diameter=0.0)
     cameras, sounds = observe(scene, grids, looks, own), observe_arrays(scene, grids, looks, own, silent=silent)
     bearings = Bearings.concat(list(in_time([list(cameras), list(bearings_of_doa(sounds, scene))])))
     return Environment(scene, truth, bearings, _heard(scene, truth, silent))
+
+
+def _steps(script: Script) -> tuple[int, float]:
+    """Return the number of steps of a script and the time between them [s]."""
+    assert script.rate_hz is not None
+    assert script.seconds is not None
+    step_s = 1.0 / script.rate_hz
+    return round(script.seconds / step_s) + 1, step_s
+
+
+def _drawn_paths(rng: np.random.Generator) -> str:
+    """Draw paths from the starts of Fig. 3-4."""
+    lines = ["occlog_paths: 1", "length_unit: m", "seconds: 200", "rate_hz: 1", "targets:"]
+    for number, (x, y) in enumerate(OPEN_STARTS, start=1):
+        speed, side = rng.uniform(*OPEN_SPEEDS), rng.uniform(-OPEN_SIDE, OPEN_SIDE)
+        course = math.atan2(-y, -x) + side
+        vx, vy = (speed * part(course) for part in (math.cos, math.sin))
+        lines += [f"- id: {number}", f"  position: [{x}, {y}]", f"  velocity: [{vx:.6f}, {vy:.6f}]", "  segments:"]
+        for since, until in STRETCHES:
+            lateral = 0.01 * int(rng.integers(-1, 2))
+            lines.append(f"  - {{from_s: {since}, until_s: {until}, lateral: {lateral}}}")
+    return "\n".join(lines)
+
+
+def _within(scene: Scene, places: Floats) -> bool:
+    """Return whether all places (T, K, 3) are in the scene's room."""
+    flat = np.ascontiguousarray(places[..., :2].reshape(-1, 2))
+    return bool(inside_polygon(flat, scene.surroundings).all())
 
 
 def _heard(scene: Scene, truth: Grid, silent: dict[int, Ints]) -> Floats:

@@ -1,4 +1,4 @@
-"""Error against cost of asking cameras, in the field of [Lee] Fig. 3-7: Figs. 3-6 and 3-14, Table 3.1."""
+"""Errors in the fields of [Lee] Figs. 3-4 and 3-7 against noise and cameras asked: Figs. 3-4, 3-6, 3-14, Table 3.1."""
 
 from __future__ import annotations
 
@@ -23,9 +23,18 @@ QUICK_PERIODS = (2.0, 20.0)
 GRID = (2.0, 4.0, 6.0, 10.0, 16.0, 25.0, 50.0, 100.0)
 QUICK_GRID = (2.0, 6.0, 20.0, 100.0)
 SPREADS = (0.5, 1.0, 2.0)
+MEAN = "mean of the objects"
 NONE, PRINTED, EDGE, SPREAD, PERIODIC = "none", "printed triggers", "count change", "spread", "periodic"
 FIGURES = ("frames", "requests", "fixes", "period")
 RESAMPLES = 1000
+VARIANCES = (0.0, 0.5, 1.5, 5.0)
+"""Variances of the noise in Fig. 3-4 [deg^2]."""
+LEAST_VARIANCE = 0.01
+"""Variance that stands for 0 [deg^2]: no weight can be had for bearings without any error."""
+LARGEST = VARIANCES[-1]
+"""Variance of Figs. 3-5 and 3-6 [deg^2]."""
+LARGEST_RMS = {1: 3.98, 2: 9.80, 3: 1.08}
+"""RMS errors of the objects at that variance without cameras [m]."""
 CONDITIONS = {
     "count": ("3.14", "fig3.7-count"),
     "bearing": ("3.15", "fig3.13-bearing"),
@@ -38,15 +47,54 @@ AVERAGE = 5.59
 """Average RMS error without cameras, Table 3.1 [m]."""
 
 
-def trials(size: Size, execute: Execute, points: Sequence[tuple[str, str, float, Values]]) -> Table:
+def by_variance(size: Size, execute: Execute) -> Table:
+    """Compute the RMSE of each object and their mean against the variance of the noise, without cameras."""
+    specs = [
+        cooperation_spec(size, r, "open", "thesis", variance=max(x, LEAST_VARIANCE))
+        for x in VARIANCES
+        for r in range(size.runs)
+    ]
+    results, rows = execute(specs), []
+    for n, x in enumerate(VARIANCES):
+        own = results[n * size.runs : (n + 1) * size.runs]
+        rows.append(Row(MEAN, x, tuple(r["rmse"] for r in own)))
+        rows += [Row(f"object {k}", x, tuple(r[f"rmse_{k}"] for r in own)) for k in LARGEST_RMS]
+    return rows
+
+
+def judge_variance(table: Table) -> list[Verdict]:
+    """Judge the statements about Fig. 3-4."""
+    said = "With a larger variance of the noise the error is larger (mean of the three objects) [m]."
+    out = [v.pairs("fig3.4-grows", said, list(pairwise(v.series(table, MEAN))))]
+    for k, value in LARGEST_RMS.items():
+        row = v.find(table, f"object {k}", LARGEST)
+        if row is not None:
+            said = f"RMS error of object {k} with variance 5 (its path is lost; each run draws another) [m]."
+            out.append(v.stated(f"fig3.4-{k}", said, value, mean_of(row)))
+    return out
+
+
+def trials(
+    size: Size,
+    execute: Execute,
+    points: Sequence[tuple[str, str, float, Values]],
+    scene: str = "field",
+    variance: float | None = None,
+) -> Table:
     """Run all trials and return a row for every point, with the RMSE of each run and the means of its figures.
 
     Args:
         size: runs and steps.
         execute: runs the trials.
         points: (series, form of the filter, x, settings); an x of NaN becomes the mean number of frames.
+        scene: name of the environment.
+        variance: of its noise [deg^2]; None: that of the scene.
     """
-    specs = [cooperation_spec(size, r, "field", form, **s) for _, form, _, s in points for r in range(size.runs)]
+    specs = [
+        cooperation_spec(size, r, scene, form, variance=variance, **s)
+        for _, form, _, s in points
+        for r in range(size.runs)
+    ]
     results = execute(specs)
     rows = []
     for n, (series, _, x, settings) in enumerate(points):
@@ -66,13 +114,12 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def by_period(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE against the visual period."""
+    """Compute the RMSE against the visual period, in the environment of Fig. 3-4."""
     periods = QUICK_PERIODS if size.quick else PERIODS
-    return trials(
-        size,
-        execute,
-        [(name, form, p, {"cooperate": "periodic", "period_s": p}) for name, form in FORMS.items() for p in periods],
-    )
+    points: list[tuple[str, str, float, Values]] = [
+        (name, form, p, {"cooperate": "periodic", "period_s": p}) for name, form in FORMS.items() for p in periods
+    ]
+    return trials(size, execute, points, scene="open", variance=LARGEST)
 
 
 def judge_period(table: Table) -> list[Verdict]:
@@ -185,6 +232,23 @@ NOTE = (
     "Filter of the thesis with the weights put right; what is not printed (motion noise, cameras, which way the "
     "turns go) is stated in the documentation. A frame is one picture of one camera."
 )
+OPEN_NOTE = (
+    "Filter of the thesis with the weights put right. The paths of Fig. 3-4 are lost: each run draws paths from the "
+    "printed starts; the sensor is at the origin."
+)
+FIG3_4 = Experiment(
+    item="fig3.4",
+    title="Error against the variance of the noise, without cameras",
+    x_label="variance [deg^2]",
+    y_label="RMSE [m]",
+    runs=100,
+    steps=201,
+    quick=(4, 80),
+    compute=by_variance,
+    judge=judge_variance,
+    note=f"{OPEN_NOTE} A variance of {LEAST_VARIANCE:g} stands for 0.",
+    trial=cooperation_trial,
+)
 FIG3_6 = Experiment(
     item="fig3.6",
     title="Error against the period of asking cameras",
@@ -195,7 +259,7 @@ FIG3_6 = Experiment(
     quick=(4, 80),
     compute=by_period,
     judge=judge_period,
-    note=NOTE,
+    note=f"{OPEN_NOTE} The variance is 5 deg^2, as in Fig. 3-4(d); a frame is one picture of one camera.",
     trial=cooperation_trial,
 )
 FIG3_14 = Experiment(
@@ -224,4 +288,4 @@ TABLE3_1 = Experiment(
     note=NOTE,
     trial=cooperation_trial,
 )
-FIELD_EXPERIMENTS = (FIG3_6, FIG3_14, TABLE3_1)
+FIELD_EXPERIMENTS = (FIG3_4, FIG3_6, FIG3_14, TABLE3_1)

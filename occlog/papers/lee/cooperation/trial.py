@@ -26,6 +26,7 @@ from occlog.track.imm.tracks import known
 from occlog.track.imm.when_to_ask import CAUSES, Memory, asks, located, others
 
 from .environments import Environment, environment
+from .projected_places import PROJECTIONS, relocated
 
 BIN = 50
 """Steps over which a share of requests is taken."""
@@ -48,7 +49,9 @@ FORMS: dict[str, dict[str, object]] = {
     "joint": {**THESIS, "association": "joint", "fix": "update", "hold_s": 50.0},
 }
 SCENES: dict[str, dict[str, object]] = {
+    "open": {"alpha": FIELD_ALPHA, "sigma_v": 0.01, "speed": 0.2, "frame_age_s": 0.5},
     "field": {"alpha": FIELD_ALPHA, "sigma_v": 0.01, "speed": 0.2, "frame_age_s": 0.5},
+    "pair": {"alpha": FIELD_ALPHA, "sigma_v": 0.01, "speed": 0.2, "frame_age_s": 0.5},
     "room": {"alpha": ROOM_ALPHA, "sigma_v": 0.1, "speed": 0.3, "frame_age_s": 0.2},
 }
 """Motion models: the manoeuvres' acceleration alpha, and a noise of the velocity of alpha a second (room: half)."""
@@ -63,17 +66,27 @@ class FilterOutput(NamedTuple):
 
 
 def cooperation_spec(
-    size: Size, run: int, scene: str, form: str, array: int = 0, answer: bool = True, **settings: Any
+    size: Size,
+    run: int,
+    scene: str,
+    form: str,
+    array: int = 0,
+    answer: bool = True,
+    variance: float | None = None,
+    projection: str = "",
+    **settings: Any,
 ) -> Spec:
     """Describe a trial for `cooperation_trial`.
 
     Args:
         size: steps, and the seed of all runs.
         run: number of the run.
-        scene: `field` or `room`.
+        scene: `open`, `field`, `pair` or `room`.
         form: form of the filter, a key of `FORMS`.
         array: index of the scene's array that the filter listens to.
         answer: false: cameras are asked, but their answers are not used.
+        variance: of the arrays' noise [deg^2]; None: that of the scene.
+        projection: a key of `PROJECTIONS`: how cameras find places; empty: where their sight lines cross.
         settings: fields of `ImmConfig`.
     """
     return {
@@ -85,6 +98,8 @@ def cooperation_spec(
         "seed": size.seed,
         "run": run,
         "answer": answer,
+        "variance": variance,
+        "projection": projection,
     }
 
 
@@ -101,7 +116,7 @@ def cooperation_trial(spec: Spec) -> dict[str, float]:
         last step, of those heard then) and `share_N` (share of the steps of the N-th `BIN` in
         which cameras were asked).
     """
-    made = environment(spec["scene"], spec["seed"], spec["run"])
+    made = environment(spec["scene"], spec["seed"], spec["run"], spec["variance"])
     output = follow(made, spec)
     heard = made.heard[spec["array"], : len(output.xy)] > 0
     error2 = ((output.xy - made.truth.xyz[: len(output.xy), :, :2]) ** 2).sum(axis=2)
@@ -155,6 +170,8 @@ def follow(made: Environment, spec: Spec) -> FilterOutput:
             # Requests for new tracks (numbers below 0) are dropped: the roster starts all tracks.
             asked = [a for a in asked if a.number >= 0]
             answers = desk.ask(asked, others(state, report, asked), t_ns)
+            if spec["projection"]:
+                answers = [relocated(a, scene, PROJECTIONS[spec["projection"]]) for a in answers]
             out.requests.extend(answers)
             out.asked[n] = float(bool(asked))
             if spec["answer"]:

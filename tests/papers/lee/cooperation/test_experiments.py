@@ -36,6 +36,19 @@ def test_the_field_is_that_of_the_figure():
     assert made.scene.arrays[0].sigma == pytest.approx(math.radians(math.sqrt(3)))
 
 
+def test_paths_of_figure_3_4_begin_at_the_printed_places_and_stay_in_the_room():
+    made = environment("open", 0, 0, 1.5)
+    np.testing.assert_allclose(made.truth.xyz[0, :, :2], [[50, 30], [35, 50], [45, 45]])
+    assert made.truth.xyz[..., :2].min() >= -20
+    assert made.truth.xyz[..., :2].max() <= 70
+    assert made.scene.arrays[0].sigma == pytest.approx(math.radians(math.sqrt(1.5)))
+    speed = np.linalg.norm(np.diff(made.truth.xyz[:50, :, :2], axis=0), axis=2)
+    assert np.all((speed >= 0.2 - 1e-6) & (speed <= 0.3 + 1e-6))
+    assert not np.allclose(made.truth.xyz, environment("open", 0, 1, 1.5).truth.xyz)
+    # The noise of all variances is the same but for its size.
+    np.testing.assert_array_equal(made.truth.xyz, environment("open", 0, 0, 5.0).truth.xyz)
+
+
 def test_the_room_is_silent_when_it_should_be():
     made = environment("room", 0, 0)
     assert not made.heard[:, 501:699, 0].any()
@@ -106,6 +119,7 @@ def test_small_forms_of_the_figures_are_judged():
 
 def test_the_experiments_are_those_of_the_paper():
     assert [e.item for e in EXPERIMENTS] == [
+        "fig3.4",
         "fig3.6",
         "fig3.14",
         "table3.1",

@@ -1,0 +1,294 @@
+"""The drawn cases of [Lee] Sec. 3.3.3: which of the triggers (3.14) to (3.16) fire in Figs. 3-8, 3-10, 3-11 and 3-13.
+
+The figures are sketches without numbers.  Here each run draws places, courses and noise that fit what the
+text says of a case, so that a share of runs tells whether its statement depends on the sketch.
+
+Fig. 3-8: two changes at one moment that leave the number of bearings as it is.  The text describes (b)
+and (c); (d) to (f) are "similar cases", for which stand the other pairs of the changes that Sec. 3.3.2 names.
+The array hears everywhere, so that I(k-1) of (3.14) is the number of tracks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import NS, Floats
+from occlog.measure.scans.scan import Scan
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import Measure, exact, share_of
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.pipeline.sweep.trial import Spec
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.settings import configure
+from occlog.track.imm import kernel as imm
+from occlog.track.imm.config import ImmConfig
+from occlog.track.imm.filter import init, step
+from occlog.track.imm.tracks import Track, known
+from occlog.track.imm.when_to_ask import Memory, asks
+
+from .trial import FORMS, SCENES, START_SIGMA, START_SIGMA_V
+
+SIGMA = math.radians(math.sqrt(3.0))
+"""Standard deviation of a bearing: the variance of Fig. 3-7, in degrees squared."""
+RESOLUTION = math.radians(3.0)
+"""Bearings of two sources nearer than this are one."""
+BEFORE, WITHIN = 30, 10
+"""Steps before the change, and steps from it on in which a trigger should fire."""
+SPEED, APART = 0.25, math.radians(25.0)
+"""Speed of the objects [m/s], and least angle between two that are heard apart."""
+NEAR, FAR, EDGE = 8.0, 18.0, 22.5
+"""Distances of objects inside the range, and of those at its end [m]."""
+CERTAIN = 0.9
+"""Share of the runs from which something always happens."""
+GAPS = (math.radians(15.0), math.radians(30.0))
+"""Least and greatest angle between the two bearings of Figs. 3-10, 3-11 and 3-13."""
+PARTICLES, TIGHT, WIDE = 500, 0.4, 1.5
+"""Particles of each model, and the standard deviations of a narrow and of a wide cloud [m]."""
+PERFORMANCE = ("bearing", "ellipse")
+"""Causes of requests by (3.15) and (3.16)."""
+
+
+class Change(NamedTuple):
+    """A case of Fig. 3-8: who is heard before a moment and from it on; those in brackets are heard as one."""
+
+    what: str
+    before: tuple[tuple[int, ...], ...]
+    after: tuple[tuple[int, ...], ...]
+    edge: tuple[int, ...] = ()  # objects at the end of the range
+    close: tuple[int, ...] = ()  # two objects whose bearings differ by the resolution
+
+
+CHANGES = {
+    "b": Change("object 4 comes in, object 3 falls silent", ((1,), (2,), (3,)), ((1,), (2,), (4,)), (4,)),
+    "c": Change("object 4 comes in, object 3 goes out", ((1,), (2,), (3,)), ((1,), (2,), (4,)), (3, 4)),
+    "d": Change("object 4 comes in, 2 and 3 are heard as one", ((1,), (2,), (3,)), ((1,), (2, 3), (4,)), (4,), (2, 3)),
+    "e": Change("3 and 4 are heard apart, object 1 falls silent", ((1,), (2,), (3, 4)), ((2,), (3,), (4,)), (), (3, 4)),
+    "f": Change("3 and 4 are heard apart, object 1 goes out", ((1,), (2,), (3, 4)), ((2,), (3,), (4,)), (1,), (3, 4)),
+}
+
+
+def change_trial(spec: Spec) -> dict[str, float]:
+    """Run the thesis' filter through a change of Fig. 3-8 without answers of cameras.
+
+    Args:
+        spec: `case`, `seed`, `run`.
+
+    Returns:
+        `count`: 1 if (3.14) holds at the change; `bearing`, `ellipse`, `either`: 1 if (3.15), (3.16) or one of them
+        holds in the `WITHIN` steps from it on; `after` and `before`: share of these steps, and of as many before the
+        change, in which one of them holds.
+    """
+    case = CHANGES[spec["case"]]
+    rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(spec["run"], 2009, 38)))
+    start, velocity = _objects(case, rng)
+    scene = Scene(arrays=(MicrophoneArray("mic", np.zeros(3), sigma=SIGMA, planar=True, rate_hz=1.0),), length_unit="m")
+    config = configure(ImmConfig(), {**SCENES["field"], **FORMS["thesis"], "cooperate": "printed", "walls": False})
+    tracks = tuple(_track(config, start, velocity, group, rng) for group in case.before)
+    state, memory = init(scene, config, rng)._replace(tracks=tracks, free=5), Memory()
+    causes: list[set[str]] = []
+    for k in range(BEFORE + WITHIN):
+        heard = case.before if k < BEFORE else case.after
+        state, report = step(state, _scan(k, start + k * velocity, heard, rng), rng)
+        asked, memory = asks(state, report, memory, rng)
+        causes.append({c for a in asked for c in a.causes})
+    after = set().union(*causes[BEFORE:])
+    fired = np.array([bool(c & set(PERFORMANCE)) for c in causes], dtype=np.float64)
+    return {
+        "count": float("count" in causes[BEFORE]),
+        **{c: float(c in after) for c in PERFORMANCE},
+        "either": float(fired[BEFORE:].any()),
+        "after": float(fired[BEFORE:].mean()),
+        "before": float(fired[BEFORE - WITHIN : BEFORE].mean()),
+    }
+
+
+def _objects(case: Change, rng: Generator) -> tuple[Floats, Floats]:
+    """Draw places (4, 2) [m] at first and velocities (4, 2) [m/s] so that the sketch holds when the change comes."""
+    while True:
+        angle = rng.uniform(-math.pi, math.pi, 4)
+        if case.close:
+            one, other = (number - 1 for number in case.close)
+            angle[other] = angle[one] + RESOLUTION
+        gaps = [
+            abs(math.remainder(angle[i] - angle[j], 2.0 * math.pi))
+            for i in range(4)
+            for j in range(i)
+            if {i + 1, j + 1} != set(case.close)
+        ]
+        if min(gaps) >= APART:
+            break
+    distance = rng.uniform(NEAR, FAR, 4)
+    distance[[number - 1 for number in case.edge]] = EDGE
+    course = rng.uniform(-math.pi, math.pi, 4)
+    if case.close:
+        course[case.close[1] - 1] = course[case.close[0] - 1]
+    velocity = SPEED * np.column_stack([np.cos(course), np.sin(course)])
+    places = distance[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    return places - BEFORE * velocity, velocity
+
+
+def _track(config: ImmConfig, start: Floats, velocity: Floats, group: tuple[int, ...], rng: Generator) -> Track:
+    """Return a track of the first of a group that is heard as one."""
+    i = group[0] - 1
+    state = (*start[i], START_SIGMA, *velocity[i], START_SIGMA_V)
+    return known(config, group[0], state, 0, rng)
+
+
+def _scan(k: int, places: Floats, heard: Sequence[tuple[int, ...]], rng: Generator) -> Scan:
+    """Draw the array's bearings at step k; a group is heard in the middle of its members."""
+    at = np.arctan2(places[:, 1], places[:, 0])
+    middle = [math.atan2(*(sum(f(at[n - 1]) for n in group) for f in (math.sin, math.cos))) for group in heard]
+    bearing = np.array(middle) + SIGMA * rng.standard_normal(len(heard))
+    order = np.argsort(bearing)
+    return Scan.of(k * NS, np.zeros(len(heard)), bearing=bearing[order], sigma=np.full(len(heard), SIGMA))
+
+
+def changes(size: Size, execute: Execute) -> Table:
+    """Compute the shares of runs in which each condition holds, for every case of Fig. 3-8."""
+    specs = [{"case": c, "seed": size.seed, "run": r, "paper": "lee38"} for c in CHANGES for r in range(size.runs)]
+    results, rows = execute(specs), []
+    for n in range(len(CHANGES)):
+        own = results[n * size.runs : (n + 1) * size.runs]
+        for name, title in TITLES.items():
+            rows.append(Row(title, n + 2.0, tuple(r[name] for r in own)))
+    return rows
+
+
+TITLES = {
+    "count": "(3.14) at the change",
+    "bearing": "(3.15) soon",
+    "ellipse": "(3.16) soon",
+    "either": "(3.15) or (3.16) soon",
+    "after": "steps with (3.15) or (3.16), after",
+    "before": "steps with (3.15) or (3.16), before",
+}
+
+
+def judge_changes(table: Table) -> list[Verdict]:
+    """Judge for each case that (3.14) does not fire, and that the estimation's performance does."""
+    out = []
+    for n, (letter, case) in enumerate(CHANGES.items()):
+        rows = {name: v.find(table, title, n + 2.0) for name, title in TITLES.items()}
+        count, either, after, before = (rows[name] for name in ("count", "either", "after", "before"))
+        if count is None or either is None or after is None or before is None:
+            continue
+        said = f"({letter}) {case.what}: (3.14) does not fire (share of the runs in which it does)."
+        out.append(v.judge(f"fig3.8-{letter}", said, exact(count.mean, count.runs), v.at_most(0.0), rule="0"))
+        said = f"({letter}) {case.what}: (3.15) or (3.16) fires in {WITHIN} steps (share of the runs)."
+        out.append(_always(f"fig3.8-soon-{letter}", said, share_of(round(sum(either.values)), either.runs)))
+        said = f"({letter}) {case.what}: one of them holds in more of {WITHIN} steps after the change than before it."
+        out.append(v.pairs(f"fig3.8-more-{letter}", said, [(before, after)]))
+    return out
+
+
+class Sketch(NamedTuple):
+    """A case of Figs. 3-10, 3-11 or 3-13: where the particles of each model are, as (side, along, width).
+
+    `side` is a share of the angle from z1, the bearing of the object, to z2, that of another; `along` a share of the
+    distance from the near end to the far one; `width` a standard deviation [m].
+    """
+
+    clouds: tuple[tuple[float, float, float], ...]
+    bearing: bool | None  # whether (3.15) fires; None: the text does not say
+    ellipse: bool | None  # (3.16)
+
+
+SKETCHES = {
+    "3.10": Sketch(((0.0, 0.5, TIGHT), (1.0, 0.5, TIGHT)), bearing=True, ellipse=None),
+    "3.11": Sketch(((0.0, 0.0, TIGHT), (0.0, 1.0, TIGHT)), bearing=False, ellipse=True),
+    "3.13": Sketch(((0.0, 0.5, TIGHT), (1.0, 0.5, TIGHT), (0.5, 0.5, WIDE)), bearing=True, ellipse=False),
+}
+CONDITIONS = {"bearing": "(3.15)", "ellipse": "(3.16)"}
+
+
+def sketch_trial(spec: Spec) -> dict[str, float]:
+    """Weigh the particles of a sketch by two bearings; return 1 for each condition that holds.
+
+    Args:
+        spec: `case`, `seed`, `run`.
+    """
+    case = SKETCHES[spec["case"]]
+    rng = np.random.default_rng(np.random.SeedSequence(spec["seed"], spawn_key=(spec["run"], 2009, 313)))
+    first, gap = rng.uniform(-math.pi, math.pi), rng.uniform(*GAPS)
+    bearing, sigma, origin = first + np.array([0.0, gap]), np.full(2, SIGMA), np.zeros(2)
+    # The particles of each model (Eq. 3.3), and weights by both bearings (Eqs. 3.5-3.6)
+    predicted = np.zeros((len(case.clouds), PARTICLES, 4))
+    for m, (side, along, width) in enumerate(case.clouds):
+        angle, distance = first + side * gap, NEAR + along * (FAR - NEAR)
+        middle = distance * np.array([math.cos(angle), math.sin(angle)])
+        predicted[m, :, ::2] = middle + width * rng.standard_normal((PARTICLES, 2))
+    prior = np.full(predicted.shape[:2], 1.0 / predicted[..., 0].size)
+    weights = imm.weigh(predicted, prior, bearing, sigma, origin)
+    # The estimate, and both conditions
+    mean, ahead = imm.moments(predicted, weights.total).mean, imm.moments(predicted, prior)
+    return {
+        "bearing": float(imm.outside_ranges(mean, bearing, sigma, origin)),
+        "ellipse": float(imm.outside_ellipses(mean, ahead.means, ahead.covariances)),
+    }
+
+
+def sketches(size: Size, execute: Execute) -> Table:
+    """Compute the shares of runs in which (3.15) and (3.16) fire in Figs. 3-10, 3-11 and 3-13."""
+    specs = [{"case": c, "seed": size.seed, "run": r, "paper": "lee313"} for c in SKETCHES for r in range(size.runs)]
+    results, rows = execute(specs), []
+    for n, figure in enumerate(SKETCHES):
+        own = results[n * size.runs : (n + 1) * size.runs]
+        x = float(figure.split(".")[1])
+        rows += [Row(title, x, tuple(r[name] for r in own)) for name, title in CONDITIONS.items()]
+    return rows
+
+
+def judge_sketches(table: Table) -> list[Verdict]:
+    """Judge that each of (3.15) and (3.16) fires where the text says so, and not where it says that it does not."""
+    out = []
+    for figure, case in SKETCHES.items():
+        for name, title in CONDITIONS.items():
+            wanted = case.bearing if name == "bearing" else case.ellipse
+            row = v.find(table, title, float(figure.split(".")[1]))
+            if wanted is None or row is None:
+                continue
+            said = f"Fig. {figure.replace('.', '-')}: {title} {'fires' if wanted else 'does not fire'}"
+            held = share_of(round(sum(x == wanted for x in row.values)), row.runs)
+            out.append(_always(f"fig{figure}-drawn-{name}", f"{said} (share of the runs).", held))
+    return out
+
+
+def _always(key: str, said: str, share: Measure) -> Verdict:
+    rule = f"share of at least {CERTAIN:g}; in part from 0.5"
+    return v.judge(key, said, share, v.at_least(CERTAIN), v.at_least(0.5), rule=rule)
+
+
+DRAWN_EXPERIMENTS = (
+    Experiment(
+        item="fig3.8",
+        title="Changes that leave the number of bearings as it is",
+        x_label="case: 2 b, 3 c, 4 d, 5 e, 6 f",
+        y_label="share of the runs",
+        runs=100,
+        steps=BEFORE + WITHIN,
+        quick=(4, BEFORE + WITHIN),
+        compute=changes,
+        judge=judge_changes,
+        note="The text describes (b) and (c) only; (d) to (f) are the other pairs of the changes of Sec. 3.3.2. "
+        "Each run draws places, courses and noise.",
+        trial=change_trial,
+    ),
+    Experiment(
+        item="fig3.13",
+        title="Where only one of (3.15) and (3.16) fires",
+        x_label="figure: 10, 11 and 13 of chapter 3",
+        y_label="share of the runs",
+        runs=400,
+        steps=1,
+        quick=(40, 1),
+        compute=sketches,
+        judge=judge_sketches,
+        note="The sketches have no numbers: each run draws the angle between two bearings and the particles.",
+        trial=sketch_trial,
+    ),
+)

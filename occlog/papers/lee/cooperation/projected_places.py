@@ -1,0 +1,78 @@
+"""Places by the parallel projection model of [Lee] Secs. 3.2.2 and 5.2.3, and those where sight lines cross.
+
+The model moves a reference point by what each of two cameras sees between it and the object, on the plane
+through the point that is parallel to the camera's: Eqs. 5.39 and 5.40, where the thesis describes it.  When an
+array asks, the reference is its own estimate.  [45], the source, is not among the texts; by its title it is
+iterative: each place is the reference of the next pass.  Where Eq. 5.39 moves nothing more, sight lines cross.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats
+from occlog.core.sight.triangulate import MET, sight_lines_meet
+from occlog.records.scene import Camera, Scene
+from occlog.track.imm.ask_cameras import CameraRequest
+from occlog.track.readers.refine import PARALLEL, PRINTED, Sights, refine
+
+LINES = "sight lines"
+
+
+class Projection(NamedTuple):
+    """A form of `refine`, and how often it is applied."""
+
+    form: str
+    passes: int
+
+
+PROJECTIONS = {
+    "Eq. 5.39": Projection(PRINTED, 1),
+    "Eq. 5.40": Projection(PARALLEL, 1),
+    "Eq. 5.39, 3 passes": Projection(PRINTED, 3),
+    "Eq. 5.39, 10 passes": Projection(PRINTED, 10),
+}
+
+
+def projected(reference: Floats, sights: Sights, way: Projection) -> tuple[Floats, Bools]:
+    """Move (N, 2) references by what two cameras see; return places (N, 2), and whether the model has any (N,)."""
+    xy, found = reference, np.ones(len(reference), dtype=np.bool_)
+    covariance = np.tile(np.eye(2), (len(reference), 1, 1))
+    for _ in range(way.passes):
+        moved = refine(xy, covariance, sights, way.form)
+        xy, found = moved.xy, found & moved.used.any(axis=1)
+    return xy, found
+
+
+def crossed(sights: Sights) -> tuple[Floats, Bools]:
+    """Return the places (N, 2) where the lines of two cameras cross, and whether they do (N,)."""
+    n = len(sights.bearing)
+    origins = np.tile(sights.place, (n, 1))
+    met = sight_lines_meet(origins, sights.bearing.ravel(), sights.sigma.ravel(), 2 * np.arange(n + 1))
+    return met.xy, met.status == MET
+
+
+def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> Sights:
+    """Return the (N, C) bearings of cameras with one standard deviation [rad]."""
+    place = np.array([c.ground for c in cameras])
+    return Sights(place, np.array([c.yaw for c in cameras]), bearing, np.full(bearing.shape, sigma))
+
+
+def relocated(request: CameraRequest, scene: Scene, way: Projection) -> CameraRequest:
+    """Return a request whose answer has the place of the model instead of that where two sight lines cross.
+
+    Two lines go through the place where they cross, so that its bearings are theirs.  Where the model has no
+    place, the request is in vain.
+    """
+    answer = request.answer
+    if answer.place is None or len(request.cameras) != 2:
+        return request
+    cameras = tuple(scene.camera(name) for name in request.cameras)
+    away = answer.place - np.array([c.ground for c in cameras])
+    sights = sights_of(cameras, np.arctan2(away[:, 1], away[:, 0])[None], 1e-3)
+    xy, found = projected(answer.ask.place[None], sights, way)
+    if not found[0]:
+        return request._replace(answer=answer._replace(place=None, covariance=None))
+    return request._replace(answer=answer._replace(place=xy[0]))
