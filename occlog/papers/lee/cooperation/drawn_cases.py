@@ -145,7 +145,7 @@ def _scan(k: int, places: Floats, heard: Sequence[tuple[int, ...]], rng: Generat
     middle = [math.atan2(*(sum(f(at[n - 1]) for n in group) for f in (math.sin, math.cos))) for group in heard]
     bearing = np.array(middle) + SIGMA * rng.standard_normal(len(heard))
     order = np.argsort(bearing)
-    return Scan.of(k * NS, np.zeros(len(heard)), bearing=bearing[order], sigma=np.full(len(heard), SIGMA))
+    return Scan.of(k * NS, [0] * len(heard), bearing=bearing[order], sigma=np.full(len(heard), SIGMA))
 
 
 def changes(size: Size, execute: Execute) -> Table:

@@ -54,8 +54,8 @@ def weight_trial(spec: Spec) -> dict[str, float]:
         sigma = math.radians(math.sqrt(variance))
         heard = theta + sigma * normals[:, 0], phi + sigma * normals[:, 1]
         # Weights in space: the density of both angles
-        off = (wrap_angle(own[i] - heard[i][:, None]) for i in range(2))
-        space = math.prod(_density(o, np.full(T, sigma)) for o in off)
+        off = [wrap_angle(own[i] - heard[i][:, None]) for i in range(2)]
+        space = _density(off[0], np.full(T, sigma)) * _density(off[1], np.full(T, sigma))
         # Weights in the plane: the density of the projected angle, with its first-order variance
         spread = np.sqrt(projected_covariance(*heard, sigma, sigma, np.eye(3))[:, YZ, YZ])
         angle = projected_angles(direction(*heard))[:, YZ]
