@@ -29,8 +29,13 @@ test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not serial"
 	$(BIN)/python -m pytest -m serial $$(grep -rlw serial tests --include="test_*.py")
 
+# Kernels as plain Python, which checks bounds: the tests of the rooms that have kernels, and of the metrics, which give
+# them what users have. Elsewhere the same code would run twice.
+KERNELS = core measure/clusters measure/regions simulate/balls simulate/render simulate/world \
+	track/apf track/drivers track/images/births track/images/kernels track/images/methods track/imm track/in_space \
+	track/jipda track/map track/people evaluate/bearings evaluate/errors evaluate/mot
 test-fast: $(VENV)/installed-dev
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit and not serial" tests/core tests/measure tests/simulate tests/track tests/evaluate
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow and not jit and not serial" $(KERNELS:%=tests/%)
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

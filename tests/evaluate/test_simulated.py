@@ -72,6 +72,7 @@ def test_unlabelled_bearings_are_told_apart_from_clutter() -> None:
     np.testing.assert_array_less(with_labels.bound.bound - 1e-9, without.bound.bound)
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("seed", [1, 2])
 def test_errors_drawn_from_the_bound_have_the_ratio_one_and_are_consistent(seed: int) -> None:
     truth = world(2000, 0, seed)

@@ -1,6 +1,6 @@
 """Figures for many targets against TrackEval 1.3.0 and py-motmetrics 1.4.0.
 
-Both run in an environment of their own, which is made for this test (about a minute);
+Both run in an environment that is made for this test, over the packages of the tests;
 OCCLOG_PEERS names the Python of one that exists.  Without an index of packages the tests are skipped, or fail
 if OCCLOG_PEERS_REQUIRED=1.
 """

@@ -53,6 +53,7 @@ def bearings(place: Scene, scans: int, scale: float, false: float = 0.0, seed: i
     )
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("scale", [0.3, 1.0, 2.5])
 @pytest.mark.parametrize("sensors", [3, 5])
 def test_the_factor_is_found_with_and_without_false_bearings(scale: float, sensors: int) -> None:

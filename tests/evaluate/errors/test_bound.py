@@ -195,6 +195,7 @@ def test_settled_figures_have_their_own_ratio() -> None:
     assert m["settled_bound_ratio"] == pytest.approx(1.0 / m["settled_bound_rmse_m"])
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("seed", range(2))
 def test_a_filter_told_the_drift_stays_above_the_bound(seed: int) -> None:
     """An extended Kalman filter told the drift, over many walks: mean squared error at least the mean bound."""

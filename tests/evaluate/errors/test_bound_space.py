@@ -294,6 +294,7 @@ def test_information_is_the_covariance_of_the_score(kind: str) -> None:
     assert np.all(np.abs(products.mean(axis=2) - information) <= 5 * error + 1e-6)
 
 
+@pytest.mark.jit
 @pytest.mark.parametrize("seed", range(2))
 def test_an_extended_kalman_filter_in_space_reaches_the_bound_and_not_less(seed: int) -> None:
     """Walks of known drift, two arrays, one of them tilted, and a camera: mean squared error over mean bound."""

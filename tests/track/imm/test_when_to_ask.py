@@ -52,6 +52,7 @@ def test_none_never_asks():
     assert found == []
 
 
+@pytest.mark.jit
 def test_periodic_asks_for_all_at_every_period():
     memory, times = Memory(), []
     for n in range(41):

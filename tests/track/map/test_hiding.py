@@ -49,6 +49,7 @@ def test_occluders_far_away_change_next_to_nothing(initial: str) -> None:
     assert_allclose(among.covariance, alone.covariance, rtol=1e-2, atol=1e-6)
 
 
+@pytest.mark.jit
 def test_bearings_through_a_wall_of_certain_occluders_are_not_believed() -> None:
     scene, rows, xy = made()
     # Shoulder to shoulder around the first camera
@@ -61,6 +62,7 @@ def test_bearings_through_a_wall_of_certain_occluders_are_not_believed() -> None
     assert np.hypot(*(out.xy - xy).T).mean() < 0.1
 
 
+@pytest.mark.jit
 def test_not_seen_behind_occluders_leaves_the_estimate_where_it_was() -> None:
     # For a while camera 1 alone sees it, and somebody stands before camera 0
     t = np.arange(0.0, 12.0, 0.25)

@@ -103,6 +103,7 @@ def test_sequential_programs_agree_with_newton_where_constraints_hold(seed: int)
     assert_allclose(a.multiplier[strong], b.multiplier[strong], rtol=1e-2)
 
 
+@pytest.mark.jit
 def test_osqp_agrees_to_its_own_tolerance() -> None:
     """1e-3 m: a method of first order, asked for residuals of 1e-9, whose polish may fail."""
     p, start = held_by(1)
