@@ -117,9 +117,12 @@ def sway_of(edges: Edges) -> float:
     return float(np.clip(edges.sway[0] / edges.sway[1], *(np.array(SWAY_RANGE) * edges.metre) ** 2))
 
 
-def slowness_of(edges: Edges) -> float:
-    """(1 + r) / (1 - r), r the correlation of errors at successive looks: how many times as much they count."""
-    alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MOST_ALIKE))
+def slowness_of(edges: Edges, between: float = 1.0) -> float:
+    """(1 + r) / (1 - r), r the correlation of errors from one look that counts to the next: their weight.
+
+    Of a camera's looks one of `between` counts; the correlation falls geometrically with their number.
+    """
+    alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MOST_ALIKE)) ** between
     return (1.0 + alike) / (1.0 - alike)
 
 

@@ -80,7 +80,7 @@ def first_counts(cameras: int, config: JipdaConfig) -> Counts:
     )
 
 
-def rates_of(counts: Counts, edges: Edges, config: JipdaConfig, interval: Floats) -> Rates:
+def rates_of(counts: Counts, edges: Edges, config: JipdaConfig, interval: Floats, between: float = 1.0) -> Rates:
     """What the sums say of the detectors.
 
     Args:
@@ -88,6 +88,7 @@ def rates_of(counts: Counts, edges: Edges, config: JipdaConfig, interval: Floats
         edges: sums over boxes.
         config: whether people hide one another.
         interval: (C,) time since each camera's last look [s], > 0; may be infinite.
+        between: how many looks of a camera there are to one that counts, >= 1.
     """
     curve = np.maximum.accumulate(counts.curve[:, 0] / counts.curve[:, 1])
     curve = curve / curve[-1] if config.visible else np.ones_like(curve)
@@ -102,7 +103,7 @@ def rates_of(counts: Counts, edges: Edges, config: JipdaConfig, interval: Floats
         # White noise that is worth as much as one whose correlation falls as exp(-t / LASTS_S)
         lasting=1.0 / np.tanh(0.5 * interval / LASTS_S),
         merge=np.minimum(counts.merges[:, 0] / counts.merges[:, 1], MOST_MERGED),
-        slow=slowness_of(edges),
+        slow=slowness_of(edges, between),
     )
 
 

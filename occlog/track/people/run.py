@@ -105,13 +105,6 @@ class PeopleSummary:
     def findings(self) -> tuple[Finding, ...]:
         """What speaks against the tracks, and what else a user must know."""
         found = [*self.agreement.findings(self.inputs.tally), *self._tall()]
-        if self.inputs.regions_smoothed:
-            says = (
-                "the boxes are regions of video, which split and merge for many frames at a time: with the future "
-                "identities may be exchanged that the filter keeps, and covariances are too small; compare with what "
-                "comes without the settings smooth and lag"
-            )
-            found.append(Finding("regions-smoothed", "warning", says))
         if not self.rows:
             found.append(Finding("nobody", "note", "nobody was found: the tracks are empty"))
         return tuple(found)

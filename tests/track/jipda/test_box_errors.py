@@ -59,7 +59,11 @@ def test_errors_that_go_on_from_look_to_look_are_told_from_those_that_are_new() 
     assert slowness_of(taught()) < 1.2
     assert slowness_of(taught(lasting=0.03, bias=0.06)) < 1.6
     # Noise of 3 px has a correlation of 0.6 and 1 % of the height is new each time
-    assert 1.4 < slowness_of(taught(alike=0.6, frames=600)) < 1.6 / 0.4
+    edges = taught(alike=0.6, frames=600)
+    assert 1.4 < slowness_of(edges) < 1.6 / 0.4
+    # Of every third look the errors are alike to the third power
+    alike = (slowness_of(edges) - 1.0) / (slowness_of(edges) + 1.0)
+    assert slowness_of(edges, 3.0) == pytest.approx((1.0 + alike**3) / (1.0 - alike**3))
 
 
 def test_the_bias_of_a_camera_is_found() -> None:

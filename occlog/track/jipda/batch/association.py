@@ -15,7 +15,7 @@ from ..kernels.joint import Boxes, Rates, update
 from ..kernels.newborn import Arrival, newborn
 from ..people import DOUBLE
 from .chains import NONE
-from .places import factors, misses, seen
+from .places import visibilities, factors, misses
 
 OWN = 0.5
 """A box is given to a person if it is theirs with a greater probability."""
@@ -64,7 +64,7 @@ def associate(state: State, boxes: Boxes, rates: Rates, people: Expected, bonus:
     return Seen(who, there * after.share, there * after.joint, after.visible)
 
 
-def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected, share: Floats, joint: Floats) -> Found:
+def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, seen: Seen) -> Found:
     """Give boxes to the people whose they are, and make new people of those that are left.
 
     Args:
@@ -72,10 +72,9 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
         boxes: of the moment.
         rates: of the detectors.
         hint: (M, 2) identities of boxes, by trackers in the images and by the filter.
-        people: who are believed to be there, after the boxes.
-        share: (N, M) probability that they are there and the box is theirs alone.
-        joint: (N, M) the same, with a neighbour.
+        seen: who are believed to be there, after the boxes.
     """
+    people, share, joint = seen.people, seen.share, seen.joint
     c = state.config
     body = np.array([c.height, c.sigma_height, c.width, c.sigma_width, c.speed])
     spread = np.sqrt(0.5 * (people.covariance[:, 0, 0] + people.covariance[:, 1, 1]))
@@ -97,7 +96,7 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
     _join_doubles(mean, given, len(people.track))
     # Whoever is new may be nobody, and hides others half as much
     there = np.concatenate([people.existence, 0.5 / (1.0 + np.exp(-odds))])
-    _, feet, detection = seen(state.views, boxes, rates, mean, covariance, there)
+    _, feet, detection = visibilities(state.views, boxes, rates, mean, covariance, there)
     # Who is in one box with a neighbour was not missed
     for look in range(len(boxes.camera)):
         here = slice(boxes.first[look], boxes.first[look + 1])
@@ -116,7 +115,26 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, people: Expected,
     for look, camera in enumerate(boxes.camera.tolist()):
         has = np.flatnonzero(given[look] >= 0)
         named[has, :, camera] = hint[given[look, has]]
+    name_shared(named[:, 1], rows, joint, given, boxes)
     return Found(track[rows], mean, given, J, h, constant, miss, named.reshape(len(rows), 2 * len(state.views.size)))
+
+
+def name_shared(followed: Ints, rows: Ints, joint: Floats, given: Ints, boxes: Boxes) -> None:
+    """Give people the filter's identity, that of most of their boxes, where they share a box with a neighbour; in place.
+
+    Args:
+        followed: (n, C) identities that the filter gives the boxes of people in each camera; NONE.
+        rows: (n,) places of these people among all, of whom those who are expected come first.
+        joint: (N, M) probability that a box is of a person who is expected and a neighbour.
+        given: (L, n) box of each person alone in each look; NONE.
+        boxes: of the moment.
+    """
+    for k in np.flatnonzero((rows < len(joint)) & (followed != NONE).any(axis=1)).tolist():
+        names, often = np.unique(followed[k][followed[k] != NONE], return_counts=True)
+        for look, camera in enumerate(boxes.camera.tolist()):
+            here = slice(boxes.first[look], boxes.first[look + 1])
+            if given[look, k] == NONE and joint[rows[k], here].sum() > OWN:
+                followed[k, camera] = names[np.argmax(often)]
 
 
 def _join_doubles(mean: Floats, given: Ints, known: int) -> None:

@@ -29,7 +29,7 @@ BELOW = 0.8
 
 
 @kernel
-def seen(
+def visibilities(
     views: Views, boxes: Boxes, rates: Rates, mean: Floats, covariance: Floats, there: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Visible shares (L, N) of N people in L looks, the same of their feet, and the probabilities of detection.

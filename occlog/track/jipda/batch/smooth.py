@@ -23,7 +23,7 @@ from ..detectors import blind_looks, leaving_rate, rates_of, turning_rate
 from ..filter import State, pack, support_of
 from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
 from ..kernels.joint import Boxes, Rates
-from .association import OWN, Expected, Found, Seen, associate, find
+from .association import OWN, Expected, Seen, associate, find
 from .chains import NONE, OTHER_HINT, SAME_HINT
 from .doubts import doubts
 from .presence import presence
@@ -72,37 +72,36 @@ def smooth(
         return []
     packed = [_scored(state, group, moment.t_ns) for group, moment in zip(looks, moments, strict=True)]
     span = span_of(state, packed, moments)
-    # Mean time between looks of each camera
-    with np.errstate(divide="ignore", invalid="ignore"):
-        interval = (span.time[-1] - span.time[0]) / (span.looked[-1] - 1.0)
-    rates = rates_of(state.counts, state.edges, state.config, np.where(interval > 0.0, interval, np.inf))
+    rates = _rates(state, span)
     # Blind frames are not looks
     packed = [_seeing(boxes, rates, moment) for boxes, moment in zip(packed, moments, strict=True)]
     span = span_of(state, packed, moments)
     chosen = moments_apart(span)
+    apart = at_moments(span, chosen)
+    # Errors of boxes that are farther apart in time are less alike: those of the chosen moments count for more
+    rates_apart = _rates(state, apart, looks_between(span, apart))
     # What the filter followed through moments that the chain does not see tells it what it would have to find out anew
     followed = len(chosen) < len(moments)
     hints = [_identities(group, moment, followed) for group, moment in zip(looks, moments, strict=True)]
-    found = [
-        find(state, boxes, rates, hint, *_filtered(boxes, group, moment))
-        for boxes, hint, group, moment in zip(packed, hints, looks, moments, strict=True)
-    ]
+    seen = {k: _filtered(packed[k], looks[k], moments[k]) for k in chosen.tolist()}
     square = (FIRST * state.metre) ** 2
-    after: list[Seen] = []
-    apart = at_moments(span, chosen)
-    for hottest in HOTTEST:
-        tracks = tracks_from([found[k] for k in chosen.tolist()], apart, state.config, state.places, square, free=True)
+    for hottest, coming in zip(HOTTEST, (chosen, np.arange(len(moments))), strict=True):
+        found = [find(state, packed[k], rates_apart, hints[k], seen[k]) for k in chosen.tolist()]
+        tracks = tracks_from(found, apart, state.config, state.places, square, free=True)
         anneal(tracks, apart, generator, hottest)
         bridge(tracks, apart)
         tracks = tracks._replace(places=tracks.places._replace(moment=chosen[tracks.places.moment]))
         own, square = _scattered(tracks, span, square, state.metre)
-        found, after = _again(state, packed, rates, hints, tracks, span, own, square)
+        seen = _again(state, packed, rates, hints, tracks, span, own, square, coming)
     # Smooth: the scatter and the walk follow from each other
+    found = [
+        find(state, boxes, rates, hint, seen[k]) for k, (boxes, hint) in enumerate(zip(packed, hints, strict=True))
+    ]
     tracks = tracks_from(found, span, state.config, state.places, square, free=False)
     for _ in range(REFINEMENTS):
         own, square = _scattered(tracks, span, square, state.metre)
         tracks = tracks_from(found, span, state.config, state.places, own, free=False)
-    return _moments(tracks, span, packed, looks, moments, after, own, square)
+    return _moments(tracks, span, packed, looks, moments, seen, own, square)
 
 
 def _scored(state: State, group: Sequence[Look], t_ns: int) -> Boxes:
@@ -141,6 +140,22 @@ def _seeing(boxes: Boxes, rates: Rates, moment: Moment) -> Boxes:
     return boxes._replace(camera=boxes.camera[keep], delay=boxes.delay[keep], first=first)
 
 
+def _rates(state: State, span: Span, between: float = 1.0) -> Rates:
+    """Rates of the detectors, for looks of which so many of a camera are from one to the next that counts."""
+    # Mean time between looks of each camera
+    with np.errstate(divide="ignore", invalid="ignore"):
+        interval = (span.time[-1] - span.time[0]) / (span.looked[-1] - 1.0)
+    return rates_of(state.counts, state.edges, state.config, np.where(interval > 0.0, interval, np.inf), between)
+
+
+def looks_between(span: Span, apart: Span) -> float:
+    """How many looks of a camera there are to one of the moments that are apart, at least 1."""
+    looked = apart.looked[-1] > 0.0
+    if not looked.any():
+        return 1.0
+    return max(float(np.min(span.looked[-1, looked] / apart.looked[-1, looked])), 1.0)
+
+
 def moments_apart(span: Span) -> Ints:
     """Moments at which some camera looks that has not looked at one of the chosen moments for `APART_S`."""
     looks = np.diff(span.looked, axis=0) > 0.0
@@ -169,13 +184,14 @@ def _identities(group: Sequence[Look], moment: Moment, followed: bool) -> Ints:
     return np.column_stack([by_tracker, by_filter])
 
 
-def _filtered(boxes: Boxes, group: Sequence[Look], moment: Moment) -> tuple[Expected, Floats, Floats]:
+def _filtered(boxes: Boxes, group: Sequence[Look], moment: Moment) -> Seen:
     """The filter's people, their boxes, and those that they share with a neighbour."""
     share = np.zeros((len(moment.ids), len(boxes.box)))
     joint = np.zeros_like(share)
     says, box = moment.support, _supporting(group, moment)
     share[says.person, box], joint[says.person, box] = says.probability - says.joint, says.joint
-    return Expected(moment.ids, moment.mean, moment.covariance, moment.existence), share, joint
+    people = Expected(moment.ids, moment.mean, moment.covariance, moment.existence)
+    return Seen(people, share, joint, moment.visibility[:, boxes.camera].T)
 
 
 def _supporting(group: Sequence[Look], moment: Moment) -> Ints:
@@ -219,15 +235,16 @@ def _again(
     span: Span,
     own: Floats,
     square: float,
-) -> tuple[list[Found], list[Seen]]:
-    """Associate the boxes of all moments anew."""
+    moments: Ints,
+) -> dict[int, Seen]:
+    """Associate the boxes of some moments anew."""
     walk = _states(tracks, span, _extent(span))
     # The place is about the walk, as far as it was found to be
     spread = np.where(walk.place != NONE, own[walk.place] if len(own) else 0.0, square)
     walk.covariance[:, [0, 1], [0, 1]] += spread[:, None]
     bounds = np.searchsorted(walk.moment, np.arange(len(packed) + 1))
-    found, after = [], []
-    for k, (boxes, hint) in enumerate(zip(packed, hints, strict=True)):
+    out = {}
+    for k in moments.tolist():
         rows = slice(bounds[k], bounds[k + 1])
         people = Expected(
             walk.track[rows],
@@ -235,11 +252,9 @@ def _again(
             walk.covariance[rows],
             np.where(walk.inside[rows], STAYED, STAYS),
         )
-        bonus = _bonus(boxes, hint[:, 0], tracks, walk.last[rows], walk.next[rows])
-        seen = associate(state, boxes, rates, people, bonus)
-        after.append(seen)
-        found.append(find(state, boxes, rates, hint, seen.people, seen.share, seen.joint))
-    return found, after
+        bonus = _bonus(packed[k], hints[k][:, 0], tracks, walk.last[rows], walk.next[rows])
+        out[k] = associate(state, packed[k], rates, people, bonus)
+    return out
 
 
 def _bonus(boxes: Boxes, hint: Ints, tracks: Tracks, last: Ints, following: Ints) -> Floats:
@@ -261,7 +276,7 @@ def _moments(
     packed: Sequence[Boxes],
     looks: Sequence[Sequence[Look]],
     moments: Sequence[Moment],
-    after: Sequence[Seen],
+    seen: dict[int, Seen],
     own: Floats,
     square: float,
 ) -> list[Moment]:
@@ -294,7 +309,7 @@ def _moments(
         events = [Event("birth", int(identity[t]), NOBODY, float(existence[t])) for t in new]
         events += [Event("death", int(identity[t]), NOBODY, float(existence[t])) for t in earlier[k]]
         events += exchanged.get(k, [])
-        support, visible = _seen_by(tracks, walk, rows, packed[k], looks[k], after[k], len(span.looked[0]))
+        support, visible = _seen_by(tracks, walk, rows, packed[k], looks[k], seen[k], len(span.looked[0]))
         out.append(
             Moment(
                 t_ns=moment.t_ns,

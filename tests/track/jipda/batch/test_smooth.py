@@ -8,7 +8,7 @@ from crowds import crowd
 from scipy.optimize import linear_sum_assignment
 
 from occlog.settings import configure
-from occlog.track.jipda.batch.smooth import at_moments, moments_apart, smooth
+from occlog.track.jipda.batch.smooth import at_moments, looks_between, moments_apart, smooth
 from occlog.track.jipda.batch.tracks import Span
 from occlog.track.jipda.batch.window import Window, add, finish
 from occlog.track.jipda.config import JipdaConfig
@@ -76,7 +76,11 @@ def span_of_looks(time, looks):
 def test_moments_are_linked_that_are_apart_for_some_camera():
     fast = span_of_looks(np.arange(50) / 25.0, np.ones((50, 2)))
     assert moments_apart(fast).tolist() == [0, 10, 20, 30, 40]
-    assert at_moments(fast, moments_apart(fast)).looked[-1].tolist() == [5.0, 5.0]
+    apart = at_moments(fast, moments_apart(fast))
+    assert apart.looked[-1].tolist() == [5.0, 5.0]
+    assert looks_between(fast, apart) == 10.0
+    assert looks_between(fast, fast) == 1.0
+    assert looks_between(fast, at_moments(fast, np.array([], dtype=np.int64))) == 1.0
     # Cameras that look in turn are each looked at as often
     in_turn = span_of_looks(np.arange(20) / 10.0, np.eye(4)[np.arange(20) % 4])
     assert moments_apart(in_turn).tolist() == list(range(20))
