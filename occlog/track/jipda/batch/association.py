@@ -15,7 +15,7 @@ from ..kernels.joint import Boxes, Rates, update
 from ..kernels.newborn import Arrival, newborn
 from ..people import DOUBLE
 from .chains import NONE
-from .places import visibilities, factors, misses
+from .places import factors, misses, visibilities
 
 OWN = 0.5
 """A box is given to a person if it is theirs with a greater probability."""
@@ -120,7 +120,7 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, seen: Seen) -> Fo
 
 
 def name_shared(followed: Ints, rows: Ints, joint: Floats, given: Ints, boxes: Boxes) -> None:
-    """Give people the filter's identity, that of most of their boxes, where they share a box with a neighbour; in place.
+    """Give people who share a box with a neighbour the filter's identity, that of most of their boxes; in place.
 
     Args:
         followed: (n, C) identities that the filter gives the boxes of people in each camera; NONE.
