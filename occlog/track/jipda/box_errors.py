@@ -122,7 +122,7 @@ def slowness_of(edges: Edges, between: float = 1.0) -> float:
 
     Of a camera's looks one of `between` counts; the correlation falls geometrically with their number.
     """
-    alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MOST_ALIKE)) ** between
+    alike = float(np.clip(edges.changes[0] / edges.changes[1] - 1.0, 0.0, MOST_ALIKE) ** between)
     return (1.0 + alike) / (1.0 - alike)
 
 
