@@ -78,6 +78,24 @@ METHODS: dict[str, Entry] = {
         "occlog.track.map.config:MapConfig",
         (*IN_WORLD, "starts", "occluders", "motion"),
     ),
+    "ekf": Entry(
+        "baseline of apf: extended Kalman filter of readings and bearings",
+        "occlog.track.kalman.filter:EKF",
+        "occlog.track.kalman.config:EkfConfig",
+        (*IN_WORLD, "starts"),
+    ),
+    "ukf": Entry(
+        "baseline of apf: unscented Kalman filter (Julier, Uhlmann 1997)",
+        "occlog.track.kalman.filter:UKF",
+        "occlog.track.kalman.config:UkfConfig",
+        (*IN_WORLD, "starts"),
+    ),
+    "iekf": Entry(
+        "baseline of apf: MAP estimate of each scan in a Kalman filter, the iterated EKF (Bell, Cathey 1993)",
+        "occlog.track.kalman.filter:IEKF",
+        "occlog.track.kalman.config:IekfConfig",
+        (*IN_WORLD, "starts"),
+    ),
     "direct3d": Entry(
         "particle filter in space from azimuths and elevations (Lee 2009)",
         "occlog.track.in_space.direct3d:METHOD",

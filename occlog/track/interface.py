@@ -20,7 +20,7 @@ from occlog.array_types import Floats, Ints
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 
-from .smoothing_and_lag import SmoothingConfig
+from .smoothing_and_lag import LagConfig
 
 
 class Height(NamedTuple):
@@ -140,7 +140,7 @@ class Smoothing(NamedTuple, Generic[State, Config]):
     What a step leaves for the way back, its trace, is of a type that the method alone knows.
     """
 
-    wanted: Callable[[Config], SmoothingConfig]  # whether and how
+    wanted: Callable[[Config], LagConfig]  # whether and how
     trace: Callable[[State], Any]  # of the last step
     back: Callable[[Sequence[Any], Config, Generator], list[Past]]  # traces of steps in order; a state for each
 

@@ -82,9 +82,9 @@ def update(walkers: Walkers, xy: Floats, noise: Floats) -> Walkers:
     return Walkers(
         walkers.xy + (gain @ off)[:, :, 0],
         walkers.velocity + (gain_velocity @ off)[:, :, 0],
-        _symmetric(gain @ noise),
+        symmetric(gain @ noise),
         noise @ inverse @ walkers.cross,
-        _symmetric(walkers.cov_velocity - gain_velocity @ walkers.cross),
+        symmetric(walkers.cov_velocity - gain_velocity @ walkers.cross),
     )
 
 
@@ -98,5 +98,6 @@ def join(first: Walkers, second: Walkers) -> Walkers:
     return Walkers(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
 
 
-def _symmetric(matrix: Floats) -> Floats:
-    return 0.5 * (matrix + matrix.swapaxes(1, 2))
+def symmetric(matrix: Floats) -> Floats:
+    """Make (..., N, N) matrices symmetric, which are so but for rounding."""
+    return 0.5 * (matrix + matrix.swapaxes(-1, -2))

@@ -1,0 +1,216 @@
+"""The filters `ekf`, `ukf` and `iekf`: predict, gate, update; begin, and begin anew where the target is lost.
+
+They differ in the update alone (`occlog.track.kalman.updates`).  What a Gaussian cannot hold has no place in
+them: that a camera did not see the target, moving occluders, and several places at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.core.filter.likelihood import PackedScan
+from occlog.core.plane.floor import make_floor, sample_floor
+from occlog.core.sight.view_prior import draw
+from occlog.errors import InputError
+from occlog.measure.scans.scan import Scan
+from occlog.records.scene import Scene
+from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_noise
+from occlog.track.interface import Estimate, Online, Smoothing
+
+from . import updates
+from .config import IGNORE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig
+from .measurement import Rows, World, linearised, measured, residuals, rows_of
+from .motion import Gaussian, Link, predicted, smooth, velocity_variance
+from .updates import Updated, agreeing, descended, linear
+
+K = TypeVar("K", bound=KalmanConfig)
+DRAWS = 500
+"""Places drawn for the mean and the covariance of where a target can be at first."""
+MOST_ROWS = 40
+"""A filter begins from so many measurements at most, the most certain ones."""
+SEARCH = IekfConfig(feasible=IGNORE)
+"""How the first place is searched."""
+
+
+class KalmanState(NamedTuple, Generic[K]):
+    """What is known at the time of the last scan; `t_ns` is None before the first."""
+
+    config: K
+    world: World
+    read_px: Floats
+    anywhere: Gaussian  # before anything was seen
+    known: Gaussian
+    t_ns: int | None
+    astray: int  # reports outside the gate more than inside, since they last were even
+    link: Link | None = None  # what the last step leaves for the way back
+
+
+def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:
+    """State before the first scan: around `config.start`, or as wide as the floor; InputError without free floor."""
+    floor = make_floor(scene.region, [o.polygon for o in scene.occluders])
+    try:
+        places = sample_floor(DRAWS, floor, rng) if scene.views is None else draw(DRAWS, scene.views, rng)
+    except ValueError as error:
+        raise InputError(f"scene: {error}; make the room larger") from error
+    world = World(pack_sensors(scene), pack_noise(scene), floor)
+    anywhere = _begun(places.mean(axis=0), np.cov(places.T), config)
+    known = anywhere
+    if config.start is not None:
+        known = _begun(np.array(config.start[:2]), config.start[2] ** 2 * np.eye(2), config)
+    return KalmanState(config, world, read_noise(scene), anywhere, known, None, 0)
+
+
+def _begun(xy: Floats, covariance: Floats, config: KalmanConfig) -> Gaussian:
+    """A state with an unknown velocity."""
+    whole = np.zeros((4, 4))
+    whole[:2, :2], whole[2:, 2:] = covariance, velocity_variance(config) * np.eye(2)
+    return Gaussian(np.array([*xy, 0.0, 0.0]), whole)
+
+
+Update = Callable[[Gaussian, Rows, World, K], Updated]
+
+
+def stepper(update: Update[K]) -> Callable[[KalmanState[K], Scan, Generator], tuple[KalmanState[K], Estimate]]:
+    """The step of the filter with this update."""
+
+    def step(state: KalmanState[K], scan: Scan, rng: Generator) -> tuple[KalmanState[K], Estimate]:  # noqa: ARG001
+        config, world = state.config, state.world
+        looks = pack_scan(scan, state.read_px, use_score=False)
+        rows = rows_of(looks)
+        dt = 0.0 if state.t_ns is None else (scan.t_ns - state.t_ns) / NS
+        if dt < 0:
+            raise ValueError(f"scan at {scan.t_ns} ns is earlier than the last one at {state.t_ns} ns")
+        # Begin: where the first bearings meet; anew after a gap
+        gap = dt > config.max_gap_s
+        if gap or (state.t_ns is None and config.start is None):
+            return _anew(state, scan, looks, rows, "gap" if gap else "")
+        # Predict
+        known = predicted(state.known, dt, config)
+        # Gate, then update by the rows that agree
+        inside = agreeing(known, rows, world, config.gate)
+        done = Updated(known, 0.0)
+        if inside.any():
+            done = update(known, rows.take(inside), world, config)
+        # Begin anew: a filter that most reports have contradicted for some scans is lost
+        astray = _astray(state.astray, looks, rows.sensor[inside])
+        if config.lost_after and astray >= config.lost_after:
+            return _anew(state, scan, looks, rows, "restart")
+        link = Link(done.state, dt, begun=state.t_ns is None)
+        state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, link=link)
+        return state, _estimate(done, looks, rows.sensor[inside])
+
+    return step
+
+
+def _anew(
+    state: KalmanState[K], scan: Scan, looks: PackedScan, rows: Rows, reason: str
+) -> tuple[KalmanState[K], Estimate]:
+    """A filter that begins with this scan."""
+    done, used = _first(state.anywhere, rows, state.world, state.config.gate)
+    link = Link(done.state, 0.0, begun=True)
+    state = state._replace(known=done.state, t_ns=scan.t_ns, astray=0, link=link)
+    return state, _estimate(done._replace(fallback=reason), looks, used)
+
+
+def _first(anywhere: Gaussian, rows: Rows, world: World, gate: float) -> tuple[Updated, Ints]:
+    """The most probable place by the rows of one scan, and the sensors that it is from.
+
+    Of each sensor the nearest row counts, up to the gate, so that candidates of others and false bearings do not.
+    """
+    rows = rows.take(np.sort(np.argsort(rows.variance, kind="stable")[:MOST_ROWS]))
+    starts = np.vstack([anywhere.mean[None, :2], crossings(rows, world)])
+    _, costs = zip(*(_agreed(place, anywhere, rows, world, gate) for place in starts), strict=True)
+    kept, _ = _agreed(starts[int(np.argmin(costs))], anywhere, rows, world, gate)
+    rows = rows.take(kept)
+    if not len(rows.sensor):
+        return Updated(anywhere, 0.0), rows.sensor
+    place, _, _ = descended(starts[int(np.argmin(costs))], anywhere, rows, world, SEARCH)
+    return linear(anywhere, place, rows, world), rows.sensor
+
+
+def _agreed(place: Floats, anywhere: Gaussian, rows: Rows, world: World, gate: float) -> tuple[Ints, float]:
+    """Rows that agree with a place, one a sensor, and the cost of the place; a sensor that disagrees costs the gate."""
+    expected, ahead = measured(place[None], rows, world)
+    _, variance = linearised(place, rows, world)
+    off = np.where(ahead[0], residuals(expected[0], rows) ** 2 / variance, np.inf)
+    nearest = [own[np.argmin(off[own])] for s in np.unique(rows.sensor) for own in [np.flatnonzero(rows.sensor == s)]]
+    chosen = np.array(nearest, dtype=np.int64)
+    away = place - anywhere.mean[:2]
+    cost = 0.5 * float(np.minimum(off[chosen], gate**2).sum())
+    cost += 0.5 * float(away @ np.linalg.solve(anywhere.covariance[:2, :2], away))
+    return chosen[off[chosen] <= gate**2], cost
+
+
+def crossings(rows: Rows, world: World) -> Floats:
+    """(K, 2) places where sight lines of two sensors cross ahead of both."""
+    yaw = np.arctan2(world.sensors.axis[rows.sensor, 1], world.sensors.axis[rows.sensor, 0])
+    f = np.where(rows.pixel, world.noise.focal_px[rows.sensor], 1.0)
+    azimuth = np.where(rows.pixel, yaw + np.arctan2(rows.value, f), rows.value)
+    e, origin = np.column_stack([np.cos(azimuth), np.sin(azimuth)]), world.sensors.xy[rows.sensor]
+    i, j = np.nonzero(rows.sensor[:, None] < rows.sensor[None, :])
+    base = origin[j] - origin[i]
+    sine = e[i, 0] * e[j, 1] - e[i, 1] * e[j, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along_i = (base[:, 0] * e[j, 1] - base[:, 1] * e[j, 0]) / sine
+        along_j = (base[:, 0] * e[i, 1] - base[:, 1] * e[i, 0]) / sine
+    ahead = np.isfinite(along_i) & (along_i > 0.0) & (along_j > 0.0)
+    return np.asarray(origin[i][ahead] + along_i[ahead, None] * e[i][ahead])
+
+
+def _astray(before: int, looks: PackedScan, agree: Ints) -> int:
+    """Reports outside the gate more than inside, counted as those of `apf`: a scan counts for two at most."""
+    reports = looks.sensor[looks.labelled & (np.diff(looks.first) > 0)]
+    against = int(np.count_nonzero(~np.isin(reports, agree)))
+    return max(0, before + max(-2, min(2, 2 * against - len(reports)))) if len(reports) else before
+
+
+def _estimate(done: Updated, looks: PackedScan, agree: Ints) -> Estimate:
+    seen = np.diff(looks.first) > 0
+    seen &= looks.labelled | np.isin(looks.sensor, agree)
+    return Estimate(
+        xy=done.state.mean[:2],
+        velocity=done.state.mean[2:],
+        covariance=np.ascontiguousarray(done.state.covariance[:2, :2]),
+        ess=math.nan,
+        log_likelihood=done.score,
+        n_looked=len(looks.sensor),
+        n_seen=int(np.count_nonzero(seen)),
+        fallback=done.fallback,
+        used=tuple(looks.sensor.tolist()),
+        seen_by=tuple(looks.sensor[seen].tolist()),
+    )
+
+
+def _trace(state: KalmanState[K]) -> Link:
+    assert state.link is not None, "a trace is asked for after a step"
+    return state.link
+
+
+def _method(config: type[K], update: Update[K]) -> Online[KalmanState[K], K]:
+    return Online(
+        config=config,
+        init=init,
+        step=stepper(update),
+        started=lambda own: own.start is not None,
+        smoothing=Smoothing(
+            wanted=lambda own: own,
+            trace=_trace,
+            back=lambda traces, own, rng: smooth(traces, own),  # noqa: ARG005
+        ),
+    )
+
+
+EKF: Online[KalmanState[EkfConfig], EkfConfig] = _method(
+    EkfConfig, lambda known, rows, world, _: updates.ekf(known, rows, world)
+)
+UKF: Online[KalmanState[UkfConfig], UkfConfig] = _method(UkfConfig, updates.ukf)
+IEKF: Online[KalmanState[IekfConfig], IekfConfig] = _method(
+    IekfConfig,
+    lambda known, rows, world, config: updates.iekf(known, rows, world, config, crossings(rows, world)),
+)

@@ -1,0 +1,176 @@
+"""How the three filters take measurements in: linearised, by sigma points, and at the most probable place.
+
+Each update is that of a state with mean m and covariance P by rows whose noise is independent.  Only the place is
+measured; what is learned of it moves the velocity by their covariance.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats
+from occlog.core.motion.kalman import symmetric
+
+from .config import IGNORE, STARTS, VISIBLE, IekfConfig, UkfConfig
+from .measurement import Rows, World, linearised, measured, residuals, visible
+from .motion import Gaussian
+
+SPREAD = math.sqrt(3.0)
+"""Sigma points lie so many standard deviations off: n + kappa = 3, which suits a Gaussian's fourth moment."""
+WEIGHTS = np.array([1.0 / 3.0, *[1.0 / 6.0] * 4])
+"""Of the mean and of the four points about it."""
+HALVINGS = 12
+"""A step of the search is halved at most so often."""
+CLOSE = 1e-6
+"""The search ends where a step is shorter than this share of the standard deviation of the prediction."""
+STUCK, DISCARDED = "stuck", "discarded"
+"""Values of `fallback`: the search ended at the border of the feasible set; no sigma point was left."""
+
+
+class Updated(NamedTuple):
+    """A state after rows, and how they went in."""
+
+    state: Gaussian
+    score: float  # log-likelihood of the rows
+    fallback: str = ""
+
+
+def agreeing(state: Gaussian, rows: Rows, world: World, gate: float) -> Bools:
+    """(R,) rows whose innovation is within the gate; of a sensor's candidates the nearest one alone."""
+    at = state.mean[:2]
+    expected, ahead = measured(at[None], rows, world)
+    H, R = linearised(np.where(np.isfinite(at), at, 0.0), rows, world)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.einsum("ri,ij,rj->r", H, state.covariance[:2, :2], H) + R
+        off = residuals(expected[0], rows) ** 2 / spread
+    off = np.where(ahead[0] & np.isfinite(off), off, np.inf)
+    inside = off <= gate**2
+    for sensor in np.unique(rows.sensor[~rows.labelled]):
+        own = np.flatnonzero((rows.sensor == sensor) & ~rows.labelled)
+        inside[np.delete(own, np.argmin(off[own]))] = False
+    return inside
+
+
+def ekf(state: Gaussian, rows: Rows, world: World) -> Updated:
+    """Update by measurements linearised at the mean (extended Kalman filter)."""
+    return linear(state, state.mean[:2], rows, world)
+
+
+def linear(state: Gaussian, at: Floats, rows: Rows, world: World) -> Updated:
+    """Update by measurements linearised at a place (2,); the covariance in Joseph's form."""
+    expected, _ = measured(at[None], rows, world)
+    H2, R = linearised(at, rows, world)
+    H = np.hstack([H2, np.zeros_like(H2)])
+    # Innovation of the measurement that is linear about `at`
+    off = residuals(expected[0], rows) - H2 @ (state.mean[:2] - at)
+    S = H @ state.covariance @ H.T + np.diag(R)
+    K = np.linalg.solve(S, H @ state.covariance).T
+    left = np.eye(4) - K @ H
+    covariance = left @ state.covariance @ left.T + (K * R) @ K.T
+    return Updated(Gaussian(state.mean + K @ off, symmetric(covariance)), _log_normal(off, S))
+
+
+def _log_normal(off: Floats, S: Floats) -> float:
+    _, volume = np.linalg.slogdet(S)
+    return float(-0.5 * (off @ np.linalg.solve(S, off) + volume + len(off) * math.log(2.0 * math.pi)))
+
+
+def ukf(state: Gaussian, rows: Rows, world: World, config: UkfConfig) -> Updated:
+    """Update row by row by sigma points (unscented Kalman filter, Julier and Uhlmann 1997, kappa = 3 - n).
+
+    Points of the place alone are drawn: the rest of the 2 n + 1 points of the whole state lie at its mean, and give
+    the same moments.  A point that does not count for a row adds nothing to its second moments, so that the covariance
+    stays positive; without any point the row is left out.
+    """
+    score, left = 0.0, 0
+    for k in range(len(rows.sensor)):
+        row = rows.take(np.array([k]))
+        P = state.covariance[:2, :2]
+        root = SPREAD * np.linalg.cholesky(P)
+        points = state.mean[:2] + np.vstack([np.zeros(2), root.T, -root.T])
+        expected, counts = measured(points, row, world)
+        if config.points == VISIBLE:
+            counts = counts & visible(points, row, world)
+        w = np.where(counts[:, 0], WEIGHTS, 0.0)
+        if not w.sum() > 0.0:
+            left += 1
+            continue
+        # Moments of the innovation over the points that are left
+        innovation = residuals(expected, row)[:, 0]
+        off = float(w @ innovation / w.sum())
+        _, R = linearised(points[int(np.argmax(w))], row, world)
+        S = float(w @ (innovation - off) ** 2 + R[0])
+        across = (w * (off - innovation)) @ (points - state.mean[:2])
+        # Gain: the velocity follows the place by their covariance
+        K = state.covariance[:, :2] @ np.linalg.solve(P, across) / S
+        covariance = state.covariance - S * np.outer(K, K)
+        state = Gaussian(state.mean + K * off, symmetric(covariance))
+        score += _log_normal(np.array([off]), np.array([[S]]))
+    return Updated(state, score, DISCARDED if left == len(rows.sensor) else "")
+
+
+def iekf(state: Gaussian, rows: Rows, world: World, config: IekfConfig, starts: Floats) -> Updated:
+    """Update by measurements linearised at the most probable place (iterated extended Kalman filter).
+
+    Bell and Cathey (1993): the iterated filter is the search of Gauss and Newton for the maximum a posteriori.  The
+    feasible set are the places that all sensors with a row can see; without a start in it the rows are linearised at the
+    prediction.
+
+    Args:
+        state: the prediction.
+        rows: what was measured.
+        world: the sensors.
+        config: settings.
+        starts: (K, 2) further places to search from.
+    """
+    first = state.mean[None, :2]
+    tried = np.vstack([first, starts]) if config.feasible == STARTS else first
+    if config.feasible != IGNORE:
+        tried = tried[visible(tried, rows, world).all(axis=1)]
+        if not len(tried):
+            return linear(state, first[0], rows, world)._replace(fallback=STUCK)
+    found = [descended(place, state, rows, world, config) for place in tried]
+    best = min(found, key=lambda one: one[1])
+    updated = linear(state, best[0], rows, world)
+    return updated._replace(fallback=STUCK if best[2] else "")
+
+
+def map_cost(places: Floats, state: Gaussian, rows: Rows, world: World) -> Floats:
+    """(L,) negative log of prior times likelihood at (L, 2) places, without constants; infinite behind a camera."""
+    away = places - state.mean[:2]
+    cost = 0.5 * np.einsum("li,li->l", away, np.linalg.solve(state.covariance[:2, :2], away.T).T)
+    expected, ahead = measured(places, rows, world)
+    variance = np.stack([linearised(place, rows, world)[1] for place in places])
+    terms = 0.5 * residuals(expected, rows) ** 2 / variance + 0.5 * np.log(variance)
+    return np.asarray(np.where(ahead.all(axis=1), cost + np.where(ahead, terms, 0.0).sum(axis=1), np.inf))
+
+
+def descended(
+    start: Floats, state: Gaussian, rows: Rows, world: World, config: IekfConfig
+) -> tuple[Floats, float, bool]:
+    """Where a search by Gauss and Newton ends, its cost, and whether the border of the feasible set ended it."""
+    at, cost = start, float(map_cost(start[None], state, rows, world)[0])
+    information = np.linalg.inv(state.covariance[:2, :2])
+    scale = CLOSE * math.sqrt(float(np.trace(state.covariance[:2, :2])))
+    for _ in range(config.iterations):
+        if not math.isfinite(cost):
+            break
+        expected, _ = measured(at[None], rows, world)
+        H, R = linearised(at, rows, world)
+        gradient = information @ (at - state.mean[:2]) - H.T @ (residuals(expected[0], rows) / R)
+        step = -np.linalg.solve(information + (H.T / R) @ H, gradient)
+        # Line search: the longest of the halved steps that is feasible and lowers the cost
+        ways = at + 0.5 ** np.arange(HALVINGS)[:, None] * step
+        lower = map_cost(ways, state, rows, world)
+        better = lower < cost
+        allowed = better if config.feasible == IGNORE else better & visible(ways, rows, world).all(axis=1)
+        if not allowed.any():
+            return at, cost, bool(better.any()) and float(np.hypot(*step)) > scale
+        k = int(np.argmax(allowed))
+        at, cost, moved = ways[k], float(lower[k]), float(np.hypot(*(ways[k] - at)))
+        if moved < scale:
+            break
+    return at, cost, False
