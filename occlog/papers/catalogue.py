@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from occlog.errors import UsageError
-from occlog.papers.ercan import accuracy, recorded_figures, selection, speed, square
+from occlog.papers.ercan import accuracy, baselines, recorded_figures, selection, speed, square
 from occlog.papers.ercan import statements as ercan_statements
 from occlog.papers.lee import statements as lee_statements
 from occlog.papers.lee.appearance.coefficient import COEFFICIENT
@@ -36,7 +36,15 @@ from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdi
 from occlog.papers.verdicts.source import Sources, attributed
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
-    "ercan": (*square.EXPERIMENTS, speed.FIG10, selection.FIG12, selection.FIG14, selection.FIG15, accuracy.FIG17),
+    "ercan": (
+        baselines.BASELINES,
+        *square.EXPERIMENTS,
+        speed.FIG10,
+        selection.FIG12,
+        selection.FIG14,
+        selection.FIG15,
+        accuracy.FIG17,
+    ),
     "rahimi": (search.FIG3, results.FIG4, results.FIG5, trust.FALSE, trust.COVARIANCE),
     "lee": (
         # Chapter 2

@@ -153,8 +153,9 @@ class Diagnostics(Table):
         "of a batch method `unobservable` (the position is hardly known), `contradiction` (constraints that no place "
         "holds were left out, with what was seen then), `wall` (no way around a wall was found), `unfinished` (the "
         "search did not converge) or `doubted` (fewer than half of the bearings are believed); of `fix` `pair` (two "
-        "lines, whose spread is as stated) or `stated` (the spread was not found); of `ukf` "
-        "`discarded` (no sigma point was left); of `iekf` `stuck` (the search ended where cameras cannot see)",
+        "lines, whose spread is as stated) or `stated` (the spread was not found); of `ekf`, `ukf` and `iekf` "
+        "`widened` (most bearings disagreed with the prediction, which was made wider), `discarded` (no sigma "
+        "point was left) or `stuck` (the search ended where cameras cannot see)",
     )
     cameras: Strings = column("U", "1", "sensors used in the scan, separated by commas")
     n_offered: Ints32 = column("i4", "1", "sensors that had a frame since the last row, asked for it or not")

@@ -12,6 +12,21 @@ IMPROVE = (
 )
 
 SOURCES: Sources = {
+    "baselines-ekf": Source("Sec. 4", "using an extended kalman filter (EKF) ... is not very successful"),
+    "baselines-ukf": Source("Sec. 4", "the use of an unscented Kalman filter (UKF) is more promising"),
+    "baselines-ukf-constraints": Source(
+        "Sec. 4",
+        "its performance degrades quickly when the static occluders and limited field of view constraints are "
+        "considered",
+    ),
+    "baselines-ukf-particles": Source("Sec. 4", "Given these considerations, we decided to use a particle filter"),
+    "baselines-map": Source(
+        "Sec. 4", "failed at the optimization stage of the MAP estimator, as the feasible set is highly disconnected"
+    ),
+    "baselines-map-particles": Source("Sec. 4", "Given these considerations, we decided to use a particle filter"),
+    "baselines-sharp": OWN,
+    "baselines-false": OWN,
+    "baselines-priors": OWN,
     "fig6": Source("Fig. 6, Sec. 6.1"),
     "fig6-rmse-max": Source("Fig. 6, Sec. 6.1", "the worst case average RMSE when there are no measurements"),
     "fig6-rmse-occ": Source("Fig. 6, Sec. 6.1", "RMSE_occ = 6.67 (obtained by setting sigma_psi = 8)"),

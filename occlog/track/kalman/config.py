@@ -39,13 +39,13 @@ class KalmanConfig(LagConfig):
         "Mean time in which a target changes its direction and its velocity is forgotten.",
         unit="s",
         above=0,
-        people=2.0,
+        people=1.0,
     )
     sigma_v: float = setting(
         0.33, "Motion noise per axis, gathered in a second.", unit="length", at_least=0, people=0.1
     )
     gate: float = setting(
-        4.0, "Standard deviations within which a bearing agrees with the prediction; others are not used.", above=0
+        5.0, "Standard deviations within which a bearing agrees with the prediction; others are not used.", above=0
     )
     max_gap_s: float = setting(60.0, "After a longer time without a scan the filter begins anew.", unit="s", above=0)
     lost_after: int = setting(

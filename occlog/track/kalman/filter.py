@@ -13,7 +13,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.random import Generator
 
-from occlog.array_types import NS, Floats, Ints
+from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.filter.likelihood import PackedScan
 from occlog.core.plane.floor import make_floor, sample_floor
 from occlog.core.sight.view_prior import draw
@@ -34,6 +34,10 @@ DRAWS = 500
 """Places drawn for the mean and the covariance of where a target can be at first."""
 MOST_ROWS = 40
 """A filter begins from so many measurements at most, the most certain ones."""
+AWAY_S = 1.0
+"""A target of which most reports disagree with the prediction is as far from it as it goes in about this time [s]."""
+WIDENED = "widened"
+"""Value of `fallback`: most reports disagreed with the prediction, which was made wider."""
 SEARCH = IekfConfig(feasible=IGNORE)
 """How the first place is searched."""
 
@@ -90,22 +94,46 @@ def stepper(update: Update[K]) -> Callable[[KalmanState[K], Scan, Generator], tu
         gap = dt > config.max_gap_s
         if gap or (state.t_ns is None and config.start is None):
             return _anew(state, scan, looks, rows, "gap" if gap else "")
-        # Predict
+        # Predict, gate, then update by the rows that agree
         known = predicted(state.known, dt, config)
-        # Gate, then update by the rows that agree
         inside = agreeing(known, rows, world, config.gate)
-        done = Updated(known, 0.0)
-        if inside.any():
+        used, begun = rows.sensor[inside], state.t_ns is None
+        if _outvoted(rows, inside):
+            # Most reports disagree, as of a target that has turned: where they meet, not far from the prediction
+            done, used = _first(_widened(known, config), rows, world, config.gate)
+            done, begun = done._replace(fallback=WIDENED), True
+        elif inside.any():
             done = update(known, rows.take(inside), world, config)
-        # Begin anew: a filter that most reports have contradicted for some scans is lost
-        astray = _astray(state.astray, looks, rows.sensor[inside])
-        if config.lost_after and astray >= config.lost_after:
+        else:
+            done = Updated(known, 0.0)
+        # Begin anew: a filter is lost that most reports have contradicted for some scans, or that has left the scene
+        astray = _astray(state.astray, looks, used)
+        if (config.lost_after and astray >= config.lost_after) or _left(done.state, world):
             return _anew(state, scan, looks, rows, "restart")
-        link = Link(done.state, dt, begun=state.t_ns is None)
+        link = Link(done.state, dt, begun=begun)
         state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, link=link)
-        return state, _estimate(done, looks, rows.sensor[inside])
+        return state, _estimate(done, looks, used)
 
     return step
+
+
+def _outvoted(rows: Rows, inside: Bools) -> bool:
+    """Whether at least two labelled rows are outside the gate, and more than inside."""
+    against = int(np.count_nonzero(rows.labelled & ~inside))
+    return against >= 2 and against > int(np.count_nonzero(rows.labelled & inside))
+
+
+def _widened(known: Gaussian, config: KalmanConfig) -> Gaussian:
+    """A prediction as wide as a target gets away in `AWAY_S`, whose velocity is not known."""
+    away = (config.speed * AWAY_S) ** 2 * np.eye(2)
+    return _begun(known.mean[:2], known.covariance[:2, :2] + away, config)
+
+
+def _left(known: Gaussian, world: World) -> bool:
+    """Whether a target is far outside of the region: by more than its extent."""
+    low, high = world.floor.room.min(axis=0), world.floor.room.max(axis=0)
+    xy = known.mean[:2]
+    return not bool(np.all((xy >= 2.0 * low - high) & (xy <= 2.0 * high - low)))
 
 
 def _anew(

@@ -42,15 +42,13 @@ def agreeing(state: Gaussian, rows: Rows, world: World, gate: float) -> Bools:
     """(R,) rows whose innovation is within the gate; of a sensor's candidates the nearest one alone."""
     at = state.mean[:2]
     expected, ahead = measured(at[None], rows, world)
-    H, R = linearised(np.where(np.isfinite(at), at, 0.0), rows, world)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.einsum("ri,ij,rj->r", H, state.covariance[:2, :2], H) + R
-        off = residuals(expected[0], rows) ** 2 / spread
-    off = np.where(ahead[0] & np.isfinite(off), off, np.inf)
-    inside = off <= gate**2
+    H, R = linearised(at, rows, world)
+    spread = np.einsum("ri,ij,rj->r", H, state.covariance[:2, :2], H) + R
+    squared = np.where(ahead[0], residuals(expected[0], rows) ** 2 / spread, np.inf)
+    inside = squared <= gate**2
     for sensor in np.unique(rows.sensor[~rows.labelled]):
         own = np.flatnonzero((rows.sensor == sensor) & ~rows.labelled)
-        inside[np.delete(own, np.argmin(off[own]))] = False
+        inside[np.delete(own, np.argmin(squared[own]))] = False
     return inside
 
 
@@ -116,7 +114,7 @@ def iekf(state: Gaussian, rows: Rows, world: World, config: IekfConfig, starts: 
     """Update by measurements linearised at the most probable place (iterated extended Kalman filter).
 
     Bell and Cathey (1993): the iterated filter is the search of Gauss and Newton for the maximum a posteriori.  The
-    feasible set are the places that all sensors with a row can see; without a start in it the rows are linearised at the
+    feasible set are the places that all sensors with a row can see; without a start in it rows are linearised at the
     prediction.
 
     Args:
