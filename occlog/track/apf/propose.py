@@ -39,6 +39,13 @@ from .model import ROUGH, Model, likelihood
 KERNEL = 1.0 / 3.0
 """Share of the standard deviation of a given start that the kernel of each particle has."""
 
+EVEN = 0.2
+"""Share of stage 1 that goes to the three hypotheses of the motion alike where a scan has no measurement.
+
+The next scan needs particles of rare hypotheses to choose among: a target that stops unseen, for example.  The
+effective number falls by a tenth in such a step.
+"""
+
 
 class Draw(NamedTuple):
     """Particles at the time of a scan, and how they came to be."""
@@ -111,6 +118,9 @@ def _looking(model: Model, particles: Particles, weights: Floats, looks: PackedS
     log_first += likelihood(model, near.mode[best], looks, ROUGH, anywhere=True) - near.log_factors[best]
     # Stage 1, weigh the hypotheses, and resample: systematic
     first, fallback = _stage_1(log_first.reshape(-1), prior, config.defensive)
+    if not len(rows):
+        # Nobody saw the target: keep particles of every hypothesis for the next scan
+        first = (1.0 - EVEN) * first + EVEN * _evenly(weights, chance)
     chosen = systematic_ancestors(first, n, rng.random())
     parents, regime = chosen % L, chosen // L
     # Propose: places from the importance density, the velocity given the place
@@ -148,6 +158,12 @@ def _stage_1(log_weights: Floats, prior: Floats, defensive: float) -> tuple[Floa
     if fallback:  # stage 1 is skipped: plain sampling importance resampling
         first = prior
     return (1.0 - defensive) * first + defensive * prior, fallback
+
+
+def _evenly(weights: Floats, chance: Floats) -> Floats:
+    """(3 L,) weights (L,) of particles, shared evenly among those hypotheses of each whose chance (3, L) is above 0."""
+    possible = chance > 0.0
+    return np.where(possible, weights / possible.sum(axis=0), 0.0).reshape(-1)
 
 
 def drift(model: Model, particles: Particles, dt: float, rng: Generator) -> Particles:

@@ -373,6 +373,9 @@ def scan_step(particles, z, sigma_read, scene, config, dt, draws):
     log_first += np.log(a).sum(axis=1) - near.log_factors[best]
     first = np.exp(log_first - logsumexp(log_first)).ravel()
     first = (1 - config.defensive) * first + config.defensive * prior
+    if np.isnan(z).all():  # nobody sees the target: a fifth goes to all that is possible alike
+        possible = chances > 0
+        first = 0.8 * first + 0.2 * (possible * particles.weights / possible.sum(axis=0)).ravel()
     chosen = systematic(first, draws.resample, n)
     parents, regime = chosen % L, chosen // L
     # An upper triangular root of the covariance, as the filter's: the same noise makes the same place

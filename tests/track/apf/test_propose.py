@@ -37,12 +37,13 @@ def likelihoods(state, looks, dt, runs=60):
 
 @pytest.mark.parametrize("noises", [{}, PEOPLE, STAND])
 @pytest.mark.parametrize("dt", [1.0, 0.3])
-@pytest.mark.parametrize("seed", range(4))
-def test_a_step_is_that_of_the_plain_form(seed, dt, noises):
+@pytest.mark.parametrize(("seed", "seen"), [(0, True), (1, True), (2, True), (3, True), (0, False), (1, False)])
+def test_a_step_is_that_of_the_plain_form(seed, seen, dt, noises):
     scene = room100(pillar=bool(seed % 2))
     options = {"defensive": 0.1 * (seed % 2), "soften": 0.02, "false": 1e-3, "phi": 0.3, **noises}
     config = ApfConfig(particles=L, lost_after=0, **options)
     state, u = state_with(scene, config, seed), readings(scene, seed)
+    u = u if seen else np.full_like(u, np.nan)
     looks = pack_scan(scan(dt, [(i, None if np.isnan(v) else v) for i, v in enumerate(u)]), state.model.read_px, True)
     rng = np.random.default_rng(seed + 100)
     draw = auxiliary_step(state.model, state.particles, state.weights, looks, dt, rng)
@@ -129,6 +130,17 @@ def test_the_moments_are_those_of_many_particles_that_do_not_look(seed, noises):
     deviation = np.sqrt(np.trace(np.cov(waypoint.velocities(wide.particles).T, aweights=wide.weights)))
     error = 5 * (deviation / np.sqrt(few) + moved.std(axis=0).max() / np.sqrt(80))
     np.testing.assert_allclose(share @ moved, velocity, atol=error)
+
+
+def test_where_nobody_sees_the_target_every_motion_keeps_particles():
+    """A fifth of 1000 goes to three motions alike, so that the next scan can choose one that is rare."""
+    config = ApfConfig(particles=1000, lost_after=0, **STAND)
+    state = state_with(room100(), config, 0)
+    blind = pack_scan(scan(0.2, [(i, None) for i in range(8)]), state.model.read_px, True)
+    draw = auxiliary_step(state.model, state.particles, state.weights, blind, 0.2, np.random.default_rng(0))
+    counts = np.bincount(draw.particles.regime, minlength=3)
+    assert counts.min() >= 60
+    assert effective_size(draw.weights) > 850
 
 
 @pytest.mark.jit
