@@ -82,8 +82,8 @@ def read_tables(paths: Paths, *, everybody: bool = False) -> Tables:
     With `everybody` the views are not compared with true boxes, but predicted; boxes serve as well.
     """
     truth = None if paths.truth is None else _open_truth(paths.truth)
-    tracks = None if paths.tracks is None else open_input(paths.tracks)
-    scene = _scene(paths, None if truth is None else truth.scene)
+    tracks = None if paths.tracks is None else open_input(paths.tracks, Tracks)
+    scene = _scene(paths, tracks, truth)
     for opened in (tracks, truth):
         if opened is not None:
             check_unit(opened, scene.length_unit, error=InputError)
@@ -168,8 +168,15 @@ def _open_truth(path: Path) -> Opened:
     return open_input(path, Truth, TruthBoxes, remedy=remedy)
 
 
-def _scene(paths: Paths, recorded: Scene | None) -> Scene:
-    """The scene of `--scene` or of the recording; views are compared without one."""
+def _scene(paths: Paths, tracks: Opened | None, truth: Opened | None) -> Scene:
+    """The scene of `--scene` or of the recording.
+
+    Views are compared without one, and so are tracks with a truth, in the unit that they state, or in metres.
+    """
+    recorded = None if truth is None else truth.scene
+    if paths.scene is None and recorded is None and paths.directions is None and paths.views is None:
+        units = [opened.length_unit for opened in (truth, tracks) if opened is not None]
+        return Scene(length_unit=next((unit for unit in units if unit is not None), "m"))
     if paths.tracks is None and paths.directions is None and paths.scene is None:
         return recorded or Scene()
     for path in (paths.bearings, paths.doa, paths.views):

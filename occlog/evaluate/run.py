@@ -21,7 +21,7 @@ from occlog.evaluate.mot.run import ground_figures
 from occlog.io.files.json_file import write_json
 from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance, hash_inputs
-from occlog.io.open import open_if_ours, open_input
+from occlog.io.open import of_others, open_if_ours, open_input
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
 from occlog.records.scene import MicrophoneArray
@@ -55,7 +55,7 @@ def run_evaluate(
     t = t if frames is None else in_frames(t, frames)
     unit = t.scene.length_unit
     # A tracker that numbers its tracks itself gives them numbers of targets by chance only
-    own_numbers = "match" not in given and born_from_detections(paths.tracks)
+    own_numbers = "match" not in given and (born_from_detections(paths.tracks) or of_others(paths.tracks))
     paired = {"match": "optimal"} if own_numbers else {}
     config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **paired, **given})
     _check_held_out(paths.tracks, config.held_out)

@@ -19,6 +19,7 @@ from occlog.core.metrics.frame_pairs import Objects
 from occlog.errors import UsageError
 from occlog.io.files.json_file import write_json
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.open import of_others
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections
@@ -165,7 +166,7 @@ def _of_ground(
         if tables.tracks is None or tables.truth is None:
             raise UsageError(f"also: {recording.truth} holds no true positions")
         units.append(tables.scene.length_unit)
-        born = born_from_detections(recording.tracks)
+        born = born_from_detections(recording.tracks) or of_others(recording.tracks)
         own = "start" if born else ("label" if chosen.match == "id" else "best")
         config = configure(ManyConfig.in_unit(units[0]), {"own": own, **given})
         each[name] = evaluate_ground(tables.tracks, tables.truth, config, chosen.limit_ns, units[0]).metrics

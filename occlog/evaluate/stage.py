@@ -161,6 +161,8 @@ def evaluate(
         matched = compare(tracks, truth, config)
         errors, pairs = matched.errors, matched.pairs
         metrics |= matched.counts | error_metrics(errors, scene.length_unit)
+        if np.isnan(tracks.cov_xx).any():
+            metrics = {name: value for name, value in metrics.items() if not name.startswith("nees_")}
     elif tracks is not None:
         metrics |= {"tracks": len(np.unique(tracks.target_id)), "estimates_without_truth": len(tracks)}
     if bearings is not None and truth is not None:

@@ -102,6 +102,9 @@ def judge(
     said = found.findings(one_target=made.one_target)
     if made.own_numbers and errors is not None and scene is not None:
         errors = _on_their_targets(errors, scene)
+    if np.isnan(tracks.cov_xx).any():
+        unknown = "estimates have no covariance, so that nothing is said of whether errors are as large as they say"
+        return (*said, Finding("no-covariance", "note", unknown), *_of_figures(metrics or {}))
     return (*said, *_against_truth(errors), *_of_figures(metrics or {}))
 
 

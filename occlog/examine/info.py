@@ -1,4 +1,4 @@
-"""The `occlog info` command: describes a scene, a recording or a table."""
+"""The `occlog info` command: describes a scene, a recording or a table, of another program too."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from occlog.cli import options
 from occlog.errors import InputError
 
 if TYPE_CHECKING:
+    from occlog.io.foreign.table import ForeignTable
     from occlog.io.recording.reader import Recording
     from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene
 
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
 @click.option("--rows", type=click.IntRange(min=0), default=5, show_default=True, help="Rows of a table to print.")
 @options.json_opt
 def command(path: Path, rows: int, as_json: bool) -> None:
-    """Print what PATH holds: a scene (YAML), a recording (MCAP) or a table (Parquet).
+    """Print what PATH holds: a scene (YAML), a recording (MCAP) or a table (Parquet, Arrow, CSV).
+
+    Of a table that another program made it prints what each column is read as.
 
     \b
       occlog info run/recording.mcap
@@ -55,6 +58,8 @@ def describe(path: Path, rows: int) -> Description:
         return _describe_scene(read_scene(path))
     if opened is None and kind in (".mcap", ".parquet"):
         opened = open_input(path)
+    if opened is not None and opened.foreign is not None:
+        return _describe_foreign(opened.foreign)
     if opened is not None:
         return _describe_table(path, rows) if opened.recording is None else _describe_recording(opened.recording)
     raise InputError(f"{path}: occlog info knows .yaml, .mcap and .parquet, not {kind or 'files without an ending'!r}")
@@ -221,6 +226,26 @@ def _describe_table(path: Path, rows: int) -> Description:
     lines += [f"column    {c['name']} [{c.get('unit', '?')}]: {c.get('doc', '')}" for c in found["columns"]]
     lines += _first_rows(path, rows) if rows and found["rows"] else []
     return Description({"kind": "table", **found}, lines)
+
+
+def _describe_foreign(table: ForeignTable) -> Description:
+    """Describe a table of another program: what it is read as, and by which columns."""
+    source, layout = table.source, table.layout
+    used = {s.name: s for s in layout.columns}
+    unit = table.length_unit or "the unit of the scene"
+    lines = [f"{source.kind} of another program, read as {layout.table.NAME}, lengths in {unit}"]
+    for name in source.names:
+        spelled = used.get(name)
+        unit = "" if spelled is None or not spelled.unit else f" [{spelled.unit}]"
+        lines.append(f"column    {name}: {'not used' if spelled is None else spelled.column.name + unit}")
+    values = {
+        "kind": "foreign",
+        "format": source.kind,
+        "table": layout.table.NAME,
+        "length_unit": table.length_unit,
+        "columns": {name: used[name].column.name if name in used else None for name in source.names},
+    }
+    return Description(values, lines)
 
 
 def _first_rows(path: Path, rows: int) -> list[str]:

@@ -1,8 +1,9 @@
-"""Opens an input: a recording or one of our tables, told apart by content.
+"""Opens an input: a recording, one of our tables or one that others made, told apart by content.
 
 Every command opens its inputs here.  The first bytes of a file say what it is; its name
-does not matter.  An opened input streams its rows, and carries the scene, the unit of
-lengths and the losses that its rows come with.
+does not matter.  A table of others is known by its columns (`occlog.io.foreign`).  An
+opened input streams its rows, and carries the scene, the unit of lengths and the losses
+that its rows come with.
 """
 
 from __future__ import annotations
@@ -17,9 +18,12 @@ from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.inputs import check_input
 from occlog.io.files.parquet import iter_table, read_header
 from occlog.io.files.provenance import Provenance
+from occlog.io.foreign.source import find_source
+from occlog.io.foreign.table import ForeignTable, best_fit
 from occlog.io.recording.mcap_errors import MAGIC
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.io.scenes.scene import read_scene
+from occlog.io.scenes.stations import holds_stations, read_stations
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
@@ -77,6 +81,7 @@ class Opened:
         length_unit: unit of its lengths; None: a recording without a scene does not say.
         recording: the recording; None: the input is a table.
         table: name of the table; empty for a recording.
+        foreign: the table of others; None: the input is ours.
     """
 
     path: Path
@@ -85,6 +90,7 @@ class Opened:
     length_unit: str | None
     recording: Recording | None
     table: str
+    foreign: ForeignTable | None = None
 
     @property
     def losses(self) -> tuple[Loss, ...]:
@@ -93,7 +99,9 @@ class Opened:
 
     @property
     def made_in_a_scene(self) -> bool:
-        """Whether the file is a table that was made from other files, so that its unit is that of their scene."""
+        """Whether a table says its unit: it was made from other files, in the unit of their scene, or names it."""
+        if self.foreign is not None:
+            return self.length_unit is not None
         return self.recording is None and bool(self.provenance.inputs)
 
     def has(self, table: type[Table]) -> bool:
@@ -103,6 +111,8 @@ class Opened:
     def rows(self, table: type[T], *, remedy: str = REMEDY) -> Iterator[T]:
         """Stream the rows of a table in chunks, in the order of time; InputError where the input holds none."""
         self.require(table, remedy=remedy)
+        if self.foreign is not None:
+            return self.foreign.rows(table)
         return iter_table(self.path, table) if self.recording is None else self.recording.tables(table)
 
     def read(self, table: type[T]) -> T:
@@ -112,6 +122,10 @@ class Opened:
     def require(self, *tables: type[Table], remedy: str = REMEDY) -> None:
         """Raise InputError, which names what is missing and the remedy, unless the input holds one of the tables."""
         if any(self.has(table) for table in tables):
+            return
+        if self.foreign is not None:
+            if not any(self.foreign.fits(table) for table in tables):
+                best_fit(self.foreign.source, tables)
             return
         if self.recording is None:
             raise InputError(f"{self.path}: holds {self.table}; want {_or([t.NAME for t in tables])}")
@@ -138,10 +152,16 @@ def open_input(path: Path, *wants: type[Table], remedy: str = REMEDY) -> Opened:
     path = Path(path)
     opened = open_if_ours(path)
     if opened is None:
-        # The reader of the kind that the name says explains what is wrong with the content
-        opened = _recording(path) if names_recording(path) else _table(path)
+        source = find_source(path)
+        if source is not None:
+            opened = _foreign(path, ForeignTable(source, best_fit(source, wants)))
+        else:
+            # The reader of the kind that the name says explains what is wrong with the content
+            opened = _recording(path) if names_recording(path) else _table(path)
     if wants:
         opened.require(*wants, remedy=remedy)
+        if opened.foreign is not None:
+            opened = _foreign(path, ForeignTable(opened.foreign.source, best_fit(opened.foreign.source, wants)))
     return opened
 
 
@@ -153,9 +173,19 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
     if path.suffix.lower() in TEXT and path.is_file() and not path.stat().st_size:
         return None
     content = content_of(path, what)
-    if content is Content.OTHER:
+    if content is Content.RECORDING:
+        return _recording(path)
+    source = find_source(path)
+    if source is None:
+        return _table(path) if content is Content.TABLE else None
+    try:
+        return _foreign(path, ForeignTable(source, best_fit(source)))
+    except InputError:
         return None
-    return _recording(path) if content is Content.RECORDING else _table(path)
+
+
+def _foreign(path: Path, table: ForeignTable) -> Opened:
+    return Opened(path, Provenance("unknown"), None, table.length_unit, None, table.layout.table.NAME, table)
 
 
 def _recording(path: Path) -> Opened:
@@ -169,11 +199,17 @@ def _table(path: Path) -> Opened:
     return Opened(path, header.provenance, None, header.length_unit, None, header.table)
 
 
+def of_others(path: Path | None) -> bool:
+    """Whether a file is a table that another program made, so that its identities are that program's own."""
+    return path is not None and find_source(path) is not None
+
+
 def scene_in(path: Path) -> Scene | None:
-    """The scene in a YAML file or in a recording; None for a recording without one."""
-    if content_of(path, "a scene file (YAML) or a recording with a scene") is Content.RECORDING:
+    """The scene in a YAML file, a recording or a text table of stations; None for a recording without one."""
+    content = content_of(path, "a scene file (YAML), a table of stations or a recording with a scene")
+    if content is Content.RECORDING:
         return open_recording(path).scene
-    return read_scene(path)
+    return read_stations(path) if content is Content.OTHER and holds_stations(path) else read_scene(path)
 
 
 def names_recording(output: Path) -> bool:
@@ -184,7 +220,7 @@ def names_recording(output: Path) -> bool:
 def check_unit(
     opened: Opened, length_unit: str, source: str = "the scene", error: type[OcclogError] = UsageError
 ) -> None:
-    """Raise an error for an input whose lengths are in another unit.
+    """Raise an error for an input whose lengths are in another unit; a table of others is converted.
 
     Args:
         opened: the input; one that does not say its unit passes.
@@ -192,7 +228,9 @@ def check_unit(
         source: what has that unit, for the message.
         error: what to raise.
     """
-    if opened.length_unit not in (None, length_unit):
+    if opened.foreign is not None:
+        opened.foreign.convert_to(length_unit)
+    elif opened.length_unit not in (None, length_unit):
         raise error(
             f"{opened.path}: lengths are in {opened.length_unit}, but in {length_unit} in {source}; "
             "use files of one scene"

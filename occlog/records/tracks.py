@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -27,9 +27,9 @@ class Tracks(Table):
     y: Floats = column("f8", "m", "estimated position")
     vx: Floats = column("f8", "m/s", "estimated velocity", nan="the method does not estimate it")
     vy: Floats = column("f8", "m/s", "estimated velocity", nan="the method does not estimate it")
-    cov_xx: Floats = column("f8", "m^2", "position covariance")
-    cov_xy: Floats = column("f8", "m^2", "position covariance")
-    cov_yy: Floats = column("f8", "m^2", "position covariance")
+    cov_xx: Floats = column("f8", "m^2", "position covariance", nan="not known: tracks of another program")
+    cov_xy: Floats = column("f8", "m^2", "position covariance", nan="not known: tracks of another program")
+    cov_yy: Floats = column("f8", "m^2", "position covariance", nan="not known: tracks of another program")
     cov_x_vx: Floats = column(
         "f8", "m^2/s", "covariance of position and velocity", nan="the method does not estimate it", optional=True
     )
@@ -62,9 +62,20 @@ class Tracks(Table):
         check_order(self)
         det = self.cov_xx * self.cov_yy - self.cov_xy**2
         slack = 1e-9 * (self.cov_xx * self.cov_yy + 1e-300)
-        bad = ~((self.cov_xx >= 0) & (self.cov_yy >= 0) & (det >= -slack)) | (self.cov_zz < 0)
+        unknown = np.isnan(self.cov_xx) & np.isnan(self.cov_xy) & np.isnan(self.cov_yy)
+        right = unknown | ((self.cov_xx >= 0) & (self.cov_yy >= 0) & (det >= -slack))
+        bad = ~right | (self.cov_zz < 0)
         if bad.any():
             raise InputError(f"Tracks: row {first_row(bad)}: the covariance is not positive semi-definite")
+
+    def with_covariance(self) -> Self:
+        """The tracks; InputError where a place has no covariance, so that nothing can be weighed by it."""
+        if (unknown := np.isnan(self.cov_xx)).any():
+            raise InputError(
+                f"tracks: row {first_row(unknown)} (target {self.target_id[first_row(unknown)]}) has no covariance, "
+                "which is wanted here; give the columns cov_xx, cov_xy and cov_yy"
+            )
+        return self
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -110,6 +110,5 @@ class Truth(Table):
         check_order(self)
         bad = ~np.isin(self.role, ("target", "occluder"))
         if bad.any():
-            raise InputError(
-                f"Truth: row {first_row(bad)}: role {self.role[first_row(bad)]!r} must be target or occluder"
-            )
+            role = str(self.role[first_row(bad)])
+            raise InputError(f"Truth: row {first_row(bad)}: role {role!r} must be target or occluder")

@@ -128,11 +128,14 @@ def test_json_on_standard_output_is_one_flat_object(folder: Path, capsys: pytest
     assert err == ""
 
 
-def test_truth_as_a_table_needs_a_scene(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tracks_and_a_truth_need_no_scene_but_bearings_do(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     args = ["evaluate", "tracks.parquet", "--truth", "truth.parquet"]
-    assert run(args) == ExitCode.USAGE
+    assert run(args) == ExitCode.DONE
+    alone = capsys.readouterr().out
+    assert run([*args, "--bearings", "bearings.parquet"]) == ExitCode.USAGE
     assert "--scene" in capsys.readouterr().err
     assert run([*args, "--scene", "scene.yaml"]) == ExitCode.DONE
+    assert capsys.readouterr().out == alone
     assert run([*args, "--scene", "recording.mcap"]) == ExitCode.DONE
 
 
@@ -359,3 +362,27 @@ def test_summary_for_a_person() -> None:
     ]
     assert "bound" not in text
     assert number(math.nan) == "-"
+
+
+def test_positions_of_another_program_are_paired_by_distance_and_need_no_covariance(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Identities are that program's own; nothing is said of covariances that are not there."""
+    (folder / "truth.csv").write_text(
+        "t,id,x,y\n" + "".join(f"{n},{k},{n},{10 * k}\n" for n in range(40) for k in (1, 2))
+    )
+    (folder / "mine.csv").write_text(
+        "t,track_id,x_cm,y_cm\n"
+        + "".join(f"{n},{3 - k},{100 * n + 30},{1000 * k}\n" for n in range(40) for k in (1, 2))
+    )
+    assert (
+        run(["evaluate", "mine.csv", "--truth", "truth.csv", "--scene", "scene.yaml", "-o", "own.json"])
+        == ExitCode.DONE
+    )
+    said = capsys.readouterr()
+    assert "paired by distance" in said.err
+    assert "note: estimates have no covariance" in said.err
+    assert "plausible: yes" in said.out
+    figures = json.loads((folder / "own.json").read_text())
+    assert figures["rmse_m"] == pytest.approx(0.3)
+    assert not [name for name in figures if name.startswith("nees")]

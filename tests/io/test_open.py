@@ -144,9 +144,9 @@ def test_a_table_of_another_kind_names_what_it_holds(tmp_path: Path) -> None:
     [
         ("none.parquet", None, "no such file; a recording or a table was expected"),
         ("empty.mcap", b"", "is empty"),
-        ("text.parquet", b"t,x\n1,2\n", "not a Parquet file"),
+        ("text.parquet", b"neither of them\n", "not a Parquet file"),
         ("cut.parquet", b"PAR1x", "not a Parquet file"),
-        ("text.mcap", b"t,x\n1,2\n", "MCAP"),
+        ("text.mcap", b"neither of them\n", "MCAP"),
         ("cut.mcap", b"\x89MCAP0\r\nx", "MCAP"),
     ],
 )

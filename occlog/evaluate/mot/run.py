@@ -25,7 +25,7 @@ from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.json_file import write_json
 from occlog.io.files.parquet import write_table
 from occlog.io.frames.video_stream import rate_times
-from occlog.io.open import open_if_ours, open_input
+from occlog.io.open import of_others, open_if_ours, open_input
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes
 from occlog.records.views import ViewTracks
@@ -143,7 +143,9 @@ def _named(files: Mapping[str, Path]) -> Iterator[None]:
 
 def _is_text(path: Path) -> bool:
     """Whether a file is MOTChallenge text: it is named so, and is neither a recording nor a table."""
-    return path.suffix.lower() in TEXT and open_if_ours(path, "MOTChallenge text") is None
+    if path.suffix.lower() not in TEXT or open_if_ours(path, "MOTChallenge text") is not None:
+        return False
+    return not path.stat().st_size or not of_others(path)
 
 
 def _read_both(tracks: Path, truth: Path, config: ManyConfig, rule: str) -> tuple[Boxes, TruthBoxes, Scene | None]:

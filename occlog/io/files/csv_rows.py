@@ -1,10 +1,15 @@
-"""Text tables with a header line, read in chunks; every fault is named by its line, value and remedy."""
+"""Text tables with a header line, plain or compressed by gzip, read in chunks.
+
+Every fault is named by its line, value and remedy.
+"""
 
 from __future__ import annotations
 
 import csv
 import difflib
+import gzip
 import re
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -20,6 +25,7 @@ from .inputs import check_input
 
 ROWS_PER_CHUNK = 16_384
 MAX_CELL = 200
+GZIP_MAGIC = b"\x1f\x8b"
 _NUMBER = re.compile(r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$")
 
 
@@ -137,7 +143,11 @@ def _is_number(cell: str, blank: bool) -> bool:
 
 
 def _open_text(path: Path, what: str) -> TextIO:
-    return check_input(path, what).open(encoding="utf-8-sig", newline="")
+    with check_input(path, what).open("rb") as file:
+        compressed = file.read(len(GZIP_MAGIC)) == GZIP_MAGIC
+    if compressed:
+        return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
+    return path.open(encoding="utf-8-sig", newline="")
 
 
 def _rejoin(first: tuple[int, list[str]], rest: Iterator[tuple[int, list[str]]]) -> Iterator[tuple[int, list[str]]]:
@@ -163,6 +173,8 @@ def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
         raise InputError(
             f"{path}: after line {number}: not UTF-8 text ({error.reason}); a text table was expected"
         ) from None
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise InputError(f"{path}: after line {number}: damaged gzip file ({error}); compress it again") from None
     except csv.Error as error:
         raise InputError(f"{path}: line {number}: cannot be split into cells ({error})") from None
 

@@ -107,7 +107,7 @@ class _Paths:
 
     def at(self, t_ns: Ints) -> _States:
         """All tracks at times, not falling, from one call to the next either."""
-        near = self._near(int(t_ns[0]) - self._limit_ns, int(t_ns[-1]) + self._limit_ns)
+        near = self._near(int(t_ns[0]) - self._limit_ns, int(t_ns[-1]) + self._limit_ns).with_covariance()
         target = np.unique(near.target_id)
         values, there = np.empty((len(t_ns), len(target), 5)), np.zeros((len(t_ns), len(target)), dtype=np.bool_)
         columns = np.column_stack([near.x, near.y, near.cov_xx, near.cov_xy, near.cov_yy])

@@ -78,6 +78,7 @@ def kalman_priors(
     def measured(chunk: Truth | Tracks) -> tuple[Floats, Floats]:
         noise = np.broadcast_to(shared, (len(chunk), 2, 2)).copy()
         if isinstance(chunk, Tracks):
+            chunk = chunk.with_covariance()
             own = np.stack([chunk.cov_xx, chunk.cov_xy, chunk.cov_xy, chunk.cov_yy], axis=1)
             noise += own.reshape(-1, 2, 2)
         return np.column_stack([chunk.x, chunk.y]), noise

@@ -74,5 +74,6 @@ def _deviation(rows: Tracks | Truth) -> Floats:
     """(R,) standard deviation along the widest axis of each row's covariance."""
     if isinstance(rows, Truth):
         return np.zeros(len(rows))
+    rows = rows.with_covariance()
     middle, half = 0.5 * (rows.cov_xx + rows.cov_yy), 0.5 * (rows.cov_xx - rows.cov_yy)
     return np.asarray(np.sqrt(np.maximum(middle + np.hypot(half, rows.cov_xy), 0.0)))

@@ -199,6 +199,8 @@ def _estimate(axes: Axes, tracks: Tracks, target: int, since: int | None, colour
     if not len(own):
         return
     for row in np.unique(np.linspace(0, len(own) - 1, ELLIPSES).round().astype(int)):
+        if np.isnan(own.cov_xx[row]):  # tracks of another program
+            continue
         style: Style = {"fill": False, "edgecolor": colour, "linewidth": 0.8, "alpha": 0.75, "zorder": 3.2}
         axes.add_patch(confidence_ellipse(own, int(row), **style))
     _ends(axes, tracks.take(rows), colour)

@@ -68,6 +68,7 @@ class Places(NamedTuple):
     @classmethod
     def of(cls, tracks: PeopleTracks) -> Places:
         """Those of all rows."""
+        tracks = tracks.with_covariance()
         return cls(tracks.x, tracks.y, tracks.cov_xx, tracks.cov_xy, tracks.cov_yy)
 
     def take(self, rows: Ints) -> Places:

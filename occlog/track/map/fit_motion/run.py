@@ -179,7 +179,7 @@ def paths_of(table: Truth | Tracks, targets: tuple[int, ...]) -> list[Path]:
         rows = np.flatnonzero(used & (table.target_id == identity))
         rows = rows[np.concatenate([[True], np.diff(table.t_ns[rows]) > 0])]
         cov = None
-        if isinstance(table, Tracks):
+        if isinstance(table, Tracks) and not np.isnan(table.cov_xx[rows]).any():
             xx, xy, yy = table.cov_xx[rows], table.cov_xy[rows], table.cov_yy[rows]
             cov = np.stack([np.stack([xx, xy], axis=1), np.stack([xy, yy], axis=1)], axis=1)
         out.append(Path(table.t_ns[rows], np.stack([table.x[rows], table.y[rows]], axis=1), cov))

@@ -1,0 +1,252 @@
+"""Cells of a table of others, by column: of text, or of Arrow; numbers, names, yes and no, times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from occlog.array_types import Bools, Floats, Ints, Strings
+from occlog.errors import InputError
+from occlog.io.files.csv_rows import Rows
+from occlog.io.files.timestamps import LATEST_S, MAX_NS, UNITS, parse_time, parse_times
+
+YES, NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")
+EXACT = 2.0**53
+"""Whole numbers up to here are exact in float64."""
+
+
+class Cells(Protocol):
+    """Some rows of a table; each method gives a column, and fails with the place of a cell that cannot be."""
+
+    def __len__(self) -> int:
+        """Number of rows."""
+
+    def floats(self, name: str, *, blank: bool) -> Floats:
+        """(n,) finite numbers; NaN for cells that are empty, where `blank` allows them."""
+
+    def ints(self, name: str, *, blank: int | None) -> Ints:
+        """(n,) whole numbers; `blank` for cells that are empty; None: none may be."""
+
+    def texts(self, name: str, *, blank: bool) -> Strings:
+        """(n,) texts; empty ones where `blank` allows them."""
+
+    def lists(self, name: str, width: int) -> Floats:
+        """(n, width) numbers; NaN for cells that are empty."""
+
+    def bools(self, name: str) -> Bools:
+        """(n,) yes or no."""
+
+    def times(self, name: str, unit: str) -> Ints:
+        """(n,) times [ns since the Unix epoch]."""
+
+    def fail(self, row: int, message: str) -> InputError:
+        """An error that names the place of a row."""
+
+
+class TextCells:
+    """Cells of a text table."""
+
+    def __init__(self, rows: Rows) -> None:
+        """Take rows whose columns have the file's own names."""
+        self._rows = rows
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self._rows)
+
+    def floats(self, name: str, *, blank: bool) -> Floats:
+        """(n,) finite numbers; NaN for cells that are empty, where `blank` allows them."""
+        return self._rows.floats(name, blank=blank)
+
+    def ints(self, name: str, *, blank: int | None) -> Ints:
+        """(n,) whole numbers; `blank` for cells that are empty; None: none may be."""
+        if blank is None:
+            return self._rows.ints(name)
+        empty = np.isnan(self._rows.floats(name, blank=True))
+        filled = np.where(empty, str(blank), self._rows.cells[name])
+        return Rows(self._rows.path, self._rows.lines, {name: filled}).ints(name)
+
+    def texts(self, name: str, *, blank: bool) -> Strings:
+        """(n,) texts; empty ones where `blank` allows them."""
+        texts = self._rows.cells[name]
+        if not blank and (texts == "").any():
+            raise self.fail(int(np.flatnonzero(texts == "")[0]), f"{name} is empty; a text was expected")
+        return texts
+
+    def lists(self, name: str, width: int) -> Floats:
+        """Not in text: a cell has one value."""
+        raise InputError(f"{self._rows.path}: column {name} wants lists of {width} numbers, which text does not hold")
+
+    def bools(self, name: str) -> Bools:
+        """(n,) yes or no."""
+        return _yes_or_no(self, name, self._rows.cells[name])
+
+    def times(self, name: str, unit: str) -> Ints:
+        """(n,) times [ns since the Unix epoch]."""
+        return parse_times(self._rows, name, unit)
+
+    def fail(self, row: int, message: str) -> InputError:
+        """An error that names the line of a row."""
+        return self._rows.fail(row, message)
+
+
+class ArrowCells:
+    """Cells of columns in memory, as Parquet and Arrow files have them."""
+
+    def __init__(self, path: Path, batch: pa.RecordBatch, first: int) -> None:
+        """Take a batch of a file, whose first row has a number in it."""
+        self._path, self._batch, self._first = path, batch, first
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return int(self._batch.num_rows)
+
+    def fail(self, row: int, message: str) -> InputError:
+        """An error that names the number of a row, from 0."""
+        return InputError(f"{self._path}: row {self._first + row}: {message}")
+
+    def floats(self, name: str, *, blank: bool) -> Floats:
+        """(n,) finite numbers; NaN for cells that are null, where `blank` allows them."""
+        column = self._column(name)
+        if not _is_number(column.type):
+            raise self._unfit(name, column.type, "numbers were expected")
+        values = np.array(pc.cast(column, pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
+        bad = np.isinf(values) if blank else ~np.isfinite(values)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            raise self.fail(row, f"{name} is {_shown(column[row])}; a finite number was expected")
+        return values
+
+    def ints(self, name: str, *, blank: int | None) -> Ints:
+        """(n,) whole numbers; `blank` for cells that are null; None: none may be."""
+        column = self._column(name)
+        if not _is_number(column.type):
+            raise self._unfit(name, column.type, "whole numbers were expected")
+        if blank is None and column.null_count:
+            raise self.fail(_first_null(column), f"{name} is null; a whole number was expected")
+        if pa.types.is_integer(column.type):
+            filled = pc.fill_null(pc.cast(column, pa.int64()), blank if blank is not None else 0)
+            return np.asarray(filled.to_numpy(zero_copy_only=False), dtype=np.int64)
+        # pandas makes whole numbers with gaps to fractions
+        values = self.floats(name, blank=blank is not None)
+        values = np.where(np.isnan(values), float(blank or 0), values)
+        bad = (values != np.round(values)) | (np.abs(values) >= EXACT)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            raise self.fail(row, f"{name} is {values[row]:g}; a whole number was expected")
+        return values.astype(np.int64)
+
+    def texts(self, name: str, *, blank: bool) -> Strings:
+        """(n,) texts; empty ones where `blank` allows them.  Whole numbers are names, too."""
+        column = self._column(name)
+        if column.null_count and not blank:
+            raise self.fail(_first_null(column), f"{name} is null; a text was expected")
+        if pa.types.is_dictionary(column.type):
+            column = pc.cast(column, column.type.value_type)
+        if not (_is_text(column.type) or pa.types.is_integer(column.type)):
+            raise self._unfit(name, column.type, "texts were expected")
+        return np.asarray(["" if value is None else str(value) for value in column.to_pylist()], dtype=np.str_)
+
+    def lists(self, name: str, width: int) -> Floats:
+        """(n, width) numbers; NaN for cells that are null."""
+        column = self._column(name)
+        if not (pa.types.is_list(column.type) or pa.types.is_large_list(column.type) or _is_row(column.type)):
+            raise self._unfit(name, column.type, f"lists of {width} numbers were expected")
+        out = np.full((len(self), width), np.nan)
+        for row, values in enumerate(column.to_pylist()):
+            if values is None:
+                continue
+            if len(values) != width:
+                raise self.fail(row, f"{name} has {len(values)} numbers; {width} were expected")
+            out[row] = [np.nan if value is None else value for value in values]
+        return out
+
+    def bools(self, name: str) -> Bools:
+        """(n,) yes or no."""
+        column = self._column(name)
+        if column.null_count:
+            raise self.fail(_first_null(column), f"{name} is null; true or false was expected")
+        if pa.types.is_boolean(column.type):
+            return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.bool_)
+        return _yes_or_no(self, name, np.asarray([str(value) for value in column.to_pylist()], dtype=np.str_))
+
+    def times(self, name: str, unit: str) -> Ints:
+        """(n,) times [ns since the Unix epoch]: of times, whole numbers, fractions of a second, or texts."""
+        column = self._column(name)
+        if column.null_count:
+            raise self.fail(_first_null(column), f"{name} is null; a time was expected")
+        if pa.types.is_timestamp(column.type):
+            try:
+                whole = pc.cast(column, pa.timestamp("ns", tz=column.type.tz))
+            except pa.ArrowInvalid as error:
+                raise InputError(f"{self._path}: column {name}: {error}") from None
+            return np.asarray(pc.cast(whole, pa.int64()).to_numpy(zero_copy_only=False), dtype=np.int64)
+        if pa.types.is_integer(column.type):
+            return self._scaled(name, self.ints(name, blank=None), unit)
+        if _is_number(column.type):
+            values = self.floats(name, blank=False)
+            if unit == "s" and (np.abs(values) > LATEST_S).any():
+                raise self._too_large(name, values)
+            # The whole part and the rest apart, since float64 cannot hold ns since 1970
+            whole = np.floor(values)
+            rest = np.round((values - whole) * UNITS[unit]).astype(np.int64)
+            return np.asarray(self._scaled(name, whole.astype(np.int64), unit) + rest, dtype=np.int64)
+        out = np.empty(len(self), dtype=np.int64)
+        for row, text in enumerate(self.texts(name, blank=False).tolist()):
+            try:
+                out[row] = parse_time(text, unit)
+            except InputError as error:
+                raise self.fail(row, str(error)) from None
+        return out
+
+    def _scaled(self, name: str, values: Ints, unit: str) -> Ints:
+        if unit == "s" and (np.abs(values) > LATEST_S).any():
+            raise self._too_large(name, values)
+        if (np.abs(values) > MAX_NS // UNITS[unit]).any():
+            raise InputError(f"{self._path}: column {name}: a time is out of range for {unit}")
+        return values * UNITS[unit]
+
+    def _too_large(self, name: str, values: Floats | Ints) -> InputError:
+        row = int(np.argmax(np.abs(values)))
+        return self.fail(row, f"{name} is {values[row]}; too large for seconds; name the column t_ms, t_us or t_ns")
+
+    def _unfit(self, name: str, kind: pa.DataType, wanted: str) -> InputError:
+        return InputError(f"{self._path}: column {name} holds {kind}; {wanted}")
+
+    def _column(self, name: str) -> pa.Array:
+        column = self._batch.column(name)
+        return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+
+
+def _yes_or_no(cells: Cells, name: str, texts: Strings) -> Bools:
+    low = np.char.lower(np.char.strip(texts))
+    yes = np.isin(low, YES)
+    bad = ~(yes | np.isin(low, NO))
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise cells.fail(row, f"{name} is {str(texts[row])!r}; true or false was expected")
+    return np.asarray(yes)
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind))
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_string_view(kind))
+
+
+def _is_row(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_fixed_size_list(kind))
+
+
+def _first_null(column: pa.Array) -> int:
+    return int(np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))[0])
+
+
+def _shown(value: pa.Scalar) -> str:
+    return "null" if not value.is_valid else str(value.as_py())

@@ -1,0 +1,222 @@
+"""What columns of tables may be called by others, and how a name states its unit.
+
+A name may end in the unit: `bearing_deg`, `x_cm`, `cov_xx_cm2`, `vx_cm_s`, `t_ms`.  Without an ending lengths are in
+the unit of the scene.  An angle without one is in radians where the table's own column of times, `t_ns`, is there as
+well; in any other table it might be in degrees, so that it is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from typing import NamedTuple
+
+from occlog.errors import InputError
+from occlog.io.boxes.reader import COLUMNS as BOXES
+from occlog.io.files.timestamps import TIME_COLUMNS
+from occlog.io.sound.csv_log import ANGLES
+from occlog.io.sound.csv_log import COLUMNS as DIRECTIONS
+from occlog.io.tags.reads import COLUMNS as READS
+from occlog.io.truth.reader import COLUMNS as POSITIONS
+from occlog.records.columns import Column, Table
+from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Tracks, Truth, TruthBoxes
+from occlog.settings import METRES
+
+TIME = "t_ns"
+_IDENTITY = tuple(dict.fromkeys((*POSITIONS["id"], *BOXES["id"])))
+_SENSOR = tuple(dict.fromkeys((*DIRECTIONS["sensor"], *BOXES["camera"], *READS["reader"])))
+ALIASES: Mapping[str, Sequence[str]] = {
+    "sensor": _SENSOR,
+    "target_id": _IDENTITY,
+    "occluder_id": _IDENTITY,
+    "source_id": tuple(DIRECTIONS["id"]),
+    "bearing": ANGLES["azimuth"],
+    "azimuth": ANGLES["azimuth"],
+    "elevation": ANGLES["elevation"],
+    "sigma": ("sigma_bearing", *ANGLES["sigma_azimuth"]),
+    "sigma_azimuth": ANGLES["sigma_azimuth"],
+    "sigma_elevation": ANGLES["sigma_elevation"],
+    "confidence": tuple(dict.fromkeys((*BOXES["confidence"], *DIRECTIONS["confidence"]))),
+    "score": tuple(BOXES["confidence"]),
+    "frame": tuple(BOXES["frame"]),
+    "left_px": tuple(BOXES["left"]),
+    "top_px": tuple(BOXES["top"]),
+    "width_px": tuple(BOXES["width"]),
+    "height_px": tuple(BOXES["height"]),
+    "tag": tuple(READS["tag"]),
+    "rssi": tuple(READS["rssi"]),
+    "x": ("pos_x",),
+    "y": ("pos_y",),
+    "z": ("pos_z",),
+}
+"""Other names of columns, without endings of units; a column's own name is one, too."""
+EDGES: Mapping[str, tuple[str, Sequence[str]]] = {
+    "width_px": ("right_px", tuple(BOXES["right"])),
+    "height_px": ("bottom_px", tuple(BOXES["bottom"])),
+}
+"""Edges of boxes that stand for a width or a height."""
+FILLED: Mapping[str, Mapping[str, object]] = {
+    Bearings.NAME: {"target_id": -1, "seen": None},
+    Doa.NAME: {"source_id": -1},
+    Boxes.NAME: {"target_id": -1, "frame": None, "box": None},
+    TruthBoxes.NAME: {"target_id": -1, "frame": None, "box": None},
+    Truth.NAME: {"target_id": 0, "role": "target"},
+    Tracks.NAME: {"target_id": 0},
+}
+"""Columns that may be left out, and what they hold then; None: it follows from other columns."""
+WANTED: Mapping[str, Sequence[str]] = {
+    Bearings.NAME: ("bearing", "sigma"),
+    Boxes.NAME: ("left_px", "top_px", "width_px", "height_px"),
+    TruthBoxes.NAME: ("left_px", "top_px", "width_px", "height_px"),
+    Occluders.NAME: ("x", "y", "cov_xx", "cov_xy", "cov_yy"),
+    Hulls.NAME: ("x", "y"),
+}
+"""Columns that must be there although single cells may be empty."""
+POWERS = {"m": (1, 0), "m^2": (2, 0), "m/s": (1, 1), "m^2/s": (2, 1), "m^2/s^2": (2, 2)}
+"""Powers of length and of 1/s in the units that go with the scene's unit of length."""
+
+
+class Spelling(NamedTuple):
+    """One column of a table as a file has it."""
+
+    column: Column
+    name: str  # of the file's column
+    unit: str  # that the name ends in: `ns`, `deg`, `cm`, ...; empty: the table's own
+    edge: bool = False  # the column has the far edge of a box instead of its size
+
+
+class Layout(NamedTuple):
+    """How a table lies in a file.
+
+    Attributes:
+        table: the table.
+        columns: those that the file has.
+        missing: names of columns that the table wants and the file has not.
+    """
+
+    table: type[Table]
+    columns: tuple[Spelling, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def likeness(self) -> tuple[int, int]:
+        """How many columns of the file the table uses, and how many of them have the table's own names."""
+        own = sum(s.name in (s.column.name, f"{s.column.name}_{s.unit}") for s in self.columns)
+        return len(self.columns), own
+
+    @property
+    def length_unit(self) -> str | None:
+        """Unit that names of lengths end in; None: they do not say one, or there are none."""
+        told = {s.unit for s in self.columns if s.column.unit in POWERS and s.unit}
+        return next(iter(told), None)
+
+
+def lay_out(names: Sequence[str], table: type[Table]) -> Layout:
+    """Find the columns of a table among the names of a file's columns.
+
+    Args:
+        names: of the file's columns, in any case of letters.
+        table: whose columns are looked for.
+
+    Raises:
+        InputError: two columns say the same, an angle does not state its unit, or lengths are in several units.
+    """
+    there = {name.strip().lower(): name for name in reversed(names)}
+    found, missing = [], []
+    for column in table.columns():
+        spelled = _find(column, there)
+        if spelled is not None:
+            found.append(spelled)
+        elif _is_wanted(column, table):
+            missing.append(column.name)
+    layout = Layout(table, tuple(found), tuple(missing))
+    _check_angles(layout, there)
+    _check_lengths(layout)
+    return layout
+
+
+def spellings(column: Column) -> dict[str, str]:
+    """What a column may be called, its own name first, and the unit that each name states."""
+    if column.name == TIME:
+        return {name: unit for unit, names in TIME_COLUMNS.items() for name in names}
+    bases = tuple(dict.fromkeys((column.name, *ALIASES.get(column.name, ()))))
+    out = dict.fromkeys(bases, "")
+    if column.unit == "rad":
+        out |= {f"{base}_{unit}": unit for unit in ("deg", "rad") for base in bases}
+    elif column.unit in POWERS:
+        out |= {base + ending(column, unit): unit for unit in METRES for base in bases}
+    return out
+
+
+def ending(column: Column, unit: str) -> str:
+    """What the name of a column ends in whose lengths are in a unit: `_cm`, `_cm2`, `_cm_s`, `_cm2_s`, `_cm2_s2`."""
+    length, per_second = POWERS[column.unit]
+    return f"_{unit}" + ("2" if length == 2 else "") + ("", "_s", "_s2")[per_second]
+
+
+def describe_missing(layout: Layout, names: Sequence[str]) -> str:
+    """What a file lacks to be a table, with the nearest of its names."""
+    used = {s.name for s in layout.columns}
+    left = [name for name in names if name not in used]
+    words = []
+    for column in layout.table.columns():
+        if column.name in layout.missing:
+            known = list(spellings(column))
+            near = next((n for n in left if get_close_matches(n.strip().lower(), known, n=1, cutoff=0.6)), None)
+            units = [name for name in known if name.startswith(f"{column.name}_")] if column.unit == "rad" else []
+            also = f" (or {', '.join(units)})" if units else ""
+            words.append(f"{column.name}{also}" + (f", is it {near!r}?" if near is not None else ""))
+    return f"{layout.table.NAME} wants {'; '.join(words)}; the file has {', '.join(names)}"
+
+
+def misspelled(layout: Layout, names: Sequence[str]) -> str | None:
+    """A sentence on a column that is not used, and whose name is nearly that of one that is not there; else None."""
+    there = {s.column.name for s in layout.columns}
+    absent = [c for c in layout.table.columns() if c.name not in there]
+    known = {name: c.name for c in absent for name in spellings(c) if len(name) > 3}
+    for name in names:
+        if name not in {s.name for s in layout.columns} and name.strip().lower() not in known:
+            near = get_close_matches(name.strip().lower(), list(known), n=1, cutoff=0.85)
+            if near:
+                return f"unknown column {name!r}; did you mean {near[0]!r}? Rename it, or leave it out"
+    return None
+
+
+def _find(column: Column, there: Mapping[str, str]) -> Spelling | None:
+    known = spellings(column)
+    found = [Spelling(column, there[name], unit) for name, unit in known.items() if name in there]
+    if len(found) > 1:
+        # The table's own name says it, whatever else could
+        own = [s for s in found if s.name.strip().lower() == column.name]
+        if not own:
+            raise InputError(f"columns {' and '.join(s.name for s in found)} both say {column.name}; keep one")
+        return own[0]
+    if not found and column.name in EDGES:
+        name, others = EDGES[column.name]
+        found = [Spelling(column, there[n], "", edge=True) for n in dict.fromkeys((name, *others)) if n in there]
+    return found[0] if found else None
+
+
+def _is_wanted(column: Column, table: type[Table]) -> bool:
+    """Whether a table cannot do without a column."""
+    if column.name in WANTED.get(table.NAME, ()):
+        return True
+    may_lack = column.optional or column.nan is not None or column.name in FILLED.get(table.NAME, {})
+    return not may_lack
+
+
+def _check_angles(layout: Layout, there: Mapping[str, str]) -> None:
+    for s in layout.columns:
+        if s.column.unit == "rad" and not s.unit and TIME not in there:
+            raise InputError(f"column {s.name} does not state its unit; name it {s.name}_deg or {s.name}_rad")
+
+
+def _check_lengths(layout: Layout) -> None:
+    lengths = [s for s in layout.columns if s.column.unit in POWERS]
+    for s in lengths:
+        if s.unit != lengths[0].unit:
+            first = lengths[0]
+            raise InputError(
+                f"columns {first.name} and {s.name} are not in one unit; name all lengths alike "
+                f"({first.column.name + ending(first.column, 'm')}, {s.column.name + ending(s.column, 'm')})"
+            )

@@ -1,0 +1,121 @@
+"""Files that may hold a table of others: text with a header (also gzip), Parquet, Arrow; their columns and cells."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from occlog.errors import InputError
+from occlog.io.files.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
+from occlog.io.files.inputs import check_input
+from occlog.io.files.parquet import SCHEMA_KEY
+from occlog.io.files.timestamps import TIME_COLUMNS
+
+from .cells import ArrowCells, Cells, TextCells
+
+PARQUET_MAGIC = b"PAR1"
+ARROW_MAGIC, STREAM_MAGIC = b"ARROW1", b"\xff\xff\xff\xff"
+TABULAR = (".csv", ".tsv", ".csv.gz", ".tsv.gz")
+"""Endings of names by which a file wants to be a table, whatever it holds."""
+ROWS = 65_536
+WHAT = "a table"
+
+
+class Source(NamedTuple):
+    """A file with named columns.
+
+    Attributes:
+        path: the file.
+        kind: `CSV`, `Parquet` or `Arrow`.
+        names: of its columns.
+    """
+
+    path: Path
+    kind: str
+    names: tuple[str, ...]
+
+    def cells(self, names: Sequence[str]) -> Iterator[Cells]:
+        """The cells of some columns, in parts, in the order of the file."""
+        if self.kind == "CSV":
+            columns = {name: (name.lower(),) for name in names}
+            yield from (TextCells(rows) for rows in read_rows(self.path, columns, WHAT, ignore_extra=True))
+            return
+        with _translated(self.path, self.kind):
+            first = 0
+            for batch in _batches(self.path, self.kind, list(names)):
+                yield ArrowCells(self.path, batch, first)
+                first += batch.num_rows
+
+
+def find_source(path: Path) -> Source | None:
+    """The columns of a file; None for one that is not a table of others.
+
+    Text is taken for a table if its first line names columns, one of them of times, or if its name ends in `TABULAR`.
+    """
+    with check_input(path, WHAT).open("rb") as file:
+        head = file.read(8)
+    if head.startswith(PARQUET_MAGIC):
+        with _translated(path, "Parquet"), pq.ParquetFile(path) as file:
+            schema = file.schema_arrow
+        return None if SCHEMA_KEY.encode() in (schema.metadata or {}) else Source(path, "Parquet", tuple(schema.names))
+    if head.startswith(ARROW_MAGIC) or head.startswith(STREAM_MAGIC):
+        with _translated(path, "Arrow"):
+            return Source(path, "Arrow", tuple(_open_arrow(path).schema.names))
+    named = path.name.lower().endswith(TABULAR)
+    if not named and not head.startswith(GZIP_MAGIC) and not _may_be_text(head):
+        return None
+    try:
+        line = first_line(path, WHAT)
+    except InputError:
+        if named:
+            raise
+        return None
+    times = {name for names in TIME_COLUMNS.values() for name in names}
+    if is_header(line) and (named or (len(line) > 1 and times & {cell.lower() for cell in line})):
+        return Source(path, "CSV", tuple(line))
+    return None
+
+
+def _may_be_text(head: bytes) -> bool:
+    return b"\0" not in head
+
+
+def _open_arrow(path: Path) -> pa.ipc.RecordBatchFileReader | pa.ipc.RecordBatchStreamReader:
+    with path.open("rb") as file:
+        of_file = file.read(len(ARROW_MAGIC)) == ARROW_MAGIC
+    source = pa.memory_map(str(path))
+    return pa.ipc.open_file(source) if of_file else pa.ipc.open_stream(source)
+
+
+def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch]:
+    """Batches of some columns of at most `ROWS` rows."""
+    if kind == "Parquet":
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            yield from file.iter_batches(batch_size=ROWS, columns=names)
+        return
+    reader = _open_arrow(path)
+    several = (
+        (reader.get_batch(n) for n in range(reader.num_record_batches))
+        if isinstance(reader, pa.ipc.RecordBatchFileReader)
+        else iter(reader)
+    )
+    for batch in several:
+        for start in range(0, batch.num_rows, ROWS):
+            yield batch.select(names).slice(start, ROWS)
+
+
+@contextmanager
+def _translated(path: Path, kind: str) -> Iterator[None]:
+    """Turn every failure of the library into one InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (pa.ArrowException, OSError, ValueError, KeyError, MemoryError) as error:
+        reason = " ".join(str(error).split())[:160]
+        raise InputError(f"{path}: damaged or not a {kind} file ({reason}); make it again") from error

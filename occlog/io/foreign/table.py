@@ -1,0 +1,301 @@
+"""A table that another program made, read as one of the tables of this one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.array_types import Bools, Floats, Ints, Strings
+from occlog.errors import InputError
+from occlog.records.columns import Table
+from occlog.records.tables import TABLES, Bearings, Boxes, Doa, Occluders, Tracks, Truth, TruthBoxes
+from occlog.settings import METRES
+
+from .cells import Cells
+from .names import FILLED, POWERS, TIME, Layout, Spelling, describe_missing, lay_out, misspelled
+from .source import Source
+
+T = TypeVar("T", bound=Table)
+Values = dict[str, NDArray[np.generic]]
+ONCE = (Truth.NAME, Tracks.NAME, Occluders.NAME)
+"""Tables in which nobody is twice at one time."""
+FARTHEST_RAD = 4 * np.pi
+"""Larger angles are not in radians."""
+
+
+@dataclass
+class ForeignTable:
+    """A file whose columns fit one of our tables.
+
+    Attributes:
+        source: the file.
+        layout: how the table that it fits best lies in it.
+        wanted_unit: unit of length of the rows; None: as the file has them.
+    """
+
+    source: Source
+    layout: Layout
+    wanted_unit: str | None = None
+
+    @property
+    def length_unit(self) -> str | None:
+        """Unit of its lengths; None: that of the scene that it is used with."""
+        return self.wanted_unit if self.wanted_unit is not None else self.layout.length_unit
+
+    def fits(self, table: type[Table]) -> bool:
+        """Whether the file has what a table wants."""
+        return not lay_out(self.source.names, table).missing
+
+    def convert_to(self, length_unit: str) -> None:
+        """Give rows in another unit of length, if the file states its own; InputError for a unit without a length."""
+        own = self.layout.length_unit
+        if own is None or own == length_unit:
+            return
+        if length_unit not in METRES:
+            raise InputError(f"{self.source.path}: lengths are in {own}, which cannot be converted to {length_unit}")
+        self.wanted_unit = length_unit
+
+    def rows(self, table: type[T]) -> Iterator[T]:
+        """Rows of a table in the order of its key; those of one time are never in two parts.
+
+        Raises:
+            InputError: columns are missing, a cell cannot be read, somebody is twice at one time.
+        """
+        layout = self.layout if self.layout.table is table else lay_out(self.source.names, table)
+        check_fits(self.source, layout)
+        frames = _FrameCount()
+        for part in self._in_order(layout):
+            yield _as_table(self.source, table, _filled(part, table, frames), part["_row"])
+
+    def _in_order(self, layout: Layout) -> Iterator[Values]:
+        """The values of the columns in the order of time; parts end between two times."""
+        if self._is_in_order(layout):
+            parts = self._parts(layout)
+        else:
+            whole = _join(list(self._parts(layout)))
+            parts = iter([_pick(whole, np.argsort(whole[TIME], kind="stable"))])
+        held: Values | None = None
+        for part in parts:
+            whole = part if held is None else _join([held, part])
+            cut = int(np.searchsorted(whole[TIME], whole[TIME][-1]))
+            if cut:
+                yield _pick(whole, slice(0, cut))
+            held = _pick(whole, slice(cut, None))
+        if held is not None:
+            yield held
+
+    def _is_in_order(self, layout: Layout) -> bool:
+        """Whether the times of the file never fall: a pass over these alone."""
+        time = next(s for s in layout.columns if s.column.name == TIME)
+        last = None
+        for cells in self.source.cells([time.name]):
+            t_ns = cells.times(time.name, time.unit)
+            if len(t_ns) and ((last is not None and t_ns[0] < last) or (np.diff(t_ns) < 0).any()):
+                return False
+            last = t_ns[-1] if len(t_ns) else last
+        return True
+
+    def _parts(self, layout: Layout) -> Iterator[Values]:
+        """The values of the columns, by the table's names, in the order of the file; `_row` counts from 0."""
+        first = 0
+        for cells in self.source.cells([s.name for s in layout.columns]):
+            if not len(cells):
+                continue
+            values = {s.column.name: self._values(cells, s, layout) for s in layout.columns}
+            for s in layout.columns:
+                if s.edge:  # the far edge of a box instead of its size
+                    near = {"width_px": "left_px", "height_px": "top_px"}[s.column.name]
+                    values[s.column.name] = values[s.column.name] - values[near]  # type: ignore[operator]
+            _check(cells, values, layout)
+            values["_row"] = first + np.arange(len(cells))
+            first += len(cells)
+            yield values
+
+    def _values(self, cells: Cells, s: Spelling, layout: Layout) -> NDArray[np.generic]:
+        """The values of a column in the table's unit."""
+        c = s.column
+        if c.name == TIME:
+            return cells.times(s.name, s.unit)
+        if c.width:
+            return cells.lists(s.name, c.width).astype(c.dtype)
+        if c.kind == "U":
+            return cells.texts(s.name, blank=c.optional)
+        if c.kind == "?":
+            return cells.bools(s.name)
+        if c.dtype.kind == "i":
+            default = FILLED.get(layout.table.NAME, {}).get(c.name, -1 if c.optional else None)
+            return cells.ints(s.name, blank=default if isinstance(default, int) and default < 0 else None)
+        values = cells.floats(s.name, blank=c.nan is not None or c.optional)
+        if s.unit == "deg":
+            return np.radians(values)
+        if c.unit == "rad":
+            _refuse(cells, values, np.abs(values) > FARTHEST_RAD, f"{s.name} is", " rad; is it in degrees? Name it so")
+        if c.unit in POWERS and s.unit and self.wanted_unit is not None:
+            values = values * (METRES[s.unit] / METRES[self.wanted_unit]) ** POWERS[c.unit][0]
+        return values
+
+
+def best_fit(source: Source, tables: Sequence[type[Table]] = ()) -> Layout:
+    """How the table lies in a file that uses most of its columns.
+
+    Args:
+        source: the file.
+        tables: those that it may be; none: any.
+
+    Raises:
+        InputError: it fits none; the message tells what is missing for the nearest.
+    """
+    wanted = tuple(tables) or _every_table()
+    layouts, faults = [], []
+    for table in wanted:
+        try:
+            layouts.append(lay_out(source.names, table))
+        except InputError as error:
+            faults.append(InputError(f"{source.path}: {error}"))
+    fitting = [layout for layout in layouts if not layout.missing]
+    if not fitting:
+        if faults:
+            raise faults[0]
+        nearest = max(layouts, key=lambda layout: (layout.likeness[0] - len(layout.missing), layout.likeness))
+        check_fits(source, nearest)
+    return max(fitting, key=lambda layout: layout.likeness)
+
+
+def check_fits(source: Source, layout: Layout) -> None:
+    """InputError where a table lacks columns, or has one whose name is nearly one of its own."""
+    if layout.missing:
+        raise InputError(f"{source.path}: {describe_missing(layout, source.names)}")
+    wrong = misspelled(layout, source.names)
+    if wrong is not None:
+        raise InputError(f"{source.path}: {wrong}")
+
+
+def _every_table() -> tuple[type[Table], ...]:
+    """All tables; of those that a file fits equally well the first counts."""
+    first = (Tracks, Truth, Bearings, Doa, Boxes)
+    return (*first, *(table for table in TABLES.values() if table not in first))
+
+
+class _FrameCount:
+    """Numbers frames of each sensor by their times, in the order of time."""
+
+    def __init__(self) -> None:
+        """No frame yet."""
+        self._known: dict[str, int] = {}
+
+    def number(self, t_ns: Ints, sensor: Strings) -> Ints:
+        """(n,) numbers of the frames of rows; those of one time are never in two calls."""
+        out = np.zeros(len(t_ns), dtype=np.int64)
+        for name in np.unique(sensor).tolist():
+            own = np.flatnonzero(sensor == name)
+            _, place = np.unique(t_ns[own], return_inverse=True)
+            out[own] = self._known.get(name, 0) + place
+            self._known[name] = int(out[own].max()) + 1
+        return out
+
+
+def _filled(values: Values, table: type[Table], frames: _FrameCount) -> Values:
+    """The values with those of columns that the file has not, rows in the order of the table's key."""
+    rows = len(values[TIME])
+    out = {name: column for name, column in values.items() if name != "_row"}
+    for name, default in FILLED.get(table.NAME, {}).items():
+        if name not in out and default is not None:
+            out[name] = np.full(rows, default)
+    if table.NAME == Bearings.NAME and "seen" not in out:
+        out["seen"] = np.isfinite(out["bearing"].astype(np.float64))
+    if issubclass(table, Boxes):
+        if "frame" not in out:
+            out["frame"] = frames.number(out[TIME], out["sensor"])  # type: ignore[arg-type]
+        if "box" not in out:
+            out["box"] = _number_boxes(out)
+    for c in table.columns():
+        if c.name not in out and not c.optional and c.nan is not None:
+            shape = (rows, c.width) if c.width else (rows,)
+            out[c.name] = np.full(shape, np.nan, dtype=c.dtype)
+    for name in {"bearing", "azimuth"} & set(out):
+        angle = out[name].astype(np.float64)
+        turned = np.mod(angle + np.pi, 2 * np.pi) - np.pi
+        out[name] = np.where((angle < -np.pi) | (angle >= np.pi), turned, angle)
+    order = np.lexsort([out[name] for name in reversed(table.KEY)])
+    values["_row"] = values["_row"][order]
+    return _pick(out, order)
+
+
+def _number_boxes(values: Values) -> Ints:
+    """(n,) numbers of the boxes of each frame, in the order of the file; -1: the frame has none."""
+    sensor, t_ns = values["sensor"], values[TIME]
+    there = np.isfinite(values["left_px"].astype(np.float64))
+    order = np.lexsort((sensor, t_ns))
+    out = np.full(len(t_ns), -1, dtype=np.int64)
+    own = order[there[order]]
+    fresh = np.ones(len(own), dtype=np.bool_)
+    fresh[1:] = (t_ns[own][1:] != t_ns[own][:-1]) | (sensor[own][1:] != sensor[own][:-1])
+    starts = np.flatnonzero(fresh)
+    out[own] = np.arange(len(own)) - np.repeat(starts, np.diff(np.append(starts, len(own))))
+    return out
+
+
+def _check(cells: Cells, values: Mapping[str, NDArray[np.generic]], layout: Layout) -> None:
+    """InputError, with its place, for a cell that no table may have."""
+    spelled = {s.column.name: s for s in layout.columns}
+
+    def refuse(name: str, wrong: Callable[[Floats], Bools], limit: str) -> None:
+        if name in values:
+            column, told = values[name].astype(np.float64), spelled[name]
+            shown = np.degrees(column) if told.unit == "deg" else column
+            what = f"{told.name} gives a {name.removesuffix('_px')} of" if told.edge else f"{told.name} is"
+            with np.errstate(invalid="ignore"):
+                _refuse(cells, shown, wrong(column), what, f"; it must be {limit}")
+
+    for name in ("sigma", "sigma_px", "sigma_azimuth", "sigma_elevation"):
+        refuse(name, lambda v: v <= 0, "above 0")
+    for name in ("confidence", "score"):
+        refuse(name, lambda v: (v < 0) | (v > 1), "0 to 1")
+    refuse("elevation", lambda v: np.abs(v) > np.pi / 2, "within 90 degrees")
+    if layout.table.NAME == Bearings.NAME:
+        bearing, sigma = values["bearing"].astype(np.float64), values["sigma"].astype(np.float64)
+        bare = np.isfinite(bearing) & np.isnan(sigma)
+        if bare.any():
+            row = int(np.flatnonzero(bare)[0])
+            value, spread = spelled["bearing"].name, spelled["sigma"].name
+            raise cells.fail(row, f"{value} has a value, and {spread} has none; give both or neither")
+    if layout.table in (Boxes, TruthBoxes):
+        for name in ("width_px", "height_px"):
+            refuse(name, lambda v: v <= 0, "above 0")
+
+
+def _refuse(cells: Cells, values: Floats, bad: Bools, before: str, after: str) -> None:
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise cells.fail(row, f"{before} {values[row]:g}{after}")
+
+
+def _as_table(source: Source, table: type[T], values: Values, row: NDArray[np.generic]) -> T:
+    """Make the table; InputError where somebody is twice at one time, or values contradict each other."""
+    if table.NAME in ONCE:
+        same = np.ones(max(len(row) - 1, 0), dtype=np.bool_)
+        for name in table.KEY:
+            same &= values[name][1:] == values[name][:-1]
+        if same.any():
+            k = int(np.flatnonzero(same)[0])
+            key = table.KEY[-1]
+            raise InputError(
+                f"{source.path}: rows {min(row[k], row[k + 1])} and {max(row[k], row[k + 1])} (from 0): "
+                f"{key} {values[key][k]} is twice at {values[TIME][k]} ns; remove one, or give a column of identities"
+            )
+    try:
+        return table.of(**values)
+    except InputError as error:
+        raise InputError(f"{source.path}: among rows {row.min()} to {row.max()}: {error}") from None
+
+
+def _join(parts: Sequence[Values]) -> Values:
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _pick(values: Values, rows: Ints | slice) -> Values:
+    return {name: column[rows] for name, column in values.items()}

@@ -1,0 +1,83 @@
+"""Places of sensors that tell directions, in a text table: a scene for those who have no more than that."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError
+from occlog.io.files.csv_rows import Rows, first_line, is_header, read_rows
+from occlog.io.files.sensor_names import safe_name
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.settings import METRES
+
+WHAT = "a table of stations"
+NAMES = ("name", "station", "sensor", "array", "tower", "camera", "node", "id")
+COLUMNS: dict[str, Sequence[str]] = {
+    "name": NAMES,
+    **{axis + ending: (axis + ending,) for axis in "xyz" for ending in ("", *(f"_{unit}" for unit in METRES))},
+    "sigma_deg": ("sigma_deg",),
+}
+
+
+def holds_stations(path: Path) -> bool:
+    """Whether a text file names stations and their places in its header line."""
+    try:
+        header = {cell.lower() for cell in first_line(path, WHAT)}
+    except InputError:
+        return False
+    places = {name for name in header if name in COLUMNS and name[0] in "xy"}
+    return is_header(list(header)) and bool(header & set(NAMES)) and len(places) >= 2
+
+
+def read_stations(path: Path) -> Scene:
+    """Read a scene of sensors that tell directions: the columns name, x, y, and perhaps z and sigma_deg.
+
+    Names of places end in the unit (`x_m`, `y_m`), or are in metres.  Without a column z stations tell no elevation.
+    `sigma_deg` is the standard deviation of directions that come without one; 3 degrees where it is not given.
+
+    Raises:
+        InputError: a column is missing, units differ, or a name stands twice.
+    """
+    found: dict[str, MicrophoneArray] = {}
+    unit = "m"
+    for rows in read_rows(path, COLUMNS, WHAT):
+        spelled = {axis: _spelled(rows, axis) for axis in "xyz"}
+        missing = [name for name in ("x", "y") if spelled[name] is None]
+        if missing or not rows.has("name"):
+            lacking = [*missing, *([] if rows.has("name") else ["name"])]
+            raise InputError(
+                f"{path}: has no column {' and '.join(lacking)}; {WHAT} has name, x, y, perhaps z, sigma_deg"
+            )
+        units = {name.partition("_")[2] or "m" for name in spelled.values() if name is not None}
+        if len(units) > 1:
+            raise InputError(f"{path}: places are in {' and '.join(sorted(units))}; state all in one unit")
+        unit = units.pop()
+        place = np.column_stack([_numbers(rows, spelled[axis]) for axis in "xyz"])
+        sigma = rows.floats("sigma_deg") if rows.has("sigma_deg") else None
+        for row, cell in enumerate(rows.cells["name"].tolist()):
+            name = safe_name(cell)
+            if name in found:
+                raise rows.fail(row, f"station {name} is there twice; give every station its own name")
+            if sigma is not None and not sigma[row] > 0:
+                raise rows.fail(row, f"sigma_deg of station {name} is {sigma[row]:g}; it must be above 0")
+            station = MicrophoneArray(name, place[row], planar=spelled["z"] is None)
+            found[name] = station if sigma is None else replace(station, sigma=math.radians(float(sigma[row])))
+    return Scene(arrays=tuple(found.values()), length_unit=unit)
+
+
+def _spelled(rows: Rows, axis: str) -> str | None:
+    """The column of an axis, whatever unit it states."""
+    found = [name for name in COLUMNS if name.partition("_")[0] == axis and rows.has(name)]
+    if len(found) > 1:
+        raise InputError(f"{rows.path}: columns {' and '.join(found)} both say {axis}; keep one")
+    return found[0] if found else None
+
+
+def _numbers(rows: Rows, name: str | None) -> Floats:
+    return np.zeros(len(rows)) if name is None else rows.floats(name)
