@@ -29,7 +29,18 @@ from occlog.papers.page.planplot import Plan
 from occlog.papers.page.shotplot import Shots
 from occlog.papers.qu import statements as qu_statements
 from occlog.papers.qu import variants
-from occlog.papers.qu.experiments import failures, fig7, loop, motion, table1, table2, table3
+from occlog.papers.qu.experiments import (
+    decoys,
+    failures,
+    fig7,
+    loop,
+    mechanisms,
+    motion,
+    table1,
+    table2,
+    table3,
+    unseen,
+)
 from occlog.papers.rahimi import results, search, trust
 from occlog.papers.rahimi import statements as rahimi_statements
 from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
@@ -78,6 +89,9 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
         failures.FAILURES,
         table3.TABLE3,
         fig7.FIG7,
+        mechanisms.MECHANISMS,
+        decoys.DECOYS,
+        unseen.UNSEEN_COUNTERPARTS,
         *variants.VARIANTS,
         motion.MOTION,
         loop.LOOP,

@@ -18,13 +18,24 @@ from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import InputError
 from occlog.measure.epipolar.views import Geometry
 from occlog.simulate.balls.config import BallsConfig
-from occlog.simulate.balls.video import BallsFrame, render_balls
+from occlog.simulate.balls.video import BallsFrame
 from occlog.track.images.interface import START, AnyVisual, Birth, Outlines
 from occlog.track.images.methods.config import MipfConfig
 from occlog.track.images.methods.state import VisualState
 from occlog.track.images.methods.timing import likelihood_seconds
 
-from .world import looks_of, truth_of, views_of
+from .staged import Staging, video_of
+from .world import FLYING, looks_of, truth_of, views_of
+
+
+class Astray(NamedTuple):
+    """A tracker that is put where its target is not."""
+
+    view: int
+    target: int
+    frame: int  # before which it is put there
+    x: float  # place [px]
+    y: float
 
 
 class Runner(NamedTuple):
@@ -37,6 +48,7 @@ class Runner(NamedTuple):
     seed: int
     use: int  # number of views, the first ones of the video
     exchange: tuple[int, int, int, int] | None = None  # view, two targets; they change places before that frame
+    astray: Astray | None = None
     timed: bool = False  # true: measure the time of each part of the likelihood; for `bmct` alone
 
 
@@ -97,7 +109,11 @@ class FollowedFrame(NamedTuple):
 
 
 def follow(
-    config: BallsConfig, seed: int, runners: Mapping[str, Runner], watch: Callable[[FollowedFrame], None] | None = None
+    config: BallsConfig,
+    seed: int,
+    runners: Mapping[str, Runner],
+    watch: Callable[[FollowedFrame], None] | None = None,
+    staging: Staging = FLYING,
 ) -> tuple[dict[str, Followed], Objects, Floats]:
     """Run all methods on one video.
 
@@ -106,6 +122,7 @@ def follow(
         seed: of the video.
         runners: methods by label.
         watch: called with each frame after all methods have done their step.
+        staging: what the video shows.
 
     Returns:
         The output of each method by label; the truth as boxes, with `view`; and the radius of each true row [px].
@@ -116,7 +133,7 @@ def follow(
     states, rngs = {}, {label: generator(r.seed, Stage.TRACK) for label, r in runners.items()}
     frames: list[BallsFrame] = []
     views = views_of(config)
-    for frame in render_balls(config, seed):
+    for frame in video_of(config, seed, staging):
         for label, r in runners.items():
             looks = looks_of(frame, r.use)
             if not frames:
@@ -126,6 +143,8 @@ def follow(
                 continue
             if r.exchange is not None and r.exchange[3] == frame.frame:
                 states[label] = exchanged(states[label], *r.exchange[:3])
+            if r.astray is not None and r.astray.frame == frame.frame:
+                states[label] = led_astray(states[label], r.astray)
             if r.timed and frame.frame % EVERY == 1:
                 rng = np.random.default_rng(frame.frame)
                 parts[label].append(likelihood_seconds(states[label], looks, rng, REPEATS))
@@ -151,6 +170,21 @@ def exchanged(state: object, view: int, one: int, other: int) -> VisualState[Mip
     order = np.arange(len(t.view))
     order[np.concatenate(rows)] = order[np.concatenate(rows[::-1])]
     return state._replace(trackers=t._replace(**{name: getattr(t, name)[order] for name in PLACED}))
+
+
+def led_astray(state: object, astray: Astray) -> VisualState[MipfConfig]:
+    """Return the state with a tracker at rest in another place; InputError where there is no such tracker."""
+    if not isinstance(state, VisualState):
+        raise InputError("trial: trackers of this method cannot be led astray")
+    t = state.trackers
+    rows = np.flatnonzero((t.view == astray.view) & (t.target == astray.target))
+    if len(rows) != 1:
+        raise InputError(f"trial: view {astray.view} has no tracker of {astray.target} to lead astray")
+    i, particles, estimate = rows[0], t.particles.copy(), t.estimate.copy()
+    particles[i, :, :2], estimate[i, :2] = (astray.x, astray.y), (astray.x, astray.y)
+    velocity, path = t.velocity.copy(), t.path.copy()
+    velocity[i], path[i] = 0.0, 0.0
+    return state._replace(trackers=t._replace(particles=particles, estimate=estimate, velocity=velocity, path=path))
 
 
 def _first(births: Sequence[Birth]) -> TrackerRows:

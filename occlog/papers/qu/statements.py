@@ -12,6 +12,8 @@ DIFFERENT = (
     "superior performance of the proposed algorithm in both efficiency and robustness for multiple-target tracking in "
     "different conditions"
 )
+DIRECTION = "due to the absence of distinct inertia directions, the blind magnetic repulsion separates them"
+WRONG_TARGETS = "the trackers may attach to wrong targets, and thus lose the correct target"
 
 SOURCES: Sources = {
     "table1-collaboration": Source(
@@ -48,6 +50,18 @@ SOURCES: Sources = {
     "fig7-idmot-fails": Source("Fig. 7b, Sec. 4.1", "this approach has two failure cases"),
     "fig7-bmct": Source("Fig. 7c, Sec. 4.1", "BMCT rectifies these problems"),
     "fig7-all": Source("Fig. 7c, Sec. 4.1", "tracks all of the targets robustly"),
+    "fig7-direction": Source("Fig. 7b, Sec. 4.1", DIRECTION),
+    "fig7-direction-clutter": Source("Fig. 7b, Sec. 4.1", "a strong clutter nearby attracts one tracker away"),
+    "fig7-direction-bmct": Source("Fig. 7c, Sec. 4.1", "BMCT rectifies these problems"),
+    "fig7-line": Source("Fig. 7b, Sec. 4.1", "their labels are falsely exchanged due to their similar inertia"),
+    "fig7-line-bmct": Source("Fig. 7c, Sec. 4.1", "BMCT rectifies these problems"),
+    "fig7-row": OWN,
+    "cmct": Source("Sec. 4.2", WRONG_TARGETS),
+    "cmct-own-bmct": OWN,
+    "cmct-wide-bmct": OWN,
+    "unseen-idmot": Source("Sec. 4.2", "only IDMOT instead of BMCT is implemented"),
+    "unseen-fails": Source("Sec. 4.2", "The only failure case of BMCT occurs in camera 2"),
+    "unseen-cameras": Source("Sec. 4.2", "By using more cameras, such failure cases could be avoided"),
     "balls": OWN,
     "balls-cost": Source("Sec. 4.4.1", "increases linearly with the number of targets and cameras"),
     "radius": OWN,

@@ -26,7 +26,9 @@ from occlog.simulate.balls.config import BallsConfig
 from occlog.track.images.catalogue import VISUAL
 from occlog.track.images.interface import BAD, GOOD, LEFT, LOST, MODES, AnyVisual
 
-from .follow import Followed, Runner, follow
+from .follow import Astray, Followed, Runner, follow
+from .staged import Staging, staging_of
+from .watched import watched_figures, whereabouts
 from .world import births_of, boxes_of, first_frame, geometry_of, of_views
 
 KEYS = (
@@ -42,8 +44,11 @@ KEYS = (
     "tau",
     "track_seed",
     "parts",
+    "scene",
+    "unseen",
+    "watched",
 )
-OWN = ("method", "set", "fundamental", "wrong", "use", "timed", "track_seed")
+OWN = ("method", "set", "fundamental", "wrong", "use", "timed", "track_seed", "astray")
 """Keys of each of `methods`."""
 KIND = "qu-views"
 WARM = {"frames": 8, "balls": 3, "radius": 12.0, "width": 96, "height": 96, "start_apart": False, "clutter": 0}
@@ -153,15 +158,16 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
             is on it, default 1).  One method: `method` (a name of `VISUAL`), `set` (its settings),
             `fundamental` (kind, or [kind, amount], of `geometry_of`), `wrong` ([view, target, other]: there
             the tracker of `target` starts on `other`; with a frame behind, the two are exchanged in that),
-            `use` (the first so many views only), `timed` (also `local_ms`, `interaction_ms`, `collaboration_ms`
-            and `step_ms`: means of CPU time a frame).  Several: `methods`, these keys by label.  `parts`: also
-            `off_0`, ... of `views_alarms.timeline`.
+            `use` (the first so many views only), `astray` (fields of `Astray`), `timed` (also `local_ms`,
+            `interaction_ms`, `collaboration_ms` and `step_ms`: means of CPU time a frame).  Several: `methods`, these keys by label.  `parts`: also
+            `off_0`, ... of `timeline`.  `scene`: one of `SCENES`.  `unseen`: targets that the first view does not
+            see.  `watched`: view and targets by name; also `name_off`, ... of `watched_figures`.
 
     Returns:
         For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`,
         `mota` (boxes about the ellipses, IoU 0.5), `track_seconds` and `frame_ms` (CPU of the steps, median of
         a frame; without drawing), `particles` (the setting), `ess` (median), `left` and `lost`
-        (trackers that ended so), `mode_mipf`, ... (shares of the rows), and those of `views_alarms.alarms`.
+        (trackers that ended so), `mode_mipf`, ... (shares of the rows), and those of `alarms`.
 
     Raises:
         InputError, UsageError: values that do not fit.
@@ -172,7 +178,7 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
     runners = {label: runner_of(config, spec, own) for label, own in described.items()}
     for own in described.values():
         warm(str(own["method"]))
-    done, truth, radius = follow(config, int(spec["seed"]), runners)
+    done, truth, radius = follow(config, int(spec["seed"]), runners, staging=_staging(spec))
     out: dict[str, float] = {}
     for label, followed in done.items():
         true, reach = of_views(truth, float(spec.get("tau", 1.0)) * radius, runners[label].use)
@@ -185,6 +191,9 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
             figures |= {name: 1e3 * seconds for name, seconds in zip(names, times, strict=True)}
         if spec.get("parts"):
             figures |= timeline(true, followed, reach, int(spec["parts"]))
+        for name, (view, targets) in spec.get("watched", {}).items():
+            seen = watched_figures(whereabouts(true, followed, reach, int(view), targets))
+            figures |= {f"{name}_{figure}": value for figure, value in seen.items()}
         out |= {f"{label}.{name}" if not single else name: value for name, value in figures.items()}
     return out
 
@@ -207,7 +216,7 @@ def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
     if not 1 <= use <= config.views:
         raise InputError(f"trial: use is {use}, must be 1 to {config.views}, the number of views")
     wrong = tuple(own.get("wrong", ()))
-    births = births_of(first_frame(config, int(spec["seed"])), use, wrong if len(wrong) == 3 else None)
+    births = births_of(first_frame(config, int(spec["seed"]), _staging(spec)), use, wrong if len(wrong) == 3 else None)
     seed = own.get("track_seed", spec.get("track_seed", spec["seed"]))
     geometry = geometry_of(config, use, kind, float(amount))
     exchange = (int(wrong[0]), int(wrong[1]), int(wrong[2]), int(wrong[3])) if len(wrong) == 4 else None
@@ -220,7 +229,12 @@ def runner_of(config: BallsConfig, spec: Spec, own: Values) -> Runner:
         use=use,
         exchange=exchange,
         timed=bool(own.get("timed")),
+        astray=Astray(**own["astray"]) if "astray" in own else None,
     )
+
+
+def _staging(spec: Spec) -> Staging:
+    return staging_of(str(spec.get("scene", "")), tuple(spec.get("unseen", ())))
 
 
 def _check(spec: Spec, keys: tuple[str, ...]) -> None:

@@ -17,8 +17,10 @@ from occlog.measure.epipolar.of_scene import fundamental_of_cameras
 from occlog.measure.epipolar.views import Geometry, View
 from occlog.simulate.balls.config import BallsConfig
 from occlog.simulate.balls.motion import ball_cameras
-from occlog.simulate.balls.video import BallsFrame, render_balls
+from occlog.simulate.balls.video import BallsFrame
 from occlog.track.images.interface import Birth, FrameSet
+
+from .staged import Staging, video_of
 
 FRAME_NS = 40_000_000
 """Time between frames; there are 25 a second."""
@@ -67,14 +69,18 @@ def _made_wrong(right: Floats, kind: str, amount: float, size: tuple[int, int]) 
     return scaled(np.linalg.inv(move).T @ right)
 
 
+FLYING = Staging()
+"""Balls that fly about, and are seen by all views."""
+
+
 @functools.lru_cache(maxsize=8)
-def first_frame(config: BallsConfig, seed: int) -> BallsFrame:
+def first_frame(config: BallsConfig, seed: int, staging: Staging = FLYING) -> BallsFrame:
     """The first frame of a video."""
-    return next(iter(render_balls(config, seed)))
+    return next(video_of(config, seed, staging))
 
 
 def births_of(frame: BallsFrame, use: int, wrong: Sequence[int] | None = None) -> tuple[Birth, ...]:
-    """Place a tracker on the true outline of every target in the first views.
+    """Place a tracker on the true outline of every target in the first views that see it.
 
     Args:
         frame: the first frame.
@@ -84,6 +90,8 @@ def births_of(frame: BallsFrame, use: int, wrong: Sequence[int] | None = None) -
     out = []
     for view, ellipses in enumerate(frame.ellipses[:use]):
         for target in range(len(ellipses)):
+            if np.isnan(ellipses[target]).any():
+                continue
             put = wrong[2] if wrong is not None and (view, target) == (wrong[0], wrong[1]) else target
             out.append(Birth(view, target, ellipses[put].copy()))
     return tuple(out)
@@ -100,13 +108,18 @@ def looks_of(frame: BallsFrame, use: int) -> FrameSet:
 
 
 def truth_of(frames: Sequence[BallsFrame]) -> tuple[Objects, Floats]:
-    """Return the true boxes of all targets in all frames and views, hidden ones too, and the radius of each [px]."""
+    """Return the true boxes of all targets in all frames and views, hidden ones too, and the radius of each [px].
+
+    A target that a view does not see (NaN) has no box there.
+    """
     ellipses = np.stack([f.ellipses for f in frames])
     T, V, n = ellipses.shape[:3]
     t, view, target = (a.ravel() for a in np.meshgrid(np.arange(T), np.arange(V), np.arange(n), indexing="ij"))
     numbers = np.array([f.frame for f in frames], dtype=np.int64)
-    boxes = boxes_of(ellipses.reshape(-1, 5))
-    return Objects(numbers[t], target, boxes, view), 0.5 * np.sqrt(boxes[:, 2] * boxes[:, 3])
+    outlines = ellipses.reshape(-1, 5)
+    seen = ~np.isnan(outlines).any(axis=1)
+    boxes = boxes_of(outlines[seen])
+    return Objects(numbers[t[seen]], target[seen], boxes, view[seen]), 0.5 * np.sqrt(boxes[:, 2] * boxes[:, 3])
 
 
 def of_views(truth: Objects, radius: Floats, use: int) -> tuple[Objects, Floats]:

@@ -1,0 +1,107 @@
+"""CMCT attaches to wrong targets near the epipolar line, [Qu] Sec. 4.2.
+
+"Using an epipolar line to direct the sample distribution and (re)initialize the targets is problematic.  When there are
+several candidate targets in the vicinity of the epipolar lines, the trackers may attach to wrong targets".  Four balls
+go side by side and never touch.  As after a loss one tracker of view 1 is put on the bare wall, nearer to a neighbour
+than to its target.  The four are on one epipolar line, or in a column, so that the line tells them apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.papers.qu.common import ordered, seed_of
+from occlog.papers.qu.staged import staged_paths
+from occlog.papers.qu.trial import run_views_trial, views_spec
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.measures import mean_of
+from occlog.papers.verdicts.model import Execute, Experiment, Row, Size, Table, Verdict
+from occlog.pipeline.sweep.trial import Spec, Values
+from occlog.settings import configure
+from occlog.simulate.balls.config import BallsConfig
+from occlog.simulate.balls.motion import ball_cameras
+
+SCENES = {"decoys-on-line": "on the line", "decoys-off-line": "off the line"}
+METHODS: dict[str, Values] = {
+    "CMCT": {"method": "cmct"},
+    "CMCT, 30 px along the line": {"method": "cmct", "set": {"along_px": 30.0}},
+    "BMCT": {"method": "bmct"},
+}
+BALLS = 4
+AT = 0.1
+"""Share of the video after which the tracker is led astray."""
+NEARER = 0.65
+"""How far from the target towards its neighbour it is put [distances of the two]; 0.5: in the middle."""
+ASIDE = 1.3
+"""How far aside of both it is put, so that it is on neither [distances of the two]."""
+MAY = 10.0
+"""Trackers [%] on a wrong target at the end that show that they may attach to one."""
+
+
+def decoys(size: Size, execute: Execute) -> Table:
+    """Compute the share of runs in which the tracker is on a wrong target at the end [%]; x is the scene, from 1."""
+    results = execute([_spec(size, run, scene) for scene in SCENES for run in range(size.runs)])
+    rows = []
+    for label in METHODS:
+        for k, name in enumerate(SCENES.values()):
+            own = results[k * size.runs : (k + 1) * size.runs]
+            wrong = tuple(100.0 * r[f"{label}.astray_end_other"] for r in own)
+            none = sum(100.0 * r[f"{label}.astray_end_none"] for r in own) / size.runs
+            rows.append(Row(f"{label}, others {name}", k + 1.0, wrong, {"on none": none}))
+    return rows
+
+
+def _spec(size: Size, run: int, scene: str) -> Spec:
+    balls = {"frames": size.steps, "balls": BALLS}
+    config, seed, frame = configure(BallsConfig(), balls), seed_of(size, run), max(1, round(AT * size.steps))
+    places = ball_cameras(config)[0].project(staged_paths(config, seed, scene).centres[frame])
+    away = places[1:] - places[0]
+    near = away[int(np.argmin(np.linalg.norm(away, axis=1)))]
+    # Towards the middle of the image
+    aside = ASIDE * np.array([-near[1], near[0]])
+    put = places[0] + NEARER * near
+    middle = np.array([0.5 * config.width, 0.5 * config.height])
+    put = put + (aside if aside @ (middle - put) > 0.0 else -aside)
+    astray = {"view": 0, "target": 0, "frame": frame, "x": float(put[0]), "y": float(put[1])}
+    methods = {label: {**own, "astray": astray} for label, own in METHODS.items()}
+    return views_spec(seed, methods, balls, scene=scene, watched={"astray": [0, [0]]})
+
+
+def judge_decoys(table: Table) -> list[Verdict]:
+    """Judge that CMCT may attach to wrong targets on the line, that the line is the cause, and that BMCT does less."""
+    out = []
+    on, off = (f"others {name}" for name in SCENES.values())
+    bmct = v.find(table, f"BMCT, {on}")
+    for key, label in zip(("own", "wide"), list(METHODS)[:2], strict=True):
+        wrong, free = v.find(table, f"{label}, {on}"), v.find(table, f"{label}, {off}")
+        if wrong is None or free is None or bmct is None:
+            continue
+        said = f"{label} may attach to wrong targets near the epipolar line: share of trackers after a loss [%]."
+        rule = f"at least {MAY:g} %; in part half of that"
+        out += [
+            v.judge(f"cmct-{key}-wrong", said, mean_of(wrong), v.at_least(MAY), v.at_least(0.5 * MAY), rule=rule),
+            ordered(
+                f"cmct-{key}-line",
+                f"The line is the cause ({label}): more than with others off it, by [%].",
+                free,
+                wrong,
+            ),
+            ordered(f"cmct-{key}-bmct", f"BMCT attaches to wrong targets less than {label}, by [%].", bmct, wrong),
+        ]
+    return out
+
+
+DECOYS = Experiment(
+    item="cmct",
+    title="Wrong targets near the epipolar line",
+    x_label="others: 1 on the line, 2 off the line",
+    y_label="trackers on a wrong target [%]",
+    runs=24,
+    steps=100,
+    quick=(2, 40),
+    compute=decoys,
+    judge=judge_decoys,
+    trial=run_views_trial,
+    note="Four balls side by side that never touch; a tracker is put on the wall, nearest to a wrong one.",
+)
+"""The statement on CMCT of Sec. 4.2."""

@@ -1,0 +1,177 @@
+"""Staged videos: balls on ways that bring about one thing that [Qu] speaks of, and balls that a view does not see.
+
+Camera 1 sees -y and z of a ball, camera 2 sees x and z, and the epipolar lines are the rows.  A scene draws what
+the statement leaves open from its seed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+
+from occlog.array_types import Floats
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.errors import InputError
+from occlog.simulate.balls.config import BallsConfig
+from occlog.simulate.balls.motion import BallPaths, ball_paths
+from occlog.simulate.balls.video import BallsFrame, render_balls
+
+APART = 2.4
+"""Distance of balls that are apart [radii]."""
+HIDING = 0.2
+"""Distance of balls of which one hides the other [radii]."""
+ASIDE = 60.0
+"""Half the distance of two balls across the view in which they meet [px]."""
+OUT = 10_000.0
+"""Distance [px] at which a ball is outside the image."""
+
+
+class Staging(NamedTuple):
+    """What a video shows instead of balls that fly about."""
+
+    scene: str = ""  # one of `SCENES`; empty: balls that fly about
+    unseen: tuple[int, ...] = ()  # balls that the first view does not see
+
+
+def staging_of(scene: str, unseen: tuple[int, ...]) -> Staging:
+    """Return what a video shows; InputError for a scene that is none of `SCENES`."""
+    if scene and scene not in SCENES:
+        raise InputError(f"trial: scene is {scene!r}, must be one of {', '.join(SCENES)}")
+    return Staging(scene, unseen)
+
+
+def video_of(config: BallsConfig, seed: int, staging: Staging) -> Iterator[BallsFrame]:
+    """Draw a staged video; outlines of balls that a view does not see are NaN, and their visible shares 0."""
+    paths = ball_paths(config, seed) if not staging.scene else staged_paths(config, seed, staging.scene)
+    if not staging.unseen:
+        yield from render_balls(config, seed, paths=paths)
+        return
+    # The first view is drawn with the unseen balls far aside: behind nothing, and in front of nothing
+    unseen = list(staging.unseen)
+    aside = paths._replace(centres=paths.centres.copy())
+    aside.centres[:, unseen, 1] = OUT
+    for frame, first in zip(
+        render_balls(config, seed, paths=paths), render_balls(config, seed, paths=aside), strict=True
+    ):
+        ellipses, share = frame.ellipses.copy(), frame.share.copy()
+        ellipses[0, unseen], share[0] = np.nan, first.share[0]
+        share[0, unseen] = 0.0
+        yield BallsFrame(frame.frame, (first.images[0], *frame.images[1:]), ellipses, share)
+
+
+def staged_paths(config: BallsConfig, seed: int, scene: str) -> BallPaths:
+    """Return the ways of the balls of a scene; their turns are those of the seed's own video."""
+    rng = generator(seed, Stage.WORLD_MOTION, config.balls)
+    places = SCENES[scene](config, rng)
+    if places.shape[1] != config.balls:
+        raise InputError(f"trial: scene {scene} has {places.shape[1]} balls, not {config.balls}")
+    middle = np.array([0.0, 0.0, 0.5 * config.height])
+    return BallPaths(places + middle, ball_paths(config, seed).turns)
+
+
+def _together(config: BallsConfig, rng: Generator) -> Floats:
+    """Two balls go the same way in view 1 and hide one another for long ([Qu] Fig. 7b, camera 1)."""
+    t = np.linspace(0.0, 1.0, config.frames)
+    first, last = (rng.uniform(0.0, 2.0 * math.pi) for _ in range(2))
+    near = rng.uniform(0.0, 2.0 * math.pi)
+    come, go = _smooth(t / 0.3), _smooth((t - 0.65) / 0.35)
+    far, close = APART * config.radius, HIDING * config.radius
+    gap = (
+        far * np.outer(1.0 - come, _unit(first))
+        + close * np.outer(come * (1.0 - go), _unit(near))
+        + far * np.outer(go, _unit(last))
+    )
+    return _seen_in_first(np.outer(200.0 * (t - 0.5), [1.0, 0.0]), gap, rng)
+
+
+def _opposite(config: BallsConfig, rng: Generator) -> Floats:
+    """As `_together`, but the two go opposite ways and pass one another."""
+    t = np.linspace(0.0, 1.0, config.frames)
+    close = HIDING * config.radius * rng.choice([-1.0, 1.0])
+    gap = np.column_stack([400.0 * (t - 0.5), np.full(len(t), close)])
+    return _seen_in_first(np.zeros((len(t), 2)), gap, rng)
+
+
+def _seen_in_first(middle: Floats, gap: Floats, rng: Generator) -> Floats:
+    """Return (T, 2, 3) two balls with this middle and gap (T, 2) along y and z, that view 2 sees apart."""
+    side = rng.choice([-1.0, 1.0])
+    x = np.broadcast_to([side * ASIDE, -side * ASIDE], (len(gap), 2))
+    places = np.stack([middle - 0.5 * gap, middle + 0.5 * gap], axis=1)
+    return np.concatenate([x[..., None], places], axis=2)
+
+
+def _following(angle: float, *, across: bool = False, back: bool = False) -> Callable[[BallsConfig, Generator], Floats]:
+    """Make the scene of a ball that comes up behind another in view 2, on the same line ([Qu] Fig. 7b, camera 2).
+
+    Args:
+        angle: of the line with the rows, which are the epipolar lines [deg].
+        across: whether the other ball goes at a right angle to the line instead.
+        back: whether the ball falls back, when it hides the other, instead of overtaking it.
+    """
+
+    def places(config: BallsConfig, rng: Generator) -> Floats:
+        t = np.linspace(-0.5, 0.5, config.frames)
+        turn = math.radians(angle + rng.uniform(-10.0, 10.0) * (angle > 0.0))
+        along, normal = _unit(turn), _unit(turn + 0.5 * math.pi)
+        slip = rng.uniform(-1.0, 1.0) * HIDING * config.radius
+        # Along the line both go the same way; the one behind gains on the other
+        gap = 1.2 * APART * config.radius * (-np.sqrt(t * t + 0.0025) if back else t) * 2.0
+        second = np.outer(120.0 * t - 0.5 * gap, along)
+        first = np.outer(120.0 * t + 0.5 * gap, along) + slip * normal
+        if across:
+            second = np.outer(120.0 * t, normal)
+        side = rng.choice([-1.0, 1.0])
+        y = np.broadcast_to([side * ASIDE, -side * ASIDE], (len(t), 2))
+        seen = np.stack([first, second], axis=1)
+        return np.stack([seen[..., 0], y, seen[..., 1]], axis=2)
+
+    return places
+
+
+def _decoys(on_line: bool) -> Callable[[BallsConfig, Generator], Floats]:
+    """Make the scene of four balls that never touch and go side by side: on one epipolar line, or in a column."""
+
+    def places(config: BallsConfig, rng: Generator) -> Floats:
+        t = np.linspace(-0.5, 0.5, config.frames)
+        order, other = rng.permutation(4) - 1.5, rng.permutation(4) - 1.5
+        gap = APART * config.radius
+        out = np.empty((len(t), 4, 3))
+        drift = rng.uniform(-40.0, 40.0, 3) * [1.0, 1.0, 0.5]
+        rest = rng.uniform(-30.0, 30.0)
+        if on_line:
+            out[:] = np.column_stack([gap * other, gap * order, np.full(4, rest)])
+        else:
+            gap = min(gap, (config.height - 2.0 * config.radius - 20.0) / 3.0)
+            out[:] = np.column_stack([np.full(4, rest), np.full(4, rest), gap * order])
+            drift[2] *= 0.5
+        return out + t[:, None, None] * drift
+
+    return places
+
+
+def _unit(angle: float) -> Floats:
+    return np.array([math.cos(angle), math.sin(angle)])
+
+
+def _smooth(share: Floats) -> Floats:
+    """Return a smooth step from 0 to 1 of shares of the way, which are cut to 0 to 1."""
+    s = np.clip(share, 0.0, 1.0)
+    return np.asarray(s * s * (3.0 - 2.0 * s))
+
+
+SCENES: dict[str, Callable[[BallsConfig, Generator], Floats]] = {
+    "together": _together,
+    "opposite": _opposite,
+    "overtaking": _following(60.0),
+    "falling-back": _following(60.0, back=True),
+    "right-angle": _following(60.0, across=True),
+    "row-overtaking": _following(0.0),
+    "row-falling-back": _following(0.0, back=True),
+    "decoys-on-line": _decoys(on_line=True),
+    "decoys-off-line": _decoys(on_line=False),
+}
+"""Scenes by name: settings and generator to places (T, n, 3) about the centre of the box."""

@@ -1,0 +1,87 @@
+"""The experiments on staged videos: verdicts of made-up trials."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from occlog.papers.qu.experiments import decoys, mechanisms, unseen
+from occlog.papers.verdicts import verdicts as v
+from occlog.papers.verdicts.model import Size
+
+
+def words(experiment, results) -> dict[str, str]:
+    table = experiment.compute(Size(24, 40), lambda specs: [results(spec) for spec in specs])
+    return {x.id: x.verdict for x in experiment.judge(table)}
+
+
+def spread(spec) -> float:
+    return 0.1 * math.sin(spec["seed"])
+
+
+def test_mechanisms_need_failures_that_the_controls_do_not_have() -> None:
+    def results(spec):
+        bad = spec["scene"] in ("together", "overtaking", "falling-back", "row-overtaking", "row-falling-back")
+        out = {}
+        for m in mechanisms.SHOWN:
+            off = 0.5 + spread(spec) if bad and (m != "bmct" or "row" in spec["scene"]) else 0.0
+            none = 0.3 * off if spec["balls"]["clutter"] else 0.0
+            out |= {f"{m}.pair_end_own": 1.0 - off, f"{m}.pair_end_other": off - none, f"{m}.pair_end_none": none}
+        return out
+
+    found = words(mechanisms.MECHANISMS, results)
+    assert found.pop("fig7-row-bmct") == v.NOT
+    assert set(found.values()) == {v.REPRODUCED}
+    assert len(found) == 2 * 3 + 2
+    assert set(words(mechanisms.MECHANISMS, lambda spec: results({**spec, "scene": "opposite"})).values()) <= {
+        v.NOT,
+        v.UNDECIDED,
+    }
+
+
+def test_cmct_is_judged_against_others_off_the_line_and_against_bmct() -> None:
+    def results(spec):
+        on = spec["scene"] == "decoys-on-line"
+        share = {"CMCT": 0.8, "CMCT, 30 px along the line": 0.5, "BMCT": 0.1}
+        return {
+            f"{label}.astray_{end}": (x + spread(spec)) * on
+            for label, x in share.items()
+            for end in ("end_other", "end_none")
+        }
+
+    found = words(decoys.DECOYS, results)
+    assert set(found.values()) == {v.REPRODUCED}
+    assert len(found) == 6
+
+
+def test_a_tracker_is_led_astray_to_the_bare_wall_inside_the_image() -> None:
+    for scene in decoys.SCENES:
+        for run in range(5):
+            spec = decoys._spec(Size(5, 100), run, scene)
+            astray = spec["methods"]["CMCT"]["astray"]
+            assert astray["frame"] == 10
+            assert 0 < astray["x"] < 320
+            assert 0 < astray["y"] < 240
+
+
+def test_unseen_targets_are_compared_with_seen_ones_and_with_a_third_camera() -> None:
+    def results(spec):
+        hidden = "unseen" in spec
+        off = {"IDMOT": 0.3, "BMCT": 0.3 if hidden else 0.05, "BMCT, three cameras": 0.05}
+        out = {f"{label}.unseen_off": x + spread(spec) * x for label, x in off.items()}
+        return out | {f"{label}.unseen_helped": 0.0 if hidden else 0.4 for label in off}
+
+    assert words(unseen.UNSEEN_COUNTERPARTS, results) == {
+        "unseen-idmot": v.REPRODUCED,
+        "unseen-fails": v.REPRODUCED,
+        "unseen-cameras": v.REPRODUCED,
+    }
+
+
+@pytest.mark.parametrize("helped", [0.0, 1e-3])
+def test_no_frame_at_all_may_be_helped_without_a_counterpart(helped) -> None:
+    def results(spec):
+        return {f"{label}.unseen_{k}": helped for label in unseen.RUNNERS for k in ("off", "helped")}
+
+    assert words(unseen.UNSEEN_COUNTERPARTS, results)["unseen-idmot"] == (v.NOT if helped else v.REPRODUCED)
