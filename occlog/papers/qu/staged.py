@@ -88,6 +88,11 @@ def _together(config: BallsConfig, rng: Generator) -> Floats:
     return _seen_in_first(np.outer(200.0 * (t - 0.5), [1.0, 0.0]), gap, rng)
 
 
+def _together_in_second(config: BallsConfig, rng: Generator) -> Floats:
+    """As `_together`, but in view 2."""
+    return _together(config, rng)[..., [1, 0, 2]]
+
+
 def _opposite(config: BallsConfig, rng: Generator) -> Floats:
     """As `_together`, but the two go opposite ways and pass one another."""
     t = np.linspace(0.0, 1.0, config.frames)
@@ -165,6 +170,7 @@ def _smooth(share: Floats) -> Floats:
 
 SCENES: dict[str, Callable[[BallsConfig, Generator], Floats]] = {
     "together": _together,
+    "together-in-second": _together_in_second,
     "opposite": _opposite,
     "overtaking": _following(60.0),
     "falling-back": _following(60.0, back=True),

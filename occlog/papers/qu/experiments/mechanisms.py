@@ -1,7 +1,7 @@
 """The two failures of IDMOT that [Qu] Sec. 4.1 explains by Fig. 7b, each in a scene of its own beside a control.
 
-Two balls meet in one view, and the other view sees them apart.  What is counted is how many of the two trackers are not on
-their own target in the last frame of the view in which they met, long after they have parted.
+Two balls meet in one view, and the other view sees them apart.  What is counted is how many of the two trackers are not
+on their own target in the last frame of the view in which they met, after they have parted.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from occlog.pipeline.sweep.trial import Spec
 SHOWN = ("mipf", "idmot", "bmct")
 """The methods of Fig. 7."""
 OFTEN = 25.0
-"""Trackers off their target at the end [%] that count as a failure that is met often: a coin toss for each pair has 50."""
+"""Trackers off their target at the end [%] that count as a failure; a coin toss for each pair has 50."""
 ENDS = {"end_other": "on the other", "end_none": "on none"}
 
 

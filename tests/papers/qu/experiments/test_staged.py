@@ -69,7 +69,7 @@ def test_unseen_targets_are_compared_with_seen_ones_and_with_a_third_camera() ->
     def results(spec):
         hidden = "unseen" in spec
         off = {"IDMOT": 0.3, "BMCT": 0.3 if hidden else 0.05, "BMCT, three cameras": 0.05}
-        out = {f"{label}.unseen_off": x + spread(spec) * x for label, x in off.items()}
+        out = {f"{label}.pair_end_own": 1.0 - x - spread(spec) * x for label, x in off.items()}
         return out | {f"{label}.unseen_helped": 0.0 if hidden else 0.4 for label in off}
 
     assert words(unseen.UNSEEN_COUNTERPARTS, results) == {
@@ -82,6 +82,6 @@ def test_unseen_targets_are_compared_with_seen_ones_and_with_a_third_camera() ->
 @pytest.mark.parametrize("helped", [0.0, 1e-3])
 def test_no_frame_at_all_may_be_helped_without_a_counterpart(helped) -> None:
     def results(spec):
-        return {f"{label}.unseen_{k}": helped for label in unseen.RUNNERS for k in ("off", "helped")}
+        return {f"{label}.{k}": helped for label in unseen.RUNNERS for k in ("pair_end_own", "unseen_helped")}
 
     assert words(unseen.UNSEEN_COUNTERPARTS, results)["unseen-idmot"] == (v.NOT if helped else v.REPRODUCED)
