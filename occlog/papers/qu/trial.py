@@ -160,8 +160,9 @@ def run_views_trial(spec: Spec) -> dict[str, float]:
             the tracker of `target` starts on `other`; with a frame behind, the two are exchanged in that),
             `use` (the first so many views only), `astray` (fields of `Astray`), `timed` (also `local_ms`,
             `interaction_ms`, `collaboration_ms` and `step_ms`: means of CPU time a frame).  Several: `methods`,
-            these keys by label.  `parts`: also `off_0`, ... of `timeline`.  `scene`: one of `SCENES`.  `unseen`: targets that the first view does not
-            see.  `watched`: view and targets by name; also `name_off`, ... of `watched_figures`.
+            these keys by label.  `parts`: also `off_0`, ... of `timeline`.  `scene`: one of `SCENES`.  `unseen`:
+            targets that the first view does not see.  `watched`: view and targets by name; also `name_off`, ... of
+            `watched_figures`.
 
     Returns:
         For one method, and for each of several as `label.figure`: `fr_p`, `fr_l` ([Qu] Eq. 9), `idf1`, `hota`,

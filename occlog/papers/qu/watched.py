@@ -53,7 +53,7 @@ def whereabouts(truth: Objects, followed: Followed, tau: Floats, view: int, targ
 
 
 def watched_figures(where: Whereabouts) -> dict[str, float]:
-    """Return the shares `helped`, `off` (rows not on their target), and `end_own`, `end_other`, `end_none` at the end."""
+    """Return the shares `helped`, `off` (rows off their target), and `end_own`, `end_other`, `end_none` at the end."""
     own, other = float(where.own[-1].mean()), float(where.other[-1].mean())
     return {
         "helped": where.helped,

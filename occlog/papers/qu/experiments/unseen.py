@@ -46,7 +46,7 @@ def _spec(size: Size, run: int, hidden: bool) -> Spec:
 
 
 def judge_unseen(table: Table) -> list[Verdict]:
-    """Judge that without a counterpart IDMOT is done, that it fails more than with one, and less with a third camera."""
+    """Judge that without a counterpart IDMOT is done, and fails more than with one, and less with a third camera."""
     alone, paired = (v.find(table, f"BMCT, {name}") for name in (NOT_SEEN, SEEN))
     third = v.find(table, f"BMCT, three cameras, {NOT_SEEN}")
     if alone is None or paired is None or third is None:
