@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -78,18 +78,24 @@ class Tracks(Table):
         return self
 
 
+def doubt_column(reasons: str) -> Any:
+    """Declare the column of reasons why a row is not to be believed.
+
+    Args:
+        reasons: each that there is, with its meaning.
+    """
+    meaning = "why the place is not to be believed, separated by commas; empty: no reason was found."
+    return column("U", "1", f"{meaning} {reasons}", optional=True)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedTracks(Tracks):
     """Tracks in the world from tracks in several images; every command reads them as `Tracks`."""
 
     seen_by: Strings = column("U", "1", "views that made the place, separated by commas", optional=True)
-    doubt: Strings = column(
-        "U",
-        "1",
-        "why the place is not to be believed, separated by commas; empty: no reason was found. `one-view` (one view "
-        "alone made it), `contradiction` (a view is more likely on something else than not, or was left out), "
-        "`exchange` (the target is likely to have taken another one's identity)",
-        optional=True,
+    doubt: Strings = doubt_column(
+        "`one-view` (one view alone made it), `contradiction` (a view is more likely on something else than not, or "
+        "was left out), `exchange` (the target is likely to have taken another one's identity)"
     )
 
 
@@ -99,13 +105,9 @@ class TagTracks(Tracks):
 
     read_by: Strings = column("U", "1", "readers that detected the tag, separated by commas", optional=True)
     refined_by: Strings = column("U", "1", "cameras that refined the place, separated by commas", optional=True)
-    doubt: Strings = column(
-        "U",
-        "1",
-        "why the place is not to be believed, separated by commas; empty: no reason was found. `unmatched` (no place "
-        "is in the range of just these readers), `restart` (no particle explained the reads), `depleted` (fewer than "
-        "ten effective particles: the covariance says little)",
-        optional=True,
+    doubt: Strings = doubt_column(
+        "`unmatched` (no place is in the range of just these readers), `restart` (no particle explained the reads), "
+        "`depleted` (fewer than ten effective particles: the covariance says little)"
     )
 
 

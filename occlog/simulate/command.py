@@ -16,7 +16,16 @@ from occlog.cli.values import AT_LEAST_0, RATE
 from occlog.errors import UsageError
 
 from .balls.config import BallsConfig
-from .config import FieldConfig, ObserveConfig, PeopleConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
+from .config import (
+    FieldConfig,
+    ObserveConfig,
+    PeopleConfig,
+    ReadConfig,
+    RenderConfig,
+    SoundConfig,
+    StoreConfig,
+    WorldConfig,
+)
 
 RENDER_PREFIX = "render_"
 """Of the names of parameters that are settings of the video: the noise of images is not that of cameras."""
@@ -59,6 +68,7 @@ def _sensing() -> list[click.Option]:
         ),
         *options_of(ObserveConfig),
         *options_of(SoundConfig),
+        *options_of(ReadConfig),
         click.Option(
             ["--render"], is_flag=True, help="Add video of every camera, true boxes, and the targets' appearance."
         ),
@@ -179,9 +189,9 @@ def command(
 
     Objects walk to random places of the room and go around each other and the static
     occluders (Ercan et al. 2013, Sec. 6).  The recording holds their true paths and what
-    cameras measure of the targets (Eqs. 1-4) and microphone arrays hear of them; with
-    --render it holds video instead, for `occlog detect`.  With --paths objects do what the
-    file says.
+    cameras measure of the targets (Eqs. 1-4), microphone arrays hear and readers of tags
+    read of them; with --render it holds video instead, for `occlog detect`.  With --paths
+    objects do what the file says.
 
     With --scene a video comes from no file: `balls` is that of Qu et al. 2007, Sec. 4.1, six
     balls of one look seen by two cameras at a right angle; `people` is a room with people
@@ -221,6 +231,7 @@ def command(
         bearings=own.get("bearings"),
         observe=given(ObserveConfig, own),
         sound=given(SoundConfig, own),
+        reads=given(ReadConfig, own),
         video=kind == "people" or own["render"],
         render=given(RenderConfig, own, prefix=RENDER_PREFIX),
         store=store,

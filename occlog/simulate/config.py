@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from occlog.core.navigation.config import FieldSettings
+from occlog.core.sight.usual_radio import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.settings import Settings, setting
 
 START_NS = 1_577_836_800_000_000_000
@@ -183,6 +184,57 @@ class SoundConfig(Settings):
     def rules(self) -> Iterable[tuple[str, bool, str]]:
         """Sound and silence last for some time."""
         yield "silence", self.silence is None or min(self.silence) > 0, "two mean times above 0 s"
+
+
+@dataclass(frozen=True)
+class ReadConfig(Settings):
+    """What readers of tags read; every target carries a tag.
+
+    A read at a distance of d metres has the strength power - 10 exponent log10(d), plus the shadowing of the reader and
+    tag, which changes slowly, plus white noise.
+    """
+
+    OWNER: ClassVar[str] = "reads"
+
+    power: float = setting(
+        POWER_DBM,
+        "Strength at 1 m of readers of which the scene does not say it.",
+        unit="dBm",
+        option="--read-power",
+        metavar="DBM",
+    )
+    exponent: float = setting(EXPONENT, "Exponent of the path loss.", above=0, option="--path-loss-exponent")
+    noise_db: float = setting(
+        NOISE_DB,
+        "Standard deviation of a read's white noise.",
+        unit="dB",
+        at_least=0,
+        option="--read-noise",
+        metavar="DB",
+    )
+    shadow_db: float = setting(
+        SHADOW_DB, "Standard deviation of the shadowing.", unit="dB", at_least=0, option="--shadowing", metavar="DB"
+    )
+    shadow_s: float = setting(
+        SHADOW_S,
+        "Time in which the shadowing is forgotten.",
+        unit="s",
+        above=0,
+        option="--shadowing-time",
+        metavar="SECONDS",
+    )
+    weakest: float | None = setting(
+        None, "Weaker signals are not read.", unit="dBm", option="--weakest-read", metavar="DBM", nothing="all are"
+    )
+    detection: float = setting(
+        0.95,
+        "Probability that a reader that looks reads a tag in its range, or any tag where the scene says no range.",
+        option="--read-detection",
+        **SHARE,
+    )
+    stray: float = setting(
+        0.01, "Probability that a reader that looks reads a tag out of its range.", option="--stray-reads", **SHARE
+    )
 
 
 @dataclass(frozen=True)

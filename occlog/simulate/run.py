@@ -33,11 +33,21 @@ from occlog.settings import SettingError, configure
 from occlog.simulate.render.target_colours import reference_appearances
 from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.sensors.cameras import observe
+from occlog.simulate.sensors.readers import observe_readers
 from occlog.simulate.world.people_room import CLEARANCE, people_apart, people_room
 from occlog.simulate.world.scripted_paths import check_inside, grid_truth, silences, simulate_paths
 from occlog.simulate.world.truth_grid import truth_grid
 
-from .config import FieldConfig, ObserveConfig, PeopleConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
+from .config import (
+    FieldConfig,
+    ObserveConfig,
+    PeopleConfig,
+    ReadConfig,
+    RenderConfig,
+    SoundConfig,
+    StoreConfig,
+    WorldConfig,
+)
 from .stage import simulate_truth
 from .video import Setup, film
 
@@ -62,6 +72,7 @@ class SimulateRequest:
         bearings: whether cameras measure bearings; None: unless there is video.
         observe: fields of `ObserveConfig`.
         sound: fields of `SoundConfig`.
+        reads: fields of `ReadConfig`.
         video: whether video is rendered.
         render: fields of `RenderConfig`.
         store: fields of `StoreConfig`.
@@ -79,6 +90,7 @@ class SimulateRequest:
     bearings: bool | None = None
     observe: Mapping[str, object] = field(default_factory=dict)
     sound: Mapping[str, object] = field(default_factory=dict)
+    reads: Mapping[str, object] = field(default_factory=dict)
     video: bool = False
     render: Mapping[str, object] = field(default_factory=dict)
     store: Mapping[str, object] = field(default_factory=dict)
@@ -126,6 +138,7 @@ def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = N
         script=script,
         field=fields if world.motion == "field" else None,
         people=_people(scene, request, world),
+        reads=configure(ReadConfig(), request.reads),
     )
 
 
@@ -152,6 +165,9 @@ def _check_request(scene: Scene, request: SimulateRequest) -> None:
     if request.sound and not scene.arrays:
         flag = flag_of(SoundConfig, next(iter(request.sound)))
         raise UsageError(f"{flag} is about microphone arrays, but the scene has none")
+    if request.reads and not scene.readers:
+        flag = flag_of(ReadConfig, next(iter(request.reads)))
+        raise UsageError(f"{flag} is about readers of tags, but the scene has none")
     if request.seconds is not None and "steps" in request.world:
         raise UsageError("--seconds and --steps both say how long the recording is; give one")
 
@@ -246,6 +262,8 @@ def _parameters(setup: Setup) -> dict[str, object]:
         values["field"] = asdict(setup.field)
     if setup.sound != SoundConfig(step_s=setup.sound.step_s, heights=setup.sound.heights):
         values["sound"] = asdict(setup.sound)
+    if setup.scene.readers:
+        values["reads"] = asdict(setup.reads)
     values["rates_hz"] = {c.name: c.rate_hz for c in setup.scene.cameras}
     return values
 
@@ -278,12 +296,13 @@ def _recorded(
     writer: RecordingWriter, setup: Setup, seed: int, start: Floats | None, counts: Counter[str]
 ) -> Iterator[Truth | Grid]:
     """The chunks of truth, each written, with what the sensors say of it, when it is passed on."""
-    truth, seen, heard = itertools.tee(_truth(setup, seed, start), 3)
+    truth, seen, heard, read = itertools.tee(_truth(setup, seed, start), 4)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
     silent = silences(setup.script, setup.world.start_ns) if setup.script is not None else {}
     sounds = observe_arrays(
         setup.scene, heard, setup.observe or ObserveConfig(), seed, sound=setup.sound, silent=silent
     )
+    reads = observe_readers(setup.scene, read, setup.reads, seed)
     for chunk in truth:
         if setup.people is not None:
             counts["contacts"] += _contacts(truth_grid(chunk), setup.people, setup.world)
@@ -300,6 +319,12 @@ def _recorded(
             counts["doa"] += len(sound)
         else:
             next(heard)
+        if setup.scene.readers:
+            signals = next(reads)
+            writer.table(signals)
+            counts["reads"] += len(signals)
+        else:
+            next(read)
         yield chunk
 
 
@@ -330,6 +355,8 @@ def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dic
         summary |= {"bearings": counts["bearings"], "seen": counts["seen"]}
     if setup.scene.arrays:
         summary["doa"] = counts["doa"]
+    if setup.scene.readers:
+        summary["reads"] = counts["reads"]
     if setup.render is not None:
         summary |= {n: counts[n] for n in ("frames", "boxes", "video_bytes")}
     return summary

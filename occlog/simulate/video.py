@@ -21,7 +21,7 @@ from occlog.records.tables import Truth
 from occlog.simulate.render.light import grey
 from occlog.simulate.render.people import Rendered, render
 
-from .config import FieldConfig, ObserveConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
+from .config import FieldConfig, ObserveConfig, ReadConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class Setup:
         apart: nobody hides another in the first frame.
         field: how walkers avoid what is in their way, where motion is `field`.
         people: who walk as they did and are avoided; None: nobody.
+        reads: what readers of tags read.
     """
 
     scene: Scene
@@ -51,6 +52,7 @@ class Setup:
     apart: bool = False
     field: FieldConfig | None = None
     people: Moving | None = None
+    reads: ReadConfig = ReadConfig()
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:

@@ -12,10 +12,11 @@ from places import EXAMPLES
 
 from occlog.cli.main import run
 from occlog.errors import ExitCode, OutputError, UsageError
+from occlog.io.files.parquet import read_table
 from occlog.io.recording.reader import open_recording
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.scenes.scene import read_scene
-from occlog.records.tables import Bearings, Doa, Truth, TruthBoxes
+from occlog.records.tables import Bearings, Doa, Reads, TagTracks, Truth, TruthBoxes
 from occlog.simulate.config import ObserveConfig, RenderConfig, WorldConfig
 from occlog.simulate.render.people import render
 from occlog.simulate.run import SimulateRequest, make_setup
@@ -206,6 +207,30 @@ def test_a_scene_that_cannot_be_rendered_is_told(tmp_path: Path, capsys: pytest.
     assert simulate(EXAMPLES / "room100.yaml", out, "--render") == ExitCode.BAD_INPUT
     assert "camera cam1 has no image size; give image_size_px" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_readers_read_tags_and_methods_of_tags_track_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = tmp_path / "tags.mcap"
+    options = ["--no-bearings", "--targets", "2", "--seconds", "8", "--stray-reads", "0", "--read-detection", "1"]
+    assert run(["simulate", str(EXAMPLES / "readers.yaml"), "-o", str(recording), *options, "--json"]) == ExitCode.DONE
+    reads = open_recording(recording).read(Reads)
+    assert json.loads(capsys.readouterr().out)["reads"] == len(reads) > 0
+    # Twice a second, by up to twelve readers
+    assert set((reads.t_ns - reads.t_ns[0]) % 500_000_000) == {0}
+    assert set(reads.target_id.tolist()) == {0, 1}
+    assert run(["track", str(recording), "--method", "virtual", "-o", str(tmp_path / "tags.parquet")]) == ExitCode.DONE
+    tracks = read_table(tmp_path / "tags.parquet", TagTracks)
+    assert set(tracks.target_id.tolist()) == {0, 1}
+    # Twelve readers with ranges of 3 m locate a tag within 1 m on average.
+    truth = open_recording(recording).read(Truth)
+    steps = np.rint((tracks.t_ns - truth.t_ns[0]) / 1e8).astype(np.int64)
+    rows = 2 * steps + tracks.target_id
+    assert np.hypot(tracks.x - truth.x[rows], tracks.y - truth.y[rows]).mean() < 1.0
+
+
+def test_options_of_readers_want_a_scene_with_readers(room: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="--read-power is about readers of tags, but the scene has none"):
+        make_setup(read_scene(room), SimulateRequest(reads={"power": -50.0}))
 
 
 def test_exit_code_7_for_an_output_that_exists(room: Path, tmp_path: Path) -> None:

@@ -28,6 +28,9 @@ class Stage(IntEnum):
     SELECT = 18  # selection of cameras: one item a target
     COOPERATE = 19  # cameras asked by a tracker of sounds
     SMOOTH = 20  # trajectories drawn backwards: one item a target
+    READER_NOISE = 21  # of the strengths: one item a reader, as for the next two
+    READER_SHADOW = 22
+    READER_CHANCE = 23  # which tags are read
 
 
 def generator(seed: int, stage: Stage, *items: int, run: int = 0) -> np.random.Generator:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
+from occlog.core.sight.usual_radio import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.settings import Settings, setting
 
 
@@ -73,11 +74,11 @@ class RssiConfig(RefineConfig):
     OWNER: ClassVar[str] = "rssi"
 
     particles: int = setting(1000, "Number of particles.", at_least=10, at_most=1_000_000)
-    power: float = setting(-60.0, "Strength at 1 m [dBm] of readers of which the scene does not say it.")
-    exponent: float = setting(2.0, "Exponent of the path loss: 2 in free space.", above=0)
-    noise_db: float = setting(5.0, "Standard deviation of the white noise of a read [dB].", above=0)
-    shadow_db: float = setting(3.0, "Standard deviation of the shadowing [dB].", at_least=0)
-    shadow_s: float = setting(5.0, "Time in which the shadowing is forgotten.", unit="s", above=0)
+    power: float = setting(POWER_DBM, "Strength at 1 m [dBm] of readers of which the scene does not say it.")
+    exponent: float = setting(EXPONENT, "Exponent of the path loss: 2 in free space.", above=0)
+    noise_db: float = setting(NOISE_DB, "Standard deviation of the white noise of a read [dB].", above=0)
+    shadow_db: float = setting(SHADOW_DB, "Standard deviation of the shadowing [dB].", at_least=0)
+    shadow_s: float = setting(SHADOW_S, "Time in which the shadowing is forgotten.", unit="s", above=0)
     height: float = setting(0.0, "Of tags above the floor.", unit="length", people=1.2)
     speed: float = setting(1.0, "Standard deviation of each axis' velocity.", unit="length/s", people=0.5, above=0)
     turn_s: float = setting(4.0, "Time in which a velocity is forgotten.", unit="s", above=0)

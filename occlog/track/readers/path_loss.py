@@ -7,9 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
-
-NEAREST_M = 0.1
-"""The model says nothing of shorter distances [m]."""
+from occlog.core.sight.path_loss import received_power
 
 
 class PathLoss(NamedTuple):
@@ -31,12 +29,11 @@ class PathLoss(NamedTuple):
         """(N, R) strength without shadowing and noise [dBm] of tags at (N, 2)."""
         across = ((xy[:, None, :] - self.places[None, :, :2]) ** 2).sum(axis=2)
         distance = np.sqrt(across + (self.places[:, 2] - self.height) ** 2) / self.metre
-        return np.asarray(self.power - 10.0 * self.exponent * np.log10(np.maximum(distance, NEAREST_M)))
+        return received_power(self.power, self.exponent, distance)
 
     def strength_at(self, distance: float) -> Floats:
         """(R,) strength [dBm] expected at a distance."""
-        metres = max(distance / self.metre, NEAREST_M)
-        return np.asarray(self.power - 10.0 * self.exponent * np.log10(metres))
+        return received_power(self.power, self.exponent, distance / self.metre)
 
 
 class Shadowing(NamedTuple):

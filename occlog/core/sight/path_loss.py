@@ -1,0 +1,21 @@
+"""Strength of a radio signal with distance: the log-distance path loss."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Floats
+
+NEAREST_M = 0.1
+"""The model says nothing of shorter distances [m]."""
+
+
+def received_power(power: float | Floats, exponent: float, metres: float | Floats) -> Floats:
+    """Return power - 10 exponent log10(d) [dBm], without shadowing and noise.
+
+    Args:
+        power: strength at 1 m [dBm], one or of the shape of `metres`.
+        exponent: of the path loss.
+        metres: distances d [m]; those below `NEAREST_M` count as it.
+    """
+    return np.asarray(power - 10.0 * exponent * np.log10(np.maximum(metres, NEAREST_M)))

@@ -1,0 +1,96 @@
+"""What simulated readers of tags read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.array_types import NS
+from occlog.core.numerics.time_grid import Grid
+from occlog.records.scene import Reader, Scene
+from occlog.records.tables import Reads
+from occlog.simulate.config import ReadConfig
+from occlog.simulate.sensors.readers import observe_readers
+
+SURE = ReadConfig(detection=1.0, stray=0.0, noise_db=0.0, shadow_db=0.0)
+
+
+def grid(places: list[list[tuple[float, float, float]]], step_s: float = 1.0) -> Grid:
+    """Targets 3 and 12 at (T, 2) places, and an occluder at the origin."""
+    xyz = np.array([[*row, (0.0, 0.0, 1.0)] for row in places])
+    t_ns = np.rint(np.arange(len(places)) * step_s * NS).astype(np.int64)
+    return Grid(t_ns, np.array([3, 12, 20]), np.array([True, True, False]), xyz)
+
+
+def scene(**own: object) -> Scene:
+    """One reader at the origin, 2 m up."""
+    return Scene(readers=(Reader("door", np.array([0.0, 0.0, 2.0]), **own),), length_unit="m")  # type: ignore[arg-type]
+
+
+def read(where: Scene, config: ReadConfig, *chunks: Grid, seed: int = 0) -> Reads:
+    return Reads.concat(list(observe_readers(where, chunks, config, seed)))
+
+
+def test_a_reader_reads_the_tags_in_its_range_on_the_floor_and_no_occluder() -> None:
+    at_the_end, beyond = (3.0, 0.0, 1.0), (3.0 + 1e-9, 0.0, 1.0)
+    found = read(scene(range=3.0), SURE, grid([[at_the_end, beyond], [beyond, at_the_end]]))
+    assert found.t_ns.tolist() == [0, NS]
+    assert found.target_id.tolist() == [3, 12]
+    assert found.tag.tolist() == ["3", "12"]
+    assert set(found.sensor.tolist()) == {"door"}
+
+
+def test_strength_falls_with_the_distance_in_space_and_begins_with_the_reader_s_own_power() -> None:
+    # 3-4-5: the tag is 3 m away on the floor and 4 m below.
+    places = grid([[(3.0, 0.0, -2.0), (0.0, 0.0, 1.0)]])
+    usual = read(scene(), SURE, places)
+    assert usual.tag.tolist() == ["12", "3"]
+    np.testing.assert_allclose(usual.rssi, [-60.0, -60.0 - 20.0 * np.log10(5.0)])
+    own = read(scene(power=-50.0), SURE, places)
+    np.testing.assert_allclose(own.rssi, usual.rssi + 10.0)
+    steep = read(scene(), ReadConfig(detection=1.0, noise_db=0.0, shadow_db=0.0, exponent=3.0), places)
+    np.testing.assert_allclose(steep.rssi, [-60.0, -60.0 - 30.0 * np.log10(5.0)])
+
+
+def test_a_length_in_feet_is_read_at_its_distance_in_metres() -> None:
+    where = Scene(readers=(Reader("door", np.zeros(3)),), length_unit="ft")
+    found = read(where, SURE, grid([[(10.0, 0.0, 0.0), (0.0, 1.0, 0.0)]]))
+    np.testing.assert_allclose(found.rssi, -60.0 - 20.0 * np.log10(np.array([0.3048, 3.048])))
+
+
+def test_a_tag_of_unknown_height_is_on_the_floor_and_one_that_is_not_there_is_not_read() -> None:
+    found = read(scene(), SURE, grid([[(0.0, 0.0, np.nan), (np.nan, np.nan, np.nan)]]))
+    assert found.target_id.tolist() == [3]
+    assert found.rssi[0] == pytest.approx(-60.0 - 20.0 * np.log10(2.0))
+
+
+def test_weak_signals_are_not_read() -> None:
+    places = grid([[(3.0, 0.0, -2.0), (0.0, 0.0, 1.0)]])
+    exactly = ReadConfig(detection=1.0, noise_db=0.0, shadow_db=0.0, weakest=-60.0)
+    assert read(scene(), exactly, places).target_id.tolist() == [12]
+
+
+def test_reads_have_the_stated_probabilities_noise_and_shadowing() -> None:
+    # One tag in range, one out of it, looked at every second.
+    places = grid([[(1.0, 0.0, 2.0), (9.0, 0.0, 2.0)]] * 4000)
+    config = ReadConfig(detection=0.8, stray=0.1, noise_db=2.0, shadow_db=3.0, shadow_s=4.0)
+    found = read(scene(range=3.0), config, places)
+    shares = [np.mean(np.isin(places.t_ns, found.t_ns[found.target_id == n])) for n in (3, 12)]
+    np.testing.assert_allclose(shares, [0.8, 0.1], atol=0.02)
+    sure = read(scene(range=3.0), ReadConfig(detection=1.0, noise_db=2.0, shadow_db=3.0, shadow_s=4.0), places)
+    level = sure.rssi[sure.target_id == 3] + 60.0
+    assert np.var(level) == pytest.approx(2.0**2 + 3.0**2, rel=0.1)
+    # White noise is not in the covariance of neighbours; shadowing falls by exp(-1 / 4) a second.
+    assert np.mean(level[1:] * level[:-1]) == pytest.approx(9.0 * np.exp(-0.25), rel=0.15)
+    assert np.mean(level[4:] * level[:-4]) == pytest.approx(9.0 * np.exp(-1.0), rel=0.3)
+
+
+def test_chunks_do_not_change_what_is_read_and_a_rate_of_its_own_is_kept() -> None:
+    places = grid([[(1.0 + 0.1 * k, 0.0, 2.0), (2.0, 0.0, 2.0)] for k in range(8)])
+    config = ReadConfig(detection=0.9)
+    whole = read(scene(rate_hz=2.0), config, places, seed=5)
+    assert set(np.diff(np.unique(whole.t_ns)).tolist()) <= {NS // 2, NS}
+    parts = [places._replace(t_ns=places.t_ns[s], xyz=places.xyz[s]) for s in (slice(0, 3), slice(3, 8))]
+    split = read(scene(rate_hz=2.0), config, *parts, seed=5)
+    assert split.t_ns.tolist() == whole.t_ns.tolist()
+    np.testing.assert_allclose(split.rssi, whole.rssi)
