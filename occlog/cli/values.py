@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import click
@@ -28,6 +29,24 @@ class AnyFinite(FloatParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """The number; a usage error for one that is not finite."""
         return Finite().convert(value, param, ctx)
+
+
+class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
+    """A number in a range, or the path of a file from which it is taken."""
+
+    name = "number or file"
+
+    def __init__(self, low: float, high: float) -> None:
+        """Take numbers from `low` to `high`, both included."""
+        self._number, self._path = Finite(low, high), click.Path(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | Path:
+        """The number, or what is none as a path; a usage error for a number that is not finite or not in the range."""
+        try:
+            float(value)
+        except (TypeError, ValueError):
+            return Path(self._path.convert(value, param, ctx))
+        return self._number.convert(value, param, ctx)
 
 
 POSITIVE = Finite(min=0, min_open=True)

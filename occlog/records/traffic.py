@@ -10,6 +10,9 @@ from occlog.errors import InputError
 
 from .columns import Table, check_order, column, first_row
 
+END_TO_END = "end-to-end"
+"""Kind of the rows that are of a router."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delays(Table):

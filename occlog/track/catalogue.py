@@ -112,7 +112,7 @@ METHODS: dict[str, Entry] = {
         "several motion models for several targets that microphone arrays hear, unlabelled (Lee 2009)",
         "occlog.track.imm.filter:METHOD",
         "occlog.track.imm.config:ImmConfig",
-        (*IN_WORLD, "starts", "cooperation"),
+        (*IN_WORLD, "starts", "cooperation", "answer_delay"),
     ),
     "fix": Entry(
         "each moment's position from its bearings alone (Lenth 1981)",

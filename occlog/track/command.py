@@ -205,6 +205,7 @@ def command(
         turn_s=own["turn"],
         motion=own.get("motion"),
         use_recovered=own["use_recovered"],
+        answer_delay=own.get("answer_delay"),
     )
     outputs = TrackFiles(
         tracks=output,

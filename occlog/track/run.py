@@ -15,11 +15,13 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.motion_models import read_motion
+from occlog.io.open import open_input
 from occlog.measure.scans.grouping import checked, choose_sensors
 from occlog.measure.scans.inputs import Inputs
 from occlog.measure.scans.scan import sensor_names
 from occlog.measure.scans.sources import in_turn, only_measured
-from occlog.records.tables import Bearings, Calibration, Cooperation, Diagnostics, Residuals, Tracks
+from occlog.records.tables import Bearings, Calibration, Cooperation, Delays, Diagnostics, Residuals, Tracks
+from occlog.records.traffic import END_TO_END
 from occlog.settings import METRES, Settings, configure
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.drivers.network_cost import Messages
@@ -145,11 +147,13 @@ class TrackRequest:
     turn_s: float | None = None  # one sensor at a time, for so long; None: all of them
     motion: Path | None = None  # a fitted motion model, for --method map
     use_recovered: bool = False  # of fused bearings also those that were recovered
+    answer_delay: float | Path | None = None  # of cameras [s], or delays of data traffic; None: the setting
 
     @property
     def paths(self) -> list[Path]:
         """All inputs that were given."""
-        given = (self.bearings, self.scene, self.doa, self.occluders, self.motion)
+        delays = self.answer_delay if isinstance(self.answer_delay, Path) else None
+        given = (self.bearings, self.scene, self.doa, self.occluders, self.motion, delays)
         return [path for path in given if path is not None]
 
 
@@ -274,6 +278,11 @@ def make_config(request: TrackRequest, unit: str) -> Settings:
         if "start" in values:
             raise UsageError("--start and --set start=... say the same; give one of them")
         values["start"] = parse_starts(request.starts, request.method, unit)
+    if request.answer_delay is not None:
+        if "answer_s" in values:
+            raise UsageError("--answer-delay and --set answer_s=... say the same; give one of them")
+        delay = request.answer_delay
+        values["answer_s"] = slowest_router(delay) if isinstance(delay, Path) else delay
     return configure(defaults, values)
 
 
@@ -287,6 +296,26 @@ def motion_settings(path: Path, unit: str, given: Mapping[str, Any]) -> dict[str
             raise UsageError(f"--motion and --set {name}=... both say how targets move; give one of them")
     A, sigma = tuple(motion.A.ravel().tolist()), tuple(motion.sigma.ravel().tolist())
     return {"A": A, "Sigma": sigma, "step_s": motion.step_s}
+
+
+def slowest_router(path: Path) -> float:
+    """Return the largest end-to-end delay in a table of delays [s]; UsageError where it has those of several cases.
+
+    An answer takes at most as long as the whole cycle of the router that waits longest: from the detection to the last
+    final estimate, images on their way included.
+    """
+    delays = Delays.concat(list(open_input(path, Delays, remedy="make delays by `occlog traffic`").rows(Delays)))
+    ends = delays.take(delays.kind == END_TO_END)
+    names = zip(ends.protocol, ends.channel, ends.image_kb, ends.objects_share, strict=True)
+    cases = sorted({f"{protocol}, {channel}, {kb:g} kB, {share:g}" for protocol, channel, kb, share in names})
+    if not cases:
+        raise InputError(f"{path}: has no end-to-end delays; make them with `occlog traffic`")
+    if len(cases) > 1:
+        raise UsageError(
+            f"{path}: has delays of {len(cases)} cases ({cases[0]}; {cases[1]}...); make those of one protocol, size "
+            "of images and share of objects by `occlog traffic`"
+        )
+    return float(ends.delay_s.max())
 
 
 def make_selection(request: TrackRequest) -> SelectConfig | None:

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.records.tables import Delays
+from occlog.records.traffic import END_TO_END
 
 from .config import TrafficConfig
 from .network import Network
 from .protocols import KINDS, Cycle, simulate_cycle
 
 KILOBYTE = 1000.0
-END_TO_END = "end-to-end"
 
 
 class Case(NamedTuple):

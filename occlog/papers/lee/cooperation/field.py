@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -48,24 +48,29 @@ AVERAGE = 5.59
 
 
 def by_variance(size: Size, execute: Execute) -> Table:
-    """Compute the RMSE of each object and their mean against the variance of the noise, without cameras."""
+    """Compute the RMSE against the variance without cameras: mean of the objects, and each one in the thesis' form."""
     specs = [
-        cooperation_spec(size, r, "open", "thesis", variance=max(x, LEAST_VARIANCE))
+        cooperation_spec(size, r, "open", form, variance=max(x, LEAST_VARIANCE))
+        for form in FORMS.values()
         for x in VARIANCES
         for r in range(size.runs)
     ]
-    results, rows = execute(specs), []
-    for n, x in enumerate(VARIANCES):
-        own = results[n * size.runs : (n + 1) * size.runs]
-        rows.append(Row(MEAN, x, tuple(r["rmse"] for r in own)))
-        rows += [Row(f"object {k}", x, tuple(r[f"rmse_{k}"] for r in own)) for k in LARGEST_RMS]
+    results, rows = iter(execute(specs)), []
+    for name in FORMS:
+        for x in VARIANCES:
+            own = list(islice(results, size.runs))
+            rows.append(Row(f"{MEAN}, {name}", x, tuple(r["rmse"] for r in own)))
+            if name == THESIS:
+                rows += [Row(f"object {k}", x, tuple(r[f"rmse_{k}"] for r in own), plotted=False) for k in LARGEST_RMS]
     return rows
 
 
 def judge_variance(table: Table) -> list[Verdict]:
     """Judge the statements about Fig. 3-4."""
-    said = "With a larger variance of the noise the error is larger (mean of the three objects) [m]."
-    out = [v.pairs("fig3.4-grows", said, list(pairwise(v.series(table, MEAN))))]
+    out = []
+    for name, key in FORMS.items():
+        said = f"With a larger variance of the noise the error is larger ({name}; mean of the three objects) [m]."
+        out.append(v.pairs(f"fig3.4-grows-{key}", said, list(pairwise(v.series(table, f"{MEAN}, {name}")))))
     for k, value in LARGEST_RMS.items():
         row = v.find(table, f"object {k}", LARGEST)
         if row is not None:

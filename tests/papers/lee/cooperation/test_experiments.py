@@ -129,3 +129,16 @@ def test_the_experiments_are_those_of_the_paper():
         "fig3.21",
     ]
     assert all(e in PAPERS["lee"] for e in EXPERIMENTS)
+
+
+def test_errors_by_variance_are_judged_between_neighbours_and_by_object():
+    def falling(specs):
+        level = {0.01: 4.0, 0.5: 3.0, 1.5: 2.0, 5.0: 1.0}
+        return [{f"rmse{k}": level[s["variance"]] + 0.01 * s["run"] for k in ("", "_1", "_2", "_3")} for s in specs]
+
+    table = field.by_variance(Size(20, 60, True), falling)
+    assert {r.x for r in table} == set(field.VARIANCES)
+    words = {v.id: v.verdict for v in field.judge_variance(table)}
+    assert words["fig3.4-grows-thesis"] == words["fig3.4-grows-joint"] == "not reproduced"
+    assert words["fig3.4-3"] == "reproduced"  # 1.08 printed
+    assert words["fig3.4-1"] == "not reproduced"
