@@ -1,4 +1,4 @@
-"""JSON outputs: sorted keys, numbers that are not finite as null, atomic."""
+"""JSON files: written with sorted keys, numbers that are not finite as null, atomically; read into structs."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import msgspec
 
 from occlog.errors import InputError
 
 from .atomic import write_bytes
 from .inputs import check_input
+
+S = TypeVar("S", bound=msgspec.Struct)
 
 
 def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = False) -> None:
@@ -31,6 +35,27 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise InputError(f"{path}: want a JSON object, got {type(values).__name__}")
     return values
+
+
+def struct_of(values: object, kind: type[S], *, key: str, source: Path | str, otherwise: str) -> S:
+    """Convert an object of JSON to the struct that describes its format.
+
+    Args:
+        values: what was read.
+        kind: the struct.
+        key: that every object of the format has.
+        source: the file, for messages.
+        otherwise: what an object without the key is not, and how to make one.
+
+    Raises:
+        InputError: the object has no such key, or a field is wrong: one line that names it.
+    """
+    if not isinstance(values, Mapping) or key not in values:
+        raise InputError(f"{source}: {otherwise}")
+    try:
+        return msgspec.convert(values, kind)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{source}: {error}") from error
 
 
 def _plain(value: object) -> object:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,7 +12,7 @@ from msgspec import Meta
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.json_file import read_json, write_json
+from occlog.io.files.json_file import read_json, struct_of, write_json
 from occlog.io.files.provenance import Provenance
 from occlog.io.open import open_if_ours
 from occlog.io.recording.reader import Recording
@@ -108,12 +107,8 @@ def _lengths(pair: ViewPair) -> dict[str, float | None]:
 
 
 def _pairs(values: object, where: str) -> ViewPairs:
-    if not isinstance(values, Mapping) or "pairs" not in values:
-        raise InputError(f"{where}: is not epipolar geometry (no `pairs`); make it with `occlog epipolar`")
-    try:
-        spec = msgspec.convert(values, EpipolarSpec)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {error}") from error
+    otherwise = "is not epipolar geometry (no `pairs`); make it with `occlog epipolar`"
+    spec = struct_of(values, EpipolarSpec, key="pairs", source=where, otherwise=otherwise)
     seen: list[frozenset[str]] = []
     pairs = []
     for n, each in enumerate(spec.pairs):

@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.json_file import read_json, write_json
+from occlog.io.files.json_file import read_json, struct_of, write_json
 from occlog.io.files.provenance import Provenance
 
 Row = Annotated[list[float], Meta(min_length=4, max_length=4)]
@@ -62,13 +62,8 @@ def motion_schema() -> dict[str, object]:
 
 def read_motion(path: Path) -> MotionModel:
     """The model in a file; InputError, one line, names the field that is wrong."""
-    values = read_json(path)
-    if "occlog_motion" not in values:
-        raise InputError(f"{path}: is not a motion file (no `occlog_motion`); make one with `occlog fit-motion`")
-    try:
-        spec = msgspec.convert(values, MotionSpec)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {error}") from error
+    otherwise = "is not a motion file (no `occlog_motion`); make one with `occlog fit-motion`"
+    spec = struct_of(read_json(path), MotionSpec, key="occlog_motion", source=path, otherwise=otherwise)
     A, sigma = np.array(spec.A, dtype=np.float64), np.array(spec.sigma, dtype=np.float64)
     _check_numbers(path, spec, A, sigma)
     _check_sigma(path, sigma)

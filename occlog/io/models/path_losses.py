@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Meta
 
 from occlog.errors import InputError
-from occlog.io.files.json_file import read_json, write_json
+from occlog.io.files.json_file import read_json, struct_of, write_json
 from occlog.io.files.provenance import Provenance
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -62,13 +62,8 @@ def path_loss_schema() -> dict[str, object]:
 
 def read_path_loss(path: Path) -> PathLossSpec:
     """Read a file of path losses; InputError, one line, names the field that is wrong."""
-    values = read_json(path)
-    if "occlog_path_loss" not in values:
-        raise InputError(f"{path}: holds no path losses (no `occlog_path_loss`); make them with `occlog fit-readers`")
-    try:
-        spec = msgspec.convert(values, PathLossSpec)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {error}") from error
+    otherwise = "holds no path losses (no `occlog_path_loss`); make them with `occlog fit-readers`"
+    spec = struct_of(read_json(path), PathLossSpec, key="occlog_path_loss", source=path, otherwise=otherwise)
     numbers = {name: getattr(spec, name) for name in ("height", "exponent", "noise_db", "shadow_db", "shadow_s")}
     numbers |= {f"power of reader {r.name}": r.power for r in spec.readers}
     for name, value in numbers.items():

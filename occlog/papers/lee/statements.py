@@ -21,6 +21,9 @@ def _scenario(number: int, figure: str, page: int, words: str) -> Sources:
     }
 
 
+NOISIER = Source(
+    "Fig. 3-4, Sec. 3.3.1", "As the noise variance increases, the estimation has a higher Root-Mean-Square", 58
+)
 SOURCES: Sources = {
     # Chapter 2
     "variances-first": Source("Figs. 2-2 and 2-3", "", 13),
@@ -62,9 +65,8 @@ SOURCES: Sources = {
     ),
     "sec3.2.2-depth": Source("Eqs. 5.39 and 5.40, Sec. 5.2.3", "the Equation (5.39) is modified", 135),
     "fig3.4": Source("Fig. 3-4, Sec. 3.3.1", "", 58),
-    "fig3.4-grows": Source(
-        "Fig. 3-4, Sec. 3.3.1", "As the noise variance increases, the estimation has a higher Root-Mean-Square", 58
-    ),
+    "fig3.4-grows": NOISIER,
+    "fig3.4-ends": NOISIER,
     "fig3.6": Source("Fig. 3-6, Sec. 3.3.1", CLOSER, 60),
     "fig3.7-count": Source(
         "Fig. 3-7, Eq. 3.14", "The visual sensor cooperation should be triggered in case of (3.14)", 63

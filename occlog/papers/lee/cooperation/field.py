@@ -69,8 +69,11 @@ def judge_variance(table: Table) -> list[Verdict]:
     """Judge the statements about Fig. 3-4."""
     out = []
     for name, key in FORMS.items():
-        said = f"With a larger variance of the noise the error is larger ({name}; mean of the three objects) [m]."
-        out.append(v.pairs(f"fig3.4-grows-{key}", said, list(pairwise(v.series(table, f"{MEAN}, {name}")))))
+        rows = v.series(table, f"{MEAN}, {name}")
+        said = f"With each larger variance of the noise the error is larger ({name}; mean of the three objects) [m]."
+        out.append(v.pairs(f"fig3.4-grows-{key}", said, list(pairwise(rows))))
+        said = f"With the largest variance the error is larger than with none ({name}) [m]."
+        out.append(v.pairs(f"fig3.4-ends-{key}", said, [(rows[0], rows[-1])] if rows else []))
     for k, value in LARGEST_RMS.items():
         row = v.find(table, f"object {k}", LARGEST)
         if row is not None:
