@@ -196,8 +196,8 @@ def _conditional(C: Floats, d: int, least: float) -> tuple[Floats, Floats, Float
 
 
 def _in_space(places: Floats) -> Floats:
-    """(3, n) of (2, n) or (3, n) places."""
-    return places if len(places) == 3 else np.concatenate([places, np.zeros((1, places.shape[1]))])
+    """(3, n) of (2, n) or (3, n) places, row by row in memory."""
+    return np.ascontiguousarray(places if len(places) == 3 else np.vstack([places, np.zeros(places.shape[1])]))
 
 
 def sight_lines(heard: ScanDirections, chances: Chances) -> Lines:

@@ -202,7 +202,7 @@ def sights_in_plane(plane: int, heard: ScanDirections, angles: Angles, only: int
         usable &= np.arange(len(counts)) == only
     rows = usable[of]
     first = np.concatenate([[0], np.cumsum(np.where(usable, counts, 0))])
-    place = s.position[rows][:, list(AXES[plane])]
+    place = np.ascontiguousarray(s.position[rows][:, list(AXES[plane])])
     return PlaneSights(rows, first, place, angles.angle[rows, plane], angles.sigma[rows, plane])
 
 
