@@ -31,9 +31,9 @@ def walk(model: GaussMarkov, n: int, rng, noise: float = 0.0, dt=None, begin=(0,
 @pytest.mark.jit
 @pytest.mark.slow
 def test_constant_velocity_with_noise_is_found_within_the_stated_errors() -> None:
-    """30 fits: (estimate - truth) / error has mean square 1 within 3 standard errors of that (0.55)."""
-    off = []
-    for seed in range(30):
+    """(Estimate - truth) / error has mean 0 and mean square 1 within 3 standard errors of these."""
+    off, fits = [], 16
+    for seed in range(fits):
         rng = np.random.default_rng(seed)
         paths = [walk(constant_velocity(0.4, 0.2, 0.25), 150, rng, noise=0.05) for _ in range(3)]
         fit = fit_em(paths, 0.25, Shape(), longest_gap_s=1.0)
@@ -45,11 +45,11 @@ def test_constant_velocity_with_noise_is_found_within_the_stated_errors() -> Non
             ]
         )
     off = np.array(off)
-    assert off.shape == (30, 3)
-    assert (np.abs(off.mean(axis=0)) < 3 / np.sqrt(30)).all()
+    assert off.shape == (fits, 3)
+    assert (np.abs(off.mean(axis=0)) < 3 / np.sqrt(fits)).all()
     mean_square = np.mean(off**2, axis=0)
-    assert (mean_square < 1 + 3 * np.sqrt(2 / 30)).all()
-    assert (mean_square > 1 - 3 * np.sqrt(2 / 30)).all()
+    assert (mean_square < 1 + 3 * np.sqrt(2 / fits)).all()
+    assert (mean_square > max(1 - 3 * np.sqrt(2 / fits), 0.3)).all()
 
 
 @pytest.mark.jit
