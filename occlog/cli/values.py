@@ -32,16 +32,16 @@ class AnyFinite(FloatParamType):
 
 
 class NumberOrFile(click.ParamType):  # type: ignore[type-arg,unused-ignore]
-    """A number in a range, or the path of a file from which it is taken."""
+    """A number from a limit on, or the path of a file from which it is taken."""
 
     name = "number or file"
 
-    def __init__(self, low: float, high: float) -> None:
-        """Take numbers from `low` to `high`, both included."""
-        self._number, self._path = Finite(low, high), click.Path(path_type=Path)
+    def __init__(self, low: float) -> None:
+        """Take numbers from `low` on."""
+        self._number, self._path = Finite(low), click.Path(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | Path:
-        """The number, or what is none as a path; a usage error for a number that is not finite or not in the range."""
+        """The number, or what is none as a path; a usage error for a number that is not finite or below the limit."""
         try:
             float(value)
         except (TypeError, ValueError):

@@ -9,7 +9,6 @@ from occlog.cli.setting_options import options_of
 from occlog.cli.values import LONGEST_WINDOW_S, Finite, NumberOrFile
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.catalogue import METHODS, settings_of
-from occlog.track.imm.config import LONGEST_ANSWER_S
 
 LISTED: tuple[click.Option, ...] = (
     click.Option(["--diagnostics"], type=PATH, default=None, help="How the filter fared at each time (Parquet)."),
@@ -57,7 +56,7 @@ LISTED: tuple[click.Option, ...] = (
     ),
     click.Option(
         ["--answer-delay"],
-        type=NumberOrFile(0, LONGEST_ANSWER_S),
+        type=NumberOrFile(0),
         default=None,
         metavar="SECONDS|FILE",
         help="Cameras' answers take so long, or as long as the slowest router in the delays of `occlog traffic`, "

@@ -12,8 +12,6 @@ from occlog.track.smoothing_and_lag import SmoothingConfig
 POLICIES = ("none", "periodic", "printed", "count", "spread")
 TRIGGERS = ("count", "bearing", "ellipse")
 """Of policy `printed`: [Lee] Eqs. 3.14, 3.15 and 3.16."""
-LONGEST_ANSWER_S = 1e6
-"""Longest time that an answer may take [s]."""
 START_NUMBERS = 6
 """X, Y, SIGMA, VX, VY, SIGMA_V of one target."""
 
@@ -108,7 +106,7 @@ class ImmConfig(SmoothingConfig):
         "`occlog traffic`).",
         unit="s",
         at_least=0,
-        at_most=LONGEST_ANSWER_S,
+        at_most=1e6,
     )
     retry_s: float = setting(0.5, "A request in vain is not made anew before.", unit="s", at_least=0)
     gate: float = setting(
