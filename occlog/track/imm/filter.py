@@ -20,10 +20,12 @@ from occlog.core.filter.particles import effective_size
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.interface import Estimate, Joint, Smoothing
+from occlog.track.plausibility.particles import FEW
 
 from . import kernel as imm
 from .association import Association, BearingFit, Direction, associate, both, direction, hear, in_range, reweigh
 from .config import ImmConfig
+from .lineage import Lineage, begun, made_up
 from .smoothing import TrackTrace, back, trace_of
 from .tracks import (
     UNLABELLED,
@@ -68,7 +70,7 @@ class Belief(NamedTuple):
     number: int
     moved: Moved
     estimate: imm.Estimate
-    ess: float
+    ess: float  # effective number of particles, or of the families that they come from
 
 
 class Report(NamedTuple):
@@ -116,14 +118,29 @@ def step(state: ImmState, scan: Scan, rng: Generator) -> tuple[ImmState, Report]
     # Confirm tracks that were heard often enough
     moved, least = _numbered(moved, state.free, world.config)
     # Resample: systematic, a model drawn for each row
-    tracks = tuple(resampled(m, world.config.particles, rng) for m in moved)
+    drawn = [resampled(m, world.config.particles, dt, rng) for m in moved]
     # Estimate: mean and covariance over particles and models
-    beliefs = tuple(
-        Belief(m.track.number, m, imm.moments(m.predicted, m.weights), effective_size(m.weights.ravel()))
-        for m in moved
-        if m.track.number != UNNUMBERED
-    )
-    return ImmState(world, tracks, t_ns, least), Report(beliefs, tuple(counts), scan, evidence)
+    beliefs, tracks = [], []
+    for m, track in zip(moved, drawn, strict=True):
+        if track.lineage is not None:
+            estimate = imm.moments(m.predicted, m.weights)
+            track, size = _rests_on(track, track.lineage, estimate, world.config)
+            beliefs.append(Belief(track.number, m, estimate, min(size, effective_size(m.weights.ravel()))))
+        tracks.append(track)
+    return ImmState(world, tuple(tracks), t_ns, least), Report(tuple(beliefs), tuple(counts), scan, evidence)
+
+
+def _rests_on(track: Track, lineage: Lineage, estimate: imm.Estimate, config: ImmConfig) -> tuple[Track, float]:
+    """The track, and how many families of particles its covariance rests on; infinity where these are enough.
+
+    Families are counted anew once the motion's noise has made up for those that were lost.
+    """
+    families = lineage.effective()
+    if families >= FEW:
+        return track, math.inf
+    if made_up(lineage, estimate.covariance[::2, ::2], config.sigma_v):
+        return track._replace(lineage=begun(len(lineage.families))), math.inf
+    return track, families
 
 
 def _in_range(world: ImmWorld, moved: Moved, array: int) -> bool:
@@ -323,7 +340,7 @@ def _estimate(belief: Belief, report: Report, cameras: int) -> Estimate:
         log_likelihood=evidence if math.isfinite(evidence) else math.nan,
         n_looked=len(report.counts),
         n_seen=int(m.heard),
-        fallback="",
+        fallback="depleted" if belief.ess < FEW else "",
         used=tuple(cameras + a for a in m.arrays),
     )
 

@@ -16,6 +16,7 @@ from occlog.records.scene import Scene
 
 from . import kernel as imm
 from .config import START_NUMBERS, ImmConfig
+from .lineage import Lineage, begun
 
 UNNUMBERED = -1
 """Number of a track that is not confirmed."""
@@ -36,6 +37,7 @@ class Track(NamedTuple):
     sounds: float  # probability that it is not silent, if it exists
     hits: int  # times at which it was heard
     met_ns: int  # when it was heard or seen last
+    lineage: Lineage | None = None  # of a confirmed track's particles; None before its first scan
 
 
 class Moved(NamedTuple):
@@ -211,9 +213,18 @@ def after(track: Track, reached: float, detection: float, unheard: float) -> Tra
     return track._replace(exists=min(exists, 1.0), sounds=min(sounds, 1.0))
 
 
-def resampled(moved: Moved, particles: int, rng: Generator) -> Track:
-    """The track with its particles drawn anew; a track that is not confirmed keeps all that it has."""
+def resampled(moved: Moved, particles: int, dt: float, rng: Generator) -> Track:
+    """The track with its particles drawn anew; a track that is not confirmed keeps all that it has.
+
+    Args:
+        moved: the track after a scan.
+        particles: of a confirmed track.
+        dt: time since the scan before [s].
+        rng: draws.
+    """
     track = moved.track
-    n = particles if track.number != UNNUMBERED else len(track.cloud.states)
+    confirmed = track.number != UNNUMBERED
+    n = particles if confirmed else len(track.cloud.states)
     rows, models = imm.resample(moved.weights, float(rng.random()), rng.random(n))
-    return track._replace(cloud=imm.Cloud(imm.taken(moved.predicted, models, rows), models))
+    lineage = (track.lineage or begun(len(track.cloud.states))).drawn(rows, dt) if confirmed else None
+    return track._replace(cloud=imm.Cloud(imm.taken(moved.predicted, models, rows), models), lineage=lineage)
