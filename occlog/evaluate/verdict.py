@@ -99,7 +99,7 @@ def judge(
         if not made.unlabelled:
             use &= seen.target_id >= 0
         found.saw(tracks, whole(tracks, seen.take(use), scene, diagnostics, made.window_ns), scene)
-    said = found.findings(one_target=made.one_target)
+    said = found.findings(one_target=made.one_target, smoothed=made.smoothed)
     if made.own_numbers and errors is not None and scene is not None:
         errors = _on_their_targets(errors, scene)
     if np.isnan(tracks.cov_xx).any():

@@ -33,6 +33,7 @@ from .catalogue import settings_of, tracker
 from .interface import AnyMethod, Joint, Online
 from .plausibility.sight import Compared
 from .plausibility.verdict import Evidence, Finding, figures
+from .smoothing_and_lag import SmoothingConfig
 
 if TYPE_CHECKING:
     from occlog.records.columns import Table
@@ -44,9 +45,9 @@ if TYPE_CHECKING:
 class TrackSummary:
     """Figures of the whole run, gathered while tables stream by."""
 
-    def __init__(self, scene: Scene, *, joint: bool) -> None:
-        """Nothing yet; `joint` says that the method itself tells targets apart."""
-        self.scene, self.joint = scene, joint
+    def __init__(self, scene: Scene, *, joint: bool, smoothed: bool = False) -> None:
+        """Nothing yet; `joint`: the method itself tells targets apart; `smoothed`: its particles are smoothed."""
+        self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
         self.evidence = Evidence()
         self.messages = Messages()
@@ -106,7 +107,7 @@ class TrackSummary:
                 "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
             )
             return (Finding("no-target", "note", text),)
-        return self.evidence.findings(one_target=not self.joint)
+        return self.evidence.findings(one_target=not self.joint, smoothed=self.smoothed)
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
@@ -226,7 +227,8 @@ def run_track(
         (wanted.residuals, Residuals),
     ]
     joint = isinstance(tracker(request.method), Joint)
-    summary = TrackSummary(inputs.scene, joint=joint)
+    smoothed = isinstance(config, SmoothingConfig) and config.smoothed
+    summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed)
     with ExitStack() as stack:
         writers = [
             None

@@ -29,7 +29,7 @@ class Lineage(NamedTuple):
 
     def effective(self) -> float:
         """Effective number of families, 1 to L: L^2 / sum of their squared sizes."""
-        sizes = np.unique(self.families, return_counts=True)[1]
+        sizes = np.bincount(self.families)
         return float(len(self.families) ** 2 / (sizes @ sizes))
 
 
@@ -48,4 +48,5 @@ def made_up(lineage: Lineage, covariance: Floats, sigma_v: float) -> bool:
         covariance: (2, 2) of their places.
         sigma_v: noise of the velocity per axis, gathered in a second.
     """
-    return sigma_v**2 * lineage.since_s**3 / 3.0 >= MADE_UP * float(np.linalg.eigvalsh(covariance)[-1])
+    widest = float(np.linalg.eigvalsh(covariance)[-1])
+    return bool(sigma_v**2 * lineage.since_s**3 / 3.0 >= MADE_UP * widest)

@@ -34,6 +34,8 @@ FEWEST = 20
 """Of fewer bearings, expected squares or frames nothing is said."""
 DEPLETED = 0.25
 """Share of rows with too few effective particles that matters."""
+DEPLETED_BEFORE = 0.02
+"""The same where estimates are smoothed: all before a depleted row come from its few particles, too."""
 RESTARTS = 0.01
 """Share of rows with a restart that matters: one in a hundred."""
 DOUBTED = 0.05
@@ -150,24 +152,28 @@ class Evidence:
             found["candidates_unexplained_per_frame"] = self.crowd.unexplained
         return found
 
-    def findings(self, *, one_target: bool) -> tuple[Finding, ...]:
+    def findings(self, *, one_target: bool, smoothed: bool = False) -> tuple[Finding, ...]:
         """Everything there is to say.
 
         Args:
             one_target: candidates without a label are taken for one target's by the method.
+            smoothed: estimates were made from trajectories drawn backwards through the filter's particles.
         """
-        said = [*self._filter(), *self._rows(), *self._bearings(), *self._places()]
+        said = [*self._filter(smoothed), *self._rows(), *self._bearings(), *self._places()]
         return (*said, *(self._several() if one_target else ()))
 
-    def _filter(self) -> Iterator[Finding]:
+    def _filter(self, smoothed: bool) -> Iterator[Finding]:
         """Particles that ran out, restarts, and cameras that were selected in vain."""
-        few, rows = self.particles.few, self.particles.rows
-        if beyond(few, rows, DEPLETED):
+        few, rows, most = self.particles.few, self.particles.rows, DEPLETED_BEFORE if smoothed else DEPLETED
+        if beyond(few, rows, most):
+            whose = (
+                "their covariances and those of smoothed rows before them are" if smoothed else "their covariances are"
+            )
             yield Finding(
                 "depleted",
                 "warning",
                 f"{few / rows:.0%} of the rows rest on fewer than {FEW:.0f} effective particles (median "
-                f"{self.particles.median:.0f}; allowed in {DEPLETED:.0%} of the rows): their covariances are too "
+                f"{self.particles.median:.0f}; allowed in {most:.0%} of the rows): {whose} too "
                 "small; use more particles, or check the noise that is stated, which may be too small",
             )
         restarts = self.fallbacks["restart"]

@@ -216,3 +216,11 @@ def test_candidates_that_stay_cannot_be_one_target() -> None:
 def test_a_summary_has_the_warnings_and_not_the_notes() -> None:
     found = (Finding("a", "note", "care"), Finding("b", "warning", "wrong"))
     assert figures(found) == {"plausible": False, "warnings": [{"code": "b", "sentence": "wrong"}]}
+
+
+@pytest.mark.parametrize(("few", "smoothed", "warns"), [(20, False, False), (20, True, True), (4, True, False)])
+def test_smoothed_rows_suffer_from_fewer_depleted_ones(few: int, smoothed: bool, warns: bool) -> None:
+    found = Evidence()
+    found.particles.add(np.where(np.arange(200) < few, 3.0, 900.0))
+    codes = [f.code for f in found.findings(one_target=False, smoothed=smoothed)]
+    assert codes == (["depleted"] if warns else [])
