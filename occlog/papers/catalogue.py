@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from occlog.errors import UsageError
-from occlog.papers.ercan import accuracy, baselines, recorded_figures, selection, speed, square
+from occlog.papers.ercan import accuracy, baselines, joint_states, recorded_figures, selection, speed, square
 from occlog.papers.ercan import statements as ercan_statements
 from occlog.papers.lee import statements as lee_statements
 from occlog.papers.lee.appearance.coefficient import COEFFICIENT
@@ -49,6 +49,7 @@ from occlog.papers.verdicts.source import Sources, attributed
 PAPERS: dict[str, tuple[Experiment, ...]] = {
     "ercan": (
         baselines.BASELINES,
+        joint_states.JOINT_STATES,
         *square.EXPERIMENTS,
         speed.FIG10,
         selection.FIG12,

@@ -96,6 +96,12 @@ METHODS: dict[str, Entry] = {
         "occlog.track.kalman.config:IekfConfig",
         (*IN_WORLD, "starts"),
     ),
+    "joint": Entry(
+        "one particle filter for all labelled objects, which hide one another ([Ercan] Sec. 4.4; Doucet et al. 2002)",
+        "occlog.track.joint.filter:METHOD",
+        "occlog.track.joint.config:JointConfig",
+        ("diagnostics", "residuals", "doa", "doa_labels", "targets", "use_recovered", "turn", "strict"),
+    ),
     "direct3d": Entry(
         "particle filter in space from azimuths and elevations (Lee 2009)",
         "occlog.track.in_space.direct3d:METHOD",

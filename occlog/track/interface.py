@@ -179,5 +179,14 @@ class Joint(NamedTuple, Generic[State, Config, Report]):
     smoothing: Smoothing[tuple[State, int], Config] | None = None  # of one target of a state; None: cannot look back
 
 
-AnyMethod = Online[Any, Any] | Batch[Any, Any] | Joint[Any, Any, Any]
+class Together(NamedTuple, Generic[State, Config]):
+    """A method with one state for all objects that carry a label, which hide one another."""
+
+    config: type[Config]
+    init: Callable[[Scene, Config, Generator], State]
+    step: Callable[[State, Scan, Generator], tuple[State, list[tuple[int, Estimate]]]]  # estimates by object
+    started: Callable[[Config], bool] = lambda _: False
+
+
+AnyMethod = Online[Any, Any] | Batch[Any, Any] | Joint[Any, Any, Any] | Together[Any, Any]
 """A method that was chosen by its name; only the method itself knows the types of its state and settings."""

@@ -27,6 +27,8 @@ SOURCES: Sources = {
     "baselines-sharp": OWN,
     "baselines-false": OWN,
     "baselines-priors": OWN,
+    "joint": Source("Sec. 4.4", "becomes computationally prohibitive for a large number of objects"),
+    "joint-error": OWN,
     "fig6": Source("Fig. 6, Sec. 6.1"),
     "fig6-rmse-max": Source("Fig. 6, Sec. 6.1", "the worst case average RMSE when there are no measurements"),
     "fig6-rmse-occ": Source("Fig. 6, Sec. 6.1", "RMSE_occ = 6.67 (obtained by setting sigma_psi = 8)"),

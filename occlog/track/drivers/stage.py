@@ -10,7 +10,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.track.catalogue import tracker
 from occlog.track.imm.config import ImmConfig
-from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online
+from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online, Together
 from occlog.track.plausibility.doubts import Doubts
 from occlog.track.plausibility.sight import Witness
 
@@ -18,6 +18,7 @@ from .batch import track_batch
 from .joint import track_joint
 from .online import track_online
 from .rows import Tracked
+from .together import track_together
 from .tracking import Tracking
 
 
@@ -72,6 +73,9 @@ def _tracked(
     """Tracks by the driver for the kind of the method."""
     if isinstance(method, Online):
         yield from track_online(bearings, scene, method, tracking, occluders)
+        return
+    if isinstance(method, Together):
+        yield from track_together(bearings, scene, method, tracking, occluders)
         return
     why = "takes all that was recorded at once" if isinstance(method, Batch) else "asks cameras itself (cooperate)"
     if tracking.selection is not None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.settings import setting
+from occlog.settings import Settings, setting
 from occlog.track.smoothing_and_lag import LagConfig
 
 ALL, VISIBLE = "all", "visible"
@@ -16,16 +16,9 @@ IGNORE, DESCENT, STARTS = "ignore", "descent", "starts"
 
 
 @dataclass(frozen=True)
-class KalmanConfig(LagConfig):
-    """Settings that the three filters share; lengths in the scene's unit, times in seconds."""
+class WalkConfig(Settings):
+    """How targets walk, and when a filter gives up; lengths in the scene's unit, times in seconds."""
 
-    start: tuple[float, ...] | None = setting(
-        None,
-        "X, Y and SIGMA of the first position.",
-        unit="length",
-        counts=(3,),
-        nothing="where the first bearings meet",
-    )
     # The first two moments of a walk by waypoints ([Ercan] Sec. 4.1)
     speed: float = setting(
         1.0,
@@ -50,6 +43,19 @@ class KalmanConfig(LagConfig):
     max_gap_s: float = setting(60.0, "After a longer time without a scan the filter begins anew.", unit="s", above=0)
     lost_after: int = setting(
         6, "Bearings more outside the gate than inside after which the filter begins anew; 0: never.", at_least=0
+    )
+
+
+@dataclass(frozen=True)
+class KalmanConfig(LagConfig, WalkConfig):
+    """Settings that the three filters share."""
+
+    start: tuple[float, ...] | None = setting(
+        None,
+        "X, Y and SIGMA of the first position.",
+        unit="length",
+        counts=(3,),
+        nothing="where the first bearings meet",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

@@ -24,7 +24,7 @@ from occlog.track.apf.sensing import pack_noise, pack_scan, pack_sensors, read_n
 from occlog.track.interface import Estimate, Online, Smoothing
 
 from . import updates
-from .config import IGNORE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig
+from .config import IGNORE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
 from .measurement import Rows, World, linearised, measured, residuals, rows_of
 from .motion import Gaussian, Link, predicted, smooth, velocity_variance
 from .updates import Updated, agreeing, descended, linear
@@ -57,20 +57,29 @@ class KalmanState(NamedTuple, Generic[K]):
 
 def init(scene: Scene, config: K, rng: Generator) -> KalmanState[K]:
     """State before the first scan: around `config.start`, or as wide as the floor; InputError without free floor."""
-    floor = make_floor(scene.region, [o.polygon for o in scene.occluders])
-    try:
-        places = sample_floor(DRAWS, floor, rng) if scene.views is None else draw(DRAWS, scene.views, rng)
-    except ValueError as error:
-        raise InputError(f"scene: {error}; make the room larger") from error
-    world = World(pack_sensors(scene), pack_noise(scene), floor)
-    anywhere = _begun(places.mean(axis=0), np.cov(places.T), config)
+    world = world_of(scene)
+    anywhere = anywhere_of(scene, world, config, rng)
     known = anywhere
     if config.start is not None:
-        known = _begun(np.array(config.start[:2]), config.start[2] ** 2 * np.eye(2), config)
+        known = gaussian_of(np.array(config.start[:2]), config.start[2] ** 2 * np.eye(2), config)
     return KalmanState(config, world, read_noise(scene), anywhere, known, None, 0)
 
 
-def _begun(xy: Floats, covariance: Floats, config: KalmanConfig) -> Gaussian:
+def world_of(scene: Scene) -> World:
+    """The sensors and the floor of a scene."""
+    return World(pack_sensors(scene), pack_noise(scene), make_floor(scene.region, [o.polygon for o in scene.occluders]))
+
+
+def anywhere_of(scene: Scene, world: World, config: WalkConfig, rng: Generator) -> Gaussian:
+    """Mean and covariance of where a target can be before anything was seen; InputError without free floor."""
+    try:
+        places = sample_floor(DRAWS, world.floor, rng) if scene.views is None else draw(DRAWS, scene.views, rng)
+    except ValueError as error:
+        raise InputError(f"scene: {error}; make the room larger") from error
+    return gaussian_of(places.mean(axis=0), np.cov(places.T), config)
+
+
+def gaussian_of(xy: Floats, covariance: Floats, config: WalkConfig) -> Gaussian:
     """A state with an unknown velocity."""
     whole = np.zeros((4, 4))
     whole[:2, :2], whole[2:, 2:] = covariance, velocity_variance(config) * np.eye(2)
@@ -100,7 +109,7 @@ def stepper(update: Update[K]) -> Callable[[KalmanState[K], Scan, Generator], tu
         used, begun = rows.sensor[inside], state.t_ns is None
         if _outvoted(rows, inside):
             # Most reports disagree, as of a target that has turned: where they meet, not far from the prediction
-            done, used = _first(_widened(known, config), rows, world, config.gate)
+            done, used = first_place(_widened(known, config), rows, world, config.gate)
             done, begun = done._replace(fallback=WIDENED), True
         elif inside.any():
             done = update(known, rows.take(inside), world, config)
@@ -108,7 +117,7 @@ def stepper(update: Update[K]) -> Callable[[KalmanState[K], Scan, Generator], tu
             done = Updated(known, 0.0)
         # Begin anew: a filter is lost that most reports have contradicted for some scans, or that has left the scene
         astray = _astray(state.astray, looks, used)
-        if (config.lost_after and astray >= config.lost_after) or _left(done.state, world):
+        if (config.lost_after and astray >= config.lost_after) or left_scene(done.state, world):
             return _anew(state, scan, looks, rows, "restart")
         link = Link(done.state, dt, begun=begun)
         state = state._replace(known=done.state, t_ns=scan.t_ns, astray=astray, link=link)
@@ -126,10 +135,10 @@ def _outvoted(rows: Rows, inside: Bools) -> bool:
 def _widened(known: Gaussian, config: KalmanConfig) -> Gaussian:
     """A prediction as wide as a target gets away in `AWAY_S`, whose velocity is not known."""
     away = (config.speed * AWAY_S) ** 2 * np.eye(2)
-    return _begun(known.mean[:2], known.covariance[:2, :2] + away, config)
+    return gaussian_of(known.mean[:2], known.covariance[:2, :2] + away, config)
 
 
-def _left(known: Gaussian, world: World) -> bool:
+def left_scene(known: Gaussian, world: World) -> bool:
     """Whether a target is far outside of the region: by more than its extent."""
     low, high = world.floor.room.min(axis=0), world.floor.room.max(axis=0)
     xy = known.mean[:2]
@@ -140,13 +149,13 @@ def _anew(
     state: KalmanState[K], scan: Scan, looks: PackedScan, rows: Rows, reason: str
 ) -> tuple[KalmanState[K], Estimate]:
     """A filter that begins with this scan."""
-    done, used = _first(state.anywhere, rows, state.world, state.config.gate)
+    done, used = first_place(state.anywhere, rows, state.world, state.config.gate)
     link = Link(done.state, 0.0, begun=True)
     state = state._replace(known=done.state, t_ns=scan.t_ns, astray=0, link=link)
     return state, _estimate(done._replace(fallback=reason), looks, used)
 
 
-def _first(anywhere: Gaussian, rows: Rows, world: World, gate: float) -> tuple[Updated, Ints]:
+def first_place(anywhere: Gaussian, rows: Rows, world: World, gate: float) -> tuple[Updated, Ints]:
     """The most probable place by the rows of one scan, and the sensors that it is from.
 
     Of each sensor the nearest row counts, up to the gate, so that candidates of others and false bearings do not.

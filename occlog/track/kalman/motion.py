@@ -20,7 +20,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.track.interface import Past
 
-from .config import KalmanConfig
+from .config import WalkConfig
 
 SMALL = 1e-2
 """Below this time over tau the variance of the place is summed as a series: its closed form loses its digits."""
@@ -41,7 +41,7 @@ class Link(NamedTuple):
     begun: bool  # anew: nothing before it counts
 
 
-def transition(dt: float, config: KalmanConfig) -> tuple[Floats, Floats]:
+def transition(dt: float, config: WalkConfig) -> tuple[Floats, Floats]:
     """(4, 4) matrices F and Q of the motion over a time dt >= 0 [s]."""
     tau, V = config.turn_s, velocity_variance(config)
     u = dt / tau
@@ -55,18 +55,18 @@ def transition(dt: float, config: KalmanConfig) -> tuple[Floats, Floats]:
     return np.kron(F1, both), np.kron(Q1, both)
 
 
-def velocity_variance(config: KalmanConfig) -> float:
+def velocity_variance(config: WalkConfig) -> float:
     """Variance of the velocity per axis, of a target that was not seen yet."""
     return 0.5 * config.speed**2
 
 
-def predicted(state: Gaussian, dt: float, config: KalmanConfig) -> Gaussian:
+def predicted(state: Gaussian, dt: float, config: WalkConfig) -> Gaussian:
     """The state a time dt >= 0 later."""
     F, Q = transition(dt, config)
     return Gaussian(F @ state.mean, F @ state.covariance @ F.T + Q)
 
 
-def smooth(traces: Sequence[Link], config: KalmanConfig) -> list[Past]:
+def smooth(traces: Sequence[Link], config: WalkConfig) -> list[Past]:
     """Return past states by the recursion of Rauch, Tung and Striebel (1965), from the last link to the first."""
     out: list[Past] = []
     later, ahead = traces[-1].after, None

@@ -1,0 +1,87 @@
+"""Method `joint`: who hides whom, by hand and against the truth's own form; one object as a Kalman filter's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tracker_scenes import observe, room100, scan, true_u, walk
+
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.sight.visibility import behind_objects
+from occlog.errors import UsageError
+from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
+from occlog.track.apf.selection_config import SelectConfig
+from occlog.track.drivers.stage import track
+from occlog.track.drivers.tracking import Tracking
+from occlog.track.joint import filter as joint
+from occlog.track.joint.config import JointConfig
+from occlog.track.kalman.config import EkfConfig
+from occlog.track.kalman.measurement import rows_of
+
+pytestmark = pytest.mark.jit
+SCENE = room100(pillar=False)
+PATHS = [walk(40, np.random.default_rng(k)) for k in range(3)]
+SEEN = Bearings.merge([observe(SCENE, path, np.random.default_rng(9 + k), target=k) for k, path in enumerate(PATHS)])
+
+
+def follow(method: str, config, targets: tuple[int, ...] | None = None, bearings: Bearings = SEEN):
+    parts = list(track([bearings], SCENE, Tracking(config, 0, method=method, targets=targets)))
+    return Tracks.concat(p.tracks for p in parts), Diagnostics.concat(p.diagnostics for p in parts)
+
+
+def test_who_hides_whom_is_the_simulators() -> None:
+    xy, camera = np.random.default_rng(0).uniform(0, 30, (50, 6, 2)), np.array([15.0, -3.0])
+    found = joint.hidden_by_others(xy, camera, 3.33)
+    for j in range(6):
+        np.testing.assert_array_equal(found[:, j], behind_objects(camera, xy[:, j], np.delete(xy, j, axis=1), 3.33))
+    assert 0.1 < found.mean() < 0.9
+
+
+def test_factors_of_an_object_in_plain_view_and_behind_another() -> None:
+    """Camera 2 at (50, 0) looks up at an object at (50, 50): the other one is beside the sight line, or on it."""
+    config = JointConfig(detection=0.9, false=0.01)
+    state = joint.init(SCENE, config, generator(0, Stage.TRACK, 0))
+    xy = np.array([[[50.0, 50.0], [70.0, 30.0]], [[50.0, 50.0], [50.0, 30.0]]])
+    missed, seen = (
+        joint.pack_scan(scan(0.0, [(1, u)]), state.read_px, False) for u in (None, true_u(SCENE, (50, 50))[1])
+    )
+    nothing = joint.Look(missed._replace(sensor=missed.sensor[:0], first=missed.first[:1]), rows_of(missed))
+    plain, hidden = np.exp(joint.log_factors(xy, [joint.Look(missed, rows_of(missed)), nothing], state.world, config))
+    assert (plain, hidden) == (pytest.approx(0.1), pytest.approx(0.995))
+    plain, hidden = np.exp(joint.log_factors(xy, [joint.Look(seen, rows_of(seen)), nothing], state.world, config))
+    sigma = np.sqrt(4900 * (1e-4 + 1 / 2500) + 4.0)  # [Ercan] Eq. 2 on the axis, 50 away
+    floor = 0.01 / 140.0
+    assert plain == pytest.approx(0.9 / (np.sqrt(2 * np.pi) * sigma) + 0.1 * floor)
+    assert hidden == pytest.approx(floor)
+
+
+def test_one_object_is_where_a_kalman_filter_of_the_same_motion_has_it() -> None:
+    tracks, notes = follow("joint", JointConfig(particles=2000), (0,))
+    peer, _ = follow("ekf", EkfConfig(), (0,))
+    late = slice(5, None)
+    away = np.hypot(tracks.x - peer.x, tracks.y - peer.y)[late]
+    assert np.median(away) < 0.35 * np.median(np.sqrt(peer.cov_xx + peer.cov_yy))
+    assert np.mean((tracks.cov_xx + tracks.cov_yy)[late]) == pytest.approx(
+        np.mean((peer.cov_xx + peer.cov_yy)[late]), rel=0.25
+    )
+    assert notes.ess[5:].mean() > 400
+
+
+def test_several_objects_are_followed_and_candidates_left_out() -> None:
+    more = replace(SEEN, target_id=np.where(SEEN.target_id == 2, UNLABELLED, SEEN.target_id).astype(np.int32))
+    tracks, _ = follow("joint", JointConfig(particles=500), bearings=more)
+    assert set(tracks.target_id.tolist()) == {0, 1}
+    for k in (0, 1):
+        own = tracks.take(tracks.target_id == k)
+        away = np.hypot(own.x - PATHS[k][:, 0], own.y - PATHS[k][:, 1])
+        assert np.sqrt(np.mean(away[5:] ** 2)) < 4.0
+
+
+def test_priors_of_occluders_and_a_selection_are_refused() -> None:
+    tracking = Tracking(JointConfig(), 0, method="joint")
+    with pytest.raises(UsageError, match="occluders"):
+        list(track([SEEN], SCENE, tracking, [Occluders.empty()]))
+    with pytest.raises(UsageError, match="select"):
+        list(track([SEEN], SCENE, replace(tracking, selection=SelectConfig(policy="greedy"))))
