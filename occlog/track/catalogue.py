@@ -100,7 +100,7 @@ METHODS: dict[str, Entry] = {
         "one particle filter for all labelled objects, which hide one another ([Ercan] Sec. 4.4; Doucet et al. 2002)",
         "occlog.track.joint.filter:METHOD",
         "occlog.track.joint.config:JointConfig",
-        ("diagnostics", "residuals", "doa", "doa_labels", "targets", "use_recovered", "turn", "strict"),
+        IN_WORLD,
     ),
     "direct3d": Entry(
         "particle filter in space from azimuths and elevations (Lee 2009)",
