@@ -1,7 +1,7 @@
 """[Ercan] Sec. 4.4: where the other objects are, by filters of their own or by one of all objects together.
 
-Bearings of all objects are given, labelled.  `joint` tracks the target and the others in one state; `apf` tracks each alone,
-and then the target once more with the Gaussians of the others' filters as priors of the occluders.
+Bearings of all objects are given, labelled.  `joint` tracks the target and the others in one state; `apf` tracks each
+alone, and then the target once more with the Gaussians of the others' filters as priors of the occluders.
 """
 
 from __future__ import annotations

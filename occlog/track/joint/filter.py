@@ -84,9 +84,9 @@ def step(state: JointState, scan: Scan, rng: Generator) -> tuple[JointState, lis
     # Propose object by object, and weigh by what was linearised
     particles, log_weights = np.empty((L, len(objects), 4)), np.zeros(L)
     gap = dt > config.max_gap_s
-    anew = (
-        dict.fromkeys(lost, "restart") | dict.fromkeys(begun, "") | (dict.fromkeys(state.objects, "gap") if gap else {})
-    )
+    anew = dict.fromkeys(lost, "restart") | dict.fromkeys(begun, "")
+    if gap:
+        anew |= dict.fromkeys(state.objects, "gap")
     astray = dict(zip(state.objects, state.astray, strict=True))
     for j, target in enumerate(objects):
         rows = looks[target].rows
@@ -190,7 +190,7 @@ def log_factors(xy: Floats, looks: list[Look], world: World, config: JointConfig
             seen = seen_from(place, sensor, world.sensors) & ~hidden[sensor][:, j]
             first, last = int(look.packed.first[k]), int(look.packed.first[k + 1])
             if first == last:
-                total += np.log(np.where(seen, 1.0 - config.detection, 1.0 - 0.5 * config.false))
+                total += np.log(np.where(seen, 1.0 - config.detection, 1.0 - config.false))
                 continue
             row = look.rows.take(np.arange(first, first + 1))
             off = residuals(expected[:, first : first + 1], row)[:, 0]

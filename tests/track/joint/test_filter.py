@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from tracker_scenes import observe, room100, scan, true_u, walk
 
+from occlog.cli.main import run
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.core.sight.visibility import behind_objects
-from occlog.errors import UsageError
+from occlog.errors import ExitCode, UsageError
+from occlog.io.files.parquet import read_table, write_table
+from occlog.io.files.provenance import Provenance
+from occlog.io.scenes.scene import scene_to_yaml
 from occlog.records.tables import UNLABELLED, Bearings, Diagnostics, Occluders, Tracks
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.drivers.stage import track
@@ -49,7 +54,7 @@ def test_factors_of_an_object_in_plain_view_and_behind_another() -> None:
     )
     nothing = joint.Look(missed._replace(sensor=missed.sensor[:0], first=missed.first[:1]), rows_of(missed))
     plain, hidden = np.exp(joint.log_factors(xy, [joint.Look(missed, rows_of(missed)), nothing], state.world, config))
-    assert (plain, hidden) == (pytest.approx(0.1), pytest.approx(0.995))
+    assert (plain, hidden) == (pytest.approx(0.1), pytest.approx(0.99))
     plain, hidden = np.exp(joint.log_factors(xy, [joint.Look(seen, rows_of(seen)), nothing], state.world, config))
     sigma = np.sqrt(4900 * (1e-4 + 1 / 2500) + 4.0)  # [Ercan] Eq. 2 on the axis, 50 away
     floor = 0.01 / 140.0
@@ -77,6 +82,17 @@ def test_several_objects_are_followed_and_candidates_left_out() -> None:
         own = tracks.take(tracks.target_id == k)
         away = np.hypot(own.x - PATHS[k][:, 0], own.y - PATHS[k][:, 1])
         assert np.sqrt(np.mean(away[5:] ** 2)) < 4.0
+
+
+def test_the_command_tracks_and_refuses_what_others_have(tmp_path: Path, capsys) -> None:
+    (tmp_path / "scene.yaml").write_text(scene_to_yaml(SCENE), encoding="utf-8")
+    write_table(tmp_path / "seen.parquet", SEEN, Provenance("detect"))
+    seen, scene, out = (str(tmp_path / name) for name in ("seen.parquet", "scene.yaml", "out.parquet"))
+    command = ["track", seen, "--scene", scene, "--method", "joint", "-o", out, "-q"]
+    assert run([*command, "--occluders", seen]) == ExitCode.USAGE
+    assert "--occluders is an option of" in capsys.readouterr().err
+    assert run([*command, "--particles", "100"]) == ExitCode.DONE
+    assert len(read_table(Path(out), Tracks)) == 3 * 40
 
 
 def test_priors_of_occluders_and_a_selection_are_refused() -> None:
