@@ -11,7 +11,6 @@ import numpy as np
 
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.parquet import iter_table
 from occlog.io.open import Opened, check_unit, losses_of, open_input
 from occlog.measure.scans.grouping import nearest
 from occlog.measure.scans.sources import bearings_of_doa
@@ -132,18 +131,20 @@ class PeopleInput:
     def _looks(self) -> Iterator[FrameLook]:
         """Looks of all cameras; a table of regions has no rows for frames in which nobody was detected."""
         known = [c.name for c in self.scene.cameras]
-        if self.opened.has(Boxes):
-            chunks = rows_of_boxes(self.opened.rows(Boxes))
-            return looks_of(chunks, self.cameras, known, self.tally)
-        found = looks_of(rows_of_views(self.opened.rows(Views)), self.cameras, known, self.tally)
+        boxes, foreign = self.opened.has(Boxes), self.opened.foreign
+        chunks = rows_of_boxes(self.opened.rows(Boxes)) if boxes else rows_of_views(self.opened.rows(Views))
+        found = looks_of(chunks, self.cameras, known, self.tally)
+        # Our boxes have a row for each frame without any; others tell of such frames by leaving numbers out
+        if boxes and (foreign is None or not foreign.fits(FrameTimes)):
+            return found
         place = {camera.name: c for c, camera in enumerate(self.cameras)}
         return in_order(found, self._empty(place))
 
     def _empty(self, place: Mapping[str, int]) -> Iterator[FrameLook]:
-        """Frames of a table of regions in which nobody was detected, counted."""
+        """Frames of a table of regions, or of boxes of others, in which nobody was detected, counted."""
         if self.opened.recording is not None:
             return
-        for each in empty_frames(iter_table(self.request.boxes, FrameTimes), place):
+        for each in empty_frames(self.opened.rows(FrameTimes), place):
             self.tally.saw(each.look)
             yield each
 

@@ -340,3 +340,30 @@ def test_the_future_is_used_where_it_is_wanted(how, tmp_path, capsys):
     assert len(support) > 0.8 * np.count_nonzero(found.box >= 0)
     made = read_provenance(tmp_path / "t.parquet").parameters
     assert smooths("track", made)
+
+
+def test_boxes_of_another_program_give_the_same_tracks(walk, tmp_path):
+    """Frames without a box are numbers that are left out between two others of the camera."""
+    dark = (walk.sensor == walk.sensor[0]) & (walk.frame > 5) & (walk.frame < 9)
+    blind = walk.take(dark & (walk.box == 0))
+    nothing = {
+        name: np.full(len(blind), np.nan) for name in ("left_px", "top_px", "width_px", "height_px", "confidence")
+    }
+    empty = replace(
+        blind, box=np.full(len(blind), -1, np.int32), target_id=np.full(len(blind), -1, np.int32), **nothing
+    )
+    found = Boxes.merge([walk.take(~dark), empty])
+    assert len(empty) == 3
+    assert track(tmp_path, found, SCENE) == ExitCode.DONE
+    ours = tracks(tmp_path)
+    lines = ["camera,frame,t_ns,x1,y1,x2,y2,score"]
+    for row in np.flatnonzero(found.box >= 0).tolist():
+        left, top = float(found.left_px[row]), float(found.top_px[row])
+        right, bottom = left + float(found.width_px[row]), top + float(found.height_px[row])
+        place = f"{found.sensor[row]},{found.frame[row]},{found.t_ns[row]}"
+        lines.append(f"{place},{left!r},{top!r},{right!r},{bottom!r},{float(found.confidence[row])!r}")
+    (tmp_path / "own.csv").write_text("\n".join(lines) + "\n")
+    assert follow(tmp_path, str(tmp_path / "own.csv"), "--scene", str(tmp_path / "hall.yaml")) == ExitCode.DONE
+    theirs = tracks(tmp_path)
+    assert (theirs.t_ns.tolist(), theirs.target_id.tolist()) == (ours.t_ns.tolist(), ours.target_id.tolist())
+    np.testing.assert_allclose(theirs.x, ours.x, atol=1e-6)
