@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.track._batch_problem import sparse_problem
 from occlog.array_types import Floats
 from occlog.track.map.config import PACKAGES
-from occlog.track.map.kernels.newton_search import MU_LAST, Options, minimise
+from occlog.track.map.kernels.newton_search import MU_LAST, Options, Solution, minimise
 from occlog.track.map.kernels.problem import Problem
 from occlog.track.map.kernels.quadratic_program import program, sequential_programs
 from occlog.track.map.kernels.windows import minimise_windows
@@ -30,12 +30,17 @@ AGREE = 1e-4
 
 def newton(problem: Problem, start: Floats, extent: float) -> Floats:
     """States by occlog, as `track` finds them."""
+    return solved(problem, start, extent).X
+
+
+def solved(problem: Problem, start: Floats, extent: float) -> Solution:
+    """The whole trajectory, after its windows where it has several; iterations are those of the whole."""
     options = Options(1e-7 * extent)
     if problem.T > WINDOW:
         rough = options._replace(tolerance=1e-3 * extent)
         start, _ = minimise_windows(problem, start, WINDOW, lambda p, X, _: (p, minimise(p, X, rough)))
         options = options._replace(mu=MU_LAST)
-    return minimise(problem, start, options).X
+    return minimise(problem, start, options)
 
 
 def programs(name: str) -> Callable[[Problem, Floats, float], Floats]:
