@@ -14,6 +14,7 @@ DIFFERENT = (
 )
 DIRECTION = "due to the absence of distinct inertia directions, the blind magnetic repulsion separates them"
 WRONG_TARGETS = "the trackers may attach to wrong targets, and thus lose the correct target"
+CLUTTER = "Background subtraction is used to decrease the clutter and enhance the performance"
 
 SOURCES: Sources = {
     "table1-collaboration": Source(
@@ -59,6 +60,17 @@ SOURCES: Sources = {
     "cmct": Source("Sec. 4.2", WRONG_TARGETS),
     "cmct-own-bmct": OWN,
     "cmct-wide-bmct": OWN,
+    "hall": Source("Fig. 8, Sec. 4.2", "BMCT produced very robust results in each camera view"),
+    "hall-fr_p-background": Source("Sec. 4.2", CLUTTER),
+    "hall-fr_l-background": Source("Sec. 4.2", CLUTTER),
+    "hall-fr_p-pca": OWN,
+    "hall-fr_l-pca": OWN,
+    "living-room": Source("Fig. 10, Sec. 4.2", "achieves a very robust performance"),
+    "living-room-fr_p-idmot": OWN,
+    "living-room-fr_l-idmot": OWN,
+    "campus": Source("Fig. 11, Sec. 4.3", "The proposed BMCT achieves stable tracking results on these videos"),
+    "campus-fr_p-idmot": OWN,
+    "campus-fr_l-idmot": OWN,
     "unseen-idmot": Source("Sec. 4.2", "only IDMOT instead of BMCT is implemented"),
     "unseen-fails": Source("Sec. 4.2", "The only failure case of BMCT occurs in camera 2"),
     "unseen-cameras": Source("Sec. 4.2", "By using more cameras, such failure cases could be avoided"),

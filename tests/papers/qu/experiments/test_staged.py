@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from occlog.papers.qu.experiments import decoys, mechanisms, unseen
+from occlog.papers.qu.experiments import decoys, mechanisms, rooms, unseen
+from occlog.papers.qu.rooms import rooms_spec, run_rooms_trial
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Size
 
@@ -85,3 +86,27 @@ def test_no_frame_at_all_may_be_helped_without_a_counterpart(helped) -> None:
         return {f"{label}.{k}": helped for label in unseen.RUNNERS for k in ("pair_end_own", "unseen_helped")}
 
     assert words(unseen.UNSEEN_COUNTERPARTS, results)["unseen-idmot"] == (v.NOT if helped else v.REPRODUCED)
+
+
+@pytest.mark.parametrize("experiment", rooms.ROOMS)
+def test_rooms_are_judged_by_their_rates_and_against_other_settings(experiment) -> None:
+    def results(spec):
+        assert spec["people"]["frames"] == 40
+        assert spec["grey"] == (experiment.item == "hall")
+        out = {}
+        for label in spec["methods"]:
+            rate = (0.02 if label == rooms.BMCT else 0.2) * (1.0 + spread(spec))
+            out |= {f"{label}.{k}": rate for k in ("fr_p", "fr_l", "off_0", "off_1")}
+            out |= {f"{label}.{k}": 0.0 for k in ("idf1", "lost", "left")}
+        return out
+
+    found = words(experiment, results)
+    assert set(found.values()) == {v.REPRODUCED}
+    assert len(found) == {"hall": 6, "living-room": 4, "campus": 5}[experiment.item]
+
+
+@pytest.mark.jit
+def test_a_room_is_rendered_tracked_and_scored() -> None:
+    methods = {"b": {"method": "bmct", "set": {"anchor": "bottom"}}}
+    found = run_rooms_trial(rooms_spec(1, methods, {"people": 2, "views": 2, "frames": 4}, fps=15.0, grey=True))
+    assert (found["b.fr_p"], found["b.fr_l"], found["b.off_1"], found["b.lost"]) == (0.0, 0.0, 0.0, 0.0)

@@ -1,0 +1,122 @@
+"""Trials on rendered video of people, through the same stages as a user's: simulate, track, read the tables.
+
+[Qu] Secs. 4.2 and 4.3 have recordings that are not available.  Here people walk in a room of this project in clothes of
+their own, filmed by as many cameras and in as many frames as the paper tells.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.core.metrics.frame_pairs import Objects
+from occlog.io.open import open_input
+from occlog.io.recording.reader import open_recording
+from occlog.pipeline.sweep.trial import Spec, Values
+from occlog.records.tables import TruthBoxes
+from occlog.records.views import EVENTS, ViewTracks
+from occlog.simulate.run import SimulateRequest, people_setup, run_simulate
+from occlog.track.images.interface import MODES
+from occlog.track.images.run.inputs import ViewsRequest
+from occlog.track.images.run.run import ViewsOutputs, run_track_views
+
+from .follow import Followed
+from .trial import scores, timeline
+
+KIND = "qu-rooms"
+SIZE = (320, 240)
+"""Of the images [px]."""
+
+
+def rooms_spec(seed: int, methods: Mapping[str, Values], people: Values, *, fps: float, grey: bool = False) -> Spec:
+    """Describe a trial for `run_rooms_trial`.
+
+    Args:
+        seed: of the video and of the trackers.
+        methods: by label, each with `method` and `set`.
+        people: fields of `PeopleConfig`.
+        fps: frames a second.
+        grey: whether the video has no colours.
+    """
+    return {
+        "kind": KIND,
+        "seed": seed,
+        "people": dict(people),
+        "methods": {label: dict(own) for label, own in methods.items()},
+        "fps": fps,
+        "grey": grey,
+    }
+
+
+def run_rooms_trial(spec: Spec) -> dict[str, float]:
+    """Render a video of people, track them from their first true boxes, and score against all true boxes.
+
+    Returns:
+        For each method as `label.figure` those of `occlog.papers.qu.trial.scores`, and `off_0`, `off_1`, `off_end` of
+        its `timeline`: a tracker that has ended is off its target.
+    """
+    seed = int(spec["seed"])
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Path(folder) / "people.mcap"
+        request = SimulateRequest(
+            video=True, store={"store": "ffv1", "grey": bool(spec["grey"])}, fps=float(spec["fps"]), workers=1
+        )
+        setup = people_setup({"width": SIZE[0], "height": SIZE[1], **spec["people"]}, request)
+        assert setup.render is not None
+        setup = replace(setup, render=replace(setup.render, alike=False))
+        run_simulate([], setup, recording, seed, quiet=True)
+        names = [camera.name for camera in setup.scene.cameras]
+        truth, radius = _truth(open_recording(recording).read(TruthBoxes), names)
+        out: dict[str, float] = {}
+        for label, own in spec["methods"].items():
+            tracks = Path(folder) / "view_tracks.parquet"
+            track = ViewsRequest(
+                recording=recording,
+                scene=None,
+                method=str(own["method"]),
+                settings={"birth_frames": 0, **own.get("set", {})},
+                initial=recording,
+                detections=None,
+                fundamental=None,
+                only=(),
+                without=(),
+                window_ns=None,
+                seed=seed,
+            )
+            run_track_views(track, ViewsOutputs(tracks), overwrite=True, quiet=True)
+            followed = _followed(open_input(tracks).read(ViewTracks), names)
+            figures = scores(truth, followed, radius) | timeline(truth, followed, radius, 2)
+            out |= {f"{label}.{name}": value for name, value in figures.items()}
+    return out
+
+
+def _truth(boxes: TruthBoxes, names: Sequence[str]) -> tuple[Objects, Floats]:
+    """Return the true boxes by view, and the radius of each [px]."""
+    b = boxes.take(boxes.box >= 0)
+    view = np.array([names.index(name) for name in b.sensor.tolist()], dtype=np.int64)
+    place = np.column_stack([b.left_px, b.top_px, b.width_px, b.height_px])
+    radius = 0.5 * np.sqrt(b.width_px * b.height_px)
+    return Objects(b.frame, b.target_id.astype(np.int64), place, view), radius
+
+
+def _followed(tracks: ViewTracks, names: Sequence[str]) -> Followed:
+    """Return the rows of a table in the form of trials, without times."""
+    t, n = tracks, len(tracks)
+    modes = {name: k for k, name in enumerate(MODES)}
+    return Followed(
+        frame=t.frame,
+        view=np.array([names.index(name) for name in t.sensor.tolist()], dtype=np.int64),
+        target=t.target_id.astype(np.int64),
+        ellipse=np.column_stack([t.x_px, t.y_px, t.a_px, t.b_px, t.rho]),
+        mode=np.array([modes.get(mode, -1) for mode in t.mode.tolist()], dtype=np.int64),
+        counterpart=np.zeros(n, dtype=np.int64),
+        event=np.array([EVENTS.index(e) for e in t.event.tolist()], dtype=np.int64),
+        ess=t.ess,
+        seconds=np.zeros(1),
+        parts=np.zeros((0, 3)),
+    )
