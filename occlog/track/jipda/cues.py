@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.jit import kernel
 
 from .interface import NOBODY, Look
 from .people import People
@@ -57,14 +59,57 @@ def log_ratio(sums: Floats, value: Floats) -> Floats:
         sums: (2, 3) counts, sums and sums of squares.
         value: of any shape.
     """
+    flat = np.ascontiguousarray(value, dtype=np.float64).reshape(-1)
+    return _log_ratios(law_of(sums), flat).reshape(value.shape)
+
+
+class Law(NamedTuple):
+    """Two normal distributions of a cue: of boxes that are right, and of others."""
+
+    mean: Floats  # (2,)
+    deviation: Floats  # (2,)
+    log: Floats  # (2,) of the deviation
+    least: float  # values of either kind that are known, at least
+
+
+def law_of(sums: Floats) -> Law:
+    """The distributions of values whose counts, sums and sums of squares are (2, 3)."""
     count = np.maximum(sums[:, 0], 1.0)
     mean = sums[:, 1] / count
     deviation = np.sqrt(np.maximum(sums[:, 2] / count - mean**2, LEAST_DEVIATION**2))
-    z = (value[..., None] - mean) / deviation
-    log = -0.5 * z**2 - np.log(deviation)
-    least = float(sums[:, 0].min())
-    out = (log[..., SAME] - log[..., OTHER]) * least / (least + ENOUGH)
-    return np.asarray(np.clip(np.nan_to_num(out), -MOST, MOST))
+    return Law(mean, deviation, np.log(deviation), float(sums[:, 0].min()))
+
+
+@kernel
+def log_ratio_at(law: Law, value: float) -> float:
+    """Log of the ratio of the likelihoods of a value, as far as enough is known; 0 for NaN."""
+    same, other = (value - law.mean[SAME]) / law.deviation[SAME], (value - law.mean[OTHER]) / law.deviation[OTHER]
+    out = (-0.5 * same * same - law.log[SAME]) - (-0.5 * other * other - law.log[OTHER])
+    out = out * law.least / (law.least + ENOUGH)
+    if math.isnan(out):
+        return 0.0
+    return min(max(out, -MOST), MOST)
+
+
+@kernel
+def _log_ratios(law: Law, value: Floats) -> Floats:
+    """The same of (n,) values."""
+    out = np.empty(value.shape[0])
+    for k in range(value.shape[0]):
+        out[k] = log_ratio_at(law, value[k])
+    return out
+
+
+def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
+    """Vectors (.., K) of length 1 whose products are likenesses: roots of histograms, or the vectors; NaN: none."""
+    out = np.sqrt(appearance) if histograms else appearance
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(out / np.linalg.norm(out, axis=-1, keepdims=True))
+
+
+def are_histograms(*appearance: Floats) -> bool:
+    """Whether no number is negative."""
+    return not any(np.nanmin(each, initial=0.0) < 0.0 for each in appearance)
 
 
 def likeness(gallery: Floats, boxes: Floats) -> Floats:
@@ -74,14 +119,8 @@ def likeness(gallery: Floats, boxes: Floats) -> Floats:
     """
     if gallery.shape[1] == 0:
         return np.full((len(gallery), len(boxes)), np.nan)
-    if not (np.nanmin(boxes, initial=0.0) < 0.0 or np.nanmin(gallery, initial=0.0) < 0.0):
-        a, b = np.sqrt(gallery), np.sqrt(boxes)
-    else:
-        a, b = gallery, boxes
-    with np.errstate(invalid="ignore", divide="ignore"):
-        a = a / np.linalg.norm(a, axis=1, keepdims=True)
-        b = b / np.linalg.norm(b, axis=1, keepdims=True)
-    return np.asarray(a @ b.T)
+    histograms = are_histograms(gallery, boxes)
+    return np.asarray(unit_vectors(gallery, histograms) @ unit_vectors(boxes, histograms).T)
 
 
 def bonus(cues: Cues, people: People, looks: list[Look], dimension: int) -> tuple[Floats, Floats]:
@@ -104,7 +143,7 @@ def bonus(cues: Cues, people: People, looks: list[Look], dimension: int) -> tupl
         taken = mine.any(axis=0)
         out[:, start:stop] += np.where(look.hint < 0, 0.0, np.where(mine, KEEPS, np.where(taken, TAKEN, 0.0)))
         if dimension:
-            out[:, start:stop] += log_ratio(cues.likeness, likeness(gallery, _appearance(look, dimension)))
+            out[:, start:stop] += log_ratio(cues.likeness, likeness(gallery, appearance_of(look, dimension)))
         start = stop
     return out, log_ratio(cues.score, score)
 
@@ -135,7 +174,7 @@ def remember(
         named = look.hint[box] >= 0
         hint[person[named], look.camera] = look.hint[box[named]]
         if dimension:
-            seen = _appearance(look, dimension)
+            seen = appearance_of(look, dimension)
             like = likeness(gallery, seen)
             _add(alike[SAME], like[mine])
             # Others: the boxes that are surely of somebody else
@@ -159,7 +198,7 @@ def _of(cues: Cues, people: People, dimension: int) -> tuple[Ints, Floats]:
     return hint, appearance
 
 
-def _appearance(look: Look, dimension: int) -> Floats:
+def appearance_of(look: Look, dimension: int) -> Floats:
     """(n, K) appearance of a look's boxes; NaN where the look has none."""
     if look.appearance.shape[1] == dimension:
         return look.appearance

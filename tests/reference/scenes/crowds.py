@@ -88,6 +88,8 @@ def crowd(
     hidden: float = 0.6,
     metre: float = 1.0,
     seed: int = 0,
+    colours: int = 0,
+    alike: float = 20.0,
 ) -> Crowd:
     """A crowd and its boxes.
 
@@ -103,8 +105,13 @@ def crowd(
         hidden: people of whom nearer ones cover more than this share are not detected.
         metre: in the scene's unit.
         seed: of everything.
+        colours: of a histogram of each box, Dirichlet about that of the person; 0: boxes have none.
+        alike: concentration of boxes' histograms about the person's; that of persons, and of nobody's boxes, is 1.
     """
     rng = np.random.default_rng(seed)
+    # Colours have draws of their own, so that boxes are the same with and without
+    paint = np.random.default_rng((seed, 1))
+    clothes = paint.dirichlet(np.ones(colours), people) if colours else np.zeros((people, 0))
     views = cameras_around(cameras, *size, metre=metre, seed=seed)
     truth = walk(people, frames, hz, *size, rng)
     height, girth = rng.normal(1.7, 0.09, people), rng.normal(0.52, 0.05, people)
@@ -115,18 +122,21 @@ def crowd(
         looks = []
         for c, view in enumerate(views):
             boxes, far = _bodies(view, truth[t], height, girth, ring, metre)
-            kept = [b for i, b in enumerate(boxes) if _seen(i, boxes, far, hidden, rng) and rng.random() > miss]
-            found = np.array(kept).reshape(-1, 4)
+            own = [i for i in range(people) if _seen(i, boxes, far, hidden, rng) and rng.random() > miss]
+            found = boxes[own].reshape(-1, 4)
             found = found + rng.normal(0.0, px, found.shape)
             nobody = []
             for _ in range(rng.poisson(false)):
                 w, u, v = rng.uniform(30.0, 120.0), rng.uniform(0.0, 1280.0), rng.uniform(50.0, 720.0)
                 nobody.append([u - 0.5 * w, v - 2.9 * w, u + 0.5 * w, v])
             found = np.concatenate([found, np.array(nobody).reshape(-1, 4)])
+            look = _histograms(clothes[own], len(nobody), alike, paint)
             # A detector's boxes end at the border of the image
             found = np.clip(found, 0.0, [1279.0, 719.0, 1279.0, 719.0])
-            found = found[(found[:, 2] - found[:, 0] > 4.0) & (found[:, 3] - found[:, 1] > 8.0)]
-            found = found[rng.permutation(len(found))]
+            large = (found[:, 2] - found[:, 0] > 4.0) & (found[:, 3] - found[:, 1] > 8.0)
+            found, look = found[large], look[large]
+            order = rng.permutation(len(found))
+            found, look = found[order], look[order]
             n = len(found)
             looks.append(
                 Look(
@@ -135,12 +145,21 @@ def crowd(
                     boxes=found,
                     score=np.full(n, np.nan),
                     hint=np.full(n, NOBODY),
-                    appearance=np.zeros((n, 0)),
+                    appearance=look,
                     row=np.arange(n),
                 )
             )
         moments.append(looks)
     return Crowd(Scene(cameras=views, length_unit="m" if metre == 1.0 else "cm"), moments, truth * metre)
+
+
+def _histograms(clothes: Floats, nobody: int, alike: float, rng: np.random.Generator) -> Floats:
+    """Histograms of the boxes of people in these clothes (n, K), and of so many boxes of nobody."""
+    K = clothes.shape[1]
+    if not K:
+        return np.zeros((len(clothes) + nobody, 0))
+    own = [rng.dirichlet(alike * c + 0.05) for c in clothes]
+    return np.array([*own, *rng.dirichlet(np.ones(K), nobody)]).reshape(-1, K)
 
 
 def _bodies(

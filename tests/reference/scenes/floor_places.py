@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from occlog.track.jipda.batch.appearance import Alike, no_sums
 from occlog.track.jipda.batch.chains import NONE, Chain, Places, Walk
+from occlog.track.jipda.cues import law_of
 
 WALK = Walk(
     drift=np.array([0.06, 1e-3, 1e-3]),
@@ -17,9 +19,10 @@ WALK = Walk(
 )
 
 
-def places_at(moment, at, worth):
-    """Places that a body of average size makes, with a constant that their boxes are worth."""
+def places_at(moment, at, worth, looks=None, sums=None):
+    """Places that a body of average size makes, with a constant that their boxes are worth, and how these look."""
     n = len(moment)
+    looks = (np.zeros((n, 0)), np.zeros(n)) if looks is None else looks
     J = np.zeros((n, 6, 6))
     J[:] = np.diag([40.0, 40.0, 0.0, 0.0, 100.0, 100.0])
     state = np.column_stack([at, np.zeros((n, 2)), np.full(n, 1.7), np.full(n, 0.5)])
@@ -37,10 +40,11 @@ def places_at(moment, at, worth):
         death=np.full(n, -2.0),
         hint=np.full((n, 2), NONE),
         life=np.zeros((0, 2)),
+        alike=Alike(*looks, law_of(np.zeros((2, 3)) if sums is None else sums)),
     )
 
 
-def chain_with(after, used):
+def chain_with(after, used, K=0):
     n = len(after)
     before = np.full(n, NONE)
     for i, j in enumerate(after):
@@ -49,5 +53,5 @@ def chain_with(after, used):
     return Chain(
         np.array(after), before, np.array(used), np.ones(n), np.zeros((n, 6)), np.zeros((n, 6, 6)), np.zeros(n),
         np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n), np.zeros(n, dtype=np.int64),
-        np.zeros(n, dtype=np.int64),
+        np.zeros(n, dtype=np.int64), no_sums(Alike(np.zeros((n, K)), np.zeros(n), None)),
     )  # fmt: skip

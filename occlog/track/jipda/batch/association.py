@@ -34,6 +34,8 @@ class Found(NamedTuple):
     c: Floats  # (N,)
     miss: Floats  # (N, C) log of the probability that a camera detects nobody there
     hint: Ints  # (N, 2 C) identity of the box of each camera by a tracker in its images, then by the filter; NONE
+    look: Floats  # (N, K) sum of how the boxes look
+    looks: Floats  # (N,) boxes of that sum
 
 
 class Expected(NamedTuple):
@@ -64,7 +66,7 @@ def associate(state: State, boxes: Boxes, rates: Rates, people: Expected, bonus:
     return Seen(who, there * after.share, there * after.joint, after.visible)
 
 
-def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, seen: Seen) -> Found:
+def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, appearance: Floats, seen: Seen) -> Found:
     """Give boxes to the people whose they are, and make new people of those that are left.
 
     Args:
@@ -72,6 +74,7 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, seen: Seen) -> Fo
         boxes: of the moment.
         rates: of the detectors.
         hint: (M, 2) identities of boxes, by trackers in the images and by the filter.
+        appearance: (M, K) vectors of length 1; NaN: none.
         seen: who are believed to be there, after the boxes.
     """
     people, share, joint = seen.people, seen.share, seen.joint
@@ -116,7 +119,12 @@ def find(state: State, boxes: Boxes, rates: Rates, hint: Ints, seen: Seen) -> Fo
         has = np.flatnonzero(given[look] >= 0)
         named[has, :, camera] = hint[given[look, has]]
     name_shared(named[:, 1], rows, joint, given, boxes)
-    return Found(track[rows], mean, given, J, h, constant, miss, named.reshape(len(rows), 2 * len(state.views.size)))
+    # How the boxes look, of those that have an appearance
+    shows = np.append(np.isfinite(appearance).all(axis=1) & (appearance.shape[1] > 0), False)[given]
+    vectors = np.append(np.nan_to_num(appearance), np.zeros((1, appearance.shape[1])), axis=0)[given]
+    look, looks = (vectors * shows[..., None]).sum(axis=0), shows.sum(axis=0, dtype=np.float64)
+    names = named.reshape(len(rows), 2 * len(state.views.size))
+    return Found(track[rows], mean, given, J, h, constant, miss, names, look, looks)
 
 
 def name_shared(followed: Ints, rows: Ints, joint: Floats, given: Ints, boxes: Boxes) -> None:

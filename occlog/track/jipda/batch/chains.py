@@ -2,8 +2,9 @@
 
 A state of the chain says for each place which place follows it in its track, if it is in one.  Its probability is the
 product over tracks of a birth, the marginal likelihood of the places under one person's walk, the misses between
-them, and a death; places outside all tracks are of nobody and count 1, because the constant of a place is the log
-ratio of its likelihood to that of boxes of nobody.  Three kinds of moves, each its own reverse, reach every state:
+them, how alike their boxes look (`appearance`), and a death; places outside all tracks are of nobody and count 1,
+because the constant of a place is the log ratio of its likelihood to that of boxes of nobody.  Three kinds of moves,
+each its own reverse, reach every state:
 
 * exchange of tails: the links i -> a and b -> j become i -> j and b -> a.  Where there is no a, no b, or neither, it
   is an extension, a cut, a merge;
@@ -26,6 +27,7 @@ from occlog.array_types import Bools, Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from ..interface import STATE
+from .appearance import Alike, Sums, sum_up, together
 from .messages import absorb, back, meet, predict, start
 
 NONE = -1
@@ -57,6 +59,7 @@ class Places(NamedTuple):
     death: Floats  # (n,) log of the probability that it is somebody's last place
     hint: Ints  # (n, 2 C) identities by a tracker in the camera's images, then by the filter; NONE: none
     life: Floats  # (I, 2) first and last time of each identity of the filter [s]
+    alike: Alike  # how they look
 
 
 class Walk(NamedTuple):
@@ -112,6 +115,7 @@ class Chain(NamedTuple):
     future: Floats  # (n,) their constants
     earlier: Ints  # (n,) how often the forward message was made anew
     later: Ints  # (n,) the same of the backward one
+    sums: Sums  # of how the boxes of tracks look
 
 
 @kernel
@@ -405,6 +409,7 @@ def renew_all(places: Places, walk: Walk, looked: Floats, chain: Chain) -> None:
     for k in range(places.moment.shape[0]):
         if chain.used[k] and chain.before[k] == NONE:
             renew(places, walk, looked, chain, k, NONE)
+            sum_up(places.alike, chain.sums, chain.before, chain.after, k)
         if chain.used[k] and chain.after[k] == NONE:
             renew(places, walk, looked, chain, NONE, k)
 
@@ -415,7 +420,7 @@ def total(places: Places, chain: Chain) -> float:
     value = 0.0
     for k in range(places.moment.shape[0]):
         if chain.used[k] and chain.after[k] == NONE:
-            value += chain.past[k] + places.death[k]
+            value += chain.past[k] + places.death[k] + together(places.alike, chain.sums, k, NONE, NONE)
     return value
 
 
@@ -477,6 +482,8 @@ def tails(
     then = known_link(places, walk, looked, listed, known, chain, i, j)
     if not (b == NONE and a == NONE):
         then += known_link(places, walk, looked, listed, known, chain, b, a)
+    then += together(places.alike, chain.sums, i, NONE, j) + together(places.alike, chain.sums, b, NONE, a)
+    now += together(places.alike, chain.sums, i, NONE, a) + together(places.alike, chain.sums, b, NONE, j)
     if not then - now > log_u:
         return 0
     chain.after[i] = j
@@ -490,6 +497,8 @@ def tails(
     choose(places, walk, looked, chain, b)
     renew(places, walk, looked, chain, j, i)
     renew(places, walk, looked, chain, a, b)
+    sum_up(places.alike, chain.sums, chain.before, chain.after, i)
+    sum_up(places.alike, chain.sums, chain.before, chain.after, a if a != NONE else b)
     return 1
 
 
@@ -508,6 +517,8 @@ def in_or_out(
             return 0
         now = known_link(places, walk, looked, listed, known, chain, i, k)
         then = known_link(places, walk, looked, listed, known, chain, i, j)
+        now += together(places.alike, chain.sums, i, k, j)
+        then += together(places.alike, chain.sums, i, NONE, j)
         if not then - now - log_options > log_u:
             return 0
         chain.used[k], chain.before[k], chain.after[k] = False, NONE, NONE
@@ -527,6 +538,8 @@ def in_or_out(
                 return 0
         now = known_link(places, walk, looked, listed, known, chain, i, j)
         then = with_place(places, walk, looked, chain, i, k, j)
+        now += together(places.alike, chain.sums, i, NONE, j)
+        then += together(places.alike, chain.sums, i, k, j)
         if not then - now + log_options > log_u:
             return 0
         chain.used[k], chain.before[k], chain.after[k] = True, i, j
@@ -539,6 +552,7 @@ def in_or_out(
     else:
         choose(places, walk, looked, chain, i)
         renew(places, walk, looked, chain, j, i)
+    sum_up(places.alike, chain.sums, chain.before, chain.after, k if chain.used[k] else (i if i != NONE else j))
     return 1
 
 
@@ -570,8 +584,11 @@ def places_change(
     now, then = 0.0, 0.0
     for one, other in ((k, m), (m, k)):
         if chain.used[one]:
-            now += known_link(places, walk, looked, listed, known, chain, chain.before[one], one)
-            then += with_place(places, walk, looked, chain, chain.before[one], other, chain.after[one])
+            i, j = chain.before[one], chain.after[one]
+            now += known_link(places, walk, looked, listed, known, chain, i, one)
+            then += with_place(places, walk, looked, chain, i, other, j)
+            now += together(places.alike, chain.sums, i, one, j)
+            then += together(places.alike, chain.sums, i, other, j)
     if not then - now > log_u:
         return 0
     ik, jk, im, jm = chain.before[k], chain.after[k], chain.before[m], chain.after[m]
@@ -587,4 +604,5 @@ def places_change(
     for one in (k, m):
         if chain.used[one]:
             enter(places, walk, looked, chain, one)
+            sum_up(places.alike, chain.sums, chain.before, chain.after, one)
     return 1

@@ -8,6 +8,7 @@ from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
 from ..interface import NOBODY, Event
+from .appearance import together
 from .chains import NONE, Candidates, Chain, Places, Walk, link, may_follow
 from .tracks import Span, Tracks, listed_of
 
@@ -66,6 +67,9 @@ def _exchanges(
                 continue
             now = link(places, walk, looked, chain, i, a) + link(places, walk, looked, chain, b, j)
             then = link(places, walk, looked, chain, i, j) + link(places, walk, looked, chain, b, a)
+            sums = chain.sums
+            now += together(places.alike, sums, i, NONE, a) + together(places.alike, sums, b, NONE, j)
+            then += together(places.alike, sums, i, NONE, j) + together(places.alike, sums, b, NONE, a)
             p = 1.0 / (1.0 + np.exp(min(now - then, 50.0)))
             if p >= LEAST:
                 before.append(i)

@@ -18,11 +18,12 @@ import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 
-from ..cues import log_ratio
+from ..cues import appearance_of, are_histograms, law_of, log_ratio, unit_vectors
 from ..detectors import blind_looks, leaving_rate, rates_of, turning_rate
 from ..filter import State, pack, support_of
 from ..interface import HEIGHT, NOBODY, Event, Look, Moment, Support
 from ..kernels.joint import Boxes, Rates
+from .appearance import together
 from .association import OWN, Expected, Seen, associate, find
 from .chains import NONE, OTHER_HINT, SAME_HINT
 from .doubts import doubts
@@ -83,24 +84,23 @@ def smooth(
     # What the filter followed through moments that the chain does not see tells it what it would have to find out anew
     followed = len(chosen) < len(moments)
     hints = [_identities(group, moment, followed) for group, moment in zip(looks, moments, strict=True)]
+    appearance, law = _appearances(looks), law_of(state.cues.likeness)
     seen = {k: _filtered(packed[k], looks[k], moments[k]) for k in chosen.tolist()}
     square = (FIRST * state.metre) ** 2
     for hottest, coming in zip(HOTTEST, (chosen, np.arange(len(moments))), strict=True):
-        found = [find(state, packed[k], rates_apart, hints[k], seen[k]) for k in chosen.tolist()]
-        tracks = tracks_from(found, apart, state.config, state.places, square, free=True)
+        found = [find(state, packed[k], rates_apart, hints[k], appearance[k], seen[k]) for k in chosen.tolist()]
+        tracks = tracks_from(found, apart, state.config, state.places, square, free=True, law=law)
         anneal(tracks, apart, generator, hottest)
         bridge(tracks, apart)
         tracks = tracks._replace(places=tracks.places._replace(moment=chosen[tracks.places.moment]))
         own, square = _scattered(tracks, span, square, state.metre)
-        seen = _again(state, packed, rates, hints, tracks, span, own, square, coming)
+        seen = _again(state, packed, rates, hints, appearance, tracks, span, own, square, coming)
     # Smooth: the scatter and the walk follow from each other
-    found = [
-        find(state, boxes, rates, hint, seen[k]) for k, (boxes, hint) in enumerate(zip(packed, hints, strict=True))
-    ]
-    tracks = tracks_from(found, span, state.config, state.places, square, free=False)
+    found = [find(state, packed[k], rates, hints[k], appearance[k], seen[k]) for k in range(len(moments))]
+    tracks = tracks_from(found, span, state.config, state.places, square, free=False, law=law)
     for _ in range(REFINEMENTS):
         own, square = _scattered(tracks, span, square, state.metre)
-        tracks = tracks_from(found, span, state.config, state.places, own, free=False)
+        tracks = tracks_from(found, span, state.config, state.places, own, free=False, law=law)
     return _moments(tracks, span, packed, looks, moments, seen, own, square)
 
 
@@ -174,6 +174,33 @@ def at_moments(span: Span, chosen: Ints) -> Span:
     return span._replace(time=span.time[chosen], looked=looked)
 
 
+def _appearances(looks: Sequence[Sequence[Look]]) -> list[Floats]:
+    """(M, K) vectors of length 1 of the boxes of each moment; NaN: a box has none."""
+    every = [look for group in looks for look in group]
+    dimension = max((look.appearance.shape[1] for look in every), default=0)
+    histograms = are_histograms(*(look.appearance for look in every))
+    return [
+        unit_vectors(np.concatenate([appearance_of(look, dimension) for look in group]), histograms) for group in looks
+    ]
+
+
+def _likeness(tracks: Tracks, head: Ints, place: Ints, boxes: Floats) -> Floats:
+    """(N, M) likeness of boxes (M, K) to those of tracks at other moments; NaN: one of them has none.
+
+    Args:
+        tracks: of the places.
+        head: (N,) first places of tracks.
+        place: (N,) place at the moment; NONE.
+        boxes: vectors of length 1.
+    """
+    look = tracks.chain.sums.later[head]
+    has = place != NONE
+    look[has] -= tracks.places.alike.total[place[has]]
+    if not look.shape[1]:
+        return np.full((len(look), len(boxes)), np.nan)
+    return np.asarray(unit_vectors(look, histograms=False) @ boxes.T)
+
+
 def _identities(group: Sequence[Look], moment: Moment, followed: bool) -> Ints:
     """(M, 2) identities of boxes: those of trackers in the images and, where it is `followed`, the filter's; NOBODY."""
     by_tracker = np.concatenate([look.hint for look in group]).astype(np.int64)
@@ -231,6 +258,7 @@ def _again(
     packed: Sequence[Boxes],
     rates: Rates,
     hints: Sequence[Ints],
+    appearance: Sequence[Floats],
     tracks: Tracks,
     span: Span,
     own: Floats,
@@ -253,6 +281,7 @@ def _again(
             np.where(walk.inside[rows], STAYED, STAYS),
         )
         bonus = _bonus(packed[k], hints[k][:, 0], tracks, walk.last[rows], walk.next[rows])
+        bonus += log_ratio(state.cues.likeness, _likeness(tracks, walk.head[rows], walk.place[rows], appearance[k]))
         out[k] = associate(state, packed[k], rates, people, bonus)
     return out
 
@@ -291,6 +320,7 @@ def _moments(
     has = walk.place != NONE
     number[walk.place[has]] = walk.track[has]
     odds[number[ends]] = tracks.chain.past[ends] + tracks.places.death[ends]
+    odds[number[ends]] += [together(tracks.places.alike, tracks.chain.sums, k, NONE, NONE) for k in ends.tolist()]
     existence = np.clip(1.0 / (1.0 + np.exp(-np.clip(odds, -50.0, 50.0))), 0.0, 1.0 - SUREST)
     identity = np.where(odds > 0.0, np.cumsum(odds > 0.0) - 1, NOBODY)
     exchanged = doubts(tracks, span, number, identity)

@@ -11,8 +11,10 @@ from scipy.optimize import linear_sum_assignment
 from occlog.array_types import Floats, Ints
 
 from ..config import JipdaConfig
+from ..cues import Law
 from ..people import GROWTH
 from ..place_map import CELL, PlaceMap, leaving_at
+from .appearance import Alike, no_sums, together
 from .association import Found
 from .chains import (
     NONE,
@@ -114,6 +116,7 @@ def tracks_from(
     known: PlaceMap,
     scatter: float | Floats,
     free: bool,
+    law: Law,
 ) -> Tracks:
     """The people of all moments as places, those of one track linked.
 
@@ -124,6 +127,7 @@ def tracks_from(
         known: where people leave.
         scatter: variance of a place about the walk, or that of each place (n,).
         free: the links are to be changed: those that the chain could not make are cut.
+        law: what likenesses of boxes say.
     """
     counts = [len(f.track) for f in found]
     moment = np.repeat(np.arange(len(found)), counts)
@@ -153,6 +157,7 @@ def tracks_from(
         death=np.log(np.minimum(wait * leaving + late, 1.0)),
         hint=hint,
         life=life,
+        alike=Alike(np.concatenate([f.look for f in found]), np.concatenate([f.looks for f in found]), law),
     )
     often = float(np.mean(1.0 - unseen)) if len(unseen) else 1.0
     reach = int(min(np.ceil(DETECTIONS / max(often, 1e-3)), MOST_REACH)) if free else T
@@ -207,6 +212,7 @@ def _chain(places: Places, walk: Walk, track: Ints, free: bool) -> Chain:
         future=np.zeros(n),
         earlier=np.zeros(n, dtype=np.int64),
         later=np.zeros(n, dtype=np.int64),
+        sums=no_sums(places.alike),
     )
 
 
@@ -250,6 +256,8 @@ def bridge(tracks: Tracks, span: Span) -> None:
             j = int(heads[b])
             joint = link(places, walk, span.looked, chain, i, j)
             gain[a, b] = joint - alone - link(places, walk, span.looked, chain, NONE, j)
+            for one, other, sign in ((i, j, 1.0), (i, NONE, -1.0), (NONE, j, -1.0)):
+                gain[a, b] += sign * together(places.alike, chain.sums, one, NONE, other)
     rows, columns = linear_sum_assignment(-np.maximum(gain, 0.0))
     for a, b in zip(rows.tolist(), columns.tolist(), strict=True):
         if gain[a, b] > 0.0:

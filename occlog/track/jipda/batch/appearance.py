@@ -1,0 +1,105 @@
+"""What the appearance of boxes says of tracks: how alike the boxes of a track are.
+
+The appearance of a box is a vector of length 1, so that the likeness of two boxes, Bhattacharyya's coefficient or the
+cosine, is their product.  With S the sum over the n boxes of a track, the likeness of a box to the mean of the others
+is on average
+
+    (|S|^2 / n - 1) / sqrt(|S|^2 (1 - 2 / n) + 1),
+
+exactly for two boxes, and as far as all boxes are as like S for more.  All boxes but one count the log of the ratio of
+the likelihoods that this likeness has if they are the same person's and if they are others', the filter's (`cues`).
+Since that depends on n and S alone, sums up to each place and from it on make a proposal of the chain cost one product,
+whatever the length of the tracks.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats, Ints
+from occlog.core.numerics.jit import kernel
+
+from ..cues import Law, log_ratio_at
+
+
+class Alike(NamedTuple):
+    """Appearance at n places, vectors of K numbers; K is 0 where boxes have none."""
+
+    total: Floats  # (n, K) sum over the boxes of the place
+    count: Floats  # (n,) boxes with an appearance
+    law: Law  # what likenesses say
+
+
+class Sums(NamedTuple):
+    """Sums over the boxes of tracks; changed in place."""
+
+    earlier: Floats  # (n, K) up to and with the place
+    earlier_count: Floats  # (n,)
+    later: Floats  # (n, K) from the place on
+    later_count: Floats  # (n,)
+
+
+def no_sums(alike: Alike) -> Sums:
+    """Sums that are to be made (`sum_up`)."""
+    return Sums(
+        np.zeros_like(alike.total), np.zeros_like(alike.count), np.zeros_like(alike.total), np.zeros_like(alike.count)
+    )
+
+
+@kernel
+def worth(law: Law, count: float, square: float) -> float:
+    """Log likelihood ratio of so many boxes whose vectors' sum has this squared length being one person's."""
+    if count < 2.0:
+        return 0.0
+    likeness = (square / count - 1.0) / math.sqrt(max(square * (1.0 - 2.0 / count) + 1.0, 1e-12))
+    return (count - 1.0) * log_ratio_at(law, likeness)
+
+
+@kernel
+def together(alike: Alike, sums: Sums, i: int, k: int, j: int) -> float:
+    """Log likelihood ratio of the boxes up to place i, those of k, and those from j on being one person's; -1: none."""
+    if alike.total.shape[1] == 0:
+        return 0.0
+    count, square = 0.0, 0.0
+    for a in range(alike.total.shape[1]):
+        value = 0.0
+        if i >= 0:
+            value += sums.earlier[i, a]
+        if k >= 0:
+            value += alike.total[k, a]
+        if j >= 0:
+            value += sums.later[j, a]
+        square += value * value
+    if i >= 0:
+        count += sums.earlier_count[i]
+    if k >= 0:
+        count += alike.count[k]
+    if j >= 0:
+        count += sums.later_count[j]
+    return worth(alike.law, count, square)
+
+
+@kernel
+def sum_up(alike: Alike, sums: Sums, before: Ints, after: Ints, k: int) -> None:
+    """Sum up the track of place k in both directions; -1: there is none."""
+    if k < 0 or alike.total.shape[1] == 0:
+        return
+    while before[k] >= 0:
+        k = before[k]
+    i = -1
+    while k >= 0:
+        sums.earlier[k], sums.earlier_count[k] = alike.total[k], alike.count[k]
+        if i >= 0:
+            sums.earlier[k] += sums.earlier[i]
+            sums.earlier_count[k] += sums.earlier_count[i]
+        i, k = k, after[k]
+    j, k = -1, i
+    while k >= 0:
+        sums.later[k], sums.later_count[k] = alike.total[k], alike.count[k]
+        if j >= 0:
+            sums.later[k] += sums.later[j]
+            sums.later_count[k] += sums.later_count[j]
+        j, k = k, before[k]

@@ -1,0 +1,128 @@
+"""How alike the boxes of tracks look, against a slow evaluation box by box."""
+
+import itertools
+
+import numpy as np
+import pytest
+from floor_places import WALK, chain_with, places_at
+
+from occlog.track.jipda.batch.appearance import sum_up, worth
+from occlog.track.jipda.batch.chains import NONE, candidates, nothing_known, renew_all, sweep, total
+from occlog.track.jipda.cues import law_of, likeness, log_ratio
+
+SUMS = np.array([[200.0, 180.0, 162.5], [300.0, 180.0, 111.0]])
+"""Likenesses of 0.9 +- 0.05 to the same person, of 0.6 +- 0.1 to others."""
+
+
+def vectors(n, K, rng, person=None):
+    """Roots of histograms, those of a person alike."""
+    clothes = rng.dirichlet(np.ones(K), n)
+    person = np.arange(n) if person is None else person
+    return np.sqrt(np.array([rng.dirichlet(30.0 * clothes[p] + 0.05) for p in person]))
+
+
+def test_two_boxes_are_worth_what_the_filter_says_and_one_nothing():
+    a, b = vectors(2, 6, np.random.default_rng(0))
+    law = law_of(SUMS)
+    expected = log_ratio(SUMS, likeness(a[None] ** 2, b[None] ** 2))[0, 0]
+    assert worth(law, 2.0, float((a + b) @ (a + b))) == pytest.approx(expected)
+    assert worth(law, 1.0, 1.0) == worth(law, 0.0, 0.0) == 0.0
+
+
+@pytest.mark.parametrize("person", [[0] * 8, [0, 0, 0, 0, 1, 1, 1, 1]], ids=["one person", "two people"])
+def test_the_likeness_of_a_track_is_about_that_of_its_boxes_to_the_mean_of_the_others(person):
+    v = vectors(8, 6, np.random.default_rng(1), person)
+    S = v.sum(axis=0)
+    others = S - v
+    each = (v * others).sum(axis=1) / np.linalg.norm(others, axis=1)
+    # So wide that the ratio is nearly linear, and not at its bound
+    wide = np.array([[1e9, 0.8e9, (0.64 + 0.25) * 1e9], [1e9, 0.6e9, (0.36 + 0.25) * 1e9]])
+    expected = 7.0 * log_ratio(wide, each).mean()
+    assert worth(law_of(wide), 8.0, float(S @ S)) == pytest.approx(expected, abs=7.0 * 0.8 * 0.02)
+
+
+def coloured(rng, moments=6, bare=3):
+    """Two people who walk side by side, a box or two a place; some places have none with an appearance."""
+    n = 2 * moments
+    count = rng.integers(1, 3, n).astype(float)
+    count[rng.choice(n, bare, replace=False)] = 0.0
+    look = vectors(n, 5, rng, np.arange(n) % 2) * count[:, None]
+    moment = np.repeat(np.arange(moments), 2)
+    at = np.column_stack([0.25 * moment, np.where(np.arange(n) % 2, 0.3, -0.3)]) + rng.normal(0.0, 0.1, (n, 2))
+    return moment, at, look, count
+
+
+def textbook(look, count, after, used):
+    """The log likelihood ratios of all tracks, each from its boxes."""
+    out = 0.0
+    for head in set(np.flatnonzero(used).tolist()) - {j for j in after if j != NONE}:
+        track = [head]
+        while after[track[-1]] != NONE:
+            track.append(after[track[-1]])
+        n, S = count[track].sum(), look[track].sum(axis=0)
+        if n >= 2.0:
+            mean = (S @ S / n - 1.0) / np.sqrt(S @ S * (1.0 - 2.0 / n) + 1.0)
+            out += (n - 1.0) * log_ratio(SUMS, np.array([mean]))[0]
+    return out
+
+
+@pytest.mark.jit
+def test_the_density_of_the_chain_is_that_of_places_times_that_of_looks_through_all_moves():
+    rng = np.random.default_rng(2)
+    moment, at, look, count = coloured(rng)
+    worths = np.full(len(moment), 4.0)
+    places, bare = places_at(moment, at, worths, (look, count), SUMS), places_at(moment, at, worths)
+    looked = np.arange(7.0)[:, None]
+    chain = chain_with([NONE] * 12, [False] * 12, 5)
+    listed = candidates(places, WALK, 1.5)
+    known = nothing_known(listed)
+    moved = 0
+    for _ in range(20):
+        moved += sweep(places, WALK, looked, listed, known, chain, 10.0, rng.random((40, 4)))
+        after, used = chain.after.tolist(), chain.used.tolist()
+        plain = chain_with(after, used)
+        renew_all(bare, WALK, looked, plain)
+        expected = total(bare, plain) + textbook(look, count, after, used)
+        renew_all(places, WALK, looked, chain)
+        assert total(places, chain) == pytest.approx(expected, abs=1e-6)
+    assert moved > 100
+    # Sums that moves have kept are those of the tracks
+    sweep(places, WALK, looked, listed, known, chain, 10.0, rng.random((40, 4)))
+    fresh = chain_with(chain.after.tolist(), chain.used.tolist(), 5)
+    for head in np.flatnonzero(chain.used & (chain.before == NONE)).tolist():
+        sum_up(places.alike, fresh.sums, fresh.before, fresh.after, head)
+    for kept, made in zip(chain.sums, fresh.sums, strict=True):
+        np.testing.assert_allclose(kept[chain.used], made[chain.used], atol=1e-12)
+
+
+@pytest.mark.jit
+def test_the_chain_visits_associations_as_often_as_places_and_looks_make_them_probable():
+    rng = np.random.default_rng(3)
+    look = vectors(4, 5, rng, [0, 1, 0, 1])
+    at = [[0.0, 0.0], [0.4, 0.0], [0.25, 0.1], [0.2, 0.2]]
+    # Enough is known to count, and not so much that one association is all
+    sums = np.array([[30.0, 27.0, 25.5], [30.0, 21.0, 16.5]])
+    places = places_at([0, 0, 1, 1], at, np.full(4, 4.0), (look, np.ones(4)), sums)
+    looked = np.arange(3.0)[:, None]
+    states = {}
+    for one, other in itertools.product([NONE, 2, 3], [NONE, 2, 3]):
+        if one == other != NONE:
+            continue
+        after = (one, other, NONE, NONE)
+        linked = {k for k, j in enumerate(after) if j != NONE} | {one, other} - {NONE}
+        for used in itertools.product(*[[True] if k in linked else [False, True] for k in range(4)]):
+            chain = chain_with(after, used, 5)
+            renew_all(places, WALK, looked, chain)
+            states[after, used] = total(places, chain)
+    value = np.array(list(states.values()))
+    probability = np.exp(value - value.max())
+    probability /= probability.sum()
+    listed = candidates(places, WALK, 1.5)
+    known, chain = nothing_known(listed), chain_with([NONE] * 4, [False] * 4, 5)
+    visits = dict.fromkeys(states, 0)
+    for _ in range(4000):
+        sweep(places, WALK, looked, listed, known, chain, 1.0, rng.random((12, 4)))
+        visits[tuple(chain.after.tolist()), tuple(chain.used.tolist())] += 1
+    often = np.array(list(visits.values())) / 4000
+    assert 0.5 * np.abs(often - probability).sum() < 0.05
+    assert probability.max() < 0.95
