@@ -88,7 +88,7 @@ def log_ratio_at(law: Law, value: float) -> float:
     out = out * law.least / (law.least + ENOUGH)
     if math.isnan(out):
         return 0.0
-    return min(max(out, -MOST), MOST)
+    return float(min(max(out, -MOST), MOST))
 
 
 @kernel

@@ -29,7 +29,7 @@ class Alike(NamedTuple):
     """Appearance at n places, vectors of K numbers; K is 0 where boxes have none."""
 
     total: Floats  # (n, K) sum over the boxes of the place
-    count: Floats  # (n,) boxes with an appearance
+    boxes: Floats  # (n,) boxes with an appearance
     law: Law  # what likenesses say
 
 
@@ -45,7 +45,7 @@ class Sums(NamedTuple):
 def no_sums(alike: Alike) -> Sums:
     """Sums that are to be made (`sum_up`)."""
     return Sums(
-        np.zeros_like(alike.total), np.zeros_like(alike.count), np.zeros_like(alike.total), np.zeros_like(alike.count)
+        np.zeros_like(alike.total), np.zeros_like(alike.boxes), np.zeros_like(alike.total), np.zeros_like(alike.boxes)
     )
 
 
@@ -76,7 +76,7 @@ def together(alike: Alike, sums: Sums, i: int, k: int, j: int) -> float:
     if i >= 0:
         count += sums.earlier_count[i]
     if k >= 0:
-        count += alike.count[k]
+        count += alike.boxes[k]
     if j >= 0:
         count += sums.later_count[j]
     return worth(alike.law, count, square)
@@ -91,14 +91,14 @@ def sum_up(alike: Alike, sums: Sums, before: Ints, after: Ints, k: int) -> None:
         k = before[k]
     i = -1
     while k >= 0:
-        sums.earlier[k], sums.earlier_count[k] = alike.total[k], alike.count[k]
+        sums.earlier[k], sums.earlier_count[k] = alike.total[k], alike.boxes[k]
         if i >= 0:
             sums.earlier[k] += sums.earlier[i]
             sums.earlier_count[k] += sums.earlier_count[i]
         i, k = k, after[k]
     j, k = -1, i
     while k >= 0:
-        sums.later[k], sums.later_count[k] = alike.total[k], alike.count[k]
+        sums.later[k], sums.later_count[k] = alike.total[k], alike.boxes[k]
         if j >= 0:
             sums.later[k] += sums.later[j]
             sums.later_count[k] += sums.later_count[j]
