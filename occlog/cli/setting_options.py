@@ -75,7 +75,7 @@ def _type_of(settings: type[Settings], f: Field[object]) -> click.ParamType[Any]
             return click.INT
         whole = (None if low is None else int(low), None if high is None else int(high))
         return click.IntRange(*whole, min_open=said.above is not None, max_open=said.below is not None)
-    if said.apart:
+    if said.apart or (kind is float and low is None and high is None):
         return AnyFinite()
     if kind is float:
         low, high = (end if not end or said.scale == 1.0 else end / said.scale for end in (low, high))

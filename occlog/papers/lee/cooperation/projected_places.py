@@ -63,8 +63,8 @@ def sights_of(cameras: tuple[Camera, ...], bearing: Floats, sigma: float) -> Sig
 def relocated(request: CameraRequest, scene: Scene, way: Projection) -> CameraRequest:
     """Return a request whose answer has the place of the model instead of that where two sight lines cross.
 
-    Two lines go through the place where they cross, so that its bearings are theirs.  Where the model has no
-    place, the request is in vain.
+    Two lines go through the place where they cross, so that its bearings are theirs.  The covariance stays that
+    of the crossing.  Where the model has no place, the request is in vain.
     """
     answer = request.answer
     if answer.place is None or len(request.cameras) != 2:
