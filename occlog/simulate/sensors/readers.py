@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from occlog.settings import METRES
 from occlog.simulate.config import ReadConfig
 from occlog.simulate.world.truth_grid import truth_grid
 
-PLAIN = ReadConfig()
-
 
 @dataclass
 class SimulatedReader:
@@ -28,20 +26,21 @@ class SimulatedReader:
     noise: np.random.Generator  # of the strengths
     chance: np.random.Generator  # of which tags are read
     shadow: np.random.Generator  # of the shadowing
-    level: Floats | None = None  # (n,) [dB]
+    levels: dict[int, float] = field(default_factory=dict)  # by tag [dB]
     last_ns: int = 0
 
-    def shadowing(self, t_ns: Ints, tags: int, config: ReadConfig) -> Floats:
+    def shadowing(self, t_ns: Ints, ids: Ints, config: ReadConfig) -> Floats:
         """Draw the (T, n) shadowing [dB] of n tags at T times: stationary Ornstein-Uhlenbeck processes."""
-        normals = self.shadow.standard_normal((len(t_ns), tags))
+        normals = self.shadow.standard_normal((len(t_ns), len(ids)))
+        level = np.array([self.levels.get(i, np.nan) for i in ids.tolist()])
         out = np.empty(normals.shape)
         for k, now in enumerate(t_ns.tolist()):
-            if self.level is None:
-                self.level = config.shadow_db * normals[k]
-            else:
-                decay = np.exp(-(now - self.last_ns) / NS / config.shadow_s)
-                self.level = decay * self.level + config.shadow_db * np.sqrt(1.0 - decay**2) * normals[k]
-            out[k], self.last_ns = self.level, now
+            decay = np.exp(-(now - self.last_ns) / NS / config.shadow_s)
+            carried = decay * level + config.shadow_db * np.sqrt(1.0 - decay**2) * normals[k]
+            # A tag that is new begins with the stationary distribution
+            level = np.where(np.isnan(level), config.shadow_db * normals[k], carried)
+            out[k], self.last_ns = level, now
+        self.levels = dict(zip(ids.tolist(), level.tolist(), strict=True))
         return out
 
 
@@ -98,7 +97,7 @@ def _read(own: SimulatedReader, look: SensorFrames, xyz: Floats, ids: Ints, metr
     """
     reader, shape = own.reader, xyz.shape[:2]
     noise, chance = own.noise.standard_normal(shape), own.chance.random(shape)
-    shadow = own.shadowing(look.t_ns, len(ids), config)
+    shadow = own.shadowing(look.t_ns, ids, config)
     to = xyz - reader.position
     # Range, on the floor
     floor = np.hypot(to[..., 0], to[..., 1])

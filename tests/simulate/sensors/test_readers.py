@@ -94,3 +94,17 @@ def test_chunks_do_not_change_what_is_read_and_a_rate_of_its_own_is_kept() -> No
     split = read(scene(rate_hz=2.0), config, *parts, seed=5)
     assert split.t_ns.tolist() == whole.t_ns.tolist()
     np.testing.assert_allclose(split.rssi, whole.rssi)
+
+
+def test_a_tag_that_comes_later_has_a_shadowing_of_its_own() -> None:
+    both = grid([[(1.0, 0.0, 2.0), (1.0, 0.0, 2.0)]] * 6)
+    alone = Grid(both.t_ns[:3], both.ids[[0, 2]], both.target[[0, 2]], both.xyz[:3][:, [0, 2]])
+    later = both._replace(t_ns=both.t_ns[3:], xyz=both.xyz[3:])
+    still = ReadConfig(detection=1.0, noise_db=0.0, shadow_db=3.0, shadow_s=1e12)
+    found = read(scene(), still, alone, later)
+    first, second = (found.rssi[found.target_id == n] for n in (3, 12))
+    assert (len(first), len(second)) == (6, 3)
+    # Shadowing that lasts stays as it was for the tag that was there, and is another one for the tag that comes.
+    np.testing.assert_allclose(first, first[0], atol=1e-4)
+    np.testing.assert_allclose(second, second[0], atol=1e-4)
+    assert abs(first[0] - second[0]) > 0.1
