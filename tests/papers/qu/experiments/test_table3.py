@@ -100,10 +100,27 @@ def test_table3_has_both_rates_of_all_methods_and_says_whose_the_printed_ones_ar
     assert len(words) == 2 * 6 + 3
 
 
+def test_table3_tells_the_deviation_of_the_trackers_from_that_of_the_videos() -> None:
+    rng = np.random.default_rng(1)
+    rates = 10.0 + 3.0 * rng.standard_normal((4000, 1)) + 2.0 * rng.standard_normal((4000, 2))
+    found = table3.deviations(rates)
+    assert found["sd_trackers"] == pytest.approx(2.0, rel=0.05)
+    assert found["sd_videos"] == pytest.approx(3.0, rel=0.05)
+    assert table3.deviations(np.array([[1.0, 3.0], [3.0, 1.0]]))["sd_videos"] == 0.0
+
+
+def test_table3_runs_each_method_on_each_video_with_several_seeds() -> None:
+    specs = []
+    table3.TABLE3.compute(Size(2, 40, seed=5), lambda given: specs.extend(given) or made_up(given))
+    assert [spec["seed"] for spec in specs] == [6, 7]
+    seeds = {own["track_seed"] for label, own in specs[0]["methods"].items() if own["method"] == "bmct"}
+    assert seeds == {6, 10_006}
+
+
 def test_table3_finds_what_does_not_hold() -> None:
     def reversed_order(specs):
         swap = {"mipf": "bmct", "bmct": "mipf", "cmct": "idmot", "idmot": "cmct"}
-        return [{f"{swap[k.split('.')[0]]}.{k.split('.')[1]}": x for k, x in r.items()} for r in made_up(specs)]
+        return [{f"{swap[k.split(' ')[0]]} {k.split(' ')[1]}": x for k, x in r.items()} for r in made_up(specs)]
 
     words = found(table3.TABLE3.judge(table3.TABLE3.compute(Size(12, 40), reversed_order)))
     for rate in RATES:
