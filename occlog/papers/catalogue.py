@@ -15,7 +15,7 @@ from occlog.papers.lee.appearance.coefficient import COEFFICIENT
 from occlog.papers.lee.appearance.faces import FACES
 from occlog.papers.lee.appearance.motion import MOTION
 from occlog.papers.lee.cooperation.drawn_cases import DRAWN_EXPERIMENTS
-from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS
+from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS, OPEN_EXPERIMENTS
 from occlog.papers.lee.cooperation.parallel_projection import SEC3_2_2
 from occlog.papers.lee.cooperation.room import ROOM_EXPERIMENTS
 from occlog.papers.lee.fusion.cases import DECISION_EXPERIMENTS
@@ -69,8 +69,9 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
         scenarios.COUNTED,
         # Chapter 3
         SEC3_2_2,
-        *FIELD_EXPERIMENTS,
+        *OPEN_EXPERIMENTS,
         *DRAWN_EXPERIMENTS,
+        *FIELD_EXPERIMENTS,
         *ROOM_EXPERIMENTS,
         # Chapter 4
         *DECISION_EXPERIMENTS,

@@ -296,4 +296,5 @@ TABLE3_1 = Experiment(
     note=NOTE,
     trial=cooperation_trial,
 )
-FIELD_EXPERIMENTS = (FIG3_4, FIG3_6, FIG3_14, TABLE3_1)
+OPEN_EXPERIMENTS = (FIG3_4, FIG3_6)
+FIELD_EXPERIMENTS = (FIG3_14, TABLE3_1)

@@ -9,12 +9,12 @@ from occlog.papers.catalogue import PAPERS
 from occlog.papers.lee.cooperation import field
 from occlog.papers.lee.cooperation import room as walls
 from occlog.papers.lee.cooperation.environments import environment
-from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS
+from occlog.papers.lee.cooperation.field import FIELD_EXPERIMENTS, OPEN_EXPERIMENTS
 from occlog.papers.lee.cooperation.room import ROOM_EXPERIMENTS
 from occlog.papers.lee.cooperation.trial import cooperation_spec, cooperation_trial
 from occlog.papers.verdicts.model import Row, Size
 
-EXPERIMENTS = (*FIELD_EXPERIMENTS, *ROOM_EXPERIMENTS)
+EXPERIMENTS = (*OPEN_EXPERIMENTS, *FIELD_EXPERIMENTS, *ROOM_EXPERIMENTS)
 
 
 SIZE = Size(2, 60, True)
