@@ -45,8 +45,9 @@ def truth(rows: int = 3) -> Truth:
 
 
 def table(path: Path, rows: int = 3, losses: tuple[Loss, ...] = (), unit: str = "m") -> Path:
-    write_table(path, truth(rows), Provenance("test", losses=losses), length_unit=unit)
-    return path
+    plain = path.with_suffix(".parquet")
+    write_table(plain, truth(rows), Provenance("test", losses=losses), length_unit=unit)
+    return plain.rename(path)
 
 
 def recording(path: Path, scene: Scene | None = None, losses: tuple[Loss, ...] = (), rows: int = 3) -> Path:

@@ -16,13 +16,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, NamedTuple, Self
 
-from occlog.errors import OcclogError, OutputError, OutputExistsError
+from occlog.errors import OcclogError, OutputError, OutputExistsError, UsageError
 
 PARTIAL = ".partial"
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
     """Raise unless `path` may become an output: before any work is done for it."""
+    if str(path) == "-":
+        raise UsageError("-: nothing is written to standard output; name a file")
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
     if path.exists() and not overwrite:

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from occlog.errors import InputError
+from occlog.errors import InputError, UsageError
 from occlog.records.columns import Column, Table
 
 from .atomic import Together, open_output
@@ -28,6 +28,11 @@ from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 SCHEMA_KEY = "occlog.schema"
 ROWS_PER_GROUP = 65_536
 BYTES_PER_GROUP = 4 * 1024 * 1024
+NAMED_OTHERWISE = (
+    *(".csv", ".tsv", ".txt", ".json", ".jsonl", ".geojson", ".xlsx", ".feather", ".arrow", ".npz", ".mat"),
+    *(".yaml", ".yml", ".html", ".png", ".svg", ".mcap", ".mp4", ".gz"),
+)
+"""Endings of names that promise another format than that of tables."""
 T = TypeVar("T", bound=Table)
 
 _ARROW = {
@@ -106,6 +111,13 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
     return np.array(values.to_numpy(zero_copy_only=False), dtype=c.dtype)
 
 
+def check_table_name(path: Path) -> None:
+    """UsageError for an output whose name promises another format than Parquet."""
+    suffix = Path(path).suffix.lower()
+    if suffix in NAMED_OTHERWISE:
+        raise UsageError(f"{path}: tables are written as Parquet, not {suffix}; name it {Path(path).stem}.parquet")
+
+
 class TableWriter:
     """Writes a table chunk by chunk; the file appears when the block ends without an error."""
 
@@ -121,8 +133,9 @@ class TableWriter:
     ) -> None:
         """Prepare to write `table` to `path`; OutputExistsError if it is there and may not be replaced.
 
-        With `together` the file appears at its end.
+        With `together` the file appears at its end.  UsageError for a name that promises another format.
         """
+        check_table_name(path)
         self.rows = 0
         self._table = table
         self._schema = arrow_schema(table, provenance, length_unit)

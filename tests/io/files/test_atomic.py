@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from occlog.errors import OutputError, OutputExistsError
+from occlog.errors import OutputError, OutputExistsError, UsageError
 from occlog.io.files import atomic
 
 WRITER = """
@@ -178,3 +178,8 @@ def test_leftovers_of_killed_writers_are_removed(tmp_path: Path) -> None:
     atomic.write_bytes(tmp_path / "a.bin", b"new")
     assert not stale.exists()
     assert live.exists()
+
+
+def test_standard_output_is_refused() -> None:
+    with pytest.raises(UsageError, match="nothing is written to standard output; name a file"):
+        atomic.check_writable(Path("-"), overwrite=True)

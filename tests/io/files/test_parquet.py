@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from occlog.errors import InputError, OutputExistsError
+from occlog.errors import InputError, OutputExistsError, UsageError
 from occlog.io.files import parquet
 from occlog.io.files.provenance import Provenance
 from occlog.records.gallery import MOST_BINS, OTHER, AppearanceMatches, Gallery
@@ -244,3 +244,16 @@ def test_appearance_is_a_fixed_list(tmp_path: Path) -> None:
     table.appearance[1] = np.arange(APPEARANCE_BINS)
     parquet.write_table(path, table, PROVENANCE)
     assert parquet.read_table(path, Views).appearance[1].tolist() == list(range(APPEARANCE_BINS))
+
+
+@pytest.mark.parametrize(
+    ("name", "good"), [("t.parquet", True), ("t", True), ("t.pq", True), ("t.csv", False), ("t.JSON", False)]
+)
+def test_a_name_that_promises_another_format_is_refused(tmp_path: Path, name: str, good: bool) -> None:
+    if good:
+        parquet.write_table(tmp_path / name, Tracks.empty(), Provenance("test"))
+        assert (tmp_path / name).is_file()
+        return
+    with pytest.raises(UsageError, match=r"tables are written as Parquet, not \.\w+; name it t\.parquet"):
+        parquet.write_table(tmp_path / name, Tracks.empty(), Provenance("test"))
+    assert not (tmp_path / name).exists()
