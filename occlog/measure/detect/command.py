@@ -46,6 +46,13 @@ OF_FUSION = [
     help="A box [px] around a target in one frame, from which its appearance is learnt; may be repeated.",
 )
 @click.option(
+    "--near",
+    type=options.PATH,
+    default=None,
+    metavar="TRACKS",
+    help="Look for each target only around where its track says that it is, by the time before the frame.",
+)
+@click.option(
     "--learn/--no-learn",
     default=True,
     show_default=True,
@@ -66,6 +73,7 @@ def command(
     only: str,
     references: Path | None,
     boxes: tuple[str, ...],
+    near: Path | None,
     learn: bool,
     fuse: bool,
     workers: int | None,
@@ -90,7 +98,7 @@ def command(
 
     from .run import DetectRequest, run_detect
 
-    options.check_outputs([recording, scene, references], [output, views], overwrite)
+    options.check_outputs([recording, scene, references, near], [output, views], overwrite)
     request = DetectRequest(
         recording=recording,
         scene=scene,
@@ -98,6 +106,7 @@ def command(
         references=references,
         boxes=boxes,
         learn=learn,
+        near=near,
         settings=given(DetectConfig, values),
         workers=workers or os.cpu_count() or 1,
         fusion=given(FuseConfig, values) if fuse else None,

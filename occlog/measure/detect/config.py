@@ -119,6 +119,12 @@ class DetectConfig(Settings):
         option="--sigma-scale",
     )
     min_confidence: float = setting(0.3, "Of a detector's box.", at_least=0, at_most=1, option="--min-confidence")
+    near_gate: float = setting(
+        3.0,
+        "Standard deviations from the predicted direction within which a target is looked for; with --near.",
+        above=0,
+        option="--near-gate",
+    )
     labels: str | None = setting(
         None,
         f"Identities of boxes are targets: {GLOBAL}, the same one in all cameras; {CAMERA}, each camera's own, "
@@ -131,7 +137,7 @@ class DetectConfig(Settings):
 
 def parameters(config: DetectConfig) -> dict[str, object]:
     """The settings and constants that a detection in images depends on, for its provenance."""
-    return {name: value for name, value in asdict(config).items() if name != "labels"} | {
+    return {name: value for name, value in asdict(config).items() if name not in ("labels", "near_gate")} | {
         "clean_px": CLEAN_PX,
         "max_foreground": MAX_FOREGROUND,
         "strength": STRENGTH,

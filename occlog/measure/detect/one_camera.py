@@ -26,6 +26,7 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
 
 from .config import CLEAN_PX, LEAST, MAX_FOREGROUND, PENALTY, STRENGTH, DetectConfig
+from .near import Near
 from .target import Target, TargetMemory
 
 UNKNOWN_SIDE_PX = 960  # longer side of shrunk images where the size of people is not known
@@ -58,6 +59,7 @@ class CameraState:
     setup: CameraSetup | None = None
     seen: int = 0  # frames given to the background model
     memory: TargetMemory = field(default_factory=TargetMemory)
+    near: Near | None = None  # where targets are thought to be; None: they are looked for everywhere
 
 
 @dataclass(frozen=True)

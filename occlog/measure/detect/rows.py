@@ -13,6 +13,7 @@ from occlog.records.tables import Bearings, Views
 
 from .bearing import BearingNoise, Sights, shape_covariance, sights
 from .config import LONE_TARGET_ID
+from .near import allowed
 from .one_camera import CameraState, FrameRegions
 from .target import choose, likenesses
 
@@ -38,7 +39,7 @@ def to_tables(state: CameraState, found: Sequence[FrameRegions]) -> tuple[Views,
     covs = shape_covariance(r.person, r.fill, _cut(r.boxes, state.setup.shape[1]), noise)
     seen = sights(state.camera, r.means, covs, r.covs, r.person, noise)
     like = likenesses(r.appearance, state.targets)
-    chosen = _choose(state, frames, like)
+    chosen = _choose(state, frames, like, seen)
     return _views(state, frames, seen, like, chosen), _bearings(state, frames, seen, like, chosen)
 
 
@@ -60,14 +61,25 @@ def _cut(boxes: Floats, width: int) -> Bools:
     return cut
 
 
-def _choose(state: CameraState, frames: _Frames, like: Floats) -> Ints:
+def _choose(state: CameraState, frames: _Frames, like: Floats, seen: Sights) -> Ints:
     """(F, T) row of each target's region among all regions, -1 = not seen."""
-    chosen = []
+    chosen, may_be = [], _near(state, frames, seen)
     for t_ns, a, b in zip(frames.t_ns.tolist(), frames.first[:-1], frames.first[1:], strict=True):
         mine = Regions(*(column[a:b] for column in frames.regions))
-        one = choose(t_ns, mine, like[a:b], state.memory, state.config.likeness)
+        may = None if may_be is None else may_be[a:b]
+        one = choose(t_ns, mine, like[a:b], state.memory, state.config.likeness, may)
         chosen.append(np.where(one >= 0, one + a, -1))
     return np.array(chosen)
+
+
+def _near(state: CameraState, frames: _Frames, seen: Sights) -> Bools | None:
+    """(K, T) regions that are near where each target is thought to be; None: nothing is said, or without a pose."""
+    near, camera = state.near, state.camera
+    if near is None or not camera.placed:
+        return None
+    t_ns = np.repeat(frames.t_ns, np.diff(frames.first))
+    columns = [allowed(near, k, camera.ground, t_ns, seen.bearing, seen.sigma) for k in _target_ids(state)]
+    return np.column_stack(columns)
 
 
 def _target_ids(state: CameraState) -> list[int]:

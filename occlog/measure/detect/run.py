@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from occlog.array_types import Floats
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.inputs import check_input
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
+from occlog.io.open import open_input
 from occlog.io.recording.reader import Recording, open_recording
 from occlog.measure.detections import Detections
 from occlog.measure.fuse.cameras import placed_cameras
@@ -24,13 +26,14 @@ from occlog.measure.fuse.run import FuseTally
 from occlog.measure.fuse.stage import fuse
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Boxes, Views
+from occlog.records.tables import Bearings, Boxes, Tracks, Views
 from occlog.settings import configure
 
 from .config import DetectConfig, parameters
 from .from_boxes import detect_boxes
 from .labels import survey_labels
 from .learning import TargetBox, learn
+from .near import Near, limited, near_of
 from .one_camera import upright
 from .stage import Learned, detect
 from .target import Target
@@ -48,12 +51,13 @@ class DetectRequest:
     learn: bool  # look through the recording first
     settings: dict[str, object]  # of `DetectConfig`, as far as they were given
     workers: int
+    near: Path | None = None  # tracks around which targets are looked for; None: everywhere
     fusion: dict[str, object] | None = None  # settings of `FuseConfig` that were given; None: no fusion
 
     @property
     def inputs(self) -> list[Path]:
         """Every file that is read."""
-        return [p for p in (self.recording, self.scene, self.references) if p is not None]
+        return [p for p in (self.recording, self.scene, self.references, self.near) if p is not None]
 
 
 def run_detect(
@@ -147,6 +151,11 @@ def _detections(
     if recording.cameras:
         return _from_images(request, recording, scene, config, quiet)
     if recording.has(Boxes):
+        if request.near is not None:
+            raise UsageError(
+                f"{recording.path}: --near limits detection in images, or labelled bearings; boxes are candidates of "
+                "anybody, to which `occlog label` gives the identity of tracks"
+            )
         chunks = options.progress(recording.tables(Boxes), "detect", quiet=quiet)
         used: dict[str, object] = {"input": "boxes", "min_confidence": config.min_confidence}
         if config.sigma_px is not None or config.sigma_scale != 1.0:
@@ -157,14 +166,29 @@ def _detections(
             used |= {"labels": config.labels}
         return detect_boxes(chunks, scene, config, labels), used
     if recording.has(Bearings):
-        return _pass_on(recording.tables(Bearings)), {"input": "bearings"}
+        near, used = _near(request, config)
+        places = {c.name: c.ground for c in scene.cameras if c.placed}
+        return _pass_on(recording.tables(Bearings), near, places), {"input": "bearings", **used}
     raise InputError(f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in")
 
 
-def _pass_on(chunks: Iterator[Bearings]) -> Iterator[Detections]:
-    """Simulated bearings as they are."""
+def _near(request: DetectRequest, config: DetectConfig) -> tuple[Near | None, dict[str, object]]:
+    """Where targets are looked for, and the parameters of it; UsageError for a gate without tracks."""
+    if request.near is None:
+        if "near_gate" in request.settings:
+            raise UsageError("--near-gate goes with --near; add it")
+        return None, {}
+    tracks = open_input(request.near).read(Tracks)
+    if not len(tracks):
+        raise InputError(f"{request.near}: has no tracks; leave --near out")
+    return near_of(tracks, config.near_gate), {"near_gate": config.near_gate}
+
+
+def _pass_on(chunks: Iterator[Bearings], near: Near | None, places: dict[str, Floats]) -> Iterator[Detections]:
+    """Simulated bearings as they are, or near where targets are thought to be."""
     for chunk in chunks:
-        yield Detections(Views.empty(), chunk, (), len(chunk), 0)
+        kept = chunk if near is None else limited(chunk, near, places)
+        yield Detections(Views.empty(), kept, (), len(chunk), 0)
 
 
 def _from_images(
@@ -175,6 +199,7 @@ def _from_images(
     boxes = [_box(text) for text in request.boxes]
     targets = _references(request, recording)
     learned, total = Learned(), _frames(recording, sensors)
+    near, limits = _near(request, config)
     if request.learn or boxes:
         first = options.progress(recording.frames(sensors), "first look", total, quiet=quiet)
         found, boxed = learn(first, scene, config, boxes, request.workers)
@@ -185,9 +210,10 @@ def _from_images(
         "learn": request.learn,
         "boxes": list(request.boxes),
         "targets": [t.target_id for t in targets],
+        **limits,
     }
     frames = options.progress(recording.frames(sensors), "detect", total, quiet=quiet)
-    return detect(frames, scene, config, request.workers, learned, targets), used
+    return detect(frames, scene, config, request.workers, learned, targets, near=near), used
 
 
 def _cameras(request: DetectRequest, recording: Recording) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Views
 
 from .config import BATCH, DetectConfig
+from .near import Near
 from .one_camera import CameraState, process
 from .rows import to_tables
 from .target import Target, check_targets
@@ -57,6 +58,7 @@ def detect(
     learned: Learned | None = None,
     targets: Sequence[Target] = (),
     *,
+    near: Near | None = None,
     batch: int = BATCH,
 ) -> Iterator[Detections]:
     """Regions (`views`) and target bearings of all cameras, in the order of time.
@@ -73,6 +75,7 @@ def detect(
         workers: threads.
         learned: images of the empty scene and sizes of people.
         targets: people to look for; none: the largest region is the one target, `LONE_TARGET_ID`.
+        near: where targets are thought to be; None: they are looked for everywhere.
         batch: frames read ahead at a time, 1 or more; the rows do not depend on it.
 
     Yields:
@@ -98,7 +101,7 @@ def detect(
                         empty, sizes = learned.empty.get(name), learned.sizes.get(name)
                         camera = scene.camera(name)
                         states[name] = CameraState(
-                            camera, scene, config, empty=empty, sizes=sizes, targets=tuple(targets)
+                            camera, scene, config, empty=empty, sizes=sizes, targets=tuple(targets), near=near
                         )
                     last[name] = pool.submit(_job, states[name], of_camera, last.get(name))
                     jobs.append(last[name])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError, UsageError
 from occlog.measure.regions.appearance import likeness
 from occlog.measure.regions.regions import Regions
@@ -56,7 +56,14 @@ def likenesses(appearance: Floats, targets: Sequence[Target]) -> Floats:
     return np.column_stack(columns) if columns else np.empty((len(appearance), 0))
 
 
-def choose(t_ns: int, regions: Regions, like: Floats, memory: TargetMemory, least_likeness: float) -> Ints:
+def choose(
+    t_ns: int,
+    regions: Regions,
+    like: Floats,
+    memory: TargetMemory,
+    least_likeness: float,
+    allowed: Bools | None = None,
+) -> Ints:
     """Choose the region of each target in one frame, and update `memory`.
 
     With appearances, pairs of target and region are taken greedily in falling order of
@@ -71,6 +78,7 @@ def choose(t_ns: int, regions: Regions, like: Floats, memory: TargetMemory, leas
         like: (K, T) likenesses; (K, 0) where no appearance is known.
         memory: of the camera.
         least_likeness: 0 to 1.
+        allowed: (K, max(T, 1)) regions that may be of each target; None: all.
 
     Returns:
         (max(T, 1),) number of each target's region, -1 for a target that is not seen.
@@ -79,14 +87,16 @@ def choose(t_ns: int, regions: Regions, like: Floats, memory: TargetMemory, leas
     close = np.column_stack([_closeness(t_ns, regions, memory.last.get(n)) for n in range(n_targets)])
     chosen = np.full(n_targets, -1, dtype=np.int64)
     # Gate: leave out regions that are much larger than a person.
-    plausible = regions.fill <= MOST
+    plausible = np.repeat((regions.fill <= MOST)[:, None], n_targets, axis=1)
+    if allowed is not None:
+        plausible &= allowed
     if not plausible.any():
         return chosen
     if not like.shape[1]:
-        chosen[0] = int(np.argmax(np.where(plausible, regions.mass * (1.0 + close[:, 0]), -np.inf)))
+        chosen[0] = int(np.argmax(np.where(plausible[:, 0], regions.mass * (1.0 + close[:, 0]), -np.inf)))
     else:
         # Assign greedily: the pair of region and target with the highest score first.
-        good = plausible[:, None] & (like >= least_likeness)
+        good = plausible & (like >= least_likeness)
         score = np.where(good, like + MARGIN * close, -np.inf)
         while (best := np.unravel_index(int(np.argmax(score)), score.shape)) and score[best] > -np.inf:
             k, n = int(best[0]), int(best[1])
