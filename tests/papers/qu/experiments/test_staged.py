@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from occlog.papers.qu.experiments import decoys, mechanisms, rooms, unseen
 from occlog.papers.qu.rooms import rooms_spec, run_rooms_trial
+from occlog.papers.qu.staged import staged_paths
 from occlog.papers.verdicts import verdicts as v
 from occlog.papers.verdicts.model import Size
+from occlog.simulate.balls.config import BallsConfig
+from occlog.simulate.balls.motion import ball_cameras
 
 
 def words(experiment, results) -> dict[str, str]:
@@ -57,13 +61,25 @@ def test_cmct_is_judged_against_others_off_the_line_and_against_bmct() -> None:
 
 
 def test_a_tracker_is_led_astray_to_the_bare_wall_inside_the_image() -> None:
-    for scene in decoys.SCENES:
-        for run in range(5):
-            spec = decoys._spec(Size(5, 100), run, scene)
-            astray = spec["methods"]["CMCT"]["astray"]
-            assert astray["frame"] == 10
-            assert 0 < astray["x"] < 320
-            assert 0 < astray["y"] < 240
+    specs = []
+
+    def results(given):
+        specs.extend(given)
+        ends = ("astray_end_other", "astray_end_none")
+        return [{f"{label}.{end}": 0.0 for label in decoys.METHODS for end in ends} for _ in given]
+
+    decoys.DECOYS.compute(Size(5, 100), results)
+    assert [spec["scene"] for spec in specs] == [scene for scene in decoys.SCENES for _ in range(5)]
+    for spec in specs:
+        astray = spec["methods"]["CMCT"]["astray"]
+        config = BallsConfig(frames=100, balls=4)
+        balls = ball_cameras(config)[0].project(staged_paths(config, spec["seed"], spec["scene"]).centres[10])
+        away = np.linalg.norm(balls - [astray["x"], astray["y"]], axis=1)
+        assert astray["frame"] == 10
+        assert 0 < astray["x"] < 320
+        assert 0 < astray["y"] < 240
+        assert away.min() > 2.0 * 22.0
+        assert away.argmin() != 0
 
 
 def test_unseen_targets_are_compared_with_seen_ones_and_with_a_third_camera() -> None:
