@@ -2,7 +2,8 @@
 
 From the filter's people of every moment, twice:
 
-1. Markov chain Monte Carlo over all tracks (`chains`), then gaps are bridged.
+1. Markov chain Monte Carlo over all tracks (`chains`), but where the filter's links are kept (`SLOW`), then gaps are
+   bridged.
 2. Each person's state at each moment, from all other moments of the track (`states`).
 3. The boxes of each moment are associated anew with these people, all cameras jointly, as the filter does it; boxes
    that are left show people whom nobody expected.
@@ -45,6 +46,10 @@ LIKELY = 0.5
 APART_S = 0.4
 """Moments at which places are linked are so far apart at least: who hides or merges with whom lasts, so that boxes and
 misses of nearer moments tell the same again, and a chain that took them for new would end tracks that only hide."""
+SLOW = 2.0
+"""Where errors of boxes go on from look to look, so that they count more than so many times, as those of regions of
+video do, which split and merge for many frames at a time, the links of the filter, which sees all frames, are kept: a
+chain that sees few of them exchanges people there.  Gaps are bridged all the same."""
 REFINEMENTS = 4
 """Steps of expectation maximisation of the scatter about the walk."""
 LASTING = 0.01
@@ -90,7 +95,8 @@ def smooth(
     for hottest, coming in zip(HOTTEST, (chosen, np.arange(len(moments))), strict=True):
         found = [find(state, packed[k], rates_apart, hints[k], appearance[k], seen[k]) for k in chosen.tolist()]
         tracks = tracks_from(found, apart, state.config, state.places, square, free=True, law=law)
-        anneal(tracks, apart, generator, hottest)
+        if not (followed and rates.slow > SLOW):
+            anneal(tracks, apart, generator, hottest)
         bridge(tracks, apart)
         tracks = tracks._replace(places=tracks.places._replace(moment=chosen[tracks.places.moment]))
         own, square = _scattered(tracks, span, square, state.metre)

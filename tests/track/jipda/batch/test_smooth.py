@@ -1,5 +1,6 @@
 """Smoothed crowds: as the filter saw them, and better."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -185,6 +186,17 @@ def test_without_a_lag_the_window_is_the_whole_recording():
     assert most == len(moments)
     for a, b in zip(out, whole, strict=True):
         assert a.mean.tobytes() == b.mean.tobytes()
+
+
+@pytest.mark.parametrize(("alike", "keeps"), [(0.33, False), (0.34, True)], ids=["slow 1.99", "slow 2.03"])
+def test_links_of_the_filter_are_kept_where_errors_of_boxes_go_on(alike, keeps):
+    scene, states, moments = filtered(frames=40, hz=10.0)
+    state = replace(states[-1], edges=replace(states[-1].edges, changes=np.array([1.0 + alike, 1.0])))
+    drawn = np.random.default_rng(0)
+    smoothed = smooth(state, scene.moments, moments, drawn)
+    # Nothing is drawn where no chain runs
+    assert (drawn.bit_generator.state == np.random.default_rng(0).bit_generator.state) == keeps
+    assert errors(smoothed, scene.truth)[1] <= errors(moments, scene.truth)[1]
 
 
 def test_nothing_at_all_is_smoothed_to_nothing():
