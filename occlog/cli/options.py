@@ -36,7 +36,7 @@ json_opt = click.option("--json", "as_json", is_flag=True, help="Print the summa
 seed_opt = click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random numbers."
 )
-SCENE_HELP = "Scene file (YAML), or a recording that holds one."
+SCENE_HELP = "Scene file (YAML), a recording that holds one, or a text table of stations."
 scene_opt = click.option("--scene", type=PATH, default=None, help=SCENE_HELP)
 STRICT_HELP = "Exit code 6 if warnings say that the estimates are not plausible. Outputs are written all the same."
 strict_opt = click.option("--strict", is_flag=True, help=STRICT_HELP)
