@@ -96,7 +96,7 @@ def command(**values: Any) -> int:
     code = _judged(result.metrics, thresholds)
     if result.findings is not None:
         code = options.strict_code(code, plausible(result.findings), values["strict"])
-    for path in (paths.output, paths.errors, paths.bound, paths.failures, paths.counts, paths.mot):
+    for path in (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts, paths.mot):
         if path is not None:
             options.note(f"wrote {path}", quiet)
     return code

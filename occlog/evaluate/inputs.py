@@ -41,6 +41,7 @@ class Paths:
     output: Path | None = None
     errors: Path | None = None
     bound: Path | None = None
+    write_scene: Path | None = None
     failures: Path | None = None
     counts: Path | None = None
     mot: Path | None = None

@@ -85,6 +85,12 @@ COMPARED = (
 WRITTEN = (
     file_option("--errors", kinds=WORLD, help="Write the error of every estimate (Parquet)."),
     file_option("--bound", kinds=WORLD, help="Write the posterior Cramer-Rao bound (Parquet)."),
+    file_option(
+        "--write-scene",
+        kinds=WORLD,
+        help="Write the scene with each camera's noise as measured where the target's place is known; wants --bearings "
+        "and --truth.",
+    ),
 )
 """Options that name tables to write."""
 

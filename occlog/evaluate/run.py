@@ -16,15 +16,24 @@ from occlog.array_types import NS
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.azimuths import doa_metrics
+from occlog.evaluate.bearings.known_places import (
+    comment,
+    figures_of,
+    noise_at_known_places,
+    notes_of,
+    scene_with,
+)
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.mot.run import ground_figures
+from occlog.io.files.atomic import write_bytes
 from occlog.io.files.json_file import write_json
 from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import of_others, open_if_ours, open_input
+from occlog.io.scenes.scene import scene_to_yaml
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
-from occlog.records.scene import MicrophoneArray
+from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
@@ -49,7 +58,7 @@ def run_evaluate(
         frames: first frame to compare, and the one after the last; see `in_frames`.
     """
     _check_request(paths, given)
-    written = (paths.output, paths.errors, paths.bound, paths.failures, paths.counts)
+    written = (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts)
     options.check_outputs(paths.inputs, written, paths.overwrite)
     t = read_tables(paths, everybody=bool(given.get("held_out")) and paths.views is not None)
     t = t if frames is None else in_frames(t, frames)
@@ -81,6 +90,8 @@ def run_evaluate(
         wanted=paths.failures is not None or paths.counts is not None,
         path=paths.tracks,
     )
+    if paths.write_scene is not None:
+        result = _measured(paths.write_scene, result, t.scene, overwrite=paths.overwrite)
     findings = judge(
         t.tracks,
         t.scene,
@@ -98,12 +109,24 @@ def run_evaluate(
     return result, unit
 
 
+def _measured(path: Path, result: Evaluation, scene: Scene, *, overwrite: bool) -> Evaluation:
+    """Write the scene with the noise that was measured at known places; the evaluation with its figures."""
+    noise = noise_at_known_places(result.looks, scene)
+    text = comment(noise) + scene_to_yaml(scene_with(scene, noise))
+    write_bytes(path, text.encode(), overwrite)
+    return replace(
+        result, metrics={**result.metrics, **figures_of(noise)}, notes=(*result.notes, *notes_of(scene, noise))
+    )
+
+
 def _check_request(paths: Paths, given: Mapping[str, object]) -> None:
     held_boxes = bool(given.get("held_out")) and paths.tracks is not None and paths.views is not None
     if paths.views is not None and paths.truth is None and not held_boxes:
         raise UsageError("--views needs --truth with true boxes, or TRACKS and --held-out")
     if paths.tracks is None and paths.views is None and (paths.directions is None or paths.truth is None):
         raise UsageError("nothing to compare: give TRACKS with --truth or --bearings, or --bearings with --truth")
+    if paths.write_scene is not None and (paths.truth is None or paths.directions is None):
+        raise UsageError("--write-scene measures noise at known places; give --bearings and --truth")
     if paths.tracks is not None and paths.truth is None and paths.directions is None and not held_boxes:
         raise UsageError("TRACKS alone cannot be evaluated; give --truth, --bearings or both")
     if given.get("held_out") and (paths.tracks is None or (paths.directions is None and not held_boxes)):

@@ -26,6 +26,7 @@ from occlog.evaluate.bearings.noise import noise_metrics
 from occlog.evaluate.errors.bound import bound_metrics, compute_bound
 from occlog.evaluate.errors.on_ground import compare, error_metrics, settled
 from occlog.evaluate.matching.config import EvaluateConfig
+from occlog.evaluate.matching.looks import SensorLooks
 from occlog.records.people import PeopleTracks
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Boxes, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
@@ -57,6 +58,7 @@ class Evaluation:
         counts: of targets and tracks on the ground, over time.
         notes: lines that the user must know of.
         findings: what speaks against the tracks; None: nobody has judged them.
+        looks: of every sensor at targets whose place is known.
     """
 
     metrics: dict[str, float]
@@ -66,6 +68,7 @@ class Evaluation:
     counts: Counts = field(default_factory=Counts.empty)
     notes: tuple[str, ...] = ()
     findings: tuple[Finding, ...] | None = None
+    looks: Mapping[str, SensorLooks] = field(default_factory=dict)
 
     @property
     def figures(self) -> dict[str, object]:
@@ -157,6 +160,7 @@ def evaluate(
     config = config or EvaluateConfig()
     metrics: dict[str, float] = {}
     errors, bound, pairs = Errors.empty(), Bound.empty(), dict[int, int]()
+    looks: dict[str, SensorLooks] = {}
     if tracks is not None and truth is not None:
         matched = compare(tracks, truth, config)
         errors, pairs = matched.errors, matched.pairs
@@ -188,7 +192,8 @@ def evaluate(
         metrics |= view_metrics(views, truth_boxes, config)
     if cooperation is not None:
         metrics |= cooperation_figures(cooperation, tracks)
-    return Evaluation({name: float(value) for name, value in metrics.items()}, errors, bound)
+    figures = {name: float(value) for name, value in metrics.items()}
+    return Evaluation(figures, errors, bound, looks=looks)
 
 
 def _without_truth(
