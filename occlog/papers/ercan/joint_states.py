@@ -99,7 +99,7 @@ def priors_of(tracks: Tracks) -> Occluders | None:
 
 def joint_states(size: Size, execute: Execute) -> Table:
     """Compute RMSE, cost and effective particles against the number of objects, target included."""
-    counts = (1, 4, 9) if size.quick else (1, 2, 4, 9, 19)
+    counts = (1, 4) if size.quick else (1, 2, 4, 9, 19)
     plain = {"scene": square_room(pillar=True), "steps": size.steps, "particles": size.particles}
     specs = [{**plain, "others": m, "seed": size.seed + run} for run in range(size.runs) for m in counts]
     results = execute(specs)
@@ -145,7 +145,7 @@ JOINT_STATES = Experiment(
     y_label="RMSE",
     runs=5,
     steps=400,
-    quick=(2, 30),
+    quick=(2, 20),
     compute=joint_states,
     judge=judge,
     trial=figures_of,
