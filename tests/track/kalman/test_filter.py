@@ -26,6 +26,8 @@ from occlog.track.plausibility.doubts import covariances
 
 pytestmark = pytest.mark.jit
 METHODS = ("ekf", "ukf", "iekf")
+QUICK = {"iekf": {"feasible": "ignore", "iterations": 3}}
+"""Settings with which a search takes little time."""
 SCENE = room100(pillar=False)
 STEPS = 150
 PATH = walk(STEPS, np.random.default_rng(1))
@@ -34,7 +36,7 @@ SEEN = observe(SCENE, PATH, np.random.default_rng(2))
 
 def follow(bearings: Bearings, method: str, **settings: object) -> tuple[Floats, Floats, Diagnostics]:
     """Errors (T, 2), covariances and diagnostics."""
-    config = configure(settings_of(method).in_unit("unit"), settings)
+    config = configure(settings_of(method).in_unit("unit"), {**QUICK.get(method, {}), **settings})
     parts = list(track([bearings], SCENE, Tracking(config, 0, method=method)))
     tracks = Tracks.concat(p.tracks for p in parts)
     away = np.column_stack([tracks.x, tracks.y]) - PATH[np.rint(tracks.t_ns / SECOND).astype(int)]
