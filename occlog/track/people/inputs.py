@@ -70,6 +70,7 @@ class PeopleInput:
         metre: how many units of length are a metre.
         config: settings of the method.
         window_ns: looks that are this close together are of one moment.
+        regions_smoothed: the future of regions of video, which split and merge for many frames at a time, is wanted.
     """
 
     def __init__(self, request: PeopleRequest) -> None:
@@ -88,6 +89,9 @@ class PeopleInput:
         first = list(islice(looks, FIRST_LOOKS * len(self.cameras)))
         self.heights = statures(first, self.cameras)
         self.metre, self.config = self._config(any(len(each.look.boxes) for each in first))
+        scores = np.concatenate([np.zeros(0), *(each.look.score for each in first)])
+        regions = len(scores) > 0 and bool(np.isnan(scores).all()) and self.opened.has(Views)
+        self.regions_smoothed = regions and self.config.smoothed
         self.window_ns = request.window_ns if request.window_ns is not None else default_window(first)
         self.moments: Iterator[list[FrameLook]] = moments_of(chain(first, looks), self.window_ns)
 

@@ -103,7 +103,7 @@ def test_the_same_boxes_give_the_same_bytes(walk, tmp_path):
     assert files[0] == files[1]
 
 
-def test_a_recording_with_boxes_and_views_made_of_it_give_the_same_tracks(walk, tmp_path):
+def test_a_recording_with_boxes_and_views_made_of_it_give_the_same_tracks(walk, tmp_path, capsys):
     # A camera detects nobody for some frames in the middle: views have no rows there
     gone = np.isin(walk.frame, range(12, 15)) & (walk.sensor == "b")
     first = gone & np.append(True, (np.diff(walk.t_ns) != 0) | (walk.sensor[1:] != walk.sensor[:-1]))
@@ -125,6 +125,11 @@ def test_a_recording_with_boxes_and_views_made_of_it_give_the_same_tracks(walk, 
     np.testing.assert_array_equal(other.t_ns, rows.t_ns)
     # Boxes stand in another order there
     np.testing.assert_allclose(other.x, rows.x, atol=0.02)
+    # They have no scores, as regions of video, of which it is told that covariances are too small with the future
+    capsys.readouterr()
+    output = ["-o", str(tmp_path / "smoothed.parquet"), "--smooth", "--strict"]
+    assert run(["track", str(tmp_path / "v.parquet"), *scene, "--method", "jipda", *output]) == ExitCode.DONE
+    assert "note: the boxes are regions of video" in capsys.readouterr().err
 
 
 def test_cameras_of_different_frame_rates_are_moments_of_the_quickest(walk, tmp_path):
