@@ -55,6 +55,7 @@ COMMANDS = {
         "occlog.examine.diff.command", "Say whether two outputs are the same, and where they first differ."
     ),
     "info": Command("occlog.examine.info", "Print what a scene, a recording or a table holds."),
+    "export": Command("occlog.examine.export.command", "Write a table in a format of other programs."),
     "schema": Command("occlog.examine.schema", "Print the schema of a table, a message, a file format or settings."),
 }
 """Every command, in the order of a pipeline; a table of text, so that --help loads none of the modules."""

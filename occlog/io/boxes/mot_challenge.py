@@ -66,13 +66,18 @@ def write_mot(path: Path, boxes: Boxes, kind: Kind, *, overwrite: bool = False) 
         OutputExistsError: the file exists and `overwrite` is false.
         OutputError: the file cannot be written.
     """
+    write_bytes(path, mot_text(path, boxes, kind).encode(), overwrite)
+
+
+def mot_text(path: Path, boxes: Boxes, kind: Kind) -> str:
+    """Boxes of one camera as MOTChallenge text; errors as of `write_mot`, with the name of the file."""
     _check_camera(path, boxes)
     there = boxes.take(np.flatnonzero(boxes.box >= 0))
     order = np.lexsort((there.box, there.target_id, there.frame))
     there = there.take(order)
     if kind != "detections":
         _check_identities(path, there)
-    write_bytes(path, "".join(_lines(there, kind)).encode(), overwrite)
+    return "".join(_lines(there, kind))
 
 
 def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overwrite: bool = False) -> None:

@@ -123,7 +123,7 @@ class ForeignTable:
         if c.width:
             return cells.lists(s.name, c.width).astype(c.dtype)
         if c.kind == "U":
-            return cells.texts(s.name, blank=c.optional)
+            return cells.texts(s.name, blank=c.name not in layout.table.KEY)
         if c.kind == "?":
             return cells.bools(s.name)
         if c.dtype.kind == "i":

@@ -1,0 +1,1 @@
+"""Verb: write tables in the formats of other programs."""

@@ -1,0 +1,77 @@
+"""The `occlog export` command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from occlog.cli import options
+
+from .formats import FORMATS
+
+LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" for name, f in FORMATS.items())
+
+
+@click.command(
+    name="export",
+    short_help="Write a table in a format of other programs.",
+    help=f"""Write the table in FILE (a table or a recording) in a format that other programs read.
+
+    The ending of the output says the format, or --to:
+
+    \b
+{LIST}
+
+    \b
+      occlog export tracks.parquet -o tracks.csv
+      occlog export tracks.parquet --target 3 -o three.tum
+      occlog export view_tracks.parquet --camera cam1 --to mot -o cam1.txt
+      occlog export tracks.parquet --origin 52.5163,13.3777 -o tracks.geojson
+    """,
+)
+@click.argument("file", type=options.PATH)
+@click.option("-o", "--output", type=options.PATH, required=True, help="The file to write; - is standard output.")
+@click.option(
+    "--to", type=click.Choice(list(FORMATS)), default=None, help="Format; default: as the output's name says."
+)
+@click.option("--table", default=None, metavar="NAME", help="Which table of a recording; default: the first that fits.")
+@click.option("--target", "targets", type=int, multiple=True, help="Only this target; may be repeated.")
+@click.option("--camera", default=None, metavar="NAME", help="Whose boxes, for text that holds one camera.")
+@click.option(
+    "--origin",
+    default=None,
+    metavar="LAT,LON[,DEG]",
+    help="Where on earth the scene's origin is (WGS 84), and the angle of +x from the east towards the north.",
+)
+@click.option("--scene", type=options.PATH, default=None, help="Scene file, for the sizes of images (coco).")
+@options.overwrite_opt
+@options.json_opt
+def command(
+    file: Path,
+    output: Path,
+    to: str | None,
+    table: str | None,
+    targets: tuple[int, ...],
+    camera: str | None,
+    origin: str | None,
+    scene: Path | None,
+    overwrite: bool,
+    as_json: bool,
+) -> int:
+    """Call the run, and print what was written; nothing more where the table itself is printed."""
+    from .run import STANDARD, ExportRequest, parse_origin, run_export
+
+    request = ExportRequest(
+        input=file,
+        output=output,
+        to=to,
+        table=table,
+        targets=targets,
+        camera=camera,
+        origin=None if origin is None else parse_origin(origin),
+        scene=scene,
+        overwrite=overwrite,
+    )
+    summary, losses = run_export(request)
+    return options.finish({} if output == STANDARD else summary, losses, as_json and output != STANDARD)

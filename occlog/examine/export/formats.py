@@ -1,0 +1,45 @@
+"""The formats that tables are exported to: which tables each takes, and by which endings of names it is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+ANY, PLACES, IN_IMAGES = "any table", "tracks, truth", "boxes, truth_boxes, views, view_tracks"
+PLACE_TABLES = ("tracks", "truth")
+IMAGE_TABLES = ("view_tracks", "truth_boxes", "boxes", "views")
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format.
+
+    Attributes:
+        endings: of names of files that are of this format without being told; none: it must be named.
+        tables: names of the tables that it takes, the first that an input holds is taken; none: any.
+        doc: one line of what it is.
+    """
+
+    endings: tuple[str, ...]
+    tables: Sequence[str]
+    doc: str
+
+
+FORMATS: dict[str, Format] = {
+    "csv": Format((".csv", ".csv.gz"), (), "text with a header; names of columns end in the unit"),
+    "parquet": Format((".parquet", ".pq"), (), "Parquet with plain columns and nulls, as pandas has it"),
+    "mot": Format((), IMAGE_TABLES, "MOTChallenge text of boxes in the images of one camera"),
+    "mot3d": Format((), PLACE_TABLES, "MOTChallenge text of places on the ground"),
+    "tum": Format((".tum",), PLACE_TABLES, "t x y z qx qy qz qw of one target, as evo reads it"),
+    "kitti": Format((), IMAGE_TABLES, "KITTI's text of tracked boxes in the images of one camera"),
+    "geojson": Format((".geojson",), PLACE_TABLES, "a line for each target, in longitude and latitude"),
+    "coco": Format((".json",), IMAGE_TABLES, "COCO's images, annotations and categories"),
+    "trc": Format((".trc",), PLACE_TABLES, "OpenSim's table of markers, one a target"),
+}
+"""Every format by the name that `--to` takes."""
+
+
+def format_of(name: str) -> str | None:
+    """The format that the name of a file asks for; None: it does not say."""
+    low = name.lower()
+    return next((key for key, entry in FORMATS.items() if low.endswith(entry.endings) and entry.endings), None)

@@ -1,0 +1,106 @@
+"""Boxes in images in formats of detectors and trackers: MOTChallenge, KITTI, COCO."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from occlog.errors import InputError, UsageError
+from occlog.records.scene import Scene
+from occlog.records.tables import Boxes, Views
+from occlog.records.views import ViewTracks
+
+CATEGORY, NAME = 1, "person"
+
+
+def boxes_of(table: Boxes | Views | ViewTracks) -> Boxes:
+    """The boxes of a table; those of ellipses touch them, clusters are numbered as they are.
+
+    Args:
+        table: boxes, clusters or tracks in images.
+    """
+    if isinstance(table, Boxes):
+        return table.take(table.box >= 0)
+    if isinstance(table, Views):
+        edges = [table.left_px, table.top_px, table.width_px, table.height_px]
+        number, sure = table.cluster, table.confidence
+    else:
+        # Half width and half height of an ellipse with half axes a and b at an angle rho
+        c, s = np.cos(table.rho), np.sin(table.rho)
+        width = np.hypot(table.a_px * c, table.b_px * s)
+        height = np.hypot(table.a_px * s, table.b_px * c)
+        edges = [table.x_px - width, table.y_px - height, 2 * width, 2 * height]
+        number, sure = table.target_id, np.full(len(table), np.nan)
+    return Boxes.of(
+        t_ns=table.t_ns,
+        sensor=table.sensor,
+        frame=table.frame,
+        box=number,
+        target_id=table.target_id,
+        left_px=edges[0],
+        top_px=edges[1],
+        width_px=edges[2],
+        height_px=edges[3],
+        confidence=sure,
+    ).sorted()
+
+
+def of_camera(boxes: Boxes, camera: str | None) -> Boxes:
+    """The boxes of one camera; UsageError where there are several and none is named, or that one is not there."""
+    cameras = np.unique(boxes.sensor).tolist()
+    if camera is None and len(cameras) > 1:
+        raise UsageError(f"the text holds one camera, and there are {', '.join(cameras)}; choose one")
+    if camera is not None and camera not in cameras:
+        raise InputError(f"no boxes of camera {camera!r}; there are: {', '.join(cameras) or 'none'}")
+    return boxes if camera is None else boxes.take(boxes.sensor == camera)
+
+
+def kitti_text(boxes: Boxes) -> str:
+    """Lines of KITTI's tracks: frame, identity, type, and what is in the image; places in space are not known."""
+    unknown = "-1 -1 -1 -1000 -1000 -1000 -10"
+    rows = zip(
+        boxes.frame.tolist(),
+        boxes.target_id.tolist(),
+        boxes.left_px.tolist(),
+        boxes.top_px.tolist(),
+        (boxes.left_px + boxes.width_px).tolist(),
+        (boxes.top_px + boxes.height_px).tolist(),
+        boxes.confidence.tolist(),
+        strict=True,
+    )
+    return "".join(
+        f"{frame} {identity} Pedestrian -1 -1 -10 {x1!r} {y1!r} {x2!r} {y2!r} {unknown}"
+        + (f" {sure!r}\n" if sure == sure else "\n")
+        for frame, identity, x1, y1, x2, y2, sure in rows
+    )
+
+
+def coco_text(boxes: Boxes, scene: Scene | None) -> str:
+    """COCO's data set: an image for each frame with a box, an annotation for each box, one category."""
+    sizes = {} if scene is None else {c.name: c.image_size for c in scene.cameras}
+    keys = list(dict.fromkeys(zip(boxes.sensor.tolist(), boxes.frame.tolist(), boxes.t_ns.tolist(), strict=True)))
+    number = {(sensor, frame): n + 1 for n, (sensor, frame, _) in enumerate(keys)}
+    images = []
+    for sensor, frame, t_ns in keys:
+        size = sizes.get(sensor)
+        named = {"id": number[sensor, frame], "file_name": f"{sensor}/{frame:06d}.jpg", "frame": frame, "t_ns": t_ns}
+        images.append(named | ({} if size is None else {"width": size[0], "height": size[1]}))
+    annotations = []
+    edges = np.column_stack([boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px]).tolist()
+    for n, (sensor, frame, box, identity, sure) in enumerate(
+        zip(
+            boxes.sensor.tolist(),
+            boxes.frame.tolist(),
+            edges,
+            boxes.target_id.tolist(),
+            boxes.confidence.tolist(),
+            strict=True,
+        )
+    ):
+        found = {"id": n + 1, "image_id": number[sensor, frame], "category_id": CATEGORY, "bbox": box}
+        found |= {"area": box[2] * box[3], "iscrowd": 0}
+        found |= {} if identity < 0 else {"track_id": identity}
+        annotations.append(found | ({} if sure != sure else {"score": sure}))
+    categories = [{"id": CATEGORY, "name": NAME}]
+    return json.dumps({"images": images, "annotations": annotations, "categories": categories}) + "\n"

@@ -1,0 +1,175 @@
+"""Opens a table, chooses the format, and writes what another program reads."""
+
+from __future__ import annotations
+
+import gzip
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, cast
+
+from occlog.cli import options
+from occlog.errors import InputError, UsageError
+from occlog.io.boxes.mot_challenge import mot_text
+from occlog.io.files.atomic import open_output
+from occlog.io.files.parquet import describe
+from occlog.io.open import Opened, open_input
+from occlog.records.columns import Table
+from occlog.records.losses import Loss
+from occlog.records.people import JoinedTracks, PeopleTracks, PeopleViews
+from occlog.records.scene import Scene
+from occlog.records.tables import TABLES, Boxes, FusedTracks, TagTracks, Tracks, Truth, Views
+from occlog.records.views import ViewTracks
+
+from .columns import write_csv, write_parquet
+from .formats import FORMATS, Format, format_of
+from .in_images import boxes_of, coco_text, kitti_text, of_camera
+from .trajectories import Origin, geojson_text, mot3d_text, places_of, trc_text, tum_text
+
+STANDARD = Path("-")
+WIDER: tuple[type[Table], ...] = (JoinedTracks, PeopleTracks, TagTracks, FusedTracks, PeopleViews)
+"""Tables that have the name of another one and more columns, those with the most first."""
+FARTHEST = 85.0
+"""Latitude of an origin at most [deg]."""
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """What to write, and how.
+
+    Attributes:
+        input: a table or a recording.
+        output: the file; `-`: standard output.
+        to: format; None: as the name of the output says.
+        table: which table of a recording; None: the first that the format takes.
+        targets: identities to keep; none: all.
+        camera: whose boxes; None: there is one.
+        origin: where the origin of the scene is on earth; None: not given.
+        scene: scene file, for the sizes of images; None: that of the recording.
+    """
+
+    input: Path
+    output: Path
+    to: str | None
+    table: str | None
+    targets: tuple[int, ...]
+    camera: str | None
+    origin: Origin | None
+    scene: Path | None
+    overwrite: bool
+
+
+def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, ...]]:
+    """Write the file; the summary, and what was lost before."""
+    name = request.to or format_of(request.output.name)
+    if name is None:
+        known = ", ".join(ending for entry in FORMATS.values() for ending in entry.endings)
+        raise UsageError(
+            f"{request.output}: its name does not say the format; end it in one of {known}, or name the format (to): "
+            f"{', '.join(FORMATS)}"
+        )
+    _check_request(request, name)
+    if request.output != STANDARD:
+        options.check_outputs([request.input, request.scene], (request.output,), request.overwrite)
+    opened = open_input(request.input)
+    table = _table(opened, FORMATS[name], name, request.table)
+    scene = options.load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene
+    unit = opened.length_unit or ("m" if scene is None else scene.length_unit)
+    summary: dict[str, object] = {"output": str(request.output), "format": name, "table": table.NAME}
+    with _output(request.output, request.overwrite) as file:
+        if name == "csv":
+            summary["rows"], left = write_csv(opened.rows(table), table, file, unit)
+            summary |= {"left_out": list(left)} if left else {}
+        elif name == "parquet":
+            summary["rows"] = write_parquet(opened.rows(table), table, file, unit)
+        else:
+            rows = opened.read(table)
+            try:
+                text = _text(name, rows, request, unit, scene)
+            except (InputError, UsageError) as error:
+                raise type(error)(f"{request.input}: {error}") from None
+            file.write(text.encode())
+            summary["rows"] = len(rows)
+    return summary, opened.losses
+
+
+def parse_origin(text: str) -> Origin:
+    """LAT,LON or LAT,LON,DEG; UsageError for anything else, and for places beyond 85 degrees, where metres grow."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (2, 3) or not all(math.isfinite(value) for value in values):
+        raise UsageError(f"origin: {text!r} is not LAT,LON or LAT,LON,DEG, as 52.5163,13.3777")
+    if abs(values[0]) > FARTHEST or abs(values[1]) > 180:
+        raise UsageError(f"origin: latitude must be within {FARTHEST:g} degrees and longitude within 180")
+    return Origin(*values)
+
+
+def _check_request(request: ExportRequest, name: str) -> None:
+    """UsageError for options that the format does not take."""
+    places, boxes = FORMATS["tum"].tables, FORMATS["mot"].tables
+    if request.targets and FORMATS[name].tables != places:
+        raise UsageError(f"target: format {name} writes all rows; leave it out")
+    if request.camera is not None and FORMATS[name].tables != boxes:
+        raise UsageError(f"camera: format {name} has no images; leave it out")
+    if (request.origin is not None) != (name == "geojson"):
+        said = "wants the place of the scene's origin on earth" if name == "geojson" else "takes none"
+        raise UsageError(f"origin: format {name} {said}")
+
+
+def _table(opened: Opened, form: Format, name: str, wanted: str | None) -> type[Table]:
+    """The table to write; InputError where the input does not hold one that the format takes."""
+    takes = list(form.tables) or list(TABLES)
+    if wanted is not None and wanted not in takes:
+        raise UsageError(f"table: format {name} takes {', '.join(takes)}, not {wanted}")
+    asked = [TABLES[each] for each in ([wanted] if wanted is not None else takes)]
+    opened.require(*asked, remedy=f"format {name} takes {', '.join(takes)}")
+    return _widest(opened, next((table for table in asked if opened.has(table)), asked[0]))
+
+
+def _widest(opened: Opened, table: type[Table]) -> type[Table]:
+    """The table with all columns that a file of ours has: tracks of people, for example, have more than others."""
+    wider = [each for each in WIDER if issubclass(each, table)]
+    if opened.recording is not None or opened.foreign is not None or not wider:
+        return table
+    names = {c["name"] for c in describe(opened.path)["columns"]}
+    return next((each for each in wider if {c.name for c in each.columns()} <= names), table)
+
+
+def _text(name: str, rows: Table, request: ExportRequest, unit: str, scene: Scene | None) -> str:
+    """The whole text of a format that is not written row by row."""
+    if isinstance(rows, Tracks | Truth):
+        places = places_of(rows, request.targets)
+        if name == "geojson" and request.origin is not None:
+            return geojson_text(places, request.origin, unit)
+        if name == "trc":
+            return trc_text(places, unit, request.output.name)
+        return mot3d_text(places) if name == "mot3d" else tum_text(places)
+    if not isinstance(rows, Boxes | Views | ViewTracks):
+        raise InputError(f"format {name} takes no {rows.NAME}")
+    boxes = boxes_of(rows)
+    if name == "coco":
+        return coco_text(boxes if request.camera is None else of_camera(boxes, request.camera), scene)
+    boxes = of_camera(boxes, request.camera)
+    if name == "kitti":
+        return kitti_text(boxes)
+    return mot_text(request.output, boxes, "tracks" if isinstance(rows, ViewTracks) else "detections")
+
+
+@contextmanager
+def _output(path: Path, overwrite: bool) -> Iterator[IO[bytes]]:
+    """The file, which appears when it is complete; compressed where its name says so; or standard output."""
+    if path == STANDARD:
+        yield sys.stdout.buffer
+        sys.stdout.buffer.flush()
+        return
+    with open_output(path, overwrite) as file:
+        if path.suffix.lower() != ".gz":
+            yield file
+            return
+        with gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0) as packed:
+            yield cast("IO[bytes]", packed)

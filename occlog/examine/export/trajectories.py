@@ -1,0 +1,154 @@
+"""Places of targets in formats of trajectories: MOTChallenge in space, TUM, GeoJSON, TRC."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.errors import InputError, UsageError
+from occlog.records.people import PeopleTracks
+from occlog.records.tables import Tracks, Truth
+from occlog.settings import METRES
+
+A, F = 6_378_137.0, 1 / 298.257223563
+"""Half axis [m] and flattening of the ellipsoid of WGS 84."""
+
+
+class Places(NamedTuple):
+    """Where targets were; N rows in the order of time, then of identities."""
+
+    t_ns: Ints
+    identity: Ints
+    xyz: Floats  # (N, 3) z 0 where it is not known
+    velocity: Floats  # (N, 2) NaN: not known
+    confidence: Floats  # (N,) NaN: not known
+
+
+class Origin(NamedTuple):
+    """Where on earth the origin of a scene is, and how it is turned."""
+
+    latitude: float  # [deg]
+    longitude: float  # [deg]
+    turned: float = 0.0  # angle of +x from the east towards the north [deg]
+
+
+def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> Places:
+    """The targets of a table; of a truth those with the role of one.
+
+    Args:
+        table: rows in any order.
+        targets: identities to keep; none: all.
+
+    Raises:
+        InputError: none is left, or an identity is not there.
+    """
+    used = table.role == "target" if isinstance(table, Truth) else np.ones(len(table), dtype=np.bool_)
+    known = np.unique(table.target_id[used]).tolist()
+    for target in targets:
+        if target not in known:
+            raise InputError(f"no target {target}; there are: {', '.join(map(str, known)) or 'none'}")
+    used = used & np.isin(table.target_id, targets) if targets else used
+    rows = table.take(used).sorted()
+    if not len(rows):
+        raise InputError("there are no rows to write")
+    nothing = np.full(len(rows), np.nan)
+    velocity = np.column_stack([nothing, nothing] if isinstance(rows, Truth) else [rows.vx, rows.vy])
+    z = np.where(np.isnan(rows.z), 0.0, rows.z)
+    sure = rows.existence if isinstance(rows, PeopleTracks) else nothing
+    return Places(rows.t_ns, rows.target_id.astype(np.int64), np.column_stack([rows.x, rows.y, z]), velocity, sure)
+
+
+def mot3d_text(places: Places) -> str:
+    """Lines `frame,id,-1,-1,-1,-1,confidence,x,y,z`; frames are the distinct times, from 1."""
+    _, frame = np.unique(places.t_ns, return_inverse=True)
+    rows = zip(
+        (frame + 1).tolist(), places.identity.tolist(), places.confidence.tolist(), places.xyz.tolist(), strict=True
+    )
+    return "".join(
+        f"{f},{identity},-1,-1,-1,-1,{-1 if p != p else repr(p)},{x!r},{y!r},{z!r}\n"
+        for f, identity, p, (x, y, z) in rows
+    )
+
+
+def tum_text(places: Places) -> str:
+    """Lines `t x y z qx qy qz qw` of one target [s]; it looks to where it goes, along +x where that is not known.
+
+    UsageError for several targets.
+    """
+    names = np.unique(places.identity).tolist()
+    if len(names) > 1:
+        raise UsageError(f"TUM text holds one target, and there are {', '.join(map(str, names))}; choose one")
+    heading = np.arctan2(places.velocity[:, 1], places.velocity[:, 0])
+    half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
+    rows = zip(places.t_ns.tolist(), places.xyz.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True)
+    return "".join(
+        f"{t_ns // NS}.{t_ns % NS:09d} {x!r} {y!r} {z!r} 0 0 {qz!r} {qw!r}\n" for t_ns, (x, y, z), qz, qw in rows
+    )
+
+
+def geojson_text(places: Places, origin: Origin, length_unit: str) -> str:
+    """A feature for each target: a line in WGS 84, a point for a target of one row, with the times of its corners."""
+    if length_unit not in METRES:
+        raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known")
+    places_deg = degrees_of(places.xyz[:, :2] * METRES[length_unit], origin)
+    features = []
+    for name in np.unique(places.identity).tolist():
+        own = np.flatnonzero(places.identity == name)
+        corners = [[round(lon, 9), round(lat, 9)] for lon, lat in places_deg[own].tolist()]
+        shape = (
+            {"type": "LineString", "coordinates": corners}
+            if len(own) > 1
+            else {"type": "Point", "coordinates": corners[0]}
+        )
+        properties = {"target_id": name, "t_ns": places.t_ns[own].tolist()}
+        features.append({"type": "Feature", "geometry": shape, "properties": properties})
+    return json.dumps({"type": "FeatureCollection", "features": features}) + "\n"
+
+
+def degrees_of(xy: Floats, origin: Origin) -> Floats:
+    """(N, 2) longitude and latitude [deg] of places (N, 2) [m] on the plane that touches the ellipsoid at an origin."""
+    turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
+    east = math.cos(turned) * xy[:, 0] - math.sin(turned) * xy[:, 1]
+    north = math.sin(turned) * xy[:, 0] + math.cos(turned) * xy[:, 1]
+    # Earth-centred coordinates: across the axis in the meridian of the origin, to its east, along the axis
+    e2 = F * (2.0 - F)
+    radius = A / math.sqrt(1.0 - e2 * math.sin(latitude) ** 2)
+    across = radius * math.cos(latitude) - north * math.sin(latitude)
+    along = radius * (1.0 - e2) * math.sin(latitude) + north * math.cos(latitude)
+    # Back to the ellipsoid: Bowring's formula, exact to rounding near the surface
+    distance, b = np.hypot(across, east), A * (1.0 - F)
+    beta = np.arctan2(along * A, distance * b)
+    found = np.arctan2(along + e2 / (1.0 - e2) * b * np.sin(beta) ** 3, distance - e2 * A * np.cos(beta) ** 3)
+    return np.column_stack([np.degrees(longitude + np.arctan2(east, across)), np.degrees(found)])
+
+
+def trc_text(places: Places, length_unit: str, name: str) -> str:
+    """A table of markers, one a target, with a line for each time; a target that is not there has empty cells.
+
+    The unit is m, or mm for lengths in others than m and mm.
+    """
+    if length_unit not in METRES:
+        raise InputError(f"lengths are in {length_unit}, of which the length in metres is not known")
+    unit = length_unit if length_unit in ("m", "mm") else "mm"
+    xyz = places.xyz * (METRES[length_unit] / METRES[unit])
+    times, frame = np.unique(places.t_ns, return_inverse=True)
+    names, marker = np.unique(places.identity, return_inverse=True)
+    cells = [["", "", ""] * len(names) for _ in times]
+    for row, (f, m) in enumerate(zip(frame.tolist(), marker.tolist(), strict=True)):
+        cells[f][3 * m : 3 * m + 3] = [repr(value) for value in xyz[row].tolist()]
+    rate = NS / float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate:g}\t{rate:g}\t{len(times)}\t{len(names)}\t{unit}\t{rate:g}\t1\t{len(times)}",
+        "Frame#\tTime\t" + "\t\t\t".join(f"target_{n}" for n in names.tolist()) + "\t\t",
+        "\t\t" + "\t".join(f"{axis}{n + 1}" for n in range(len(names)) for axis in "XYZ"),
+        "",
+    ]
+    start = int(times[0])
+    lines += [f"{n + 1}\t{(t - start) / NS!r}\t" + "\t".join(cells[n]) for n, t in enumerate(times.tolist())]
+    return "\n".join(lines) + "\n"
