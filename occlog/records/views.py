@@ -11,6 +11,7 @@ from occlog.array_types import Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
 
 from .columns import Table, check_order, column, first_row
+from .sensors import Boxes
 
 EVENTS = ("", "start", "left", "lost")
 """`event` of a view track."""
@@ -135,3 +136,23 @@ class Counts(Table):
     def check(self) -> None:
         """Times in order."""
         check_order(self)
+
+
+def boxes_of_ellipses(tracks: ViewTracks) -> Boxes:
+    """The bounding boxes of ellipses, not cut at the edge of the image, with the tracks' identities."""
+    cos, sin = np.cos(tracks.rho), np.sin(tracks.rho)
+    half_width = np.hypot(tracks.a_px * cos, tracks.b_px * sin)
+    half_height = np.hypot(tracks.a_px * sin, tracks.b_px * cos)
+    n = len(tracks)
+    return Boxes.of(
+        t_ns=tracks.t_ns,
+        sensor=tracks.sensor,
+        frame=tracks.frame,
+        box=np.arange(n, dtype=np.int32),
+        target_id=tracks.target_id,
+        left_px=tracks.x_px - half_width,
+        top_px=tracks.y_px - half_height,
+        width_px=2.0 * half_width,
+        height_px=2.0 * half_height,
+        confidence=np.full(n, np.nan),
+    )

@@ -28,7 +28,7 @@ from occlog.io.frames.video_stream import rate_times
 from occlog.io.open import of_others, open_if_ours, open_input
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes
-from occlog.records.views import ViewTracks
+from occlog.records.views import ViewTracks, boxes_of_ellipses
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
@@ -36,7 +36,7 @@ from .classes import pedestrians
 from .config import ManyConfig
 from .on_ground import evaluate_ground
 from .stage import evaluate_views
-from .truth_and_tracks import TruthAndTracks, boxes_in_true_frames, boxes_of, frame_rate, image_size, view_boxes
+from .truth_and_tracks import TruthAndTracks, boxes_in_true_frames, frame_rate, image_size, view_boxes
 
 B = TypeVar("B", bound=Boxes)
 TEXT = (".txt", ".csv")
@@ -167,7 +167,7 @@ def _read_both(tracks: Path, truth: Path, config: ManyConfig, rule: str) -> tupl
 def _read_tracks(path: Path) -> Boxes:
     opened = open_input(path)
     if opened.has(ViewTracks):
-        return boxes_of(opened.read(ViewTracks))
+        return boxes_of_ellipses(opened.read(ViewTracks))
     return opened.read(TruthBoxes) if opened.has(TruthBoxes) else opened.read(Boxes)
 
 

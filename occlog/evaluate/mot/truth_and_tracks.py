@@ -14,7 +14,6 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.core.metrics.frame_pairs import Objects
 from occlog.errors import InputError
 from occlog.records.tables import Boxes, TruthBoxes
-from occlog.records.views import ViewTracks
 
 from .config import ManyConfig
 from .figures import of_view
@@ -54,26 +53,6 @@ class TruthAndTracks(NamedTuple):
         return [len(times) for times in self.t_ns]
 
 
-def boxes_of(tracks: ViewTracks) -> Boxes:
-    """The bounding boxes of ellipses, not cut at the edge of the image, with the tracks' identities."""
-    cos, sin = np.cos(tracks.rho), np.sin(tracks.rho)
-    half_width = np.hypot(tracks.a_px * cos, tracks.b_px * sin)
-    half_height = np.hypot(tracks.a_px * sin, tracks.b_px * cos)
-    n = len(tracks)
-    return Boxes.of(
-        t_ns=tracks.t_ns,
-        sensor=tracks.sensor,
-        frame=tracks.frame,
-        box=np.arange(n, dtype=np.int32),
-        target_id=tracks.target_id,
-        left_px=tracks.x_px - half_width,
-        top_px=tracks.y_px - half_height,
-        width_px=2.0 * half_width,
-        height_px=2.0 * half_height,
-        confidence=np.full(n, np.nan),
-    )
-
-
 def places(boxes: Boxes) -> Floats:
     """(n, 4) left, top, width, height."""
     return np.column_stack([boxes.left_px, boxes.top_px, boxes.width_px, boxes.height_px])
@@ -85,7 +64,7 @@ def boxes_in_true_frames(
     """Tracks and truth of the frames that the truth has, with a box or known to have none.
 
     Args:
-        tracks: boxes with identities; `boxes_of` makes them of ellipses.
+        tracks: boxes with identities; `boxes_of_ellipses` makes them of ellipses.
         truth: true boxes with identities.
         config: cameras and frames that are to be compared.
         by_number: frames are the same when camera and number are; otherwise when camera and time are.

@@ -9,7 +9,7 @@ import numpy as np
 from occlog.errors import InputError, UsageError
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Views
-from occlog.records.views import ViewTracks
+from occlog.records.views import ViewTracks, boxes_of_ellipses
 
 CATEGORY, NAME = 1, "person"
 
@@ -22,27 +22,19 @@ def boxes_of(table: Boxes | Views | ViewTracks) -> Boxes:
     """
     if isinstance(table, Boxes):
         return table.take(table.box >= 0)
-    if isinstance(table, Views):
-        edges = [table.left_px, table.top_px, table.width_px, table.height_px]
-        number, sure = table.cluster, table.confidence
-    else:
-        # Half width and half height of an ellipse with half axes a and b at an angle rho
-        c, s = np.cos(table.rho), np.sin(table.rho)
-        width = np.hypot(table.a_px * c, table.b_px * s)
-        height = np.hypot(table.a_px * s, table.b_px * c)
-        edges = [table.x_px - width, table.y_px - height, 2 * width, 2 * height]
-        number, sure = table.target_id, np.full(len(table), np.nan)
+    if isinstance(table, ViewTracks):
+        return boxes_of_ellipses(table).sorted()
     return Boxes.of(
         t_ns=table.t_ns,
         sensor=table.sensor,
         frame=table.frame,
-        box=number,
+        box=table.cluster,
         target_id=table.target_id,
-        left_px=edges[0],
-        top_px=edges[1],
-        width_px=edges[2],
-        height_px=edges[3],
-        confidence=sure,
+        left_px=table.left_px,
+        top_px=table.top_px,
+        width_px=table.width_px,
+        height_px=table.height_px,
+        confidence=table.confidence,
     ).sorted()
 
 

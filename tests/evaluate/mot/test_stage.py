@@ -11,10 +11,10 @@ import pytest
 from occlog.errors import InputError
 from occlog.evaluate.mot.config import ManyConfig
 from occlog.evaluate.mot.stage import evaluate_views
-from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames, boxes_of
+from occlog.evaluate.mot.truth_and_tracks import boxes_in_true_frames
 from occlog.evaluate.stage import Evaluation
 from occlog.records.tables import Boxes, TruthBoxes
-from occlog.records.views import ViewTracks
+from occlog.records.views import ViewTracks, boxes_of_ellipses
 
 NS = 1_000_000_000
 FRAMES = 10
@@ -285,7 +285,7 @@ def test_the_box_of_an_ellipse_holds_it() -> None:
     angle = np.linspace(0, 2 * np.pi, 20_001)[:, None]
     x = tracks.x_px + a * np.cos(angle) * np.cos(rho) - b * np.sin(angle) * np.sin(rho)
     y = tracks.y_px + a * np.cos(angle) * np.sin(rho) + b * np.sin(angle) * np.cos(rho)
-    boxes = boxes_of(tracks)
+    boxes = boxes_of_ellipses(tracks)
     for low, size, points in ((boxes.left_px, boxes.width_px, x), (boxes.top_px, boxes.height_px, y)):
         np.testing.assert_allclose(low, points.min(axis=0), atol=1e-5)
         np.testing.assert_allclose(low + size, points.max(axis=0), atol=1e-5)
