@@ -40,7 +40,7 @@ SIZE = _Pattern("size", r"^(\d{1,5})[xX](\d{1,5})$", "WIDTHxHEIGHT, for example 
 
 CALIBRATIONS = ("auto", "qualisys", "tsai", "projection", "opencv-toml", "opencv-storage")
 TRUTHS = ("auto", "csv", "mot", "xml", "caliscope")
-DOAS = ("auto", "csv", "frida", "telemetr")
+DOAS = ("auto", "csv", "frida", "telemetr", "odas")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +134,14 @@ class IngestPlan(Settings):
         choices=("math", "compass", "array"),
         option="--doa-convention",
         nothing="the format's own, or math",
+    )
+    hop: str | None = setting(
+        None,
+        "Time from one hop of ODAS to the next, hopSize / fS of its configuration; such as 0.008 or 128/16000.",
+        unit="s",
+        option="--hop",
+        metavar="SECONDS",
+        nothing="needed for logs of ODAS, which count hops",
     )
     doa_algorithm: str | None = setting(
         None,

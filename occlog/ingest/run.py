@@ -22,6 +22,7 @@ from occlog.io.frames.process import Delivered
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
+from occlog.io.sound.odas import parse_hop
 from occlog.io.tags.reads import ReadLog, read_reads
 from occlog.io.truth.reader import TruthOptions, read_truth
 from occlog.records.columns import Table
@@ -195,7 +196,7 @@ def _write_tables(
         tables.append(read_boxes(_box_files(plan), survey, times, known, _box_options(plan), Boxes))
     for sensor, path in plan.doa:
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
-        tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks))
+        tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses))
     sync = sync_times(plan) if plan.truth else None
     for camera, path in plan.truth:
         how = TruthOptions(
@@ -270,4 +271,5 @@ def _doa_options(plan: IngestPlan, sensor: str | None) -> DoaOptions:
         algorithm=plan.doa_algorithm,
         start_ns=start_of(plan, sensor or ""),
         ignore_extra=plan.ignore_extra_columns,
+        hop=None if plan.hop is None else parse_hop(plan.hop),
     )

@@ -12,6 +12,7 @@ import numpy as np
 from occlog.array_types import NS, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.csv_rows import first_line, is_header, read_plain, read_rows
+from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray
 
 from .csv_log import DoaOptions, DoaRows, azimuths_only
@@ -21,7 +22,7 @@ _DATE = re.compile(r"^\d\d/\d\d/\d\d$")
 _NUMBER = re.compile(r"^[0-9]{1,9}$")
 
 
-def read_frida(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
+def read_frida(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
     """One algorithm's estimates; recording k of the file (from 0) gets the time k seconds.
 
     The estimates of one recording are a set without order or identity, measured from the
@@ -52,7 +53,7 @@ def looks_like_telemetr(head: list[str]) -> bool:
     return len(head) >= 6 and len(head) % 2 == 0 and bool(_DATE.match(head[0])) and head[1].count(":") == 2
 
 
-def read_telemetr(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
+def read_telemetr(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
     """Bearings of towers, clockwise from north; dates are month/day/year, 1900 + yy, and taken for UTC.
 
     An animal's number is the identity of its bearings.  0 stands for a tower without a bearing

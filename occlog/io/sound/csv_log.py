@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.csv_rows import Rows, read_rows
 from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.records.losses import Loss
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class DoaOptions:
         convention: `math`, `compass` or `array`; None: the format's own.
         algorithm: which algorithm's estimates to take (frida).
         start_ns: time of the origin of a log without absolute times.
+        hop: time from one hop to the next [s], of logs that count them (odas); None: not given.
         ignore_extra: skip unknown columns instead of refusing them.
     """
 
@@ -39,6 +42,7 @@ class DoaOptions:
     algorithm: str | None = None
     start_ns: int = 0
     ignore_extra: bool = False
+    hop: Fraction | None = None
 
 
 class DoaRows(NamedTuple):
@@ -92,7 +96,7 @@ COLUMNS: dict[str, Sequence[str]] = {
 WHAT = "a log of directions of arrival"
 
 
-def read_table(path: Path, options: DoaOptions) -> Iterator[DoaRows]:
+def read_table(path: Path, options: DoaOptions, _losses: list[Loss]) -> Iterator[DoaRows]:
     """Rows of the log."""
     for rows in read_rows(path, COLUMNS, WHAT, ignore_extra=options.ignore_extra):
         unit = time_column(rows)

@@ -6,6 +6,7 @@ Formats (`FORMATS`), found out from the content:
                azimuth_deg or azimuth_rad, and perhaps elevation, sigma, confidence, id
     frida      estimates of several algorithms, one unordered set a recording
     telemetr   field log of direction finders: date time animal code, then tower and bearing
+    odas       JSON objects of ODAS, one after another; times are counts of hops
 
 Conventions of azimuth: `math` from +x towards +y; `compass` clockwise from north, which is
 +y; `array` from the array's own x axis towards its y axis, to which its yaw is added.
@@ -25,23 +26,26 @@ from occlog.io.files.csv_rows import first_line
 from occlog.io.files.frame_times import to_world_time
 from occlog.io.files.inputs import check_input
 from occlog.io.files.sensor_names import match_sensor
+from occlog.records.losses import Loss
 from occlog.records.scene import Clock, MicrophoneArray
 from occlog.records.tables import Doa
 
 from .author_formats import looks_like_telemetr, read_frida, read_telemetr
 from .csv_log import COLUMNS, WHAT, DoaOptions, DoaRows, read_table
+from .odas import looks_like_odas, read_odas
 
 
 class DoaFormat(NamedTuple):
     """One format of logs; `convention` is that of its azimuths unless the user says otherwise."""
 
     detect: Callable[[list[str]], bool]
-    read: Callable[[Path, DoaOptions], Iterator[DoaRows]]
+    read: Callable[[Path, DoaOptions, list[Loss]], Iterator[DoaRows]]
     convention: str
     doc: str
 
 
 FORMATS: dict[str, DoaFormat] = {
+    "odas": DoaFormat(looks_like_odas, read_odas, "array", "JSON stream of ODAS, tracked or found sources"),
     "frida": DoaFormat(
         lambda head: "algorithm" in head and "estimate_deg" in head, read_frida, "array", "estimates of FRIDA/Pyramic"
     ),
@@ -61,14 +65,18 @@ def read_doa(
     arrays: Sequence[MicrophoneArray],
     options: DoaOptions,
     clocks: Mapping[str, Clock] | None = None,
+    losses: list[Loss] | None = None,
 ) -> Iterator[Doa]:
     """Tables of directions, azimuths in the world's convention.
+
+    Directions from the frame of a tilted array are turned as vectors where the log tells elevations.
 
     Args:
         path: the log.
         arrays: arrays of the scene; sensors of the log are matched with their names.
         options: what the log does not say itself.
         clocks: clocks of the arrays that do not run by world time.
+        losses: is told what the end of the log cuts off; None: that is an error.
 
     Raises:
         InputError: the log is malformed, names an array that is not there, or its times go back.
@@ -79,7 +87,9 @@ def read_doa(
     names = [a.name for a in arrays]
     last: dict[str, int] = {}
     first: dict[str, int] = {}
-    for rows in entry.read(path, options):
+    told: list[Loss] = [] if losses is None else losses
+    tilted = {a.name: a for a in arrays if not a.upright}
+    for rows in entry.read(path, options, told):
         unique, inverse = np.unique(rows.sensor, return_inverse=True)
         matched = [match_sensor(str(label), names, str(path)) for label in unique]
         sensor = np.array(matched, dtype=np.str_)[inverse]
@@ -87,7 +97,12 @@ def read_doa(
         rows = _by_clocks(rows, sensor, clocks or {}, first)
         yaw = {a.name: a.yaw for a in arrays}
         offset = np.array([yaw[name] for name in matched])[inverse]
-        yield _table(rows, sensor, to_world(rows.azimuth, convention, offset))
+        azimuth = to_world(rows.azimuth, convention, offset)
+        if convention == "array" and tilted:
+            azimuth, rows = _untilted(rows, sensor, azimuth, tilted)
+        yield _table(rows, sensor, azimuth)
+    if losses is None and told:
+        raise InputError(f"{told[0]}; repair the log")
 
 
 def _format(path: Path, options: DoaOptions) -> str:
@@ -115,6 +130,20 @@ def to_world(azimuth: Floats, convention: str, array_yaw: Floats | float = 0.0) 
         angle = angle + array_yaw
     wrapped = (angle + np.pi) % (2 * np.pi) - np.pi
     return np.where(wrapped >= np.pi, wrapped - 2 * np.pi, wrapped)
+
+
+def _untilted(
+    rows: DoaRows, sensor: Strings, azimuth: Floats, tilted: Mapping[str, MicrophoneArray]
+) -> tuple[Floats, DoaRows]:
+    """World azimuths, and the rows with world elevations, of directions in the frames of tilted arrays."""
+    azimuth, elevation = azimuth.copy(), rows.elevation.copy()
+    for name, array in tilted.items():
+        mine = np.flatnonzero((sensor == name) & np.isfinite(rows.elevation))
+        own, up = rows.azimuth[mine], rows.elevation[mine]
+        rays = np.column_stack([np.cos(up) * np.cos(own), np.cos(up) * np.sin(own), np.sin(up)]) @ array.rotation.T
+        azimuth[mine] = to_world(np.arctan2(rays[:, 1], rays[:, 0]), "math")
+        elevation[mine] = np.arctan2(rays[:, 2], np.hypot(rays[:, 0], rays[:, 1]))
+    return azimuth, rows._replace(elevation=elevation)
 
 
 def _check_times(path: Path, rows: DoaRows, sensor: Strings, last: dict[str, int]) -> None:
