@@ -21,8 +21,8 @@ INPUTS = (
     click.option(
         "--boxes",
         multiple=True,
-        metavar="[CAM=]FILE",
-        help="Detector boxes: CSV with a header, or MOTChallenge text (then with CAM).",
+        metavar="[CAM=]PATH",
+        help="Boxes: CSV, JSON (COCO, supervision, Ultralytics), MOTChallenge text, or a folder of YOLO text.",
     ),
     click.option("--mot", multiple=True, metavar="CAM=FILE", help="MOTChallenge detections; the same as --boxes."),
     click.option("--doa", multiple=True, metavar="[ARRAY=]FILE", help="Log of directions of arrival."),

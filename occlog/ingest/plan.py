@@ -116,6 +116,21 @@ class IngestPlan(Settings):
     confidence_scale: float = setting(
         1.0, "Divide the detector's confidences by this.", above=0, option="--confidence-scale"
     )
+    scores: str = setting(
+        "probability",
+        "What a detector's confidences are: a probability, divided by the scale; any number, whose logistic function "
+        "is taken for one; or of no use.",
+        choices=("probability", "logistic", "unknown"),
+        option="--scores",
+    )
+    classes: tuple[str, ...] = setting(
+        (),
+        "Class of the boxes that are taken, by number or name; may be repeated.",
+        repeat=True,
+        option="--class",
+        metavar="NAME",
+        shown="the only one that there is",
+    )
     ignore_extra_columns: bool = setting(
         False, "Skip unknown columns of tables.", option="--ignore-extra-columns", shown="refused"
     )
@@ -201,7 +216,11 @@ class IngestPlan(Settings):
 
     def inputs(self) -> list[Path]:
         """Every file that is read; a folder stands for the files in it."""
-        return [file for path in self.paths() for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
+        return [file for path in self.paths() for file in (files_in(path) if path.is_dir() else [path])]
+
+    def folders(self) -> list[Path]:
+        """Inputs that may be folders, though they may be files, too."""
+        return [path for _, path in self.boxes]
 
     def parameters(self) -> dict[str, object]:
         """Options that change the result, without the folders of the files, for provenance."""
@@ -211,6 +230,11 @@ class IngestPlan(Settings):
                 continue
             shown[key] = _plain(value)
         return shown
+
+
+def files_in(folder: Path) -> list[Path]:
+    """All files in a folder and its subfolders, in order."""
+    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def _plain(value: object) -> object:

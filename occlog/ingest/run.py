@@ -13,7 +13,7 @@ from pathlib import Path
 from occlog.cli.options import note as tell
 from occlog.cli.options import progress
 from occlog.errors import InputError
-from occlog.io.boxes.reader import BoxFile, BoxOptions, BoxSurvey, read_boxes, survey_boxes
+from occlog.io.boxes.reader import BoxSurvey, read_boxes
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_file, hash_inputs
@@ -30,7 +30,9 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
 
-from .plan import IngestPlan
+from .boxes import box_files, box_options, inside, known_cameras, truth_options
+from .boxes import survey as survey_of
+from .plan import IngestPlan, files_in
 from .scene import base_scene, fit_sizes, match_cameras
 from .sources import Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
 from .upright import Turn
@@ -53,10 +55,11 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
         tell(message, quiet)
 
     for path, what in plan.files():
-        check_input(path, what)
+        if not (path.is_dir() and path in plan.folders()):
+            check_input(path, what)
     done = Ingested()
     scene, turn = base_scene(plan, note)
-    survey = _survey(plan, scene)
+    survey = survey_of(plan, scene, note)
     wanted = list(dict.fromkeys([*plan.video, *plan.images, *(survey.cameras if survey else ())]))
     scene = match_cameras(scene, wanted, plan)
     with ExitStack() as stack:
@@ -70,7 +73,7 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
         writer = stack.enter_context(RecordingWriter(plan.output, scene, provenance, overwrite=overwrite))
         # Tables first: a fault in one is then told before hours of video have been read.
         _write_reads(plan, scene, writer, done, note)
-        _write_tables(plan, scene, turn, survey, times, writer, done)
+        _write_tables(plan, scene, turn, survey, times, writer, done, note)
         _write_frames(plan, sources, writer, done, quiet)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
         for name, source in sorted(done.times.items()):
@@ -96,37 +99,11 @@ def _hashes(plan: IngestPlan) -> tuple[tuple[str, str], ...]:
     out: list[tuple[str, str]] = []
     for path in plan.paths():
         if path.is_dir():
-            inside = hash_inputs(sorted(p for p in path.iterdir() if p.is_file()))
-            out.append((path.name, hashlib.sha256(repr(inside).encode()).hexdigest()))
+            held = hash_inputs(files_in(path))
+            out.append((path.name, hashlib.sha256(repr(held).encode()).hexdigest()))
         else:
             out += hash_inputs([path])
     return tuple(out)
-
-
-def _survey(plan: IngestPlan, scene: Scene) -> BoxSurvey | None:
-    """Cameras and frames of the tables of boxes."""
-    if not plan.boxes:
-        return None
-    return survey_boxes(_box_files(plan), _known(plan, scene), _box_options(plan))
-
-
-def _box_files(plan: IngestPlan) -> list[BoxFile]:
-    return [BoxFile(path, name) for name, path in plan.boxes]
-
-
-def _known(plan: IngestPlan, scene: Scene) -> list[str]:
-    """Names of cameras that labels in tables can mean."""
-    given = [*plan.video, *plan.images, *(name for name, _ in plan.boxes if name is not None)]
-    return list(dict.fromkeys([*given, *([] if given else [c.name for c in scene.cameras])]))
-
-
-def _box_options(plan: IngestPlan) -> BoxOptions:
-    return BoxOptions(
-        frames=plan.frames,
-        first_number=plan.first_number or 0,
-        confidence_scale=plan.confidence_scale,
-        ignore_extra=plan.ignore_extra_columns,
-    )
 
 
 def _all_times(
@@ -188,12 +165,14 @@ def _write_tables(
     times: dict[str, FrameTimes],
     writer: RecordingWriter,
     done: Ingested,
+    note: Callable[[str], None],
 ) -> None:
     """Rows of boxes, directions and truth."""
     tables: list[Iterator[Table]] = []
     if survey is not None:
-        known = _known(plan, scene)
-        tables.append(read_boxes(_box_files(plan), survey, times, known, _box_options(plan), Boxes))
+        known = known_cameras(plan, scene)
+        read = read_boxes(box_files(plan), survey, times, known, box_options(plan, scene), Boxes)
+        tables.append(inside(read, scene, done.losses, note))
     for sensor, path in plan.doa:
         clocks = {a.name: c for a in scene.arrays if (c := clock_of(scene, a.name)) is not None}
         tables.append(read_doa(path, scene.arrays, _doa_options(plan, sensor), clocks, done.losses))
@@ -202,10 +181,10 @@ def _write_tables(
         how = TruthOptions(
             format=plan.truth_format,
             camera=camera,
-            cameras=_known(plan, scene),
+            cameras=known_cameras(plan, scene),
             times=times,
             sync_ns=sync,
-            boxes=_box_options(plan),
+            boxes=truth_options(plan, scene),
         )
         tables.append(_truth(path, how, plan, turn))
     for chunks in tables:

@@ -357,3 +357,40 @@ def test_a_stopped_ingest_leaves_neither_output_nor_decoders(tmp_path: Path, how
     while any(Path(f"/proc/{pid}").exists() for pid in decoders) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not [pid for pid in decoders if Path(f"/proc/{pid}").exists()]
+
+
+def test_folders_of_yolo_text_become_boxes_of_the_calibrated_cameras(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, line in (
+        ("cam1", "0 0.5 0.5 0.25 0.5 0.75 4\n2 0.5 0.5 0.1 0.1 0.5\n"),
+        ("cam2", "0 0.5 0.5 0.1 0.5 0.5 4\n"),
+    ):
+        folder = place / "yolo" / name / "labels"
+        folder.mkdir(parents=True)
+        for frame in (3, 5):
+            (folder / f"walk_{frame}.txt").write_text(line)
+    given = ("--boxes", str(place / "yolo"), "--fps", "10")
+    assert ingest(place, *given) == ExitCode.BAD_INPUT
+    assert "choose the class of people" in capsys.readouterr().err
+    assert ingest(place, *given, "--class", "0") == ExitCode.DONE
+    boxes = Boxes.concat(open_recording(place / "out.mcap").tables(Boxes))
+    assert boxes.frame.tolist() == [3, 3, 4, 4, 5, 5]
+    assert boxes.left_px[:2].tolist() == [60.0, 72.0]
+    assert boxes.target_id.tolist() == [4, 4, -1, -1, 4, 4]
+
+
+def test_boxes_outside_the_image_are_lost_and_those_over_its_border_are_told(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = place / "boxes.csv"
+    table.write_text("frame,left,top,width,height\n0,-40,10,30,40\n0,-5,10,30,40\n1,160,10,30,40\n2,5,5,9,9\n")
+    given = ["--scene", str(place / "scene.yaml"), "--fps", "5", "--boxes", f"cam1={table}"]
+    code = run(["ingest", "-o", str(place / "o.mcap"), *given])
+    assert code == ExitCode.LOSSY
+    assert "over the border of the image, by up to 5 px: cam1 1; kept" in capsys.readouterr().err
+    recording = open_recording(place / "o.mcap")
+    boxes = Boxes.concat(recording.tables(Boxes))
+    assert boxes.frame.tolist() == [0, 1, 2]
+    assert boxes.box.tolist() == [1, -1, 0]
+    assert [(loss.source, loss.count) for loss in recording.losses] == [("cam1", 2)]

@@ -1,1 +1,1 @@
-"""Boxes of detectors: CSV, JSON, MOTChallenge."""
+"""Boxes of detectors: CSV, COCO and other JSON, YOLO, MOTChallenge."""

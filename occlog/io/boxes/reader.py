@@ -1,41 +1,41 @@
-"""Boxes of a person detector: CSV with a header, and MOTChallenge text.
+"""Boxes of a person detector, in any format that is known.
 
-A CSV file has the columns
-
-    frame        number of the frame, from 0, or from another first number
-    camera       name or number of the camera, where the file holds several
-    left, top    corner of the box [px], and right, bottom or width, height
-    confidence   0 to 1, if there is one
-    id           identity, if the detector gives one
-    time         time of the frame in seconds (or t_ns, t_ms, ...), if there is one
-
-under these or the usual other names (`COLUMNS`).  A MOTChallenge file holds one camera and
-has the columns frame (from 1), id, left, top, width, height, confidence and more that are
-not used; -1 stands for what is not known.
+    CSV             a header line with frame, camera, left, top, right, bottom, ...; see `columns`
+    MOTChallenge    text without a header, one camera, frames from 1; see `text`
+    YOLO            a folder with one text file a frame, one folder a camera; see `folder`
+    JSON            COCO, or records of supervision and Ultralytics; see `objects`
 
 Every frame from the first to the last one in the files is taken for a frame of each
 camera: where it has no row, the camera looked and saw nobody.  `frames` states another range.
+A format that lists its frames (YOLO, COCO) may count them in steps: then those between are none.
 Where rows carry times, the times of all frames are made from these.
 """
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from occlog.array_types import Ints, Strings
-from occlog.errors import InputError
-from occlog.io.files.csv_rows import Rows, first_line, is_header, read_plain, read_rows
+from occlog.array_types import Floats, Ints, Strings
+from occlog.errors import InputError, UsageError
+from occlog.io.files.csv_rows import Rows, first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.sensor_names import match_sensor
-from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.files.timestamps import parse_times, time_column
 from occlog.records.tables import Boxes
 
-from .rows import BoxRows, check_boxes, check_range, fill_frames, in_frames, join
+from .classes import check_classes, class_labels, wanted_rows
+from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, WHAT, BoxSource
+from .folder import open_folder
+from .objects import is_json, open_json
+from .rows import BoxRows, check_boxes, check_identities, check_range, fill_frames, in_frames, join
+from .text import open_csv, open_mot
 
 
 def note_times(rows: Rows, boxes: BoxRows, cameras: list[str], stamps: dict[str, dict[int, int]]) -> None:
@@ -78,22 +78,9 @@ def table_times(found: dict[int, int], first: int, stop: int, where: str) -> Fra
 
 
 B = TypeVar("B", bound=Boxes)
-WHAT = "a table of boxes"
-COLUMNS: dict[str, Sequence[str]] = {
-    "frame": ("frame", "frame_id", "frame_number", "frame_index"),
-    "camera": ("camera", "cam", "cam_id", "camera_id", "view", "sensor"),
-    "left": ("left", "x1", "xmin", "x_min", "bb_left", "left_px"),
-    "top": ("top", "y1", "ymin", "y_min", "bb_top", "top_px"),
-    "right": ("right", "x2", "xmax", "x_max", "right_px"),
-    "bottom": ("bottom", "y2", "ymax", "y_max", "bottom_px"),
-    "width": ("width", "w", "bb_width", "width_px"),
-    "height": ("height", "h", "bb_height", "height_px"),
-    "confidence": ("confidence", "conf", "score", "probability"),
-    "id": ("id", "target_id", "track_id", "object_id", "identity"),
-    **TIME_COLUMNS,
-}
-IGNORED = ("class", "class_id", "class_name", "label", "category", "visibility", "box")
-MOT_COLUMNS = ("frame", "id", "left", "top", "width", "height", "confidence")
+NORMALISED_PX = 1.5
+"""Where no box of many reaches farther than this, they are given in shares of the image, not in pixels."""
+MIN_FRAMES_OF_STEPS = 3
 
 
 @dataclass(frozen=True)
@@ -102,26 +89,41 @@ class BoxOptions:
 
     Attributes:
         frames: first frame and the one after the last; None: from the first to the last in the files.
-        first_number: number in a CSV file that is frame 0.
+        first_number: number that is frame 0, where neither the format nor `BoxFile` says it.
         confidence_scale: number by which confidences are divided.
+        scores: what a confidence is: `probability`; `logistic`: any number, whose logistic function is taken for one;
+            `unknown`: of no use, so that it is not kept.
         ignore_extra: skip unknown columns instead of refusing them.
         drop_zero: leave out boxes whose confidence is 0.
         use_confidence: false: confidences, which may then be any number, are not kept.
+        classes: classes that are wanted, by number or name; empty: the boxes must all be of one class; None: classes
+            are not looked at.
+        sizes: width and height of each camera's images [px], for boxes in shares of them; None: not known yet.
     """
 
     frames: tuple[int, int] | None = None
     first_number: int = 0
     confidence_scale: float = 1.0
+    scores: str = "probability"
     ignore_extra: bool = False
     drop_zero: bool = False
     use_confidence: bool = True
+    classes: tuple[str, ...] | None = None
+    sizes: Mapping[str, tuple[int, int]] | None = None
 
 
 class BoxFile(NamedTuple):
-    """A file of boxes; `camera` is None where the file itself names the cameras."""
+    """A file or folder of boxes.
+
+    Attributes:
+        path: where it is.
+        camera: the camera; None: the file itself names the cameras.
+        first_number: number that is frame 0; None: as the format or the options say.
+    """
 
     path: Path
     camera: str | None
+    first_number: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +137,11 @@ class BoxSurvey:
         ordered: frames do not go back in any file.
         times: times of frames, from the files' own column of times.
         rows: number of boxes.
+        step: frames are first, first + step, ...
+        kinds: formats of the files, in words.
+        classes: classes of the boxes that are kept, and how many boxes each has; one without a name: not stated.
+        left_out: the same of boxes of other classes.
+        shares: cameras whose boxes are in shares of the image.
     """
 
     cameras: tuple[str, ...]
@@ -143,6 +150,11 @@ class BoxSurvey:
     ordered: bool
     times: Mapping[str, FrameTimes]
     rows: int
+    step: int = 1
+    kinds: tuple[str, ...] = ()
+    classes: Counter[tuple[str, ...]] = field(default_factory=Counter)
+    left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
+    shares: frozenset[str] = frozenset()
 
 
 def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOptions) -> BoxSurvey:
@@ -154,25 +166,90 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
             and are used as they are where `known` is empty.
         options: how to read the files.
     """
-    cameras: list[str] = []
-    stamps: dict[str, dict[int, int]] = {}
-    low, high, rows, ordered = np.inf, -np.inf, 0, True
+    found = _Found()
     for file in files:
-        last = -1
-        for chunk, boxes in _read(file, cameras, known, options):
-            low, high = min(low, int(boxes.frame.min())), max(high, int(boxes.frame.max()))
-            ordered = ordered and last <= boxes.frame[0] and bool((np.diff(boxes.frame) >= 0).all())
-            last, rows = int(boxes.frame[-1]), rows + len(boxes.frame)
-            note_times(chunk, boxes, cameras, stamps)
-        if file.camera is not None and file.camera not in cameras:
-            cameras.append(file.camera)
+        _survey_file(file, known, options, found)
     where = ", ".join(str(f.path) for f in files)
-    if not rows and options.frames is None:
+    if options.classes is not None:
+        check_classes(where, options.classes, found.classes, found.classes + found.left_out)
+    if math.isinf(found.low) and options.frames is None:
         raise InputError(f"{where}: no row with a box; if nobody was seen in all frames, give the range of frames")
-    first, stop = options.frames or (int(low), int(high) + 1)
+    if found.farthest <= NORMALISED_PX and found.rows > 1:
+        raise InputError(
+            f"{where}: no box reaches beyond {found.farthest:.3g} px; these seem to be shares of the image: "
+            "write pixels"
+        )
+    first, stop = options.frames or (int(found.low), int(found.high) + 1)
     check_range(first, stop, where)
-    times = {name: table_times(found, first, stop, where) for name, found in stamps.items()}
-    return BoxSurvey(tuple(cameras), first, stop, ordered, times, rows)
+    times = {name: table_times(stamps, first, stop, where) for name, stamps in found.stamps.items()}
+    return BoxSurvey(
+        cameras=tuple(found.cameras),
+        first=first,
+        stop=stop,
+        ordered=found.ordered,
+        times=times,
+        rows=found.rows,
+        step=found.step if options.frames is None else 1,
+        kinds=tuple(dict.fromkeys(found.kinds)),
+        classes=found.classes,
+        left_out=found.left_out,
+        shares=frozenset(found.shares),
+    )
+
+
+@dataclass
+class _Found:
+    """What a survey has found so far; `listed` is None once a file does not list its frames."""
+
+    cameras: list[str] = field(default_factory=list)
+    stamps: dict[str, dict[int, int]] = field(default_factory=dict)
+    low: float = math.inf
+    high: float = -math.inf
+    rows: int = 0
+    ordered: bool = True
+    kinds: list[str] = field(default_factory=list)
+    classes: Counter[tuple[str, ...]] = field(default_factory=Counter)
+    left_out: Counter[tuple[str, ...]] = field(default_factory=Counter)
+    shares: set[str] = field(default_factory=set)
+    farthest: float = -math.inf
+    listed: set[int] | None = field(default_factory=set)
+
+    @property
+    def step(self) -> int:
+        """The largest step in which all listed frames can be counted; 1 where not all files list theirs."""
+        if self.listed is None or len(self.listed) < MIN_FRAMES_OF_STEPS:
+            return 1
+        return int(np.gcd.reduce(np.diff(np.array(sorted(self.listed), dtype=np.int64))))
+
+    def span(self, frames: Ints) -> None:
+        """Take frames into the range."""
+        if len(frames):
+            self.low, self.high = min(self.low, int(frames.min())), max(self.high, int(frames.max()))
+
+
+def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found: _Found) -> None:
+    source = _open(file, options)
+    how = _numbering(file, source, options)
+    found.kinds.append(source.kind)
+    if source.listed is None:
+        found.listed = None
+    else:
+        found.span(source.listed - how.first_number)
+        if found.listed is not None:
+            found.listed |= set((source.listed - how.first_number).tolist())
+    last = -1
+    for chunk, boxes in _read(file, source, found.cameras, known, how, found.left_out):
+        found.span(boxes.frame)
+        ordered = last <= boxes.frame[0] and bool((np.diff(boxes.frame) >= 0).all())
+        last, found.rows, found.ordered = int(boxes.frame[-1]), found.rows + len(boxes.frame), found.ordered and ordered
+        note_times(chunk, boxes, found.cameras, found.stamps)
+        found.classes.update(class_labels(chunk) if options.classes is not None else ())
+        if chunk.has(SHARE_X):
+            found.shares |= {found.cameras[n] for n in np.unique(boxes.camera).tolist()}
+            found.farthest = math.inf
+        found.farthest = max(found.farthest, float((boxes.left + boxes.width).max()))
+    named = (file.camera,) if file.camera is not None else tuple(_matched(c, known, file) for c in source.cameras)
+    found.cameras += [name for name in named if name not in found.cameras]
 
 
 def read_boxes(
@@ -196,57 +273,58 @@ def read_boxes(
         table: `Boxes` or `TruthBoxes`.
     """
     for file in files:
+        source = _open(file, options)
+        how = _numbering(file, source, options)
         cameras = [file.camera] if file.camera is not None else list(survey.cameras)
-        chunks: Iterator[BoxRows] = (boxes for _, boxes in _read(file, cameras, known, options))
+        chunks: Iterator[BoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
         if not survey.ordered:
-            chunks = iter([join(list(chunks))])
+            chunks = iter([join(parts)] if (parts := list(chunks)) else [])
         whole = in_frames(chunks, survey.first, survey.stop)
-        yield from fill_frames(whole, table, cameras, survey.first, survey.stop, times)
+        if options.classes is not None:
+            whole = check_identities(whole, cameras, file.path)
+        yield from fill_frames(whole, table, cameras, survey.first, survey.stop, times, survey.step)
+
+
+def _open(file: BoxFile, options: BoxOptions) -> BoxSource:
+    """The file in the format that its content shows."""
+    if file.path.is_dir():
+        return open_folder(file.path, file.camera)
+    if is_json(file.path):
+        return open_json(file.path, file.camera, ignore_extra=options.ignore_extra)
+    if is_header(first_line(file.path, WHAT)):
+        return open_csv(file.path, file.camera, ignore_extra=options.ignore_extra)
+    return open_mot(file.path, file.camera)
+
+
+def _numbering(file: BoxFile, source: BoxSource, options: BoxOptions) -> BoxOptions:
+    """The options with the number that is frame 0 in this file."""
+    own = [n for n in (source.first_number, file.first_number) if n is not None]
+    return replace(options, first_number=own[0]) if own else options
 
 
 def _read(
-    file: BoxFile, cameras: list[str], known: Sequence[str], options: BoxOptions
+    file: BoxFile,
+    source: BoxSource,
+    cameras: list[str],
+    known: Sequence[str],
+    options: BoxOptions,
+    left_out: Counter[tuple[str, ...]],
 ) -> Iterator[tuple[Rows, BoxRows]]:
-    """Rows of a file as text and as numbers; cameras that are new are appended to `cameras`."""
-    mot = not is_header(first_line(file.path, WHAT))
-    chunks = _read_mot(file) if mot else _read_csv(file, options)
-    if mot:
-        options = replace(options, first_number=1)
-    for rows in chunks:
+    """Rows of a file as text and as numbers; cameras and classes that are not wanted are added to the lists."""
+    for chunk in source.chunks:
+        rows = chunk
+        if options.classes and len(rows):
+            wanted = wanted_rows(rows, options.classes)
+            left_out.update(class_labels(rows.pick(np.flatnonzero(~wanted))))
+            rows = rows.pick(np.flatnonzero(wanted))
         labels = rows.cells["camera"] if rows.has("camera") and file.camera is None else None
         camera = _number_cameras(file, rows, labels, cameras, known)
-        boxes = check_boxes(rows, _numbers(rows, camera, options))
+        boxes = check_boxes(rows, _numbers(rows, camera, cameras, options))
         if options.drop_zero and (boxes.confidence == 0).any():
             kept = np.flatnonzero(boxes.confidence != 0)
             rows, boxes = rows.pick(kept), boxes.pick(kept)
         if len(rows):
             yield rows, boxes
-
-
-def _read_csv(file: BoxFile, options: BoxOptions) -> Iterator[Rows]:
-    for rows in read_rows(file.path, COLUMNS, WHAT, ignored=IGNORED, ignore_extra=options.ignore_extra):
-        missing = [name for name in ("frame", "left", "top") if not rows.has(name)]
-        if not (rows.has("right") and rows.has("bottom")) and not (rows.has("width") and rows.has("height")):
-            missing.append("right and bottom (or width and height)")
-        if missing:
-            raise InputError(f"{file.path}: has no column {', '.join(missing)}; add it")
-        if file.camera is None and not rows.has("camera"):
-            raise InputError(f"{file.path}: has no column camera; add it, or name the camera: CAMERA={file.path.name}")
-        yield rows
-
-
-def _read_mot(file: BoxFile) -> Iterator[Rows]:
-    if file.camera is None:
-        raise InputError(
-            f"{file.path}: a MOTChallenge file holds one camera and does not name it; give CAMERA={file.path.name}"
-        )
-    for rows in read_plain(file.path, WHAT):
-        if not 7 <= len(rows.cells) <= 10:
-            raise InputError(
-                f"{file.path}: {len(rows.cells)} columns; MOTChallenge has 7 to 10 "
-                "(frame,id,left,top,width,height,confidence,x,y,z), other tables need a header line"
-            )
-        yield Rows(rows.path, rows.lines, dict(zip(MOT_COLUMNS, rows.cells.values(), strict=False)))
 
 
 def _number_cameras(
@@ -259,32 +337,67 @@ def _number_cameras(
             cameras.append(name)
         return np.full(len(rows), cameras.index(name), dtype=np.int64)
     unique, inverse = np.unique(labels, return_inverse=True)
-    names = [match_sensor(str(label), known, str(file.path)) if known else str(label) for label in unique]
+    names = [_matched(str(label), known, file) for label in unique]
     for name in names:
         if name not in cameras:
             cameras.append(name)
     return np.array([cameras.index(name) for name in names], dtype=np.int64)[inverse]
 
 
-def _numbers(rows: Rows, camera: Ints, options: BoxOptions) -> BoxRows:
+def _matched(label: str, known: Sequence[str], file: BoxFile) -> str:
+    """The camera that a label means."""
+    return match_sensor(label, known, str(file.path)) if known else label
+
+
+def _numbers(rows: Rows, camera: Ints, cameras: Sequence[str], options: BoxOptions) -> BoxRows:
     frame = rows.ints("frame") - options.first_number
     if (frame < 0).any():
         row = int(np.flatnonzero(frame < 0)[0])
         raise rows.fail(row, f"frame {rows.cells['frame'][row]}; the first one is {options.first_number}")
-    left, top = rows.floats("left"), rows.floats("top")
-    n = len(frame)
-    given = rows.has("confidence") and options.use_confidence
-    confidence = rows.floats("confidence", blank=True) if given else np.full(n, np.nan)
+    left, top, width, height = _edges(rows, camera, cameras, options.sizes)
     return BoxRows(
         frame=frame,
         camera=camera,
-        target_id=_identities(rows) if rows.has("id") else np.full(n, -1, dtype=np.int64),
+        target_id=_identities(rows) if rows.has("id") else np.full(len(frame), -1, dtype=np.int64),
         left=left,
         top=top,
-        width=rows.floats("width") if rows.has("width") else rows.floats("right") - left,
-        height=rows.floats("height") if rows.has("height") else rows.floats("bottom") - top,
-        confidence=np.where(confidence == -1, np.nan, confidence / options.confidence_scale),
+        width=width,
+        height=height,
+        confidence=_confidence(rows, options),
     )
+
+
+def _edges(
+    rows: Rows, camera: Ints, cameras: Sequence[str], sizes: Mapping[str, tuple[int, int]] | None
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Left, top, width and height [px]; in shares of the image where these are given and sizes are not known yet."""
+    if not rows.has(SHARE_X):
+        left, top = rows.floats("left"), rows.floats("top")
+        width = rows.floats("width") if rows.has("width") else rows.floats("right") - left
+        height = rows.floats("height") if rows.has("height") else rows.floats("bottom") - top
+        return left, top, width, height
+    size = np.ones((len(cameras), 2))
+    for n in np.unique(camera).tolist() if sizes is not None else ():
+        if sizes is None or cameras[n] not in sizes:
+            raise UsageError(
+                f"{rows.path}: counts in shares of the image, and nothing says how large those of camera {cameras[n]} "
+                "are; give the image size, a calibration that has it, or the video"
+            )
+        size[n] = sizes[cameras[n]]
+    across, down = size[camera].T
+    width, height = rows.floats(SHARE_WIDTH) * across, rows.floats(SHARE_HEIGHT) * down
+    return rows.floats(SHARE_X) * across - width / 2, rows.floats(SHARE_Y) * down - height / 2, width, height
+
+
+def _confidence(rows: Rows, options: BoxOptions) -> Floats:
+    """(n,) confidences; NaN where there is none."""
+    if not (rows.has("confidence") and options.use_confidence) or options.scores == "unknown":
+        return np.full(len(rows), np.nan)
+    given = rows.floats("confidence", blank=True)
+    if options.scores == "logistic":
+        with np.errstate(over="ignore"):
+            return np.asarray(1.0 / (1.0 + np.exp(-given / options.confidence_scale)))
+    return np.where(given == -1, np.nan, given / options.confidence_scale)
 
 
 def _identities(rows: Rows) -> Ints:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -50,9 +51,26 @@ def check_boxes(rows: Rows, boxes: BoxRows) -> BoxRows:
     if bad.any():
         row = int(np.flatnonzero(bad)[0])
         raise rows.fail(
-            row, f"confidence {boxes.confidence[row]:g}; it must be 0 to 1 (state the scale that divides it)"
+            row,
+            f"confidence {boxes.confidence[row]:g}; it must be 0 to 1; state the scale that divides it, or say that "
+            "scores are logistic (any number) or unknown (not used)",
         )
     return boxes
+
+
+def check_identities(chunks: Iterator[BoxRows], cameras: Sequence[str], path: Path) -> Iterator[BoxRows]:
+    """The chunks, whole frames each; InputError where an identity has two boxes in one frame of a camera."""
+    for rows in chunks:
+        named = rows.pick(np.flatnonzero(rows.target_id >= 0))
+        named = named.pick(np.lexsort((named.target_id, named.camera, named.frame)))
+        same = (np.diff(named.frame) == 0) & (np.diff(named.camera) == 0) & (np.diff(named.target_id) == 0)
+        if same.any():
+            row = int(np.flatnonzero(same)[0])
+            raise InputError(
+                f"{path}: camera {cameras[named.camera[row]]}, frame {named.frame[row]} (from 0): identity "
+                f"{named.target_id[row]} has two boxes; keep one, or leave the identities out"
+            )
+        yield rows
 
 
 def join(parts: Sequence[BoxRows]) -> BoxRows:
@@ -92,6 +110,7 @@ def fill_frames(
     first: int,
     stop: int,
     times: Mapping[str, FrameTimes],
+    step: int = 1,
 ) -> Iterator[B]:
     """Tables of boxes in which every frame first <= frame < stop of every camera has at least one row.
 
@@ -104,11 +123,13 @@ def fill_frames(
         first: first frame.
         stop: frame after the last one.
         times: times of the frames of each camera.
+        step: only first, first + step, ... are frames that were looked at.
     """
+    origin = first
     done = first
     for chunk in chunks:
         end = int(chunk.frame[-1]) + 1
-        yield from _blocks(chunk, table, cameras, done, end, times)
+        yield from _blocks(chunk, table, cameras, done, end, times, (origin, step))
         done = end
     none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
     empty = BoxRows(
@@ -121,25 +142,38 @@ def fill_frames(
         height=nothing,
         confidence=nothing,
     )
-    yield from _blocks(empty, table, cameras, done, stop, times)
+    yield from _blocks(empty, table, cameras, done, stop, times, (origin, step))
 
 
 def _blocks(
-    rows: BoxRows, table: type[B], cameras: Sequence[str], first: int, stop: int, times: Mapping[str, FrameTimes]
+    rows: BoxRows,
+    table: type[B],
+    cameras: Sequence[str],
+    first: int,
+    stop: int,
+    times: Mapping[str, FrameTimes],
+    looked: tuple[int, int],
 ) -> Iterator[B]:
     for start in range(first, stop, FRAMES_PER_CHUNK):
         end = min(start + FRAMES_PER_CHUNK, stop)
         low, high = np.searchsorted(rows.frame, [start, end])
-        yield _table(rows.pick(np.arange(low, high)), table, cameras, start, end, times)
+        yield _table(rows.pick(np.arange(low, high)), table, cameras, start, end, times, looked)
 
 
 def _table(
-    rows: BoxRows, table: type[B], cameras: Sequence[str], first: int, stop: int, times: Mapping[str, FrameTimes]
+    rows: BoxRows,
+    table: type[B],
+    cameras: Sequence[str],
+    first: int,
+    stop: int,
+    times: Mapping[str, FrameTimes],
+    looked: tuple[int, int],
 ) -> B:
-    """One table of the frames first <= frame < stop."""
+    """One table of the frames first <= frame < stop; `looked` is one that was looked at, and the step to the next."""
     cell = (rows.frame - first) * len(cameras) + rows.camera
     counts = np.bincount(cell, minlength=(stop - first) * len(cameras))
     empty = np.flatnonzero(counts == 0)
+    empty = empty[(first + empty // len(cameras) - looked[0]) % looked[1] == 0]
     frame = np.concatenate([rows.frame, first + empty // len(cameras)])
     camera = np.concatenate([rows.camera, empty % len(cameras)])
     # Rows are sorted by cell, so the place within a cell is the distance from its first row.

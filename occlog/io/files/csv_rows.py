@@ -11,7 +11,7 @@ import gzip
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -31,22 +31,33 @@ _NUMBER = re.compile(r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$")
 
 @dataclass(frozen=True)
 class Rows:
-    """Some rows of a text table: cells as text by column, and the line where each row stands."""
+    """Some rows of a table: cells as text by column, and the line (or `place` of another kind) where each row stands.
+
+    `files` has the file of each row where `path` is a folder; else it is empty.
+    """
 
     path: Path
     lines: Ints
     cells: Mapping[str, Strings]
+    place: str = "line"
+    files: tuple[Path, ...] = ()
 
     def __len__(self) -> int:
         return len(self.lines)
 
     def pick(self, kept: Ints) -> Rows:
         """The rows of an index array."""
-        return Rows(self.path, self.lines[kept], {name: cells[kept] for name, cells in self.cells.items()})
+        return replace(
+            self,
+            lines=self.lines[kept],
+            cells={name: cells[kept] for name, cells in self.cells.items()},
+            files=tuple(self.files[n] for n in kept.tolist()) if self.files else (),
+        )
 
     def fail(self, row: int, message: str) -> InputError:
         """An InputError that names the file and the line of a row."""
-        return InputError(f"{self.path}: line {int(self.lines[row])}: {message}")
+        path = self.files[row] if self.files else self.path
+        return InputError(f"{path}: {self.place} {int(self.lines[row])}: {message}")
 
     def floats(self, name: str, *, blank: bool = False) -> Floats:
         """(n,) numbers; empty cells and `nan` give NaN where `blank` allows it, else InputError."""
@@ -57,11 +68,15 @@ class Rows:
             values = cells.astype(np.float64)
         except ValueError:
             row = next(n for n, cell in enumerate(cells) if not _is_number(cell, blank))
-            raise self.fail(row, f"{name} is {str(cells[row])!r}; a number was expected; correct this line") from None
+            raise self.fail(
+                row, f"{name} is {str(cells[row])!r}; a number was expected; correct this {self.place}"
+            ) from None
         bad = np.isinf(values) if blank else ~np.isfinite(values)
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
-            raise self.fail(row, f"{name} is {str(cells[row])!r}; a finite number was expected; correct this line")
+            raise self.fail(
+                row, f"{name} is {str(cells[row])!r}; a finite number was expected; correct this {self.place}"
+            )
         return values
 
     def ints(self, name: str) -> Ints:
@@ -74,7 +89,9 @@ class Rows:
         bad = (values != np.round(values)) | (np.abs(values) >= 2.0**53)
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
-            raise self.fail(row, f"{name} is {str(cells[row])!r}; a whole number was expected; correct this line")
+            raise self.fail(
+                row, f"{name} is {str(cells[row])!r}; a whole number was expected; correct this {self.place}"
+            )
         return values.astype(np.int64)
 
     def has(self, name: str) -> bool:

@@ -12,7 +12,7 @@ from difflib import get_close_matches
 from typing import NamedTuple
 
 from occlog.errors import InputError
-from occlog.io.boxes.reader import COLUMNS as BOXES
+from occlog.io.boxes.columns import COLUMNS as BOXES
 from occlog.io.files.timestamps import TIME_COLUMNS
 from occlog.io.sound.csv_log import ANGLES
 from occlog.io.sound.csv_log import COLUMNS as DIRECTIONS

@@ -20,7 +20,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
-from occlog.io.boxes.reader import COLUMNS as BOX_COLUMNS
+from occlog.io.boxes.columns import COLUMNS as BOX_COLUMNS
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.files.csv_rows import Rows, first_line, is_header, read_plain, read_rows
 from occlog.io.files.frame_times import FrameTimes

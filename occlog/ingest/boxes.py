@@ -1,0 +1,140 @@
+"""Boxes of an ingest: their files, the cameras they are of, what is said of them, and those outside the image."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from occlog.array_types import Bools
+from occlog.io.boxes.classes import in_words
+from occlog.io.boxes.folder import camera_folders, label_files
+from occlog.io.boxes.reader import BoxFile, BoxOptions, BoxSurvey, survey_boxes
+from occlog.io.frames.folder import are_times, list_images, numbers_of
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+from occlog.records.tables import Boxes
+
+from .plan import IngestPlan
+
+B = TypeVar("B", bound=Boxes)
+Note = Callable[[str], None]
+
+
+def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
+    """Cameras and frames of the files of boxes; None where there are no files."""
+    if not plan.boxes:
+        return None
+    found = survey_boxes(box_files(plan), known_cameras(plan, scene), box_options(plan))
+    said = [" and ".join(found.kinds), f"{found.rows} boxes of {len(found.cameras)} cameras"]
+    if found.classes and any(found.classes):
+        said.append(f"class {in_words(found.classes)}")
+    if found.left_out:
+        said.append(f"left out: class {in_words(found.left_out)}")
+    frames = f"frames {found.first} to {found.stop - 1}"
+    if found.step > 1:
+        frames += f" in steps of {found.step} (the frame rate counts every number)"
+    note(f"boxes: {', '.join(said)}; {frames}; a frame without a box is one in which nobody was seen")
+    return found
+
+
+def box_files(plan: IngestPlan) -> list[BoxFile]:
+    """Every file and folder of boxes."""
+    return [BoxFile(path, name, _first_number(plan, name, path)) for name, path in plan.boxes]
+
+
+def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | None:
+    """Number of frame 0 in a folder of boxes: that of its images, or 1 where files are numbered by a video's frames.
+
+    None where the folder alone says which numbers there are, or the number is given.
+    """
+    if plan.first_number is not None or not path.is_dir():
+        return None
+    folders = [list_images(folder) for folder in plan.images.values()]
+    numbered = [numbers_of(files)[0] for files in folders if not are_times(files)]
+    if numbered:
+        return min(numbered)
+    # Ultralytics names the boxes of frame k of `walk.mp4` `walk_k.txt`, and counts from 1.
+    for label, folder in camera_folders(path).items():
+        video = plan.video.get(camera or label or "")
+        if video is not None and all(f.stem.startswith(f"{video.stem}_") for f in label_files(folder)):
+            return 1
+    return None
+
+
+def known_cameras(plan: IngestPlan, scene: Scene) -> list[str]:
+    """Names of cameras that labels in tables can mean."""
+    given = [*plan.video, *plan.images, *(name for name, _ in plan.boxes if name is not None)]
+    return list(dict.fromkeys([*given, *([] if given else [c.name for c in scene.cameras])]))
+
+
+def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
+    """How files of boxes are to be understood; `scene` tells the sizes of images."""
+    sizes = None if scene is None else {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
+    return BoxOptions(
+        frames=plan.frames,
+        first_number=plan.first_number or 0,
+        confidence_scale=plan.confidence_scale,
+        scores=plan.scores,
+        ignore_extra=plan.ignore_extra_columns,
+        classes=plan.classes,
+        sizes=sizes,
+    )
+
+
+def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
+    """The same for true boxes, of which no class is chosen unless one is given."""
+    options = box_options(plan, scene)
+    return options if plan.classes else replace(options, classes=None)
+
+
+def inside(tables: Iterator[B], scene: Scene, losses: list[Loss], note: Note) -> Iterator[B]:
+    """The tables without boxes that lie wholly outside the image; these are listed as lost.
+
+    Boxes that reach over the border are kept as they are, for detectors complete people whom it cuts; how many there
+    are is noted, since many of them are a sign of another size of the images.
+    """
+    sizes = {c.name: c.image_size for c in scene.cameras if c.image_size is not None}
+    outside: Counter[str] = Counter()
+    over: Counter[str] = Counter()
+    farthest = 0.0
+    for table in tables:
+        width = np.array([sizes.get(name, (np.inf, np.inf))[0] for name in table.sensor.tolist()], dtype=np.float64)
+        height = np.array([sizes.get(name, (np.inf, np.inf))[1] for name in table.sensor.tolist()], dtype=np.float64)
+        edges = np.column_stack([table.left_px, table.top_px])
+        far = edges + np.column_stack([table.width_px, table.height_px])
+        size = np.column_stack([width, height])
+        beyond = np.maximum(-edges, far - size)
+        gone: Bools = np.asarray(((far <= 0) | (edges >= size)).any(axis=1))
+        out = (beyond > 1.0).any(axis=1) & ~gone & np.isfinite(width)
+        outside.update(table.sensor[gone].tolist())
+        over.update(table.sensor[out].tolist())
+        farthest = max(farthest, float(beyond[out].max(initial=0.0)))
+        yield _without(table, gone) if gone.any() else table
+    for name, count in sorted(outside.items()):
+        losses.append(Loss(name, "boxes", f"wholly outside the image of {sizes[name][0]} x {sizes[name][1]} px", count))
+    if over:
+        told = ", ".join(f"{name} {count}" for name, count in sorted(over.items()))
+        note(f"boxes over the border of the image, by up to {farthest:.0f} px: {told}; kept as they are")
+
+
+def _without(table: B, gone: Bools) -> B:
+    """The table without some boxes; a frame that has no other keeps a row that says that nobody was seen."""
+    kept = table.take(~gone)
+    pairs = set(zip(kept.sensor.tolist(), kept.frame.tolist(), strict=True))
+    alone: list[int] = []
+    for row in np.flatnonzero(gone).tolist():
+        key = (str(table.sensor[row]), int(table.frame[row]))
+        if key not in pairs:
+            pairs.add(key)
+            alone.append(row)
+    empty = table.take(np.array(alone, dtype=np.int64))
+    nothing = np.full(len(empty), np.nan)
+    columns = {c.name: getattr(empty, c.name) for c in table.columns()}
+    columns |= dict.fromkeys(("left_px", "top_px", "width_px", "height_px", "confidence"), nothing)
+    columns |= dict.fromkeys(("box", "target_id"), np.full(len(empty), -1, dtype=np.int64))
+    return type(table).concat([kept, type(table).of(**columns)]).sorted()

@@ -1,0 +1,87 @@
+"""Columns of boxes under the names that programs give them, and what a file of boxes holds in these terms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Ints
+from occlog.errors import InputError
+from occlog.io.files.csv_rows import Rows
+from occlog.io.files.timestamps import TIME_COLUMNS
+
+WHAT = "a table of boxes"
+COLUMNS: dict[str, Sequence[str]] = {
+    "frame": ("frame", "frame_id", "frame_number", "frame_index", "frame_idx"),
+    "camera": ("camera", "cam", "cam_id", "camera_id", "view", "sensor"),
+    "left": ("left", "x1", "xmin", "x_min", "bb_left", "left_px"),
+    "top": ("top", "y1", "ymin", "y_min", "bb_top", "top_px"),
+    "right": ("right", "x2", "xmax", "x_max", "right_px"),
+    "bottom": ("bottom", "y2", "ymax", "y_max", "bottom_px"),
+    "width": ("width", "w", "bb_width", "width_px"),
+    "height": ("height", "h", "bb_height", "height_px"),
+    "confidence": ("confidence", "conf", "score", "probability"),
+    "id": ("id", "target_id", "track_id", "tracker_id", "object_id", "identity"),
+    **TIME_COLUMNS,
+}
+CLASSES = ("class", "class_id", "class_name", "label", "category", "category_id", "name", "cls")
+"""Columns that say what a box shows, by number or by name; a table may have several."""
+IGNORED = ("visibility", "", "unnamed: 0", "area", "iscrowd", "segmentation", "segments", "keypoints")
+CLASS_KEYS = {f"class:{name}": (name,) for name in CLASSES}
+"""Columns of classes as `Rows` name them, so that none takes the place of another."""
+BOX = "box"
+"""One column with all edges, as Ultralytics writes it (`{'x1': 1.0, ...}`); occlog's own tables number boxes in it."""
+EDGES = {"x1": "left", "y1": "top", "x2": "right", "y2": "bottom"}
+"""Edges in such a column, and our names of them."""
+SHARE_X, SHARE_Y, SHARE_WIDTH, SHARE_HEIGHT = "share_x", "share_y", "share_width", "share_height"
+"""Centre and size in shares of the image's width and height, where a file has these."""
+
+
+class BoxSource(NamedTuple):
+    """What a file or folder of boxes holds.
+
+    Attributes:
+        chunks: its rows, with columns named as in `COLUMNS`, `CLASS_KEYS` and `share_x`, ...
+        kind: the format, in words.
+        listed: numbers of frames that it names, also those without a box; None: it names those with boxes only.
+        cameras: labels of cameras that it names, also those without a box.
+        first_number: number of frame 0, where the format says it; None: it does not.
+    """
+
+    chunks: Iterator[Rows]
+    kind: str
+    listed: Ints | None = None
+    cameras: tuple[str, ...] = ()
+    first_number: int | None = None
+
+
+def check_columns(rows: Rows, camera: str | None) -> Rows:
+    """The rows; InputError where a column is missing without which they are not boxes."""
+    if rows.has(SHARE_X):
+        return rows
+    missing = [name for name in ("frame", "left", "top") if not rows.has(name)]
+    if not (rows.has("right") and rows.has("bottom")) and not (rows.has("width") and rows.has("height")):
+        missing.append("right and bottom (or width and height)")
+    if missing:
+        raise InputError(f"{rows.path}: has no column {', '.join(missing)}; add it")
+    if camera is None and not rows.has("camera"):
+        raise InputError(f"{rows.path}: has no column camera; add it, or name the camera: CAMERA={rows.path.name}")
+    return rows
+
+
+def rows_of(path: Path, records: Sequence[tuple[int, Mapping[str, str]]], place: str, files: Sequence[Path]) -> Rows:
+    """Rows of records with one text a column; what a record lacks is blank.
+
+    Args:
+        path: the file or folder.
+        records: number of each in its file, from 1, and its cells by column.
+        place: what is numbered: `line`, `entry`.
+        files: the file of each record; empty: all are in `path`.
+    """
+    names = dict.fromkeys(name for _, cells in records for name in cells)
+    columns = {name: np.array([cells.get(name, "") for _, cells in records], dtype=np.str_) for name in names}
+    lines = np.array([line for line, _ in records], dtype=np.int64)
+    return Rows(path, lines, columns, place, tuple(files))

@@ -1,0 +1,222 @@
+"""Boxes in JSON: COCO, the records of supervision and Ultralytics, and one record a line.
+
+COCO        images, annotations and categories; or a list of results with image_id and bbox, one camera
+records     a list of objects, or one a line: frame, box edges under any of the names that a CSV may have,
+            `box` with x1, y1, x2, y2 (Ultralytics), or `bbox` [left, top, width, height]
+by frames   a list of lists of such objects, or one list a line, frame by frame from 0
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import Ints
+from occlog.errors import InputError
+from occlog.io.files.csv_rows import Rows
+from occlog.io.files.inputs import check_input
+
+from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, check_columns, rows_of
+
+ROWS_PER_CHUNK = 16_384
+MAX_BYTES = 2**31
+BBOX = ("left", "top", "width", "height")
+FRAME_KEYS = ("frame", "frame_id", "frame_index", "frame_number")
+MEANING = {alias: name for name, aliases in {**COLUMNS, **CLASS_KEYS}.items() for alias in aliases}
+_LAST_NUMBER = re.compile(r"(\d+)\D*$")
+Record = Mapping[str, Any]
+
+
+def is_json(path: Path) -> bool:
+    """Whether a file begins as a JSON list or object."""
+    with check_input(path, WHAT).open("rb") as file:
+        return file.read(64).removeprefix(b"\xef\xbb\xbf").lstrip()[:1] in (b"{", b"[")
+
+
+def open_json(path: Path, camera: str | None, *, ignore_extra: bool) -> BoxSource:
+    """Boxes of a JSON file; it names its cameras where `camera` is None.
+
+    Raises:
+        InputError: it is not JSON, or of no form above.
+    """
+    value = _load(path)
+    if isinstance(value, dict) and isinstance(value.get("images"), list):
+        return _coco(path, value, camera)
+    if isinstance(value, dict):
+        value = [value]
+    if value and all(isinstance(part, list) for part in value):
+        records = [(n, record) for n, part in enumerate(value) for record in part]
+        listed = np.arange(len(value), dtype=np.int64)
+        rows = _rows(path, [(record, {"frame": str(n)}) for n, record in records], camera, ignore_extra)
+        return BoxSource(rows, "JSON by frames", listed)
+    if value and isinstance(value[0], dict) and "image_id" in value[0] and "bbox" in value[0]:
+        if camera is None:
+            raise InputError(
+                f"{path}: COCO results do not name their camera; give CAMERA={path.name}, or COCO with its images"
+            )
+        given = [(record, {"frame": _image_number(path, n, record)}) for n, record in enumerate(value, start=1)]
+        return BoxSource(_rows(path, given, camera, ignore_extra, skip=("image_id", "id")), "COCO results")
+    return BoxSource(_rows(path, [(record, {}) for record in value], camera, ignore_extra), "JSON records")
+
+
+def _load(path: Path) -> Any:
+    """The value in a file; a list of values where it has one a line."""
+    if path.stat().st_size > MAX_BYTES:
+        raise InputError(f"{path}: {path.stat().st_size} bytes; JSON of at most {MAX_BYTES} can be read; split it")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {WHAT} was expected") from None
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise InputError(f"{path}: lists within lists without end; {WHAT} was expected") from None
+    except json.JSONDecodeError as error:
+        if not error.msg.startswith("Extra data"):
+            raise InputError(f"{path}: line {error.lineno}: not valid JSON: {error.msg}; write it again") from None
+    values = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.strip():
+            try:
+                values.append(json.loads(line))
+            except (json.JSONDecodeError, RecursionError) as error:
+                raise InputError(f"{path}: line {number}: not valid JSON ({error}); write one value a line") from None
+    return values
+
+
+def _rows(
+    path: Path,
+    records: Sequence[tuple[object, dict[str, str]]],
+    camera: str | None,
+    ignore_extra: bool,
+    skip: Sequence[str] = (),
+) -> Iterator[Rows]:
+    """Rows of records, with cells that are known already."""
+    for start in range(0, len(records), ROWS_PER_CHUNK):
+        part = records[start : start + ROWS_PER_CHUNK]
+        cells = [
+            (n, {**_cells(path, n, record, ignore_extra, skip), **known})
+            for n, (record, known) in enumerate(part, start=start + 1)
+        ]
+        yield check_columns(rows_of(path, cells, "entry", ()), camera)
+
+
+def _cells(path: Path, n: int, record: object, ignore_extra: bool, skip: Sequence[str]) -> dict[str, str]:
+    """Cells of one record by our names of the columns."""
+    if not isinstance(record, dict):
+        raise InputError(f"{path}: entry {n}: {str(record)[:40]!r}; an object with a box was expected")
+    out: dict[str, str] = {}
+    for key, value in record.items():
+        name = key.lower()
+        if name in skip or name in IGNORED:
+            continue
+        if name == BOX and isinstance(value, dict):
+            if set(value) != set(EDGES):
+                raise InputError(f"{path}: entry {n}: box has {', '.join(value)}; want {', '.join(EDGES)}")
+            out |= {EDGES[edge]: _text(path, n, edge, number) for edge, number in value.items()}
+        elif name == "bbox":
+            if not isinstance(value, list) or len(value) != 4:
+                raise InputError(f"{path}: entry {n}: bbox is {str(value)[:60]}; want [left, top, width, height]")
+            out |= {side: _text(path, n, "bbox", number) for side, number in zip(BBOX, value, strict=True)}
+        elif name in MEANING:
+            out[MEANING[name]] = _text(path, n, key, value)
+        elif not ignore_extra:
+            near = get_close_matches(name, list(MEANING), n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            raise InputError(f"{path}: entry {n}: unknown key {key!r}; {hint}rename it, or ignore extra columns")
+    return out
+
+
+def _text(path: Path, n: int, key: str, value: object) -> str:
+    """A value as the text of a cell; nothing where it is null."""
+    if value is None:
+        return ""
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise InputError(f"{path}: entry {n}: {key} is {str(value)[:40]}; a number or text was expected")
+    return str(value) if isinstance(value, str) else repr(value)
+
+
+def _image_number(path: Path, n: int, record: Record) -> str:
+    """The frame that the image of a COCO result is: its number, or the last one in its name."""
+    image = record.get("image_id")
+    found = _LAST_NUMBER.search(Path(str(image)).stem) if isinstance(image, str) else None
+    if isinstance(image, int) and not isinstance(image, bool):
+        return str(image)
+    if found is None:
+        raise InputError(
+            f"{path}: entry {n}: image_id is {str(image)[:40]!r}; a number was expected, that of the frame"
+        )
+    return found.group(1)
+
+
+def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
+    """COCO's data set: frames and cameras are those of its images."""
+    images: dict[object, dict[str, str]] = {}
+    seen: dict[tuple[str, str], object] = {}
+    timed = all(isinstance(image, dict) and isinstance(image.get("t_ns"), int) for image in value["images"])
+    for n, image in enumerate(value["images"], start=1):
+        cells = _image(path, n, image, camera) | ({"ns": str(image["t_ns"])} if timed else {})
+        key = (cells.get("camera", ""), cells["frame"])
+        if image.get("id") in images or key in seen:
+            other = image["id"] if image["id"] in images else seen[key]
+            raise InputError(f"{path}: image {n}: is the same image or frame as image {other}; keep one")
+        images[image["id"]], seen[key] = cells, image["id"]
+    annotations = value.get("annotations")
+    if not isinstance(annotations, list):
+        raise InputError(f"{path}: COCO without annotations; want images, annotations and categories")
+    names = {c.get("id"): str(c.get("name")) for c in value.get("categories", []) if isinstance(c, dict)}
+    records = []
+    for n, annotation in enumerate(annotations, start=1):
+        if not isinstance(annotation, dict) or annotation.get("image_id") not in images:
+            raise InputError(f"{path}: annotation {n}: its image_id is that of no image; correct it")
+        if annotation.get("iscrowd"):
+            continue
+        records.append((n, _annotation(path, n, annotation, names) | images[annotation["image_id"]]))
+    listed: Ints = np.unique(np.array([int(cells["frame"]) for cells in images.values()], dtype=np.int64))
+    cameras = tuple(dict.fromkeys(cells["camera"] for cells in images.values() if "camera" in cells))
+    return BoxSource(_chunks(path, records), "COCO", listed if len(listed) else None, cameras)
+
+
+def _chunks(path: Path, records: Sequence[tuple[int, Mapping[str, str]]]) -> Iterator[Rows]:
+    ordered = sorted(records, key=lambda pair: int(pair[1]["frame"]))
+    for start in range(0, len(ordered), ROWS_PER_CHUNK):
+        yield rows_of(path, ordered[start : start + ROWS_PER_CHUNK], "annotation", ())
+
+
+def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, str]:
+    """Frame and camera of an image of COCO."""
+    if not isinstance(image, dict) or not isinstance(image.get("id"), int | str):
+        raise InputError(f"{path}: image {n}: has no id")
+    name = str(image.get("file_name", ""))
+    key = next((k for k in FRAME_KEYS if isinstance(image.get(k), int)), None)
+    found = _LAST_NUMBER.search(Path(name).stem)
+    if key is None and found is None:
+        raise InputError(f"{path}: image {n}: neither frame nor file_name {name!r} has the number of its frame")
+    out = {"frame": str(int(image[key] if key else found.group(1) if found else 0))}
+    if camera is None:
+        label = image.get("camera") or Path(name.replace("\\", "/")).parent.name
+        if not label:
+            raise InputError(f"{path}: image {n}: {name!r} names no camera (CAMERA/{name}); give CAMERA={path.name}")
+        out["camera"] = str(label)
+    return out
+
+
+def _annotation(path: Path, n: int, annotation: Record, names: Mapping[object, str]) -> dict[str, str]:
+    """Box, class, score and identity of an annotation of COCO."""
+    box = annotation.get("bbox")
+    if not isinstance(box, list) or len(box) != 4:
+        raise InputError(f"{path}: annotation {n}: bbox is {str(box)[:60]}; want [left, top, width, height]")
+    out = {side: _text(path, n, "bbox", number) for side, number in zip(BBOX, box, strict=True)}
+    extra = annotation.get("attributes")
+    given = {**(extra if isinstance(extra, dict) else {}), **annotation}
+    identity = next((given[k] for k in ("track_id", "tracker_id", "instance_id") if k in given), None)
+    score = next((given[k] for k in ("score", "confidence") if k in given), None)
+    category = annotation.get("category_id")
+    out |= {"class:category_id": _text(path, n, "category_id", category), "class:name": names.get(category, "")}
+    return out | {"id": _text(path, n, "track_id", identity), "confidence": _text(path, n, "score", score)}
