@@ -4,6 +4,7 @@ Every error message is one line that names the file, the place in it, the value 
 the limit it breaks, and what to do.
 """
 
+from collections.abc import Iterable
 from enum import IntEnum
 
 
@@ -47,3 +48,12 @@ class UsageError(OcclogError):
     """Options that contradict each other or that this input does not allow."""
 
     exit_code = ExitCode.USAGE
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """A hint on a name that is unknown: the nearest of those that are known, or all of them."""
+    import difflib
+
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1)
+    return f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names) or 'none'}"

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from occlog.io.recording.reader import Recording
     from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene
 
+TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".feather")
+"""Endings of names of files whose reader says what is wrong with the content."""
+
 
 @click.command(name="info", short_help="Print what a scene, a recording or a table holds.")
 @click.argument("path", type=options.PATH)
@@ -56,13 +59,14 @@ def describe(path: Path, rows: int) -> Description:
         from occlog.io.scenes.scene import read_scene
 
         return _describe_scene(read_scene(path))
-    if opened is None and kind in (".mcap", ".parquet"):
+    if opened is None and kind in TABLES_OR_RECORDINGS:
         opened = open_input(path)
     if opened is not None and opened.foreign is not None:
         return _describe_foreign(opened.foreign)
     if opened is not None:
         return _describe_table(path, rows) if opened.recording is None else _describe_recording(opened.recording)
-    raise InputError(f"{path}: occlog info knows .yaml, .mcap and .parquet, not {kind or 'files without an ending'!r}")
+    known = "scenes (.yaml), recordings (.mcap) and tables (.parquet, .arrow, .csv)"
+    raise InputError(f"{path}: occlog info knows {known}, not {kind or 'files without an ending'!r}")
 
 
 def _describe_scene(scene: Scene) -> Description:
@@ -249,13 +253,12 @@ def _describe_foreign(table: ForeignTable) -> Description:
 
 
 def _first_rows(path: Path, rows: int) -> list[str]:
-    import pandas as pd
+    """The first rows of a table, aligned to the right under the names of their columns."""
+    from occlog.io.files.parquet import first_rows
 
-    from occlog.io.files.parquet import iter_table, schema_name
-    from occlog.records.columns import Table
-    from occlog.records.tables import TABLES
-
-    table: type[Table] = TABLES[schema_name(path)]
-    first = next(iter_table(path, table, rows))
-    scalars = {c.name: getattr(first, c.name) for c in table.columns() if not c.width}
-    return ["", *pd.DataFrame(scalars).to_string(index=False, float_format=lambda v: f"{v:.6g}").splitlines()]
+    columns = [
+        [name, *(f"{v:.6g}" if isinstance(v, float) and v == v else "NaN" if v != v else str(v) for v in values)]
+        for name, values in first_rows(path, rows).items()
+    ]
+    widths = [max(map(len, column)) for column in columns]
+    return ["", *(" ".join(map(str.rjust, row, widths)) for row in zip(*columns, strict=True))]

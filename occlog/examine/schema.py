@@ -9,13 +9,18 @@ import importlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from occlog.cli import options
-from occlog.settings import Settings, json_schema
+from occlog.errors import UsageError, did_you_mean
 
+if TYPE_CHECKING:
+    from occlog.settings import Settings
+
+PUBLISHED = Path(__file__).parent.parent / "schemas"
+"""The schemas as text, made by `occlog schema -o`: printing one loads nothing of what it describes."""
 METHODS = "occlog.track.catalogue:METHODS"
 """The tracking methods, each with the text of its class of settings."""
 CLASSES: dict[str, tuple[str, ...]] = {
@@ -87,6 +92,8 @@ def settings_of(verb: str) -> dict[str, type[Settings]]:
 
 def settings_schema(verb: str) -> dict[str, object]:
     """JSON Schema of the settings of a verb: one definition for each of its classes, an object is of one of them."""
+    from occlog.settings import json_schema
+
     parts = {name: json_schema(of) for name, of in settings_of(verb).items()}
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"occlog {verb}: settings"}
     if len(parts) == 1:
@@ -119,14 +126,18 @@ def command(name: str | None, output: Path | None, overwrite: bool) -> None:
       occlog schema bearings | jq -r '.columns[] | [.name, .unit, .description] | @tsv'
       occlog schema track | jq '."$defs".map.properties | keys'
     """
-    from occlog.io.files.atomic import write_bytes
-    from occlog.io.models.schemas import SCHEMAS, schema_text
-
-    schemas = SCHEMAS | settings_schemas()
     if output is not None:
+        from occlog.io.files.atomic import write_bytes
+        from occlog.io.models.schemas import SCHEMAS, schema_text
+
+        schemas = SCHEMAS | settings_schemas()
         for each in schemas:
             write_bytes(output / f"{each}.json", schema_text(each, schemas).encode(), overwrite)
-    elif name is None:
-        click.echo("\n".join(schemas))
+        return
+    names = sorted(path.stem for path in PUBLISHED.glob("*.json"))
+    if name is None:
+        click.echo("\n".join(names))
+    elif name not in names:
+        raise UsageError(f"no schema {name!r}; {did_you_mean(name, names)}")
     else:
-        click.echo(schema_text(name, schemas), nl=False)
+        click.echo((PUBLISHED / f"{name}.json").read_text(encoding="utf-8"), nl=False)

@@ -3,33 +3,31 @@
 Every command opens its inputs here.  The first bytes of a file say what it is; its name
 does not matter.  A table of others is known by its columns (`occlog.io.foreign`).  An
 opened input streams its rows, and carries the scene, the unit of lengths and the losses
-that its rows come with.
+that its rows come with.  What reads a kind of file is imported when such a file is opened: `occlog info` of a table
+loads no decoder of video.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from occlog.errors import InputError, OcclogError, UsageError
-from occlog.io.files.inputs import check_input
-from occlog.io.files.parquet import iter_table, read_header
+from occlog.io.files.content import EXPECTED, Content, content_of
+from occlog.io.files.parquet import is_ours, iter_table, read_header
 from occlog.io.files.provenance import Provenance
-from occlog.io.foreign.source import find_source
-from occlog.io.foreign.table import ForeignTable, best_fit
-from occlog.io.recording.mcap_errors import MAGIC
-from occlog.io.recording.reader import Recording, open_recording
-from occlog.io.scenes.scene import read_scene
-from occlog.io.scenes.stations import holds_stations, read_stations
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
-from occlog.records.scene import Scene
+
+if TYPE_CHECKING:
+    from occlog.io.foreign.source import Source
+    from occlog.io.foreign.table import ForeignTable
+    from occlog.io.recording.reader import Recording
+    from occlog.records.scene import Scene
 
 T = TypeVar("T", bound=Table)
-PARQUET_MAGIC = b"PAR1"
 RECORDING_SUFFIX = ".mcap"
 WORDS = {
     "boxes": "boxes of a detector",
@@ -39,35 +37,11 @@ WORDS = {
     "view_tracks": "tracks in images",
 }
 """What tables hold, where their names do not say it."""
-EXPECTED = "a recording or a table"
 REMEDY = "give a recording or a table that has them"
-
-
-class Content(Enum):
-    """What a file is, by its first bytes."""
-
-    RECORDING = "a recording (MCAP)"
-    TABLE = "a table (Parquet)"
-    OTHER = "neither a recording (MCAP) nor a table (Parquet)"
 
 
 TEXT = (".txt", ".csv")
 """Suffixes of text, which may be empty: whoever reads it says whether that can be."""
-
-
-def content_of(path: Path, what: str = EXPECTED) -> Content:
-    """What a file is; InputError where no readable file with content is there.
-
-    Args:
-        path: the file; one whose first bytes are damaged is `OTHER`.
-        what: what was expected, for the message.
-    """
-    check_input(path, what)
-    with path.open("rb") as file:
-        head = file.read(len(MAGIC))
-    if head == MAGIC:
-        return Content.RECORDING
-    return Content.TABLE if head.startswith(PARQUET_MAGIC) else Content.OTHER
 
 
 @dataclass(frozen=True)
@@ -125,6 +99,8 @@ class Opened:
             return
         if self.foreign is not None:
             if not any(self.foreign.fits(table) for table in tables):
+                from occlog.io.foreign.table import best_fit
+
                 best_fit(self.foreign.source, tables)
             return
         if self.recording is None:
@@ -152,16 +128,15 @@ def open_input(path: Path, *wants: type[Table], remedy: str = REMEDY) -> Opened:
     path = Path(path)
     opened = open_if_ours(path)
     if opened is None:
-        source = find_source(path)
-        if source is not None:
-            opened = _foreign(path, ForeignTable(source, best_fit(source, wants)))
-        else:
-            # The reader of the kind that the name says explains what is wrong with the content
-            opened = _recording(path) if names_recording(path) else _table(path)
+        source = _source(path)
+        opened = None if source is None else _of_others(source, wants)
+    if opened is None:
+        # The reader of the kind that the name says explains what is wrong with the content
+        opened = _recording(path) if names_recording(path) else _table(path)
     if wants:
         opened.require(*wants, remedy=remedy)
         if opened.foreign is not None:
-            opened = _foreign(path, ForeignTable(opened.foreign.source, best_fit(opened.foreign.source, wants)))
+            opened = _of_others(opened.foreign.source, wants)
     return opened
 
 
@@ -175,20 +150,32 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
     content = content_of(path, what)
     if content is Content.RECORDING:
         return _recording(path)
-    source = find_source(path)
-    if source is None:
-        return _table(path) if content is Content.TABLE else None
+    if content is Content.TABLE and is_ours(path):
+        return _table(path)
+    source = _source(path)
     try:
-        return _foreign(path, ForeignTable(source, best_fit(source)))
+        return None if source is None else _of_others(source)
     except InputError:
         return None
 
 
-def _foreign(path: Path, table: ForeignTable) -> Opened:
-    return Opened(path, Provenance("unknown"), None, table.length_unit, None, table.layout.table.NAME, table)
+def _source(path: Path) -> Source | None:
+    from occlog.io.foreign.source import find_source
+
+    return find_source(path)
+
+
+def _of_others(source: Source, wants: Sequence[type[Table]] = ()) -> Opened:
+    """A table that another program made, as that wanted table which it fits best; InputError if it fits none."""
+    from occlog.io.foreign.table import ForeignTable, best_fit
+
+    table = ForeignTable(source, best_fit(source, wants))
+    return Opened(source.path, Provenance("unknown"), None, table.length_unit, None, table.layout.table.NAME, table)
 
 
 def _recording(path: Path) -> Opened:
+    from occlog.io.recording.reader import open_recording
+
     recording = open_recording(path)
     unit = None if recording.scene is None else recording.scene.length_unit
     return Opened(path, recording.provenance, recording.scene, unit, recording, "")
@@ -201,14 +188,19 @@ def _table(path: Path) -> Opened:
 
 def of_others(path: Path | None) -> bool:
     """Whether a file is a table that another program made, so that its identities are that program's own."""
-    return path is not None and find_source(path) is not None
+    return path is not None and _source(path) is not None
 
 
 def scene_in(path: Path) -> Scene | None:
     """The scene in a YAML file, a recording or a text table of stations; None for a recording without one."""
     content = content_of(path, "a scene file (YAML), a table of stations or a recording with a scene")
     if content is Content.RECORDING:
+        from occlog.io.recording.reader import open_recording
+
         return open_recording(path).scene
+    from occlog.io.scenes.scene import read_scene
+    from occlog.io.scenes.stations import holds_stations, read_stations
+
     return read_stations(path) if content is Content.OTHER and holds_stations(path) else read_scene(path)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 import pytest
+from places import ROOT
 
 from occlog.cli.main import COMMANDS, LazyGroup, cli
 from occlog.cli.setting_options import VariantCommand, params_of
@@ -59,6 +60,22 @@ def test_help_imports_no_heavy_package() -> None:
 def test_help_of_a_command_imports_no_heavy_package(name: str) -> None:
     loaded = imported_by(name, "--help")
     assert not {m for m in loaded if m.split(".")[0] in HEAVY}
+
+
+def test_schema_loads_nothing_of_what_it_describes() -> None:
+    assert not {m for m in imported_by("schema", "track") if m.split(".")[0] in HEAVY}
+
+
+def test_a_comparison_of_json_loads_neither_numpy_nor_parquet() -> None:
+    path = str(ROOT / "schemas" / "tracks.json")
+    assert {m for m in imported_by("diff", path, path) if m in HEAVY} <= {"msgspec"}
+
+
+@pytest.mark.parametrize("command", ["info", "diff"])
+def test_looking_at_a_table_loads_no_more_than_its_reader(command: str) -> None:
+    path = str(ROOT / "tests" / "golden" / "expected" / "simulated" / "tracks.parquet")
+    args = [command, path, path] if command == "diff" else [command, path]
+    assert {m for m in imported_by(*args) if m in HEAVY} == {"numpy", "pyarrow"}
 
 
 @pytest.mark.parametrize("name", COMMANDS)

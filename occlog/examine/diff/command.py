@@ -80,7 +80,8 @@ def command(
       occlog diff a/tracks.parquet b/tracks.parquet --tol-unit m=1e-6 --tol cov_xx=1e-4:1e-3
       occlog diff old.mcap new.mcap --time-tol 1ms --json | jq .first
     """
-    from .run import DiffSettings, compare_paths
+    from .result import DiffSettings
+    from .run import compare_paths
 
     limits = make_tolerances(rtol, atol, tol, tol_unit, time_tol)
     found = compare_paths(a, b, DiffSettings(limits, provenance=provenance, pixels=pixels, exclude=exclude))
@@ -96,16 +97,16 @@ def make_tolerances(
     rtol: float, atol: float, tol: tuple[str, ...], tol_unit: tuple[str, ...], time_tol: str
 ) -> Tolerances:
     """Read the tolerances from the options' texts; UsageError names what cannot be read."""
-    from occlog.records.tables import TABLES
-
     for name, value in (("--rtol", rtol), ("--atol", atol)):
         if not math.isfinite(value):
             raise UsageError(f"{name} {value}: want a finite number")
     columns = dict(_limit("--tol", text) for text in tol)
     units = dict(_limit("--tol-unit", text) for text in tol_unit)
-    known = {c.unit for table in TABLES.values() for c in table.columns()}
-    for unit in units:
-        if unit not in known:
+    if units:
+        from occlog.records.tables import TABLES
+
+        known = {c.unit for table in TABLES.values() for c in table.columns()}
+        for unit in set(units) - known:
             raise UsageError(f"--tol-unit {unit}: no column has this unit; units: {', '.join(sorted(known))}")
     return Tolerances(Limit(atol, rtol), columns, units, _duration(time_tol))
 

@@ -133,3 +133,8 @@ def _short(value: object) -> Scalar:
     if isinstance(value, Mapping):
         return f"an object of {len(value)} entries"
     return f"a list of {len(value)} entries" if _is_list(value) else cast(Scalar, value)
+
+
+def compare_provenance(name: str, a: object, b: object) -> Comparison:
+    """Compare how two files were made."""
+    return diff_json(f"{name}: provenance", a, b, provenance=True)

@@ -56,6 +56,23 @@ class Tolerances:
 
 
 @dataclass(frozen=True)
+class DiffSettings:
+    """Tolerances, and parts of outputs that count.
+
+    Attributes:
+        tolerances: limits of differences.
+        provenance: true: how outputs were made counts too.
+        pixels: true: frames are compared by their pixels, false: by their encoded bytes.
+        exclude: patterns of files that are left out.
+    """
+
+    tolerances: Tolerances
+    provenance: bool = False
+    pixels: bool = False
+    exclude: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Difference:
     """A row, value or content that is not the same in A and B.
 

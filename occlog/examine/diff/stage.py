@@ -1,4 +1,4 @@
-"""Comparison of two tables: rows, columns of joined rows, and what the tables declare; and of two files byte by byte.
+"""Comparison of two tables: rows, columns of joined rows, and what the tables declare.
 
 Rows are joined by their keys, and columns of joined rows are compared value by value.  Both tables
 are read side by side in pieces that cover the same time, so that memory does not grow with their
@@ -7,7 +7,7 @@ length.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
@@ -155,17 +155,31 @@ def _cut(t_a: Ints, t_b: Ints, until: int, slack_ns: int) -> int:
     return int(starts[-1]) if len(starts) else int(union[0]) if len(union) else until
 
 
-def diff_tables(kind: type[T], a: Iterable[T], b: Iterable[T], tolerances: Tolerances | None = None) -> Comparison:
+def diff_tables(
+    kind: type[T],
+    a: Iterable[T],
+    b: Iterable[T],
+    tolerances: Tolerances | None = None,
+    only: frozenset[str] | None = None,
+) -> Comparison:
     """Compare two tables of one kind, given in chunks ordered by time.
 
     Rows are joined by the table's key (see `join`); columns of joined rows are compared by
     `compare_values`.  Memory does not grow with the length of the tables.
 
+    Args:
+        kind: the table.
+        a: chunks of the first table.
+        b: chunks of the second table.
+        tolerances: limits of differences.
+        only: columns that are compared; None: all.
+
     Raises:
         InputError: the chunks of a table are not in the order of time.
     """
     limits = tolerances or Tolerances()
-    tally = _Tally(kind, limits)
+    compared = [c for c in kind.columns() if c.name not in kind.KEY and (only is None or c.name in only)]
+    tally = _Tally(kind, limits, compared)
     for piece_a, piece_b in side_by_side(kind, a, b, limits.time_ns):
         tally.add(piece_a, piece_b)
     return tally.result()
@@ -177,6 +191,7 @@ class _Tally:
 
     kind: type[Table]
     tolerances: Tolerances
+    compared: Sequence[Column]
     rows_a: int = 0
     rows_b: int = 0
     matched: int = 0
@@ -195,7 +210,7 @@ class _Tally:
         self.missing += len(found.only_a)
         self.added += len(found.only_b)
         firsts = self._alone(a, b, found)
-        for c in self.kind.columns():
+        for c in self.compared:
             firsts += self._column(c, a, b, found)
         if self.first is None and firsts:
             # At equal keys whole rows go before values, and columns in the table's order: min takes the first.
@@ -215,8 +230,6 @@ class _Tally:
 
     def _column(self, c: Column, a: Table, b: Table, found: Join) -> list[tuple[int, Difference]]:
         """Count the rows in which a column differs; return its first difference in this piece, with its rank."""
-        if c.name in self.kind.KEY:
-            return []
         values_a, values_b = getattr(a, c.name)[found.a], getattr(b, c.name)[found.b]
         values = compare_values(values_a, values_b, c, self.kind.NAME, self.tolerances)
         rows = np.flatnonzero(values.differ)
@@ -313,31 +326,3 @@ def _swapped(unit: str | None, lengths: tuple[str, str]) -> str | None:
     old, new = lengths
     units = [f"{old}{rest}" for rest in ("", "^2", "/s", "^2/s", "^2/s^2")]
     return unit.replace(old, new) if unit is not None and unit in units else unit
-
-
-def diff_bytes(name: str, a: bytes, b: bytes) -> Comparison:
-    """Compare two files byte by byte; the first difference is named by byte, and by line in text."""
-    if a == b:
-        return Comparison(name, "bytes", count_a=len(a), count_b=len(b), matched=len(a))
-    shorter = min(len(a), len(b))
-    at = next((n for n in range(0, shorter, 4096) if a[n : n + 4096] != b[n : n + 4096]), shorter)
-    while at < shorter and a[at] == b[at]:
-        at += 1
-    key: dict[str, object] = {"byte": at}
-    found_a: str | None = None
-    found_b: str | None = None
-    if b"\0" not in a[:4096] and b"\0" not in b[:4096]:
-        key["line"] = a.count(b"\n", 0, at) + 1
-        found_a, found_b = _line(a, at), _line(b, at)
-    first = Difference("content", name, key, a=found_a, b=found_b)
-    return Comparison(name, "bytes", count_a=len(a), count_b=len(b), matched=at, first=first)
-
-
-def _line(data: bytes, at: int) -> str | None:
-    """Return the line around a byte, shortened; None at the end of the file."""
-    if at >= len(data):
-        return None
-    start = data.rfind(b"\n", 0, at) + 1
-    end = data.find(b"\n", at)
-    text = data[max(start, at - 30) : end if end >= 0 else len(data)].decode("utf-8", "replace")
-    return text[:80]

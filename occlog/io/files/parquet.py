@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from occlog.errors import InputError, UsageError
 from occlog.records.columns import Column, Table
 
+from .arrow_arrays import to_numpy
 from .atomic import Together, open_output
 from .inputs import check_input
 from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
@@ -102,13 +103,13 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
     if values.null_count:
         raise InputError(f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)")
     if c.width:
-        return np.array(values.flatten().to_numpy(zero_copy_only=False), c.dtype).reshape(-1, c.width)
+        return np.array(to_numpy(values.flatten()), c.dtype).reshape(-1, c.width)
     if c.kind == "U":
         if pa.types.is_dictionary(values.type):
             names = np.asarray(values.dictionary.to_pylist() or [""], dtype=np.str_)
-            return np.asarray(names[values.indices.to_numpy(zero_copy_only=False)])
+            return np.asarray(names[to_numpy(values.indices)])
         return np.asarray(values.to_pylist(), dtype=np.str_) if len(values) else np.empty(0, "U1")
-    return np.array(values.to_numpy(zero_copy_only=False), dtype=c.dtype)
+    return np.array(to_numpy(values), dtype=c.dtype)
 
 
 def check_table_name(path: Path) -> None:
@@ -232,6 +233,12 @@ def _open(path: Path) -> Iterator[pq.ParquetFile]:
         yield file
 
 
+def is_ours(path: Path) -> bool:
+    """Whether occlog wrote a Parquet file; InputError for a damaged one."""
+    with _open(path) as file:
+        return SCHEMA_KEY.encode() in (file.schema_arrow.metadata or {})
+
+
 def schema_name(path: Path) -> str:
     """Name of the table in a Parquet file, e.g. `bearings`; InputError for files that occlog did not write."""
     with _open(path) as file:
@@ -344,6 +351,14 @@ def describe(path: Path) -> TableDescription:
             "time_ns": _time_span(file),
             "provenance": json.loads(metadata.get(PROVENANCE_KEY.encode(), b"{}")),
         }
+
+
+def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
+    """The first rows of a Parquet file: values of each column that is no list, as Python has them."""
+    with _open(path) as file:
+        names = [f.name for f in file.schema_arrow if not pa.types.is_nested(f.type)]
+        batch = next(file.iter_batches(batch_size=rows, columns=names), None)
+        return {} if batch is None else {name: batch.column(name).to_pylist() for name in names}
 
 
 def _time_span(file: pq.ParquetFile) -> list[int] | None:

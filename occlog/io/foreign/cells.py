@@ -11,6 +11,7 @@ import pyarrow.compute as pc
 
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
+from occlog.io.files.arrow_arrays import to_numpy
 from occlog.io.files.csv_rows import Rows
 from occlog.io.files.timestamps import LATEST_S, MAX_NS, UNITS, parse_time, parse_times
 
@@ -114,7 +115,7 @@ class ArrowCells:
         column = self._column(name)
         if not _is_number(column.type):
             raise self._unfit(name, column.type, "numbers were expected")
-        values = np.array(pc.cast(column, pa.float64()).to_numpy(zero_copy_only=False), dtype=np.float64)
+        values = np.array(to_numpy(pc.fill_null(pc.cast(column, pa.float64()), np.nan)), dtype=np.float64)
         bad = np.isinf(values) if blank else ~np.isfinite(values)
         if bad.any():
             row = int(np.flatnonzero(bad)[0])
@@ -130,7 +131,7 @@ class ArrowCells:
             raise self.fail(_first_null(column), f"{name} is null; a whole number was expected")
         if pa.types.is_integer(column.type):
             filled = pc.fill_null(pc.cast(column, pa.int64()), blank if blank is not None else 0)
-            return np.asarray(filled.to_numpy(zero_copy_only=False), dtype=np.int64)
+            return np.asarray(to_numpy(filled), dtype=np.int64)
         # pandas makes whole numbers with gaps to fractions
         values = self.floats(name, blank=blank is not None)
         values = np.where(np.isnan(values), float(blank or 0), values)
@@ -171,7 +172,7 @@ class ArrowCells:
         if column.null_count:
             raise self.fail(_first_null(column), f"{name} is null; true or false was expected")
         if pa.types.is_boolean(column.type):
-            return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.bool_)
+            return np.asarray(to_numpy(column), dtype=np.bool_)
         return _yes_or_no(self, name, np.asarray([str(value) for value in column.to_pylist()], dtype=np.str_))
 
     def times(self, name: str, unit: str) -> Ints:
@@ -184,7 +185,7 @@ class ArrowCells:
                 whole = pc.cast(column, pa.timestamp("ns", tz=column.type.tz))
             except pa.ArrowInvalid as error:
                 raise InputError(f"{self._path}: column {name}: {error}") from None
-            return np.asarray(pc.cast(whole, pa.int64()).to_numpy(zero_copy_only=False), dtype=np.int64)
+            return np.asarray(to_numpy(pc.cast(whole, pa.int64())), dtype=np.int64)
         if pa.types.is_integer(column.type):
             return self._scaled(name, self.ints(name, blank=None), unit)
         if _is_number(column.type):
@@ -245,7 +246,7 @@ def _is_row(kind: pa.DataType) -> bool:
 
 
 def _first_null(column: pa.Array) -> int:
-    return int(np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))[0])
+    return int(np.flatnonzero(to_numpy(column.is_null()))[0])
 
 
 def _shown(value: pa.Scalar) -> str:

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.errors import InputError
+from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
 from occlog.io.files.inputs import check_input
 from occlog.io.files.parquet import SCHEMA_KEY
@@ -18,7 +19,6 @@ from occlog.io.files.timestamps import TIME_COLUMNS
 
 from .cells import ArrowCells, Cells, TextCells
 
-PARQUET_MAGIC = b"PAR1"
 ARROW_MAGIC, STREAM_MAGIC = b"ARROW1", b"\xff\xff\xff\xff"
 TABULAR = (".csv", ".tsv", ".csv.gz", ".tsv.gz")
 """Endings of names by which a file wants to be a table, whatever it holds."""

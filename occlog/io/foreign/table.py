@@ -50,6 +50,10 @@ class ForeignTable:
         """Whether the file has what a table wants."""
         return not lay_out(self.source.names, table).missing
 
+    def layout_of(self, table: type[Table]) -> Layout:
+        """How a table lies in the file."""
+        return self.layout if self.layout.table is table else lay_out(self.source.names, table)
+
     def convert_to(self, length_unit: str) -> None:
         """Give rows in another unit of length, if the file states its own; InputError for a unit without a length."""
         own = self.layout.length_unit
@@ -65,7 +69,7 @@ class ForeignTable:
         Raises:
             InputError: columns are missing, a cell cannot be read, somebody is twice at one time.
         """
-        layout = self.layout if self.layout.table is table else lay_out(self.source.names, table)
+        layout = self.layout_of(table)
         check_fits(self.source, layout)
         frames = _FrameCount()
         for part in self._in_order(layout):

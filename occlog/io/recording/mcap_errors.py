@@ -24,9 +24,9 @@ from mcap.stream_reader import CRCValidationError
 from mcap.summary import Summary
 
 from occlog.errors import InputError, OcclogError
+from occlog.io.files.content import RECORDING_MAGIC
 from occlog.io.files.inputs import check_input
 
-MAGIC = b"\x89MCAP0\r\n"
 FOOTER_BYTES = 9 + 20
 MAX_CHUNK_BYTES = 512 * 1024 * 1024
 """A chunk may not unpack to more than this: ours are 1 MiB plus one image."""
@@ -85,11 +85,11 @@ def open_mcap(path: Path) -> Iterator[tuple[SeekingReader | NonSeekingReader, Su
 
 
 def _check_ends(path: Path, file: IO[bytes]) -> None:
-    if file.read(8) != MAGIC:
+    if file.read(8) != RECORDING_MAGIC:
         raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)")
     size = file.seek(0, io.SEEK_END)
     file.seek(max(size - 8, 0))
-    if size < 2 * 8 + FOOTER_BYTES or file.read(8) != MAGIC:
+    if size < 2 * 8 + FOOTER_BYTES or file.read(8) != RECORDING_MAGIC:
         raise InputError(
             f"{path}: truncated: the MCAP end mark is missing after {size} bytes; "
             "copy it again, or salvage it with `mcap recover`"

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,8 +21,10 @@ from occlog.io.files.csv_rows import Rows, read_rows
 from occlog.io.files.frame_times import to_world_time
 from occlog.io.files.sensor_names import natural_sorted
 from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
-from occlog.records.scene import Clock
 from occlog.records.tables import Reads
+
+if TYPE_CHECKING:
+    from occlog.records.scene import Clock
 
 WHAT = "a log of reads"
 COLUMNS: dict[str, Sequence[str]] = {

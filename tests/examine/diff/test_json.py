@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from occlog.examine.diff.content import diff_bytes
 from occlog.examine.diff.json import diff_json
 from occlog.examine.diff.result import Limit, Tolerances
 from occlog.examine.diff.run import stage_order
-from occlog.examine.diff.stage import diff_bytes, diff_schemas
+from occlog.examine.diff.stage import diff_schemas
 
 METRICS = {"rmse_m": 0.71, "targets": 2, "nothing": None, "ok": True, "sensors": [{"name": "a", "rate": 10.0}, 3]}
 

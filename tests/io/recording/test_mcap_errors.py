@@ -9,7 +9,8 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from occlog.errors import InputError
-from occlog.io.recording.mcap_errors import FOOTER_BYTES, MAGIC, MAX_CHUNK_BYTES, open_mcap, read_attachment
+from occlog.io.files.content import RECORDING_MAGIC
+from occlog.io.recording.mcap_errors import FOOTER_BYTES, MAX_CHUNK_BYTES, open_mcap, read_attachment
 
 NOTE = b"what the attachment says"
 
@@ -65,12 +66,12 @@ def test_the_shortest_file_with_both_marks_is_not_called_truncated(tmp_path: Pat
     path = tmp_path / "r.mcap"
     footer = struct.pack("<BQQQI", 2, 20, 0, 0, 0)
     assert len(footer) == FOOTER_BYTES
-    path.write_bytes(MAGIC + footer + MAGIC)
+    path.write_bytes(RECORDING_MAGIC + footer + RECORDING_MAGIC)
     assert messages(path) == 0
-    path.write_bytes(MAGIC + footer[1:] + MAGIC)
+    path.write_bytes(RECORDING_MAGIC + footer[1:] + RECORDING_MAGIC)
     with pytest.raises(InputError, match=f"truncated: the MCAP end mark is missing after {2 * 8 + 28} bytes"):
         messages(path)
-    path.write_bytes(b"x" + MAGIC[1:] + footer + MAGIC)
+    path.write_bytes(b"x" + RECORDING_MAGIC[1:] + footer + RECORDING_MAGIC)
     with pytest.raises(InputError, match="does not begin with the MCAP mark"):
         messages(path)
 

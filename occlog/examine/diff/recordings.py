@@ -1,0 +1,108 @@
+"""Comparison of two recordings: their frames and foreign messages, the rows of their tables, attached files."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+from occlog.array_types import Ints, Strings
+from occlog.io.recording.mcap_errors import open_mcap
+from occlog.io.recording.reader import Recording, open_recording
+from occlog.io.recording.rows import RECORDED, schema_of
+from occlog.records.columns import Table, check_order, column
+
+from .content import values_in
+from .json import compare_provenance, diff_json
+from .result import Comparison, DiffSettings
+from .stage import diff_tables
+
+ROWS = 4096
+"""Messages in a chunk."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedMessages(Table):
+    """Frames of a recording, and messages of other programs, one a row; never written to a file."""
+
+    NAME: ClassVar[str] = "messages"
+    KEY: ClassVar[tuple[str, ...]] = ("t_ns", "topic")
+
+    t_ns: Ints = column("i8", "ns", "time of the message since the Unix epoch")
+    topic: Strings = column("U", "1", "topic, or camera for decoded frames")
+    number: Ints = column("i8", "1", "sequence number, or number of the frame")
+    content: Strings = column("U", "1", "SHA-256 of the content")
+
+    def check(self) -> None:
+        """Raise ValueError where times are not in order."""
+        check_order(self)
+
+
+def compare_recordings(a: Path, b: Path, name: str, settings: DiffSettings) -> list[Comparison]:
+    """Compare two recordings: attached files, frames, each table, and with `provenance` how they were made."""
+    left, right = open_recording(a), open_recording(b)
+    out = [_compare_attachments(left, right, name, settings)]
+    out.append(
+        replace(
+            diff_tables(RecordedMessages, _frames(left, settings), _frames(right, settings)), name=f"{name}: frames"
+        )
+    )
+    for table in RECORDED:
+        if left.has(table) or right.has(table):
+            rows = diff_tables(table, left.tables(table), right.tables(table), settings.tolerances)
+            out.append(replace(rows, name=f"{name}: {table.NAME}"))
+    if settings.provenance:
+        out.append(compare_provenance(name, left.provenance.as_dict(), right.provenance.as_dict()))
+    return [found for found in out if found.count_a or found.count_b]
+
+
+def _compare_attachments(a: Recording, b: Recording, name: str, settings: DiffSettings) -> Comparison:
+    """Compare attached files by content (YAML by value, text by line, others by hash), and linked videos."""
+    return diff_json(f"{name}: files", _attached(a), _attached(b), settings.tolerances, provenance=True)
+
+
+def _attached(recording: Recording) -> dict[str, object]:
+    out: dict[str, object] = {}
+    for name in sorted(recording.attachments):
+        data = recording.attachment(name) or b""
+        out[name] = values_in(name, data)
+    videos = {f"video of {sensor}": video.get("sha256", "") for sensor, video in sorted(recording.videos.items())}
+    return out | videos
+
+
+def _frames(recording: Recording, settings: DiffSettings) -> Iterator[RecordedMessages]:
+    """Hash everything in a recording that is not a row of a table: frames, and messages of other programs."""
+    ours = {schema_of(table) for table in RECORDED}
+    topics = [t.name for t in recording.topics if t.schema not in ours]
+    if not topics:
+        return
+    pixels = settings.pixels and bool(recording.cameras)
+    yield from _gathered(_decoded(recording) if pixels else _raw(recording, topics))
+
+
+def _raw(recording: Recording, topics: list[str]) -> Iterator[tuple[int, str, int, str]]:
+    with open_mcap(recording.path) as (reader, _):
+        for _schema, channel, message in reader.iter_messages(topics=topics):
+            digest = hashlib.sha256(message.data).hexdigest()
+            yield message.log_time, channel.topic, message.sequence, digest
+
+
+def _decoded(recording: Recording) -> Iterator[tuple[int, str, int, str]]:
+    for frame in recording.frames():
+        image = frame.decode()
+        digest = hashlib.sha256(f"{image.shape}".encode() + image.tobytes()).hexdigest()
+        yield frame.t_ns, frame.sensor, frame.index, digest
+
+
+def _gathered(messages: Iterator[tuple[int, str, int, str]]) -> Iterator[RecordedMessages]:
+    """Gather messages in chunks of a table."""
+    pending: list[tuple[int, str, int, str]] = []
+    for message in messages:
+        pending.append(message)
+        if len(pending) >= ROWS:
+            yield RecordedMessages.of(**dict(zip(RecordedMessages.__slots__, zip(*pending, strict=True), strict=True)))
+            pending = []
+    if pending:
+        yield RecordedMessages.of(**dict(zip(RecordedMessages.__slots__, zip(*pending, strict=True), strict=True)))

@@ -1,0 +1,68 @@
+"""`occlog diff` of tables that other programs made, with ours and with one another."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.parquet import write_table
+from occlog.io.files.provenance import Provenance
+from occlog.records.tables import Truth
+
+ROWS = "1000,0,1.25,2\n2000,0,1.5,2\n"
+
+
+@pytest.fixture
+def ours(tmp_path: Path) -> Path:
+    rows = Truth.of(t_ns=[1000, 2000], target_id=[0, 0], x=[1.25, 1.5], y=[2.0, 2.0], z=[0, 0], role=["target"] * 2)
+    write_table(tmp_path / "ours.parquet", rows, Provenance("test"))
+    return tmp_path / "ours.parquet"
+
+
+def text(path: Path, header: str, rows: str) -> str:
+    path.write_text(f"{header}\n{rows}")
+    return str(path)
+
+
+def test_an_export_is_the_same(ours: Path, tmp_path: Path, capsys: Any) -> None:
+    exported = tmp_path / "truth.csv"
+    assert run(["export", str(ours), "-o", str(exported)]) == ExitCode.DONE
+    assert run(["diff", str(ours), str(exported)]) == ExitCode.DONE
+    assert run(["diff", str(exported), str(ours)]) == ExitCode.DONE
+
+
+def test_lengths_are_brought_to_one_unit(ours: Path, tmp_path: Path, capsys: Any) -> None:
+    cm = text(tmp_path / "cm.csv", "t_ns,id,x_cm,y_cm", "1000,0,125,200\n2000,0,150,200\n")
+    m = text(tmp_path / "m.csv", "t_ns,id,x_m,y_m", ROWS)
+    assert run(["diff", m, cm]) == ExitCode.DONE
+    assert run(["diff", m, text(tmp_path / "b.csv", "t_ns,id,x_cm,y_cm", ROWS)]) == ExitCode.DIFFERENT
+    assert "x" in capsys.readouterr().out
+
+
+def test_a_column_that_one_lacks_is_a_difference_and_the_others_are_compared(
+    ours: Path, tmp_path: Path, capsys: Any
+) -> None:
+    other = text(tmp_path / "other.csv", "t_ns,id,x,y", ROWS.replace("1.5", "1.75"))
+    assert run(["diff", str(ours), other]) == ExitCode.DIFFERENT
+    out = capsys.readouterr().out
+    assert "column z is only in A" in out
+    assert "x is 1.5 in A, 1.75 in B" in out
+
+
+def test_a_table_of_another_kind_and_an_unknown_tolerance_are_refused(ours: Path, tmp_path: Path, capsys: Any) -> None:
+    other = text(tmp_path / "other.csv", "t_ns,sensor,bearing,sigma", "1000,a,0,1\n")
+    assert run(["diff", str(ours), other]) == ExitCode.BAD_INPUT
+    assert "truth wants x; y" in capsys.readouterr().err
+    same = text(tmp_path / "same.csv", "t_ns,id,x,y", ROWS)
+    assert run(["diff", same, same, "--tol", "xx=1"]) == ExitCode.USAGE
+    assert "did you mean 'x'?" in capsys.readouterr().err
+
+
+def test_text_that_is_no_table_is_compared_as_text(tmp_path: Path, capsys: Any) -> None:
+    a, b = text(tmp_path / "a.csv", "word,number", "a,1\n"), text(tmp_path / "b.csv", "word,number", "a,2\n")
+    assert run(["diff", a, b]) == ExitCode.DIFFERENT
+    assert "line 2" in capsys.readouterr().out
