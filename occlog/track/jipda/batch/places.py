@@ -51,7 +51,7 @@ def visibilities(
         c = boxes.camera[l]
         width, height = views.size[c]
         for i in range(N):
-            depth[i] = box_and_slope(views, c, mean[i], boxes.delay[l], box[i], slope)
+            depth[i] = box_and_slope(views.lens[c], mean[i], boxes.delay[l], box[i], slope)
             if depth[i] < 0.0:
                 continue
             P = slope @ covariance[i] @ slope.T
@@ -86,7 +86,7 @@ def misses(views: Views, rates: Rates, mean: Floats) -> Floats:
             off = math.hypot(mean[i, 0] - views.position[c, 0], mean[i, 1] - views.position[c, 1])
             if off > views.range[c]:
                 continue
-            if expected_box(views, c, mean[i, 0], mean[i, 1], mean[i, 4], mean[i, 5], box) < 0.0:
+            if expected_box(views.lens[c], mean[i, 0], mean[i, 1], mean[i, 4], mean[i, 5], box) < 0.0:
                 continue
             if inside_image(box, views.size[c, 0], views.size[c, 1], cells) == 0.0:
                 continue
@@ -123,7 +123,7 @@ def factors(
             if j < 0:
                 c[i] += math.log(1.0 - detection[l, i])
                 continue
-            if box_and_slope(views, camera, mean[i], boxes.delay[l], box, slope) < 0.0:
+            if box_and_slope(views.lens[camera], mean[i], boxes.delay[l], box, slope) < 0.0:
                 continue
             shifted(box, rates.bias[camera], drawn)
             edge_noise(drawn, rates, 1.0, noise)

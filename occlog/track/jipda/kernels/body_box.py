@@ -31,6 +31,10 @@ STEP = 1e-4
 """Step of the difference quotients, in heights of the person."""
 NEAR = 0.05
 """No camera sees a person whose nearest point is nearer than this many heights, along its axis."""
+LENS = 23
+"""Numbers of a row of `Views.lens`."""
+STRAIGHT, BENT, BENT_BACK = 0.0, 1.0, 2.0
+"""Lenses: no distortion; ideal points to distorted ones by a polynomial; distorted points to ideal ones by it."""
 
 
 class Views(NamedTuple):
@@ -40,9 +44,7 @@ class Views(NamedTuple):
     rotation: Floats  # (C, 3, 3) world-from-camera
     focal: Floats  # (C, 2) [px]
     principal: Floats  # (C, 2) [px]
-    distortion: Floats  # (C, 5)
-    tsai: Ints  # (C,) 1: maps distorted to ideal; 0: ideal to distorted
-    limit: Floats  # (C,) normalised radius to which the lens is believed
+    lens: Floats  # (C, LENS) all that says where a camera shows a point, in a row; see `_lens`
     size: Floats  # (C, 2) width, height [px]
     range: Floats  # (C,) farthest distance at which a person is seen
     corner: Floats  # (V, 2) of static occluders
@@ -58,15 +60,24 @@ def pack_views(cameras: Sequence[Camera], occluders: Sequence[tuple[Floats, floa
         rotation=np.array([c.rotation for c in cameras], dtype=np.float64).reshape(-1, 3, 3),
         focal=np.array([c.focal_px for c in cameras], dtype=np.float64).reshape(-1, 2),
         principal=np.array([c.principal_px for c in cameras], dtype=np.float64).reshape(-1, 2),
-        distortion=np.array([c.distortion for c in cameras], dtype=np.float64).reshape(-1, 5),
-        tsai=np.array([c.distortion_model == "tsai" for c in cameras], dtype=np.int64),
-        limit=np.array([_limit(c) for c in cameras], dtype=np.float64),
+        lens=np.array([_lens(c) for c in cameras], dtype=np.float64).reshape(-1, LENS),
         size=np.array(size, dtype=np.float64).reshape(-1, 2),
         range=np.array([c.range for c in cameras], dtype=np.float64),
         corner=np.concatenate([np.zeros((0, 2)), *(np.asarray(p, dtype=np.float64) for p, _ in occluders)]),
         first=np.concatenate([[0], np.cumsum([len(p) for p, _ in occluders])]).astype(np.int64),
         top=np.array([top for _, top in occluders], dtype=np.float64),
     )
+
+
+def _lens(camera: Camera) -> Floats:
+    """(LENS,) position (3,), rotation (9,), focal lengths (2,), principal point (2,), distortion (5,), and two numbers.
+
+    They are the model of the lens, and the normalised radius to which it is believed.
+    """
+    bent = bool(np.any(camera.distortion))
+    model = (BENT_BACK if camera.distortion_model == "tsai" else BENT) if bent else STRAIGHT
+    parts = (camera.position, camera.rotation, camera.focal_px, camera.principal_px, camera.distortion)
+    return np.concatenate([*(np.ravel(part) for part in parts), [model, _limit(camera)]])
 
 
 def _limit(camera: Camera) -> float:
@@ -80,38 +91,35 @@ def _limit(camera: Camera) -> float:
 
 
 @kernel
-def pixel(views: Views, c: int, x: float, y: float) -> tuple[float, float]:
-    """Recorded pixel of a point (x, y) of the ideal normalised image of camera c."""
-    k1, k2, p1, p2, k3 = views.distortion[c]
-    if k1 != 0.0 or k2 != 0.0 or p1 != 0.0 or p2 != 0.0 or k3 != 0.0:
-        radius = math.sqrt(x * x + y * y)
-        # Beyond the believed radius: as at that radius, and further out in a straight line
-        share = min(1.0, views.limit[c] / radius) if radius > 0.0 else 1.0
-        out_x, out_y = x * (1.0 - share), y * (1.0 - share)
-        x, y = x * share, y * share
-        if views.tsai[c] == 1:
-            ideal_x, ideal_y = x, y
-            for _ in range(50):
-                r2 = x * x + y * y
-                x, y = ideal_x / (1.0 + k1 * r2), ideal_y / (1.0 + k1 * r2)
-        else:
+def distorted(lens: Floats, x: float, y: float) -> tuple[float, float]:
+    """Where a lens that is not straight puts a point (x, y) of the ideal normalised image, normalised."""
+    k1, k2, p1, p2, k3 = lens[16], lens[17], lens[18], lens[19], lens[20]
+    radius = math.sqrt(x * x + y * y)
+    # Beyond the believed radius: as at that radius, and further out in a straight line
+    share = min(1.0, lens[22] / radius) if radius > 0.0 else 1.0
+    out_x, out_y = x * (1.0 - share), y * (1.0 - share)
+    x, y = x * share, y * share
+    if lens[21] == BENT_BACK:
+        ideal_x, ideal_y = x, y
+        for _ in range(50):
             r2 = x * x + y * y
-            radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            x, y = (
-                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-            )
-        x, y = x + out_x, y + out_y
-    return x * views.focal[c, 0] + views.principal[c, 0], y * views.focal[c, 1] + views.principal[c, 1]
+            x, y = ideal_x / (1.0 + k1 * r2), ideal_y / (1.0 + k1 * r2)
+    else:
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        x, y = (
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
+    return x + out_x, y + out_y
 
 
 @kernel
-def expected_box(views: Views, c: int, x: float, y: float, height: float, width: float, box: Floats) -> float:
+def expected_box(lens: Floats, x: float, y: float, height: float, width: float, box: Floats) -> float:
     """Write the box (4,) of a person in camera c and give the depth of the person's middle along the optical axis.
 
     Args:
-        views: cameras.
-        c: which of them.
+        lens: (LENS,) of the camera, a row of `Views.lens`.
         x: place on the floor.
         y: the same.
         height: of the person, > 0.
@@ -121,15 +129,14 @@ def expected_box(views: Views, c: int, x: float, y: float, height: float, width:
     Returns:
         Depth > 0; -1, and no box, where part of the person is behind the camera or closer than `NEAR` heights.
     """
-    R = views.rotation[c]
-    dx, dy, dz = x - views.position[c, 0], y - views.position[c, 1], 0.5 * height - views.position[c, 2]
+    dx, dy, dz = x - lens[0], y - lens[1], 0.5 * height - lens[2]
     a2, b2 = 0.25 * width * width, 0.25 * height * height
     # Centre and shape in the camera's frame: p = R' (m - c), A = R' diag(a^2, a^2, b^2) R
-    px = R[0, 0] * dx + R[1, 0] * dy + R[2, 0] * dz
-    py = R[0, 1] * dx + R[1, 1] * dy + R[2, 1] * dz
-    pz = R[0, 2] * dx + R[1, 2] * dy + R[2, 2] * dz
+    px = lens[3] * dx + lens[6] * dy + lens[9] * dz
+    py = lens[4] * dx + lens[7] * dy + lens[10] * dz
+    pz = lens[5] * dx + lens[8] * dy + lens[11] * dz
     lean = b2 - a2  # A = a^2 I + (b^2 - a^2) r r', r the last row of R
-    rx, ry, rz = R[2, 0], R[2, 1], R[2, 2]
+    rx, ry, rz = lens[9], lens[10], lens[11]
     azz = a2 + lean * rz * rz
     if pz - math.sqrt(azz) < NEAR * height:
         return -1.0
@@ -144,21 +151,20 @@ def expected_box(views: Views, c: int, x: float, y: float, height: float, width:
             u = (cxz - sign * root_x) / czz
             # Point of contact C l, l = (1, 0, -u)
             at = (cxy - u * cyz) / (cxz - u * czz)
-            box[k] = pixel(views, c, u, at)[0]
+            box[k] = (u if lens[21] == STRAIGHT else distorted(lens, u, at)[0]) * lens[12] + lens[14]
         else:
             v = (cyz - sign * root_y) / czz
             at = (cxy - v * cxz) / (cyz - v * czz)
-            box[k] = pixel(views, c, at, v)[1]
+            box[k] = (v if lens[21] == STRAIGHT else distorted(lens, at, v)[1]) * lens[13] + lens[15]
     return float(pz)
 
 
 @kernel
-def box_and_slope(views: Views, c: int, state: Floats, delay: float, box: Floats, slope: Floats) -> float:
+def box_and_slope(lens: Floats, state: Floats, delay: float, box: Floats, slope: Floats) -> float:
     """Write the box (4,) of a state and its derivative (4, 6), and give the depth as `expected_box` does.
 
     Args:
-        views: cameras.
-        c: which of them.
+        lens: (LENS,) of the camera, a row of `Views.lens`.
         state: (6,) at the moment's time.
         delay: how much later than the moment the camera looked [s]; negative: earlier.
         box: (4,) written.
@@ -166,7 +172,7 @@ def box_and_slope(views: Views, c: int, state: Floats, delay: float, box: Floats
     """
     x, y = state[0] + delay * state[2], state[1] + delay * state[3]
     height, width = state[4], state[5]
-    depth = expected_box(views, c, x, y, height, width, box)
+    depth = expected_box(lens, x, y, height, width, box)
     if depth < 0.0:
         return depth
     step = STEP * height
@@ -174,8 +180,8 @@ def box_and_slope(views: Views, c: int, state: Floats, delay: float, box: Floats
     for k in range(4):
         ex, ey = (step if k == 0 else 0.0), (step if k == 1 else 0.0)
         eh, ew = (step if k == 2 else 0.0), (step if k == 3 else 0.0)
-        d_high = expected_box(views, c, x + ex, y + ey, height + eh, width + ew, high)
-        d_low = expected_box(views, c, x - ex, y - ey, height - eh, width - ew, low)
+        d_high = expected_box(lens, x + ex, y + ey, height + eh, width + ew, high)
+        d_low = expected_box(lens, x - ex, y - ey, height - eh, width - ew, low)
         if d_high < 0.0 or d_low < 0.0:
             return -1.0
         to = k if k < 2 else k + 2

@@ -61,7 +61,7 @@ def disagreement(
             if owner[j] != i or not good[j]:
                 continue
             c = boxes.camera[look[j]]
-            if box_and_slope(views, c, mean[i], boxes.delay[look[j]], box, slope) < 0.0:
+            if box_and_slope(views.lens[c], mean[i], boxes.delay[look[j]], box, slope) < 0.0:
                 continue
             shifted(box, rates.bias[c], drawn)
             width, height = drawn[2] - drawn[0], drawn[3] - drawn[1]

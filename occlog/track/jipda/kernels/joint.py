@@ -243,7 +243,7 @@ def update(
                     cavity_P[i], cavity_m[i] = P[i], m[i]
                 there[i] = 1.0 / (1.0 + math.exp(-(log_odds[i] - site_odds[l, i])))
                 # Expected box
-                depth[i] = box_and_slope(views, c, cavity_m[i], boxes.delay[l], box[i], slope[i])
+                depth[i] = box_and_slope(views.lens[c], cavity_m[i], boxes.delay[l], box[i], slope[i])
                 if depth[i] > 0.0:
                     inside[i] = inside_image(box[i], width, height, cells)
                     spread[i] = slope[i] @ cavity_P[i] @ slope[i].T

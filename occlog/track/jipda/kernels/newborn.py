@@ -101,7 +101,7 @@ def fit_body(
     at = np.array([0.0, 0.0, 0.0, 0.0, body[0], body[2]])
     W = np.empty((4, 4))
     for _ in range(NEWTON_STEPS):
-        if box_and_slope(views, c, mean, 0.0, expected, slope) < 0.0:
+        if box_and_slope(views.lens[c], mean, 0.0, expected, slope) < 0.0:
             return math.nan
         shifted(expected, rates.bias[c], drawn)
         edge_noise(drawn, rates, 1.0, noise)
@@ -117,7 +117,7 @@ def fit_body(
             return math.nan
         mean[:] = covariance @ vector
         mean[4], mean[5] = max(mean[4], 0.3 * body[0]), max(mean[5], 0.3 * body[2])
-    if box_and_slope(views, c, mean, 0.0, expected, slope) < 0.0:
+    if box_and_slope(views.lens[c], mean, 0.0, expected, slope) < 0.0:
         return math.nan
     shifted(expected, rates.bias[c], drawn)
     # Density of the box at the best body times that of the body, and Laplace's volume without the velocity
@@ -148,7 +148,7 @@ def tracked_by(views: Views, boxes: Boxes, people: Floats, spread: Floats, exist
         deep[i], there[i] = spread[i] + 0.1 * people[i, 5], existence[i]
         for l in range(L):  # noqa: E741 - a look
             c = boxes.camera[l]
-            depth[l, i] = box_and_slope(views, c, people[i], 0.0, box[l, i], slope)
+            depth[l, i] = box_and_slope(views.lens[c], people[i], 0.0, box[l, i], slope)
             if depth[l, i] > 0.0:
                 across[l, i] = spread[i] * views.focal[c, 0] / depth[l, i]
     return Tracked(there, box, depth, across, deep)
@@ -205,7 +205,7 @@ def propose(
     for l in range(boxes.camera.shape[0]):  # noqa: E741 - a look
         c = boxes.camera[l]
         box, depth, across = tracked.box[l], tracked.depth[l], tracked.across[l]
-        depth[N] = box_and_slope(views, c, mean, 0.0, box[N], slope)
+        depth[N] = box_and_slope(views.lens[c], mean, 0.0, box[N], slope)
         if depth[N] < 0.0 or inside_image(box[N], views.size[c, 0], views.size[c, 1], cells) == 0.0:
             continue
         if math.hypot(mean[0] - views.position[c, 0], mean[1] - views.position[c, 1]) > views.range[c]:

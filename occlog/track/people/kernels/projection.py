@@ -24,7 +24,7 @@ def project(views: Views, c: int, mean: Floats, covariance: Floats, delay: float
     """
     box, slope, centre = np.empty(4), np.empty((4, 6)), np.empty((2, 6))
     for k in range(mean.shape[0]):
-        depth = box_and_slope(views, c, mean[k], delay, box, slope)
+        depth = box_and_slope(views.lens[c], mean[k], delay, box, slope)
         out[k, 7] = depth
         if depth < 0.0:
             continue

@@ -48,14 +48,14 @@ def sampled(view: Camera, x: float, y: float, height: float, width: float) -> Fl
 @pytest.mark.parametrize("roll", [0.0, 0.2])
 def test_the_box_of_an_ideal_lens_is_that_of_the_ellipsoids_points(place: tuple[float, float], roll: float) -> None:
     view, box = camera(roll=roll), np.empty(4)
-    assert expected_box(pack_views([view]), 0, *place, 1.7, 0.5, box) > 0.0
+    assert expected_box(pack_views([view]).lens[0], *place, 1.7, 0.5, box) > 0.0
     np.testing.assert_allclose(box, sampled(view, *place, 1.7, 0.5), atol=0.05)
 
 
 @pytest.mark.parametrize("lens", ["brown", "tsai"])
 def test_a_lens_moves_the_points_of_contact(lens: str) -> None:
     view, box = camera(lens), np.empty(4)
-    expected_box(pack_views([view]), 0, 1.0, 1.0, 1.7, 0.5, box)
+    expected_box(pack_views([view]).lens[0], 1.0, 1.0, 1.7, 0.5, box)
     # The points of contact of the distorted outline are others by little
     np.testing.assert_allclose(box, sampled(view, 1.0, 1.0, 1.7, 0.5), atol=0.5)
 
@@ -65,7 +65,7 @@ def test_a_lens_does_not_turn_back_outside_the_image() -> None:
     views = pack_views([view])
     last = -np.inf
     for x in (3.0, 6.0, 12.0, 24.0, 48.0):
-        expected_box(views, 0, x, 1.0, 1.7, 0.5, box)
+        expected_box(views.lens[0], x, 1.0, 1.7, 0.5, box)
         assert box[0] > last
         last = box[0]
 
@@ -73,20 +73,20 @@ def test_a_lens_does_not_turn_back_outside_the_image() -> None:
 def test_the_slope_is_the_derivative_of_the_box() -> None:
     views, box, slope = pack_views([camera("brown")]), np.empty(4), np.empty((4, 6))
     state, delay = np.array([0.5, 1.0, 0.7, -0.4, 1.7, 0.5]), 0.2
-    box_and_slope(views, 0, state, delay, box, slope)
+    box_and_slope(views.lens[0], state, delay, box, slope)
     for k in range(6):
         low, high, other = np.empty(4), np.empty(4), np.empty((4, 6))
         step = np.zeros(6)
         step[k] = 1e-3
-        box_and_slope(views, 0, state + step, delay, high, other)
-        box_and_slope(views, 0, state - step, delay, low, other)
+        box_and_slope(views.lens[0], state + step, delay, high, other)
+        box_and_slope(views.lens[0], state - step, delay, low, other)
         np.testing.assert_allclose(slope[:, k], (high - low) / 2e-3, rtol=1e-3, atol=0.02)
 
 
 def test_centimetres_give_the_same_box() -> None:
     metres, centimetres = np.empty(4), np.empty(4)
-    expected_box(pack_views([camera()]), 0, 1.0, 2.0, 1.7, 0.5, metres)
-    depth = expected_box(pack_views([camera(metre=100.0)]), 0, 100.0, 200.0, 170.0, 50.0, centimetres)
+    expected_box(pack_views([camera()]).lens[0], 1.0, 2.0, 1.7, 0.5, metres)
+    depth = expected_box(pack_views([camera(metre=100.0)]).lens[0], 100.0, 200.0, 170.0, 50.0, centimetres)
     np.testing.assert_allclose(centimetres, metres, rtol=1e-12)
     assert depth > 100.0
 
@@ -97,6 +97,6 @@ def test_a_body_that_reaches_the_camera_has_no_box() -> None:
     )
     views, box = pack_views([level]), np.empty(4)
     nearest = 0.25 + NEAR * 1.7
-    assert expected_box(views, 0, nearest + 1e-6, 0.0, 1.7, 0.5, box) > 0.0
-    assert expected_box(views, 0, nearest - 1e-6, 0.0, 1.7, 0.5, box) == -1.0
-    assert expected_box(views, 0, -3.0, 0.0, 1.7, 0.5, box) == -1.0
+    assert expected_box(views.lens[0], nearest + 1e-6, 0.0, 1.7, 0.5, box) > 0.0
+    assert expected_box(views.lens[0], nearest - 1e-6, 0.0, 1.7, 0.5, box) == -1.0
+    assert expected_box(views.lens[0], -3.0, 0.0, 1.7, 0.5, box) == -1.0

@@ -23,7 +23,7 @@ def test_a_common_shift_is_no_disagreement_and_noise_is_found_by_its_share() -> 
     for _ in range(400):
         box = np.empty((4, 4))
         for c in range(4):
-            expected_box(VIEWS, c, 5.0, 4.0, 1.7, 0.5, box[c])
+            expected_box(VIEWS.lens[c], 5.0, 4.0, 1.7, 0.5, box[c])
         made = Boxes(np.arange(4), np.zeros(4), np.arange(5), box + rng.normal(0.0, 3.0, (4, 4)),
                      np.ones((4, 4), dtype=bool), np.zeros(4))  # fmt: skip
         owner = np.zeros(4, dtype=np.int64)

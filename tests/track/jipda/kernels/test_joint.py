@@ -61,7 +61,7 @@ def after(made: Boxes, existence: float = 0.95, known: Rates | None = None, mean
 def expected() -> tuple[Floats, Floats]:
     """Box and slope."""
     box, slope = np.empty(4), np.zeros((4, 6))
-    box_and_slope(pack_views([VIEW]), 0, MEAN[0], 0.0, box, slope)
+    box_and_slope(pack_views([VIEW]).lens[0], MEAN[0], 0.0, box, slope)
     return box, slope
 
 
@@ -117,7 +117,7 @@ def outline_of_both() -> Floats:
     """The box around both."""
     both = np.empty((2, 4))
     for k in range(2):
-        box_and_slope(pack_views([VIEW]), 0, PAIR[k], 0.0, both[k], np.zeros((4, 6)))
+        box_and_slope(pack_views([VIEW]).lens[0], PAIR[k], 0.0, both[k], np.zeros((4, 6)))
     return np.concatenate([both[:, :2].min(axis=0), both[:, 2:].max(axis=0)])
 
 
@@ -133,7 +133,7 @@ def test_the_outline_of_two_people_is_one_detection_of_both() -> None:
 def test_two_boxes_of_two_people_who_touch_are_of_one_each() -> None:
     both = np.empty((2, 4))
     for k in range(2):
-        box_and_slope(pack_views([VIEW]), 0, PAIR[k], 0.0, both[k], np.zeros((4, 6)))
+        box_and_slope(pack_views([VIEW]).lens[0], PAIR[k], 0.0, both[k], np.zeros((4, 6)))
     result = after(boxes(*both), known=rates(merge=0.3), mean=PAIR)
     assert (np.diag(result.share) > 0.9).all()
     assert result.joint.max() < 0.1

@@ -28,7 +28,7 @@ def boxes(people: Floats, cameras: tuple[int, ...] = (0, 1, 2, 3)) -> Boxes:
     for c in range(4):
         for x, y in people:
             box = np.empty(4)
-            expected_box(VIEWS, c, x, y, 1.75, 0.5, box)
+            expected_box(VIEWS.lens[c], x, y, 1.75, 0.5, box)
             if c in cameras:
                 made.append(box)
         first.append(len(made))
