@@ -16,8 +16,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 def kernel(function: F) -> F:
     """The function compiled by numba: cached on disk, without the GIL, exact floating point.
 
-    A call counts references to every array among its arguments, those of a NamedTuple one by one, which takes as long as
-    fifty products: a kernel that is called in an inner loop gets few arrays.
+    A call counts references to every array among its arguments, those of a NamedTuple one by one, and each count takes
+    as long as dozens of products: a kernel that is called in an inner loop gets few arrays.
 
     With NUMBA_DISABLE_JIT=1 it is the plain Python function.
     """
