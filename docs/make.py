@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from docs.api import api_page
 from docs.rooms import folders_page, picture
 from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import CHOSEN, VariantCommand, value_words
@@ -132,7 +133,7 @@ def settings_page() -> str:
     return "\n".join(parts)
 
 
-PAGES = {"commands.md": commands_page, "settings.md": settings_page, "tables.md": tables_page}
+PAGES = {"api.md": api_page, "commands.md": commands_page, "settings.md": settings_page, "tables.md": tables_page}
 """Reference pages of the program."""
 ROOMS = {"rooms.svg": picture, "folders.md": folders_page}
 """How the code is laid out."""

@@ -14,6 +14,8 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -61,9 +63,26 @@ def output_opt(help_text: str, *, required: bool = True) -> Callable[[F], F]:
     return click.option("-o", "--output", type=PATH, required=required, help=help_text)
 
 
+_KEPT: ContextVar[list[str] | None] = ContextVar("kept", default=None)
+
+
+@contextmanager
+def notes_kept() -> Iterator[list[str]]:
+    """Keep notes in a list inside the block, those that `quiet` would drop too, and write none on standard error."""
+    kept: list[str] = []
+    token = _KEPT.set(kept)
+    try:
+        yield kept
+    finally:
+        _KEPT.reset(token)
+
+
 def note(message: str, quiet: bool = False) -> None:
-    """A line on standard error."""
-    if not quiet:
+    """A line on standard error, or in the list of `notes_kept`."""
+    kept = _KEPT.get()
+    if kept is not None:
+        kept.append(message)
+    elif not quiet:
         click.echo(f"occlog: {message}", err=True)
 
 

@@ -14,7 +14,7 @@ from occlog.settings import configure
 
 from .matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, WORLD, EvaluateConfig
 from .mot.config import ManyConfig
-from .options import COMPARED, OF_MANY, WRITTEN, KindOption, check_kind, with_all
+from .options import COMPARED, OF_MANY, WRITTEN, KindOption, check_kind, given_in, with_all
 
 if TYPE_CHECKING:
     from .inputs import Paths
@@ -76,7 +76,8 @@ def command(**values: Any) -> int:
     if azimuths is None:
         on_ground = GROUND if paths.tracks is not None and paths.truth is not None else OTHERS
         kind = IMAGES if in_images(paths.tracks) else on_ground
-    check_kind(click.get_current_context(), kind)
+    context = click.get_current_context()
+    check_kind(context.command.params, given_in(context), kind)
     config = configure(EvaluateConfig(), chosen)
     if azimuths is not None:
         figures = run_evaluate_doa(paths, azimuths, values["doa_gate_deg"], config.bridge_s)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, TypeVar
 
 import click
@@ -156,11 +156,22 @@ def kinds_of(param: click.Parameter) -> tuple[str, ...]:
     return next((declaration(f).kinds for f in settings if f.name == param.name), ())
 
 
-def check_kind(context: click.Context, kind: str) -> None:
-    """UsageError for an option that was given and is not for this kind of input; it names the kinds that have it."""
-    for param in context.command.params:
-        given = context.get_parameter_source(param.name or "") is click.core.ParameterSource.COMMANDLINE
+def check_kind(params: Iterable[click.Parameter], given: Collection[str], kind: str) -> None:
+    """UsageError for an option that was given and is not for this kind of input; it names the kinds that have it.
+
+    Args:
+        params: of the command.
+        given: names of those parameters that were given.
+        kind: of the input.
+    """
+    for param in params:
         kinds = kinds_of(param)
-        if given and kinds and kind not in kinds:
+        if param.name in given and kinds and kind not in kinds:
             wanted = ", or ".join(KINDS[name] for name in kinds)
             raise UsageError(f"{param.opts[0]} is for {wanted}; not for {KINDS[kind]}")
+
+
+def given_in(context: click.Context) -> frozenset[str]:
+    """Names of the parameters that the command line gives."""
+    names = (param.name or "" for param in context.command.params)
+    return frozenset(n for n in names if context.get_parameter_source(n) is click.core.ParameterSource.COMMANDLINE)

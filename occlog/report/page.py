@@ -58,7 +58,7 @@ def build_page(data: ReportInput) -> str:
 
 
 def _plots(data: ReportInput) -> list[Plot]:
-    out = [_floorplan(data), *_everybody(data)]
+    out = [floorplan(data), *_everybody(data)]
     for target in data.targets[:MOST_TARGETS]:
         out += _accuracy(data, target) or _sight(data, target)
     out += [_visibility(data, target) for target in watched(data)[:MOST_TARGETS]]
@@ -72,7 +72,8 @@ def _plot(name: str, heading: str, caption: str, size: tuple[float, float], draw
     return Plot(heading, Markup(page_svg(raw_svg(canvas), name, heading, caption)), caption)
 
 
-def _floorplan(data: ReportInput) -> Plot:
+def floorplan(data: ReportInput) -> Plot:
+    """The floor plan, to be called inside `house_style`."""
     size = np.diff(plan_limits(data), axis=0)[0]
     height = float(np.clip(WIDTH * 0.88 * size[1] / size[0] + 1.0, 3.4, 8.4))
     words = ["Seen from above, x and y to the same scale."]

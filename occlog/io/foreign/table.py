@@ -48,11 +48,16 @@ class ForeignTable:
 
     def fits(self, table: type[Table]) -> bool:
         """Whether the file has what a table wants."""
-        return not lay_out(self.source.names, table).missing
+        return not self.layout_of(table).missing
 
     def layout_of(self, table: type[Table]) -> Layout:
-        """How a table lies in the file."""
-        return self.layout if self.layout.table is table else lay_out(self.source.names, table)
+        """How a table lies in the file; an error names the file."""
+        if self.layout.table is table:
+            return self.layout
+        try:
+            return lay_out(self.source.names, table)
+        except InputError as error:
+            raise InputError(f"{self.source.path}: {error}") from None
 
     def convert_to(self, length_unit: str) -> None:
         """Give rows in another unit of length, if the file states its own; InputError for a unit without a length."""

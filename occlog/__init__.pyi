@@ -1,0 +1,3 @@
+from occlog.api import *
+
+__version__: str

@@ -1,0 +1,45 @@
+"""Functions of occlog for Python: what the commands do, on values and files, with the same names and defaults."""
+
+from occlog.errors import InputError, OcclogError, OutputError, OutputExistsError, UsageError
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+from occlog.settings import SettingError
+
+from .detection import detect, fuse, label
+from .evaluation import evaluate
+from .pages import report
+from .recordings import Recording, Sensor, open, read, read_scene
+from .results import DetectResult, EvaluateResult, OcclogWarning, ReportResult, Result, TrackResult
+from .simulation import simulate
+from .tables import Table
+from .tracking import track
+
+__all__ = [
+    "DetectResult",
+    "EvaluateResult",
+    "InputError",
+    "Loss",
+    "OcclogError",
+    "OcclogWarning",
+    "OutputError",
+    "OutputExistsError",
+    "Recording",
+    "ReportResult",
+    "Result",
+    "Scene",
+    "Sensor",
+    "SettingError",
+    "Table",
+    "TrackResult",
+    "UsageError",
+    "detect",
+    "evaluate",
+    "fuse",
+    "label",
+    "open",
+    "read",
+    "read_scene",
+    "report",
+    "simulate",
+    "track",
+]

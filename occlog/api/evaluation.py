@@ -1,0 +1,121 @@
+"""`evaluate` in Python: tracks against truth, bound and bearings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from occlog.cli import options
+from occlog.errors import UsageError
+
+from .folders import Folder
+from .keywords import Setting, settings_by_class
+from .results import EvaluateResult, TrackResult, sentences, tables_in, warn
+from .sources import Inputs, SceneSource, Source
+
+if TYPE_CHECKING:
+    from occlog.evaluate.inputs import Paths
+
+SOURCES = ("tracks", "truth", "bearings", "doa", "views", "cooperation", "diagnostics")
+TABLES = ("errors", "bound")
+OF_MANY = ("failures", "counts")
+"""Tables on request, of many targets."""
+
+
+def evaluate(
+    tracks: Source | TrackResult | None = None,
+    truth: Source | None = None,
+    *,
+    bearings: Source | None = None,
+    doa: Source | None = None,
+    doa_labels: bool = False,
+    views: Source | None = None,
+    cooperation: Source | None = None,
+    diagnostics: Source | None = None,
+    scene: SceneSource | None = None,
+    frames: tuple[int, int] | None = None,
+    also: tuple[str, ...] = (),
+    **settings: Setting,
+) -> EvaluateResult:
+    """Compare tracks with the truth, with the Cramer-Rao bound, and with their bearings, as `occlog evaluate` does.
+
+    What the given inputs allow is computed.
+
+    Args:
+        tracks: tracks in the world or in images; a result of `track` brings its diagnostics along.
+        truth: true positions or boxes.
+        bearings: for detections, bound and sight lines.
+        doa: directions of arrival to use along with the bearings.
+        doa_labels: identities in the log of directions are those of targets.
+        views: to compare with true boxes; with `held_out` views or boxes of all people.
+        cooperation: what cameras were asked.
+        diagnostics: how the filter fared.
+        scene: where the sensors are; None: that of the recording with the truth or the bearings.
+        frames: only frames first <= number < stop.
+        also: more tables, of many targets: failures, counts (on the ground).
+        **settings: by the names of the options: `match`, `held_out`, `sigma_v`, `match_distance` and the others.
+
+    Returns:
+        The figures, and the tables `errors` and `bound` where there are any.
+
+    Raises:
+        UsageError: an argument or a setting that there is not, or that these inputs do not have.
+        InputError: an input is missing, damaged, or says something that cannot be.
+
+    Warns:
+        OcclogWarning: the tracks are not plausible.
+    """
+    from occlog.evaluate.command import command
+    from occlog.evaluate.inputs import Paths, provenance_of
+    from occlog.evaluate.matching.config import GROUND, IMAGES, OTHERS, EvaluateConfig
+    from occlog.evaluate.mot.config import ManyConfig
+    from occlog.evaluate.mot.run import in_images, run_evaluate_many
+    from occlog.evaluate.options import check_kind
+    from occlog.evaluate.run import run_evaluate
+    from occlog.settings import configure
+
+    if isinstance(tracks, TrackResult):
+        diagnostics = tracks.tables.get("diagnostics") if diagnostics is None else diagnostics
+        tracks = tracks.tracks
+    given: dict[str, Source | None] = dict(
+        zip(SOURCES, (tracks, truth, bearings, doa, views, cooperation, diagnostics), strict=True)
+    )
+    classes = [("", EvaluateConfig), ("", ManyConfig)]
+    chosen, many = settings_by_class("evaluate", settings, classes, (*SOURCES, "scene", "frames"))
+    for name in also:
+        if name not in OF_MANY:
+            raise UsageError(f"also: there is no table {name!r} on request; there are: {', '.join(OF_MANY)}")
+    home = Folder()
+    with Inputs() as inputs, options.notes_kept() as notes:
+        files: dict[str, Any] = {name: inputs.optional(value, name) for name, value in given.items()}
+        paths = Paths(scene=inputs.scene(scene), doa_labels=doa_labels, **files)
+        pictured = in_images(paths.tracks)
+        on_ground = GROUND if tracks is not None and truth is not None else OTHERS
+        told = [n for n, value in {**given, "scene": scene, "frames": frames}.items() if value is not None]
+        kind = IMAGES if pictured else on_ground
+        check_kind(command.params, [*told, *settings, *also, *(["doa_labels"] if doa_labels else [])], kind)
+        paths = _with_outputs(paths, home, also if pictured else (*TABLES, *also))
+        if pictured:
+            config = configure(EvaluateConfig(), chosen)
+            more = {} if frames is None else {"frames": frames}
+            result = run_evaluate_many(paths, config.box_overlap, {**many, **more})
+        else:
+            result, _ = run_evaluate(paths, chosen, many, frames)
+        lines = [inputs.in_words_of_python(text) for text in (*notes, *result.notes)]
+        found = result.findings or ()
+        lines += [inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in found]
+        losses = provenance_of(paths, {}).losses
+    said, rest = sentences(lines)
+    warn(said, losses, stacklevel=2)
+    tables = {name: table for name, table in tables_in(home, (*TABLES, *OF_MANY)).items() if len(table)}
+    figures: Mapping[str, Any] = result.figures
+    return EvaluateResult(
+        summary=figures, tables=tables, losses=losses, warnings=said, notes=rest, metrics=dict(result.metrics)
+    )
+
+
+def _with_outputs(paths: Paths, home: Folder, names: tuple[str, ...]) -> Paths:
+    from dataclasses import replace
+
+    written: dict[str, Any] = {name: home.file(f"{name}.parquet") for name in names}
+    return replace(paths, **written)

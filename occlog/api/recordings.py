@@ -1,0 +1,221 @@
+"""Opens recordings and tables in Python, without a command."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from occlog.errors import UsageError
+from occlog.io.open import Opened, open_input
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+from occlog.records.tables import TABLES
+
+from .folders import Folder
+from .sources import Inputs, SceneSource, Source, arrow_of, write_arrow
+from .tables import Table, in_words
+
+if TYPE_CHECKING:
+    from occlog.records.columns import Table as Rows
+
+
+class Sensor(NamedTuple):
+    """A sensor of a scene.
+
+    Attributes:
+        name: of the sensor.
+        kind: `camera`, `array` (of microphones) or `reader` (of radio tags).
+        placed: its pose is known.
+    """
+
+    name: str
+    kind: str
+    placed: bool
+
+
+class Recording:
+    """A recording: its scene, its sensors, its tables, and what was lost when it was made.
+
+    Every function of occlog takes a recording in the place of a file. A table is read when it is asked for:
+    `recording["truth"]`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        summary: Mapping[str, object] | None = None,
+        home: Folder | None = None,
+    ) -> None:
+        """Take a file; use `occlog.open`.
+
+        Args:
+            path: of the recording.
+            summary: what the command that made it says of it.
+            home: folder in which it lies, which is removed with the last reference to it.
+        """
+        self.source = path
+        self.summary: Mapping[str, object] = {} if summary is None else summary
+        self._home = home
+        self._tables: dict[str, Table] = {}
+
+    @cached_property
+    def _opened(self) -> Opened:
+        return open_input(self.source)
+
+    @property
+    def scene(self) -> Scene | None:
+        """Room, occluders and sensors; None: the recording holds none."""
+        return self._opened.scene
+
+    @property
+    def sensors(self) -> tuple[Sensor, ...]:
+        """The sensors of the scene; where there is none, the cameras that have frames."""
+        scene, recording = self.scene, self._opened.recording
+        if scene is None:
+            return tuple(Sensor(n, "camera", False) for n in (() if recording is None else recording.cameras))
+        return (
+            *(Sensor(c.name, "camera", c.placed) for c in scene.cameras),
+            *(Sensor(a.name, "array", True) for a in scene.arrays),
+            *(Sensor(r.name, "reader", True) for r in scene.readers),
+        )
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables that it holds."""
+        return tuple(name for name, table in TABLES.items() if self._opened.has(table))
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """Input that was lost when it was made."""
+        return self._opened.losses
+
+    @property
+    def provenance(self) -> Mapping[str, object]:
+        """How it was made: command, parameters, seed, version, names and SHA-256 of the inputs."""
+        return self._opened.provenance.as_dict()
+
+    def __getitem__(self, name: str) -> Table:
+        """A table of the recording.
+
+        Raises:
+            UsageError: there is no table of that name.
+            InputError: the recording does not hold it, or is damaged.
+        """
+        if name not in self._tables:
+            self._tables[name] = _stored(self._opened, _table_of(name))
+        return self._tables[name]
+
+    def __repr__(self) -> str:
+        sensors = ", ".join(s.name for s in self.sensors) or "none"
+        return f"<occlog recording {self.source.name}: tables {', '.join(self.tables) or 'none'}; sensors {sensors}>"
+
+    def _repr_html_(self) -> str:
+        """Tables, sensors and losses, for a notebook."""
+        rows = {
+            "tables": ", ".join(self.tables),
+            "sensors": ", ".join(f"{s.name} ({s.kind})" for s in self.sensors),
+            **{name: in_words(value) for name, value in self.summary.items()},
+            "lost": "; ".join(str(loss) for loss in self.losses),
+        }
+        body = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows.items() if v)
+        return f"<table><caption>recording {escape(self.source.name)}</caption>{body}</table>"
+
+
+def open(path: str | os.PathLike[str]) -> Recording:
+    """Open a recording, or a file with one table, which is then a recording without a scene.
+
+    Args:
+        path: a recording (MCAP), a table of occlog (Parquet), or one of another program (Parquet, Arrow, CSV).
+
+    Raises:
+        InputError: the file is missing, damaged, or of another kind.
+    """
+    recording = Recording(Path(path))
+    _ = recording.tables
+    return recording
+
+
+def read(source: Source, table: str | None = None) -> Table:
+    """Read a table: of a file, a DataFrame, a dict of columns, or out of a recording.
+
+    What other programs made is known by its columns, as on the command line; times, units and identities are checked.
+
+    Args:
+        source: where the rows are.
+        table: which table is wanted; None: the one that it is, or that its columns fit best.
+
+    Raises:
+        InputError: it is no such table; the message has column, row and the nearest name.
+        UsageError: there is no table of that name, or a recording holds several.
+    """
+    wants = () if table is None else (_table_of(table),)
+    if isinstance(source, Recording):
+        return source[_only(source.tables, table)]
+    home = Folder()
+    with Inputs() as inputs:
+        if isinstance(source, str | os.PathLike | Table):
+            path = inputs.rows(source, "source")
+        else:
+            path = inputs.called(home.file("table.arrow"), "source")
+            write_arrow(arrow_of(source, "source"), path)
+        opened = open_input(path, *wants)
+        if opened.recording is not None:
+            recording = Recording(path)
+            return recording[_only(recording.tables, table)]
+        if isinstance(source, Table):
+            return source
+        return _stored(opened, wants[0] if wants else TABLES[opened.table], home)
+
+
+def read_scene(source: SceneSource) -> Scene:
+    """Read a scene: a file (YAML), a recording that holds one, or a table of stations (name, x, y, perhaps z).
+
+    Raises:
+        InputError: the file is missing or damaged, or says something that cannot be.
+        UsageError: the recording holds no scene.
+    """
+    if isinstance(source, Scene):
+        return source
+    from occlog.io.open import scene_in
+
+    with Inputs() as inputs:
+        path = inputs.scene(source)
+        found = None if path is None else scene_in(path)
+        if found is None:
+            raise UsageError(f"{path}: this recording holds no scene; give a scene file")
+        return found
+
+
+def _table_of(name: str) -> type[Rows]:
+    if name not in TABLES:
+        from difflib import get_close_matches
+
+        near = get_close_matches(name, TABLES, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(TABLES)}"
+        raise UsageError(f"no table {name!r}; {hint}")
+    return TABLES[name]
+
+
+def _only(names: tuple[str, ...], wanted: str | None) -> str:
+    if wanted is None and len(names) != 1:
+        raise UsageError(f"the recording holds {', '.join(names) or 'no table'}; say which table to read")
+    return names[0] if wanted is None else wanted
+
+
+def _stored(opened: Opened, table: type[Rows], home: Folder | None = None) -> Table:
+    """A table of this program with the rows of an opened input."""
+    from occlog.io.files.parquet import TableWriter
+
+    if opened.recording is None and opened.foreign is None:
+        opened.require(table)
+        return Table(opened.path)
+    home = Folder() if home is None else home
+    path = home.file(f"{table.NAME}.parquet")
+    with TableWriter(path, table, opened.provenance, length_unit=opened.length_unit or "m") as writer:
+        for part in opened.rows(table):
+            writer.write(part)
+    return Table(path, opened.path if opened.foreign is not None else None, home)

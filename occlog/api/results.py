@@ -1,0 +1,196 @@
+"""What functions give back: tables, figures, and what speaks against them; a notebook shows it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+from occlog.errors import InputError, OcclogError
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+
+from .folders import Folder
+from .tables import Table, in_words
+
+
+class OcclogWarning(UserWarning):
+    """Estimates are not plausible, or input was lost: the sentence names the cause and the remedy.
+
+    `warnings.simplefilter("error", occlog.OcclogWarning)` makes it an error.
+    """
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result:
+    """What a function found.
+
+    Attributes:
+        summary: figures of the whole run, as the command prints them by `--json`.
+        tables: by name; `result["diagnostics"]` is one of them.
+        losses: input that was lost on the way.
+        warnings: what speaks against the estimates, each a sentence; they were Python warnings, too.
+        notes: what else a user must know.
+    """
+
+    summary: Mapping[str, Any]
+    tables: Mapping[str, Table] = field(default_factory=dict)
+    losses: tuple[Loss, ...] = ()
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def plausible(self) -> bool | None:
+        """Whether nothing speaks against the estimates; None: nobody has judged them."""
+        found: bool | None = self.summary.get("plausible")
+        return found
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """How it was made: command, parameters, seed, version, names and SHA-256 of the inputs."""
+        return next((table.provenance for table in self.tables.values()), {})
+
+    def __getitem__(self, name: str) -> Table:
+        """A table of the result; InputError where there is none of that name."""
+        if name not in self.tables:
+            raise InputError(f"the result has no table {name!r}; it has {', '.join(self.tables) or 'none'}")
+        return self.tables[name]
+
+    def __repr__(self) -> str:
+        tables = ", ".join(f"{name} {len(table)}" for name, table in self.tables.items())
+        judged = {None: "", True: "; plausible", False: "; not plausible"}[self.plausible]
+        return f"<occlog {type(self).__name__}: {tables or 'no tables'}{judged}>"
+
+    def _repr_html_(self) -> str:
+        """Figures, warnings and losses, for a notebook."""
+        shown = {k: v for k, v in self._figures().items() if v not in ({}, [], ())}
+        rows = "".join(
+            f"<tr><th>{escape(k.replace('_', ' '))}</th><td>{escape(in_words(v))}</td></tr>" for k, v in shown.items()
+        )
+        told = [("warning", text) for text in self.warnings] + [("lost", str(loss)) for loss in self.losses]
+        told += [("note", text) for text in self.notes]
+        lines = "".join(f"<li><b>{escape(kind)}</b>: {escape(text)}</li>" for kind, text in told)
+        return f"<table>{rows}</table>" + (f"<ul>{lines}</ul>" if lines else "") + self._picture()
+
+    def _figures(self) -> Mapping[str, object]:
+        """What the notebook lists."""
+        return {k: v for k, v in self.summary.items() if k != "warnings"}
+
+    def _picture(self) -> str:
+        """An SVG picture; empty: none."""
+        return ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrackResult(Result):
+    """Tracks, and how the filter fared.
+
+    Attributes:
+        scene: where the targets are; None: it is not known.
+    """
+
+    scene: Scene | None = None
+
+    @property
+    def tracks(self) -> Table:
+        """The estimates: `tracks`, or `view_tracks` of a method that tracks in images."""
+        return next(iter(self.tables.values()))
+
+    def _picture(self) -> str:
+        """The floor plan with the tracks."""
+        if self.tracks.name != "tracks" or not len(self.tracks):
+            return ""
+        from occlog.io.files.parquet import read_table
+        from occlog.records.tables import Tracks
+        from occlog.report.content.model import ReportInput
+        from occlog.report.drawing.style import house_style
+        from occlog.report.page import floorplan
+
+        table = self.tracks
+        data = ReportInput(scene=self.scene, tracks=read_table(table.path, Tracks), length_unit=table.length_unit)
+        try:
+            with house_style():
+                return str(floorplan(data).svg)
+        except OcclogError:
+            return ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DetectResult(Result):
+    """Bearings of the targets, and everybody whom the cameras saw."""
+
+    @property
+    def bearings(self) -> Table:
+        """Bearings, also those of looks in which nothing was seen."""
+        return self.tables["bearings"]
+
+    @property
+    def views(self) -> Table:
+        """Regions of the size of people in every frame."""
+        return self.tables["views"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EvaluateResult(Result):
+    """Figures of merit.
+
+    Attributes:
+        metrics: by name, which ends in the unit: `rmse_m`, `nees`.
+    """
+
+    metrics: Mapping[str, float] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Any:
+        """A figure or a table; InputError where there is none of that name."""
+        return self.metrics[name] if name in self.metrics else super().__getitem__(name)
+
+    def _figures(self) -> Mapping[str, object]:
+        from occlog.evaluate.text import thinned
+
+        judged = {} if self.plausible is None else {"plausible": self.plausible}
+        return {**thinned(self.metrics), **judged}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReportResult(Result):
+    """A page.
+
+    Attributes:
+        html: the whole page; it needs nothing else.
+        png: the picture of the main figures; None: it was not asked for.
+    """
+
+    html: str = ""
+    png: bytes | None = None
+
+    def _repr_html_(self) -> str:
+        """The page in a frame of its own, without scripts of the notebook's."""
+        page = escape(self.html, quote=True)
+        return f'<iframe srcdoc="{page}" sandbox="allow-scripts" style="width:100%;height:48em;border:0"></iframe>'
+
+
+def tables_in(folder: Folder, names: Iterable[str]) -> dict[str, Table]:
+    """Those of the tables that were written into a folder."""
+    return {name: Table(path, home=folder) for name, path in folder.written(names).items()}
+
+
+def sentences(notes: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The warnings among the notes of a command, without that word, and the rest."""
+    said = list(dict.fromkeys(notes))
+    mark = "warning: "
+    return (
+        tuple(text.removeprefix(mark) for text in said if text.startswith(mark)),
+        tuple(text.removeprefix("note: ") for text in said if not text.startswith(mark)),
+    )
+
+
+def warn(told: Iterable[str], losses: Iterable[Loss], stacklevel: int) -> None:
+    """Say what speaks against a result by Python warnings, one a sentence; what was lost in one."""
+    for text in told:
+        warnings.warn(text, OcclogWarning, stacklevel=stacklevel + 1)
+    lost = [str(loss) for loss in losses]
+    if lost:
+        more = f", and {len(lost) - 1} more; see losses" if len(lost) > 1 else ""
+        warnings.warn(f"input was lost: {lost[0]}{more}", OcclogWarning, stacklevel=stacklevel + 1)

@@ -1,0 +1,220 @@
+"""A table of occlog in Python: columns with units, and the way to pandas, polars and pyarrow."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from occlog.errors import InputError, UsageError
+from occlog.io.files.atomic import check_writable, write_bytes
+from occlog.io.files.parquet import describe
+from occlog.records.losses import Loss
+
+from .folders import Folder
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import polars as pl
+    import pyarrow as pa
+    from numpy.typing import NDArray
+
+SHOWN = 8
+"""Rows that a notebook shows."""
+
+
+class Table:
+    """Rows of one kind, for example tracks or bearings.
+
+    A table is a Parquet file on disk, which is removed with the last reference to it unless it was there before; rows
+    are read when they are asked for. Columns, units and meanings are in docs/tables.md. Every function of occlog takes
+    a table in the place of a file.
+
+    DataFrames are copies. What is changed in them is not in the table; give the DataFrame to the next function instead.
+    Such a DataFrame is a table of another program: it has lost provenance, losses and the unit of lengths.
+    """
+
+    def __init__(self, path: Path, source: Path | None = None, home: Folder | None = None) -> None:
+        """Take a file; use `occlog.open` and `occlog.read`.
+
+        Args:
+            path: Parquet file of this program.
+            source: what functions are given in its place, where it was read from a table of another program.
+            home: folder in which it lies, which is removed with the last table in it.
+        """
+        self.path, self.source = path, path if source is None else source
+        self._home = home
+
+    @cached_property
+    def _described(self) -> Any:
+        return describe(self.path)
+
+    @property
+    def name(self) -> str:
+        """Which table it is, for example `tracks`."""
+        return str(self._described["schema"])
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(c["name"] for c in self._described["columns"])
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Unit of each column; empty: a pure number or a text."""
+        return {c["name"]: c.get("unit", "") for c in self._described["columns"]}
+
+    @property
+    def length_unit(self) -> str:
+        """Unit of lengths: m, cm, mm, ft, in, or one of the scene's own."""
+        return str(self._described["length_unit"])
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """How it was made: command, parameters, seed, version, names and SHA-256 of the inputs."""
+        found: dict[str, Any] = self._described["provenance"]
+        return found
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """Input that was lost when it was made."""
+        return tuple(Loss(**loss) for loss in self.provenance.get("losses", ()))
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return int(self._described["rows"])
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """(n,) values of a column, times in ns since the Unix epoch, what is not known as NaN.
+
+        Raises:
+            InputError: there is no such column.
+        """
+        if column not in self.columns:
+            raise InputError(f"{self.name} has no column {column!r}; it has {', '.join(self.columns)}")
+        values = self._read([column]).column(column)
+        return np.asarray(values.to_numpy(zero_copy_only=False) if values.num_chunks else [])
+
+    def to_arrow(self, *, datetimes: bool = False) -> pa.Table:
+        """The rows as a `pyarrow.Table`; its fields carry unit and meaning.
+
+        Args:
+            datetimes: `t_ns` holds times (UTC, ns) instead of whole numbers.
+        """
+        return self._read(None, datetimes)
+
+    def to_pandas(self, *, datetimes: bool = False) -> pd.DataFrame:
+        """The rows as a `pandas.DataFrame`.
+
+        Args:
+            datetimes: `t_ns` holds times (UTC, ns) instead of whole numbers.
+        """
+        frame: pd.DataFrame = self._read(None, datetimes).to_pandas()
+        return frame
+
+    def to_polars(self, *, datetimes: bool = False) -> pl.DataFrame:
+        """The rows as a `polars.DataFrame`; polars must be installed.
+
+        Args:
+            datetimes: `t_ns` holds times (UTC, ns) instead of whole numbers.
+
+        Raises:
+            UsageError: polars is not installed.
+        """
+        try:
+            import polars
+        except ImportError:
+            raise UsageError("polars is not installed; install it (`pip install polars`), or use to_pandas") from None
+        frame = polars.from_arrow(self._read(None, datetimes))
+        assert isinstance(frame, polars.DataFrame)  # from_arrow makes a Series of an array only
+        return frame
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """The rows as an Arrow C stream, so that polars, DuckDB and others take the table as it is."""
+        return self._read(None).__arrow_c_stream__(requested_schema)
+
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the table: as Parquet the same bytes as the command's, else in the format that the name's ending says.
+
+        Args:
+            path: where to; `.parquet`, or an ending of `occlog export` (`.csv`, `.csv.gz`, `.tum`, `.trc`).
+            overwrite: a file that is there may be replaced.
+
+        Raises:
+            OutputExistsError: there is one, and it may not be replaced.
+            OutputError: it cannot be written.
+            UsageError: the ending is of no known format.
+        """
+        wanted = Path(path)
+        if wanted.suffix.lower() in (".parquet", ""):
+            check_writable(wanted, overwrite)
+            write_bytes(wanted, self.path.read_bytes(), overwrite)
+            return
+        from occlog.examine.export.run import ExportRequest, run_export
+
+        request = ExportRequest(
+            input=self.path,
+            output=wanted,
+            to=None,
+            table=self.name,
+            targets=(),
+            camera=None,
+            origin=None,
+            scene=None,
+            overwrite=overwrite,
+        )
+        run_export(request)
+
+    def _read(self, columns: list[str] | None, datetimes: bool = False) -> Any:
+        """The rows of some columns, texts as plain texts."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        found = pq.read_table(self.path, columns=columns, page_checksum_verification=True)
+        for n, field in enumerate(found.schema):
+            kind = field.type
+            if pa.types.is_dictionary(kind):
+                kind = kind.value_type
+            elif datetimes and field.name == "t_ns":
+                kind = pa.timestamp("ns", tz="UTC")
+            if kind != field.type:
+                found = found.set_column(n, field.with_type(kind), found.column(n).cast(kind))
+        return found
+
+    def __repr__(self) -> str:
+        lengths = f", lengths in {self.length_unit}" if any("m" in unit for unit in self.units.values()) else ""
+        return f"<occlog table {self.name}: {len(self)} rows, {len(self.columns)} columns{lengths}>"
+
+    def _repr_html_(self) -> str:
+        """The first rows, with units, for a notebook."""
+        import pyarrow.parquet as pq
+
+        with pq.ParquetFile(self.path, page_checksum_verification=True) as file:
+            first = next(file.iter_batches(batch_size=SHOWN), None)
+        rows = [] if first is None else first.to_pylist()
+        units = self.units
+        head = "".join(f"<th>{escape(c)}<br><small>{escape(units[c])}</small></th>" for c in self.columns)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{escape(in_words(row[c]))}</td>" for c in self.columns) + "</tr>" for row in rows
+        )
+        rest = f"<p>{len(self) - len(rows)} more rows</p>" if len(self) > len(rows) else ""
+        words = f"{self.name}: {len(self)} rows"
+        return f"<table><caption>{escape(words)}</caption><tr>{head}</tr>{body}</table>{rest}"
+
+
+def in_words(value: object) -> str:
+    """A value for a cell: four digits of a fraction, nothing for what is not known."""
+    if value is None or (isinstance(value, float) and np.isnan(value)):
+        return ""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{k} {in_words(v)}" for k, v in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(in_words(v) for v in value[:SHOWN]) + (", ..." if len(value) > SHOWN else "")
+    return str(value)
