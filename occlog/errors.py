@@ -22,6 +22,7 @@ class ExitCode(IntEnum):
     )
     EXISTS = 7  # the output exists and --overwrite was not given
     INTERRUPTED = 130
+    PIPE = 141  # the reader of standard output has gone, as in `| head`
 
 
 class OcclogError(Exception):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
-import os
+import json
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import click
@@ -12,6 +14,7 @@ import click
 from occlog import __version__
 from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
+from . import streams
 from .interrupts import INTERRUPTS
 
 
@@ -70,7 +73,8 @@ def load_command(name: str) -> click.Command:
 EPILOG = """\b
 Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is listed);
 4 bad or unreadable input, or an output that cannot be written; 5 diff found a difference;
-6 not plausible (--strict), or a threshold not met (--fail-if); 7 the output exists; 130 interrupted.
+6 not plausible (--strict), or a threshold not met (--fail-if); 7 the output exists; 130 interrupted;
+141 the reader of standard output has gone.
 
 \b
   occlog run sample_data/room/run.yaml -o run/   every stage, from video to report
@@ -103,6 +107,14 @@ class LazyGroup(click.Group):
             ctx.fail(f"No such command {args[0]!r}. {hint}")
         return super().resolve_command(ctx, args)
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Refuse an option before the command that is none of occlog's own, and say where it goes."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            option = error.option_name
+            ctx.fail(f"{option} before the command is unknown; options go after it: occlog COMMAND {option}")
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the commands without importing them."""
         with formatter.section("Commands"):
@@ -118,6 +130,7 @@ def cli() -> None:
 def main(args: list[str] | None = None) -> None:
     """Run the command line and leave the process with its exit code."""
     INTERRUPTS.install()
+    streams.install()
     code = run(args)
     INTERRUPTS.end()
     sys.exit(code)
@@ -125,13 +138,17 @@ def main(args: list[str] | None = None) -> None:
 
 def run(args: list[str] | None = None) -> int:
     """Run the command line; the exit code."""
+    words = sys.argv[1:] if args is None else args
     try:
-        result: object = cli.main(args=args, prog_name="occlog", standalone_mode=False)
-        sys.stdout.flush()
+        try:
+            result: object = cli.main(args=args, prog_name="occlog", standalone_mode=False)
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
         return int(result) if isinstance(result, int) else ExitCode.DONE
     except (click.exceptions.Abort, KeyboardInterrupt):
         INTERRUPTS.end()
-        return _fail("interrupted", ExitCode.INTERRUPTED)
+        return _fail("interrupted", ExitCode.INTERRUPTED, words)
     except click.exceptions.Exit as stop:
         return int(stop.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
@@ -139,27 +156,39 @@ def run(args: list[str] | None = None) -> int:
         return ExitCode.USAGE
     except click.UsageError as error:
         path = error.ctx.command_path if error.ctx else "occlog"
-        return _fail(f"{error.format_message().rstrip('.')}; see {path} --help", ExitCode.USAGE)
+        return _fail(f"{error.format_message().rstrip('.')}; see {path} --help", ExitCode.USAGE, words)
     except click.ClickException as error:
-        return _fail(error.format_message(), ExitCode.BAD_INPUT)
+        return _fail(error.format_message(), ExitCode.BAD_INPUT, words)
+    except streams.ReaderGoneError as error:
+        return error.exit_code
     except OutputExistsError as error:
-        return _fail(f"{error}; give --overwrite to replace it", error.exit_code)
+        return _fail(f"{error}; give --overwrite to replace it", error.exit_code, words)
     except OcclogError as error:
-        return _fail(str(error), error.exit_code)
-    except BrokenPipeError:
-        return _broken_pipe()
+        return _fail(str(error), error.exit_code, words)
     except MemoryError:
         remedy = "use fewer particles, a shorter --lag or smaller images, or free memory"
-        return _fail(f"out of memory; {remedy}", ExitCode.BAD_INPUT)
+        return _fail(f"out of memory; {remedy}", ExitCode.BAD_INPUT, words)
 
 
-def _fail(message: str, code: ExitCode) -> int:
+def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
+    """Say on standard error what went wrong: in a line, or where `--json` was given as one JSON object."""
     one_line = " ".join(message.split())
-    click.echo(f"occlog: error: {one_line}" if code != ExitCode.INTERRUPTED else f"occlog: {one_line}", err=True)
+    if "--json" in words:
+        click.echo(json.dumps(_as_object(one_line, code, words)), err=True)
+    else:
+        click.echo(f"occlog: error: {one_line}" if code != ExitCode.INTERRUPTED else f"occlog: {one_line}", err=True)
     return code
 
 
-def _broken_pipe() -> int:
-    """The reader of our output has gone (`| head`): stop quietly."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return ExitCode.DONE
+def _as_object(message: str, code: ExitCode, words: Sequence[str]) -> dict[str, object]:
+    """Cut an error into its parts: messages begin with the file and end with a hint after a semicolon."""
+    before = [message[:n] for n in range(len(message)) if message.startswith(": ", n)]
+    typed = {part for word in words for part in (word, word.partition("=")[2])}
+    file = next((part for part in reversed(before) if part in typed or Path(part).exists()), None)
+    rest, semicolon, hint = message.rpartition("; ")
+    return {
+        "error": (rest if semicolon else message).removeprefix(f"{file}: "),
+        "file": file,
+        "hint": hint if semicolon else None,
+        "exit_code": int(code),
+    }

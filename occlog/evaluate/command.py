@@ -143,13 +143,20 @@ def _show(result: Evaluation, unit: str, as_json: bool) -> None:
 
 
 def _thresholds(texts: Iterable[str]) -> list[Threshold]:
-    """Conditions of --fail-if; UsageError for a text that is none."""
+    """Conditions of --fail-if; UsageError for a text that is none, and for a metric that no evaluation gives."""
+    from .figures import hint_if_unknown
     from .stage import parse_threshold
 
-    try:
-        return [parse_threshold(text) for text in texts]
-    except UsageError as error:
-        raise UsageError(f"--fail-if {error}") from error
+    found = []
+    for text in texts:
+        try:
+            found.append(parse_threshold(text))
+        except UsageError as error:
+            raise UsageError(f"--fail-if {error}") from error
+        hint = hint_if_unknown(found[-1].metric)
+        if hint is not None:
+            raise UsageError(f"--fail-if {text!r}: there is no metric {found[-1].metric!r}; {hint}")
+    return found
 
 
 def _judged(metrics: Mapping[str, float], thresholds: Iterable[Threshold]) -> int:

@@ -25,6 +25,7 @@ from occlog.evaluate.bearings.meeting import meeting_metrics
 from occlog.evaluate.bearings.noise import noise_metrics
 from occlog.evaluate.errors.bound import bound_metrics, compute_bound
 from occlog.evaluate.errors.on_ground import compare, error_metrics, settled
+from occlog.evaluate.figures import UNITS
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
 from occlog.records.people import PeopleTracks
@@ -40,8 +41,6 @@ OPERATORS: dict[str, Callable[[float, float], bool]] = {
     ">": operator.gt,
 }
 CONDITION = re.compile(r"\s*([^<>=]+?)\s*(<=|>=|<|>)\s*([^<>=]+?)\s*")
-UNITS = ("m", "unit", "ft", "in", "px", "mrad")
-"""Units that end the names of metrics and may be left away."""
 SHARED = "shared"
 CAUSES = ("periodic", "count", "bearing", "ellipse", "spread")
 

@@ -6,6 +6,7 @@ The classes of settings are named as text and are loaded when they are asked for
 from __future__ import annotations
 
 import importlib
+import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -115,8 +116,9 @@ def settings_schemas() -> dict[str, Callable[[], dict[str, object]]]:
 @click.command(name="schema", short_help="Print the schema of a table, a message, a file format or settings.")
 @click.argument("name", required=False)
 @click.option("-o", "--output", type=options.PATH, default=None, help="Write every schema into this folder.")
-@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
-def command(name: str | None, output: Path | None, overwrite: bool) -> None:
+@options.overwrite_opt
+@click.option("--json", "as_json", is_flag=True, help="List the names as JSON; schemas are JSON anyway.")
+def command(name: str | None, output: Path | None, overwrite: bool, as_json: bool) -> None:
     """Print the schema NAME as JSON, or list the names.
 
     Tables are column definitions (type, unit, meaning); messages, file formats and settings are JSON Schemas.
@@ -136,7 +138,7 @@ def command(name: str | None, output: Path | None, overwrite: bool) -> None:
         return
     names = sorted(path.stem for path in PUBLISHED.glob("*.json"))
     if name is None:
-        click.echo("\n".join(names))
+        click.echo(json.dumps(names) if as_json else "\n".join(names))
     elif name not in names:
         raise UsageError(f"no schema {name!r}; {did_you_mean(name, names)}")
     else:

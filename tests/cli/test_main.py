@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
 from places import ROOT
 
-from occlog.cli.main import COMMANDS, LazyGroup, cli
+from occlog.cli.main import COMMANDS, LazyGroup, cli, run
 from occlog.cli.setting_options import VariantCommand, params_of
 from occlog.errors import ExitCode
 
@@ -52,7 +55,7 @@ def imported_by(*args: str) -> set[str]:
 def test_help_imports_no_heavy_package() -> None:
     loaded = imported_by("--help")
     assert not {m for m in loaded if m.split(".")[0] in HEAVY}
-    assert len([m for m in loaded if m.startswith("occlog")]) <= 5
+    assert len([m for m in loaded if m.startswith("occlog")]) <= 8
     assert len(loaded) < 250
 
 
@@ -124,12 +127,58 @@ def test_exit_code_4_for_bad_input_is_one_line(tmp_path: Path, name: str, conten
     assert str(path) in done.stderr
 
 
-def test_a_closed_pipe_is_quiet() -> None:
+def closed_pipe() -> int:
+    """The writing end of a pipe that nobody reads."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    return writing
+
+
+def test_a_closed_standard_output_is_quiet_and_ends_like_sigpipe() -> None:
     done = subprocess.run(
-        f"{sys.executable} -m occlog schema views | head -n 1", shell=True, capture_output=True, text=True, check=True
+        [sys.executable, "-m", "occlog", "schema", "views"], stdout=closed_pipe(), stderr=subprocess.PIPE, check=False
     )
-    assert done.stdout == "{\n"
-    assert done.stderr == ""
+    assert (done.returncode, done.stderr) == (ExitCode.PIPE, b"")
+
+
+def test_messages_that_nobody_reads_do_not_stop_the_work() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "occlog", "info", "missing.parquet"], stderr=closed_pipe(), check=False
+    )
+    assert done.returncode == ExitCode.BAD_INPUT
+
+
+def test_a_full_standard_output_is_one_line() -> None:
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "occlog", "schema", "views"], stdout=full, stderr=subprocess.PIPE, check=False
+        )
+    assert done.returncode == ExitCode.BAD_INPUT
+    assert done.stderr.startswith(b"occlog: error: standard output: cannot be written: No space left on device")
+    assert done.stderr.count(b"\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("args", "wanted"),
+    [
+        (["info", "no.parquet"], {"error": "no such file", "file": "no.parquet", "exit_code": 4}),
+        (["trakc"], {"error": "No such command 'trakc'. Did you mean 'track'?", "file": None, "exit_code": 2}),
+        (["schema", "trcks"], {"error": "no schema 'trcks'", "hint": "did you mean 'tracks'?", "exit_code": 2}),
+    ],
+)
+def test_an_error_is_an_object_where_json_is_asked_for(args: list[str], wanted: dict[str, object], capsys: Any) -> None:
+    code = run([*args, "--json"])
+    out, err = capsys.readouterr()
+    found = json.loads(err)
+    assert out == ""
+    assert set(found) == {"error", "file", "hint", "exit_code"}
+    assert found.items() >= wanted.items()
+    assert code == found["exit_code"]
+
+
+def test_an_option_before_the_command_is_told_where_it_goes(capsys: Any) -> None:
+    assert run(["--overwrite", "info", "x"]) == ExitCode.USAGE
+    assert "options go after it: occlog COMMAND --overwrite" in capsys.readouterr().err
 
 
 def test_version() -> None:

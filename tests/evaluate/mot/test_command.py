@@ -170,7 +170,7 @@ def test_thresholds_and_frames(folder: Path, capsys: pytest.CaptureFixture[str])
     assert run([*EVALUATE, "--fail-if", "fr_l>0.1", "--fail-if", "mota<0.5"]) == ExitCode.THRESHOLD
     assert "fr_l is 0.133333" in capsys.readouterr().err
     assert run([*EVALUATE, "--frames", "0:6", "--fail-if", "fr_l>0"]) == ExitCode.DONE
-    assert run([*EVALUATE, "--fail-if", "fr_x>0"]) == ExitCode.THRESHOLD
+    assert run([*EVALUATE, "--fail-if", "fr_x>0"]) == ExitCode.USAGE
     assert "did you mean" in capsys.readouterr().err
 
 

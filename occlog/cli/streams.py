@@ -1,0 +1,71 @@
+"""Standard output and standard error that say clearly what happens when nobody reads them, or no space is left.
+
+* Standard error: a message that cannot be written is dropped; the work goes on.
+* Standard output: a reader that went away (`| head`) ends the program quietly, as SIGPIPE ends other programs; a full
+  disk is an error of one line.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from typing import TYPE_CHECKING, TextIO
+
+from occlog.errors import ExitCode, OcclogError, OutputError
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+
+class ReaderGoneError(OcclogError):
+    """Whoever read standard output has closed it."""
+
+    exit_code = ExitCode.PIPE
+
+
+class _Output(io.FileIO):
+    """A standard stream; after a failure the rest of what is written to it goes nowhere."""
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Write; a failure is told once."""
+        try:
+            return super().write(data)
+        except OSError as error:
+            _send_nowhere(self.fileno())
+            return self._failed(error, len(memoryview(data)))
+
+    def _failed(self, error: OSError, size: int) -> int:  # noqa: ARG002
+        if isinstance(error, BrokenPipeError):
+            raise ReaderGoneError("standard output: its reader has closed it") from error
+        raise OutputError(f"standard output: cannot be written: {error.strerror or error}; free some space") from error
+
+
+class _Messages(_Output):
+    """Standard error: what cannot be written is dropped."""
+
+    def _failed(self, error: OSError, size: int) -> int:  # noqa: ARG002
+        return size
+
+
+def _send_nowhere(fd: int) -> None:
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, fd)
+    os.close(nowhere)
+
+
+def install() -> None:
+    """Replace the standard streams of this process, where they are files or pipes."""
+    sys.stdout = _wrapped(sys.stdout, _Output)
+    sys.stderr = _wrapped(sys.stderr, _Messages)
+
+
+def _wrapped(stream: TextIO, kind: type[_Output]) -> TextIO:
+    if not isinstance(stream, io.TextIOWrapper):  # none, where it was closed before the program began
+        return stream
+    stream.flush()
+    raw = kind(stream.fileno(), "wb", closefd=False)
+    lines = stream.line_buffering or stream.write_through or kind is _Messages
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw), encoding=stream.encoding, errors=stream.errors, newline="\n", line_buffering=lines
+    )

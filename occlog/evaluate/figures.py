@@ -1,0 +1,63 @@
+"""Names of the figures that an evaluation can give, so that a misspelled one is refused before the work."""
+
+from __future__ import annotations
+
+import difflib
+import re
+
+ON_GROUND = """
+rmse rmse_x rmse_y rmse_z rmse_space error_mean error_median error_p95 error_max error_space_mean error_space_median
+error_space_p95 error_space_max bias_x bias_y bias_z estimates estimates_space estimates_compared
+estimates_interpolated_truth estimates_other_frames estimates_unmatched estimates_without_truth tracks tracks_smoothed
+tracks_unmatched tracks_on_distractors targets targets_unmatched time_coverage nees_mean nees_share_95 nees_singular
+nees_space_mean nees_space_share_95 nees_space_singular bound_rmse bound_ratio bound_estimates bound_rmse_space
+bound_ratio_space bound_rmse_z smoothed_bound_rmse smoothed_bound_ratio smoothed_bound_rmse_space
+smoothed_bound_ratio_space smoothed_bound_rmse_z
+"""
+"""Errors on the ground and in space beside their bound; with `settled_` before it, after the settling time."""
+OF_BEARINGS = """
+bearing_bias bearing_nis bearing_rms bearings_unmatched elevation_nis elevation_rms correct_rejections detected
+detected_hidden detection_frames detection_looks detection_looks_without_truth detection_rate false_alarms
+false_alarms_per_frame missed visible held_out_bias held_out_frames held_out_median held_out_median_chance held_out_p95
+held_out_reported held_out_rms held_out_rms_within held_out_share_within held_out_share_within_chance held_out_boxes
+held_out_boxes_feet_share held_out_boxes_median held_out_boxes_precision held_out_boxes_share
+held_out_boxes_share_chance sight_lines_compared sight_lines_distance_max sight_lines_distance_median
+sight_lines_distance_p95 sight_lines_distance_rms sight_lines_refused sight_lines_residual_rms sight_lines_scans
+sight_lines_share_within sight_lines_sigma_median noise_at_known_places noise_at_known_places_error
+noise_at_known_places_readings noise noise_scale noise_scans cooperation_answered cooperation_frames
+cooperation_period_s cooperation_requests cooperation_shared
+"""
+OF_VIEWS = """
+views_error_bias views_error_median views_error_rms views_false views_frames views_matched views_precision views_recall
+views_true_boxes views_without_tracks views_without_truth
+"""
+OF_DIRECTIONS = """
+doa_error_max_deg doa_error_median_deg doa_error_p90_deg doa_false doa_found doa_gate_deg doa_hits doa_hits_bias_deg
+doa_hits_rms_deg doa_missed doa_precision doa_recall doa_sets doa_sets_without_truth doa_true max_gap_s
+"""
+OF_MANY = """
+hota deta assa detpr detre asspr assre loca mota motp motp_iou moda moda_false moda_missed modp id_switches
+fragmentations mostly_tracked partly_tracked mostly_lost precision recall tp fp fn idf1 idp idr idtp idfp idfn
+idf1_across_views idp_across_views idr_across_views gospa gospa_localisation gospa_missed gospa_false tgospa
+tgospa_localisation tgospa_missed tgospa_false tgospa_switch ospa2 ospa2_localisation ospa2_cardinality ospa2_window
+pairs_rmse pairs_error_median pairs_error_p95 pairs_nees_compared pairs_nees_mean pairs_nees_share_95 count_error_max
+count_error_mean count_error_rms count_targets_mean count_tracks_mean fr_p fr_l position_failures label_failures frames
+frames_without_tracks objects objects_ignored objects_interpolated overlap
+"""
+FIGURES = frozenset((ON_GROUND + OF_BEARINGS + OF_VIEWS + OF_DIRECTIONS + OF_MANY).split())
+"""Names without unit, and without that of the sensor, target or recording that a figure is of."""
+UNITS = ("m", "unit", "ft", "in", "px", "mrad")
+"""Units that end the names of figures and may be left away."""
+OWN_ENDINGS = ("views_", "cooperation_requests_", "doa_of_")
+"""Beginnings of names whose ends come from the data: classes of boxes, causes of requests, numbers of sources."""
+_OF = re.compile(r"_(sensor|target|recording)_.+$")
+
+
+def hint_if_unknown(name: str) -> str | None:
+    """A hint on a name that no evaluation gives, with the nearest ones that some give; None for a known name."""
+    base = _OF.sub("", name.removeprefix("settled_"))
+    endings = (base, *(base.removesuffix(f"_{unit}{power}") for unit in UNITS for power in ("", "2")))
+    if FIGURES.intersection(endings) or base.startswith(OWN_ENDINGS):
+        return None
+    near = difflib.get_close_matches(base, FIGURES, n=3, cutoff=0.5)
+    return f"did you mean {' or '.join(near)}?" if near else "docs/evaluate.md names them"
