@@ -165,6 +165,9 @@ class ReportResult(Result):
     html: str = ""
     png: bytes | None = None
 
+    def __repr__(self) -> str:
+        return f"<occlog ReportResult: a page of {len(self.html)} characters; html, png>"
+
     def _repr_html_(self) -> str:
         """The page in a frame of its own, without scripts of the notebook's."""
         page = escape(self.html, quote=True)
