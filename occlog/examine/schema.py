@@ -65,7 +65,11 @@ CLASSES: dict[str, tuple[str, ...]] = {
     "navigate": ("occlog.navigate.config:NavigateConfig",),
 }
 """Classes of settings of each verb but `track`."""
-AROUND_METHODS = ("occlog.track.images.births.config:ViewsConfig", "occlog.track.apf.selection_config:SelectConfig")
+AROUND_METHODS = (
+    "occlog.track.images.births.config:ViewsConfig",
+    "occlog.track.apf.selection_config:SelectConfig",
+    "occlog.measure.scans.config:MeasuredConfig",
+)
 """Settings that several methods of `track` share."""
 NAMES = {"epipolar": "epipolar-settings"}
 """Verbs whose name is that of a file's schema."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from .columns import Table
 from .gallery import AppearanceMatches, Gallery
+from .measurements import Measurements
 from .people import Events, JoinedTracks, PeopleTracks, PeopleViews, Support
 from .robots import RobotPath
 from .sensors import APPEARANCE_BINS, UNLABELLED, Bearings, Boxes, Doa, Reads, TruthBoxes, Views
@@ -44,6 +45,7 @@ TABLES: dict[str, type[Table]] = {
         TruthBoxes,
         Doa,
         Reads,
+        Measurements,
         Occluders,
         Hulls,
         Truth,
@@ -89,6 +91,7 @@ __all__ = [
     "Gallery",
     "Hulls",
     "JoinedTracks",
+    "Measurements",
     "Occluders",
     "PeopleTracks",
     "PeopleViews",

@@ -29,6 +29,19 @@ IN_WORLD = (
     "strict",
 )
 """Options of all methods that track in the world; see `occlog.track.options`."""
+MEASURED = (
+    "measurements",
+    "path_loss",
+    "propagation",
+    "tag_height",
+    "sigma_range",
+    "sigma_difference",
+    "sigma_rssi",
+    "rssi_power",
+    "rssi_exponent",
+    "measured_bend",
+)
+"""Options of methods that take ranges, signal strengths and time differences."""
 IN_IMAGES = ("initial", "detections", "fundamental", "world")
 """Options of all methods that track in images."""
 OF_EVERYBODY = ("support", "events", "view_tracks", "doa", "strict")
@@ -70,7 +83,7 @@ METHODS: dict[str, Entry] = {
         "auxiliary particle filter with random waypoints (Ercan, El Gamal, Guibas 2013)",
         "occlog.track.apf.filter:METHOD",
         "occlog.track.apf.config:ApfConfig",
-        (*IN_WORLD, "starts", "occluders", "calibration", *SELECTION),
+        (*IN_WORLD, *MEASURED, "starts", "occluders", "calibration", *SELECTION),
     ),
     "map": Entry(
         "most probable trajectory from all bearings at once (Rahimi, Dunagan, Darrell 2004)",
@@ -124,7 +137,7 @@ METHODS: dict[str, Entry] = {
         "each moment's position from its bearings alone (Lenth 1981)",
         "occlog.track.fix.method:METHOD",
         "occlog.track.fix.config:FixConfig",
-        (*IN_WORLD, "residuals"),
+        (*IN_WORLD, *MEASURED, "residuals"),
     ),
     "jipda": Entry(
         "everybody on the floor, from the boxes of all cameras jointly (Musicki, Evans 2004; Williams, Lau 2014)",

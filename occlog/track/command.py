@@ -107,6 +107,9 @@ def command(
     --method virtual and rssi locate radio tags: BEARINGS is then a recording (or a table) with the reads of fixed
     readers. A tag's track has the tag's identity, which `occlog label` gives to bearings.
 
+    --method fix and apf also take ranges, signal strengths and time differences of stations: in --measurements
+    beside bearings, or in the place of BEARINGS.
+
     \b
       occlog track bearings.parquet --scene scene.yaml -o tracks.parquet --diagnostics diagnostics.parquet
       occlog track bearings.parquet --scene hall.mcap --without cam4 --start 4,1.5,0.5 -o without4.parquet
@@ -118,8 +121,10 @@ def command(
       occlog track views.parquet --scene hall.mcap --method jipda -o tracks.parquet --view-tracks in_images.parquet
       occlog track labelled.parquet --scene scene.yaml --method map --set loss=huber -o map.parquet
       occlog track tags.mcap --method rssi --path-loss readers.json -o tags.parquet
+      occlog track ranges.csv --scene stations.csv --method fix -o tracks.parquet
     """
     from occlog.cli.values import parse_names, parse_setting, parse_window
+    from occlog.measure.scans.config import MeasuredConfig
 
     from .apf.selection_config import SelectConfig
 
@@ -206,6 +211,9 @@ def command(
         motion=own.get("motion"),
         use_recovered=own["use_recovered"],
         answer_delay=own.get("answer_delay"),
+        measurements=own.get("measurements"),
+        measured=given(MeasuredConfig, own),
+        path_loss=own.get("path_loss"),
     )
     outputs = TrackFiles(
         tracks=output,

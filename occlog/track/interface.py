@@ -156,6 +156,8 @@ class Online(NamedTuple, Generic[State, Config]):
     prediction: Prediction[State, Config] | None = None  # None: cameras cannot be selected for it
     calibrates: Callable[[Config], bool] | None = None  # whether poses are estimated; None: they never are
     smoothing: Smoothing[State, Config] | None = None  # None: it cannot look back
+    measured: bool = False  # whether it takes ranges, signal strengths and time differences
+    judges: bool = False  # whether the fits of its estimates are of all bearings
 
 
 class Batch(NamedTuple, Generic[State, Config]):
@@ -167,6 +169,7 @@ class Batch(NamedTuple, Generic[State, Config]):
     started: Callable[[Config], bool]  # whether the settings say where the target is at first
     lag_ns: Callable[[Config], int | None]  # how long states wait for what comes after them; None: to the end
     occluders: Callable[[Config], OccluderTerms] | None = None  # None: it knows nothing of moving occluders
+    measured: bool = False  # whether it takes ranges, signal strengths and time differences
 
 
 class Joint(NamedTuple, Generic[State, Config, Report]):

@@ -7,6 +7,7 @@ import click
 from occlog.cli.options import PATH, STRICT_HELP
 from occlog.cli.setting_options import options_of
 from occlog.cli.values import LONGEST_WINDOW_S, Finite, NumberOrFile
+from occlog.measure.scans.config import MeasuredConfig
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.catalogue import METHODS, settings_of
 
@@ -35,6 +36,13 @@ LISTED: tuple[click.Option, ...] = (
         is_flag=True,
         help="Identities in the log of directions are those of targets. [default: directions may be of anything]",
     ),
+    click.Option(
+        ["--measurements"],
+        type=PATH,
+        default=None,
+        help="Ranges, signal strengths and time differences to use too: a table, or a recording with reads of tags.",
+    ),
+    *options_of(MeasuredConfig),
     click.Option(
         ["--occluders"],
         type=PATH,

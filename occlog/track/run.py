@@ -15,9 +15,12 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.models.motion_models import read_motion
+from occlog.io.models.path_losses import read_path_loss
 from occlog.io.open import open_input
+from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.grouping import checked, choose_sensors
 from occlog.measure.scans.inputs import Inputs
+from occlog.measure.scans.measured import MeasuredFeed, Radio
 from occlog.measure.scans.scan import sensor_names
 from occlog.measure.scans.sources import in_turn, only_measured
 from occlog.records.tables import Bearings, Calibration, Cooperation, Delays, Diagnostics, Residuals, Tracks
@@ -30,7 +33,7 @@ from occlog.track.drivers.tracking import Tracking
 from occlog.track.imm.config import START_NUMBERS, ImmConfig
 
 from .catalogue import settings_of, tracker
-from .interface import AnyMethod, Joint, Online
+from .interface import AnyMethod, Batch, Joint, Online
 from .plausibility.sight import Compared
 from .plausibility.verdict import Evidence, Finding, figures
 from .smoothing_and_lag import SmoothingConfig
@@ -45,11 +48,18 @@ if TYPE_CHECKING:
 class TrackSummary:
     """Figures of the whole run, gathered while tables stream by."""
 
-    def __init__(self, scene: Scene, *, joint: bool, smoothed: bool = False) -> None:
-        """Nothing yet; `joint`: the method itself tells targets apart; `smoothed`: its particles are smoothed."""
+    def __init__(self, scene: Scene, *, joint: bool, smoothed: bool = False, distances: bool = False) -> None:
+        """Nothing yet.
+
+        Args:
+            scene: the sensors.
+            joint: the method itself tells targets apart.
+            smoothed: its particles are smoothed.
+            distances: residuals are also of measurements that are no directions.
+        """
         self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
-        self.evidence = Evidence()
+        self.evidence = Evidence(distances=distances)
         self.messages = Messages()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
@@ -149,12 +159,16 @@ class TrackRequest:
     motion: Path | None = None  # a fitted motion model, for --method map
     use_recovered: bool = False  # of fused bearings also those that were recovered
     answer_delay: float | Path | None = None  # of cameras [s], or delays of data traffic; None: the setting
+    measurements: Path | None = None  # ranges, signal strengths and time differences beside the bearings
+    measured: Mapping[str, Any] = field(default_factory=dict)  # settings of them
+    path_loss: Path | None = None  # of signal strengths; None: settings
 
     @property
     def paths(self) -> list[Path]:
         """All inputs that were given."""
         delays = self.answer_delay if isinstance(self.answer_delay, Path) else None
-        given = (self.bearings, self.scene, self.doa, self.occluders, self.motion, delays)
+        own = (self.bearings, self.scene, self.doa, self.occluders, self.motion, delays)
+        given = (*own, self.measurements, self.path_loss)
         return [path for path in given if path is not None]
 
 
@@ -179,11 +193,20 @@ def run_track(
 ) -> tuple[dict[str, Any], tuple[Loss, ...]]:
     """Track and write; the summary, and what had been lost before."""
     # Open the measurements, and settle method, sensors and selection
-    inputs = Inputs(request.bearings, request.scene, request.doa, request.doa_labels, request.occluders)
+    inputs = Inputs(
+        request.bearings,
+        request.scene,
+        request.doa,
+        request.doa_labels,
+        request.occluders,
+        request.measurements,
+        distances=takes_distances(tracker(request.method)),
+    )
     config = make_config(request, inputs.scene.length_unit)
     if wanted.calibration is not None and not estimates_poses(tracker(request.method), config):
         raise UsageError("--calibration wants estimates to write; add --set calibrate=joint or --set calibrate=initial")
-    sensors = choose_sensors(inputs.scene, request.only, request.without)
+    measured, said = make_measured(request, inputs)
+    sensors = choose_sensors(inputs.scene, request.only, request.without, readers=measured is not None)
     targets = request.targets or None
     selection = make_selection(request)
     # Choose the rows
@@ -203,7 +226,7 @@ def run_track(
         window_ns=request.window_ns,
         selection=selection,
     )
-    tracked = track(chunks, inputs.scene, tracking, inputs.occluders)
+    tracked = track(chunks, inputs.scene, tracking, inputs.occluders, measured)
     parameters = {
         "method": request.method,
         "sensors": sorted(sensors),
@@ -215,6 +238,7 @@ def run_track(
         "selection": None if selection is None else asdict(selection),
         **asdict(config),
         **({"use_recovered": True} if request.use_recovered else {}),
+        **said,
     }
     # Write all tables while they stream
     losses = inputs.losses
@@ -228,7 +252,7 @@ def run_track(
     ]
     joint = isinstance(tracker(request.method), Joint)
     smoothed = isinstance(config, SmoothingConfig) and config.smoothed
-    summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed)
+    summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, distances=measured is not None)
     with ExitStack() as stack:
         writers = [
             None
@@ -249,9 +273,49 @@ def run_track(
             if request.method == "fix":
                 why = "no moment of the chosen targets and sensors gives a position; a fix wants directions of two "
                 why += "sensors at one time (--window)"
+                if measured is not None:
+                    why = "no moment of the chosen targets and stations gives a position; a fix wants three ranges, or "
+                    why += "as many other measurements, at one time (--window)"
             raise InputError(f"{request.bearings}: {why}")
     options.note_findings(summary.findings(), quiet)
     return {"tracks": str(wanted.tracks), "method": request.method, **summary.figures()}, losses
+
+
+def takes_distances(method: AnyMethod) -> bool:
+    """Whether a method takes ranges, signal strengths and time differences."""
+    return isinstance(method, Online | Batch) and method.measured
+
+
+def make_measured(request: TrackRequest, inputs: Inputs) -> tuple[MeasuredFeed | None, dict[str, Any]]:
+    """The measurements of distances, and what provenance says of them; None and nothing where there are none.
+
+    UsageError for settings of measurements without any, or that say the same as a fitted path loss.
+    """
+    if inputs.measurements is None:
+        if request.measured or request.path_loss is not None:
+            first = next(iter(request.measured), "path_loss").replace("_", "-")
+            raise UsageError(f"--{first} goes with ranges, strengths or time differences; give --measurements")
+        return None, {}
+    config = configure(MeasuredConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
+    radio = None if request.path_loss is None else radio_of(request, inputs.scene)
+    name = None if request.path_loss is None else request.path_loss.name
+    said = {"measurements": {**asdict(config), "path_loss": name}}
+    return MeasuredFeed(inputs.measurements, inputs.scene, config, radio), said
+
+
+def radio_of(request: TrackRequest, scene: Scene) -> Radio:
+    """The path loss of a file; UsageError for one of another unit, or for settings that say the same."""
+    assert request.path_loss is not None
+    spec = read_path_loss(request.path_loss)
+    if spec.length_unit != scene.length_unit:
+        raise UsageError(
+            f"{request.path_loss}: is in {spec.length_unit}, but the scene in {scene.length_unit}; fit it in this scene"
+        )
+    for twice in ("rssi_power", "rssi_exponent"):
+        if twice in request.measured:
+            raise UsageError(f"--path-loss and --{twice.replace('_', '-')} say the same; give one of them")
+    power = {r.name: r.power for r in spec.readers}
+    return Radio(power, spec.exponent, math.hypot(spec.noise_db, spec.shadow_db), spec.height)
 
 
 def estimates_poses(method: AnyMethod, config: Any) -> bool:

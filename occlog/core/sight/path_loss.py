@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from occlog.array_types import Floats
@@ -19,3 +21,18 @@ def received_power(power: float | Floats, exponent: float, metres: float | Float
         metres: distances d [m]; those below `NEAREST_M` count as it.
     """
     return np.asarray(power - 10.0 * exponent * np.log10(np.maximum(metres, NEAREST_M)))
+
+
+def log_distance(rssi: Floats, sigma_db: Floats, power: Floats, exponent: float) -> tuple[Floats, Floats]:
+    """Return the natural logarithm of the distance in metres that a strength says, and its standard deviation.
+
+    It is the inverse of `received_power`, so that a strength with Gaussian noise is a logarithm with Gaussian noise.
+
+    Args:
+        rssi: (m,) strengths [dBm].
+        sigma_db: (m,) their standard deviations [dB].
+        power: (m,) strengths at 1 m [dBm].
+        exponent: of the path loss, > 0.
+    """
+    scale = math.log(10.0) / (10.0 * exponent)
+    return scale * (power - rssi), scale * sigma_db

@@ -2,7 +2,7 @@
 
 A name may end in the unit: `bearing_deg`, `x_cm`, `cov_xx_cm2`, `vx_cm_s`, `t_ms`.  Without an ending lengths are in
 the unit of the scene.  An angle without one is in radians where the table's own column of times, `t_ns`, is there as
-well; in any other table it might be in degrees, so that it is refused.
+well; in any other table it might be in degrees, so that it is refused.  So is a time difference (`tdoa_s`, `tdoa_us`).
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from typing import NamedTuple
 
 from occlog.errors import InputError
 from occlog.io.boxes.columns import COLUMNS as BOXES
-from occlog.io.files.timestamps import TIME_COLUMNS
+from occlog.io.files.timestamps import TIME_COLUMNS, UNITS
 from occlog.io.sound.csv_log import ANGLES
 from occlog.io.sound.csv_log import COLUMNS as DIRECTIONS
 from occlog.io.tags.reads import COLUMNS as READS
 from occlog.io.truth.reader import COLUMNS as POSITIONS
 from occlog.records.columns import Column, Table
+from occlog.records.measurements import VALUES, Measurements
 from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
 
@@ -45,11 +46,25 @@ ALIASES: Mapping[str, Sequence[str]] = {
     "height_px": tuple(BOXES["height"]),
     "tag": tuple(READS["tag"]),
     "rssi": tuple(READS["rssi"]),
+    "sigma_rssi": ("rssi_sigma", "rssi_std", "sigma_rssi_db", "rssi_sigma_db", "rssi_std_db"),
+    "range": ("distance", "dist"),
+    "sigma_range": ("range_sigma", "range_std", "sigma_distance", "distance_sigma", "distance_std"),
+    "reference": ("ref", "reference_station", "reference_sensor", "sensor_ref", "other"),
+    "tdoa": ("time_difference", "delay"),
+    "sigma_tdoa": ("tdoa_sigma", "tdoa_std"),
+    "range_difference": ("distance_difference", "path_difference"),
+    "sigma_range_difference": ("range_difference_sigma", "range_difference_std"),
     "x": ("pos_x",),
     "y": ("pos_y",),
     "z": ("pos_z",),
 }
 """Other names of columns, without endings of units; a column's own name is one, too."""
+OWN_ALIASES: Mapping[str, Mapping[str, Sequence[str]]] = {Measurements.NAME: {"target_id": ("tag", "tag_id", "beacon")}}
+"""Further names in one table."""
+SECONDS = {unit: ns * 1e-9 for unit, ns in UNITS.items()}
+"""Seconds in the units of time differences."""
+LENGTHS_OF_TIMES = {"range_difference": "tdoa", "sigma_range_difference": "sigma_tdoa"}
+"""Lengths that may be called as a time is, with the ending of a length: `tdoa_m`."""
 EDGES: Mapping[str, tuple[str, Sequence[str]]] = {
     "width_px": ("right_px", tuple(BOXES["right"])),
     "height_px": ("bottom_px", tuple(BOXES["bottom"])),
@@ -62,6 +77,7 @@ FILLED: Mapping[str, Mapping[str, object]] = {
     TruthBoxes.NAME: {"target_id": -1, "frame": None, "box": None},
     Truth.NAME: {"target_id": 0, "role": "target"},
     Tracks.NAME: {"target_id": 0},
+    Measurements.NAME: {"target_id": 0},
 }
 """Columns that may be left out, and what they hold then; None: it follows from other columns."""
 WANTED: Mapping[str, Sequence[str]] = {
@@ -72,6 +88,8 @@ WANTED: Mapping[str, Sequence[str]] = {
     Hulls.NAME: ("x", "y"),
 }
 """Columns that must be there although single cells may be empty."""
+ONE_OF: Mapping[str, Sequence[str]] = {Measurements.NAME: VALUES}
+"""Columns of which at least one must be there."""
 POWERS = {"m": (1, 0), "m^2": (2, 0), "m/s": (1, 1), "m^2/s": (2, 1), "m^2/s^2": (2, 2)}
 """Powers of length and of 1/s in the units that go with the scene's unit of length."""
 
@@ -124,28 +142,42 @@ def lay_out(names: Sequence[str], table: type[Table]) -> Layout:
     there = {name.strip().lower(): name for name in reversed(names)}
     found, missing = [], []
     for column in table.columns():
-        spelled = _find(column, there)
+        spelled = _find(column, there, table)
         if spelled is not None:
             found.append(spelled)
         elif _is_wanted(column, table):
             missing.append(column.name)
+    one_of = ONE_OF.get(table.NAME, ())
+    if one_of and not any(s.column.name in one_of for s in found):
+        missing += one_of
     layout = Layout(table, tuple(found), tuple(missing))
     _check_angles(layout, there)
     _check_lengths(layout)
     return layout
 
 
-def spellings(column: Column) -> dict[str, str]:
-    """What a column may be called, its own name first, and the unit that each name states."""
+def spellings(column: Column, table: type[Table] | None = None) -> dict[str, str]:
+    """What a column (of a table) may be called, its own name first, and the unit that each name states."""
     if column.name == TIME:
         return {name: unit for unit, names in TIME_COLUMNS.items() for name in names}
-    bases = tuple(dict.fromkeys((column.name, *ALIASES.get(column.name, ()))))
+    own = {} if table is None else OWN_ALIASES.get(table.NAME, {})
+    bases = tuple(dict.fromkeys((column.name, *ALIASES.get(column.name, ()), *own.get(column.name, ()))))
     out = dict.fromkeys(bases, "")
     if column.unit == "rad":
         out |= {f"{base}_{unit}": unit for unit in ("deg", "rad") for base in bases}
     elif column.unit in POWERS:
         out |= {base + ending(column, unit): unit for unit in METRES for base in bases}
+        if column.name in LENGTHS_OF_TIMES:
+            times = LENGTHS_OF_TIMES[column.name]
+            out |= {f"{base}_{unit}": unit for unit in METRES for base in (times, *ALIASES[times])}
+    elif _is_time_difference(column):
+        out |= {f"{base}_{unit}": unit for unit in SECONDS for base in bases}
     return out
+
+
+def _is_time_difference(column: Column) -> bool:
+    """Whether a column is a time whose name does not say its unit."""
+    return column.unit == "s" and not column.name.endswith("_s")
 
 
 def ending(column: Column, unit: str) -> str:
@@ -158,10 +190,11 @@ def describe_missing(layout: Layout, names: Sequence[str]) -> str:
     """What a file lacks to be a table, with the nearest of its names."""
     used = {s.name for s in layout.columns}
     left = [name for name in names if name not in used]
-    words = []
+    one_of = [name for name in ONE_OF.get(layout.table.NAME, ()) if name in layout.missing]
+    words = [f"one of {', '.join(one_of)}"] if one_of else []
     for column in layout.table.columns():
-        if column.name in layout.missing:
-            known = list(spellings(column))
+        if column.name in layout.missing and column.name not in one_of:
+            known = list(spellings(column, layout.table))
             near = next((n for n in left if get_close_matches(n.strip().lower(), known, n=1, cutoff=0.6)), None)
             units = [name for name in known if name.startswith(f"{column.name}_")] if column.unit == "rad" else []
             also = f" (or {', '.join(units)})" if units else ""
@@ -173,7 +206,7 @@ def misspelled(layout: Layout, names: Sequence[str]) -> str | None:
     """A sentence on a column that is not used, and whose name is nearly that of one that is not there; else None."""
     there = {s.column.name for s in layout.columns}
     absent = [c for c in layout.table.columns() if c.name not in there]
-    known = {name: c.name for c in absent for name in spellings(c) if len(name) > 3}
+    known = {name: c.name for c in absent for name in spellings(c, layout.table) if len(name) > 3}
     for name in names:
         if name not in {s.name for s in layout.columns} and name.strip().lower() not in known:
             near = get_close_matches(name.strip().lower(), list(known), n=1, cutoff=0.85)
@@ -182,8 +215,8 @@ def misspelled(layout: Layout, names: Sequence[str]) -> str | None:
     return None
 
 
-def _find(column: Column, there: Mapping[str, str]) -> Spelling | None:
-    known = spellings(column)
+def _find(column: Column, there: Mapping[str, str], table: type[Table]) -> Spelling | None:
+    known = spellings(column, table)
     found = [Spelling(column, there[name], unit) for name, unit in known.items() if name in there]
     if len(found) > 1:
         # The table's own name says it, whatever else could
@@ -209,6 +242,8 @@ def _check_angles(layout: Layout, there: Mapping[str, str]) -> None:
     for s in layout.columns:
         if s.column.unit == "rad" and not s.unit and TIME not in there:
             raise InputError(f"column {s.name} does not state its unit; name it {s.name}_deg or {s.name}_rad")
+        if _is_time_difference(s.column) and not s.unit and TIME not in there:
+            raise InputError(f"column {s.name} does not state its unit; name it {s.name}_s, {s.name}_us or {s.name}_m")
 
 
 def _check_lengths(layout: Layout) -> None:

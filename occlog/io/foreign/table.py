@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.records.columns import Table
+from occlog.records.measurements import VALUES, Measurements
 from occlog.records.tables import TABLES, Bearings, Boxes, Doa, Occluders, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
 
 from .cells import Cells
-from .names import FILLED, POWERS, TIME, Layout, Spelling, describe_missing, lay_out, misspelled
+from .names import FILLED, POWERS, SECONDS, TIME, Layout, Spelling, describe_missing, lay_out, misspelled
 from .source import Source
 
 T = TypeVar("T", bound=Table)
@@ -143,6 +144,8 @@ class ForeignTable:
             return np.radians(values)
         if c.unit == "rad":
             _refuse(cells, values, np.abs(values) > FARTHEST_RAD, f"{s.name} is", " rad; is it in degrees? Name it so")
+        if c.unit == "s" and s.unit in SECONDS:
+            return values * SECONDS[s.unit]
         if c.unit in POWERS and s.unit and self.wanted_unit is not None:
             values = values * (METRES[s.unit] / METRES[self.wanted_unit]) ** POWERS[c.unit][0]
         return values
@@ -260,7 +263,8 @@ def _check(cells: Cells, values: Mapping[str, NDArray[np.generic]], layout: Layo
             with np.errstate(invalid="ignore"):
                 _refuse(cells, shown, wrong(column), what, f"; it must be {limit}")
 
-    for name in ("sigma", "sigma_px", "sigma_azimuth", "sigma_elevation"):
+    sigmas = tuple(f"sigma_{name}" for name in VALUES) if layout.table is Measurements else ()
+    for name in ("sigma", "sigma_px", "sigma_azimuth", "sigma_elevation", *sigmas):
         refuse(name, lambda v: v <= 0, "above 0")
     for name in ("confidence", "score"):
         refuse(name, lambda v: (v < 0) | (v > 1), "0 to 1")

@@ -144,9 +144,11 @@ def _check_single(table: Bearings, sensor: Ints, scan: Ints, order: Ints) -> Non
         )
 
 
-def choose_sensors(scene: Scene, only: Iterable[str] = (), without: Iterable[str] = ()) -> frozenset[str]:
-    """Names of the sensors to use; UsageError names one that the scene does not have."""
-    names = sensor_names(scene)
+def choose_sensors(
+    scene: Scene, only: Iterable[str] = (), without: Iterable[str] = (), *, readers: bool = False
+) -> frozenset[str]:
+    """Names of the sensors to use, of readers too if these count; UsageError names one that the scene does not have."""
+    names = (*sensor_names(scene), *(r.name for r in scene.readers if readers))
     only, without = list(only), list(without)
     for name in (*only, *without):
         if name not in names:

@@ -10,8 +10,10 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.open import Opened, check_unit, losses_of, open_input
 from occlog.records.columns import Table
-from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Truth
+from occlog.records.measurements import Measurements
+from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Reads, Truth
 
+from .measured import measurements_of_reads
 from .occluder_priors import known_positions
 from .sources import bearings_of_doa, in_time
 
@@ -32,8 +34,21 @@ class Inputs:
         doa: Path | None = None,
         doa_labels: bool = False,
         occluders: Path | None = None,
+        measurements: Path | None = None,
+        *,
+        distances: bool = False,
     ) -> None:
-        """Open everything; nothing but headers is read yet."""
+        """Open everything; nothing but headers is read yet.
+
+        Args:
+            bearings: bearings or directions of arrival, or what `distances` allows.
+            scene: None: that of the recording.
+            doa: directions of arrival besides.
+            doa_labels: identities of these are those of targets.
+            occluders: priors of moving occluders.
+            measurements: ranges, signal strengths and time differences besides, or reads of tags.
+            distances: `bearings` may hold measurements or reads alone.
+        """
         self._opened: list[Opened] = []
         measured = open_input(bearings)
         self.scene: Scene = options.load_scene(scene, measured.scene, bearings)
@@ -42,19 +57,36 @@ class Inputs:
         directions = [*([measured] if own else []), *([open_input(doa)] if doa is not None else [])]
         if doa_labels and not directions:
             raise UsageError("doa_labels wants directions of arrival; give some (doa)")
-        if doa is None or measured.recording is None:
-            measured.require(Bearings, Doa, remedy=_remedy(measured))
+        alone = distances and not measured.has(Bearings) and not measured.has(Doa)
+        alone = alone and (measured.has(Measurements) or measured.has(Reads))
+        if not distances and measured.has(Measurements):
+            raise InputError(f"{bearings}: holds measurements of distances, which methods fix and apf take")
+        if not alone and (doa is None or measured.recording is None):
+            more: tuple[type[Table], ...] = (Measurements,) if distances else ()
+            measured.require(Bearings, Doa, *more, remedy=_remedy(measured))
         streams: list[Iterable[Bearings]] = []
         if measured.has(Bearings):
             streams.append(self._rows(measured, Bearings))
         streams += [bearings_of_doa(self._rows(each, Doa), self.scene, doa_labels) for each in directions]
-        self.chunks = _not_empty(in_time(streams), bearings)
+        self.measurements = self._measurements([*([measured] if alone else []), *_opened(measurements)])
+        self.chunks = iter(()) if alone and not streams else _not_empty(in_time(streams), bearings)
         self.occluders = None if occluders is None else self._priors(occluders)
 
     @property
     def losses(self) -> tuple[Loss, ...]:
         """What was lost when the inputs were made, each once, in the order in which they were opened."""
         return losses_of(self._opened)
+
+    def _measurements(self, inputs: list[Opened]) -> Iterator[Measurements] | None:
+        """Measurements of all inputs, those of a reader's reads too; None: there are none."""
+        streams: list[Iterable[Measurements]] = []
+        for each in inputs:
+            each.require(Measurements, Reads, remedy="give ranges, signal strengths or time differences")
+            if each.has(Measurements):
+                streams.append(self._rows(each, Measurements))
+            if each.has(Reads):
+                streams.append(measurements_of_reads(self._rows(each, Reads)))
+        return in_time(streams) if streams else None
 
     def _priors(self, path: Path) -> Iterator[Occluders] | Iterator[Hulls]:
         """Priors of the moving occluders; true positions are known exactly."""
@@ -74,6 +106,10 @@ class Inputs:
         if opened.made_in_a_scene:
             check_unit(opened, self.scene.length_unit)
         return rows
+
+
+def _opened(path: Path | None) -> list[Opened]:
+    return [] if path is None else [open_input(path, Measurements, Reads)]
 
 
 def _remedy(measured: Opened) -> str:

@@ -10,8 +10,21 @@ from numpy.typing import ArrayLike
 
 from occlog.array_types import Bools, Floats, Ints, Ints32
 from occlog.core.occlusion.priors import Priors
+from occlog.core.sight.distances import Distances
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED
+
+
+class Measured(NamedTuple):
+    """What stations measured beside directions at one time; see `occlog.measure.scans.measured`."""
+
+    target_id: Ints32  # (m,) >= 0
+    distances: Distances  # m measurements
+
+    def of_target(self, target: int) -> Measured | None:
+        """Those of a target; None for nothing."""
+        own = self.target_id == target
+        return Measured(self.target_id[own], self.distances.take(own)) if own.any() else None
 
 
 class Scan(NamedTuple):
@@ -34,6 +47,7 @@ class Scan(NamedTuple):
     elevation: Floats  # (R,) [rad]; NaN: the sensor tells none
     sigma_elevation: Floats  # (R,) [rad]
     occluders: Priors | None = None  # at this time; None: nothing is known about moving occluders
+    measured: Measured | None = None  # ranges and their like, of the same time; None: there are none
 
     @classmethod
     def of(cls, t_ns: int, sensor: Sequence[int] | Ints, **columns: ArrayLike) -> Scan:
@@ -51,7 +65,7 @@ class Scan(NamedTuple):
 
     def take(self, rows: Bools | Ints | slice) -> Scan:
         """The rows selected by a mask, a slice or an index array."""
-        return Scan._make((self.t_ns, *(column[rows] for column in self[1:-1]), self.occluders))
+        return Scan._make((self.t_ns, *(column[rows] for column in self[1:-2]), self.occluders, self.measured))
 
     def of_target(self, target: int) -> Scan | None:
         """A target's own rows, and candidates of sensors that have none for it; None for nothing."""
@@ -59,9 +73,19 @@ class Scan(NamedTuple):
         rows, free = own, self.target_id == UNLABELLED
         if free.any():
             rows = own | (free & ~np.isin(self.sensor, self.sensor[own]))
+        if self.measured is not None:
+            measured = self.measured.of_target(target)
+            some = self.take(rows)._replace(measured=measured)
+            return some if rows.any() or measured is not None else None
         if rows.all():
             return self if len(rows) else None
         return self.take(rows) if rows.any() else None
+
+    @property
+    def targets(self) -> set[int]:
+        """Targets that rows or measurements name."""
+        named = set(self.target_id[self.labelled].tolist())
+        return named if self.measured is None else named.union(self.measured.target_id.tolist())
 
     def by_sensor(self) -> Iterator[tuple[int, Scan]]:
         """Every sensor that has rows, rising, and its rows that are `seen`: none where it looked in vain."""
@@ -71,14 +95,17 @@ class Scan(NamedTuple):
 
 DTYPES: dict[str, type[np.generic]] = {"target_id": np.int32, "seen": np.bool_}
 """Of the columns that are not numbers with fractions."""
-COLUMNS = tuple(name for name in Scan._fields if name not in ("t_ns", "occluders"))
+COLUMNS = tuple(name for name in Scan._fields if name not in ("t_ns", "occluders", "measured"))
 """Names of the columns of a scan: those of `Bearings`, but for the time and what the fusion did."""
 
 
 def concat(scans: Sequence[Scan]) -> Scan:
-    """The rows of scans, at least one, one after the other; the time and the occluders are those of the last."""
-    columns = (np.concatenate(parts) for parts in zip(*(scan[1:-1] for scan in scans), strict=True))
-    return Scan._make((scans[-1].t_ns, *columns, scans[-1].occluders))
+    """The rows of scans, at least one, one after the other; the time and the occluders are those of the last.
+
+    Measurements beside directions are left out.
+    """
+    columns = (np.concatenate(parts) for parts in zip(*(scan[1:-2] for scan in scans), strict=True))
+    return Scan._make((scans[-1].t_ns, *columns, scans[-1].occluders, None))
 
 
 def in_vain(t_ns: int, sensors: Sequence[int]) -> Scan:

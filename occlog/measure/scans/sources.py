@@ -8,14 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from occlog.array_types import NS
 from occlog.errors import InputError
+from occlog.records.measurements import Measurements
 from occlog.records.scene import Scene
 from occlog.records.tables import UNLABELLED, Bearings, Doa
 
+T = TypeVar("T", Bearings, Measurements)
 MODES = ("ignore", "use")
 MEASURED = ("bearing", "sigma", "u_px", "sigma_px", "score", "elevation", "sigma_elevation")
 
@@ -112,7 +115,7 @@ def in_turn(chunks: Iterable[Bearings], names: Sequence[str], seconds: float) ->
             yield chunk.take(keep)
 
 
-def in_time(streams: Sequence[Iterable[Bearings]]) -> Iterator[Bearings]:
+def in_time(streams: Sequence[Iterable[T]]) -> Iterator[T]:
     """One stream of chunks from several, each in the order of time; holds one chunk of each.
 
     Rows of equal time keep the order of the streams.
@@ -135,8 +138,9 @@ def in_time(streams: Sequence[Iterable[Bearings]]) -> Iterator[Bearings]:
         yield _by_time(ready)
 
 
-def _by_time(parts: list[Bearings]) -> Bearings:
+def _by_time(parts: list[T]) -> T:
     """One table of parts that overlap in time; rows of equal time keep the order of the parts."""
+    table = type(parts[0])
     order = np.argsort(np.concatenate([part.t_ns for part in parts]), kind="stable")
-    columns = {c.name: np.concatenate([getattr(part, c.name) for part in parts])[order] for c in Bearings.columns()}
-    return Bearings(**columns)
+    columns = {c.name: np.concatenate([getattr(part, c.name) for part in parts])[order] for c in table.columns()}
+    return table(**columns)

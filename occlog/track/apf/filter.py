@@ -22,15 +22,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from occlog.array_types import NS, Floats
+from occlog.array_types import NS, Bools, Floats
 from occlog.core.filter.likelihood import PackedScan, agreement
 from occlog.core.filter.particles import effective_size, mean_and_covariance
 from occlog.core.occlusion.priors import Priors, without_own
+from occlog.core.sight.distances import Distances, beliefs, linearise, residuals
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.apf.kernels.waypoint import Particles
-from occlog.track.interface import Cloud, Estimate, OccluderTerms, Online, Prediction, Smoothing
+from occlog.track.interface import Cloud, Estimate, Fit, OccluderTerms, Online, Prediction, Smoothing
 from occlog.track.plausibility.particles import FEW
 
 from .calibration import Calibration, begin, corrected, corrected_looks, learned
@@ -77,6 +78,9 @@ def step(state: ApfState, scan: Scan, rng: Generator) -> tuple[ApfState, Estimat
     base = model = state.model
     config = model.config
     looks = pack_scan(scan, model.read_px, config.use_score)
+    if scan.measured is not None:
+        model = model._replace(measured=scan.measured.distances)
+        state = state._replace(model=model)
     # Correct: sensors where their poses are thought to be
     calibration = state.calibration
     if calibration is not None:
@@ -178,12 +182,17 @@ def _astray(state: ApfState, draw: Draw, looks: PackedScan) -> int:
     reports = looks.labelled & (np.diff(looks.first) > 0)
     # Gate: which reports agree with the likeliest particle
     count = int(np.count_nonzero(reports))
+    model = state.model
+    if model.measured is not None:
+        count += len(model.measured.kind)
     if not count:
         return state.astray
     best = int(np.argmax(draw.weights))
-    model = state.model
-    agree = agreement(draw.particles.xy[best : best + 1], looks, model.sensors, model.noise, model.detection)
+    here = draw.particles.xy[best : best + 1]
+    agree = agreement(here, looks, model.sensors, model.noise, model.detection)
     against = int(np.count_nonzero(reports & ~agree))
+    if model.measured is not None:
+        against += int(np.count_nonzero(np.abs(residuals(model.measured, here)) > model.measured.bend))
     return max(0, state.astray + max(-2, min(2, 2 * against - count)))
 
 
@@ -196,6 +205,14 @@ def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
         fallback = fallback or "depleted"
     seen = np.diff(looks.first) > 0
     seen &= looks.labelled | agreement(mean[None], looks, model.sensors, model.noise, model.detection)
+    estimate = _as_estimate(draw, mean, covariance, size, fallback, looks, seen)
+    return estimate if model.measured is None else _with_distances(estimate, model.measured)
+
+
+def _as_estimate(
+    draw: Draw, mean: Floats, covariance: Floats, size: float, fallback: str, looks: PackedScan, seen: Bools
+) -> Estimate:
+    """The estimate, and by which looks it was made."""
     return Estimate(
         xy=mean,
         velocity=draw.weights @ waypoint.velocities(draw.particles),
@@ -207,6 +224,29 @@ def _estimate(model: Model, draw: Draw, looks: PackedScan) -> Estimate:
         fallback=fallback,
         used=tuple(looks.sensor.tolist()),
         seen_by=tuple(looks.sensor[seen].tolist()),
+    )
+
+
+def _with_distances(estimate: Estimate, measured: Distances) -> Estimate:
+    """The estimate with what it says of measurements of distances."""
+    told = linearise(measured, estimate.xy[None])
+    residual, gradient = told.residual[0], told.gradient[0]
+    spread = np.einsum("ni,ij,nj->n", gradient, estimate.covariance, gradient)
+    believed = beliefs(residual / np.sqrt(1.0 + spread), measured.bend)
+    looked = np.unique([*estimate.used, *measured.station.tolist()])
+    saw = np.unique([*(estimate.seen_by or ()), *measured.station[believed >= 0.5].tolist()])
+    return estimate._replace(
+        n_looked=len(looked),
+        n_seen=len(saw),
+        used=tuple(looked.astype(int).tolist()),
+        seen_by=tuple(saw.astype(int).tolist()),
+        fit=Fit(
+            row=np.zeros(len(residual), dtype=np.int64),
+            sensor=measured.station,
+            residual=residual,
+            expected=np.maximum(1.0 - spread, 0.0),
+            believed=believed,
+        ),
     )
 
 
@@ -223,6 +263,7 @@ METHOD = Online(
         hiding=lambda config: FORMS.index(config.q),
     ),
     calibrates=lambda config: config.calibrate != "none",
+    measured=True,
     smoothing=Smoothing(
         wanted=lambda config: config,
         trace=lambda state: state.trace,

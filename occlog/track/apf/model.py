@@ -7,17 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import Floats
+from occlog.array_types import Floats, Ints
 from occlog.core.filter.likelihood import Detection, Noise, PackedScan, log_likelihood
 from occlog.core.filter.likelihood_occluded import EXACT, INDEPENDENT, RECURSION, Occlusion, log_likelihood_among
 from occlog.core.occlusion.priors import Priors
 from occlog.core.plane.floor import Floor, make_floor, on_floor
+from occlog.core.sight import distances
+from occlog.core.sight.distances import Distances
 from occlog.core.sight.view_prior import ViewPrior
 from occlog.core.sight.visibility import Sensors
 from occlog.records.scene import Scene
 
 from .config import FORMS, ApfConfig
 from .first_places import wander
+from .kernels import importance
 from .kernels.waypoint import WaypointModel
 from .sensing import pack_detection, pack_noise, pack_sensors, read_noise
 
@@ -40,6 +43,7 @@ class Model(NamedTuple):
     views: ViewPrior | None = None  # where a target can be without a room; None: all over the floor
     wander: float = math.inf  # how far a new destination is, without a room
     priors: Priors | None = None  # those at the time of the scan
+    measured: Distances | None = None  # ranges and their like at the time of the scan
 
 
 def make_model(scene: Scene, config: ApfConfig) -> Model:
@@ -95,5 +99,16 @@ def likelihood(model: Model, xy: Floats, looks: PackedScan, far: float = FINE, *
     free = np.ones(len(xy), dtype=np.bool_) if anywhere else on_floor(xy, *model.floor)
     packed = looks, model.sensors, model.noise, model.detection, free
     if model.priors is None:
-        return np.asarray(log_likelihood(xy, *packed))
-    return log_likelihood_among(xy, *packed, model.priors, model.occlusion._replace(far=far))
+        told = np.asarray(log_likelihood(xy, *packed))
+    else:
+        told = log_likelihood_among(xy, *packed, model.priors, model.occlusion._replace(far=far))
+    # Radio and sound go past what hides targets
+    return told if model.measured is None else told + distances.log_likelihood(model.measured, xy)
+
+
+def evidence(model: Model, looks: PackedScan) -> tuple[Ints, Floats]:
+    """Looks and measurements of a scan as the importance density takes them; see `kernels.importance.adapt`."""
+    rows = importance.measurements(looks, model.sensors, model.noise, model.detection)
+    if model.measured is None:
+        return looks.first, rows
+    return importance.with_distances(looks.first, rows, model.measured)

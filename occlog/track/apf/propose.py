@@ -34,7 +34,7 @@ from occlog.core.sight.view_prior import first_places
 from .first_places import sight_lines
 from .kernels import importance, waypoint
 from .kernels.waypoint import Particles
-from .model import ROUGH, Model, likelihood
+from .model import ROUGH, Model, evidence, likelihood
 
 KERNEL = 1.0 / 3.0
 """Share of the standard deviation of a given start that the kernel of each particle has."""
@@ -110,8 +110,8 @@ def _looking(model: Model, particles: Particles, weights: Floats, looks: PackedS
     prior = (chance * weights).reshape(-1)  # (3 L,)
     mean, variance = mean.reshape(-1, 2), variance.reshape(-1)
     # Approximate each one's posterior, and the predictive likelihood of the scan
-    rows = importance.measurements(looks, model.sensors, model.noise, model.detection)
-    near = importance.adapt(mean, variance, prior > 0.0, looks.first, rows)
+    first_row, rows = evidence(model, looks)
+    near = importance.adapt(mean, variance, prior > 0.0, first_row, rows)
     log_first = (log_of(prior) + near.log_volume + near.log_factors).reshape(3, L)
     # What the approximation leaves out, at the mode of each particle's best hypothesis
     best = np.argmax(log_first, axis=0) * L + np.arange(L)
@@ -217,7 +217,7 @@ def _setting_out(model: Model, xy: Floats, rng: Generator) -> Particles:
 
 def begin_anew(model: Model, looks: PackedScan, rng: Generator) -> Draw:
     """Particles drawn anew: all over the floor, or, without a room, where the scan says."""
-    if model.views is None:
+    if model.views is None or model.measured is not None:
         return weigh_start(model, fresh(model, None, rng), None, looks, rng)
     n = model.config.particles * model.config.start_factor
     lines = sight_lines(looks, model.sensors, model.noise, model.views)
@@ -243,8 +243,8 @@ def weigh_start(model: Model, particles: Particles, sigma: float | None, looks: 
         # The kernels' width: what lies between the places of the floor, or a share of the start's
         width2 = abs(signed_area(model.floor.room)) / many if sigma is None else (KERNEL * sigma) ** 2
         variance = np.full(many, width2)
-        rows = importance.measurements(looks, model.sensors, model.noise, model.detection)
-        near = importance.adapt(particles.xy, variance, np.ones(many, dtype=np.bool_), looks.first, rows)
+        first_row, rows = evidence(model, looks)
+        near = importance.adapt(particles.xy, variance, np.ones(many, dtype=np.bool_), first_row, rows)
         xy, log_ratio = importance.draw(
             particles.xy,
             variance,

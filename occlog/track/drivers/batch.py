@@ -8,7 +8,7 @@ from typing import Generic, NamedTuple
 import numpy as np
 
 from occlog.errors import InputError
-from occlog.measure.scans.grouping import scans_of
+from occlog.measure.scans.measured import MeasuredFeed
 from occlog.measure.scans.scan import Scan, sensor_names
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Calibration, Diagnostics, Hulls, Occluders, Residuals, Tracks
@@ -38,6 +38,7 @@ def track_batch(
     method: Batch[State, Config],
     tracking: Tracking[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
+    measured: MeasuredFeed | None = None,
 ) -> Iterator[Tracked]:
     """Tracks of all labelled targets; see `occlog.track.drivers.stage.track`.
 
@@ -51,7 +52,7 @@ def track_batch(
         InputError: no bearing has a label, or one that does not fit the scene.
         UsageError: a start (`config.start`) for several targets, or occluders of which the method knows nothing.
     """
-    config, names = tracking.config, sensor_names(scene)
+    config, names = tracking.config, sensor_names(scene) if measured is None else measured.names
     feed = feed_of(occluders, method, tracking)
     targets: dict[int, _Gathered[State]] = {}
     waiting: list[Tracked] = []
@@ -60,7 +61,7 @@ def track_batch(
     hop_ns = max(1, lag_ns // 2)
     met: dict[int, tuple[int, int]] = {}  # latest time of each target, and the step that led there
     unlabelled, now = 0, 0
-    for scan in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
+    for scan in tracking.scans(bearings, scene, measured):
         # Priors of the moving occluders at the time of the scan
         if feed is not None:
             scan = scan._replace(occluders=feed.at(scan.t_ns))
@@ -71,7 +72,7 @@ def track_batch(
         waiting += [_advance(targets.pop(k), k, method, names, last=True)[1] for k in over]
         # Gather the rows of each target; begin those that are new or back after a pause
         due = []
-        for target in np.unique(scan.target_id[scan.labelled]).tolist():
+        for target in sorted(scan.targets):
             if target not in met:
                 check_start(method.started(config), target, met)
             step_ns = min(now - met[target][0], PATIENCE * lag_ns) if target in met else 0
@@ -79,7 +80,9 @@ def track_batch(
                 state = method.begin(scene, config, target in met)
                 targets[target] = _Gathered(state, now + lag_ns + hop_ns, now - 1, [])
             met[target] = (now, step_ns)
-            targets[target].scans.append(scan.take(scan.target_id == target))
+            own_measured = None if scan.measured is None else scan.measured.of_target(target)
+            own_rows = scan.take(scan.target_id == target)
+            targets[target].scans.append(own_rows._replace(measured=own_measured))
             if now >= targets[target].due_ns:
                 due.append(target)
         # Settle the states that have seen enough time after them

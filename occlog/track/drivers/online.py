@@ -9,7 +9,7 @@ import numpy as np
 
 from occlog.core.numerics.seeds import Stage, generator
 from occlog.errors import UsageError
-from occlog.measure.scans.grouping import scans_of
+from occlog.measure.scans.measured import MeasuredFeed
 from occlog.measure.scans.scan import Scan, sensor_names
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Hulls, Occluders
@@ -30,15 +30,16 @@ def track_online(
     method: Online[State, Config],
     tracking: Tracking[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
+    measured: MeasuredFeed | None = None,
 ) -> Iterator[Tracked]:
     """Tracks of all targets, chunk by chunk; see `occlog.track.drivers.stage.track`."""
-    config, names = tracking.config, sensor_names(scene)
+    config, names = tracking.config, sensor_names(scene) if measured is None else measured.names
     feed = feed_of(occluders, method, tracking)
     selector = _selector(scene, method, tracking)
     filters: dict[int, TargetFilter[State]] = {}
     later = lookback(method.smoothing, config, tracking.seed)
     rows: list[Row] = []
-    for everything in scans_of(bearings, scene, tracking.rows(scene), tracking.window_ns):
+    for everything in tracking.scans(bearings, scene, measured):
         # Priors of the moving occluders at the time of the scan
         if feed is not None:
             everything = everything._replace(occluders=feed.at(everything.t_ns))
@@ -107,5 +108,4 @@ def _stepped(
 
 def _targets(scan: Scan, filters: Collection[int], wanted: Collection[int] | None) -> list[int]:
     """Targets that a scan may be about, rising."""
-    labelled = set(scan.target_id[scan.labelled].tolist())
-    return sorted(labelled.union(filters)) or [next(iter(wanted)) if wanted else FIRST_TARGET]
+    return sorted(scan.targets.union(filters)) or [next(iter(wanted)) if wanted else FIRST_TARGET]

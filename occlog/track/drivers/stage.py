@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator
 from typing import cast
 
 from occlog.errors import UsageError
+from occlog.measure.scans.measured import MeasuredFeed
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Hulls, Occluders
+from occlog.records.tables import Bearings, Hulls, Occluders, Residuals
 from occlog.track.catalogue import tracker
 from occlog.track.imm.config import ImmConfig
 from occlog.track.interface import AnyMethod, Batch, Config, Joint, Online, Together
@@ -27,6 +28,7 @@ def track(
     scene: Scene,
     tracking: Tracking[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None = None,
+    measured: MeasuredFeed | None = None,
 ) -> Iterator[Tracked]:
     """Tracks of all targets, chunk by chunk, in the order of time; memory does not grow with their length.
 
@@ -41,24 +43,35 @@ def track(
         scene: the sensors, the room and what stands in it.
         tracking: the method, its settings, and what to use.
         occluders: priors of the moving occluders, in the order of time; None: nothing is known about them.
+        measured: ranges, signal strengths and time differences; None: there are none.  `bearings` may then be empty.
 
     Raises:
         InputError: bearings that do not fit the scene or each other.
         UsageError: a start (`config.start`) for several targets, or occluders or a selection that the
-            method or the scene does not allow.
+            method or the scene does not allow; measurements that the method does not take.
     """
     method = tracker(tracking.method)
+    takes = isinstance(method, Online | Batch) and method.measured
+    if measured is not None and not takes:
+        raise UsageError(f"measurements: method {tracking.method} takes directions alone; use apf or fix")
+    if measured is not None and tracking.selection is not None:
+        raise UsageError("select: cameras are selected by what they see alone; leave select or the measurements out")
     started = not isinstance(method, Joint) and method.started(tracking.config)
-    doubts = Doubts(scene, online=not isinstance(method, Batch), started=started)
+    doubts = Doubts(scene, online=not isinstance(method, Batch), started=started, distances=measured is not None)
     # A batch method judges its bearings itself
     witness = None if isinstance(method, Batch) else Witness(scene, tracking.window_ns, unlabelled=tracking.unlabelled)
     watched = bearings if witness is None else witness.watch(bearings)
-    for part in _tracked(watched, scene, method, tracking, occluders):
+    for part in _tracked(watched, scene, method, tracking, occluders, measured):
         tracks, diagnostics = doubts.judged(part.tracks, part.diagnostics)
         part = part._replace(tracks=tracks, diagnostics=diagnostics)
         if witness is not None:
             compared = witness.compare(tracks, diagnostics)
-            own = compared.residuals if part.residuals is None else part.residuals
+            own = part.residuals
+            if own is None:
+                own = compared.residuals
+            elif not (isinstance(method, Online) and method.judges):
+                # The method judged its measurements beside directions alone
+                own = Residuals.merge([compared.residuals, own])
             part = part._replace(residuals=own, frames=compared.frames)
         yield part
 
@@ -69,10 +82,11 @@ def _tracked(
     method: AnyMethod,
     tracking: Tracking[Config],
     occluders: Iterable[Occluders] | Iterable[Hulls] | None,
+    measured: MeasuredFeed | None,
 ) -> Iterator[Tracked]:
     """Tracks by the driver for the kind of the method."""
     if isinstance(method, Online):
-        yield from track_online(bearings, scene, method, tracking, occluders)
+        yield from track_online(bearings, scene, method, tracking, occluders, measured)
         return
     if isinstance(method, Together):
         yield from track_together(bearings, scene, method, tracking, occluders)
@@ -81,7 +95,7 @@ def _tracked(
     if tracking.selection is not None:
         raise UsageError(f"select: method {tracking.method} {why}; leave select out")
     if isinstance(method, Batch):
-        yield from track_batch(bearings, scene, method, tracking, occluders)
+        yield from track_batch(bearings, scene, method, tracking, occluders, measured)
         return
     if occluders is not None:
         raise UsageError(f"occluders: method {tracking.method} {why}; leave occluders out")

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Generic
 
 from occlog.array_types import NS
 from occlog.errors import UsageError
-from occlog.measure.scans.grouping import Rows
+from occlog.measure.scans.grouping import Rows, scans_of
+from occlog.measure.scans.measured import MeasuredFeed
 from occlog.measure.scans.occluder_priors import OccluderFeed
-from occlog.measure.scans.scan import sensor_names
+from occlog.measure.scans.scan import Scan, sensor_names
 from occlog.records.scene import Scene
-from occlog.records.tables import Hulls, Occluders
+from occlog.records.tables import Bearings, Hulls, Occluders
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.interface import Batch, Config, Online, State
 
@@ -45,6 +46,11 @@ class Tracking(Generic[Config]):
         """Which rows of the bearings to use."""
         used = frozenset(sensor_names(scene)) if self.sensors is None else self.sensors
         return Rows(used, self.targets, self.unlabelled)
+
+    def scans(self, bearings: Iterable[Bearings], scene: Scene, measured: MeasuredFeed | None) -> Iterator[Scan]:
+        """Scans of the chosen rows, with the measurements beside directions."""
+        scans = scans_of(bearings, scene, self.rows(scene), self.window_ns)
+        return scans if measured is None else measured.joined(scans, self.sensors, self.targets, self.window_ns)
 
 
 def check_start(started: bool, target: int, others: Collection[int]) -> None:

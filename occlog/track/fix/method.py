@@ -1,7 +1,7 @@
-"""Method `fix`: each scan's position from that scan's bearings alone.
+"""Method `fix`: each scan's position from that scan's bearings and measurements of distances alone.
 
-By a mixture of true and false bearings (`occlog.track.fix.mixture`), or by [Lenth] 1981
-(`occlog.track.fix.estimators`).
+By a mixture of true and false bearings (`occlog.track.fix.mixture`), with ranges and their like as well
+(`occlog.track.fix.mixed`), or by [Lenth] 1981 (`occlog.track.fix.estimators`).
 
 Nothing is carried from one scan to the next.  A scan that tells no position (one bearing,
 parallel lines, lines that meet behind the sensors) gives no row.
@@ -16,18 +16,21 @@ import numpy as np
 from numpy.random import Generator
 
 from occlog.array_types import Floats, Ints
+from occlog.core.sight.distances import Distances
+from occlog.errors import UsageError
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
 from occlog.track.interface import Estimate, Fit, Online
 
 from .config import BENDS, MIXTURE, FixConfig
 from .estimators import Fix, fix
+from .mixed import SECOND, Lines, measured_at, modes_of
 from .mixture import modes, pooled_factor, spread_of
 from .repeated_median import crossings
 
 MOST_PAIRS = 40_000
 """Pairs of candidates that are tried; beyond, the least certain candidates are left out."""
-STATED, PAIR = "stated", "pair"
+STATED, PAIR, AMBIGUOUS = "stated", "pair", "ambiguous"
 
 
 class FixState(NamedTuple):
@@ -48,6 +51,8 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
     config = state.config
     # Associate: rows of the target, and the candidates that agree best
     rows = _rows(state, scan)
+    if scan.measured is not None:
+        return state, _mixed(state, scan, rows, scan.measured.distances)
     if len(rows) < 2:
         return state, None
     # Estimate ([Lenth] 1981)
@@ -83,6 +88,52 @@ def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimat
             off / sigma,
             _expected(places, sigma, found),
             believed,
+        ),
+    )
+
+
+def _mixed(state: FixState, scan: Scan, rows: Ints, distances: Distances) -> Estimate | None:
+    """The position by bearings and measurements of distances; None where they do not tell one.
+
+    UsageError for an estimator of bearings alone.
+    """
+    config = state.config
+    if config.estimator != MIXTURE:
+        raise UsageError(f"estimator {config.estimator} takes bearings alone; with measurements use {MIXTURE}")
+    if len(rows) + len(distances.kind) < 2:
+        return None
+    lines = Lines(state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows], config.bent)
+    found = modes_of(lines, distances)
+    if found is None:
+        return None
+    spread = spread_of(found, pooled=config.spread == "pooled")
+    # Residuals, and their variance: 1 less the leverage
+    at = measured_at(lines, distances, found.xy[:1])
+    believed, gradient = found.believed[0], at.gradient[0]
+    information = (gradient * believed[:, None]).T @ gradient
+    leverage = believed * np.einsum("ni,ij,nj->n", gradient, np.linalg.pinv(information), gradient)
+    sigma = np.concatenate([lines.sigma, distances.sigma])
+    score = -0.5 * found.residual[0] ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
+    sensor = np.concatenate([scan.sensor[rows], distances.station])
+    used = np.unique(sensor)
+    several = len(found.xy) > 1 and found.probability[1] >= SECOND
+    return Estimate(
+        xy=found.xy[0],
+        velocity=np.full(2, np.nan),
+        covariance=spread,
+        ess=math.nan,
+        log_likelihood=float(score.sum()),
+        n_looked=len(np.unique(np.concatenate([scan.sensor, distances.station]))),
+        n_seen=len(used),
+        fallback=AMBIGUOUS if several else PAIR if len(sensor) == 2 and config.spread != "stated" else "",
+        used=tuple(used.tolist()),
+        seen_by=tuple(np.unique(sensor[believed >= 0.5]).tolist()),
+        fit=Fit(
+            row=np.zeros(len(sensor), dtype=np.int64),
+            sensor=sensor,
+            residual=found.residual[0],
+            expected=np.clip(1.0 - leverage, 0.0, 1.0),
+            believed=believed,
         ),
     )
 
@@ -158,4 +209,4 @@ def _wrapped(angle: Floats) -> Floats:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-METHOD = Online(config=FixConfig, init=init, step=step, started=lambda _: False)
+METHOD = Online(config=FixConfig, init=init, step=step, started=lambda _: False, measured=True, judges=True)

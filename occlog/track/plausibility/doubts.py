@@ -113,7 +113,7 @@ class Seen(NamedTuple):
 class Doubts:
     """Finds the doubts of a run's rows, chunk by chunk; what was seen of each target is remembered."""
 
-    def __init__(self, scene: Scene, *, online: bool, started: bool) -> None:
+    def __init__(self, scene: Scene, *, online: bool, started: bool, distances: bool = False) -> None:
         """Nothing was seen yet.
 
         Args:
@@ -121,7 +121,9 @@ class Doubts:
             online: estimates do not know what comes after them: one sensor alone leaves a doubt, and so does a guessed
                 region.
             started: the settings say where the target was at first.
+            distances: stations measure distances, too, so that one sensor alone may tell a place.
         """
+        self._distances = distances
         self._scene, self._online, self._started = scene, online, started
         self._views: ViewPrior | None = scene.views
         self._row = {name: i for i, name in enumerate(sensor_names(scene))}
@@ -136,7 +138,8 @@ class Doubts:
         by = [tuple(name for name in text.split(",") if name) for text in diagnostics.seen_by.tolist()]
         xy, covariance = np.column_stack([tracks.x, tracks.y]), covariances(tracks)
         edge = alone = np.zeros(len(by), dtype=np.bool_)
-        if self._online:
+        lone: dict[int, str] = {}
+        if self._online and not self._distances:
             alone, lone = self._alone(diagnostics, by)
             tracks, covariance = self._widened(tracks, xy, covariance, lone)
         if self._online and self._views is not None:

@@ -64,6 +64,8 @@ OFTEN = {
 """Values of `fallback` that single false bearings make, and of which a verdict speaks from a share of the rows on."""
 HONEST = {
     "unobservable": "what was seen does not tell the position, and the covariance says so; add sensors",
+    "ambiguous": "measurements fit several places, of which the row has the most probable, and the covariance holds "
+    "all; add a station that is not in line with the others",
 }
 """Values of `fallback` that need care, though the covariance is right."""
 
@@ -111,6 +113,7 @@ class Evidence:
         alone: bearings that no other sensor can confirm.
         crowd: candidates that are left.
         places: where the bearings of a moment meet.
+        distances: residuals are also of measurements that are no directions, so that nothing is said of `places`.
     """
 
     rows: int = 0
@@ -123,6 +126,7 @@ class Evidence:
     alone: Alone = field(default_factory=Alone)
     crowd: Crowd = field(default_factory=Crowd)
     places: Places = field(default_factory=Places)
+    distances: bool = False
 
     def fared(self, part: Diagnostics) -> None:
         """Count rows of diagnostics."""
@@ -139,7 +143,8 @@ class Evidence:
         self.agreements.add(compared.residuals, pose_shares(tracks, scene))
         self.alone.add(compared.residuals)
         self.crowd.add(compared.frames)
-        self.places.add(tracks, compared.residuals, scene)
+        if not self.distances:
+            self.places.add(tracks, compared.residuals, scene)
 
     def figures(self) -> dict[str, object]:
         """Figures of a summary."""

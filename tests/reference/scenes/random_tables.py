@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from occlog.records.gallery import MOST_BINS, OTHER, AppearanceMatches, Gallery
+from occlog.records.measurements import Measurements
 from occlog.records.people import KINDS, Events
 from occlog.records.robots import PATH_STATES, RobotPath
 from occlog.records.tables import Hulls, Occluders, Tracks
@@ -20,6 +21,8 @@ WORDS = {
     (RobotPath, "state"): PATH_STATES,
     (AppearanceMatches, "decision"): [OTHER],
     (AppearanceMatches, "reason"): [""],
+    (Measurements, "sensor"): ["north", "east"],
+    (Measurements, "reference"): ["west"],
 }
 
 

@@ -23,6 +23,8 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.filter.likelihood import NEAR, NEAREST, ROOT_2PI, TINY, Detection, Noise, PackedScan
 from occlog.core.numerics.jit import kernel
+from occlog.core.sight.distances import NEAREST as CLOSEST
+from occlog.core.sight.distances import Distances
 from occlog.core.sight.visibility import Sensors
 
 ANNEAL, MOST_STEPS = 1e-2, 8
@@ -36,6 +38,10 @@ LEAST_RIVAL = 1e-30
 
 KIND, VALUE, READ, SCALE, X0, Y0, COS, SIN, FOCAL, POSITION2, YAW2, RIVAL = range(12)
 """Columns of `measurements`."""
+X1, Y1, RISE2, OTHER_RISE2 = 6, 7, 8, 9
+"""Columns of measurements of distances, which have no axis and no focal length."""
+BEARING, PIXEL, FAR, LOG_FAR, DIFFERENCE = range(5)
+"""Kinds of measurements; the last three are those of `occlog.core.sight.distances`."""
 
 
 @kernel
@@ -63,12 +69,28 @@ def measurements(scan: PackedScan, sensors: Sensors, noise: Noise, model: Detect
 
 
 @kernel
+def linearise_distance(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
+    """The same as `linearise` for a range, a logarithm of one, or a difference; the variance is never -1."""
+    dx, dy = x - z[X0], y - z[Y0]
+    d = math.sqrt(max(dx * dx + dy * dy + z[RISE2], CLOSEST))
+    if z[KIND] == LOG_FAR:
+        return z[VALUE] - math.log(d), dx / (d * d), dy / (d * d), z[READ]
+    if z[KIND] == FAR:
+        return z[VALUE] - d, dx / d, dy / d, z[READ]
+    ex, ey = x - z[X1], y - z[Y1]
+    e = math.sqrt(max(ex * ex + ey * ey + z[OTHER_RISE2], CLOSEST))
+    return z[VALUE] - (d - e), dx / d - ex / e, dy / d - ey / e, z[READ]
+
+
+@kernel
 def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float]:
     """Residual at (x, y) of a row z of `measurements`, its derivatives by x and y, and its variance.
 
     The variance is -1 where the place is behind the camera or at the sensor.
     """
     dx, dy = x - z[X0], y - z[Y0]
+    if z[KIND] >= FAR:
+        return linearise_distance(x, y, z)
     if z[KIND] > 0.0:  # [Ercan] Eqs. 1 and 2
         h, d = z[COS] * dy - z[SIN] * dx, z[COS] * dx + z[SIN] * dy
         if not d > max(NEAR * abs(h), NEAREST):
@@ -83,6 +105,24 @@ def linearise(x: float, y: float, z: Floats) -> tuple[float, float, float, float
     residual = z[VALUE] - math.atan2(dy, dx)
     residual -= 2.0 * math.pi * math.floor((residual + math.pi) / (2.0 * math.pi))
     return residual, -dy / square, dx / square, z[READ]
+
+
+def with_distances(first: Ints, rows: Floats, measured: Distances) -> tuple[Ints, Floats]:
+    """The looks and measurements with those of distances, each of which is a look of its own.
+
+    Args:
+        first: (K + 1,) as in `adapt`.
+        rows: (M, 12) from `measurements`.
+        measured: m more.
+    """
+    m = len(measured.kind)
+    out = np.zeros((m, rows.shape[1]))
+    out[:, KIND] = FAR + measured.kind
+    out[:, VALUE], out[:, READ], out[:, SCALE] = measured.value, measured.sigma**2, 1.0
+    out[:, [X0, Y0]], out[:, [X1, Y1]] = measured.place, measured.other
+    out[:, RISE2], out[:, OTHER_RISE2] = measured.rise2, measured.other_rise2
+    out[:, RIVAL] = np.maximum(math.exp(-0.5 * measured.bend**2) / (ROOT_2PI * measured.sigma), LEAST_RIVAL)
+    return np.concatenate([first, first[-1] + 1 + np.arange(m)]), np.concatenate([rows, out])
 
 
 class Laplace(NamedTuple):

@@ -1,0 +1,117 @@
+"""Measurements of distances: ranges, signal strengths, and differences of ranges; as arrays, with their likelihood.
+
+Each measurement has a mean m(x) at a place x on the ground and Gaussian noise of a standard deviation that does
+not depend on x:
+
+    range       z = |x - p|                              [length]
+    logarithm   z = log |x - p|                          a signal strength under the log-distance path loss
+    difference  z = |x - p| - |x - q|                    a time difference times the speed of propagation
+
+Distances are in space, |x - p|^2 = (x - p_x)^2 + (y - p_y)^2 + h^2, with h the height of the station over the target.
+A signal strength P - 10 n log10(d) [dBm] has the mean (ln 10 / 10 n) (P - rssi) of log d, and a standard deviation
+scaled alike (`occlog.core.sight.path_loss.log_distance`), so that its likelihood is exact.
+
+Some measurements are of no use (reflections, another's pulse).  As bearings of method `map` they are true or false:
+
+    f(z | x) = N(r; 0, 1) + N(k; 0, 1),   r = (z - m(x)) / sigma,
+
+next to a Gaussian below k standard deviations and flat beyond (`Distances.bend`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+
+RANGE, LOGARITHM, DIFFERENCE = 0, 1, 2
+"""Kinds of measurements."""
+NEAREST = 1e-9
+"""Squares of distances are not below this, so that a place at a station gives finite numbers."""
+LOG_ROOT_2PI = 0.5 * math.log(2.0 * math.pi)
+
+
+class Distances(NamedTuple):
+    """m measurements of one target at one time, or at several."""
+
+    kind: Ints  # (m,) RANGE, LOGARITHM or DIFFERENCE
+    value: Floats  # (m,) z
+    sigma: Floats  # (m,) > 0
+    place: Floats  # (m, 2) of the station, p
+    rise2: Floats  # (m,) square of its height over the target
+    other: Floats  # (m, 2) q of a difference; else that of the station
+    other_rise2: Floats  # (m,)
+    station: Ints  # (m,) number of the station
+    bend: float = 3.7  # standard deviations at which a measurement is as likely false as true
+
+    def take(self, rows: Bools | Ints | slice) -> Distances:
+        """Some of the measurements."""
+        return Distances._make((*(column[rows] for column in self[:-1]), self.bend))
+
+
+class Linear(NamedTuple):
+    """What m measurements leave at L places, in standard deviations."""
+
+    residual: Floats  # (L, m) r
+    gradient: Floats  # (L, m, 2) of m(x) / sigma
+
+
+def concat(parts: list[Distances]) -> Distances:
+    """All measurements of several sets, at least one; the bend is that of the last."""
+    columns = (np.concatenate(column) for column in zip(*(part[:-1] for part in parts), strict=True))
+    return Distances._make((*columns, parts[-1].bend))
+
+
+def nothing(bend: float) -> Distances:
+    """No measurements."""
+    none, no_place, whole = np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
+    return Distances(whole, none, none, no_place, none, no_place, none, whole, bend)
+
+
+def linearise(rows: Distances, xy: Floats) -> Linear:
+    """Residuals and gradients of measurements at (L, 2) places."""
+    mean, gradient = _mean(rows, xy[:, None, :])
+    return Linear((rows.value - mean) / rows.sigma, gradient / rows.sigma[:, None])
+
+
+def residuals(rows: Distances, xy: Floats) -> Floats:
+    """(L, m) residuals in standard deviations at (L, 2) places."""
+    return linearise(rows, xy).residual
+
+
+def log_likelihood(rows: Distances, xy: Floats) -> Floats:
+    """(L,) log of the product of f(z | x) / sigma at (L, 2) places: of Gaussian densities, but for false ones."""
+    r = residuals(rows, xy)
+    each = np.logaddexp(-0.5 * r**2, -0.5 * rows.bend**2) - LOG_ROOT_2PI - np.log(rows.sigma)
+    return np.asarray(each.sum(axis=1))
+
+
+def beliefs(residual: Floats, bend: float) -> Floats:
+    """Probability that measurements with such residuals are true; 1/2 at `bend`."""
+    return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - bend**2), 700.0))))
+
+
+def information(rows: Distances, xy: Floats) -> Floats:
+    """(m, 2, 2) Fisher information of each measurement about its own true place (m, 2), if it is true."""
+    gradient = _mean(rows, xy)[1] / rows.sigma[:, None]
+    return np.asarray(gradient[:, :, None] * gradient[:, None, :])
+
+
+def _mean(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
+    """Means (..., m) of the measurements at places (..., m or 1, 2), and their gradients (..., m, 2)."""
+    first, slope = _distance(xy, rows.place, rows.rise2)
+    second, other_slope = _distance(xy, rows.other, rows.other_rise2)
+    log, differs = rows.kind == LOGARITHM, rows.kind == DIFFERENCE
+    mean = np.where(log, np.log(first), np.where(differs, first - second, first))
+    gradient = np.where(differs[:, None], slope - other_slope, slope)
+    return mean, np.where(log[:, None], slope / first[..., None], gradient)
+
+
+def _distance(xy: Floats, place: Floats, rise2: Floats) -> tuple[Floats, Floats]:
+    """Distances (..., m) of places from m stations, and their gradients (..., m, 2)."""
+    away = xy - place
+    distance = np.sqrt(np.maximum(away[..., 0] ** 2 + away[..., 1] ** 2 + rise2, NEAREST))
+    return distance, away / distance[..., None]

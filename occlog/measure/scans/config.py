@@ -1,0 +1,87 @@
+"""Settings of measurements beside directions: ranges, signal strengths, time differences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from occlog.core.sight.usual_radio import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB
+from occlog.settings import Settings, setting
+
+SPEEDS = {"sound": 343.0, "light": 299_792_458.0}
+"""Speeds of propagation [m/s]; of sound in air of 20 degrees Celsius."""
+
+
+@dataclass(frozen=True)
+class MeasuredConfig(Settings):
+    """What must be known of ranges, signal strengths and time differences beside the table itself."""
+
+    OWNER: ClassVar[str] = "measurements"
+
+    propagation: str | None = setting(
+        None,
+        "Speed by which time differences are lengths: sound (343 m/s), light, or metres a second.",
+        option="--propagation",
+        metavar="sound|light|SPEED",
+        nothing="time differences are refused",
+    )
+    tag_height: float | None = setting(
+        None,
+        "Height of the targets that stations measure, above z = 0.",
+        unit="length",
+        option="--tag-height",
+        nothing="stations must all be in one plane, that of the targets",
+    )
+    sigma_range: float | None = setting(
+        None,
+        "Standard deviation of ranges that do not say their own.",
+        unit="length",
+        above=0,
+        option="--sigma-range",
+        nothing="each range must say its own",
+    )
+    sigma_difference: float | None = setting(
+        None,
+        "Standard deviation of time differences that do not say their own, as a length.",
+        unit="length",
+        above=0,
+        option="--sigma-difference",
+        nothing="each must say its own",
+    )
+    sigma_rssi: float | None = setting(
+        None,
+        "Standard deviation of signal strengths that do not say their own, shadowing included [dB].",
+        above=0,
+        option="--sigma-rssi",
+        nothing=f"that of --path-loss, or {(NOISE_DB**2 + SHADOW_DB**2) ** 0.5:.1f}",
+    )
+    rssi_power: float = setting(
+        POWER_DBM, "Strength at 1 m [dBm] of stations of which the scene does not say it.", option="--rssi-power"
+    )
+    rssi_exponent: float = setting(
+        EXPONENT, "Exponent of the path loss: 2 in free space.", above=0, option="--rssi-exponent"
+    )
+    measured_bend: float = setting(
+        3.7,
+        "Standard deviations at which a range, strength or difference is as likely false as true.",
+        above=0,
+        option="--measured-bend",
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """A speed is a number above 0, or has a name."""
+        yield "propagation", self.propagation is None or self.speed is not None, "sound, light, or a number above 0"
+
+    @property
+    def speed(self) -> float | None:
+        """Speed of propagation [m/s]; None: not stated."""
+        if self.propagation is None:
+            return None
+        if self.propagation in SPEEDS:
+            return SPEEDS[self.propagation]
+        try:
+            value = float(self.propagation)
+        except ValueError:
+            return None
+        return value if 0.0 < value < 1e9 else None

@@ -1,0 +1,101 @@
+"""A position from bearings, ranges, strengths and differences: worked geometry, ambiguity, false ones, statistics."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, nothing, residuals
+from occlog.track.fix.mixed import Lines, modes_of
+from occlog.track.fix.mixture import modes, spread_of
+
+BEND = 3.7
+PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0], [10.0, 8.0]])
+NO_LINES = Lines(np.empty((0, 2)), np.empty(0), np.empty(0), BEND)
+
+
+def measured(kind: int, xy: np.ndarray, sigma: float, places: np.ndarray = PLACES, rise2: float = 0.0) -> Distances:
+    """Without errors, of all stations; differences are to the first."""
+    own = places[1:] if kind == DIFFERENCE else places
+    n = len(own)
+    rows = Distances(
+        kind=np.full(n, kind),
+        value=np.zeros(n),
+        sigma=np.full(n, sigma),
+        place=own,
+        rise2=np.full(n, rise2),
+        other=np.tile(places[0], (n, 1)) if kind == DIFFERENCE else own,
+        other_rise2=np.full(n, rise2),
+        station=np.arange(n),
+        bend=BEND,
+    )
+    return rows._replace(value=-residuals(rows, xy[None])[0] * sigma)
+
+
+def test_two_ranges_say_two_places_and_the_covariance_holds_both() -> None:
+    found = modes_of(NO_LINES, measured(RANGE, np.array([3.0, 4.0]), 0.05, PLACES[:2]))
+    assert sorted(np.round(found.xy, 6).tolist()) == [[3.0, -4.0], [3.0, 4.0]]
+    np.testing.assert_allclose(found.probability, [0.5, 0.5], atol=1e-6)
+    away = found.xy[1] - found.xy[0]
+    assert away @ np.linalg.solve(spread_of(found, pooled=True), away) < 5.991
+
+
+def test_stations_on_a_line_do_not_tell_one_side_from_the_other() -> None:
+    places = np.array([[0.0, 0.0], [5.0, 0.0], [12.0, 0.0]])
+    for kind in (RANGE, DIFFERENCE):
+        found = modes_of(NO_LINES, measured(kind, np.array([4.0, 3.0]), 0.02, places))
+        assert sorted(np.round(found.xy, 4).tolist()) == [[4.0, -3.0], [4.0, 3.0]], kind
+
+
+@pytest.mark.parametrize("kind", [RANGE, LOGARITHM, DIFFERENCE])
+def test_without_errors_the_place_is_exact(kind: int) -> None:
+    rng = np.random.default_rng(kind)
+    for xy in rng.uniform([1, 1], [9, 7], (10, 2)):
+        found = modes_of(NO_LINES, measured(kind, xy, 0.05, rise2=1.5))
+        np.testing.assert_allclose(found.xy[0], xy, atol=1e-5)
+
+
+def test_a_range_and_a_bearing_of_one_station_are_a_place() -> None:
+    line = Lines(PLACES[:1], np.array([np.pi / 6]), np.array([0.01]), BEND)
+    found = modes_of(line, measured(RANGE, np.array([4.0 * np.cos(np.pi / 6), 2.0]), 0.05, PLACES[:1]))
+    np.testing.assert_allclose(found.xy, [[4.0 * np.cos(np.pi / 6), 2.0]], atol=1e-6)
+    np.testing.assert_allclose(np.trace(found.covariance[0]), 0.05**2 + 0.04**2, rtol=0.01)
+
+
+def test_one_false_range_of_five_is_found() -> None:
+    places = np.vstack([PLACES, [[5.0, 9.0]]])
+    rows = measured(RANGE, np.array([3.0, 4.0]), 0.05, places)
+    rows.value[1] += 2.0  # a reflection
+    found = modes_of(NO_LINES, rows)
+    np.testing.assert_allclose(found.xy[0], [3.0, 4.0], atol=1e-6)
+    assert (found.believed[0] > 0.5).tolist() == [True, False, True, True, True]
+
+
+def test_one_range_tells_no_place_and_neither_does_nothing() -> None:
+    assert modes_of(NO_LINES, measured(RANGE, np.array([3.0, 4.0]), 0.05, PLACES[:1])) is None
+    two = measured(RANGE, np.array([3.0, 4.0]), 0.05, PLACES[[0, 0]])
+    assert modes_of(NO_LINES, two) is None
+
+
+def test_bearings_alone_give_what_they_give_without_distances() -> None:
+    xy = np.array([4.0, 3.0])
+    away = xy - PLACES
+    bearings, sigma = np.arctan2(away[:, 1], away[:, 0]) + 1e-3, np.full(4, 0.01)
+    one, other = modes(PLACES, bearings, sigma, BEND), modes_of(Lines(PLACES, bearings, sigma, BEND), nothing(BEND))
+    np.testing.assert_allclose(one.xy[0], other.xy[0], atol=1e-7)
+    np.testing.assert_allclose(one.covariance[0], other.covariance[0], rtol=0.02)
+
+
+@pytest.mark.parametrize(("kind", "sigma"), [(RANGE, 0.05), (RANGE, 1.5), (LOGARITHM, 0.3), (DIFFERENCE, 0.05)])
+def test_normalised_squared_errors_are_those_of_two_degrees_of_freedom(kind: int, sigma: float) -> None:
+    rng = np.random.default_rng(7)
+    nees = []
+    for _ in range(80):
+        xy = rng.uniform([2, 2], [8, 6])
+        exact = measured(kind, xy, sigma)
+        found = modes_of(NO_LINES, exact._replace(value=exact.value + sigma * rng.standard_normal(len(exact.value))))
+        away = found.xy[0] - xy
+        nees.append(away @ np.linalg.solve(spread_of(found, pooled=False), away))
+    error = np.std(nees) / np.sqrt(len(nees))
+    assert abs(np.mean(nees) - 2.0) < 4.0 * error
+    assert np.mean(np.array(nees) > 5.991) < 0.15

@@ -1,0 +1,161 @@
+"""`occlog track` with ranges, signal strengths and time differences, as a user gives them: text tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.parquet import read_provenance, read_table
+from occlog.io.open import open_input
+from occlog.records.measurements import Measurements
+from occlog.records.tables import Diagnostics, Residuals, Tracks
+
+PLACES = {"a": (0.0, 0.0), "b": (10.0, 0.0), "c": (0.0, 8.0), "d": (10.0, 8.0)}
+TIMES = np.arange(0, 6, 0.2)
+
+
+def walked() -> np.ndarray:
+    return np.column_stack([5 + 3 * np.cos(0.2 * TIMES), 4 + 2 * np.sin(0.2 * TIMES)])
+
+
+def files(folder: Path) -> None:
+    """Stations, and a log of each kind with noise of 0.1 m, or of 3 dB."""
+    rng, paths = np.random.default_rng(0), {name: [] for name in ("ranges", "rssi", "tdoa", "bearings")}
+    for t, xy in zip(TIMES.tolist(), walked(), strict=True):
+        far = {name: float(np.hypot(*(xy - place))) for name, place in PLACES.items()}
+        for name, d in far.items():
+            paths["ranges"].append(f"{t},{name},{d + 0.1 * rng.standard_normal():.6f},0.1")
+            paths["rssi"].append(f"{t},{name},{-60 - 20 * np.log10(d) + 3 * rng.standard_normal():.3f}")
+            if name != "a":
+                late = (d - far["a"] + 0.1 * rng.standard_normal()) / 343.0
+                paths["tdoa"].append(f"{t},{name},a,{late * 1e6:.3f},{0.1 / 343.0 * 1e6:.3f}")
+        turn = np.degrees(np.arctan2(xy[1], xy[0])) + 0.5 * rng.standard_normal()
+        paths["bearings"].append(f"{t},a,{turn:.4f},0.5,0")
+    heads = {
+        "ranges": "time,anchor,range_m,sigma_range_m",
+        "rssi": "time,anchor,rssi_dbm",
+        "tdoa": "time,anchor,reference,tdoa_us,sigma_tdoa_us",
+        "bearings": "time,station,bearing_deg,sigma_deg,id",
+    }
+    for name, lines in paths.items():
+        (folder / f"{name}.csv").write_text("\n".join([heads[name], *lines]) + "\n")
+    places = [f"{name},{x},{y}" for name, (x, y) in PLACES.items()]
+    (folder / "stations.csv").write_text("\n".join(["name,x,y", *places]) + "\n")
+
+
+def track(folder: Path, log: str, method: str, *more: str) -> ExitCode:
+    scene = ["--scene", str(folder / "stations.csv")] if "--scene" not in more else []
+    out = ["-o", str(folder / "t.parquet"), "--overwrite", "-q"]
+    return run(["track", str(folder / f"{log}.csv"), *scene, "--method", method, *out, *more])
+
+
+def off(folder: Path) -> np.ndarray:
+    """Distances of the track from the truth at its times."""
+    found = read_table(folder / "t.parquet", Tracks)
+    row = np.searchsorted(np.round(TIMES * 1e9).astype(np.int64), found.t_ns)
+    return np.hypot(*(np.column_stack([found.x, found.y]) - walked()[row]).T)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("method", ["fix", "apf"])
+@pytest.mark.parametrize(
+    ("log", "more", "most"),
+    [
+        ("ranges", [], 0.15),
+        ("tdoa", ["--propagation", "sound"], 0.15),
+        ("rssi", ["--sigma-rssi", "3"], 4.0),
+    ],
+)
+def test_a_log_of_five_columns_becomes_a_track(
+    tmp_path: Path, method: str, log: str, more: list[str], most: float
+) -> None:
+    files(tmp_path)
+    assert track(tmp_path, log, method, *more, "--residuals", str(tmp_path / "r.parquet")) == ExitCode.DONE
+    assert len(off(tmp_path)) == len(TIMES)
+    assert np.sqrt(np.mean(off(tmp_path)[5:] ** 2)) < most
+    residuals = read_table(tmp_path / "r.parquet", Residuals)
+    assert len(residuals) == len(TIMES) * (3 if log == "tdoa" else 4)
+    assert np.mean(residuals.believed > 0.5) > 0.95
+    assert read_provenance(tmp_path / "t.parquet").parameters["measurements"]["propagation"] == (
+        "sound" if log == "tdoa" else None
+    )
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("method", ["fix", "apf"])
+def test_bearings_and_ranges_of_one_station_are_a_place(tmp_path: Path, method: str) -> None:
+    files(tmp_path)
+    more = ["--measurements", str(tmp_path / "ranges.csv"), "--cameras", "a"]
+    assert track(tmp_path, "bearings", method, *more) == ExitCode.DONE
+    assert np.sqrt(np.mean(off(tmp_path)[5:] ** 2)) < 0.2
+
+
+def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
+    files(tmp_path)
+    said = ["--without", "a,b", "--diagnostics", str(tmp_path / "d.parquet"), "--overwrite"]
+    assert track(tmp_path, "ranges", "fix", *said) == ExitCode.DONE
+    assert set(read_table(tmp_path / "d.parquet", Diagnostics).fallback.tolist()) == {"ambiguous"}
+
+
+@pytest.mark.parametrize(
+    ("log", "method", "more", "message"),
+    [
+        ("tdoa", "fix", [], "want the speed of propagation"),
+        ("tdoa", "fix", ["--propagation", "warp"], "--propagation warp: must be sound, light, or a number above 0"),
+        ("ranges", "ekf", [], "which methods fix and apf take"),
+        ("ranges", "fix", ["--set", "estimator=huber"], "huber takes bearings alone"),
+        ("ranges", "apf", ["--select", "greedy"], "leave select or the measurements out"),
+        ("bearings", "fix", ["--tag-height", "1"], "--tag-height goes with ranges"),
+        ("ranges", "fix", ["--without", "e"], "no sensor 'e'"),
+    ],
+)
+def test_what_cannot_be_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], log: str, method: str, more: list[str], message: str
+) -> None:
+    files(tmp_path)
+    assert track(tmp_path, log, method, *more) in (ExitCode.USAGE, ExitCode.BAD_INPUT)
+    said = capsys.readouterr().err
+    assert message in said
+    assert "Traceback" not in said
+
+
+def test_a_range_log_with_heights_wants_that_of_the_tag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files(tmp_path)
+    (tmp_path / "high.csv").write_text("name,x,y,z\na,0,0,2\nb,10,0,2\nc,0,8,2\nd,10,8,2\n")
+    high = ["--scene", str(tmp_path / "high.csv")]
+    assert track(tmp_path, "ranges", "fix", *high) == ExitCode.BAD_INPUT
+    assert "say how high the targets are" in capsys.readouterr().err
+    assert track(tmp_path, "ranges", "fix", *high, "--tag-height", "2") == ExitCode.DONE
+
+
+def test_columns_of_a_range_log_in_several_units(tmp_path: Path) -> None:
+    path = tmp_path / "plaza.csv"
+    path.write_text("time,tag,node,range_cm\n10.5,3,a,250\n10.0,3,b,125.5\n")
+    found = open_input(path)
+    assert found.table == "measurements"
+    assert found.length_unit == "cm"
+    rows = found.read(Measurements)
+    assert rows.range.tolist() == [125.5, 250.0]
+    assert rows.target_id.tolist() == [3, 3]
+    path.write_text("t_ns,sensor,ref,tdoa_ns,tdoa_std_ns\n0,a,b,20,5\n")
+    rows = open_input(path).read(Measurements)
+    np.testing.assert_allclose([rows.tdoa[0], rows.sigma_tdoa[0]], [20e-9, 5e-9])
+    path.write_text("t,sensor,ref,tdoa_m\n0,a,b,-1.5\n")
+    assert open_input(path).read(Measurements).range_difference.tolist() == [-1.5]
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [("time,sensor,ref,tdoa", "does not state its unit"), ("time,sensor,x", "wants")],
+)
+def test_columns_that_say_too_little_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], head: str, message: str
+) -> None:
+    (tmp_path / "m.csv").write_text(f"{head}\n0,a,1{',1' if 'ref' in head else ''}\n")
+    (tmp_path / "stations.csv").write_text("name,x,y\na,0,0\nb,1,0\n")
+    assert track(tmp_path, "m", "fix") == ExitCode.BAD_INPUT
+    assert message in capsys.readouterr().err
