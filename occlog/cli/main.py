@@ -16,6 +16,7 @@ from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
 from . import streams
 from .interrupts import INTERRUPTS
+from .standard_input import NAME, named
 
 
 class Command(NamedTuple):
@@ -172,7 +173,7 @@ def run(args: list[str] | None = None) -> int:
 
 def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
     """Say on standard error what went wrong: in a line, or where `--json` was given as one JSON object."""
-    one_line = " ".join(message.split())
+    one_line = named(" ".join(message.split()))
     if "--json" in words:
         click.echo(json.dumps(_as_object(one_line, code, words)), err=True)
     else:
@@ -184,7 +185,7 @@ def _as_object(message: str, code: ExitCode, words: Sequence[str]) -> dict[str, 
     """Cut an error into its parts: messages begin with the file and end with a hint after a semicolon."""
     before = [message[:n] for n in range(len(message)) if message.startswith(": ", n)]
     typed = {part for word in words for part in (word, word.partition("=")[2])}
-    file = next((part for part in reversed(before) if part in typed or Path(part).exists()), None)
+    file = next((part for part in reversed(before) if part in typed or part == NAME or Path(part).exists()), None)
     rest, semicolon, hint = message.rpartition("; ")
     return {
         "error": (rest if semicolon else message).removeprefix(f"{file}: "),

@@ -24,6 +24,7 @@ import click
 from occlog.errors import ExitCode, UsageError
 
 from .interrupts import INTERRUPTS
+from .standard_input import Input, named
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., object])
 T = TypeVar("T")
 PATH = click.Path(path_type=Path)
+"""Of an output, a folder or a configuration."""
+INPUT = Input()
+"""Of an input; `-` is standard input."""
 
 overwrite_opt = click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 json_opt = click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object.")
@@ -39,7 +43,7 @@ seed_opt = click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random numbers."
 )
 SCENE_HELP = "Scene file (YAML), a recording that holds one, or a text table of stations."
-scene_opt = click.option("--scene", type=PATH, default=None, help=SCENE_HELP)
+scene_opt = click.option("--scene", type=INPUT, default=None, help=SCENE_HELP)
 STRICT_HELP = "Exit code 6 if warnings say that the estimates are not plausible. Outputs are written all the same."
 strict_opt = click.option("--strict", is_flag=True, help=STRICT_HELP)
 quiet_opt = click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on standard error.")
@@ -83,7 +87,7 @@ def note(message: str, quiet: bool = False) -> None:
     if kept is not None:
         kept.append(message)
     elif not quiet:
-        click.echo(f"occlog: {message}", err=True)
+        click.echo(f"occlog: {named(message)}", err=True)
 
 
 def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet: bool = False) -> Iterator[T]:
@@ -162,7 +166,7 @@ def finish(summary: Mapping[str, object], losses: Iterable[Loss], as_json: bool)
     lost = list(losses)
     echo_summary({**summary, "losses": [loss.as_dict() for loss in lost]} if as_json else summary, as_json)
     for loss in lost:
-        click.echo(f"occlog: lost: {loss}", err=True)
+        click.echo(named(f"occlog: lost: {loss}"), err=True)
     return ExitCode.LOSSY if lost else ExitCode.DONE
 
 

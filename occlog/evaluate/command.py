@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     name="evaluate",
     short_help="Compare tracks with the truth and with the Cramer-Rao bound.",
 )
-@click.argument("tracks", type=options.PATH, required=False)
+@click.argument("tracks", type=options.INPUT, required=False)
 @with_all(COMPARED)
 @options.output_opt("All figures as one JSON object.", required=False)
 @with_all(WRITTEN)

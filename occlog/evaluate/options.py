@@ -27,21 +27,24 @@ class KindOption(click.Option):
         self.kinds = tuple(kinds)
 
 
-def file_option(*names: str, kinds: Sequence[str], help: str, metavar: str | None = None) -> Callable[[F], F]:
-    """An option that names a file."""
-    return click.option(
-        *names, cls=KindOption, kinds=kinds, type=options.PATH, default=None, help=help, metavar=metavar
-    )
+def input_option(name: str, *, kinds: Sequence[str], help: str) -> Callable[[F], F]:
+    """An option that names an input."""
+    return click.option(name, cls=KindOption, kinds=kinds, type=options.INPUT, default=None, help=help)
+
+
+def output_option(name: str, *, kinds: Sequence[str], help: str, metavar: str | None = None) -> Callable[[F], F]:
+    """An option that names a file or folder to write."""
+    return click.option(name, cls=KindOption, kinds=kinds, type=options.PATH, default=None, help=help, metavar=metavar)
 
 
 COMPARED = (
-    file_option(
+    input_option(
         "--truth",
         kinds=(IMAGES, GROUND, OTHERS),
         help="True positions or boxes: a recording or a table, or MOTChallenge text.",
     ),
-    file_option("--bearings", kinds=WORLD, help="Bearings: for detections, bound, sight lines."),
-    file_option(
+    input_option("--bearings", kinds=WORLD, help="Bearings: for detections, bound, sight lines."),
+    input_option(
         "--doa",
         kinds=(AZIMUTHS, *WORLD),
         help="Directions of arrival to use along with the bearings. [default: those of the same recording]",
@@ -53,7 +56,7 @@ COMPARED = (
         is_flag=True,
         help="Identities in the log of directions are those of targets.",
     ),
-    file_option(
+    input_option(
         "--truth-azimuths",
         kinds=(AZIMUTHS,),
         help="True directions to compare those of --doa with: a log (time, azimuth_deg) or a table.",
@@ -69,23 +72,23 @@ COMPARED = (
         metavar="DEGREES",
         help="A direction further from the truth is a false one, and the true one missed.",
     ),
-    file_option(
+    input_option(
         "--views",
         kinds=WORLD,
         help="Views to compare with the true boxes of --truth; or, with --held-out, views or boxes of all people.",
     ),
-    file_option("--cooperation", kinds=WORLD, help="What cameras were asked; gives its cost too."),
-    file_option(
+    input_option("--cooperation", kinds=WORLD, help="What cameras were asked; gives its cost too."),
+    input_option(
         "--diagnostics", kinds=WORLD, help="How the filter fared at each time, to judge whether TRACKS are plausible."
     ),
-    file_option("--scene", kinds=(AZIMUTHS, *WORLD), help=options.SCENE_HELP),
+    input_option("--scene", kinds=(AZIMUTHS, *WORLD), help=options.SCENE_HELP),
 )
 """Options that name what is compared."""
 
 WRITTEN = (
-    file_option("--errors", kinds=WORLD, help="Write the error of every estimate (Parquet)."),
-    file_option("--bound", kinds=WORLD, help="Write the posterior Cramer-Rao bound (Parquet)."),
-    file_option(
+    output_option("--errors", kinds=WORLD, help="Write the error of every estimate (Parquet)."),
+    output_option("--bound", kinds=WORLD, help="Write the posterior Cramer-Rao bound (Parquet)."),
+    output_option(
         "--write-scene",
         kinds=WORLD,
         help="Write the scene with each camera's noise as measured where the target's place is known; wants --bearings "
@@ -111,22 +114,22 @@ OF_MANY = (
         "--also",
         cls=KindOption,
         kinds=MANY,
-        type=options.PATH,
+        type=options.INPUT,
         nargs=2,
         multiple=True,
         metavar="TRACKS TRUTH",
         help="Tracks and truth of one more recording: a row for each in one table, and one of all together; may be "
         "repeated.",
     ),
-    file_option(
+    output_option(
         "--failures", kinds=MANY, help="Write each failure of a tracker: frame, camera, target, cause (Parquet)."
     ),
-    file_option(
+    output_option(
         "--counts",
         kinds=(GROUND,),
         help="Write how many targets and tracks there are at each time of the truth (Parquet).",
     ),
-    file_option(
+    output_option(
         "--mot",
         kinds=(IMAGES,),
         metavar="DIR",

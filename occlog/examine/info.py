@@ -22,7 +22,7 @@ TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".
 
 
 @click.command(name="info", short_help="Print what a scene, a recording or a table holds.")
-@click.argument("path", type=options.PATH)
+@click.argument("path", type=options.INPUT)
 @click.option("--rows", type=click.IntRange(min=0), default=5, show_default=True, help="Rows of a table to print.")
 @options.json_opt
 def command(path: Path, rows: int, as_json: bool) -> None:

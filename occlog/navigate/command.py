@@ -45,14 +45,14 @@ PLACE, DISC = Numbers("X,Y", 2, 2), Numbers("X,Y or X,Y,RADIUS", 2, 3)
     settings=lambda: NavigateConfig,
     short_help="Drive a robot through a scene, around obstacles and tracked people.",
 )
-@click.argument("scene", type=options.PATH)
+@click.argument("scene", type=options.INPUT)
 @click.option("--from", "start", type=PLACE, required=True, metavar="X,Y", help="Where the robot starts.")
 @click.option("--to", "goal", type=PLACE, required=True, metavar="X,Y", help="Where it is to go.")
 @options.output_opt("The path (Parquet).")
 @click.option("--picture", type=options.PATH, default=None, help="Also draw the path in the scene (PNG).")
 @click.option(
     "--obstacles",
-    type=options.PATH,
+    type=options.INPUT,
     default=None,
     help="People to avoid, who move: tracks, or a recording with the truth.",
 )

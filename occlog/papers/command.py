@@ -34,7 +34,7 @@ from occlog.errors import ExitCode
     help="Folder of cmc_detections as shipped, for the experiments on recorded detections.",
 )
 @click.option(
-    "--bearings", type=options.PATH, default=None, help="Bearings of another recording for them, with --scene."
+    "--bearings", type=options.INPUT, default=None, help="Bearings of another recording for them, with --scene."
 )
 @options.scene_opt
 @click.option(

@@ -36,9 +36,9 @@ T = TypeVar("T", bound="Table")
     what="kind",
     chosen_by="report [--recording PATH]",
 )
-@click.argument("tracks", type=options.PATH, required=False)
+@click.argument("tracks", type=options.INPUT, required=False)
 @options.scene_opt
-@click.option("--truth", type=options.PATH, default=None, help="True positions: a recording or a table.")
+@click.option("--truth", type=options.INPUT, default=None, help="True positions: a recording or a table.")
 @click.option(
     "--png",
     type=options.PATH,

@@ -18,7 +18,7 @@ def page_options() -> list[click.Option]:
     """Options of a page."""
 
     def table(name: str, help: str) -> click.Option:
-        return click.Option([name], type=options.PATH, default=None, help=help)
+        return click.Option([name], type=options.INPUT, default=None, help=help)
 
     return [
         click.Option(
@@ -44,7 +44,7 @@ def overlay_options() -> list[click.Option]:
     return [
         click.Option(
             ["--recording"],
-            type=options.PATH,
+            type=options.INPUT,
             default=None,
             help="Draw over the video of this recording, instead of making a page.",
         ),
@@ -74,11 +74,11 @@ def overlay_options() -> list[click.Option]:
             help="Only this camera; repeatable. The first one counts the frames. [default: all]",
         ),
         click.Option(
-            ["--failures"], type=options.PATH, default=None, help="Failures written by evaluate, drawn in red."
+            ["--failures"], type=options.INPUT, default=None, help="Failures written by evaluate, drawn in red."
         ),
         click.Option(
             ["--fundamental"],
-            type=options.PATH,
+            type=options.INPUT,
             default=None,
             help="Geometry of the views as the tracker had it, if not that of the recording.",
         ),

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from occlog.cli import options
-from occlog.cli.options import PATH
+from occlog.cli.options import INPUT
 from occlog.cli.setting_options import Variant, VariantCommand, given, options_of, value_after
 from occlog.cli.values import AT_LEAST_0, RATE
 from occlog.errors import UsageError
@@ -86,7 +86,7 @@ def walkers_params() -> list[click.Parameter]:
     """Options of a scene from a file in which objects walk at random."""
     avoid = click.Option(
         ["--avoid"],
-        type=PATH,
+        type=INPUT,
         default=None,
         metavar="FILE",
         help="People whom the objects avoid, with --motion field: tracks, or a recording with the truth. They walk as "
@@ -99,7 +99,7 @@ def paths_params() -> list[click.Parameter]:
     """Options of a scene from a file in which targets follow a script."""
     paths = click.Option(
         ["--paths"],
-        type=PATH,
+        type=INPUT,
         default=None,
         metavar="FILE",
         help="Scripted targets (YAML) instead of random walkers; it may say how long and how often too.",
@@ -152,7 +152,7 @@ def chosen_scene(args: Sequence[str]) -> str | None:
     chosen_by="--scene {}",
     short_help="Make a recording with ground truth from a scene.",
 )
-@click.argument("scene", type=options.PATH, required=False)
+@click.argument("scene", type=options.INPUT, required=False)
 @click.option(
     "--scene",
     "kind",

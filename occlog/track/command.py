@@ -44,7 +44,7 @@ def chosen_method(args: Sequence[str]) -> str | None:
     chosen_by="--method {}",
     short_help="Estimate target tracks from bearings or video.",
 )
-@click.argument("bearings", type=options.PATH)
+@click.argument("bearings", type=options.INPUT)
 @options.output_opt("Tracks (Parquet).")
 @options.scene_opt
 @click.option("--method", default="apf", show_default=True, metavar="NAME", help="Tracking method.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from occlog.cli.options import PATH, STRICT_HELP
+from occlog.cli.options import INPUT, PATH, STRICT_HELP
 from occlog.cli.setting_options import options_of
 from occlog.cli.values import LONGEST_WINDOW_S, Finite, NumberOrFile
 from occlog.measure.scans.config import MeasuredConfig
@@ -27,7 +27,7 @@ LISTED: tuple[click.Option, ...] = (
     ),
     click.Option(
         ["--doa"],
-        type=PATH,
+        type=INPUT,
         default=None,
         help="Directions of arrival to use too: a table, or a recording that holds them.",
     ),
@@ -45,7 +45,7 @@ LISTED: tuple[click.Option, ...] = (
     *options_of(MeasuredConfig),
     click.Option(
         ["--occluders"],
-        type=PATH,
+        type=INPUT,
         default=None,
         help="Where moving occluders may be: `occluders` or `hulls` (Parquet, see `occlog priors`), "
         "or truth (known exactly).",
@@ -93,13 +93,13 @@ LISTED: tuple[click.Option, ...] = (
     click.Option(["--strict"], is_flag=True, help=STRICT_HELP),
     click.Option(
         ["--sights"],
-        type=PATH,
+        type=INPUT,
         default=None,
         help="Bearings of the cameras of --refine: a table, or a recording. [default: those of the recording]",
     ),
     click.Option(
         ["--path-loss"],
-        type=PATH,
+        type=INPUT,
         default=None,
         help="How strongly readers read tags (JSON, see `occlog fit-readers`). [default: settings]",
     ),
@@ -109,24 +109,24 @@ LISTED: tuple[click.Option, ...] = (
         default=None,
         help="The regions that sets of readers cover, with area, centroid and covariance (Parquet).",
     ),
-    click.Option(["--motion"], type=PATH, default=None, help="How targets move, from `occlog fit-motion`."),
+    click.Option(["--motion"], type=INPUT, default=None, help="How targets move, from `occlog fit-motion`."),
     click.Option(
         ["--initial"],
-        type=PATH,
+        type=INPUT,
         default=None,
         help="Where targets are in each view at first: CSV of ellipses, or boxes with identities (Parquet, or "
         "a recording that holds true boxes). [default: from detections]",
     ),
     click.Option(
         ["--detections"],
-        type=PATH,
+        type=INPUT,
         default=None,
         help="Boxes of a detector, or views of `occlog detect`, that trackers begin from. [default without "
         "--initial: boxes in the recording, or else what moves in it]",
     ),
     click.Option(
         ["--fundamental"],
-        type=PATH,
+        type=INPUT,
         default=None,
         help="Fundamental matrices (JSON, see `occlog epipolar`). [default: poses of --scene, "
         "those in the recording, poses of its scene]",

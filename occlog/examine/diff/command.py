@@ -17,8 +17,8 @@ DURATIONS = {"ns": 1, "us": 1_000, "ms": 1_000_000, "s": 1_000_000_000}
 
 
 @click.command(name="diff", short_help="Say whether two outputs are the same, and where they first differ.")
-@click.argument("a", type=options.PATH)
-@click.argument("b", type=options.PATH)
+@click.argument("a", type=options.INPUT)
+@click.argument("b", type=options.INPUT)
 @click.option(
     "--rtol",
     type=click.FloatRange(min=0),

@@ -30,7 +30,7 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
       occlog export tracks.parquet --origin 52.5163,13.3777 -o tracks.geojson
     """,
 )
-@click.argument("file", type=options.PATH)
+@click.argument("file", type=options.INPUT)
 @click.option("-o", "--output", type=options.PATH, required=True, help="The file to write; - is standard output.")
 @click.option(
     "--to", type=click.Choice(list(FORMATS)), default=None, help="Format; default: as the output's name says."
@@ -44,7 +44,7 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
     metavar="LAT,LON[,DEG]",
     help="Where on earth the scene's origin is (WGS 84), and the angle of +x from the east towards the north.",
 )
-@click.option("--scene", type=options.PATH, default=None, help="Scene file, for the sizes of images (coco).")
+@click.option("--scene", type=options.INPUT, default=None, help="Scene file, for the sizes of images (coco).")
 @options.overwrite_opt
 @options.json_opt
 def command(

@@ -6,6 +6,9 @@ from pathlib import Path
 
 from occlog.errors import InputError
 
+STANDARD_INPUT = "-"
+"""Name of the file that holds what came from standard input."""
+
 
 def check_input(path: Path, what: str) -> Path:
     """The path, if a non-empty readable file is there; else InputError that says what was expected."""

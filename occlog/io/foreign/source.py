@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from occlog.errors import InputError
 from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
-from occlog.io.files.inputs import check_input
+from occlog.io.files.inputs import STANDARD_INPUT, check_input
 from occlog.io.files.parquet import SCHEMA_KEY
 from occlog.io.files.timestamps import TIME_COLUMNS
 
@@ -66,7 +66,7 @@ def find_source(path: Path) -> Source | None:
     if head.startswith(ARROW_MAGIC) or head.startswith(STREAM_MAGIC):
         with _translated(path, "Arrow"):
             return Source(path, "Arrow", tuple(_open_arrow(path).schema.names))
-    named = path.name.lower().endswith(TABULAR)
+    named = path.name.lower().endswith(TABULAR) or path.name == STANDARD_INPUT
     if not named and not head.startswith(GZIP_MAGIC) and not _may_be_text(head):
         return None
     try:

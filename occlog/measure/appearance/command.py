@@ -23,15 +23,15 @@ def command() -> None:
 
 
 @command.command(name="learn", cls=SettingsCommand, short_help="Learn a gallery from boxes and their images.")
-@click.argument("recording", type=options.PATH)
+@click.argument("recording", type=options.INPUT)
 @options.output_opt("The gallery (Parquet).")
-@click.option("--boxes", type=options.PATH, default=None, help="Boxes (Parquet). [default: those of RECORDING]")
+@click.option("--boxes", type=options.INPUT, default=None, help="Boxes (Parquet). [default: those of RECORDING]")
 @click.option(
-    "--views", type=options.PATH, default=None, help="Views of `occlog detect` (Parquet), whose colours count."
+    "--views", type=options.INPUT, default=None, help="Views of `occlog detect` (Parquet), whose colours count."
 )
 @click.option(
     "--tracks",
-    type=options.PATH,
+    type=options.INPUT,
     default=None,
     help="Tracks or truth: who is where. [default: the truth of RECORDING, or the floor below boxes that have an "
     "identity]",

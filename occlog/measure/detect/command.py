@@ -25,7 +25,7 @@ OF_FUSION = [
     cls=SettingsCommand,
     short_help="Reduce the frames of a recording to bearings.",
 )
-@click.argument("recording", type=options.PATH)
+@click.argument("recording", type=options.INPUT)
 @options.output_opt("Bearings of the targets (Parquet).")
 @click.option("--views", type=options.PATH, default=None, help="Every people-sized region of every frame (Parquet).")
 @options.scene_opt
@@ -33,7 +33,7 @@ OF_FUSION = [
 @click.option(
     "--target",
     "references",
-    type=options.PATH,
+    type=options.INPUT,
     default=None,
     metavar="JSON",
     help="Appearances of the targets, as `occlog simulate --render` attaches them. [default: the attached]",
@@ -47,7 +47,7 @@ OF_FUSION = [
 )
 @click.option(
     "--near",
-    type=options.PATH,
+    type=options.INPUT,
     default=None,
     metavar="TRACKS",
     help="Look for each target only around where its track says that it is, by the time before the frame.",

@@ -17,12 +17,12 @@ from .config import EpipolarConfig
     cls=SettingsCommand,
     short_help="Find how pairs of views see the same point, or check it.",
 )
-@click.argument("recording", type=options.PATH, required=False)
+@click.argument("recording", type=options.INPUT, required=False)
 @options.output_opt("Fundamental matrices (JSON), or a copy of the recording that holds them (MCAP).", required=False)
 @options.scene_opt
 @click.option(
     "--matches",
-    type=options.PATH,
+    type=options.INPUT,
     default=None,
     metavar="FILE",
     help="Points that two views both show: CSV, sensor_a,sensor_b,xa_px,ya_px,xb_px,yb_px.",
@@ -30,7 +30,7 @@ from .config import EpipolarConfig
 @click.option(
     "--from-tracks",
     "tracks",
-    type=options.PATH,
+    type=options.INPUT,
     default=None,
     metavar="FILE",
     help="Take the centres of targets in two views for matches: view tracks (Parquet), or a recording or "
@@ -38,7 +38,7 @@ from .config import EpipolarConfig
 )
 @click.option(
     "--fundamental",
-    type=options.PATH,
+    type=options.INPUT,
     default=None,
     metavar="FILE",
     help="Use these matrices (JSON, or a recording that holds some).",

@@ -23,7 +23,7 @@ def _detection_options() -> list[click.Option]:
     """Options of the fusion of detections."""
 
     def path(name: str, help: str) -> click.Option:
-        return click.Option([name], type=options.PATH, default=None, help=help)
+        return click.Option([name], type=options.INPUT, default=None, help=help)
 
     return [
         path("--views", "The views that the bearings are of (Parquet)."),
@@ -38,7 +38,7 @@ def _track_options() -> list[click.Option]:
     return [
         click.Option(
             [JOINING, "others"],
-            type=options.PATH,
+            type=options.INPUT,
             multiple=True,
             required=True,
             metavar="TRACKS",
@@ -80,7 +80,7 @@ def _chosen(args: Sequence[str]) -> str | None:
     chosen_by=f"fuse [{JOINING} TRACKS]",
     short_help="Fuse detections of several cameras, or tracks of several groups of cameras.",
 )
-@click.argument("bearings", type=options.PATH)
+@click.argument("bearings", type=options.INPUT)
 @options.output_opt("Fused bearings, or tracks (Parquet).")
 @options.set_opt("reach=3")
 @options.overwrite_opt

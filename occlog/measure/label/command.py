@@ -18,10 +18,10 @@ from .config import LabelConfig, NamingConfig
 def _place_params() -> list[click.Parameter]:
     """Options of labels by the places of tracks."""
     return [
-        click.Option(["--tracks"], type=options.PATH, required=True, help="Tracks that say who is where (Parquet)."),
+        click.Option(["--tracks"], type=options.INPUT, required=True, help="Tracks that say who is where (Parquet)."),
         click.Option(
             ["--doa"],
-            type=options.PATH,
+            type=options.INPUT,
             default=None,
             help="Directions of arrival to label too: a table, or a recording that holds them.",
         ),
@@ -37,13 +37,13 @@ def _gallery_params() -> list[click.Parameter]:
     return [
         click.Option(
             ["--images"],
-            type=options.PATH,
+            type=options.INPUT,
             default=None,
             help="The recording with the images. [default: BEARINGS; views need none]",
         ),
         click.Option(
             ["--tracks"],
-            type=options.PATH,
+            type=options.INPUT,
             default=None,
             help="Tracks or truth: where people are and head. [default: the truth of the recording, or the floor below "
             "boxes that have an identity]",
@@ -87,11 +87,11 @@ def chosen_kind(args: Sequence[str]) -> str | None:
     chosen_by="{}",
     short_help="Give candidates the identity of the track they agree with.",
 )
-@click.argument("bearings", type=options.PATH)
+@click.argument("bearings", type=options.INPUT)
 @options.output_opt("Labelled bearings; with --gallery a table of matches (Parquet).")
 @click.option(
     "--gallery",
-    type=options.PATH,
+    type=options.INPUT,
     default=None,
     help="Match boxes with how people look (Parquet, of `occlog appearance learn`), instead of bearings with tracks.",
 )

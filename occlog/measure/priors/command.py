@@ -23,7 +23,7 @@ def command() -> None:
 
 
 @command.command(name="kalman", cls=SettingsCommand, short_help="From positions, true or measured.")
-@click.argument("positions", type=options.PATH)
+@click.argument("positions", type=options.INPUT)
 @options.output_opt("Occluders (Parquet).")
 @options.scene_opt
 @click.option("--measured", is_flag=True, help="POSITIONS are real measurements: no noise is added.")
@@ -75,13 +75,13 @@ def kalman(
     settings=lambda: HullConfig,
     short_help="From the views of several cameras: their visual hull.",
 )
-@click.argument("views", type=options.PATH)
+@click.argument("views", type=options.INPUT)
 @options.output_opt("Occluders: Gaussians (Parquet).")
 @click.option("--hulls", type=options.PATH, default=None, help="The polygons themselves (Parquet).")
 @options.scene_opt
 @click.option(
     "--bearings",
-    type=options.PATH,
+    type=options.INPUT,
     default=None,
     help="Bearings made along with VIEWS, which tell frames without anybody from missing ones.",
 )
@@ -136,7 +136,7 @@ def hull(
     settings=lambda: AcousticConfig,
     short_help="From directions of arrival at microphone arrays.",
 )
-@click.argument("doa", type=options.PATH)
+@click.argument("doa", type=options.INPUT)
 @options.output_opt("Occluders (Parquet).")
 @options.scene_opt
 @with_options(AcousticConfig)

@@ -12,7 +12,9 @@ from occlog.cli import options
 @click.command(name="run", short_help="Do all stages of a configuration into a run folder.")
 @click.argument("config", type=options.PATH)
 @click.option("-o", "--output", type=options.PATH, required=True, help="Run folder; made if missing.")
-@click.option("--force", is_flag=True, help="Do every stage again, also those that are up to date.")
+@click.option(
+    "--force", "--overwrite", "force", is_flag=True, help="Do every stage again, also those that are up to date."
+)
 @click.option("--dry-run", is_flag=True, help="Only say which stages would run.")
 @options.strict_opt
 @options.quiet_opt

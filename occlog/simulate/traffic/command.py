@@ -17,7 +17,7 @@ from .config import TrafficConfig
     cls=SettingsCommand,
     short_help="Simulate the data traffic of sensors that help each other, and its delays.",
 )
-@click.argument("network", type=options.PATH)
+@click.argument("network", type=options.INPUT)
 @options.output_opt("Delays (Parquet).")
 @with_options(TrafficConfig)
 @options.overwrite_opt

@@ -18,7 +18,7 @@ from .config import GroundConfig
     settings=lambda: GroundConfig,
     short_help="Bring tracks in the images of calibrated cameras together in the world.",
 )
-@click.argument("view_tracks", type=options.PATH)
+@click.argument("view_tracks", type=options.INPUT)
 @options.output_opt("Tracks (Parquet).")
 @options.scene_opt
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Use only these cameras.")

@@ -19,7 +19,7 @@ from .config import FitConfig
     cls=SettingsCommand,
     short_help="Identify a motion model from trajectories, for `track --method map`.",
 )
-@click.argument("positions", type=options.PATH, nargs=-1, required=True)
+@click.argument("positions", type=options.INPUT, nargs=-1, required=True)
 @options.output_opt("The model (JSON).")
 @with_options(FitConfig)
 @click.option(

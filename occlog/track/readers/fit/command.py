@@ -18,7 +18,7 @@ from .config import FitReadersConfig
     cls=SettingsCommand,
     short_help="Learn how strongly readers read tags, for `track --method rssi` and `virtual`.",
 )
-@click.argument("recordings", type=options.PATH, nargs=-1, required=True)
+@click.argument("recordings", type=options.INPUT, nargs=-1, required=True)
 @options.output_opt("Path losses (JSON).")
 @options.scene_opt
 @with_options(FitReadersConfig)
