@@ -16,7 +16,6 @@ from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
 from . import streams
 from .interrupts import INTERRUPTS
-from .standard_input import NAME, named
 
 
 class Command(NamedTuple):
@@ -173,6 +172,8 @@ def run(args: list[str] | None = None) -> int:
 
 def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
     """Say on standard error what went wrong: in a line, or where `--json` was given as one JSON object."""
+    from .standard_input import named
+
     one_line = named(" ".join(message.split()))
     if "--json" in words:
         click.echo(json.dumps(_as_object(one_line, code, words)), err=True)
@@ -183,6 +184,8 @@ def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
 
 def _as_object(message: str, code: ExitCode, words: Sequence[str]) -> dict[str, object]:
     """Cut an error into its parts: messages begin with the file and end with a hint after a semicolon."""
+    from .standard_input import NAME
+
     before = [message[:n] for n in range(len(message)) if message.startswith(": ", n)]
     typed = {part for word in words for part in (word, word.partition("=")[2])}
     file = next((part for part in reversed(before) if part in typed or part == NAME or Path(part).exists()), None)
