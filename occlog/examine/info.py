@@ -26,9 +26,10 @@ TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".
 @click.option("--rows", type=click.IntRange(min=0), default=5, show_default=True, help="Rows of a table to print.")
 @options.json_opt
 def command(path: Path, rows: int, as_json: bool) -> None:
-    """Print what PATH holds: a scene (YAML), a recording (MCAP) or a table (Parquet, Arrow, CSV).
+    """Print what PATH holds: a scene (YAML), a recording (MCAP), a bag of ROS 2 or a table (Parquet, Arrow, CSV).
 
-    Of a table that another program made it prints what each column is read as.
+    Of a table that another program made it prints what each column is read as, of a bag (a folder,
+    .mcap, .db3) its topics and what `occlog ingest` would take of it.
 
     \b
       occlog info run/recording.mcap
@@ -54,6 +55,8 @@ def describe(path: Path, rows: int) -> Description:
     from occlog.io.open import open_if_ours, open_input
 
     kind = path.suffix.lower()
+    if _is_foreign_bag(path):
+        return _describe_bag(path)
     opened = open_if_ours(path, "a scene (.yaml), a recording (.mcap) or a table (.parquet)")
     if opened is None and kind in (".yaml", ".yml"):
         from occlog.io.scenes.scene import read_scene
@@ -67,6 +70,79 @@ def describe(path: Path, rows: int) -> Description:
         return _describe_table(path, rows) if opened.recording is None else _describe_recording(opened.recording)
     known = "scenes (.yaml), recordings (.mcap) and tables (.parquet, .arrow, .csv)"
     raise InputError(f"{path}: occlog info knows {known}, not {kind or 'files without an ending'!r}")
+
+
+def _is_foreign_bag(path: Path) -> bool:
+    """Whether a path is a bag of ROS 2 or an MCAP file of another program, perhaps cut off."""
+    from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC
+
+    if path.is_dir():
+        from occlog.io.messages.bag import is_bag
+
+        return is_bag(path)
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        head = file.read(len(SQLITE_MAGIC))
+    if not head.startswith(RECORDING_MAGIC):
+        return head.startswith((SQLITE_MAGIC, ZSTD_MAGIC))
+    from occlog.io.recording.reader import open_recording
+
+    try:
+        return not open_recording(path).ours
+    except InputError:
+        return not _says_occlog(path)
+
+
+def _says_occlog(path: Path) -> bool:
+    """Whether the first bytes of a damaged recording name occlog as the program that wrote it."""
+    with path.open("rb") as file:
+        return b"occlog" in file.read(64)
+
+
+def _describe_bag(path: Path) -> Description:
+    """Describe a bag: topics, rates, what would be taken of it, and by which command."""
+    from occlog.errors import UsageError
+    from occlog.io.messages.bag import open_bag
+    from occlog.io.messages.kinds import Kind, kind_of
+    from occlog.io.messages.survey import survey, taken_lines
+
+    with open_bag([path]) as bag:
+        topics, span = bag.topics(), bag.span()
+        seconds = 0.0 if span is None else (span[1] - span[0]) / 1e9
+        total = sum(t.messages or 0 for t in topics.values())
+        lines = [f"bag of another program, {len(bag.files)} files, {total} messages"]
+        lines += [] if span is None else [f"time      {_utc(span[0])} to {_utc(span[1])}, {seconds:.3f} s"]
+        for t in topics.values():
+            rate = f", {(t.messages - 1) / seconds:.3g} Hz" if t.messages and t.messages > 1 and seconds else ""
+            lines.append(f"topic     {t.name}: {t.messages} x {t.kind or '(no type)'} ({t.encoding or '?'}){rate}")
+        taken: list[str] = []
+        remark = ""
+        try:
+            found = survey(bag, (), transforms_too=False)
+            taken = [line for line in taken_lines(found) if not line.startswith("not taken")]
+        except (InputError, UsageError) as error:
+            remark = str(error)
+        lines += [f"taken     {line}" for line in taken] + ([f"note      {remark}"] if remark else [])
+        if taken or any(kind_of(t.kind) for t in topics.values()):
+            lines.append(f"command   occlog ingest {path} -o recording.mcap")
+        names = {Kind.BOX: "CAMERA", Kind.POSE: "0", Kind.DIRECTION: "ARRAY"}
+        more = [(t.name, names[k]) for t in topics.values() if (k := kind_of(t.kind)) in names]
+        lines += [f"more      --topic {name}={topic}" for topic, name in more]
+        lines += [f"lost      {loss}" for loss in bag.losses]
+        values = {
+            "kind": "bag",
+            "files": [file.name for file in bag.files],
+            "topics": [
+                {"topic": t.name, "schema": t.kind, "encoding": t.encoding, "messages": t.messages}
+                for t in topics.values()
+            ],
+            "time_ns": span,
+            "taken": taken,
+            "note": remark or None,
+            "lost": [loss.as_dict() for loss in bag.losses],
+        }
+    return Description(values, lines)
 
 
 def _describe_scene(scene: Scene) -> Description:

@@ -16,6 +16,17 @@ from .plan import FRAMES, SIZE, IngestPlan
 F = TypeVar("F", bound=Callable[..., Any])
 # Several values of one option are given by repeating it.
 INPUTS = (
+    click.argument("bags", nargs=-1, type=options.PATH, metavar="[BAG]..."),
+    click.option(
+        "--topic",
+        multiple=True,
+        metavar="NAME=TOPIC",
+        help="Topic of a bag: images, calibration or boxes of camera NAME, directions of array NAME, or true positions "
+        "of target number NAME.",
+    ),
+    click.option(
+        "--topics", multiple=True, type=options.PATH, metavar="FILE", help="The same in a YAML file, `NAME: TOPIC`."
+    ),
     click.option("--video", multiple=True, metavar="CAM=FILE", help="Video of a camera."),
     click.option("--images", multiple=True, metavar="CAM=FOLDER", help="Images of a camera, in natural order."),
     click.option(
@@ -98,6 +109,9 @@ def _all_options(command: F) -> F:
 def command(output: Path, overwrite: bool, quiet: bool, as_json: bool, **values: object) -> int:
     """Gather what cameras, microphone arrays and readers of tags have recorded into one recording.
 
+    BAG is a bag of ROS 2 (a folder, .mcap or .db3) or an MCAP file of another program; several
+    are taken for parts of one. `occlog info BAG` says what would be taken of it.
+
     The time of a frame comes from --timestamps, else from the time stamps of the video
     file, else from its frame rate; which one it was is told and recorded.  Frames that a
     damaged video has lost are listed, and the exit code is 3.  What a calibration was
@@ -106,6 +120,7 @@ def command(output: Path, overwrite: bool, quiet: bool, as_json: bool, **values:
     \b
       occlog ingest -o walk.mcap --calibration Calib.qca.txt --video cam01=cam01.mp4 --video cam02=cam02.mp4
       occlog ingest -o hall.mcap --calibration calib/ --image-size 1920x1024 --boxes detections.csv --fps 20
+      occlog ingest bag/ -o walk.mcap --topic front=/cam_front/image_raw/compressed
       occlog ingest -o tags.mcap --readers readers.csv --reads reads.csv --truth truth.csv
     """
     from .run import run_ingest

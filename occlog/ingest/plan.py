@@ -50,6 +50,9 @@ class IngestPlan(Settings):
     OWNER: ClassVar[str] = "ingest"
 
     output: Path
+    bags: tuple[Path, ...]
+    topic: tuple[tuple[str | None, str], ...]
+    topics: tuple[Path, ...]
     video: dict[str, Path]
     images: dict[str, Path]
     boxes: tuple[tuple[str | None, Path], ...]
@@ -66,6 +69,26 @@ class IngestPlan(Settings):
     fps: tuple[tuple[str | None, str], ...]
     frames: tuple[int, int] | None
 
+    stamp: str = setting(
+        "header",
+        "Times of a bag's messages: of their headers, which the sensors set, or of recording.",
+        choices=("header", "log"),
+        option="--stamp",
+    )
+    world_frame: str | None = setting(
+        None,
+        "Frame of reference of a bag that is the world: z up, the ground at 0.",
+        option="--world-frame",
+        metavar="FRAME",
+        nothing="the highest one in which the cameras stand still",
+    )
+    camera_axes: str | None = setting(
+        None,
+        "Axes of the frames of a bag's cameras: optical (x right, y down, z forward) or of a body (x forward, z up).",
+        choices=("optical", "body"),
+        option="--camera-axes",
+        nothing="optical, unless z then points up",
+    )
     calibration_format: str = setting(
         "auto", "Format of the calibration.", choices=CALIBRATIONS, option="--calibration-format"
     )
@@ -171,12 +194,15 @@ class IngestPlan(Settings):
         mot = _named("mot", values["mot"])
         settings = given(cls, values)
         taken = {
-            **{key: values[key] for key in ("calibration", "image_size", "scene", "frames", "readers", "reads")},
+            **{
+                key: values[key]
+                for key in ("bags", "topics", "calibration", "image_size", "scene", "frames", "readers", "reads")
+            },
             "video": _named("video", values["video"]),
             "images": _named("images", values["images"]),
             "boxes": (*pairs(values["boxes"], Path), *mot.items()),
             **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays")},
-            **{key: pairs(values[key], str) for key in ("start_time", "fps")},
+            **{key: pairs(values[key], str) for key in ("start_time", "fps", "topic")},
         }
         plan = cls(output=output, **taken, **settings)
         plan.check()
@@ -187,10 +213,12 @@ class IngestPlan(Settings):
         both = next((name for name in self.video if name in self.images), None)
         if both is not None:
             raise UsageError(f"camera {both}: has both video and images; give one")
-        if not (self.video or self.images or self.boxes or self.doa or self.reads):
-            raise UsageError("nothing to ingest; give video, images, boxes, directions (doa) or reads of tags")
-        if not self.calibration and (self.up is not None or self.ground is not None):
-            raise UsageError("up and ground turn the world of a calibration; give calibration")
+        if not (self.bags or self.video or self.images or self.boxes or self.doa or self.reads):
+            raise UsageError("nothing to ingest; give a bag, video, images, boxes, directions (doa) or reads of tags")
+        if not self.bags and (self.topic or self.topics or self.world_frame or self.camera_axes):
+            raise UsageError("topics, the world frame and the axes of cameras are those of a bag; give a bag")
+        if not self.calibration and not self.bags and (self.up is not None or self.ground is not None):
+            raise UsageError("up and ground turn the world of a calibration; give calibration or a bag")
         if self.store == "link" and self.images:
             raise UsageError("store link: only videos can be linked to; give png or jpeg for images")
 
@@ -212,7 +240,7 @@ class IngestPlan(Settings):
 
     def paths(self) -> list[Path]:
         """Every file and folder that is read, in a fixed order."""
-        return [*self.images.values(), *(path for path, _ in self.files()), *self.calibration]
+        return [*self.bags, *self.topics, *self.images.values(), *(path for path, _ in self.files()), *self.calibration]
 
     def inputs(self) -> list[Path]:
         """Every file that is read; a folder stands for the files in it."""

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from occlog.cli.options import note as tell
 from occlog.cli.options import progress
@@ -19,6 +20,8 @@ from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_file, hash_inputs
 from occlog.io.frames.camera_source import CameraSource
 from occlog.io.frames.process import Delivered
+from occlog.io.messages.bag import Bag, open_bag
+from occlog.io.messages.survey import BagSurvey
 from occlog.io.recording.writer import RecordingWriter
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
@@ -30,10 +33,11 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
 
+from .bag import Placement, Taking, check_plan, check_truth_frames, look_into, place_cameras
 from .boxes import box_files, box_options, inside, known_cameras, truth_options
 from .boxes import survey as survey_of
 from .plan import IngestPlan, files_in
-from .scene import base_scene, fit_sizes, match_cameras
+from .scene import Sized, add_bag_cameras, base_scene, fit_sizes, match_cameras
 from .sources import Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
 from .upright import Turn
 
@@ -60,13 +64,19 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
     done = Ingested()
     scene, turn = base_scene(plan, note)
     survey = survey_of(plan, scene, note)
-    wanted = list(dict.fromkeys([*plan.video, *plan.images, *(survey.cameras if survey else ())]))
-    scene = match_cameras(scene, wanted, plan)
     with ExitStack() as stack:
+        bag = _open_bag(plan, scene, stack, note)
+        if bag is not None and not plan.calibration:
+            scene, turn = add_bag_cameras(scene, bag.placement.cameras, bag.placement.world, plan, note)
+        in_bag = bag.found.map.cameras if bag else ()
+        wanted = list(dict.fromkeys([*plan.video, *plan.images, *in_bag, *(survey.cameras if survey else ())]))
+        scene = match_cameras(scene, wanted, plan, bag.placement.reasons if bag else {})
         sources = open_sources(plan, scene, wanted, stack, done)
         if done.failures and not sources:
             raise done.failures[0]
-        scene = fit_sizes(scene, [(s.name, s.decoder) for s in sources], note)
+        sizes = {s.name: Sized(s.decoder.size, s.decoder.bars) for s in sources}
+        sizes |= {name: Sized(size) for name, size in (bag.found.sizes.items() if bag else ())}
+        scene = fit_sizes(scene, sizes, note)
         times = _all_times(plan, scene, sources, survey)
         settings = plan.parameters() | ({} if turn is None else turn.parameters())
         provenance = Provenance("ingest", settings, None, _hashes(plan))
@@ -74,7 +84,10 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
         # Tables first: a fault in one is then told before hours of video have been read.
         _write_reads(plan, scene, writer, done, note)
         _write_tables(plan, scene, turn, survey, times, writer, done, note)
-        _write_frames(plan, sources, writer, done, quiet)
+        if sources:
+            _write_frames(plan, sources, writer, done, quiet)
+        if bag is not None:
+            _write_bag(bag, plan, scene, turn, writer, done, quiet, note)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
         for name, source in sorted(done.times.items()):
             count = f"{done.frames[name]} frames, " if name in done.frames else ""
@@ -82,6 +95,49 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
         parameters = {**settings, "time_sources": dict(sorted(done.times.items()))}
         writer.annotate(replace(provenance, parameters=parameters, losses=tuple(done.losses)))
     return _summary(plan, done), done.losses
+
+
+class _OpenBag(NamedTuple):
+    """The bag of an ingest: its files, what they hold, and the cameras that it places."""
+
+    bag: Bag
+    found: BagSurvey
+    placement: Placement
+
+
+def _open_bag(plan: IngestPlan, scene: Scene, stack: ExitStack, note: Callable[[str], None]) -> _OpenBag | None:
+    """Open the bag and find out what is taken of it; None where there is none."""
+    if not plan.bags:
+        return None
+    bag = stack.enter_context(open_bag(plan.bags))
+    found = look_into(bag, plan, note)
+    check_plan(plan, found, scene, note)
+    others = found.map.cameras if plan.calibration else [c.name for c in scene.cameras]
+    placement = place_cameras(found, plan, others, note)
+    check_truth_frames(found, placement, note)
+    return _OpenBag(bag, found, placement)
+
+
+def _write_bag(
+    bag: _OpenBag,
+    plan: IngestPlan,
+    scene: Scene,
+    turn: Turn | None,
+    writer: RecordingWriter,
+    done: Ingested,
+    quiet: bool,
+    note: Callable[[str], None],
+) -> None:
+    """Images and rows of a bag, in one pass."""
+    clocks = {s.name: clock for s in scene.sensors if (clock := clock_of(scene, s.name)) is not None}
+    taking = Taking(bag.bag, bag.found, plan, scene, clocks, bag.placement, turn)
+    for message in progress(taking.messages(), "ingest", taking.count, quiet=quiet):
+        taking.take(message, writer)
+    done.losses.extend(taking.finish(note))
+    done.frames.update(taking.frames)
+    done.times.update(taking.times)
+    for name, count in taking.rows.items():
+        done.rows[name] = done.rows.get(name, 0) + count
 
 
 def _summary(plan: IngestPlan, done: Ingested) -> dict[str, object]:

@@ -5,18 +5,18 @@ A camera whose frames have another size than it was calibrated with is scaled, c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from occlog.cli.options import load_scene
 from occlog.errors import InputError, UsageError
 from occlog.io.calibration.common import CalibrationOptions
-from occlog.io.calibration.reader import describe, read_calibration
+from occlog.io.calibration.reader import Calibration, describe, read_calibration
 from occlog.io.files.sensor_names import match_sensor, safe_name
-from occlog.io.frames.process import Decoder
 from occlog.io.sound.author_formats import read_arrays
 from occlog.io.tags.places import read_readers
 from occlog.records.scene import Camera, MicrophoneArray, Scene, camera_fov, camera_rotation
@@ -33,11 +33,17 @@ BAR_SLACK_PX = 1.5
 Bars = tuple[int, int, int, int]
 
 
-def fit_sizes(scene: Scene, decoders: Iterable[tuple[str, Decoder]], note: Callable[[str], None]) -> Scene:
+class Sized(NamedTuple):
+    """Width and height of a camera's frames, and of the black bars at their left, top, right and lower edge [px]."""
+
+    size: tuple[int, int]
+    bars: Bars = (0, 0, 0, 0)
+
+
+def fit_sizes(scene: Scene, frames: Mapping[str, Sized], note: Callable[[str], None]) -> Scene:
     """The scene with cameras that fit their frames."""
-    found = dict(decoders)
     cameras = tuple(
-        fit_size(c, found[c.name].size, found[c.name].bars, note) if c.name in found else c for c in scene.cameras
+        fit_size(c, frames[c.name].size, frames[c.name].bars, note) if c.name in frames else c for c in scene.cameras
     )
     return replace(scene, cameras=cameras)
 
@@ -96,6 +102,20 @@ def _scaled(camera: Camera, size: tuple[int, int], scale: np.ndarray, margin: np
 Note = Callable[[str], None]
 
 
+def add_bag_cameras(
+    scene: Scene, cameras: tuple[Camera, ...], world: str | None, plan: IngestPlan, note: Note
+) -> tuple[Scene, Turn | None]:
+    """The scene with the cameras that a bag places, and how their world was turned."""
+    if not cameras:
+        return scene, None
+    if scene.length_unit != "m":
+        raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the bag in m")
+    note(describe(Calibration(cameras, f"camera_info and transforms of the bag, world {world!r}", "m")))
+    turn = find_turn(cameras, plan.up, plan.ground, note)
+    placed = cameras if turn is None else tuple(turn.camera(c) for c in cameras)
+    return replace(scene, cameras=(*scene.cameras, *placed)), turn
+
+
 def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
     """Scene of the scene file, the calibration and the tables of arrays, before cameras are matched.
 
@@ -137,20 +157,22 @@ def _arrays(path: Path, name: str | None, note: Note) -> tuple[MicrophoneArray, 
     return arrays
 
 
-def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan) -> Scene:
+def match_cameras(scene: Scene, wanted: Sequence[str], plan: IngestPlan, reasons: Mapping[str, str]) -> Scene:
     """The scene with the cameras that have data, under the names that the user gives them.
 
-    Cameras of a calibration without data are left out, those of a scene file are kept.
+    Cameras of a calibration without data are left out, those of a scene file are kept.  `reasons` says of
+    cameras of a bag why it does not place them.
     """
     kept = {c.name: c for c in scene.cameras}
     out: list[Camera] = []
     for name in wanted:
-        found = _find(name, list(kept))
+        # A camera of a bag is called as its topic, which may end in a number that means another camera.
+        found = name if name in kept else None if name in reasons else _find(name, list(kept))
         if found is None and not plan.allow_uncalibrated:
             known = ", ".join(kept) or "none"
             raise InputError(
-                f"camera {name}: has no calibration (calibrated: {known}); add it to the calibration or "
-                "the scene, or allow uncalibrated cameras (they give no bearings)"
+                f"camera {name}: has no calibration ({reasons.get(name, f'calibrated: {known}')}); add it to the "
+                "calibration or the scene, or allow uncalibrated cameras (they give no bearings)"
             )
         out.append(replace(kept.pop(found), name=name) if found is not None else _unplaced(name, plan))
     if plan.scene is not None:

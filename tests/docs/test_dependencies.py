@@ -41,7 +41,7 @@ def test_lock_has_a_version_that_the_bounds_allow(requirement: Requirement) -> N
     assert all(requirement.specifier.contains(version) for version in versions), "run `make lock`"
 
 
-@pytest.mark.parametrize("requirement", direct("test", "cluster", "qp", "sound"), ids=lambda r: r.name)
+@pytest.mark.parametrize("requirement", direct("test", "cluster", "qp", "ros2", "sound"), ids=lambda r: r.name)
 def test_lowest_versions_are_the_stated_bounds(requirement: Requirement) -> None:
     (version,) = pinned(LOWEST)[canonicalize_name(requirement.name)]
     (bound,) = [part.version for part in requirement.specifier if part.operator == ">="]

@@ -8,6 +8,8 @@ from pathlib import Path
 from .inputs import check_input
 
 RECORDING_MAGIC = b"\x89MCAP0\r\n"
+SQLITE_MAGIC = b"SQLite format 3\0"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 PARQUET_MAGIC = b"PAR1"
 EXPECTED = "a recording or a table"
 

@@ -1,0 +1,387 @@
+"""Bags of an ingest: which of their topics are taken, the cameras that they place, and their messages on the way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Floats
+from occlog.errors import InputError, OcclogError, UsageError
+from occlog.io.calibration.common import Pose, build_camera
+from occlog.io.files.frame_times import to_world_time
+from occlog.io.messages.bag import Bag
+from occlog.io.messages.camera_info import intrinsics
+from occlog.io.messages.images import stored
+from occlog.io.messages.kinds import BoxMessage, DirectionMessage, Header, ImageMessage, PoseMessage
+from occlog.io.messages.mcap_file import Message
+from occlog.io.messages.rows import BoxRows, direction_rows, truth_rows
+from occlog.io.messages.survey import BagSurvey, Messages, survey, taken_lines
+from occlog.io.messages.topics import is_rectified, read_topic_map
+from occlog.io.messages.transforms import Placed, Transforms
+from occlog.io.recording.writer import RecordingWriter
+from occlog.records.losses import Loss
+from occlog.records.scene import Camera, Clock, Scene
+from occlog.records.tables import Boxes, Doa, Truth
+
+from .plan import IngestPlan
+from .upright import Turn
+
+Note = Callable[[str], None]
+BODY = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""(3, 3) body-from-optical: x forward, y left, z up from x right, y down, z forward (REP 103)."""
+STEEP = math.cos(math.radians(30))
+"""An optical axis this near to straight up is that of a frame whose z axis is up, and not forward."""
+CLOCKS_APART_S = 0.5
+"""Where the stamps of messages are farther from the time of recording than this, the user is told."""
+
+
+def asked_topics(plan: IngestPlan) -> list[tuple[str, str]]:
+    """Names and topics that the user gives, by options and in files."""
+    out = [pair for path in plan.topics for pair in read_topic_map(path)]
+    for name, topic in plan.topic:
+        if name is None:
+            raise UsageError(f"topic {topic}: does not say what it is called; give NAME={topic}")
+        out.append((name, topic))
+    return out
+
+
+def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
+    """What the bag holds; what is taken of it is noted.  InputError where it holds nothing that can be."""
+    found = survey(bag, asked_topics(plan))
+    chosen = found.map
+    if not (chosen.cameras or chosen.poses or chosen.directions):
+        held = ", ".join(f"{t.name} ({t.kind or 'no type'})" for t in found.topics.values()) or "no topic"
+        raise InputError(
+            f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; name boxes and true "
+            "positions by their topics"
+        )
+    for line in taken_lines(found):
+        note(f"bag: {line}")
+    return found
+
+
+class Placement(NamedTuple):
+    """The cameras of a bag whose places are known, why others are not, and the frame that is the world."""
+
+    cameras: tuple[Camera, ...]
+    reasons: dict[str, str]
+    world: str | None
+
+
+def place_cameras(found: BagSurvey, plan: IngestPlan, others: Collection[str], note: Note) -> Placement:
+    """The cameras of a bag by their calibrations and transforms, but for those that other files place.
+
+    The world is the frame that the user gives, else the highest one in which no camera moves.
+    """
+    reasons: dict[str, str] = {}
+    known = {}
+    for camera in found.map.images:
+        if camera in others:
+            note(f"camera {camera}: placed by the scene or calibration file, not by the bag")
+            continue
+        info = found.infos.get(camera)
+        if info is None:
+            reasons[camera] = "the bag has no calibration (CameraInfo) beside its images"
+            continue
+        rectified = is_rectified(found.map.images[camera])
+        told = intrinsics(info, rectified=rectified, where=f"topic {found.map.infos[camera]}")
+        if told is None:
+            reasons[camera] = f"{found.map.infos[camera]} says that it is not calibrated (fx is 0)"
+            continue
+        if told.fit_px:
+            note(f"camera {camera}: lens model {info.model} fitted by five coefficients, right to {told.fit_px:.2g} px")
+        known[camera] = told
+    world = _world(found, plan, [c for c in known if found.frames.get(c)])
+    shared = _shared_frames(found)
+    cameras = []
+    for camera, told in known.items():
+        frame = found.frames.get(camera, "")
+        try:
+            placed = _placed(found.transforms, frame, world)
+            pose = _pose(camera, frame, placed, plan)
+        except InputError as error:
+            reasons[camera] = str(error)
+            continue
+        rotation = pose.rotation @ told.turn.T
+        shift = told.shift if frame in shared else 0.0
+        centre = pose.translation + rotation[:, 0] * shift
+        cameras.append(_camera(camera, found, rotation, centre))
+    return Placement(tuple(cameras), reasons, world)
+
+
+def _camera(name: str, found: BagSurvey, rotation: Floats, centre: Floats) -> Camera:
+    """The camera of a pose; `rotation` is world-from-camera."""
+    told = intrinsics(
+        found.infos[name], rectified=is_rectified(found.map.images[name]), where=f"topic {found.map.infos[name]}"
+    )
+    assert told is not None
+    return build_camera(
+        Pose(
+            name=name,
+            focal_px=told.focal_px.tolist(),
+            principal_px=told.principal_px.tolist(),
+            rotation=rotation.T,
+            centre=centre,
+            image_size=told.size,
+            distortion=told.distortion.tolist(),
+        ),
+        f"topic {found.map.infos[name]}",
+    )
+
+
+def _shared_frames(found: BagSurvey) -> set[str]:
+    """Frames of several cameras: those of stereo pairs whose right camera is told by its matrix P alone."""
+    frames = list(found.frames.values())
+    return {frame for frame in frames if frames.count(frame) > 1}
+
+
+def _world(found: BagSurvey, plan: IngestPlan, cameras: list[str]) -> str | None:
+    """The frame that is the world; None where the bag has no transforms of its cameras.
+
+    UsageError where the frame that the user gives is not there, or the cameras hang in several trees.
+    """
+    tree = found.transforms
+    if plan.world_frame is not None:
+        frame = plan.world_frame.lstrip("/")
+        if not tree.knows(frame):
+            raise UsageError(f"world_frame {frame!r}: the bag has no such frame; it has: {', '.join(tree.frames)}")
+        return frame
+    roots = {tree.still_root(found.frames[c]): c for c in cameras if tree.knows(found.frames[c])}
+    if len(roots) > 1:
+        told = ", ".join(f"{frame} (camera {camera})" for frame, camera in sorted(roots.items()))
+        raise UsageError(f"the cameras of the bag stand still in several frames: {told}; say which one is the world")
+    return next(iter(roots), None)
+
+
+def _placed(tree: Transforms, frame: str, world: str | None) -> Placed:
+    if world is None or not tree.knows(frame):
+        raise InputError(f"no transforms tell where its frame {frame!r} is")
+    return tree.placed(frame, world)
+
+
+def _pose(camera: str, frame: str, placed: Placed, plan: IngestPlan) -> Placed:
+    """World-from-camera pose of a frame whose axes are those of an image, or of a body (x forward, z up).
+
+    UsageError for a frame that is not called optical and whose z axis points up: as that of an image it cannot be.
+    """
+    if plan.camera_axes == "body":
+        return Placed(placed.rotation @ BODY, placed.translation)
+    if plan.camera_axes is None and "optical" not in frame.lower() and placed.rotation[2, 2] > STEEP:
+        raise UsageError(
+            f"camera {camera}: the z axis of its frame {frame!r} points up, so that it would look at the sky; say "
+            "whether the frames of cameras have the axes of a body (x forward, z up) or are optical (z forward)"
+        )
+    return placed
+
+
+@dataclass
+class _CameraState:
+    """What has been taken of a camera so far."""
+
+    sized: tuple[int, int] | None = None
+    last: int | None = None
+    first: int | None = None
+    number: int = 0
+    late: int = 0
+    damaged: int = 0
+    resized: int = 0
+    reason: str = ""
+    by_log: bool | None = None
+    apart: list[float] = field(default_factory=lambda: [math.inf, -math.inf])
+
+
+class Taking:
+    """Messages of a bag on their way into the recording, in one pass."""
+
+    def __init__(
+        self,
+        bag: Bag,
+        found: BagSurvey,
+        plan: IngestPlan,
+        scene: Scene,
+        clocks: Mapping[str, Clock],
+        placement: Placement,
+        turn: Turn | None,
+    ) -> None:
+        """Know what is taken, and how."""
+        self.bag, self.found, self.plan, self.scene = bag, found, plan, scene
+        self.frames: dict[str, int] = {}
+        self.rows: dict[str, int] = {}
+        self.times: dict[str, str] = {}
+        self._clocks, self._placement, self._turn = clocks, placement, turn
+        self._messages = Messages(found.topics)
+        self._states: dict[str, _CameraState] = {}
+        chosen = found.map
+        self._cameras = {topic: name for name, topic in chosen.images.items()}
+        self._arrays = {topic: name for name, topic in chosen.directions.items()}
+        self._targets = {topic: target for target, topic in chosen.poses.items()}
+        self._owners: dict[int, str] = {}
+        scale = plan.confidence_scale
+        self._boxes = {t: BoxRows(name, plan.classes, scale) for name, t in chosen.boxes.items()}
+
+    @property
+    def count(self) -> int | None:
+        """How many messages will come, None if not known."""
+        counts = [self.found.topics[t].messages for t in self._wanted()]
+        return None if None in counts else sum(c or 0 for c in counts)
+
+    def _wanted(self) -> set[str]:
+        return {*self._cameras, *self._arrays, *self._targets, *self._boxes}
+
+    def messages(self) -> Iterator[Message]:
+        """The messages that `take` wants."""
+        return self.bag.messages(self._wanted())
+
+    def take(self, message: Message, writer: RecordingWriter) -> None:
+        """Write what a message says; one that is damaged or out of order is counted."""
+        state = self._states.setdefault(message.topic, _CameraState())
+        try:
+            read = self._messages.read(message.topic, message.data)
+            t_ns = self._time(state, message, read.header)
+            if state.last is not None and t_ns <= state.last:
+                state.late += 1
+                return
+            self._write(message.topic, read, t_ns, state, writer)
+            state.last = t_ns
+        except UsageError:
+            raise
+        except OcclogError as error:
+            if message.topic in self._boxes:
+                raise InputError(f"topic {message.topic}: {error}") from None
+            state.damaged += 1
+            state.reason = state.reason or str(error)
+
+    def _time(self, state: _CameraState, message: Message, header: Header) -> int:
+        """World time of a message: of its header, or of recording."""
+        if state.by_log is None:
+            state.by_log = self.plan.stamp == "log" or header.stamp_ns == 0
+        if not header.stamp_ns and not state.by_log:
+            raise InputError("its header has no time")
+        apart = (message.log_ns - header.stamp_ns) / 1e9
+        if header.stamp_ns:
+            state.apart = [min(state.apart[0], apart), max(state.apart[1], apart)]
+        t_ns = message.log_ns if state.by_log else header.stamp_ns
+        state.first = t_ns if state.first is None else state.first
+        clock = self._clocks.get(self._name(message.topic))
+        return t_ns if clock is None else int(to_world_time(np.array([t_ns]), clock, state.first)[0])
+
+    def _name(self, topic: str) -> str:
+        box = self._boxes.get(topic)
+        return self._cameras.get(topic) or self._arrays.get(topic) or (box.camera if box else "")
+
+    def _write(
+        self,
+        topic: str,
+        read: ImageMessage | PoseMessage | BoxMessage | DirectionMessage,
+        t_ns: int,
+        state: _CameraState,
+        writer: RecordingWriter,
+    ) -> None:
+        if isinstance(read, ImageMessage):
+            self._image(topic, read, t_ns, state, writer)
+            return
+        table: Truth | Boxes | Doa
+        if isinstance(read, PoseMessage):
+            table = truth_rows(read, t_ns, self._targets[topic], self._frame_of_truth(read.header.frame))
+            for target in table.target_id.tolist():
+                if self._owners.setdefault(target, topic) != topic:
+                    raise UsageError(f"topics {self._owners[target]} and {topic}: both are of target {target}")
+            if self._turn is not None:
+                table = self._turn.truth(table, self.bag.paths[0])
+        elif isinstance(read, BoxMessage):
+            table = self._boxes[topic].rows(read, t_ns)
+        else:
+            name = self._arrays[topic]
+            table = direction_rows(read, t_ns, next(a for a in self.scene.arrays if a.name == name))
+        writer.table(table)
+        self.rows[table.NAME] = self.rows.get(table.NAME, 0) + len(table)
+
+    def _image(self, topic: str, read: ImageMessage, t_ns: int, state: _CameraState, writer: RecordingWriter) -> None:
+        camera, number = self._cameras[topic], state.number
+        state.number += 1
+        start, stop = self.plan.frames or (0, None)
+        if number < start or (stop is not None and number >= stop):
+            return
+        image = stored(read, f"image {number} of {topic}", self.plan.store, self.plan.jpeg_quality)
+        state.sized = state.sized or self.found.sizes[camera]
+        if image.size != state.sized:
+            state.resized += 1
+            return
+        writer.image(camera, t_ns, number, image.data, image.kind)
+        self.frames[camera] = self.frames.get(camera, 0) + 1
+
+    def _frame_of_truth(self, frame: str) -> Placed:
+        """Where the frame of true positions is; UsageError for one that no transforms connect with the world."""
+        tree, world = self.found.transforms, self._placement.world
+        if world is None or frame in ("", world):
+            return Placed(np.eye(3), np.zeros(3))
+        try:
+            return tree.placed(frame, world)
+        except InputError as error:
+            raise UsageError(f"true positions: {error}; leave their topic out, or choose another world frame") from None
+
+    def finish(self, note: Note) -> list[Loss]:
+        """Tell which clock was used, and list what was lost."""
+        losses = []
+        for topic, state in self._states.items():
+            name = self._name(topic)
+            clock = "times of recording" if state.by_log else "header stamps"
+            if topic in self._cameras:
+                self.times[name] = f"{clock} of {topic}"
+            self._tell_clock(topic, state, note)
+            first = f"; the first: {state.reason}" if state.reason else ""
+            for count, what in (
+                (state.late, "time stamps repeat or go back; these messages were left out"),
+                (state.damaged, f"messages that cannot be used were left out{first}"),
+                (state.resized, f"images of another size than {state.sized} were left out"),
+            ):
+                if count:
+                    losses.append(Loss(self.bag.paths[0].name, topic, what, count))
+        return [*self.bag.losses, *losses]
+
+    def _tell_clock(self, topic: str, state: _CameraState, note: Note) -> None:
+        """Warn where the two clocks of a topic are apart, or it has but one."""
+        if state.by_log and self.plan.stamp != "log":
+            note(f"warning: {topic}: its headers have no time; the times of recording were taken")
+        low, high = state.apart
+        if max(abs(low), abs(high)) > CLOCKS_APART_S and math.isfinite(low):
+            used = "times of recording" if state.by_log else "header stamps"
+            note(
+                f"warning: {topic}: recorded {low:.3g} to {high:.3g} s after its header stamps; the {used} were taken "
+                "(stamp: header or log)"
+            )
+
+
+def check_truth_frames(found: BagSurvey, placement: Placement, note: Note) -> None:
+    """Say that true positions are taken as they are where nothing tells how their frame lies in the world."""
+    if found.map.poses and placement.world is None:
+        note("bag: no transforms place the cameras: true positions are taken for those of the scene's world")
+
+
+def check_plan(plan: IngestPlan, found: BagSurvey, scene: Scene, note: Note) -> None:
+    """UsageError for options that a bag's cameras do not take.
+
+    Directions of an array that the scene lacks are an error where they were asked for, else left out.
+    """
+    arrays, asked = [a.name for a in scene.arrays], {topic for _, topic in asked_topics(plan)}
+    for array, topic in list(found.map.directions.items()):
+        if array not in arrays:
+            text = (
+                f"{topic}: directions of array {array!r}, which is not in the scene ({', '.join(arrays) or 'no array'})"
+            )
+            if topic in asked:
+                raise UsageError(f"topic {text}; add it to the scene, or name the topic after an array of it")
+            note(f"bag: not taken: {text}")
+            del found.map.directions[array]
+    if plan.store == "link":
+        raise UsageError("store link: only videos can be linked to; give png or jpeg for a bag")
+    for name in found.map.cameras:
+        for key, pairs in (("start time", plan.start_time), ("frame rate", plan.fps), ("time stamps", plan.timestamps)):
+            if any(camera == name for camera, _ in pairs):
+                raise UsageError(f"camera {name}: has its times from the bag; leave out its {key}")
+        if name in plan.video or name in plan.images:
+            raise UsageError(f"camera {name}: is both in the bag and among the videos and images; name one otherwise")

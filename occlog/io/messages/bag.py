@@ -1,0 +1,230 @@
+"""A bag: the files of one recording of another program, one after the other, with what was lost of them.
+
+A folder of rosbag2 says in `metadata.yaml` which files belong to it and how many messages they hold; without it all
+.mcap and .db3 files of the folder are taken in natural order.  Files compressed as a whole (.zstd) are unpacked into
+a temporary folder, messages compressed one by one as they come.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import yaml
+import zstandard
+
+from occlog.errors import InputError
+from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC
+from occlog.io.files.inputs import check_input
+from occlog.io.files.sensor_names import natural_key
+from occlog.io.recording.mcap_errors import MAX_CHUNK_BYTES
+from occlog.records.losses import Loss
+
+from .mcap_file import McapFile, Message, Topic
+from .sqlite_file import SqliteFile
+
+METADATA = "metadata.yaml"
+SUFFIXES = (".mcap", ".db3")
+PACKED = (".zstd", ".zst")
+MAX_METADATA = 16 * 2**20
+WHAT = "a bag (MCAP or ROS 2)"
+
+
+@dataclass
+class Bag:
+    """An opened bag; a context manager that removes what was unpacked."""
+
+    paths: tuple[Path, ...]
+    files: list[McapFile | SqliteFile] = field(default_factory=list)
+    promised: dict[str, int] = field(default_factory=dict)
+    _losses: list[Loss] = field(default_factory=list)
+    _folder: tempfile.TemporaryDirectory[str] | None = None
+
+    @property
+    def losses(self) -> list[Loss]:
+        """What was lost so far, each loss once."""
+        return list(dict.fromkeys([*self._losses, *(loss for file in self.files for loss in file.losses)]))
+
+    def topics(self) -> dict[str, Topic]:
+        """The topics of all files by name, their messages added up; InputError where files contradict each other."""
+        out: dict[str, Topic] = {}
+        for file in self.files:
+            for topic in file.topics():
+                old = out.get(topic.name)
+                if old is None:
+                    out[topic.name] = topic
+                    continue
+                if (old.kind, old.encoding) != (topic.kind, topic.encoding):
+                    raise InputError(
+                        f"{file.path}: topic {topic.name} holds {topic.kind} ({topic.encoding}), but {old.kind} "
+                        f"({old.encoding}) before; ingest them one by one"
+                    )
+                count = None if old.messages is None or topic.messages is None else old.messages + topic.messages
+                out[topic.name] = old._replace(messages=count)
+        return dict(sorted(out.items()))
+
+    def span(self) -> tuple[int, int] | None:
+        """Times of the first and the last message [ns]; None where there are none."""
+        spans = [span for file in self.files if (span := file.span()) is not None]
+        return (min(low for low, _ in spans), max(high for _, high in spans)) if spans else None
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """Messages of some topics, file by file; memory does not grow with the bag."""
+        counts: dict[str, int] = {}
+        for file in self.files:
+            for message in file.messages(topics):
+                counts[message.topic] = counts.get(message.topic, 0) + 1
+                if not message.data.startswith(ZSTD_MAGIC):
+                    yield message
+                elif (data := self._unpacked(message)) is not None:
+                    yield message._replace(data=data)
+        # Topics that are no longer wanted were not read to the end.
+        for topic in sorted(topics):
+            missing = self.promised.get(topic, 0) - counts.get(topic, 0)
+            if missing > 0:
+                self._losses.append(Loss(METADATA, topic, "messages that it counts are not in the files", missing))
+
+    def __enter__(self) -> Self:
+        """Nothing is left to do."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Remove unpacked files."""
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    def _unpacked(self, message: Message) -> bytes | None:
+        """The bytes of a message that is compressed on its own; None, and a loss, where it is damaged or too large."""
+        try:
+            told = zstandard.frame_content_size(message.data)
+            if 0 <= told <= MAX_CHUNK_BYTES:
+                return zstandard.ZstdDecompressor().decompress(message.data)
+            reason = f"it would unpack to {told} bytes (limit {MAX_CHUNK_BYTES})"
+        except zstandard.ZstdError as error:
+            reason = str(error)
+        self._losses.append(Loss(message.topic, f"{message.log_ns} ns", f"damaged compressed message: {reason}", 1))
+        return None
+
+    def unpack(self, path: Path) -> Path:
+        """A whole file that is compressed, unpacked; what its end lacks is told by whoever reads it."""
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="occlog-bag-")
+        out = Path(self._folder.name) / f"{len(self.files)}-{path.stem}"
+        with path.open("rb") as source, out.open("wb") as target:
+            try:
+                for piece in zstandard.ZstdDecompressor().read_to_iter(source):
+                    target.write(piece)
+            except zstandard.ZstdError as error:
+                self._losses.append(Loss(path.name, f"after {target.tell()} unpacked bytes", f"damaged zstd ({error})"))
+        return out
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path looks like a bag: a folder with its files, or a file of that kind."""
+    if path.is_dir():
+        return (path / METADATA).is_file() or bool(_members(path))
+    return path.is_file() and _kind(path) is not None
+
+
+def open_bag(paths: Collection[Path]) -> Bag:
+    """Open the files of one recording.
+
+    Args:
+        paths: folders of rosbag2, or files (.mcap, .db3, also compressed by zstd), which follow each other.
+
+    Raises:
+        InputError: none of the files can be read, or one is of another kind.
+    """
+    bag = Bag(tuple(paths))
+    try:
+        for path in paths:
+            for file in _listed(path, bag):
+                _add(bag, file)
+        if not bag.files:
+            told = bag.losses[0] if bag.losses else None
+            raise InputError(str(told) if told else f"{next(iter(paths))}: holds no .mcap or .db3 file")
+    except BaseException:
+        bag.__exit__(None, None, None)
+        raise
+    return bag
+
+
+def _add(bag: Bag, path: Path) -> None:
+    """Open one file; one of several that cannot be opened is a loss."""
+    try:
+        check_input(path, WHAT)
+        kind = _kind(path)
+        unpacked = bag.unpack(path) if kind == "zstd" else path
+        kind = _kind(unpacked) if kind == "zstd" else kind
+        if kind not in ("mcap", "sqlite"):
+            raise InputError(f"{path}: neither an MCAP file nor a .db3 file of ROS 2; {WHAT} was expected")
+        bag.files.append(McapFile(unpacked, path.name) if kind == "mcap" else SqliteFile(unpacked, path.name))
+    except InputError as error:
+        if len(bag.paths) == 1 and not bag.paths[0].is_dir():
+            raise
+        bag._losses.append(Loss(path.name, "whole file", str(error).removeprefix(f"{path}: ")))
+
+
+def _kind(path: Path) -> str | None:
+    """What a file is by its first bytes: mcap, sqlite, zstd, or None."""
+    with path.open("rb") as file:
+        head = file.read(16)
+    if head.startswith(RECORDING_MAGIC):
+        return "mcap"
+    if head.startswith(SQLITE_MAGIC):
+        return "sqlite"
+    return "zstd" if head.startswith(ZSTD_MAGIC) else None
+
+
+def _members(folder: Path) -> list[Path]:
+    """Files of a bag in a folder, in natural order."""
+    found = [p for p in folder.iterdir() if p.is_file() and _bare(p).suffix in SUFFIXES]
+    return sorted(found, key=lambda p: natural_key(p.name))
+
+
+def _bare(path: Path) -> Path:
+    return path.with_suffix("") if path.suffix in PACKED else path
+
+
+def _listed(path: Path, bag: Bag) -> list[Path]:
+    """The files of a folder as its metadata list them, or all of them."""
+    if not path.is_dir():
+        return [path]
+    described = path / METADATA
+    if not described.is_file():
+        return _members(path)
+    information = _information(described)
+    names = information.get("relative_file_paths")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{described}: has no relative_file_paths; remove it to take all files of the folder")
+    counts = information.get("topics_with_message_count")
+    for entry in counts if isinstance(counts, list) else ():
+        try:
+            name, count = str(entry["topic_metadata"]["name"]), int(entry["message_count"])
+        except (KeyError, TypeError, ValueError):
+            continue
+        bag.promised[name] = bag.promised.get(name, 0) + count
+    # A name may be an old absolute path, or lead out of the folder: only the file beside the metadata counts.
+    return [path / Path(name.replace("\\", "/")).name for name in names]
+
+
+def _information(path: Path) -> dict[str, object]:
+    """The content of a metadata file."""
+    check_input(path, "the metadata of a ROS 2 bag")
+    if path.stat().st_size > MAX_METADATA:
+        raise InputError(f"{path}: {path.stat().st_size} bytes; metadata have at most {MAX_METADATA}")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:100]
+        raise InputError(f"{path}: not YAML ({reason}); remove it to take all files of the folder") from None
+    found = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: not metadata of a ROS 2 bag; remove it to take all files of the folder")
+    return found

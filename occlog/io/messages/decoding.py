@@ -1,0 +1,102 @@
+"""Bytes of messages to objects with the fields of their types: CDR of ROS 2, protobuf of Foxglove, JSON.
+
+CDR needs the package rosbags (extra `ros2`), which also knows the types of ROS for old bags that do not define them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import struct
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+from google.protobuf.message import DecodeError
+
+from occlog.errors import InputError, UsageError
+
+from .mcap_file import Topic
+
+Decode = Callable[[bytes], Any]
+"""Bytes of a message to an object whose attributes are the message's fields."""
+FAILURES = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    DecodeError,
+    LookupError,
+    MemoryError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
+"""What decoders raise for bytes that are not such a message."""
+INSTALL = "pip install 'occlog[ros2]'"
+_LINE = "=" * 80 + "\n"
+
+
+def decoder(topic: Topic) -> Decode:
+    """How messages of a topic are decoded.
+
+    Raises:
+        UsageError: they need a package that is not installed.
+        InputError: their encoding or the definition of their type is not known.
+    """
+    if topic.encoding == "cdr":
+        return _cdr(topic)
+    if topic.encoding == "protobuf" and topic.kind.startswith("foxglove."):
+        return _foxglove(topic)
+    if topic.encoding == "json":
+        return _json
+    raise InputError(
+        f"topic {topic.name}: messages of type {topic.kind or '(none)'} in the encoding {topic.encoding!r} cannot be "
+        "read; known: cdr, json, and protobuf of foxglove's types"
+    )
+
+
+def _json(data: bytes) -> object:
+    return json.loads(data, object_hook=lambda fields: SimpleNamespace(**fields))
+
+
+def _foxglove(topic: Topic) -> Decode:
+    name = topic.kind.removeprefix("foxglove.")
+    try:
+        module = importlib.import_module(f"foxglove_schemas_protobuf.{name}_pb2")
+    except ImportError:
+        raise InputError(f"topic {topic.name}: type {topic.kind} is not known") from None
+    message: Any = getattr(module, name)
+    return lambda data: message.FromString(data)
+
+
+def _cdr(topic: Topic) -> Decode:
+    """Decoder of CDR by the definition in the bag, or by the newest one of ROS where the bag has none."""
+    try:
+        types = importlib.import_module("rosbags.typesys")
+        serde = importlib.import_module("rosbags.serde")
+    except ImportError:
+        raise UsageError(
+            f"topic {topic.name}: messages of ROS 2 want the package rosbags, which is not installed; {INSTALL}"
+        ) from None
+    store = types.get_typestore(types.Stores.EMPTY if topic.definition else types.Stores.LATEST)
+    text = topic.definition.decode("utf-8", "replace")
+    try:
+        if topic.language == "ros2idl":
+            parts = [part.split("\n", 1)[1] for part in text.split(_LINE)[1:]] if text.startswith(_LINE) else [text]
+            for part in parts:
+                store.register(types.get_types_from_idl(part))
+        elif topic.definition:
+            store.register(types.get_types_from_msg(text, topic.kind))
+        store.get_msgdef(topic.kind)
+    except (*FAILURES, types.TypesysError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:80]
+        what = "its definition cannot be read" if topic.definition else "the bag does not define it, nor does ROS"
+        raise InputError(f"topic {topic.name}: type {topic.kind}: {what} ({reason})") from None
+
+    def decode(data: bytes) -> object:
+        try:
+            return store.deserialize_cdr(data, topic.kind)
+        except serde.SerdeError as error:
+            raise ValueError(str(error)) from None
+
+    return decode

@@ -1,0 +1,237 @@
+"""One MCAP file of another program, read record by record: what is whole is used, what is damaged is a loss.
+
+The reader of occlog's own recordings refuses a file without its end.  Recorders of robots lose power, so this one
+goes forwards through the records, unpacks a chunk at a time, and needs no index; where there is one, chunks without
+the wanted topics are skipped.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.records import Channel, Schema
+from mcap.summary import Summary
+
+from occlog.errors import InputError
+from occlog.io.files.content import RECORDING_MAGIC as MAGIC
+from occlog.io.recording.mcap_errors import KNOWN_COMPRESSION, MAX_CHUNK_BYTES, open_mcap
+from occlog.records.losses import Loss
+
+SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END, FOOTER = 3, 4, 5, 6, 15, 2
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_CHUNK = struct.Struct("<QQQI")
+_DAMAGE = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
+
+
+class Topic(NamedTuple):
+    """A topic of a file.
+
+    Attributes:
+        name: the topic.
+        kind: type of its messages, such as `sensor_msgs/msg/Image`; empty: not stated.
+        encoding: how they are encoded: cdr, protobuf, json, ...
+        definition: definition of the type.
+        language: what the definition is written in: ros2msg, ros2idl, protobuf, jsonschema, ...; empty: there is none.
+        messages: how many there are; None: not known without going through the file.
+    """
+
+    name: str
+    kind: str
+    encoding: str
+    definition: bytes
+    language: str
+    messages: int | None
+
+
+class Message(NamedTuple):
+    """One message: its topic, when it was recorded [ns since 1970], and its bytes."""
+
+    topic: str
+    log_ns: int
+    data: bytes
+
+
+class McapFile:
+    """An MCAP file; `losses` grow while it is read."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        """Read the index, where there is one; `name` is what losses call the file."""
+        self.path, self.name = path, name
+        self.losses: dict[Loss, None] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        summary: Summary | None = None
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)")
+        try:
+            with open_mcap(path) as (_, found):
+                summary = found
+        except InputError as error:
+            reason = str(error).removeprefix(f"{path}: ").split(";")[0]
+            self._lose("end", f"{reason}; read without its index")
+        self._span: tuple[int, int] | None = None
+        if summary is not None and summary.statistics and summary.statistics.message_count:
+            self._span = (summary.statistics.message_start_time, summary.statistics.message_end_time)
+        self._counts = dict(summary.statistics.channel_message_counts) if summary and summary.statistics else None
+        if summary is not None:
+            self._schemas, self._channels = dict(summary.schemas), dict(summary.channels)
+        self._chunks = {
+            index.chunk_start_offset: set(index.message_index_offsets)
+            for index in (summary.chunk_indexes if summary else ())
+            if index.message_index_offsets
+        }
+
+    def topics(self) -> list[Topic]:
+        """The topics; a file without an index is gone through, which also counts their messages."""
+        if self._counts is None:
+            counts: dict[int, int] = {}
+            for channel, log_ns, _ in self._walk(None):
+                counts[channel] = counts.get(channel, 0) + 1
+                low, high = self._span or (log_ns, log_ns)
+                self._span = (min(low, log_ns), max(high, log_ns))
+            self._counts = counts
+        return [self._topic(channel) for channel in self._channels.values()]
+
+    def span(self) -> tuple[int, int] | None:
+        """Times of the first and the last message [ns]; None where there are none."""
+        self.topics()
+        return self._span
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """Messages of some topics, chunk by chunk, in the order of time within each.
+
+        A topic that is taken out of the collection on the way is left out from the next chunk on.
+        """
+        for channel, log_ns, data in self._walk(topics):
+            yield Message(self._channels[channel].topic, log_ns, data)
+
+    def _topic(self, channel: Channel) -> Topic:
+        schema = self._schemas.get(channel.schema_id)
+        return Topic(
+            name=channel.topic,
+            kind=schema.name if schema else "",
+            encoding=channel.message_encoding,
+            definition=schema.data if schema else b"",
+            language=schema.encoding if schema else "",
+            messages=None if self._counts is None else int(self._counts.get(channel.id, 0)),
+        )
+
+    def _lose(self, place: str, what: str, count: int = 0) -> None:
+        self.losses[Loss(self.name, place, what, count)] = None
+
+    def _walk(self, topics: Collection[str] | None) -> Iterator[tuple[int, int, bytes]]:
+        """(channel, time, data) of the messages of some topics, or of all of them."""
+        size = self.path.stat().st_size
+        with self.path.open("rb") as file:
+            at = len(MAGIC)
+            while at < size:
+                file.seek(at)
+                head = file.read(_HEAD.size)
+                if len(head) < _HEAD.size:
+                    self._lose(f"byte {at}", "the file ends within a record")
+                    return
+                code, length = _HEAD.unpack(head)
+                if code in (DATA_END, FOOTER):
+                    return
+                if at + _HEAD.size + length > size:
+                    missing = at + _HEAD.size + length - size
+                    self._lose(f"byte {at}", f"the file ends within a record, {missing} bytes before its end")
+                    return
+                if code in (SCHEMA, CHANNEL, MESSAGE, CHUNK) and not self._skipped(code, at, topics):
+                    yield from self._record(file, at, code, length, topics)
+                at += _HEAD.size + length
+            self._lose(f"byte {at}", "the file ends without its end mark")
+
+    def _skipped(self, code: int, at: int, topics: Collection[str] | None) -> bool:
+        """Whether a chunk holds none of the topics, by the index."""
+        if code != CHUNK or topics is None or at not in self._chunks:
+            return False
+        return not any(self._channels[c].topic in topics for c in self._chunks[at] if c in self._channels)
+
+    def _record(
+        self, file: IO[bytes], at: int, code: int, length: int, topics: Collection[str] | None
+    ) -> Iterator[tuple[int, int, bytes]]:
+        """Messages of one record outside chunks, or of one chunk; a damaged one is a loss."""
+        if length > MAX_CHUNK_BYTES:
+            self._lose(f"byte {at}", f"a record of {length} bytes (limit {MAX_CHUNK_BYTES}) was left out")
+            return
+        found: list[tuple[int, int, bytes]] = []
+        try:
+            data = file.read(length)
+            self._take(code, data, topics, found) if code != CHUNK else self._unpack(data, topics, found)
+        except _DAMAGE as error:
+            reason = " ".join(str(error).split())[:100] or "data end early"
+            what = "chunk" if code == CHUNK else "record"
+            self._lose(f"byte {at}", f"a damaged {what} of {length} bytes was left out ({reason})")
+            return
+        # The messages of a chunk need not be in the order of time.
+        yield from sorted(found, key=lambda message: message[1])
+
+    def _unpack(self, data: bytes, topics: Collection[str] | None, found: list[tuple[int, int, bytes]]) -> None:
+        """Add the messages of a chunk whose check sum is right."""
+        _, _, declared, crc = _CHUNK.unpack_from(data)
+        (n,) = struct.unpack_from("<I", data, _CHUNK.size)
+        begin = _CHUNK.size + 4 + n + 8
+        compression = data[_CHUNK.size + 4 : _CHUNK.size + 4 + n].decode()
+        records = unpacked(data[begin:], compression, declared)
+        if crc and zlib.crc32(records) != crc:
+            raise ValueError("wrong check sum")
+        at = 0
+        while at < len(records):
+            code, length = _HEAD.unpack_from(records, at)
+            at += _HEAD.size
+            if at + length > len(records):
+                raise ValueError("a record is longer than its chunk")
+            if code in (SCHEMA, CHANNEL, MESSAGE):
+                self._take(code, records[at : at + length], topics, found)
+            at += length
+
+    def _take(
+        self, code: int, data: bytes, topics: Collection[str] | None, found: list[tuple[int, int, bytes]]
+    ) -> None:
+        """Note a schema or a channel, or add a message."""
+        if code == SCHEMA:
+            schema = Schema.read(ReadDataStream(io.BytesIO(data)))
+            self._schemas.setdefault(schema.id, schema)
+        elif code == CHANNEL:
+            channel = Channel.read(ReadDataStream(io.BytesIO(data)))
+            self._channels.setdefault(channel.id, channel)
+        else:
+            channel_id, _, log_ns, _ = _MESSAGE.unpack_from(data)
+            if channel_id not in self._channels:
+                raise ValueError(f"a message of channel {channel_id}, which there is not")
+            if topics is None or self._channels[channel_id].topic in topics:
+                found.append((channel_id, log_ns, data[_MESSAGE.size :]))
+
+
+def unpacked(data: bytes, compression: str, declared: int) -> bytes:
+    """Unpacked records of a chunk; ValueError where they are more than is declared or may be."""
+    if compression not in KNOWN_COMPRESSION:
+        raise ValueError(f"unknown compression {compression!r}")
+    if not compression:
+        return data
+    if compression == "zstd":
+        told = max(zstandard.frame_content_size(data), 0)
+    else:
+        told = int(lz4.frame.get_frame_info(data)["content_size"])
+    if max(told, declared) > MAX_CHUNK_BYTES:
+        raise ValueError(f"unpacks to {max(told, declared)} bytes; the limit is {MAX_CHUNK_BYTES}")
+    if compression == "zstd":
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=declared)
+    return bytes(lz4.frame.decompress(data)) if told else _lz4(data, declared)
+
+
+def _lz4(data: bytes, declared: int) -> bytes:
+    """An LZ4 frame that does not state its size, unpacked up to the size that the chunk states."""
+    return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=declared))

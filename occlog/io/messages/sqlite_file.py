@@ -1,0 +1,81 @@
+"""One SQLite file of a ROS 2 bag (.db3), read row by row; where it is damaged, what comes before is used."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Collection, Iterator
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import quote
+
+from occlog.errors import InputError
+from occlog.records.losses import Loss
+
+from .mcap_file import Message, Topic
+
+
+class SqliteFile:
+    """A .db3 file; `losses` grow while it is read."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        """Read the topics; InputError for a file that is not a bag of ROS 2."""
+        self.path, self.name = path, name
+        self.losses: dict[Loss, None] = {}
+        try:
+            with closing(self._connect()) as base:
+                self._topics = self._read_topics(base)
+        except sqlite3.Error as error:
+            raise InputError(f"{path}: not a ROS 2 bag that can be read ({error}); copy it again") from None
+
+    def topics(self) -> list[Topic]:
+        """The topics."""
+        return list(self._topics.values())
+
+    def span(self) -> tuple[int, int] | None:
+        """Times of the first and the last message [ns]; None where there are none, or they cannot be read."""
+        try:
+            with closing(self._connect()) as base:
+                low, high = base.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
+        except sqlite3.Error:
+            return None
+        return None if low is None else (int(low), int(high))
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        """Messages of some topics in the order in which they were recorded."""
+        wanted = [number for number, topic in self._topics.items() if topic.name in topics]
+        if not wanted:
+            return
+        marks = ", ".join("?" * len(wanted))
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id"
+        last = 0
+        try:
+            with closing(self._connect()) as base:
+                for number, log_ns, data in base.execute(query, wanted):
+                    last = int(log_ns)
+                    yield Message(self._topics[int(number)].name, last, bytes(data))
+        except (sqlite3.Error, TypeError, ValueError) as error:
+            place = f"after {last} ns" if last else "first message"
+            self.losses[Loss(self.name, place, f"damaged SQLite file: the rest cannot be read ({error})")] = None
+
+    def _connect(self) -> sqlite3.Connection:
+        # Immutable: nothing is written beside the file, not even a lock.
+        base = sqlite3.connect(f"file:{quote(str(self.path.resolve()))}?mode=ro&immutable=1", uri=True)
+        # SQLite refuses all of a file that has become shorter, unless its tables may be wrong.
+        base.execute("PRAGMA writable_schema = ON")
+        return base
+
+    def _read_topics(self, base: sqlite3.Connection) -> dict[int, Topic]:
+        definitions: dict[str, tuple[str, str]] = {}
+        if base.execute("SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'").fetchone():
+            rows = base.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
+            definitions = {str(kind): (str(language), str(text)) for kind, language, text in rows}
+        try:
+            counts = dict(base.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id"))
+        except sqlite3.DatabaseError:
+            counts = None
+        out: dict[int, Topic] = {}
+        for number, name, kind, encoding in base.execute("SELECT id, name, type, serialization_format FROM topics"):
+            language, text = definitions.get(kind, ("", ""))
+            messages = None if counts is None else int(counts.get(number, 0))
+            out[int(number)] = Topic(str(name), str(kind), str(encoding), text.encode(), language, messages)
+        return out

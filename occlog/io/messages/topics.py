@@ -1,0 +1,192 @@
+"""Which topics of a bag are taken, as what, and under which name: as the user says, or found by type and name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from occlog.errors import InputError, UsageError
+from occlog.io.files.inputs import check_input
+from occlog.io.files.sensor_names import safe_name
+from occlog.io.files.yaml_file import read_yaml
+
+from .kinds import Kind, kind_of
+from .mcap_file import Topic
+
+TRANSPORTS = ("compressed", "theora", "compressedDepth", "ffmpeg", "h264", "zstd")
+PLAIN = (
+    "image", "image_raw", "image_rect", "image_color", "image_mono", "image_rect_color", "image_rect_raw",
+    "image_raw_color", "video", "camera_info", "compressed",
+)  # fmt: skip
+"""Last parts of topics that say nothing of the camera's name."""
+
+
+@dataclass(frozen=True)
+class TopicMap:
+    """What is taken of a bag.
+
+    Attributes:
+        images: topic of the images of each camera.
+        infos: topic of the calibration of each camera.
+        transforms: topics of transforms.
+        poses: topic of true positions by the identity of their (first) target.
+        boxes: topic of boxes of each camera.
+        directions: topic of directions of each array.
+        others: topics that could be taken too, and as what.
+    """
+
+    images: dict[str, str] = field(default_factory=dict)
+    infos: dict[str, str] = field(default_factory=dict)
+    transforms: tuple[str, ...] = ()
+    poses: dict[int, str] = field(default_factory=dict)
+    boxes: dict[str, str] = field(default_factory=dict)
+    directions: dict[str, str] = field(default_factory=dict)
+    others: dict[str, Kind] = field(default_factory=dict)
+
+    @property
+    def cameras(self) -> list[str]:
+        """Cameras with images or boxes."""
+        return list(dict.fromkeys([*self.images, *self.boxes]))
+
+
+def read_topic_map(path: Path) -> list[tuple[str, str]]:
+    """Pairs of a name and a topic of a YAML file, `cam1: /cam_front/image_raw` or a list of topics."""
+    check_input(path, "a map of topics (YAML: name and topic, or a list of topics)")
+    found = read_yaml(path, dict[str | int, str | list[str]], "a map of topics")
+    return [(str(name), t) for name, topics in found.items() for t in ([topics] if isinstance(topics, str) else topics)]
+
+
+def map_topics(topics: Mapping[str, Topic], asked: Sequence[tuple[str, str]], pictures: Iterable[str]) -> TopicMap:
+    """Decide what is taken.
+
+    Args:
+        topics: topics of the bag.
+        asked: names and topics that the user gives; of kinds of which there are any, no others are taken.
+        pictures: topics of images whose first message shows what a camera sees (and not depth).
+
+    Raises:
+        UsageError: a topic that the user gives is not there, or cannot be taken, or a name is given twice.
+    """
+    named: dict[Kind, dict[str, str]] = {kind: {} for kind in Kind}
+    for name, topic in asked:
+        kind = _kind_asked(topics, name, topic)
+        if name in named[kind]:
+            raise UsageError(f"topic {topic}: {name} already has {kind.value} in {named[kind][name]}; give one")
+        named[kind][name] = topic
+    shown = set(pictures)
+    found = {
+        kind: [t.name for t in topics.values() if kind_of(t.kind) is kind and t.messages != 0 and _readable(t)]
+        for kind in Kind
+    }
+    candidates = [t for t in found[Kind.IMAGE] if t in shown]
+    images = named[Kind.IMAGE] or name_cameras(_one_of_each(candidates, topics))
+    infos = dict(named[Kind.INFO])
+    for camera, topic in images.items():
+        match = _info_of(topic, found[Kind.INFO])
+        if camera not in infos and match is not None:
+            infos[camera] = match
+    boxes = named[Kind.BOX]
+    directions = named[Kind.DIRECTION] or _named_by_path(found[Kind.DIRECTION])
+    taken = {*images.values(), *infos.values(), *boxes.values(), *directions.values(), *named[Kind.POSE].values()}
+    others: dict[str, Kind] = {
+        t: kind for kind in Kind if kind is not Kind.TRANSFORM for t in found[kind] if t not in taken
+    }
+    return TopicMap(
+        images=images,
+        infos=infos,
+        transforms=tuple(named[Kind.TRANSFORM].values()) or tuple(found[Kind.TRANSFORM]),
+        poses={_identity(name, topic): topic for name, topic in named[Kind.POSE].items()},
+        boxes=boxes,
+        directions=directions,
+        others=others,
+    )
+
+
+def _readable(topic: Topic) -> bool:
+    return topic.encoding in ("cdr", "json") or (topic.encoding == "protobuf" and topic.kind.startswith("foxglove."))
+
+
+def _kind_asked(topics: Mapping[str, Topic], name: str, topic: str) -> Kind:
+    """What a topic that the user names is taken as, by its type."""
+    if topic not in topics:
+        known = ", ".join(topics) or "none"
+        raise UsageError(f"topic {topic}: the bag has no such topic; it has: {known}")
+    kind = kind_of(topics[topic].kind)
+    if kind is None:
+        raise UsageError(f"topic {topic}: messages of type {topics[topic].kind or '(none)'} cannot be taken")
+    if kind not in (Kind.POSE, Kind.TRANSFORM) and safe_name(name) != name:
+        raise UsageError(f"topic {topic}: {name!r} cannot be the name of a sensor; try {safe_name(name)!r}")
+    return kind
+
+
+def _identity(name: str, topic: str) -> int:
+    if not (name.isascii() and name.isdigit() and int(name) < 2**31):
+        raise UsageError(
+            f"topic {topic}: holds true positions; name it by the number of its (first) target, for example 0={topic}"
+        )
+    return int(name)
+
+
+def base_of(topic: str) -> str:
+    """The topic of an image without the part that names its transport: /cam/image_raw/compressed is /cam/image_raw."""
+    head, _, last = topic.rpartition("/")
+    return head if last in TRANSPORTS and head else topic
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether the name of a topic says that its images are rectified."""
+    return "rect" in base_of(topic).rpartition("/")[2]
+
+
+def _one_of_each(images: Iterable[str], topics: Mapping[str, Topic]) -> list[str]:
+    """One topic for each namespace: the one with most messages, then a raw image, then a compressed one."""
+    groups: dict[str, list[str]] = {}
+    for topic in images:
+        groups.setdefault(base_of(topic).rpartition("/")[0] or topic, []).append(topic)
+
+    def rank(topic: str) -> tuple[int, bool, bool, str]:
+        return (-(topics[topic].messages or 0), is_rectified(topic), base_of(topic) == topic, topic)
+
+    return sorted(min(group, key=rank) for group in groups.values())
+
+
+def name_cameras(images: Sequence[str]) -> dict[str, str]:
+    """Names of cameras: the last part of their topics that says something, and as many before as tell them apart."""
+    parts = {topic: _telling(topic) for topic in images}
+    for depth in range(1, 1 + max((len(p) for p in parts.values()), default=0)):
+        names = {topic: "_".join(p[-depth:]) for topic, p in parts.items()}
+        if len(set(names.values())) == len(names):
+            break
+    else:
+        names = {topic: topic.strip("/").replace("/", "_") for topic in images}
+    return {safe_name(name): topic for topic, name in names.items()}
+
+
+def _telling(topic: str) -> list[str]:
+    parts = [part for part in topic.split("/") if part]
+    while len(parts) > 1 and parts[-1] in (*TRANSPORTS, *PLAIN):
+        parts.pop()
+    return parts or ["camera"]
+
+
+def _info_of(image: str, infos: Sequence[str]) -> str | None:
+    """The calibration beside the images, `/cam/camera_info` for `/cam/image_raw`, or the only one of its namespace."""
+    space = base_of(image).rpartition("/")[0]
+    beside = [t for t in infos if t.rpartition("/")[0] == space]
+    exact = [t for t in beside if t.rpartition("/")[2] == "camera_info"]
+    return exact[0] if exact else (beside[0] if len(beside) == 1 else None)
+
+
+def _named_by_path(topics: Sequence[str]) -> dict[str, str]:
+    """Names of arrays: `/mic1/odas/sst` is mic1, and `/sst` alone is odas."""
+    out: dict[str, str] = {}
+    for topic in topics:
+        parts = [p for p in topic.split("/") if p and p not in ("odas", "sst", "ssl", "odas_server_node")]
+        name = safe_name("_".join(parts) or "odas")
+        if name in out:
+            raise InputError(
+                f"topics {out[name]} and {topic}: both hold directions of {name}; name the one that is to be taken"
+            )
+        out[name] = topic
+    return out
