@@ -89,7 +89,7 @@ METHODS: dict[str, Entry] = {
         "most probable trajectory from all bearings at once (Rahimi, Dunagan, Darrell 2004)",
         "occlog.track.map.method:METHOD",
         "occlog.track.map.config:MapConfig",
-        (*IN_WORLD, "starts", "occluders", "motion"),
+        (*IN_WORLD, *MEASURED, "starts", "occluders", "motion"),
     ),
     "ekf": Entry(
         "baseline of apf: extended Kalman filter of readings and bearings",

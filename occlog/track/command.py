@@ -107,7 +107,7 @@ def command(
     --method virtual and rssi locate radio tags: BEARINGS is then a recording (or a table) with the reads of fixed
     readers. A tag's track has the tag's identity, which `occlog label` gives to bearings.
 
-    --method fix and apf also take ranges, signal strengths and time differences of stations: in --measurements
+    --method fix, apf and map also take ranges, signal strengths and time differences of stations: in --measurements
     beside bearings, or in the place of BEARINGS.
 
     \b

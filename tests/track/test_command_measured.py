@@ -61,7 +61,7 @@ def off(folder: Path) -> np.ndarray:
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", ["fix", "apf"])
+@pytest.mark.parametrize("method", ["fix", "apf", "map"])
 @pytest.mark.parametrize(
     ("log", "more", "most"),
     [
@@ -80,13 +80,14 @@ def test_a_log_of_five_columns_becomes_a_track(
     residuals = read_table(tmp_path / "r.parquet", Residuals)
     assert len(residuals) == len(TIMES) * (3 if log == "tdoa" else 4)
     assert np.mean(residuals.believed > 0.5) > 0.95
+    assert np.all(np.diff(residuals.t_ns) >= 0)
     assert read_provenance(tmp_path / "t.parquet").parameters["measurements"]["propagation"] == (
         "sound" if log == "tdoa" else None
     )
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("method", ["fix", "apf"])
+@pytest.mark.parametrize("method", ["fix", "apf", "map"])
 def test_bearings_and_ranges_of_one_station_are_a_place(tmp_path: Path, method: str) -> None:
     files(tmp_path)
     more = ["--measurements", str(tmp_path / "ranges.csv"), "--cameras", "a"]
@@ -106,7 +107,7 @@ def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
     [
         ("tdoa", "fix", [], "want the speed of propagation"),
         ("tdoa", "fix", ["--propagation", "warp"], "--propagation warp: must be sound, light, or a number above 0"),
-        ("ranges", "ekf", [], "which methods fix and apf take"),
+        ("ranges", "ekf", [], "which methods fix, apf and map take"),
         ("ranges", "fix", ["--set", "estimator=huber"], "huber takes bearings alone"),
         ("ranges", "apf", ["--select", "greedy"], "leave select or the measurements out"),
         ("bearings", "fix", ["--tag-height", "1"], "--tag-height goes with ranges"),

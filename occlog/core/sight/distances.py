@@ -94,9 +94,15 @@ def beliefs(residual: Floats, bend: float) -> Floats:
     return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - bend**2), 700.0))))
 
 
+def at_own(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:
+    """Residuals (m,) of measurements, each at its own place (m, 2), and gradients (m, 2), as `linearise` has them."""
+    mean, gradient = _mean(rows, xy)
+    return (rows.value - mean) / rows.sigma, gradient / rows.sigma[:, None]
+
+
 def information(rows: Distances, xy: Floats) -> Floats:
     """(m, 2, 2) Fisher information of each measurement about its own true place (m, 2), if it is true."""
-    gradient = _mean(rows, xy)[1] / rows.sigma[:, None]
+    gradient = at_own(rows, xy)[1]
     return np.asarray(gradient[:, :, None] * gradient[:, None, :])
 
 

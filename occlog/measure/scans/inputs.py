@@ -60,7 +60,7 @@ class Inputs:
         alone = distances and not measured.has(Bearings) and not measured.has(Doa)
         alone = alone and (measured.has(Measurements) or measured.has(Reads))
         if not distances and measured.has(Measurements):
-            raise InputError(f"{bearings}: holds measurements of distances, which methods fix and apf take")
+            raise InputError(f"{bearings}: holds measurements of distances, which methods fix, apf and map take")
         if not alone and (doa is None or measured.recording is None):
             more: tuple[type[Table], ...] = (Measurements,) if distances else ()
             measured.require(Bearings, Doa, *more, remedy=_remedy(measured))

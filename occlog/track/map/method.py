@@ -34,6 +34,7 @@ from .barriers import obstacles
 from .believed_bearings import judge
 from .config import MapConfig
 from .fixed_lag import lag_ns, settled
+from .mixed import mixed_search, with_distances
 from .pending import Pending, begin
 from .record import EMPTY, Record, after, fill, join, record_of
 from .robust import Sought, plain_search, robust_search
@@ -63,9 +64,11 @@ def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = 
     try:
         # Formulate (Eqs. 1-5 and 8-9), and search for the mode around the obstacles (Eq. 6)
         search = robust_search if config.consensus else plain_search
+        if whole.measured is not None:
+            search = mixed_search
         sought = search(pending, whole, around, watch)
         # Estimate, with covariances
-        found, spread = _estimate(sought, around, pending)
+        found, spread = _estimate(sought, around, pending, stated=whole.measured is not None)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"map: numbers too large or too small to compute with ({error}); look at sigma_px, u_px and sigma of the "
@@ -77,6 +80,8 @@ def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = 
     through = np.asarray(found.left_alone[walls].any(axis=0), dtype=np.bool_)
     judged = judge(pending, whole, sought, found)
     out = _smoothed(pending, problem, solution, spread[:keep], whole, stuck, through, judged)
+    if whole.measured is not None:
+        out = with_distances(out, pending, whole, found)
     if last:
         return pending._replace(record=EMPTY, X=np.empty((0, 4))), out
     # Marginalise what is given out: it becomes a Gaussian of the first state that is left
@@ -84,16 +89,19 @@ def advance(pending: Pending, scans: Sequence[Scan], last: bool, watch: Watch = 
     return pending._replace(before=before, record=after(whole, keep), X=solution.X[keep:], scales=sought.scales), out
 
 
-def _estimate(sought: Sought, around: tuple[Obstacle, ...], pending: Pending) -> tuple[Detours, Floats]:
+def _estimate(
+    sought: Sought, around: tuple[Obstacle, ...], pending: Pending, *, stated: bool = False
+) -> tuple[Detours, Floats]:
     """The estimate that is given out, and its covariances (T, 4, 4).
 
     Args:
         sought: the mode.
         around: the obstacles.
         pending: the target.
+        stated: covariances are made with the stated noises, whatever residuals tell.
     """
     config, extent, mode = pending.config, pending.extent, sought.mode
-    honest = config.adapt and config.consensus and config.loss != "square"
+    honest = config.adapt and config.consensus and config.loss != "square" and not stated
     if not config.front or (config.estimate == "mode" and config.covariance == "hessian"):
         spread = covariance(mode.problem, mode.solution.X)
         return mode, sandwich(mode.problem, mode.solution.X, spread) if honest else spread
@@ -187,4 +195,5 @@ METHOD = Batch(
     started=lambda config: config.start is not None,
     lag_ns=lambda config: lag_ns(config.lag_s),
     occluders=lambda config: OccluderTerms(config.occluder_diameter, config.prior_max_age_s),
+    measured=True,
 )

@@ -9,11 +9,16 @@ import numpy as np
 
 from occlog.array_types import NS, Ints
 from occlog.core.occlusion.priors import Priors
+from occlog.core.sight import distances
+from occlog.core.sight.distances import Distances
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan, concat
 
 MOST_STATES = 10_000_000
 """States that `fill_s` may make."""
+
+
+NO_STATES = np.empty(0, dtype=np.int64)
 
 
 class Record(NamedTuple):
@@ -23,6 +28,8 @@ class Record(NamedTuple):
     state: Ints  # (R,) which time each row is of, rising
     rows: Scan  # R rows; the time and the occluders of this scan mean nothing
     occluders: tuple[Priors | None, ...] = ()  # of the first times, in order; None, and beyond these: nothing is known
+    measured: Distances | None = None  # ranges and their like; None: there are none at all
+    measured_state: Ints = NO_STATES  # (m,) which time each of them is of, rising
 
     def priors(self, state: int) -> Priors | None:
         """Priors of the moving occluders at a time; None: nothing is known."""
@@ -38,7 +45,12 @@ def record_of(scans: Sequence[Scan]) -> Record:
     counts = [len(scan.sensor) for scan in scans]
     t_ns = np.array([scan.t_ns for scan in scans], dtype=np.int64)
     rows, occluders = concat([EMPTY.rows, *scans]), tuple(scan.occluders for scan in scans)
-    return Record(t_ns, np.repeat(np.arange(len(scans)), counts), rows, _told(occluders))
+    record = Record(t_ns, np.repeat(np.arange(len(scans)), counts), rows, _told(occluders))
+    told = [(t, scan.measured.distances) for t, scan in enumerate(scans) if scan.measured is not None]
+    if not told:
+        return record
+    state = np.repeat([t for t, _ in told], [len(rows.kind) for _, rows in told])
+    return record._replace(measured=distances.concat([rows for _, rows in told]), measured_state=state)
 
 
 def join(a: Record, b: Record) -> Record:
@@ -46,13 +58,29 @@ def join(a: Record, b: Record) -> Record:
     state = np.concatenate([a.state, b.state + len(a.t_ns)])
     silent = (None,) * (len(a.t_ns) - len(a.occluders))
     occluders = _told((*a.occluders, *silent, *b.occluders))
-    return Record(np.concatenate([a.t_ns, b.t_ns]), state, concat([a.rows, b.rows]), occluders)
+    parts = [rows for rows in (a.measured, b.measured) if rows is not None]
+    return Record(
+        t_ns=np.concatenate([a.t_ns, b.t_ns]),
+        state=state,
+        rows=concat([a.rows, b.rows]),
+        occluders=occluders,
+        measured=distances.concat(parts) if parts else None,
+        measured_state=np.concatenate([a.measured_state, b.measured_state + len(a.t_ns)]),
+    )
 
 
 def after(record: Record, state: int) -> Record:
     """What the record has from a state on."""
     rows = record.state >= state
-    return Record(record.t_ns[state:], record.state[rows] - state, record.rows.take(rows), record.occluders[state:])
+    own = record.measured_state >= state
+    return Record(
+        t_ns=record.t_ns[state:],
+        state=record.state[rows] - state,
+        rows=record.rows.take(rows),
+        occluders=record.occluders[state:],
+        measured=None if record.measured is None else record.measured.take(own),
+        measured_state=record.measured_state[own] - state,
+    )
 
 
 def _told(occluders: tuple[Priors | None, ...]) -> tuple[Priors | None, ...]:
@@ -87,4 +115,9 @@ def fill(record: Record, longest_s: float | None) -> Record:
     for t, priors in enumerate(record.occluders):
         occluders[first[t]] = priors
     filled = np.append(t_ns, record.t_ns[-1])
-    return record._replace(t_ns=filled, state=first[record.state], occluders=tuple(occluders))
+    return record._replace(
+        t_ns=filled,
+        state=first[record.state],
+        occluders=tuple(occluders),
+        measured_state=first[record.measured_state],
+    )

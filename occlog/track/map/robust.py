@@ -98,7 +98,7 @@ def plain_search(pending: Pending, record: Record, around: tuple[Obstacle, ...],
         problem = problem._replace(lines=problem.lines._replace(lean=lean), hints=told.hints)
         start, _ = move_inside(before, problem.planes, APART * pending.extent)
         mode = search_around(problem, start, around, config, pending.extent, watch, mu=MU)
-        if _still(before, mode):
+        if still(before, mode):
             break
     return Sought(problem, mode, stuck, used, (1.0, 1.0), told=told)
 
@@ -112,13 +112,13 @@ def robust_search(pending: Pending, record: Record, around: tuple[Obstacle, ...]
         spread = covariance(found.mode.problem, before)
         told = told_by_occluders(pending, record, before, spread, believed, found.told)
         path = Agreed(before, believed, 0.0)
-        found = _search(pending, record, around, watch, path, found.scales, among=told)
-        if _still(before, found.mode):
+        found = search_from(pending, record, around, watch, path, found.scales, among=told)
+        if still(before, found.mode):
             break
     if found.chance is None or found.believed is None or not found.chance.any():
         return found
     path = Agreed(found.mode.solution.X, found.believed & ~found.chance, 0.0)
-    other = _search(pending, record, around, None, path, found.scales, careful=True, among=found.told)
+    other = search_from(pending, record, around, None, path, found.scales, careful=True, among=found.told)
     return found._replace(careful=other.mode)
 
 
@@ -137,12 +137,12 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
 
     # Start: what agrees with what is stated
     first = path(pending.scales)
-    found = _search(pending, record, around, watch, first, pending.scales)
+    found = search_from(pending, record, around, watch, first, pending.scales)
     # Where one camera sees it at a time, distances hang on the motion: the paper's start may lead to a lower minimum
     sparse = _overlap(record) < OVERLAP
     if sparse:
         far = _from_axes(pending, whole, trust_of(config, pending.scales[0]))
-        other = _search(pending, record, around, watch, far, pending.scales)
+        other = search_from(pending, record, around, watch, far, pending.scales)
         found = min(found, other, key=lambda sought: sought.score)
     if sparse or config.loss == "square" or not config.adapt or _plausible(found, first):
         return found
@@ -157,7 +157,7 @@ def _most_probable(pending: Pending, record: Record, around: tuple[Obstacle, ...
             best, scales = noisier, tried
     if scales == pending.scales:
         return found
-    return _search(pending, record, around, watch, best, scales)
+    return search_from(pending, record, around, watch, best, scales)
 
 
 def _overlap(record: Record) -> float:
@@ -191,7 +191,7 @@ def trust_of(config: MapConfig, lines2: float) -> float:
     return float(np.sqrt(max(bend**2 - np.log(lines2), LEAST_TRUST**2)))
 
 
-def _search(
+def search_from(
     pending: Pending,
     record: Record,
     around: tuple[Obstacle, ...],
@@ -264,7 +264,7 @@ def _search(
     return Sought(problem, mode, stuck, used, scales, score, believed, chance, told=among)
 
 
-def _still(before: Floats, mode: Detours) -> bool:
+def still(before: Floats, mode: Detours) -> bool:
     """Whether no position has moved by more than `STILL` of its standard deviations."""
     X = mode.solution.X
     sigma = np.sqrt(covariance(mode.problem, X)[:, (0, 2), (0, 2)].sum(axis=1))
