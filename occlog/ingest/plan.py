@@ -38,7 +38,19 @@ FRAMES = _Pattern("range", r"^(\d{0,9}):(\d{1,9})$", "A:B with A < B, for exampl
 SIZE = _Pattern("size", r"^(\d{1,5})[xX](\d{1,5})$", "WIDTHxHEIGHT, for example 1920x1080", lambda a, b: a > 0 < b)
 
 
-CALIBRATIONS = ("auto", "qualisys", "tsai", "projection", "opencv-toml", "opencv-storage")
+CALIBRATIONS = (
+    "auto",
+    "qualisys",
+    "tsai",
+    "projection",
+    "opencv-toml",
+    "opencv-storage",
+    "opencv-pairs",
+    "kalibr",
+    "ros",
+    "colmap",
+    "arrays",
+)
 TRUTHS = ("auto", "csv", "mot", "xml", "caliscope")
 DOAS = ("auto", "csv", "frida", "telemetr", "odas")
 

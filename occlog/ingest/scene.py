@@ -128,6 +128,8 @@ def base_scene(plan: IngestPlan, note: Note) -> tuple[Scene, Turn | None]:
         options = CalibrationOptions(plan.calibration_unit, plan.image_size)
         calibration = read_calibration(plan.calibration, plan.calibration_format, options)
         note(describe(calibration))
+        for said in calibration.told:
+            note(f"calibration: {said}" if not said.startswith("warning") else said)
         if scene.length_unit != "m":
             raise InputError(f"{plan.scene}: lengths are in {scene.length_unit}, but those of the calibration in m")
         double = next((c.name for c in calibration.cameras if c.name in {k.name for k in cameras}), None)

@@ -6,7 +6,9 @@ yaw from +x towards +y, pitch up, roll clockwise as seen from behind the camera.
 
 Distortion coefficients are (k1, k2, p1, p2, k3) on normalised image coordinates:
 `brown` maps ideal to distorted (OpenCV's direction), `tsai` uses k1 only and maps
-distorted to ideal, x_ideal = x (1 + k1 r^2).
+distorted to ideal, x_ideal = x (1 + k1 r^2).  `equidistant` is the fisheye of Kannala and
+Brandt 2006 as in OpenCV and Kalibr, with coefficients (k1, k2, k3, k4, 0): a ray at the angle
+theta to the optical axis falls at the radius theta (1 + k1 theta^2 + ... + k4 theta^8).
 """
 
 from __future__ import annotations
@@ -52,6 +54,10 @@ def angles_from_rotation(rotation: Floats) -> tuple[float, float, float]:
 
 def distort(xy: Floats, coefficients: Floats, model: str) -> Floats:
     """Ideal normalised image coordinates (N, 2) to distorted ones."""
+    if model == "equidistant":
+        radius = np.hypot(xy[:, 0], xy[:, 1])
+        theta = np.arctan(radius)
+        return xy * np.where(radius > 0, _bent(theta, coefficients) / np.where(radius > 0, radius, 1.0), 1.0)[:, None]
     if not np.any(coefficients):
         return xy
     if model == "tsai":
@@ -60,12 +66,39 @@ def distort(xy: Floats, coefficients: Floats, model: str) -> Floats:
 
 
 def undistort(xy: Floats, coefficients: Floats, model: str) -> Floats:
-    """Distorted normalised image coordinates (N, 2) to ideal ones."""
+    """Distorted normalised image coordinates (N, 2) to ideal ones; NaN where an equidistant lens sees 90 degrees."""
+    if model == "equidistant":
+        return _straight(xy, coefficients)
     if not np.any(coefficients):
         return xy
     if model == "tsai":
         return _polynomial(xy, coefficients, "tsai")
     return _invert(xy, coefficients, "brown")
+
+
+def _bent(theta: Floats, coefficients: Floats) -> Floats:
+    """Radii of rays at angles theta [rad] to the axis of an equidistant lens."""
+    t2 = theta * theta
+    k1, k2, k3, k4, _ = coefficients
+    return np.asarray(theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))))
+
+
+def _straight(xy: Floats, coefficients: Floats) -> Floats:
+    """Ideal image coordinates of an equidistant lens, by Newton's method for the angle of each radius."""
+    radius = np.hypot(xy[:, 0], xy[:, 1])
+    k1, k2, k3, k4, _ = coefficients
+    theta = np.minimum(radius, 1.5)
+    for _ in range(50):
+        t2 = theta * theta
+        slope = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+        step = (_bent(theta, coefficients) - radius) / np.where(np.abs(slope) < 1e-3, 1e-3, slope)
+        theta = np.clip(theta - step, 0.0, np.pi)
+        if np.abs(step).max(initial=0.0) < 1e-13:
+            break
+    good = (theta < 0.5 * np.pi) & (np.abs(_bent(theta, coefficients) - radius) < 1e-9)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = np.where(radius > 0, np.tan(theta) / radius, 1.0)
+    return np.asarray(xy * np.where(good, scale, np.nan)[:, None])
 
 
 def _polynomial(xy: Floats, coefficients: Floats, model: str) -> Floats:
@@ -101,7 +134,7 @@ def pixels_to_rays(
         focal_px: (2,) focal lengths [px].
         principal_px: (2,) principal point [px].
         coefficients: (5,) distortion.
-        model: `brown` or `tsai`.
+        model: `brown`, `tsai` or `equidistant`.
         rotation: (3, 3) world-from-camera.
 
     Returns:

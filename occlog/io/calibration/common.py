@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import yaml
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
@@ -14,10 +17,14 @@ from occlog.io.files.inputs import check_input
 from occlog.io.files.sensor_names import safe_name
 from occlog.records.scene import Camera, camera_fov
 
+from .lens import fit_rational
+
 WHAT = "a camera calibration"
 MAX_BYTES = 16 * 2**20
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 MAX_ROUND_TRIP_PX = 0.5
+MAX_FISHEYE_DEG = 80.0
+"""Beyond, the ideal image that all methods work in becomes too large."""
 MAX_SKEW_PX = 1.0
 """A larger skew would shift bearings by more than the noise of a reading; `Camera` has none."""
 
@@ -29,10 +36,12 @@ class CalibrationOptions:
     Attributes:
         unit: length unit of the file, `m`, `cm` or `mm`; None: the format's own, else metres.
         image_size: width and height [px]; None: as stated in the file.
+        told: importers add what they took for granted, for people.
     """
 
     unit: str | None = None
     image_size: tuple[int, int] | None = None
+    told: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +56,7 @@ class Pose:
         centre: (3,) camera centre [m].
         image_size: width and height [px], None if not stated.
         distortion: k1, k2, p1, p2, k3 (shorter lists are filled with zeros).
-        model: `brown` or `tsai`.
+        model: `brown`, `tsai` or `equidistant`.
     """
 
     name: str
@@ -58,6 +67,72 @@ class Pose:
     image_size: tuple[int, int] | None
     distortion: Sequence[float] = ()
     model: str = "brown"
+
+
+class Lens(NamedTuple):
+    """A lens as a file states it.
+
+    `brown` has k1, k2, p1, p2, k3; `rational` k4, k5, k6 besides; `equidistant` k1 to k4.
+    """
+
+    model: str
+    coefficients: Floats
+
+
+def lens_pose(
+    *,
+    name: str,
+    focal: Floats,
+    principal: Floats,
+    size: tuple[int, int],
+    lens: Lens,
+    rotation: Floats,
+    translation: Floats,
+    options: CalibrationOptions,
+    where: str,
+) -> Pose:
+    """The pose of a camera with Xc = R Xw + t [m], whose lens is fitted by Brown's where it is rational.
+
+    Raises:
+        InputError: the lens cannot be fitted closely.
+    """
+    coefficients, model = np.asarray(lens.coefficients, dtype=np.float64), lens.model
+    if model == "rational" and (focal > 0).all():
+        coefficients, off = fit_rational(coefficients, size, focal, principal, where)
+        options.told.append(f"{name}: rational lens, fitted by Brown's within {off:.2g} px")
+        model = "brown"
+    return Pose(
+        name=name,
+        focal_px=focal.tolist(),
+        principal_px=principal.tolist(),
+        rotation=rotation,
+        centre=-rotation.T @ translation,
+        image_size=size,
+        distortion=coefficients.tolist(),
+        model=model,
+    )
+
+
+def numbers(value: object, what: str) -> Floats:
+    """The value as an array of finite numbers; InputError where it is none."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (ValueError, TypeError):
+        raise InputError(f"{what} is not made of numbers, in rows of equal length") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} has numbers that are not finite")
+    return array
+
+
+def yaml_values(text: str, path: Path) -> dict[str, object]:
+    """The values of a YAML file that has names at its top; InputError for anything else."""
+    try:
+        values = yaml.safe_load(re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text))
+    except (yaml.YAMLError, RecursionError) as error:
+        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())[:100]})") from None
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: names no values; {WHAT} was expected")
+    return {str(key): value for key, value in values.items()}
 
 
 def read_text(path: Path) -> str:
@@ -98,6 +173,8 @@ def build_camera(pose: Pose, where: str) -> Camera:
         fov = camera_fov(size, focal, principal, coefficients, pose.model, rotation)
         camera = _camera(pose, centre, rotation, focal, principal, size, coefficients, fov)
         off = _round_trip(camera, size)
+    if pose.model == "equidistant":
+        _check_fisheye(camera, size, where)
     # Tsai's model gives the sight line of a pixel directly; only the way back has to be solved.
     if pose.model == "brown" and not off < MAX_ROUND_TRIP_PX:
         raise InputError(f"{where}: the distortion {given.tolist()} cannot be undone at the edge of the image")
@@ -109,6 +186,17 @@ def _round_trip(camera: Camera, size: tuple[int, int]) -> float:
     u, v = np.meshgrid(np.linspace(0, size[0] - 1, 9), np.linspace(0, size[1] - 1, 9))
     pixels = np.column_stack([u.ravel(), v.ravel()])
     return float(np.abs(camera.project(camera.position + camera.rays(pixels)) - pixels).max())
+
+
+def _check_fisheye(camera: Camera, size: tuple[int, int], where: str) -> None:
+    """InputError where a border pixel of a fisheye looks so far off the axis that its ray cannot be used."""
+    u, v = np.meshgrid(np.linspace(0, size[0] - 1, 9), np.linspace(0, size[1] - 1, 9))
+    rays = camera.rays(np.column_stack([u.ravel(), v.ravel()])) @ camera.rotation
+    if not np.hypot(rays[:, 0], rays[:, 1]).max() < np.tan(np.radians(MAX_FISHEYE_DEG)):
+        raise InputError(
+            f"{where}: an equidistant (fisheye) lens that sees more than {MAX_FISHEYE_DEG:g} degrees off its axis; "
+            "undistort the images first"
+        )
 
 
 def _camera(

@@ -1,4 +1,4 @@
-"""OpenCV FileStorage calibrations, YAML or XML: one file a camera.
+"""OpenCV FileStorage calibrations, YAML, XML or JSON: one file a camera.
 
 Read with an own parser: OpenCV's crashes on malformed files, and versions 4 and 5 write
 different headers.  Names of the parts differ from program to program; the usual ones are
@@ -7,6 +7,7 @@ known.  Xc = R Xw + t; the unit is not stated: metres unless told.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Hashable, Mapping
 from pathlib import Path
@@ -45,7 +46,8 @@ for _tag in ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-mat
 
 def detect(text: str) -> bool:
     """Whether a text is an OpenCV FileStorage with a camera matrix."""
-    return ("opencv_storage" in text[:400] or text.startswith("%YAML")) and "opencv-" in text
+    head = "opencv_storage" in text[:400] or text.startswith("%YAML") or text.lstrip().startswith("{")
+    return head and "opencv-" in text
 
 
 def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
@@ -55,14 +57,11 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 def _camera(path: Path, options: CalibrationOptions) -> Camera:
     where = f"{path}: camera {path.stem}"
-    text = read_text(path)
-    values = _from_xml(text, path) if text.lstrip().startswith("<") else _from_yaml(text, path)
-    matrix = _matrix(values, MATRIX, where)
-    rotation, translation = _matrix(values, ROTATION, where), _matrix(values, TRANSLATION, where).reshape(-1)
-    if rotation.size == 3:
-        rotation = rotation_from_vector(rotation.reshape(3))
-    if matrix.shape != (3, 3) or rotation.shape != (3, 3) or translation.shape != (3,):
-        raise InputError(f"{where}: want a 3 x 3 camera matrix, a rotation of 9 or 3 and a translation of 3 numbers")
+    values = storage_values(read_text(path), path)
+    matrix = matrix_of(values, MATRIX, where)
+    rotation, translation = pose_of(values, where)
+    if matrix.shape != (3, 3):
+        raise InputError(f"{where}: want a 3 x 3 camera matrix")
     found = [key for key in DISTORTION if key in values]
     pose = Pose(
         name=path.stem,
@@ -70,10 +69,40 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
         principal_px=[matrix[0, 2], matrix[1, 2]],
         rotation=rotation,
         centre=-rotation.T @ translation * scale_of(options, "m"),
-        image_size=options.image_size or _size(values),
-        distortion=_matrix(values, DISTORTION, where).reshape(-1).tolist() if found else (),
+        image_size=options.image_size or size_of(values),
+        distortion=matrix_of(values, DISTORTION, where).reshape(-1).tolist() if found else (),
     )
     return build_camera(pose, where)
+
+
+def pose_of(values: dict[str, object], where: str) -> tuple[Floats, Floats]:
+    """Rotation (3, 3) and translation (3,) with Xc = R Xw + t."""
+    rotation, translation = matrix_of(values, ROTATION, where), matrix_of(values, TRANSLATION, where).reshape(-1)
+    if rotation.size == 3:
+        rotation = rotation_from_vector(rotation.reshape(3))
+    if rotation.shape != (3, 3) or translation.shape != (3,):
+        raise InputError(f"{where}: want a rotation of 9 or 3 and a translation of 3 numbers")
+    return rotation, translation
+
+
+def storage_values(text: str, path: Path) -> dict[str, object]:
+    """The named values of a FileStorage, names in small letters; a matrix is a mapping with `data`.
+
+    Raises:
+        InputError: it is not XML, JSON or YAML.
+    """
+    start = text.lstrip()[:1]
+    if start == "<":
+        return _from_xml(text, path)
+    return _from_json(text, path) if start == "{" else _from_yaml(text, path)
+
+
+def _from_json(text: str, path: Path) -> dict[str, object]:
+    try:
+        values = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: not JSON ({error}); an OpenCV calibration was expected") from None
+    return {str(key).lower(): value for key, value in values.items()}
 
 
 def _from_yaml(text: str, path: Path) -> dict[str, object]:
@@ -93,12 +122,18 @@ def _from_xml(text: str, path: Path) -> dict[str, object]:
     for element in parse_xml(text, path):
         parts = {child.tag: (child.text or "").strip() for child in element}
         values[element.tag.lower()] = (
-            {**parts, "data": parts["data"].split()} if "data" in parts else (element.text or "").strip()
+            {**parts, "data": parts["data"].split()} if "data" in parts else _plain(element.text or "")
         )
     return values
 
 
-def _matrix(values: dict[str, object], names: tuple[str, ...], where: str) -> Floats:
+def _plain(text: str) -> object:
+    """Text of XML without a matrix: several numbers, or whatever it is."""
+    cells = text.split()
+    return cells if len(cells) > 1 else text.strip()
+
+
+def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> Floats:
     """The first of the named values as an array."""
     key = next((name for name in names if name in values), None)
     if key is None:
@@ -107,7 +142,7 @@ def _matrix(values: dict[str, object], names: tuple[str, ...], where: str) -> Fl
     shape = None
     if isinstance(value, dict):
         rows, columns = str(value.get("rows")), str(value.get("cols"))
-        shape = (int(rows), int(columns)) if rows.isdigit() and columns.isdigit() else None
+        shape = (int(rows), int(columns)) if rows.isdigit() and columns.isdigit() else _sizes(value.get("sizes"))
         value = value.get("data")
     try:
         array = np.array(value, dtype=np.float64)
@@ -118,7 +153,14 @@ def _matrix(values: dict[str, object], names: tuple[str, ...], where: str) -> Fl
         raise InputError(f"{where}: {key} is not a matrix of numbers of the stated shape") from None
 
 
-def _size(values: Mapping[str, Any]) -> tuple[int, int] | None:
+def _sizes(value: object) -> tuple[int, ...] | None:
+    """Shape of a matrix of OpenCV 5 (`sizes`); None where it is not stated."""
+    cells = value.split() if isinstance(value, str) else value if isinstance(value, list) else []
+    return tuple(int(cell) for cell in cells) if cells and all(str(cell).isdigit() for cell in cells) else None
+
+
+def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:
+    """Width and height of the images [px], where they are stated."""
     for width, height in SIZE:
         if width in values and height in values:
             try:

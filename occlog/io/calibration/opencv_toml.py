@@ -1,6 +1,7 @@
 """TOML calibrations in OpenCV's convention (caliscope, anipose, Pose2Sim).
 
-Each table with `matrix` is a camera: `size`, `distortions` (k1, k2, p1, p2, k3),
+Each table with `matrix` is a camera: `size`, `distortions` (k1, k2, p1, p2, k3; k1 to k4
+with `fisheye`),
 `rotation` as a 3 x 3 matrix or a rotation vector, and `translation`, with Xc = R Xw + t.
 The files do not state their unit: metres unless told.
 """
@@ -57,8 +58,6 @@ def _tables(root: dict[str, object]) -> Iterator[tuple[str, dict[str, object]]]:
 def _camera(key: str, table: dict[str, object], path: Path, options: CalibrationOptions) -> Camera:
     name = str(table.get("name", key))
     where = f"{path}: camera {name}"
-    if table.get("fisheye"):
-        raise InputError(f"{where}: has a fisheye lens, which cannot be used")
     if table.get("rotation") is None or table.get("translation") is None:
         raise InputError(f"{where}: has no rotation and translation; calibrate where it stands")
     matrix = _array(table, "matrix", where)
@@ -70,6 +69,9 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
     translation = _array(table, "translation", where).reshape(-1)
     if rotation.shape != (3, 3) or translation.shape != (3,):
         raise InputError(f"{where}: rotation and translation must have 9 (or 3) and 3 numbers")
+    lens = _array(table, "distortions", where).reshape(-1).tolist() if "distortions" in table else []
+    if table.get("fisheye") and any(lens[4:]):
+        raise InputError(f"{where}: {len(lens)} distortions; a fisheye lens has 4")
     pose = Pose(
         name=name,
         focal_px=[matrix[0, 0], matrix[1, 1]],
@@ -77,7 +79,8 @@ def _camera(key: str, table: dict[str, object], path: Path, options: Calibration
         rotation=rotation,
         centre=-rotation.T @ translation * scale_of(options, "m"),
         image_size=options.image_size or _size(table, where),
-        distortion=_array(table, "distortions", where).reshape(-1).tolist() if "distortions" in table else (),
+        distortion=lens,
+        model="equidistant" if table.get("fisheye") else "brown",
     )
     return build_camera(pose, where)
 

@@ -19,6 +19,7 @@ from occlog.records.scene import Camera
 
 from . import opencv_storage, opencv_toml, projection, qualisys, tsai
 from .common import CalibrationOptions, read_text
+from .rigs import arrays, colmap, kalibr, pairs, ros
 
 
 class Importer(NamedTuple):
@@ -34,20 +35,35 @@ IMPORTERS: dict[str, Importer] = {
     "qualisys": Importer(qualisys.detect, qualisys.read, "mm", "Qualisys Track Manager (.qca.txt)"),
     "tsai": Importer(tsai.detect, tsai.read, "mm", "Tsai, as in the PETS data sets (XML, one file a camera)"),
     "opencv-toml": Importer(opencv_toml.detect, opencv_toml.read, "m", "TOML of caliscope, anipose, Pose2Sim"),
-    "opencv-storage": Importer(opencv_storage.detect, opencv_storage.read, "m", "OpenCV FileStorage (YAML or XML)"),
+    "kalibr": Importer(kalibr.detect, kalibr.read, "m", "Kalibr (camchain.yaml)"),
+    "opencv-pairs": Importer(
+        pairs.detect, pairs.read, "m", "OpenCV in two files a camera, as in WILDTRACK (intr_NAME.xml, extr_NAME.xml)"
+    ),
+    "opencv-storage": Importer(
+        opencv_storage.detect, opencv_storage.read, "m", "OpenCV FileStorage (YAML, XML or JSON, one file a camera)"
+    ),
+    "ros": Importer(ros.detect, ros.read, "m", "ROS camera_info with static transforms (YAML)"),
+    "colmap": Importer(colmap.detect, colmap.read, "m", "COLMAP's text model (cameras.txt, images.txt)"),
+    "arrays": Importer(lambda _: False, arrays.read, "m", "arrays P or K, R, t (.npz, .mat up to version 7)"),
     "projection": Importer(
         projection.detect, projection.read, "m", "3 x 4 projection matrices (text, one file a camera)"
     ),
 }
-"""Every format that can be read; the order is that of detection, from the most to the least particular."""
+"""Every format that can be read; the order is that of detection, from the most to the least particular.
+
+`arrays` is known by the names of its files, which are not text.
+"""
+FAR_M, NEAR_M = 500.0, 0.05
+"""Cameras that are farther apart than that, or all nearer to each other, are a sign of another unit."""
 
 
 class Calibration(NamedTuple):
-    """Cameras of a calibration, the format they were read as, and the unit of its lengths."""
+    """Cameras, the format they were read as, the unit of its lengths, and what was taken for granted."""
 
     cameras: tuple[Camera, ...]
     format: str
     unit: str
+    told: tuple[str, ...] = ()
 
 
 def read_calibration(
@@ -77,16 +93,31 @@ def read_calibration(
     double = next((n for n in names if names.count(n) > 1), None)
     if double is not None:
         raise InputError(f"{files[0]}: two cameras are named {double!r}; their names must differ")
-    return Calibration(cameras, name, options.unit or IMPORTERS[name].unit)
+    unit = options.unit or (pairs.unit_of(files) if name == "opencv-pairs" else IMPORTERS[name].unit)
+    return Calibration(cameras, name, unit, (*options.told, *_doubts(cameras)))
+
+
+def _doubts(cameras: Sequence[Camera]) -> list[str]:
+    """What speaks against the unit of the lengths, in words."""
+    centres = np.array([c.position for c in cameras])
+    span = float(np.linalg.norm(centres.max(axis=0) - centres.min(axis=0)))
+    if len(cameras) > 1 and (span > FAR_M or span < NEAR_M):
+        return [f"warning: the cameras are {span:.3g} m apart; the unit of the lengths may be another: state it"]
+    return []
 
 
 def _files(path: Path) -> list[Path]:
     if path.is_dir():
+        for files in (pairs.folder_files(path), colmap.folder_files(path)):
+            if files is not None:
+                return files
         return sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
     return [path]
 
 
 def _detect(path: Path) -> str:
+    if arrays.is_arrays(path):
+        return "arrays"
     text = read_text(path)
     for name, importer in IMPORTERS.items():
         if importer.detect(text):
@@ -96,11 +127,14 @@ def _detect(path: Path) -> str:
 
 
 def describe(calibration: Calibration) -> str:
-    """One line: format, unit, cameras with their centres in metres, and where their optical axes meet."""
+    """One line: format, unit, handedness, cameras with their centres in metres, and where their optical axes meet.
+
+    Importers refuse mirrored rotations, so that the world is right-handed, as the frames of cameras are.
+    """
     cameras = calibration.cameras
     centres = ", ".join(f"{c.name} ({c.position[0]:.2f}, {c.position[1]:.2f}, {c.position[2]:.2f})" for c in cameras)
     unit = calibration.unit if calibration.unit == "m" else f"{calibration.unit} -> m"
-    text = f"calibration: {calibration.format}, {unit}, {len(cameras)} cameras at {centres}"
+    text = f"calibration: {calibration.format}, {unit}, right-handed, {len(cameras)} cameras at {centres}"
     if len(cameras) < 2:
         return text
     point, distance = meeting_point(cameras)

@@ -51,8 +51,8 @@ class NoiseSpec(Spec, kw_only=True):
 class DistortionSpec(Spec, kw_only=True):
     """Lens distortion on normalised image coordinates."""
 
-    model: Literal["brown", "tsai"] = "brown"
-    coefficients: Annotated[list[float], Meta(max_length=5, description="k1, k2, p1, p2, k3")]
+    model: Literal["brown", "tsai", "equidistant"] = "brown"
+    coefficients: Annotated[list[float], Meta(max_length=5, description="k1, k2, p1, p2, k3; k1 to k4 of equidistant")]
 
 
 class CameraSpec(Spec, kw_only=True):

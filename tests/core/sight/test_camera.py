@@ -74,7 +74,15 @@ def test_projection_agrees_with_opencv() -> None:
     assert ours == pytest.approx(theirs.reshape(-1, 2), abs=1e-6)
 
 
-@pytest.mark.parametrize(("model", "k"), [("brown", [-0.2, 0.05, 0.001, -0.002, 0.01]), ("tsai", [0.15, 0, 0, 0, 0])])
+@pytest.mark.parametrize(
+    ("model", "k"),
+    [
+        ("brown", [-0.2, 0.05, 0.001, -0.002, 0.01]),
+        ("tsai", [0.15, 0, 0, 0, 0]),
+        ("equidistant", [-0.02, 0.03, -0.02, 0.004, 0]),
+        ("equidistant", [0, 0, 0, 0, 0]),
+    ],
+)
 def test_rays_go_through_the_projected_points(model: str, k: list[float]) -> None:
     rng = np.random.default_rng(4)
     rotation = camera.rotation_from_angles(-2.0, -0.4, 0.05)

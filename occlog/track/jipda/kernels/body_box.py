@@ -33,8 +33,11 @@ NEAR = 0.05
 """No camera sees a person whose nearest point is nearer than this many heights, along its axis."""
 LENS = 23
 """Numbers of a row of `Views.lens`."""
-STRAIGHT, BENT, BENT_BACK = 0.0, 1.0, 2.0
-"""Lenses: no distortion; ideal points to distorted ones by a polynomial; distorted points to ideal ones by it."""
+STRAIGHT, BENT, BENT_BACK, FISHEYE = 0.0, 1.0, 2.0, 3.0
+"""Lenses: no distortion; ideal points to distorted ones by a polynomial; distorted points to ideal ones by it; by a
+polynomial of the angle to the optical axis."""
+MODELS = {"brown": BENT, "tsai": BENT_BACK, "equidistant": FISHEYE}
+"""Lens of each model of distortion."""
 
 
 class Views(NamedTuple):
@@ -74,15 +77,16 @@ def _lens(camera: Camera) -> Floats:
 
     They are the model of the lens, and the normalised radius to which it is believed.
     """
-    bent = bool(np.any(camera.distortion))
-    model = (BENT_BACK if camera.distortion_model == "tsai" else BENT) if bent else STRAIGHT
+    bent = bool(np.any(camera.distortion)) or camera.distortion_model == "equidistant"
+    model = MODELS[camera.distortion_model] if bent else STRAIGHT
     parts = (camera.position, camera.rotation, camera.focal_px, camera.principal_px, camera.distortion)
     return np.concatenate([*(np.ravel(part) for part in parts), [model, _limit(camera)]])
 
 
 def _limit(camera: Camera) -> float:
     """Normalised radius of the ideal image to which the lens is believed."""
-    if camera.image_size is None or not np.any(camera.distortion):
+    straight = not np.any(camera.distortion) and camera.distortion_model != "equidistant"
+    if camera.image_size is None or straight:
         return math.inf
     w, h = camera.image_size
     corners = np.array([[u, v] for u in (-0.5, w - 0.5) for v in (-0.5, h - 0.5)])
@@ -104,6 +108,13 @@ def distorted(lens: Floats, x: float, y: float) -> tuple[float, float]:
         for _ in range(50):
             r2 = x * x + y * y
             x, y = ideal_x / (1.0 + k1 * r2), ideal_y / (1.0 + k1 * r2)
+    elif lens[21] == FISHEYE:
+        # Here k1, k2, k3, k4 of the lens are the first four numbers
+        theta = math.atan(radius * share)
+        t2 = theta * theta
+        bent = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (p1 + t2 * p2))))
+        shrunk = bent / (radius * share) if radius > 0.0 else 1.0
+        x, y = x * shrunk, y * shrunk
     else:
         r2 = x * x + y * y
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))

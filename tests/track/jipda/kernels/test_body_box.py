@@ -13,6 +13,7 @@ LENSES = {
     "ideal": (np.zeros(5), "brown"),
     "brown": (np.array([-0.25, 0.08, 0.001, -0.002, 0.01]), "brown"),
     "tsai": (np.array([0.06, 0.0, 0.0, 0.0, 0.0]), "tsai"),
+    "fisheye": (np.array([-0.02, 0.03, -0.02, 0.004, 0.0]), "equidistant"),
 }
 
 
@@ -52,7 +53,7 @@ def test_the_box_of_an_ideal_lens_is_that_of_the_ellipsoids_points(place: tuple[
     np.testing.assert_allclose(box, sampled(view, *place, 1.7, 0.5), atol=0.05)
 
 
-@pytest.mark.parametrize("lens", ["brown", "tsai"])
+@pytest.mark.parametrize("lens", ["brown", "tsai", "fisheye"])
 def test_a_lens_moves_the_points_of_contact(lens: str) -> None:
     view, box = camera(lens), np.empty(4)
     expected_box(pack_views([view]).lens[0], 1.0, 1.0, 1.7, 0.5, box)
