@@ -93,7 +93,19 @@ class LazyGroup(click.Group):
         """The command's module is imported here; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
-        return load_command(cmd_name)
+        from .common import add_common
+
+        command = load_command(cmd_name)
+        add_common(command)
+        return command
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Call the command, and check what is left when it is done."""
+        from .common import check_common
+
+        result = super().invoke(ctx)
+        check_common(ctx)
+        return result
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

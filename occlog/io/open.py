@@ -18,6 +18,7 @@ from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.content import EXPECTED, Content, content_of
 from occlog.io.files.parquet import is_ours, iter_table, read_header
 from occlog.io.files.provenance import Provenance
+from occlog.io.files.stated_units import STATED
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 
@@ -167,9 +168,12 @@ def _source(path: Path) -> Source | None:
 
 def _of_others(source: Source, wants: Sequence[type[Table]] = ()) -> Opened:
     """A table that another program made, as that wanted table which it fits best; InputError if it fits none."""
+    from occlog.io.foreign.names import kind_of, said_unit
     from occlog.io.foreign.table import ForeignTable, best_fit
 
     table = ForeignTable(source, best_fit(source, wants))
+    for column, name, *_ in table.layout.columns:
+        STATED.get().note_use(name, kind_of(column), said_unit(table.layout.table, column, name))
     return Opened(source.path, Provenance("unknown"), None, table.length_unit, None, table.layout.table.NAME, table)
 
 

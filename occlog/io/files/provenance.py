@@ -12,6 +12,8 @@ from occlog import __version__
 from occlog.errors import InputError
 from occlog.records.losses import Loss
 
+from .stated_units import STATED
+
 PROVENANCE_KEY = "occlog.provenance"
 
 
@@ -25,6 +27,7 @@ class Provenance:
         seed: seed of the random numbers, None where there are none.
         inputs: (file name, SHA-256) of every input, in a fixed order.
         losses: input that was lost so far, also in earlier stages.
+        input_units: units that were stated for columns of inputs whose names say none.
     """
 
     command: str
@@ -32,6 +35,7 @@ class Provenance:
     seed: int | None = None
     inputs: tuple[tuple[str, str], ...] = ()
     losses: tuple[Loss, ...] = ()
+    input_units: tuple[str, ...] = field(default_factory=lambda: STATED.get().texts())
 
     def as_dict(self) -> dict[str, object]:
         """The record as JSON-ready values."""
@@ -43,6 +47,7 @@ class Provenance:
             "seed": self.seed,
             "inputs": [{"name": name, "sha256": digest} for name, digest in self.inputs],
             "losses": [loss.as_dict() for loss in self.losses],
+            **({"input_units": list(self.input_units)} if self.input_units else {}),
         }
 
     def json(self) -> str:
@@ -56,9 +61,10 @@ def provenance_from_json(text: str) -> Provenance:
         raw = json.loads(text)
         inputs = tuple((str(i["name"]), str(i["sha256"])) for i in raw.get("inputs", ()))
         losses = tuple(Loss(**loss) for loss in raw.get("losses", ()))
-        return Provenance(str(raw["command"]), dict(raw["parameters"]), raw.get("seed"), inputs, losses)
+        units = tuple(str(text) for text in raw.get("input_units", ()))
+        return Provenance(str(raw["command"]), dict(raw["parameters"]), raw.get("seed"), inputs, losses, units)
     except (ValueError, KeyError, TypeError, AttributeError):
-        return Provenance("unknown")
+        return Provenance("unknown", input_units=())
 
 
 def hash_file(path: Path) -> str:

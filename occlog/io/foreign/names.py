@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from occlog.errors import InputError
 from occlog.io.boxes.columns import COLUMNS as BOXES
+from occlog.io.files.stated_units import STATED
 from occlog.io.files.timestamps import TIME_COLUMNS, UNITS
 from occlog.io.sound.csv_log import ANGLES
 from occlog.io.sound.csv_log import COLUMNS as DIRECTIONS
@@ -90,6 +91,8 @@ WANTED: Mapping[str, Sequence[str]] = {
 """Columns that must be there although single cells may be empty."""
 ONE_OF: Mapping[str, Sequence[str]] = {Measurements.NAME: VALUES}
 """Columns of which at least one must be there."""
+IN_SECONDS = ("seconds", "unix_time")
+"""Names of columns of times that say seconds without the ending of a unit."""
 POWERS = {"m": (1, 0), "m^2": (2, 0), "m/s": (1, 1), "m^2/s": (2, 1), "m^2/s^2": (2, 2)}
 """Powers of length and of 1/s in the units that go with the scene's unit of length."""
 
@@ -137,14 +140,17 @@ def lay_out(names: Sequence[str], table: type[Table]) -> Layout:
         table: whose columns are looked for.
 
     Raises:
-        InputError: two columns say the same, an angle does not state its unit, or lengths are in several units.
+        InputError: two columns say the same, an angle does not state its unit, lengths are in several units, or a
+            stated unit contradicts the name of its column.
     """
     there = {name.strip().lower(): name for name in reversed(names)}
     found, missing = [], []
     for column in table.columns():
         spelled = _find(column, there, table)
         if spelled is not None:
-            found.append(spelled)
+            said = said_unit(table, column, spelled.name)
+            unit = STATED.get().unit_of(spelled.name, kind_of(column), said) or spelled.unit
+            found.append(spelled._replace(unit=unit))
         elif _is_wanted(column, table):
             missing.append(column.name)
     one_of = ONE_OF.get(table.NAME, ())
@@ -154,6 +160,22 @@ def lay_out(names: Sequence[str], table: type[Table]) -> Layout:
     _check_angles(layout, there)
     _check_lengths(layout)
     return layout
+
+
+def kind_of(column: Column) -> str:
+    """What a column measures whose unit can be stated: `time`, `interval`, `angle`, `length`; empty for all else."""
+    if column.name == TIME:
+        return "time"
+    if _is_time_difference(column):
+        return "interval"
+    return "angle" if column.unit == "rad" else "length" if column.unit in POWERS else ""
+
+
+def said_unit(table: type[Table], column: Column, name: str) -> str:
+    """The unit that a file's name of a column says; empty for none, also for times that are in seconds by default."""
+    low = name.strip().lower()
+    unit = spellings(column, table).get(low, "")
+    return "" if column.name == TIME and not (low.endswith(f"_{unit}") or low in IN_SECONDS) else unit
 
 
 def spellings(column: Column, table: type[Table] | None = None) -> dict[str, str]:
@@ -241,7 +263,9 @@ def _is_wanted(column: Column, table: type[Table]) -> bool:
 def _check_angles(layout: Layout, there: Mapping[str, str]) -> None:
     for s in layout.columns:
         if s.column.unit == "rad" and not s.unit and TIME not in there:
-            raise InputError(f"column {s.name} does not state its unit; name it {s.name}_deg or {s.name}_rad")
+            raise InputError(
+                f"column {s.name} does not state its unit; name it {s.name}_deg or {s.name}_rad, or give its input unit"
+            )
         if _is_time_difference(s.column) and not s.unit and TIME not in there:
             raise InputError(f"column {s.name} does not state its unit; name it {s.name}_s, {s.name}_us or {s.name}_m")
 

@@ -13,6 +13,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.csv_rows import Rows, first_line, is_header, read_rows
 from occlog.io.files.sensor_names import safe_name
+from occlog.io.files.stated_units import STATED
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.settings import METRES
 
@@ -54,7 +55,7 @@ def read_stations(path: Path) -> Scene:
             raise InputError(
                 f"{path}: has no column {' and '.join(lacking)}; {WHAT} has name, x, y, perhaps z, sigma_deg"
             )
-        units = {name.partition("_")[2] or "m" for name in spelled.values() if name is not None}
+        units = {_unit(name) for name in spelled.values() if name is not None}
         if len(units) > 1:
             raise InputError(f"{path}: places are in {' and '.join(sorted(units))}; state all in one unit")
         unit = units.pop()
@@ -69,6 +70,13 @@ def read_stations(path: Path) -> Scene:
             station = MicrophoneArray(name, place[row], planar=spelled["z"] is None)
             found[name] = station if sigma is None else replace(station, sigma=math.radians(float(sigma[row])))
     return Scene(arrays=tuple(found.values()), length_unit=unit)
+
+
+def _unit(name: str) -> str:
+    """The unit of a column of places: as its name says, or as it is stated; metres otherwise."""
+    said = name.partition("_")[2]
+    STATED.get().note_use(name, "length", said)
+    return STATED.get().unit_of(name, "length", said) or "m"
 
 
 def _spelled(rows: Rows, axis: str) -> str | None:
