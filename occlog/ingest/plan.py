@@ -51,7 +51,7 @@ CALIBRATIONS = (
     "colmap",
     "arrays",
 )
-TRUTHS = ("auto", "csv", "mot", "xml", "caliscope")
+TRUTHS = ("auto", "csv", "mot", "xml", "caliscope", "locata")
 DOAS = ("auto", "csv", "frida", "telemetr", "odas")
 
 
@@ -225,8 +225,10 @@ class IngestPlan(Settings):
         both = next((name for name in self.video if name in self.images), None)
         if both is not None:
             raise UsageError(f"camera {both}: has both video and images; give one")
-        if not (self.bags or self.video or self.images or self.boxes or self.doa or self.reads):
-            raise UsageError("nothing to ingest; give a bag, video, images, boxes, directions (doa) or reads of tags")
+        if not (self.bags or self.video or self.images or self.boxes or self.doa or self.reads or self.truth):
+            raise UsageError(
+                "nothing to ingest; give a bag, video, images, boxes, directions (doa), reads of tags or truth"
+            )
         if not self.bags and (self.topic or self.topics or self.world_frame or self.camera_axes):
             raise UsageError("topics, the world frame and the axes of cameras are those of a bag; give a bag")
         if not self.calibration and not self.bags and (self.up is not None or self.ground is not None):

@@ -16,6 +16,7 @@ from occlog.records.losses import Loss
 from occlog.records.scene import MicrophoneArray
 
 from .csv_log import DoaOptions, DoaRows, azimuths_only
+from .locata import looks_like_locata, read_array
 
 WHAT = "a table of places of arrays"
 _DATE = re.compile(r"^\d\d/\d\d/\d\d$")
@@ -101,11 +102,14 @@ def _moment(path: Path, line: int, day: str, clock: str) -> int:
 def read_arrays(path: Path, name: str | None = None) -> tuple[MicrophoneArray, ...]:
     """Arrays of a scene from a table of places.
 
-    With a header x, y, z the rows are the microphones of one array at the origin, called
-    `name` or after the file; without a header, rows x, y are direction finders 1, 2, ...
-    called tower1, tower2, ...
+    A table of LOCATA is one array with its pose.  With a header x, y, z the rows are the microphones
+    of one array at the origin, called `name` or after the file; without a header, rows x, y are
+    direction finders 1, 2, ... called tower1, tower2, ...
     """
-    if is_header(first_line(path, WHAT)):
+    head = first_line(path, WHAT)
+    if looks_like_locata(head):
+        return (read_array(path, name),)
+    if is_header(head):
         columns = {"x": ("x", "x_m"), "y": ("y", "y_m"), "z": ("z", "z_m")}
         parts = list(read_rows(path, columns, WHAT))
         if not all(parts[0].has(c) for c in columns):

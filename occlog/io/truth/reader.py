@@ -7,6 +7,7 @@ Formats (`FORMATS`), found out from the content:
     mot        MOTChallenge text: boxes, and positions where the last three columns are not -1
     xml        frames with objects and their boxes (xc, yc, w, h), as for the PETS data sets
     caliscope  triangulated board corners (xyz_*.csv): the mean of the corners seen throughout
+    locata     positions of one source of the LOCATA challenge (position_source_*.txt)
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from occlog.io.files.csv_rows import Rows, first_line, is_header, read_plain, re
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.inputs import check_input
 from occlog.io.files.timestamps import TIME_COLUMNS, parse_times, time_column
+from occlog.io.sound.locata import looks_like_locata, read_source
 from occlog.records.tables import Truth, TruthBoxes
 
 from .calibration_board import read_board
@@ -248,7 +250,12 @@ def _is_table(head: list[str]) -> bool:
     return is_header(head) and any(name in head for name in (*COLUMNS["x"], *BOX_COLUMNS["left"]))
 
 
+def _read_locata(path: Path, _options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    yield read_source(path)
+
+
 FORMATS: dict[str, TruthFormat] = {
+    "locata": TruthFormat(looks_like_locata, _read_locata, "a source of LOCATA"),
     "xml": TruthFormat(lambda head: head[:1] != [] and head[0].startswith("<"), _read_xml, "frames of boxes (PETS)"),
     "caliscope": TruthFormat(lambda head: {"sync_index", "x_coord"} <= set(head), _read_caliscope, "board corners"),
     "csv": TruthFormat(_is_table, _read_csv, "CSV with a header"),
