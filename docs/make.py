@@ -13,7 +13,7 @@ from docs.rooms import folders_page, picture
 from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import CHOSEN, VariantCommand, value_words
 from occlog.examine.schema import settings_of, verbs
-from occlog.records.columns import Column, Table
+from occlog.records.columns import ANY, Column, Table
 from occlog.records.tables import TABLES
 from occlog.settings import Settings, declaration, declared, default_in
 
@@ -83,11 +83,16 @@ def table_section(table: type[Table]) -> str:
 def columns_table(columns: Sequence[Column]) -> str:
     """A row for each column."""
     rows = [
-        f"| `{c.name}` | {c.dtype.name if c.kind != 'U' else 'string'}{f' x {c.width}' if c.width else ''} "
+        f"| `{c.name}` | {c.dtype.name if c.kind != 'U' else 'string'}{_extent(c)} "
         f"| {c.unit} | {c.doc}{f' (NaN: {c.nan})' if c.nan else ''} |"
         for c in columns
     ]
     return "| column | type | unit | meaning |\n|---|---|---|---|\n" + "\n".join(rows) + "\n"
+
+
+def _extent(c: Column) -> str:
+    """How many numbers a row of a column has, in words."""
+    return f" x {'any' if c.width == ANY else c.width}" if c.width else ""
 
 
 def tables_page() -> str:

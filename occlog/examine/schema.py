@@ -39,7 +39,10 @@ CLASSES: dict[str, tuple[str, ...]] = {
     "traffic": ("occlog.simulate.traffic.config:TrafficConfig",),
     "listen": ("occlog.measure.listen.config:ListenConfig",),
     "epipolar": ("occlog.measure.epipolar.config:EpipolarConfig",),
-    "detect": ("occlog.measure.detect.config:DetectConfig",),
+    "detect": (
+        "occlog.measure.detect.config:DetectConfig",
+        "occlog.measure.networks.config:NetworkConfig",
+    ),
     "fuse": (
         "occlog.measure.fuse.config:FuseConfig",
         "occlog.measure.fuse.tracks.config:TrackFusionConfig",

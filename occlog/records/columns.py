@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from occlog.array_types import Bools, Ints
 from occlog.errors import InputError
 
+ANY = -1
+"""Width of a column whose rows are vectors of one length, whatever it is; 0 where nobody gave any."""
+
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of a table: name, NumPy kind, width of a row (0 = a scalar), unit, meaning."""
+    """One column of a table: name, NumPy kind, width of a row (0 = a scalar, `ANY`), unit, meaning."""
 
     name: str
     kind: str
@@ -82,7 +85,7 @@ class Table:
         tables = [part for part in parts if len(part)]
         if not tables:
             return cls.empty()
-        return cls(**{c.name: np.concatenate([getattr(t, c.name) for t in tables]) for c in cls.columns()})
+        return cls(**{c.name: _joined(c, [getattr(t, c.name) for t in tables]) for c in cls.columns()})
 
     @classmethod
     def merge(cls, parts: Iterable[Self]) -> Self:
@@ -90,7 +93,7 @@ class Table:
         tables = [part for part in parts if len(part)]
         if not tables:
             return cls.empty()
-        values = {c.name: np.concatenate([getattr(t, c.name) for t in tables]) for c in cls.columns()}
+        values = {c.name: _joined(c, [getattr(t, c.name) for t in tables]) for c in cls.columns()}
         order = np.lexsort([values[name] for name in reversed(cls.KEY)])
         return cls(**{name: column[order] for name, column in values.items()})
 
@@ -109,19 +112,31 @@ def _absent(c: Column, rows: int) -> NDArray[np.generic]:
     """Values of an optional column that nothing is known of."""
     if c.kind == "U":
         return np.full(rows, "")
+    if c.width == ANY:
+        return _empty_column(c, rows)
     return np.full(rows, np.nan if c.dtype.kind == "f" else -1, dtype=c.dtype)
 
 
 def _empty_column(c: Column, rows: int) -> NDArray[np.generic]:
-    shape = (rows, c.width) if c.width else (rows,)
+    shape = (rows, max(c.width, 0)) if c.width else (rows,)
     return np.empty(shape, dtype="U1" if c.kind == "U" else c.dtype)
+
+
+def _joined(c: Column, parts: list[NDArray[np.generic]]) -> NDArray[np.generic]:
+    """The parts of a column, one after another; parts without vectors among others have NaN."""
+    if c.width != ANY:
+        return np.concatenate(parts)
+    (length, *others) = sorted({part.shape[1] for part in parts} - {0}) or [0]
+    if others:
+        raise InputError(f"{c.name}: vectors of {length} and of {others[0]} numbers in one table; all must be alike")
+    return np.concatenate([p if p.shape[1] else np.full((len(p), length), np.nan, dtype=c.dtype) for p in parts])
 
 
 def as_column(c: Column, values: object) -> NDArray[np.generic]:
     """Cast array-like values to the dtype of a column; a cast that loses information is an error."""
     array = np.asarray(values)
     if not array.size:
-        return _empty_column(c, 0)
+        return _empty_column(c, len(array) if c.width == ANY else 0)
     if c.kind == "U":
         return array.astype(np.str_)
     if array.dtype.kind == "f" and c.dtype.kind in "iu":
@@ -136,7 +151,8 @@ def check_columns(record: Table) -> None:
     for c in record.columns():
         values = getattr(record, c.name)
         ok = values.dtype.kind == "U" if c.kind == "U" else values.dtype == c.dtype
-        if not ok or values.shape[1:] != ((c.width,) if c.width else ()):
+        fits = values.ndim == 2 if c.width == ANY else values.shape[1:] == ((c.width,) if c.width else ())
+        if not ok or not fits:
             raise InputError(f"{name}.{c.name}: want {c.kind} of width {c.width}, got {values.dtype} {values.shape}")
         length = len(values) if length is None else length
         if len(values) != length:

@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Floats32, Ints, Ints32, Strings
 from occlog.errors import InputError
 
-from .columns import Table, check_order, column, first_row
+from .columns import ANY, Table, check_order, column, first_row
 
 APPEARANCE_BINS = 72
 """Length of an appearance histogram: 8 x 8 hue-saturation bins, then 8 brightness bins of grey pixels."""
@@ -149,6 +149,15 @@ class Views(Table):
         "i4",
         "1",
         "identity that the source of the box gave, for example a tracker in this camera alone; -1 = none",
+        optional=True,
+    )
+    embedding: Floats32 = column(
+        "f4",
+        "1",
+        "how a network for re-identification describes who is in the box: a vector of length 1, of as many numbers as "
+        "the network gives; empty in a table without any",
+        nan="none of this box",
+        width=ANY,
         optional=True,
     )
 

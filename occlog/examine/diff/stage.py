@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError
-from occlog.records.columns import Column, Table
+from occlog.records.columns import ANY, Column, Table
 
 from .join import Join, join, times
 from .result import ColumnDifference, Comparison, Difference, Limit, Tolerances
@@ -87,6 +87,17 @@ def _worst(differ: Bools, apart: Floats, allowed: Floats) -> Values:
     entry = np.argmax(badness, axis=1)
     rows = np.arange(len(differ))
     return Values(np.asarray(differ.any(axis=1)), apart[rows, entry], allowed[rows, entry], entry)
+
+
+def _alike(
+    c: Column, a: NDArray[np.generic], b: NDArray[np.generic]
+) -> tuple[NDArray[np.generic], NDArray[np.generic]]:
+    """Vectors of any length as long as the longer ones of the two, with NaN where one has no number."""
+    if c.width != ANY or a.shape[1] == b.shape[1]:
+        return a, b
+    longest = max(a.shape[1], b.shape[1])
+    wide = [np.pad(v, ((0, 0), (0, longest - v.shape[1])), constant_values=np.nan) for v in (a, b)]
+    return wide[0], wide[1]
 
 
 class _Side:
@@ -230,7 +241,9 @@ class _Tally:
 
     def _column(self, c: Column, a: Table, b: Table, found: Join) -> list[tuple[int, Difference]]:
         """Count the rows in which a column differs; return its first difference in this piece, with its rank."""
-        values_a, values_b = getattr(a, c.name)[found.a], getattr(b, c.name)[found.b]
+        values_a, values_b = _alike(c, getattr(a, c.name)[found.a], getattr(b, c.name)[found.b])
+        if values_a.ndim == 2 and not values_a.shape[1]:
+            return []
         values = compare_values(values_a, values_b, c, self.kind.NAME, self.tolerances)
         rows = np.flatnonzero(values.differ)
         if not len(rows):
@@ -254,6 +267,7 @@ class _Tally:
         name = c.name
         if c.width:
             entry = int(values.entry[row])
+            (value_a,), (value_b,) = _alike(c, value_a[None], value_b[None])
             value_a, value_b, name = value_a[entry], value_b[entry], f"{c.name}[{entry}]"
         labels = c.kind in ("U", "?")
         return Difference(

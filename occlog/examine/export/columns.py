@@ -80,7 +80,7 @@ def _array(part: Table, column: Column) -> pa.Array:
     values = getattr(part, column.name)
     if column.width:
         flat = pa.array(np.ascontiguousarray(values).reshape(-1), from_pandas=True)
-        starts = pa.array(np.arange(len(part) + 1, dtype=np.int32) * column.width)
+        starts = pa.array(np.arange(len(part) + 1, dtype=np.int32) * values.shape[1])
         return pa.ListArray.from_arrays(starts, flat)
     if column.kind == "U":
         return pa.array(values.tolist(), pa.string())

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from occlog.errors import InputError, UsageError
-from occlog.records.columns import Column, Table
+from occlog.records.columns import ANY, Column, Table
 
 from .arrow_arrays import to_numpy
 from .atomic import Together, open_output
@@ -54,7 +54,7 @@ def arrow_field(c: Column, unit: str) -> pa.Field:
     """Arrow field of a column with its unit, meaning and the meaning of NaN as metadata."""
     kind = _ARROW[c.kind]
     if c.width:
-        kind = pa.list_(kind, c.width)
+        kind = pa.list_(kind) if c.width == ANY else pa.list_(kind, c.width)
     metadata = {"unit": unit, "doc": c.doc}
     if c.nan is not None:
         metadata["nan"] = c.nan
@@ -82,7 +82,11 @@ def to_arrow(table: Table, schema: pa.Schema) -> pa.Table:
         values = getattr(table, c.name)
         if c.width:
             flat = pa.array(np.ascontiguousarray(values).reshape(-1), type=f.type.value_type, from_pandas=False)
-            arrays.append(pa.FixedSizeListArray.from_arrays(flat, c.width))
+            if c.width == ANY:
+                starts = pa.array(np.arange(len(values) + 1, dtype=np.int32) * values.shape[1], pa.int32())
+                arrays.append(pa.ListArray.from_arrays(starts, flat, type=f.type))
+            else:
+                arrays.append(pa.FixedSizeListArray.from_arrays(flat, c.width))
         elif c.kind == "U":
             names, codes = np.unique(values, return_inverse=True)
             arrays.append(pa.DictionaryArray.from_arrays(pa.array(codes, pa.int32()), pa.array(names, pa.string())))
@@ -102,6 +106,8 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
         values = values.combine_chunks()
     if values.null_count:
         raise InputError(f"column {c.name}: {values.null_count} missing values; none are allowed (NaN is a number)")
+    if c.width == ANY:
+        return vectors(c, values)
     if c.width:
         return np.array(to_numpy(values.flatten()), c.dtype).reshape(-1, c.width)
     if c.kind == "U":
@@ -110,6 +116,17 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
             return np.asarray(names[to_numpy(values.indices)])
         return np.asarray(values.to_pylist(), dtype=np.str_) if len(values) else np.empty(0, "U1")
     return np.array(to_numpy(values), dtype=c.dtype)
+
+
+def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
+    """(n, K) numbers of lists, all of K numbers or of none; NaN where a list is null or empty."""
+    lengths = values.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
+    (length, *others) = np.unique(lengths[lengths > 0]).tolist() or [0]
+    if others:
+        raise InputError(f"column {c.name}: lists of {length} and of {others[0]} numbers; all must be alike")
+    out = np.full((len(values), length), np.nan, dtype=c.dtype)
+    out[lengths > 0] = values.flatten().to_numpy(zero_copy_only=False).reshape(-1, max(length, 1))
+    return out
 
 
 def check_table_name(path: Path) -> None:
@@ -265,6 +282,10 @@ def _check_schema(path: Path, schema: pa.Schema, table: type[Table]) -> None:
                 continue
             raise InputError(f"{path}: column {c.name} is missing; {table.NAME} has {', '.join(schema.names)}")
         have, kind = schema.field(c.name).type, _ARROW[c.kind]
+        if c.width == ANY:
+            if not (pa.types.is_list(have) and have.value_type == kind):
+                raise InputError(f"{path}: column {c.name} is {have}, want lists of {kind}")
+            continue
         kind = pa.list_(kind, c.width) if c.width else kind
         same = have == kind or (c.kind == "U" and (pa.types.is_string(have) or pa.types.is_large_string(have)))
         if not same and not (pa.types.is_dictionary(have) and c.kind == "U"):

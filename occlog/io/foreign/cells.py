@@ -14,6 +14,7 @@ from occlog.errors import InputError
 from occlog.io.files.arrow_arrays import to_numpy
 from occlog.io.files.csv_rows import Rows
 from occlog.io.files.timestamps import LATEST_S, MAX_NS, UNITS, parse_time, parse_times
+from occlog.records.columns import ANY
 
 YES, NO = ("true", "1", "1.0", "yes"), ("false", "0", "0.0", "no")
 EXACT = 2.0**53
@@ -36,7 +37,7 @@ class Cells(Protocol):
         """(n,) texts; empty ones where `blank` allows them."""
 
     def lists(self, name: str, width: int) -> Floats:
-        """(n, width) numbers; NaN for cells that are empty."""
+        """(n, width) numbers, or as many as the first cell has (`ANY`); NaN for cells that are empty."""
 
     def bools(self, name: str) -> Bools:
         """(n,) yes or no."""
@@ -80,7 +81,8 @@ class TextCells:
 
     def lists(self, name: str, width: int) -> Floats:
         """Not in text: a cell has one value."""
-        raise InputError(f"{self._rows.path}: column {name} wants lists of {width} numbers, which text does not hold")
+        numbers = "numbers" if width == ANY else f"{width} numbers"
+        raise InputError(f"{self._rows.path}: column {name} wants lists of {numbers}, which text does not hold")
 
     def bools(self, name: str) -> Bools:
         """(n,) yes or no."""
@@ -153,12 +155,17 @@ class ArrowCells:
         return np.asarray(["" if value is None else str(value) for value in column.to_pylist()], dtype=np.str_)
 
     def lists(self, name: str, width: int) -> Floats:
-        """(n, width) numbers; NaN for cells that are null."""
+        """(n, width) numbers, or as many as the first cell has (`ANY`); NaN for cells that are null."""
         column = self._column(name)
         if not (pa.types.is_list(column.type) or pa.types.is_large_list(column.type) or _is_row(column.type)):
-            raise self._unfit(name, column.type, f"lists of {width} numbers were expected")
+            wanted = "numbers" if width == ANY else f"{width} numbers"
+            raise self._unfit(name, column.type, f"lists of {wanted} were expected")
+        cells: list[list[float | None] | None] = column.to_pylist()
+        if width == ANY:
+            width = next((len(values) for values in cells if values), 0)
+            cells = [values or None for values in cells]
         out = np.full((len(self), width), np.nan)
-        for row, values in enumerate(column.to_pylist()):
+        for row, values in enumerate(cells):
             if values is None:
                 continue
             if len(values) != width:

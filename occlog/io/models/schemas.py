@@ -13,7 +13,7 @@ from occlog.io.recording.rows import RECORDED, message_schema, schema_of
 from occlog.io.recording.writer import VIDEO_FRAME, VIDEO_FRAME_SCHEMA
 from occlog.io.scenes.paths import paths_schema
 from occlog.io.scenes.scene import SceneSpec
-from occlog.records.columns import Table
+from occlog.records.columns import ANY, Table
 from occlog.records.tables import TABLES
 
 from .fundamental_matrices import epipolar_schema
@@ -34,7 +34,7 @@ def table_definition(table: type[Table]) -> dict[str, object]:
         "columns": [
             {
                 "name": c.name,
-                "type": f"{_KINDS[c.kind]}[{c.width}]" if c.width else _KINDS[c.kind],
+                "type": f"{_KINDS[c.kind]}[{'' if c.width == ANY else c.width}]" if c.width else _KINDS[c.kind],
                 "unit": c.unit,
                 "description": c.doc,
                 **({"nan": c.nan} if c.nan is not None else {}),

@@ -10,6 +10,7 @@ import click
 from occlog.cli import options
 from occlog.cli.setting_options import SettingsCommand, add_options, given, options_of, with_options
 from occlog.measure.fuse.config import FuseConfig
+from occlog.measure.networks.config import NetworkConfig
 
 from .config import DetectConfig
 
@@ -18,16 +19,41 @@ OF_FUSION = [
     *options_of(FuseConfig, only=("p_miss", "p_false")),
 ]
 """Options that only the fusion takes."""
+OF_NETWORKS = options_of(NetworkConfig)
+"""Options that only detection by a network takes, beside `--onnx` and what names files and classes."""
+WITH_NETWORKS = ("bits", "sigma_px", "sigma_scale", "min_confidence")
+"""Settings of detection that a network takes, too."""
 
 
 @click.command(
     name="detect",
     cls=SettingsCommand,
-    short_help="Reduce the frames of a recording to bearings.",
+    short_help="Reduce the frames of a recording to bearings, or to the boxes of a network.",
 )
 @click.argument("recording", type=options.INPUT)
-@options.output_opt("Bearings of the targets (Parquet).")
+@options.output_opt("Bearings of the targets (Parquet); with --onnx the boxes, a table of views.")
 @click.option("--views", type=options.PATH, default=None, help="Every people-sized region of every frame (Parquet).")
+@click.option("--onnx", type=options.PATH, default=None, metavar="MODEL", help="Detect with this network (ONNX).")
+@click.option(
+    "--class",
+    "classes",
+    multiple=True,
+    metavar="NAME",
+    help="With --onnx: class to look for, by name or number; may be repeated. [default: person, or the only one]",
+)
+@click.option(
+    "--names", type=options.PATH, default=None, metavar="TEXT", help="With --onnx: names of its classes, one a line."
+)
+@click.option(
+    "--embed",
+    type=options.PATH,
+    default=None,
+    metavar="REID",
+    help="With --onnx: describe who is in each box with this network (ONNX) for re-identification.",
+)
+@click.option(
+    "--bearings", type=options.PATH, default=None, help="With --onnx: a candidate bearing for each box (Parquet)."
+)
 @options.scene_opt
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Only these cameras.")
 @click.option(
@@ -59,6 +85,7 @@ OF_FUSION = [
     help="Look through the recording first, for what it shows when nobody is there.",
 )
 @with_options(DetectConfig)
+@add_options(OF_NETWORKS)
 @click.option("--fuse", is_flag=True, help="Fuse the detections of the cameras: remove false, recover missed.")
 @add_options(OF_FUSION)
 @options.workers_opt
@@ -69,6 +96,11 @@ def command(
     recording: Path,
     output: Path,
     views: Path | None,
+    onnx: Path | None,
+    classes: tuple[str, ...],
+    names: Path | None,
+    embed: Path | None,
+    bearings: Path | None,
     scene: Path | None,
     only: str,
     references: Path | None,
@@ -89,16 +121,38 @@ def command(
     "looked, not seen". A recording with detector boxes instead of video gives one candidate bearing a box
     (target_id -1); one with simulated bearings gives these.
 
+    With --onnx a network of yours finds the boxes: YOLO, RT-DETR, RF-DETR or RTMDet.
+
     \b
       occlog detect walk.mcap -o bearings.parquet --views views.parquet
       occlog detect walk.mcap -o bearings.parquet --views views.parquet --fuse
       occlog detect hall.mcap -o bearings.parquet --target-box cam1:120:310,95,40,110 --background knn
+      occlog detect hall.mcap --onnx yolo11n.onnx --embed osnet.onnx -o views.parquet
     """
     from occlog.cli.values import parse_names
 
     from .run import DetectRequest, run_detect
+    from .run_network import NetworkRequest, run_network
 
-    options.check_outputs([recording, scene, references, near], [output, views], overwrite)
+    _refuse_what_does_not_go_together(click.get_current_context(), onnx is not None)
+    options.check_outputs(
+        [recording, scene, references, near, onnx, names, embed], [output, views, bearings], overwrite
+    )
+    settings, threads = given(DetectConfig, values), workers or os.cpu_count() or 1
+    if onnx is not None:
+        networks = NetworkRequest(
+            recording=recording,
+            scene=scene,
+            only=parse_names(only),
+            model=onnx,
+            classes=classes,
+            names=names,
+            embed=embed,
+            settings=settings,
+            network=given(NetworkConfig, values),
+            threads=threads,
+        )
+        return options.finish(*run_network(networks, output, bearings, overwrite, quiet), as_json)
     request = DetectRequest(
         recording=recording,
         scene=scene,
@@ -107,14 +161,31 @@ def command(
         boxes=boxes,
         learn=learn,
         near=near,
-        settings=given(DetectConfig, values),
-        workers=workers or os.cpu_count() or 1,
+        settings=settings,
+        workers=threads,
         fusion=given(FuseConfig, values) if fuse else None,
     )
     if not fuse:
         _refuse_options_of_fusion(values)
     summary, losses = run_detect(request, output, views, overwrite, quiet)
     return options.finish(summary, losses, as_json)
+
+
+def _refuse_what_does_not_go_together(context: click.Context, network: bool) -> None:
+    """Usage error for an option of detection by the background where a network detects, or the other way round."""
+    takes = {"classes", "names", "embed", "bearings", *(str(option.name) for option in OF_NETWORKS)}
+    leaves = {"views", "references", "boxes", "near", "learn", "fuse"}
+    leaves |= {str(option.name) for option in options_of(DetectConfig, without=WITH_NETWORKS)}
+    for param in context.command.params:
+        source = context.get_parameter_source(str(param.name))
+        if source is not click.core.ParameterSource.COMMANDLINE:
+            continue
+        if network and param.name == "views":
+            raise click.UsageError("--views: with --onnx, -o is the table of views; leave it out")
+        if network and param.name in leaves:
+            raise click.UsageError(f"{param.opts[0]} is not for detection with a network; leave it or --onnx out")
+        if not network and param.name in takes:
+            raise click.UsageError(f"{param.opts[0]} is for detection with a network; add --onnx MODEL")
 
 
 def _refuse_options_of_fusion(values: dict[str, object]) -> None:

@@ -112,7 +112,7 @@ def process(state: CameraState, frames: list[Frame]) -> CameraBatch:
 def _look(state: CameraState, setup: CameraSetup, frame: Frame, image: Image) -> tuple[str, Regions | None]:
     """Why a frame cannot be used, or its regions; neither while the background is being learnt."""
     if image.shape != setup.shape:
-        return f"image is {_size(image.shape)}, the camera's first was {_size(setup.shape)}", None
+        return f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(setup.shape)}", None
     c = state.config
     # Subtract the background
     image = shrink(image, setup.shrink)
@@ -224,7 +224,8 @@ def plain_image(image: NDArray[np.integer], bits: int | None) -> Image:
     return np.ascontiguousarray(image)
 
 
-def _size(shape: tuple[int, ...]) -> str:
+def size_in_words(shape: tuple[int, ...]) -> str:
+    """Size and kind of an image of that shape, for a person."""
     return f"{shape[1]} x {shape[0]} px {'in colour' if len(shape) == 3 else 'grey'}"
 
 

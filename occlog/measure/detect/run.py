@@ -195,10 +195,10 @@ def _from_images(
     request: DetectRequest, recording: Recording, scene: Scene, config: DetectConfig, quiet: bool
 ) -> tuple[Iterator[Detections], dict[str, object]]:
     """Learn from a first look where that is asked for, then detect in a second."""
-    sensors = _cameras(request, recording)
+    sensors = cameras_of(request.only, recording)
     boxes = [_box(text) for text in request.boxes]
     targets = _references(request, recording)
-    learned, total = Learned(), _frames(recording, sensors)
+    learned, total = Learned(), frames_of(recording, sensors)
     near, limits = _near(request, config)
     if request.learn or boxes:
         first = options.progress(recording.frames(sensors), "first look", total, quiet=quiet)
@@ -216,16 +216,16 @@ def _from_images(
     return detect(frames, scene, config, request.workers, learned, targets, near=near), used
 
 
-def _cameras(request: DetectRequest, recording: Recording) -> tuple[str, ...]:
+def cameras_of(only: tuple[str, ...], recording: Recording) -> tuple[str, ...]:
     """Names of the cameras in whose images to detect; UsageError for one of which there are no images."""
-    for name in request.only:
+    for name in only:
         if name not in recording.cameras:
             known = ", ".join(recording.cameras)
             raise UsageError(f"{recording.path}: no images of camera {name!r}; there are images of {known}")
-    return request.only or recording.cameras
+    return only or recording.cameras
 
 
-def _frames(recording: Recording, sensors: tuple[str, ...]) -> int:
+def frames_of(recording: Recording, sensors: tuple[str, ...]) -> int:
     """Number of frames of some cameras."""
     wanted = {f"/camera/{name}/{kind}" for name in sensors for kind in ("image", "video")}
     return sum(t.messages for t in recording.topics if t.name in wanted)

@@ -73,7 +73,8 @@ def rows_of_views(chunks: Iterable[Views]) -> Iterator[FrameRows]:
             edges=_edges(c),
             score=c.confidence,
             hint=c.hint,
-            appearance=c.appearance.astype(np.float64),
+            # How a network describes those in the boxes says more than their colours.
+            appearance=(c.embedding if c.embedding.shape[1] else c.appearance).astype(np.float64),
         )
 
 

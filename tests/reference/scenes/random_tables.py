@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from occlog.records.columns import ANY
 from occlog.records.gallery import MOST_BINS, OTHER, AppearanceMatches, Gallery
 from occlog.records.measurements import Measurements
 from occlog.records.people import KINDS, Events
@@ -45,6 +46,8 @@ def random_table(table: type, rows: int, seed: int = 0):
             values[c.name] = np.ones(rows, bool)
         elif c.kind in ("i8", "i4"):
             values[c.name] = rng.integers(0, 99, rows)
+        elif c.width == ANY:
+            values[c.name] = rng.normal(size=(rows, 3)).astype(np.float32)
         elif c.width:
             values[c.name] = np.full((rows, c.width), np.nan)
         else:

@@ -1,0 +1,198 @@
+"""Detect people in frames with a network: frames in, views with embeddings, and candidate bearings, out.
+
+One thread decodes the frames, in their order, and brings them to the network's size; the network, which has threads of
+its own, runs beside it.  Frames of one time are written together, so that the rows depend neither on the number of
+images that the network takes at a time nor on that of threads.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from itertools import islice
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from occlog.array_types import Floats32
+from occlog.errors import InputError
+from occlog.measure.detections import Detections
+from occlog.measure.networks.detector import Boxed, Detector, Prepared
+from occlog.measure.networks.embedder import Embedder
+from occlog.records.frames import Frame, Image
+from occlog.records.losses import Loss
+from occlog.records.scene import Scene
+from occlog.records.tables import Bearings, Boxes, Views
+
+from .config import BATCH, DetectConfig
+from .from_boxes import detect_boxes
+from .one_camera import check_size, plain_image, size_in_words, stretches
+
+NOT_FINITE = "the network gives numbers that are not finite"
+
+
+class _Ready(NamedTuple):
+    """A frame that was decoded, or why it could not be used."""
+
+    frame: Frame
+    lost: str = ""
+    image: Image | None = None
+    prepared: Prepared | None = None
+
+
+class _Seen(NamedTuple):
+    """A frame with its boxes, or why it could not be used."""
+
+    frame: Frame
+    lost: str
+    boxed: Boxed | None
+    embedding: Floats32  # (n, D), by box
+
+
+def detect_by_network(
+    frames: Iterable[Frame],
+    scene: Scene,
+    detector: Detector,
+    embedder: Embedder | None = None,
+    config: DetectConfig | None = None,
+    *,
+    rows: int = BATCH,
+) -> Iterator[Detections]:
+    """Boxes of a network as views and candidate bearings (`from_boxes`), in the order of time.
+
+    Frames that cannot be decoded, that are not of the size of the camera's first, or for which the network gives
+    numbers that are not finite, are listed as losses and give no row.
+
+    Args:
+        frames: in the order of time; each camera's also in the order of its index.
+        scene: must hold the cameras.
+        detector: what detects.
+        embedder: what describes how those look who are in the boxes.
+        config: of it `bits`, `sigma_px` and `sigma_scale` are used.
+        rows: frames in a part, about.
+
+    Raises:
+        InputError: a frame's camera is not in the scene, an image does not fit its calibration, times go back, or the
+            network fails.
+    """
+    config = config or DetectConfig()
+    held: list[_Seen] = []
+    for seen in _look(frames, scene, detector, embedder, config):
+        if held and seen.frame.t_ns < held[-1].frame.t_ns:
+            raise InputError(
+                f"camera {seen.frame.sensor}: frame {seen.frame.index}: time {seen.frame.t_ns} ns is before "
+                f"{held[-1].frame.t_ns} ns of the frame read before it; frames must come in the order of time"
+            )
+        if len(held) >= rows and seen.frame.t_ns != held[-1].frame.t_ns:
+            yield _part(held, scene, config)
+            held = []
+        held.append(seen)
+    if held:
+        yield _part(held, scene, config)
+
+
+def _look(
+    frames: Iterable[Frame], scene: Scene, detector: Detector, embedder: Embedder | None, config: DetectConfig
+) -> Iterator[_Seen]:
+    """Frames in their order with what the network finds in them."""
+    shapes: dict[str, tuple[int, ...]] = {}
+
+    def prepare(some: list[Frame]) -> list[_Ready]:
+        return [_prepare(frame, scene, detector, shapes, config) for frame in some]
+
+    source = iter(frames)
+    waiting: deque[Future[list[_Ready]]] = deque()
+    empty = np.zeros((0, embedder.length if embedder else 0), dtype=np.float32)
+    pool = ThreadPoolExecutor(1)
+    try:
+        while True:
+            # One batch is prepared while the network is at the one before.
+            while len(waiting) < 2 and (some := list(islice(source, detector.network.batch))):
+                waiting.append(pool.submit(prepare, some))
+            if not waiting:
+                return
+            batch = waiting.popleft().result()
+            if some := list(islice(source, detector.network.batch)):
+                waiting.append(pool.submit(prepare, some))
+            wanted = [each.prepared for each in batch if each.prepared is not None]
+            found = iter(detector.find(wanted) if wanted else [])
+            for each in batch:
+                if each.prepared is None or each.image is None:
+                    yield _Seen(each.frame, each.lost, None, empty)
+                    continue
+                boxed = next(found)
+                vectors = empty
+                if embedder is not None and boxed is not None:
+                    vectors = embedder.vectors(each.image, boxed.boxes)
+                yield _Seen(each.frame, "" if boxed is not None else NOT_FINITE, boxed, vectors)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _prepare(
+    frame: Frame, scene: Scene, detector: Detector, shapes: dict[str, tuple[int, ...]], config: DetectConfig
+) -> _Ready:
+    """Decode a frame and bring it to the network's size."""
+    try:
+        decoded = frame.decode()
+    except InputError as error:
+        # The message begins with file, camera and frame; without them equal reasons are equal.
+        return _Ready(frame, str(error).rsplit(": ", 1)[-1])
+    try:
+        image = plain_image(decoded, config.bits)
+    except InputError as error:
+        return _Ready(frame, str(error))
+    if frame.sensor not in shapes:
+        check_size(scene.camera(frame.sensor), (image.shape[1], image.shape[0]))
+    first = shapes.setdefault(frame.sensor, image.shape)
+    if image.shape != first:
+        return _Ready(frame, f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(first)}")
+    if image.ndim == 2:
+        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    return _Ready(frame, "", image, detector.prepare(image))
+
+
+def _part(seen: list[_Seen], scene: Scene, config: DetectConfig) -> Detections:
+    """Views, bearings and losses of frames."""
+    good = [each for each in seen if each.boxed is not None]
+    # Boxes come by falling area, as views are numbered: rows of both tables are in one order.
+    tables = [_boxes(each.frame, each.boxed) for each in good if each.boxed is not None]
+    losses = _losses(seen)
+    if not tables:
+        return Detections(Views.empty(), Bearings.empty(), losses, 0, 0)
+    boxes = Boxes.concat(tables)
+    vectors = np.concatenate([each.embedding for each in good])
+    numbers = np.flatnonzero(boxes.box >= 0)
+    order = np.lexsort([getattr(boxes, name)[numbers] for name in reversed(Boxes.KEY)])
+    (found,) = detect_boxes([boxes.sorted()], scene, replace(config, min_confidence=0.0))
+    return found._replace(views=replace(found.views, embedding=vectors[order]), losses=losses)
+
+
+def _boxes(frame: Frame, boxed: Boxed) -> Boxes:
+    """Rows of a frame; one that is no box if there is none."""
+    n = len(boxed.boxes)
+    edges = boxed.boxes if n else np.full((1, 4), np.nan)
+    rows = len(edges)
+    return Boxes.of(
+        t_ns=np.full(rows, frame.t_ns),
+        sensor=np.full(rows, frame.sensor),
+        frame=np.full(rows, frame.index),
+        box=np.arange(n, dtype=np.int32) if n else np.full(1, -1, dtype=np.int32),
+        target_id=np.full(rows, -1, dtype=np.int32),
+        left_px=edges[:, 0],
+        top_px=edges[:, 1],
+        width_px=edges[:, 2] - edges[:, 0],
+        height_px=edges[:, 3] - edges[:, 1],
+        confidence=boxed.score if n else np.full(1, np.nan),
+    )
+
+
+def _losses(seen: list[_Seen]) -> tuple[Loss, ...]:
+    lost: dict[str, list[tuple[int, str]]] = {}
+    for each in seen:
+        if each.lost:
+            lost.setdefault(each.frame.sensor, []).append((each.frame.index, each.lost))
+    return tuple(loss for name, frames in sorted(lost.items()) for loss in stretches(name, frames))

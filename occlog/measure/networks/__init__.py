@@ -1,0 +1,1 @@
+"""Neural networks in ONNX files: boxes of objects in images, and vectors that say how they look."""

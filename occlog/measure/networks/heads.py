@@ -1,0 +1,309 @@
+"""What networks tell boxes by: the meaning of their outputs, how to tell it from names and shapes, and how to read it.
+
+| head | outputs | by |
+|---|---|---|
+| yolov5 | (B, N, 5 + C): centre, size, objectness, classes | YOLOv5, v7 (export without NMS), v6 |
+| yolo | (B, 4 + C, N): centre, size, classes | ultralytics YOLOv8, v9, 11, 12 |
+| end2end | (B, N, 6): edges, score, class | YOLOv10, 26, ultralytics' export with `nms=True` |
+| rfdetr | `dets` (B, N, 4): centre and size as shares; `labels` (B, N, C): logits | RF-DETR |
+| detr | `pred_boxes` and `logits`, the same | RT-DETR of transformers |
+| ultralytics-detr | (B, N, 4 + C): centre and size as shares, scores | RT-DETR of ultralytics |
+| rtdetr | `labels` (B, N), `boxes` (B, N, 4), `scores` (B, N); a second input with the size | RT-DETR, D-FINE |
+| rtmdet | `dets` (B, N, 5): edges, score; `labels` (B, N) | RTMDet and others by mmdeploy |
+
+N boxes, C classes.  Boxes come in pixels of the network's image unless they are shares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Floats32, Ints
+from occlog.errors import InputError
+
+from .config import (
+    CORNER,
+    DETR,
+    END2END,
+    IMAGENET,
+    IMAGENET_BGR,
+    LETTERBOX,
+    RFDETR,
+    RTDETR,
+    RTMDET,
+    STRETCH,
+    ULTRALYTICS_DETR,
+    UNIT,
+    YOLO,
+    YOLOV5,
+)
+
+STRIDES = ((8, 16, 32), (8, 16, 32, 64))
+"""Pixels between the places at which YOLO looks for boxes, in networks of usual and of large images."""
+SHARE_SLACK = 2.0
+"""Coordinates above this are no shares of an image; boxes of which none is above it are no pixels."""
+SCORE_SLACK = 1e-3
+WITH_MORE = ("segment", "pose")
+"""What networks are for whose boxes have masks or key points, too."""
+MOST_END2END = 1000
+"""Boxes of networks that leave nothing out afterwards, by which they are told from others."""
+PLAIN_DETR = 92
+"""Classes of the first DETR on COCO: its scores want a softmax, which no head here takes."""
+
+
+class Found(NamedTuple):
+    """Boxes in a network's image."""
+
+    boxes: Floats  # (n, 4) left, top, right, bottom [px], from the corner
+    score: Floats  # (n,)
+    label: Ints  # (n,) classes
+
+
+@dataclass(frozen=True)
+class Head:
+    """What a head wants of images, and whether boxes of one object come several times."""
+
+    fit: str
+    pixels: str
+    smooth: bool  # its makers average where images become smaller
+    repeats: bool
+
+
+HEADS: dict[str, Head] = {
+    YOLOV5: Head(LETTERBOX, UNIT, smooth=False, repeats=True),
+    YOLO: Head(LETTERBOX, UNIT, smooth=False, repeats=True),
+    END2END: Head(LETTERBOX, UNIT, smooth=False, repeats=False),
+    RFDETR: Head(STRETCH, IMAGENET, smooth=True, repeats=False),
+    DETR: Head(STRETCH, UNIT, smooth=True, repeats=False),
+    ULTRALYTICS_DETR: Head(STRETCH, UNIT, smooth=False, repeats=False),
+    RTDETR: Head(STRETCH, UNIT, smooth=True, repeats=False),
+    RTMDET: Head(CORNER, IMAGENET_BGR, smooth=False, repeats=False),
+}
+LOGITS = (RFDETR, DETR)
+"""Heads with logits of all classes for each box."""
+BOXES = dict.fromkeys(LOGITS, ("dets", "pred_boxes", "boxes")) | {RTDETR: ("boxes",), RTMDET: ("dets",)}
+SCORES = dict.fromkeys(LOGITS, ("labels", "logits", "pred_logits")) | {RTDETR: ("scores",)}
+LABELS = {RTDETR: ("labels",), RTMDET: ("labels",)}
+"""Names of outputs, of heads that have several."""
+
+Outputs = Mapping[str, Floats32]
+"""Outputs of a network by name, for a batch."""
+
+
+class Reading(NamedTuple):
+    """What is read of a network's outputs."""
+
+    head: str
+    classes: int | None  # of the head; None: the outputs do not tell
+    boxes: str  # name of the output with boxes
+    scores: str  # ... with scores; the same one where there is only one
+    labels: str  # ... with classes
+
+
+def recognise(
+    outputs: Outputs, size: tuple[int, int], names: int | None, head: str | None, metadata: Mapping[str, str]
+) -> Reading:
+    """Tell the head of a network from its outputs.
+
+    Args:
+        outputs: of a batch.
+        size: width and height of the network's images.
+        names: how many classes the file names; None: it names none.
+        head: what the user says it is.
+        metadata: of the file; `task` and `end2end` as ultralytics writes them are used.
+
+    Raises:
+        InputError: the outputs are none of any head, of several, or not of the one that the user says.
+    """
+    task = metadata.get("task", "")
+    if task and task not in ("detect", *WITH_MORE):
+        raise InputError(f"the network is for {task!r}, not for detection")
+    more = task in WITH_MORE
+    heads = [head] if head is not None else _candidates(outputs, size, names, more)
+    if metadata.get("end2end") == "True" and END2END in heads:
+        heads = [END2END]
+    told = [each for each in (_reading(outputs, name, names, more) for name in heads) if each is not None]
+    if head is not None and not told:
+        raise InputError(f"its outputs are not those of {head}: {shapes(outputs)}{_named_classes(names)}")
+    if len(told) != 1:
+        maybe = f"may be of {', '.join(each.head for each in told)}" if told else "are of no head that is known"
+        raise InputError(
+            f"its outputs {maybe}: {shapes(outputs)}{_named_classes(names)}; say which head it has (head: "
+            f"{', '.join(HEADS)})"
+        )
+    if told[0].head in LOGITS and told[0].classes == PLAIN_DETR:
+        raise InputError(f"it is the first DETR, whose scores want a softmax; it cannot be used: {shapes(outputs)}")
+    return told[0]
+
+
+def _named_classes(names: int | None) -> str:
+    return "" if names is None else f" (it names {names} classes)"
+
+
+def shapes(outputs: Outputs) -> str:
+    """Names and shapes for a person."""
+    return ", ".join(f"{name} {' x '.join(map(str, each.shape)) or 'one number'}" for name, each in outputs.items())
+
+
+def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more: bool) -> list[str]:
+    """Heads whose outputs these may be, by their names, by the number of classes, and of places where YOLO looks."""
+    of_dets = RTMDET if "dets" in outputs and outputs["dets"].shape[-1:] == (5,) else RFDETR
+    for head in (of_dets if "dets" in outputs else DETR, RTDETR):
+        if _reading(outputs, head, names) is not None:
+            return [head]
+    rows, columns = next((each.shape[1:] for each in outputs.values() if each.ndim == 3), (0, 0))
+    places = {sum((size[0] // s) * (size[1] // s) for s in strides) for strides in STRIDES}
+    # YOLOv5 looks with three shapes of boxes at each place.
+    looks = rows in {3 * n for n in places}
+    end2end = rows <= MOST_END2END and not looks and (columns == 6 or (more and columns > 6))
+    if names is None:
+        fitting = {YOLO: columns in places and not looks, YOLOV5: looks and columns not in places, END2END: end2end}
+    else:
+        fitting = {
+            YOLO: rows == 4 + names or (more and rows > 4 + names and columns in places),
+            YOLOV5: columns == 5 + names and (looks or not end2end),
+            END2END: end2end,
+            ULTRALYTICS_DETR: columns == 4 + names and not looks,
+        }
+    return [head for head, fits in fitting.items() if fits]
+
+
+def _reading(outputs: Outputs, head: str, names: int | None, more: bool = False) -> Reading | None:
+    """What is read of these outputs as those of a head, with `more` numbers after the classes; None: they are not."""
+    if head in BOXES:
+        wanted = [_one(outputs, each.get(head)) for each in (BOXES, SCORES, LABELS)]
+        if None in wanted:
+            return None
+        boxes, scores, labels = (name or "" for name in wanted)
+        deep = 5 if head == RTMDET else 4
+        flat = [outputs[name] for name in (scores, labels) if name]
+        if outputs[boxes].ndim != 3 or outputs[boxes].shape[2] != deep:
+            return None
+        if any(
+            each.ndim != (3 if head in LOGITS else 2) or each.shape[:2] != outputs[boxes].shape[:2] for each in flat
+        ):
+            return None
+        count = outputs[scores].shape[2] if head in LOGITS else None
+        return Reading(head, count, boxes, scores or boxes, labels or boxes)
+    name = next((name for name, each in outputs.items() if each.ndim == 3), None)
+    if name is None:
+        return None
+    rows, columns = outputs[name].shape[1:]
+    if head == END2END:
+        return Reading(head, None, name, name, name) if columns >= 6 else None
+    count = {YOLO: rows - 4, YOLOV5: columns - 5, ULTRALYTICS_DETR: columns - 4}[head]
+    if count < 1 or (names is not None and (names > count or (names < count and not more))):
+        return None
+    # Masks of objects, as an output of four dimensions, come with numbers after the classes that only names tell apart.
+    if names is None and (more or any(each.ndim == 4 for each in outputs.values())):
+        return None
+    return Reading(head, names or count, name, name, name)
+
+
+def _one(outputs: Outputs, known: Sequence[str] | None) -> str | None:
+    """The output that has one of these names; empty where none is wanted, None where there is none."""
+    return "" if known is None else next((name for name in known if name in outputs), None)
+
+
+def read(reading: Reading, outputs: Outputs, n: int, size: tuple[int, int], wanted: Ints, least: float) -> Found:
+    """Boxes of the wanted classes with at least that confidence, in the n-th image of a batch.
+
+    A box of `yolo`, `yolov5` and `ultralytics-detr` is of the class with the highest score, as their makers have it; of
+    `rfdetr` and `detr` the N highest scores of all boxes and classes count.
+
+    Args:
+        reading: what is read of the outputs.
+        outputs: of the batch.
+        n: place of the image in the batch.
+        size: width and height of the network's images.
+        wanted: classes.
+        least: confidence.
+
+    Raises:
+        InputError: scores are not 0 to 1, or boxes not in pixels, or no shares, as the head has them.
+        FloatingPointError: a number is not finite.
+    """
+    head, boxes = reading.head, outputs[reading.boxes][n]
+    scores = outputs[reading.scores][n]
+    for each in (boxes, scores):
+        if not np.isfinite(each).all():
+            raise FloatingPointError
+    if head == YOLO:
+        found = _best(boxes[:4].T, boxes[4 : 4 + (reading.classes or 0)].T, None, wanted, least)
+    elif head == YOLOV5:
+        found = _best(boxes[:, :4], boxes[:, 5 : 5 + (reading.classes or 0)], boxes[:, 4], wanted, least)
+    elif head == ULTRALYTICS_DETR:
+        found = _best(boxes[:, :4], boxes[:, 4 : 4 + (reading.classes or 0)], None, wanted, least)
+    elif head in LOGITS:
+        found = _highest(boxes, scores, wanted, least)
+    else:
+        if head == END2END:
+            scores, label = boxes[:, 4], boxes[:, 5]
+        elif head == RTMDET:
+            scores, label = boxes[:, 4], outputs[reading.labels][n]
+        else:
+            label = outputs[reading.labels][n]
+        label = np.rint(label).astype(np.int64)
+        kept = np.isin(label, wanted) & (scores >= least)
+        found = Found(boxes[kept, :4].astype(np.float64), scores[kept].astype(np.float64), label[kept])
+        _check_scores(head, scores)
+        _check_places(head, found.boxes, shares=False)
+        return found
+    _check_places(head, found.boxes, shares=head in (*LOGITS, ULTRALYTICS_DETR))
+    return found._replace(boxes=_edges(found.boxes, size if head in (*LOGITS, ULTRALYTICS_DETR) else (1, 1)))
+
+
+def _best(boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted: Ints, least: float) -> Found:
+    """Boxes whose best class is a wanted one."""
+    if objectness is not None:
+        _check_scores(YOLOV5, objectness)
+    _check_scores(YOLO, scores)
+    # Look closer where a wanted class alone is confident enough.
+    may = (scores[:, wanted] >= least).any(axis=1)
+    if objectness is not None:
+        may &= objectness >= least
+    some = scores[may] if objectness is None else scores[may] * objectness[may, None]
+    label = some.argmax(axis=1).astype(np.int64) if len(some) else np.zeros(0, dtype=np.int64)
+    best = some[np.arange(len(some)), label]
+    kept: Bools = np.isin(label, wanted) & (best >= least)
+    return Found(boxes[may][kept].astype(np.float64), best[kept].astype(np.float64), label[kept])
+
+
+def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> Found:
+    """Boxes among the N highest scores of N boxes and all classes."""
+    scores = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
+    enough = scores >= least
+    if np.count_nonzero(enough) > len(scores):
+        # The N-th highest; equal ones count, too.
+        enough &= scores >= np.partition(scores, scores.size - len(scores), axis=None)[scores.size - len(scores)]
+    row, column = np.nonzero(enough[:, wanted])
+    label = wanted[column]
+    return Found(boxes[row].astype(np.float64), scores[row, label], label)
+
+
+def _edges(boxes: Floats, size: tuple[float, float]) -> Floats:
+    """Left, top, right, bottom of boxes by centre and size, times the size of the image."""
+    scale = np.array(size, dtype=np.float64)
+    centre, half = boxes[:, :2] * scale, 0.5 * boxes[:, 2:] * scale
+    return np.concatenate([centre - half, centre + half], axis=1)
+
+
+def _check_scores(head: str, scores: Floats32) -> None:
+    if scores.size and not (scores.min() >= -SCORE_SLACK and scores.max() <= 1.0 + SCORE_SLACK):
+        raise InputError(
+            f"scores from {scores.min():.4g} to {scores.max():.4g} are no confidences, 0 to 1, as {head} has them; it "
+            "has another head, or was exported without its last step"
+        )
+
+
+def _check_places(head: str, boxes: Floats, *, shares: bool) -> None:
+    if not len(boxes) or (np.abs(boxes).max() <= SHARE_SLACK) == shares:
+        return
+    what = "shares of an image" if shares else "pixels"
+    raise InputError(
+        f"coordinates up to {np.abs(boxes).max():.4g} are no {what}, as {head} has them; it has another head"
+    )

@@ -1,0 +1,172 @@
+"""Programs that run a network: OpenCV, which is always there, ONNX Runtime and OpenVINO, which are extras."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.errors import InputError, UsageError
+from occlog.io.models.onnx_file import OnnxFile
+
+from .config import ONNXRUNTIME, OPENCV, OPENVINO
+
+Feeds = Mapping[str, NDArray[np.generic]]
+"""Inputs of a network by name."""
+
+
+class Runtime(Protocol):
+    """A network that is loaded and can be run."""
+
+    @property
+    def called(self) -> str:
+        """Name and version of the program."""
+
+    def run(self, feeds: Feeds) -> dict[str, NDArray[np.generic]]:
+        """The outputs by name; InputError where the program fails."""
+
+
+def load(model: OnnxFile, runtime: str, threads: int) -> Runtime:
+    """Load a network.
+
+    Args:
+        model: what its file says.
+        runtime: one of `config`'s.
+        threads: that the network may use; OpenCV takes those of `opencv_threads`.
+
+    Raises:
+        InputError: the program cannot load it.
+        UsageError: the program is not installed.
+    """
+    if runtime == OPENCV:
+        return _OpenCv(model)
+    return _OnnxRuntime(model, threads) if runtime == ONNXRUNTIME else _OpenVino(model, threads)
+
+
+@contextmanager
+def opencv_threads(threads: int) -> Iterator[None]:
+    """OpenCV with that many threads, and without words of its own on standard error."""
+    log = cv2.utils.logging
+    before, level = cv2.getNumThreads(), log.getLogLevel()
+    cv2.setNumThreads(threads)
+    log.setLogLevel(log.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+        log.setLogLevel(level)
+
+
+def _extra(name: str) -> ModuleType:
+    """The module of an extra."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise UsageError(
+            f"runtime {name}: is not installed ({error}); run: pip install 'occlog[{name}]', or take another runtime"
+        ) from None
+
+
+@contextmanager
+def _told(model: OnnxFile, called: str, errors: tuple[type[Exception], ...], does: str) -> Iterator[None]:
+    """Turn errors of a program into InputError."""
+    try:
+        yield
+    except errors as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(
+            f"{model.path}: {called} cannot {does} this network ({reason}); another runtime may, or export it again"
+        ) from None
+
+
+@dataclass
+class _OpenCv:
+    """`cv2.dnn`."""
+
+    model: OnnxFile
+
+    ERRORS = (cv2.error, SystemError, MemoryError)
+
+    def __post_init__(self) -> None:
+        if any(port.kind == "float16" for port in self.model.inputs):
+            raise InputError(f"{self.model.path}: wants numbers of 16 bits, which {self.called} does not take; use "
+                             f"the runtime {ONNXRUNTIME}")  # fmt: skip
+        with _told(self.model, self.called, self.ERRORS, "load"):
+            self.net = cv2.dnn.readNetFromONNX(str(self.model.path))
+
+    @property
+    def called(self) -> str:
+        return f"{OPENCV} {cv2.__version__}"
+
+    def run(self, feeds: Feeds) -> dict[str, NDArray[np.generic]]:
+        names = [port.name for port in self.model.outputs]
+        with _told(self.model, self.called, self.ERRORS, "run"):
+            for name, values in feeds.items():
+                self.net.setInput(values, name)
+            found = self.net.forward(names)
+        return dict(zip(names, map(np.asarray, found), strict=True))
+
+
+@dataclass
+class _OnnxRuntime:
+    """`onnxruntime` on the processor."""
+
+    model: OnnxFile
+    threads: int
+
+    ERRORS = (Exception,)  # they have no base of their own
+
+    def __post_init__(self) -> None:
+        self.module: Any = _extra(ONNXRUNTIME)
+        options = self.module.SessionOptions()
+        options.intra_op_num_threads, options.inter_op_num_threads = self.threads, 1
+        options.use_deterministic_compute = True
+        options.log_severity_level = 4
+        with _told(self.model, self.called, self.ERRORS, "load"):
+            self.session = self.module.InferenceSession(
+                str(self.model.path), options, providers=["CPUExecutionProvider"]
+            )
+
+    @property
+    def called(self) -> str:
+        return f"{ONNXRUNTIME} {self.module.__version__}"
+
+    def run(self, feeds: Feeds) -> dict[str, NDArray[np.generic]]:
+        names = [port.name for port in self.model.outputs]
+        with _told(self.model, self.called, self.ERRORS, "run"):
+            found = self.session.run(names, dict(feeds))
+        return dict(zip(names, map(np.asarray, found), strict=True))
+
+
+@dataclass
+class _OpenVino:
+    """`openvino` on the processor, with numbers of 32 bits."""
+
+    model: OnnxFile
+    threads: int
+
+    ERRORS = (Exception,)  # they have no base of their own
+
+    def __post_init__(self) -> None:
+        self.module: Any = _extra(OPENVINO)
+        config = {"INFERENCE_NUM_THREADS": self.threads, "INFERENCE_PRECISION_HINT": "f32", "NUM_STREAMS": 1}
+        with _told(self.model, self.called, self.ERRORS, "load"):
+            core = self.module.Core()
+            self.compiled = core.compile_model(core.read_model(str(self.model.path)), "CPU", config)
+
+    @property
+    def called(self) -> str:
+        return f"{OPENVINO} {self.module.__version__.split('-')[0]}"
+
+    def run(self, feeds: Feeds) -> dict[str, NDArray[np.generic]]:
+        names = [port.name for port in self.model.outputs]
+        with _told(self.model, self.called, self.ERRORS, "run"):
+            found = self.compiled(dict(feeds))
+            return {name: np.array(found[name]) for name in names}
