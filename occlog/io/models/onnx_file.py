@@ -22,7 +22,7 @@ MOST_WEIGHTS = 16 * 1024**3
 """Bytes of all files of weights beside a model."""
 MOST_FIELDS = 5_000_000
 """Fields of a file that are looked at; networks have some tens of thousands."""
-DEEPEST = 32
+DEEPEST = 16
 """Graphs in graphs."""
 LONGEST = 1024 * 1024
 """Bytes of a name or of a text of the metadata."""
@@ -68,12 +68,9 @@ def read_onnx(path: Path) -> OnnxFile:
         raise InputError(f"{path}: has {size} bytes; an ONNX file has less than {MOST_BYTES}; it is damaged, or none")
     walk = _Walk()
     try:
-        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            view = memoryview(data)
-            try:
-                walk.model(view)
-            finally:
-                view.release()
+        with path.open("rb") as file:
+            # The last view of the bytes closes them.
+            walk.model(memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)))
     except _DamageError as error:
         raise InputError(f"{path}: not an ONNX model, or damaged ({error}); export it again") from None
     except OSError as error:

@@ -125,8 +125,9 @@ def _look(
                     continue
                 boxed = next(found)
                 vectors = empty
-                if embedder is not None and boxed is not None:
-                    vectors = embedder.vectors(each.image, boxed.boxes)
+                if boxed is not None:
+                    n = len(boxed.boxes)
+                    vectors = embedder.vectors(each.image, boxed.boxes) if embedder else np.zeros((n, 0), np.float32)
                 yield _Seen(each.frame, "" if boxed is not None else NOT_FINITE, boxed, vectors)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

@@ -159,7 +159,7 @@ def _candidates(outputs: Outputs, size: tuple[int, int], names: int | None, more
     places = {sum((size[0] // s) * (size[1] // s) for s in strides) for strides in STRIDES}
     # YOLOv5 looks with three shapes of boxes at each place.
     looks = rows in {3 * n for n in places}
-    end2end = rows <= MOST_END2END and not looks and (columns == 6 or (more and columns > 6))
+    end2end = rows <= MOST_END2END and not looks and (columns == 6 or (more and columns > 6 and columns not in places))
     if names is None:
         fitting = {YOLO: columns in places and not looks, YOLOV5: looks and columns not in places, END2END: end2end}
     else:

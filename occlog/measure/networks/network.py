@@ -120,7 +120,7 @@ def _whole_size(file: OnnxFile, wide: int | None, high: int | None, asked: tuple
     size = (wide or (told or (0, 0))[0], high or (told or (0, 0))[1])
     if asked is not None and asked != size:
         raise UsageError(
-            f"{file.path}: its images are {size[0]} x {size[1]} px, not {asked[0]} x {asked[1]}; leave size out"
+            f"{file.path}: its images are {size[0]} x {size[1]} px, not {asked[0]} x {asked[1]}; leave the size out"
         )
     if not all(1 <= side <= LARGEST_SIDE for side in size):
         raise InputError(f"{file.path}: images of {size[0]} x {size[1]} px; sides of 1 to {LARGEST_SIDE} px are taken")
