@@ -119,13 +119,14 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
 
 
 def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
-    """(n, K) numbers of lists, all of K numbers or of none; NaN where a list is null or empty."""
-    lengths = values.value_lengths().fill_null(0).to_numpy(zero_copy_only=False)
+    """(n, K) numbers of lists, all of K numbers or of none; NaN where a list is empty."""
+    lengths, numbers = to_numpy(values.value_lengths()), values.flatten()
     (length, *others) = np.unique(lengths[lengths > 0]).tolist() or [0]
-    if others:
-        raise InputError(f"column {c.name}: lists of {length} and of {others[0]} numbers; all must be alike")
+    if others or numbers.null_count:
+        fault = f"lists of {length} and of {others[0]} numbers; all must be alike" if others else "numbers are missing"
+        raise InputError(f"column {c.name}: {fault}")
     out = np.full((len(values), length), np.nan, dtype=c.dtype)
-    out[lengths > 0] = values.flatten().to_numpy(zero_copy_only=False).reshape(-1, max(length, 1))
+    out[lengths > 0] = to_numpy(numbers).reshape(-1, max(length, 1))
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -203,3 +204,31 @@ def test_a_name_that_promises_another_format_is_refused(tmp_path: Path, name: st
     with pytest.raises(UsageError, match=r"tables are written as Parquet, not \.\w+; name it t\.parquet"):
         parquet.write_table(tmp_path / name, Tracks.empty(), Provenance("test"))
     assert not (tmp_path / name).exists()
+
+
+def embedded(rows: int, length: int) -> Views:
+    """Views with embeddings of so many numbers."""
+    return replace(random_table(Views, rows), embedding=np.ones((rows, length), np.float32))
+
+
+def test_vectors_of_any_length_come_back_and_are_nan_where_there_are_none(tmp_path: Path) -> None:
+    for length in (0, 5, 512):
+        parquet.write_table(tmp_path / "v.parquet", embedded(4, length), PROVENANCE, overwrite=True)
+        assert parquet.read_table(tmp_path / "v.parquet", Views).embedding.shape == (4, length)
+    both = Views.merge([embedded(2, 0), embedded(3, 4)])
+    assert np.isnan(both.embedding).all(axis=1).sum() == 2
+    assert (both.embedding == 1).all(axis=1).sum() == 3
+    with pytest.raises(InputError, match="vectors of 3 and of 4 numbers"):
+        Views.concat([embedded(2, 3), embedded(2, 4)])
+
+
+def test_vectors_of_several_lengths_in_a_file_are_refused(tmp_path: Path) -> None:
+    parquet.write_table(tmp_path / "v.parquet", embedded(2, 3), PROVENANCE)
+    whole = pq.read_table(tmp_path / "v.parquet")
+    place = whole.schema.get_field_index("embedding")
+    ragged = whole.set_column(
+        place, whole.schema.field(place), pa.array([[1.0], [1.0, 2.0]], whole.schema.field(place).type)
+    )
+    pq.write_table(ragged, tmp_path / "w.parquet", write_page_checksum=True)
+    with pytest.raises(InputError, match="column embedding: lists of 1 and of 2 numbers"):
+        parquet.read_table(tmp_path / "w.parquet", Views)
