@@ -120,7 +120,7 @@ def _column_from_arrow(c: Column, values: pa.Array | pa.ChunkedArray) -> NDArray
 
 def vectors(c: Column, values: pa.Array) -> NDArray[np.generic]:
     """(n, K) numbers of lists, all of K numbers or of none; NaN where a list is empty."""
-    lengths, numbers = to_numpy(values.value_lengths()), values.flatten()
+    lengths, numbers = to_numpy(values.value_lengths()).astype(np.int64), values.flatten()
     (length, *others) = np.unique(lengths[lengths > 0]).tolist() or [0]
     if others or numbers.null_count:
         fault = f"lists of {length} and of {others[0]} numbers; all must be alike" if others else "numbers are missing"
