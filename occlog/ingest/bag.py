@@ -128,6 +128,7 @@ def _camera(name: str, found: BagSurvey, rotation: Floats, centre: Floats) -> Ca
             centre=centre,
             image_size=told.size,
             distortion=told.distortion.tolist(),
+            model=told.model,
         ),
         f"topic {found.map.infos[name]}",
     )
