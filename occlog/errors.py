@@ -45,6 +45,10 @@ class OutputExistsError(OcclogError):
     exit_code = ExitCode.EXISTS
 
 
+class PluginError(OcclogError):
+    """A plug-in cannot be imported, fails, or gives back what cannot be."""
+
+
 class UsageError(OcclogError):
     """Options that contradict each other or that this input does not allow."""
 

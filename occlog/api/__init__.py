@@ -1,6 +1,6 @@
 """Functions of occlog for Python: what the commands do, on values and files, with the same names and defaults."""
 
-from occlog.errors import InputError, OcclogError, OutputError, OutputExistsError, UsageError
+from occlog.errors import InputError, OcclogError, OutputError, OutputExistsError, PluginError, UsageError
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.settings import SettingError
@@ -23,6 +23,7 @@ __all__ = [
     "OcclogWarning",
     "OutputError",
     "OutputExistsError",
+    "PluginError",
     "Recording",
     "ReportResult",
     "Result",

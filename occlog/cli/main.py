@@ -59,6 +59,7 @@ COMMANDS = {
     ),
     "info": Command("occlog.examine.info", "Print what a scene, a recording or a table holds."),
     "export": Command("occlog.examine.export.command", "Write a table in a format of other programs."),
+    "plugin": Command("occlog.conformance.command", "List plug-ins of others, and check them."),
     "schema": Command("occlog.examine.schema", "Print the schema of a table, a message, a file format or settings."),
 }
 """Every command, in the order of a pipeline; a table of text, so that --help loads none of the modules."""

@@ -257,6 +257,7 @@ class VariantCommand(SettingsCommand):
         variants: by name.
         choose: the variant that arguments choose; None: they choose none.
         default: the variant where none is chosen.
+        more: makes variants of others; called for a name that `variants` does not have, and for --help.
         shows_default: --help without a choice shows what that one takes too.
         what: how a variant is called, for example `method`.
         chosen_by: how a variant is chosen, with {} for its name, for example `--method {}`.
@@ -268,6 +269,7 @@ class VariantCommand(SettingsCommand):
         variants: Mapping[str, Variant],
         choose: Callable[[Sequence[str]], str | None],
         default: str,
+        more: Callable[[], Mapping[str, Variant]] = dict,
         shows_default: bool = False,
         what: str,
         chosen_by: str,
@@ -276,7 +278,17 @@ class VariantCommand(SettingsCommand):
         super().__init__(*args, **kwargs)
         self.variants, self.choose, self.default = variants, choose, default
         self.shows_default = shows_default
-        self.what, self.chosen_by = what, chosen_by
+        self.what, self.chosen_by, self.more = what, chosen_by, more
+
+    def variant(self, name: str) -> Variant | None:
+        """The variant of that name, ours or of others; None: there is none."""
+        return self.variants[name] if name in self.variants else self.more().get(name)
+
+    def existing(self, name: str) -> Variant:
+        """The variant of a name that there is."""
+        found = self.variant(name)
+        assert found is not None  # parse_args has looked
+        return found
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """The shared options, then those of the variant chosen; for --help without a choice the shared ones."""
@@ -284,20 +296,21 @@ class VariantCommand(SettingsCommand):
         name = ctx.meta.get(CHOSEN)
         if name is None:
             return shared
-        own = list(self.variants[name].params())
+        own = list(self.existing(name).params())
         last = shared[-1:] if shared and shared[-1].name == "help" else []
         return [*shared[: len(shared) - len(last)], *own, *last]
 
     def params_of(self, name: str | None) -> list[click.Parameter]:
         """All parameters of the variant of that name; those of the default one for None."""
-        return [*self.params, *self.variants[self.default if name is None else name].params()]
+        return [*self.params, *self.existing(self.default if name is None else name).params()]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Choose the variant, then parse; an option of other variants is refused, and those that have it are named."""
         name = self.choose(args)
-        if name is not None and name not in self.variants:
-            near = difflib.get_close_matches(name, self.variants, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(self.variants)}"
+        if name is not None and self.variant(name) is None:
+            names = [*self.variants, *self.more()]
+            near = difflib.get_close_matches(name, names, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(names)}"
             raise click.UsageError(f"no {self.what} {name!r}; {hint}", ctx)
         if name is None and (self.shows_default or not any(a in ctx.help_option_names for a in args)):
             name = self.default
@@ -321,7 +334,7 @@ class VariantCommand(SettingsCommand):
 
     def called(self, name: str) -> str:
         """How a variant is chosen: `--method apf`."""
-        own = self.variants[name].called
+        own = self.existing(name).called
         return self.chosen_by.format(name) if own is None else own
 
     def _named(self, names: Sequence[str]) -> str:
@@ -333,7 +346,7 @@ class VariantCommand(SettingsCommand):
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The shared options; the variant's options and settings; one line for each other variant."""
         name = ctx.meta.get(CHOSEN)
-        own_names = {p.name for p in (self.variants[name].params() if name else ())}
+        own_names = {p.name for p in (self.existing(name).params() if name else ())}
         shared = help_rows(ctx, [p for p in self.get_params(ctx) if p.name not in own_names])
         with formatter.section("Options"):
             formatter.write_dl(shared)
@@ -343,11 +356,11 @@ class VariantCommand(SettingsCommand):
             with formatter.section(
                 f"{self.what.capitalize()}s ({self.chosen_by.format('NAME')} --help tells what each takes)"
             ):
-                formatter.write_dl([(v.called or n, v.summary) for n, v in self.variants.items()])
+                formatter.write_dl([(v.called or n, v.summary) for n, v in {**self.variants, **self.more()}.items()])
 
     def _format_own(self, ctx: click.Context, formatter: click.HelpFormatter, name: str) -> None:
         """What one variant takes."""
-        chosen = self.variants[name]
+        chosen = self.existing(name)
         rows = help_rows(ctx, chosen.params())
         if rows:
             with formatter.section(f"Options of {self.called(name)}"):

@@ -14,6 +14,8 @@ from occlog.errors import UsageError
 from occlog.settings import Settings
 
 if TYPE_CHECKING:
+    from occlog.plugins.loading import Plugin
+
     from .interface import AnyMethod
 
 SELECTION = ("policy", "count", "every", "model", "order", "patience")
@@ -64,6 +66,7 @@ class Entry:
         takes: names of the options that it takes beside the shared ones and its settings.
         takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows everybody by them;
             `READS`: reads of tags.
+        plugin: that the method is from; None: it is one of ours.
     """
 
     summary: str
@@ -71,6 +74,7 @@ class Entry:
     settings: str
     takes: tuple[str, ...]
     takes_in: str = BEARINGS
+    plugin: Plugin | None = None
 
     @property
     def images(self) -> bool:
@@ -78,7 +82,36 @@ class Entry:
         return self.takes_in == IMAGES
 
 
-METHODS: dict[str, Entry] = {
+class Methods(dict[str, Entry]):
+    """Our methods; a name that is none of them is looked for among the plug-ins, which are not iterated over."""
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is a method of that name, ours or a plug-in's."""
+        return super().__contains__(name) or (isinstance(name, str) and _plugged(name) is not None)
+
+    def __missing__(self, name: str) -> Entry:
+        """The method of a plug-in; KeyError where there is none of that name."""
+        found = _plugged(name)
+        if found is None:
+            raise KeyError(name)
+        return found
+
+
+def _plugged(name: str) -> Entry | None:
+    """The method of a plug-in; None where there is none of that name."""
+    from occlog.plugins.loading import METHOD, find
+
+    plugin = find(name, METHOD)
+    return None if plugin is None else entry_of(plugin)
+
+
+def entry_of(plugin: Plugin) -> Entry:
+    """The line of a plug-in's method; PluginError where it cannot be loaded."""
+    of = plugin.load()
+    return Entry(str(of.summary), plugin.where, plugin.where, IN_WORLD, plugin=plugin)
+
+
+OURS: dict[str, Entry] = {
     "apf": Entry(
         "auxiliary particle filter with random waypoints (Ercan, El Gamal, Guibas 2013)",
         "occlog.track.apf.filter:METHOD",
@@ -196,6 +229,7 @@ METHODS: dict[str, Entry] = {
         takes_in=IMAGES,
     ),
 }
+METHODS = Methods(OURS)
 """Every method by the name that `--method` takes."""
 
 
@@ -208,15 +242,21 @@ def entry(name: str) -> Entry:
 
 def settings_of(name: str) -> type[Settings]:
     """The class of a method's settings; loads the method's `config.py`, which loads nothing heavy."""
-    found: type[Settings] = load(entry(name).settings)
+    plugin = entry(name).plugin
+    found: type[Settings] = load(METHODS[name].settings) if plugin is None else plugin.load().settings
     return found
 
 
 def tracker(name: str) -> AnyMethod:
     """The method of that name, which takes bearings; UsageError names the ones there are."""
-    in_world = [n for n, e in METHODS.items() if e.takes_in == BEARINGS]
-    if name not in in_world:
+    if name not in METHODS or METHODS[name].takes_in != BEARINGS:
+        in_world = [n for n, e in METHODS.items() if e.takes_in == BEARINGS]
         raise UsageError(f"no tracking method {name!r}; there are: {', '.join(in_world)}")
+    plugin = METHODS[name].plugin
+    if plugin is not None:
+        from .plugged import method_of
+
+        return method_of(plugin)
     method: AnyMethod = load(METHODS[name].method)
     return method
 

@@ -12,7 +12,7 @@ import click
 from occlog.cli import options
 from occlog.cli.setting_options import Variant, VariantCommand, given, value_after
 
-from .catalogue import BOXES, METHODS, READS, settings_of
+from .catalogue import BOXES, METHODS, OURS, READS, settings_of
 from .options import method_params
 
 
@@ -29,6 +29,21 @@ def _around() -> Any:
     return ViewsConfig
 
 
+def _plugged() -> dict[str, Variant]:
+    """The methods of installed plug-ins; what cannot be loaded says why."""
+    from occlog.errors import PluginError
+    from occlog.plugins.loading import METHOD, installed
+
+    found = {}
+    for plugin in installed(METHOD):
+        if plugin.name not in OURS:
+            try:
+                found[plugin.name] = _variant(plugin.name)
+            except PluginError as error:
+                found[plugin.name] = Variant(str(error), lambda: ())
+    return found
+
+
 def chosen_method(args: Sequence[str]) -> str | None:
     """The method that the arguments name."""
     return value_after(args, "--method")
@@ -40,6 +55,7 @@ def chosen_method(args: Sequence[str]) -> str | None:
     variants={name: _variant(name) for name in METHODS},
     choose=chosen_method,
     default="apf",
+    more=_plugged,
     what="method",
     chosen_by="--method {}",
     short_help="Estimate target tracks from bearings or video.",

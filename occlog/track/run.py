@@ -32,7 +32,7 @@ from occlog.track.drivers.stage import track
 from occlog.track.drivers.tracking import Tracking
 from occlog.track.imm.config import START_NUMBERS, ImmConfig
 
-from .catalogue import settings_of, tracker
+from .catalogue import METHODS, settings_of, tracker
 from .interface import AnyMethod, Batch, Joint, Online
 from .plausibility.sight import Compared
 from .plausibility.verdict import Evidence, Finding, figures
@@ -216,6 +216,7 @@ def run_track(
     if request.turn_s is not None:
         chunks = one_at_a_time(chunks, inputs.scene, sensors, request.turn_s)
     # Track
+    plugin = METHODS[request.method].plugin
     tracking = Tracking(
         config,
         request.seed,
@@ -239,6 +240,7 @@ def run_track(
         **asdict(config),
         **({"use_recovered": True} if request.use_recovered else {}),
         **said,
+        **({} if plugin is None else {"plugin": f"{plugin.package} {plugin.version}"}),
     }
     # Write all tables while they stream
     losses = inputs.losses

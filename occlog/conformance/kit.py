@@ -1,0 +1,417 @@
+"""The conformance kit of tracking methods: each check tries one promise, and says in a sentence how it is broken."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import random
+import tracemalloc
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.errors import OcclogError
+from occlog.plugins.interface import Filter, Moment, Place
+from occlog.settings import Settings
+from occlog.track.plugged import fault_of
+
+from .walk import FEW, MOMENTS, PLAIN, SIGMA_RAD, Walk, blind, later, nobody
+
+SETTLED = MOMENTS // 2
+"""From this moment on a filter has had time to find the target."""
+FARTHEST_M = 3.0
+"""Root mean square error [m] of a filter that has found it; sight lines alone tell it to about 0.6 m."""
+MOST_NEES = 20.0
+"""Mean normalised squared error of a covariance that can be believed; 2 is right."""
+GROWTH_BYTES = 150
+"""Memory that a step may leave behind."""
+SAME = 3.0
+"""In standard deviations: places of the same walk that are this near to each other are the same."""
+
+
+class Fault(NamedTuple):
+    """A promise that is broken: which, and how."""
+
+    check: str
+    sentence: str
+
+
+class BrokenError(Exception):
+    """A check found a fault."""
+
+
+Of = type[Filter]
+
+
+def run(of: Of, walk: Iterable[Moment], *, scene: Walk = PLAIN, seed: int = 1) -> list[Place | None]:
+    """What a filter says of a walk; BrokenError where it fails, or gives back what no place can be."""
+    own = start(of, scene, seed)
+    return [step(own, moment) for moment in walk]
+
+
+def start(of: Of, scene: Walk = PLAIN, seed: int = 1) -> Filter:
+    """A new filter with its defaults."""
+    try:
+        return of(scene.scene, of.settings.in_unit(scene.scene.length_unit), np.random.default_rng(seed))
+    except Exception as error:
+        raise BrokenError(f"a new filter raises {_words(error)}") from error
+
+
+def step(own: Filter, moment: Moment) -> Place | None:
+    """A step; BrokenError as in `run`."""
+    try:
+        place = own.step(moment)
+    except Exception as error:
+        raise BrokenError(f"step raises {_words(error)}") from error
+    wrong = None if place is None else fault_of(place)
+    if wrong is not None:
+        raise BrokenError(wrong)
+    return place
+
+
+def _words(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+
+
+def _bytes(places: Sequence[Place | None]) -> list[tuple[bytes, ...] | None]:
+    return [None if p is None else tuple(np.asarray(v, dtype=np.float64).tobytes() for v in p[:2]) for p in places]
+
+
+def _alike(of: Of, walk: Walk, moments: Iterable[Moment], what: str) -> None:
+    """BrokenError unless the filter finds in another world what it finds in the plain one."""
+    plain, other = run(of, PLAIN), run(of, moments, scene=walk)
+    for n, (a, b) in enumerate(zip(plain, other, strict=True)):
+        if n < SETTLED:
+            continue
+        if a is None or b is None:
+            if (a is None) != (b is None):
+                raise BrokenError(f"{what}: the target is found in one case alone")
+            continue
+        spread = walk.scale * np.sqrt(np.trace(np.asarray(a.covariance)))
+        off = float(np.linalg.norm(walk.at(np.asarray(a.xy)) - np.asarray(b.xy)))
+        if off > SAME * spread:
+            raise BrokenError(f"{what}: the target is {off / walk.scale:.3g} m elsewhere than without it")
+
+
+def check_interface(of: Of) -> None:
+    """The summary is a line, and the settings are declared as this program's are."""
+    if not isinstance(of.summary, str) or not of.summary.strip() or "\n" in of.summary:
+        raise BrokenError("summary must be one line of text")
+    if not (isinstance(of.settings, type) and issubclass(of.settings, Settings) and is_dataclass(of.settings)):
+        raise BrokenError("settings must be a dataclass that derives from Settings")
+
+
+def check_settings(of: Of) -> None:
+    """Every setting is declared with a help text, and its default is in its range in every unit."""
+    for f in fields(of.settings):
+        said = f.metadata.get("setting")
+        if said is None or not said.help.strip():
+            raise BrokenError(f"setting {f.name} is not declared by setting() with a help text")
+    for unit in ("m", "cm", "ft", "cell"):
+        try:
+            of.settings.in_unit(unit)
+        except Exception as error:
+            raise BrokenError(f"the defaults for lengths in {unit} are refused: {error}") from error
+
+
+def check_shape(of: Of) -> None:
+    """Places are `Place`s of the right shapes."""
+    for place in _raw(of):
+        wrong = None if place is None else fault_of(place)
+        if wrong is not None and "definite" not in wrong and "symmetric" not in wrong and "finite" not in wrong:
+            raise BrokenError(wrong)
+
+
+def check_finite(of: Of) -> None:
+    """Places are numbers."""
+    _refuse(of, "finite")
+
+
+def check_symmetric(of: Of) -> None:
+    """Covariances are symmetric."""
+    _refuse(of, "symmetric")
+
+
+def check_definite(of: Of) -> None:
+    """Covariances are positive definite."""
+    _refuse(of, "definite")
+
+
+def _refuse(of: Of, word: str) -> None:
+    for place in _raw(of):
+        wrong = None if place is None else fault_of(place)
+        if wrong is not None and word in wrong:
+            raise BrokenError(wrong)
+
+
+def _raw(of: Of) -> list[Place | None]:
+    """What a filter says of the plain walk, as it is; nothing where it fails, which other checks tell."""
+    try:
+        own = start(of)
+        return [own.step(moment) for moment in PLAIN]
+    except Exception:
+        return []
+
+
+def check_follows(of: Of) -> None:
+    """A target that three sensors see is found."""
+    places = run(of, PLAIN)[SETTLED:]
+    off = [np.asarray(p.xy) - xy for p, xy in zip(places, PLAIN.truth[SETTLED:], strict=True) if p is not None]
+    if len(off) < len(places):
+        raise BrokenError(f"{len(places) - len(off)} of {len(places)} moments give no place; three sensors see it")
+    rms = float(np.sqrt((np.array(off) ** 2).sum(axis=1).mean()))
+    if not rms <= FARTHEST_M:
+        raise BrokenError(f"the error is {rms:.3g} m (allowed: {FARTHEST_M:g}), with bearings of one degree from 40 m")
+
+
+def check_consistent(of: Of) -> None:
+    """Errors are about as large as covariances say."""
+    places = run(of, PLAIN)[SETTLED:]
+    found = [
+        (np.asarray(p.xy) - xy) @ np.linalg.solve(np.asarray(p.covariance), np.asarray(p.xy) - xy)
+        for p, xy in zip(places, PLAIN.truth[SETTLED:], strict=True)
+        if p is not None
+    ]
+    if found and not float(np.mean(found)) <= MOST_NEES:
+        raise BrokenError(
+            f"covariances are too small: mean NEES {np.mean(found):.3g} (2 is right, allowed: {MOST_NEES:g})"
+        )
+
+
+def check_determinism(of: Of) -> None:
+    """The same seed gives the same bytes."""
+    if _bytes(run(of, FEW)) != _bytes(run(of, FEW)):
+        raise BrokenError("two runs with the same seed differ; draw from the generator that is given alone")
+
+
+def check_global_random(of: Of) -> None:
+    """Random numbers that others share are left alone."""
+
+    def state() -> str:
+        shared = dict(np.random.get_state(legacy=False))  # noqa: NPY002 - what others use is looked at, not used
+        return f"{random.getstate()} {pickle.dumps(shared)!r}"
+
+    before = state()
+    run(of, FEW)
+    if state() != before:
+        raise BrokenError("the global generator of random or numpy.random is used; use the one that is given")
+
+
+def check_independent(of: Of) -> None:
+    """A filter does not know of other filters."""
+    alone, first, second = run(of, FEW), start(of), start(of)
+    both = []
+    for moment in FEW:
+        both.append(step(first, moment))
+        step(second, later(moment._replace(bearings=-moment.bearings), 0.1))
+    if _bytes(alone) != _bytes(both):
+        raise BrokenError(
+            "a track depends on another target's filter; keep state in the object, not in class or module"
+        )
+
+
+def check_inputs(of: Of) -> None:
+    """What is given stays as it is."""
+    own = start(of)
+    for moment in FEW:
+        copy = [np.array(v) for v in moment[2:]]
+        step(own, moment)
+        for name, was, now in zip(Moment._fields[2:], copy, moment[2:], strict=True):
+            if was.tobytes() != np.asarray(now).tobytes():
+                raise BrokenError(f"step changes {name} of the moment that it is given; copy it")
+
+
+def check_results(of: Of) -> None:
+    """What was given back stays as it was."""
+    own, kept = start(of), []
+    for moment in FEW:
+        place = step(own, moment)
+        if place is not None:
+            kept.append((place, np.array(place.xy), np.array(place.covariance)))
+    if any((p.xy != xy).any() or (p.covariance != P).any() for p, xy, P in kept):
+        raise BrokenError("a place changes after it was given back; give back copies")
+
+
+def check_output(of: Of) -> None:
+    """Nothing is written on the standard streams, and nothing warned of."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        run(of, FEW)
+    if out.getvalue() or err.getvalue():
+        said = (out.getvalue() + err.getvalue()).strip()
+        raise BrokenError(f"step writes on standard output or error: {said[:60]!r}")
+
+
+def check_warnings(of: Of) -> None:
+    """An easy walk gives no warnings of Python."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run(of, PLAIN)
+    if caught:
+        raise BrokenError(f"an easy walk gives {caught[0].category.__name__}: {caught[0].message}")
+
+
+def check_surroundings(of: Of) -> None:
+    """The working folder, the environment and NumPy's error state stay as they are."""
+
+    def state() -> tuple[object, ...]:
+        return sorted(p.name for p in Path().iterdir()), str(Path.cwd()), dict(os.environ), np.geterr()
+
+    before = state()
+    run(of, FEW)
+    if state() != before:
+        raise BrokenError("the working folder, the environment or NumPy's error state is changed")
+
+
+def check_memory(of: Of) -> None:
+    """Memory does not grow with the length of a walk."""
+    own, size = start(of), 0
+    tracemalloc.start()
+    try:
+        for n, moment in enumerate(replace(PLAIN, moments=400)):
+            step(own, moment)
+            if n == 199:
+                size = tracemalloc.get_traced_memory()[0]
+        grown = (tracemalloc.get_traced_memory()[0] - size) / 200
+    finally:
+        tracemalloc.stop()
+    if grown > GROWTH_BYTES:
+        raise BrokenError(f"each moment leaves {grown:.0f} bytes behind (allowed: {GROWTH_BYTES}); keep no history")
+
+
+def check_empty(of: Of) -> None:
+    """Moments in which no sensor looks can come first, and in between."""
+    moments = list(FEW)
+    run(of, [nobody(moments[0]), *moments[1:6], nobody(moments[6]), *moments[7:]])
+
+
+def check_hidden(of: Of) -> None:
+    """Sensors that look in vain, whose bearings are NaN, can come first, and in between."""
+    moments = list(FEW)
+    half = moments[7]._replace(
+        bearings=np.array([np.nan, *moments[7].bearings[1:]]), sigma=np.array([np.nan, *moments[7].sigma[1:]])
+    )
+    run(of, [blind(moments[0]), *moments[1:6], blind(moments[6]), half, *moments[8:]])
+
+
+def check_gap(of: Of) -> None:
+    """After an hour without a moment the filter goes on."""
+    moments = list(PLAIN)
+    run(of, [*moments[:20], *(later(m, 3600.0) for m in moments[20:])])
+
+
+def check_same_time(of: Of) -> None:
+    """Two moments can have the same time."""
+    moments = list(FEW)
+    run(of, [m for moment in moments for m in (moment, moment)])
+
+
+def check_time_back(of: Of) -> None:
+    """Time that goes back is refused by a ValueError, or does no harm."""
+    moments = list(FEW)
+    own = start(of)
+    for moment in moments[:6]:
+        step(own, moment)
+    try:
+        place = own.step(later(moments[6], -30.0))
+    except (ValueError, OcclogError):
+        return
+    except Exception as error:
+        raise BrokenError(f"time that goes back raises {_words(error)}; raise a ValueError") from error
+    wrong = None if place is None else fault_of(place)
+    if wrong is not None:
+        raise BrokenError(f"after a time that goes back {wrong}")
+
+
+def check_one_sensor(of: Of) -> None:
+    """One sensor alone is no reason to fail."""
+    run(of, replace(FEW, sensors=(1,)))
+
+
+def check_two_sensors(of: Of) -> None:
+    """Sensors come and go: two of them, then others."""
+    pairs = [replace(FEW, sensors=pair) for pair in ((0, 1), (1, 2))]
+    run(of, [*list(pairs[0])[:6], *list(pairs[1])[6:]])
+
+
+def check_candidates(of: Of) -> None:
+    """A sensor can have several bearings at one time, also wild ones."""
+
+    def wild(moment: Moment) -> Moment:
+        more = np.array([moment.bearings[0] + 2.0])
+        return Moment(
+            moment.t_ns,
+            (moment.sensors[0], *moment.sensors),
+            np.concatenate([moment.places[:1], moment.places]),
+            np.concatenate([(more + np.pi) % (2 * np.pi) - np.pi, moment.bearings]),
+            np.concatenate([moment.sigma[:1], moment.sigma]),
+        )
+
+    moments = list(FEW)
+    run(of, [*moments[:6], wild(moments[6]), *moments[7:]])
+
+
+def check_sharp(of: Of) -> None:
+    """Bearings that are nearly exact are no reason to fail."""
+    run(of, (m._replace(sigma=np.full(len(m.sigma), 1e-3 * SIGMA_RAD)) for m in FEW))
+
+
+def check_order(of: Of) -> None:
+    """The order of the sensors does not matter."""
+    other = replace(PLAIN, sensors=(2, 0, 1))
+    _alike(of, other, other, "rows in another order")
+
+
+def check_wrap(of: Of) -> None:
+    """Bearings across the negative x axis are bearings as others."""
+    for turn in (0.5 * np.pi, np.pi):
+        turned = replace(PLAIN, turn=turn)
+        _alike(of, turned, turned, f"in a world turned by {np.degrees(turn):.0f} degrees")
+
+
+def check_shift(of: Of) -> None:
+    """The origin can be anywhere."""
+    shifted = replace(PLAIN, shift=(1000.0, -2000.0))
+    _alike(of, shifted, shifted, "in a world shifted by 2 km")
+
+
+def check_unit(of: Of) -> None:
+    """Lengths can be in centimetres."""
+    scaled = replace(PLAIN, scale=100.0)
+    _alike(of, scaled, scaled, "in centimetres")
+
+
+def check_epoch(of: Of) -> None:
+    """Times can count from 1970 or from a simulation's start."""
+    early = replace(PLAIN, start_ns=0)
+    _alike(of, early, early, "with times that begin at 0")
+
+
+CHECKS: dict[str, Callable[[Of], None]] = {
+    name.removeprefix("check_").replace("_", "-"): check
+    for name, check in list(globals().items())
+    if name.startswith("check_")
+}
+"""Every check by its name, in the order of the file."""
+
+
+def faults_of(of: Of) -> list[Fault]:
+    """The promises that a filter breaks; where the interface itself is broken nothing else is tried."""
+    found = []
+    for name, check in CHECKS.items():
+        try:
+            with warnings.catch_warnings(), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                if name != "warnings":
+                    warnings.simplefilter("ignore")
+                check(of)
+        except BrokenError as broken:
+            found.append(Fault(name, str(broken)))
+            if name in ("interface", "settings"):
+                break
+    return found

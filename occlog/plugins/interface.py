@@ -1,0 +1,91 @@
+"""What plug-ins implement: classes with a line of summary, a class of settings, and a step."""
+
+from __future__ import annotations
+
+from typing import ClassVar, NamedTuple, Protocol
+
+from numpy.random import Generator
+
+from occlog.array_types import Floats, Ints
+from occlog.records.scene import Scene
+from occlog.settings import Settings, setting
+
+__all__ = ["BoxTracker", "Filter", "Frame", "Moment", "Place", "Scene", "Settings", "setting"]
+"""Everything that a plug-in needs of this program."""
+
+
+class Moment(NamedTuple):
+    """What R sensors say of one target at one time.
+
+    Attributes:
+        t_ns: time [ns since the Unix epoch]; it never goes back.
+        sensors: (R,) names; one may be there several times, with candidates that may be of anything.
+        places: (R, 2) where they are, in the scene's unit of length.
+        bearings: (R,) from +x towards +y [rad]; NaN: the sensor looked and did not see the target.
+        sigma: (R,) standard deviations [rad]; NaN where the bearing is.
+    """
+
+    t_ns: int
+    sensors: tuple[str, ...]
+    places: Floats
+    bearings: Floats
+    sigma: Floats
+
+
+class Place(NamedTuple):
+    """Where a target is thought to be.
+
+    Attributes:
+        xy: (2,) in the scene's unit of length.
+        covariance: (2, 2) of xy, symmetric and positive definite.
+        velocity: (2,) per second; None: the method does not estimate it.
+    """
+
+    xy: Floats
+    covariance: Floats
+    velocity: Floats | None = None
+
+
+class Filter(Protocol):
+    """A tracking method of bearings (group `occlog.tracking_methods`): an object for each target.
+
+    It draws random numbers from its generator alone, changes nothing that it is given, and writes nothing.
+    """
+
+    summary: ClassVar[str]  # one line for --help
+    settings: ClassVar[type[Settings]]
+
+    def __init__(self, scene: Scene, settings: Settings, rng: Generator) -> None:
+        """Nothing of the target is known yet."""
+
+    def step(self, moment: Moment) -> Place | None:
+        """Take a moment in; where the target is then, or None where that cannot be told yet."""
+
+
+class Frame(NamedTuple):
+    """The boxes of one image.
+
+    Attributes:
+        t_ns: time [ns since the Unix epoch]; it never goes back.
+        number: of the frame; frames without a box are not left out.
+        boxes: (N, 4) left, top, width, height [px].
+        confidence: (N,) 0 to 1; NaN: the detector states none.
+    """
+
+    t_ns: int
+    number: int
+    boxes: Floats
+    confidence: Floats
+
+
+class BoxTracker(Protocol):
+    """A tracker in the images of one camera (group `occlog.box_trackers`): an object for each camera."""
+
+    summary: ClassVar[str]  # one line for --help
+    settings: ClassVar[type[Settings]]
+
+    def __init__(self, camera: str, settings: Settings, rng: Generator) -> None:
+        """Nobody is known yet."""
+
+    def step(self, frame: Frame) -> Ints:
+        """Take a frame in; (N,) the identity of each box, from 0; -1: it is nobody's."""

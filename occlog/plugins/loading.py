@@ -1,0 +1,115 @@
+"""Finds installed plug-ins by their entry points, which are read only where a name is not ours or help is asked for."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from difflib import get_close_matches
+from functools import cache
+from typing import Any, NamedTuple
+
+from occlog.errors import OcclogError, PluginError, UsageError
+
+METHOD, TRACKER = "tracking method", "box tracker"
+GROUPS = {METHOD: "occlog.tracking_methods", TRACKER: "occlog.box_trackers"}
+"""Group of entry points of each kind of plug-in."""
+
+
+class Plugin(NamedTuple):
+    """An installed plug-in, which has not been imported yet.
+
+    Attributes:
+        kind: a key of `GROUPS`.
+        name: what it is called on the command line.
+        where: `module:class`.
+        package: that it is from.
+        version: of the package.
+    """
+
+    kind: str
+    name: str
+    where: str
+    package: str
+    version: str
+
+    @property
+    def label(self) -> str:
+        """Name, package and version, for messages."""
+        return f"plug-in {self.name} ({self.package} {self.version})"
+
+    def load(self) -> Any:
+        """The class; PluginError, in one line, where it cannot be imported or lacks what its kind wants."""
+        from importlib import import_module
+
+        module, _, name = self.where.partition(":")
+        with said_by(self):
+            found = import_module(module)
+            for part in name.split("."):
+                found = getattr(found, part)
+        for wanted in ("summary", "settings", "step"):
+            if getattr(found, wanted, None) is None:
+                raise PluginError(f"{self.label}: {self.where} has no {wanted}; a {self.kind} must have one")
+        return found
+
+
+@contextmanager
+def said_by(plugin: Plugin) -> Iterator[None]:
+    """Turn whatever a plug-in raises into one PluginError that names it, the error and the line."""
+    try:
+        yield
+    except OcclogError:
+        raise
+    except Exception as error:
+        place, trace = "", error.__traceback__
+        while trace is not None:
+            file = trace.tb_frame.f_code.co_filename
+            if "importlib" not in file:
+                place = f" at {file}:{trace.tb_lineno}"
+            trace = trace.tb_next
+        reason = " ".join(str(error).split())[:160]
+        raise PluginError(f"{plugin.label}: {type(error).__name__}: {reason}{place}") from error
+
+
+def installed(kind: str | None = None) -> list[Plugin]:
+    """The plug-ins of a kind, or all, by kind and name; a package that is on the path twice counts once."""
+    return [plugin for plugin in _installed(tuple(sys.path)) if kind in (None, plugin.kind)]
+
+
+@cache
+def _installed(path: tuple[str, ...]) -> tuple[Plugin, ...]:
+    """The plug-ins of packages on the path; metadata of packages are read once for a path."""
+    from importlib.metadata import distributions
+
+    kinds = {group: kind for kind, group in GROUPS.items()}
+    found: dict[tuple[str, str, str], Plugin] = {}
+    for package in distributions(path=list(path)):
+        for point in package.entry_points:
+            if point.group in kinds:
+                plugin = Plugin(kinds[point.group], point.name, point.value, package.name, package.version)
+                found.setdefault((*plugin[:2], package.name), plugin)
+    return tuple(sorted(found.values()))
+
+
+def find(name: str, *kinds: str) -> Plugin | None:
+    """The plug-in of a name; None: there is none.
+
+    Raises:
+        UsageError: several packages have one of that name.
+    """
+    found = [plugin for plugin in installed() if plugin.name == name and (not kinds or plugin.kind in kinds)]
+    if len(found) > 1:
+        packages = " and ".join(plugin.package for plugin in found)
+        raise UsageError(f"plug-in {name}: {packages} both have one of that name; uninstall one of them")
+    return found[0] if found else None
+
+
+def required(name: str) -> Plugin:
+    """The plug-in of a name; UsageError, with the nearest name, where there is none."""
+    plugin = find(name)
+    if plugin is None:
+        names = [each.name for each in installed()]
+        near = get_close_matches(name, names, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(names) or 'none'}"
+        raise UsageError(f"no plug-in {name!r} is installed; {hint}")
+    return plugin

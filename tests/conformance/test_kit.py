@@ -1,0 +1,289 @@
+"""The kit finds each seeded fault by the name of its check, and nothing in a filter without fault."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from places import ROOT
+
+from occlog.conformance.kit import CHECKS, BrokenError, faults_of
+from occlog.plugins.interface import Moment
+
+SPEC = importlib.util.spec_from_file_location("own_filter", ROOT / "examples/plugins/own_filter/own_filter.py")
+assert SPEC is not None
+assert SPEC.loader is not None
+MODULE = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(MODULE)
+Own: Any = MODULE.OwnFilter
+
+
+class TwoLines(Own):
+    summary = "one\ntwo"
+
+
+class UndeclaredSetting(Own):
+    @dataclass(frozen=True)
+    class OwnSettings(MODULE.OwnSettings):  # type: ignore[misc,name-defined]
+        OWNER = "own"
+        more: float = 1.0
+
+    settings = OwnSettings
+
+
+class GivesATuple(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        return None if place is None else (*place.xy,)
+
+
+class GivesNan(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        return None if place is None else place._replace(xy=place.xy * np.nan)
+
+
+class Lopsided(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        return None if place is None else place._replace(covariance=place.covariance + 1e-3 * np.eye(2, k=1))
+
+
+class NegativeVariance(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        return None if place is None else place._replace(covariance=-place.covariance)
+
+
+class SwapsAxes(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        return None if place is None else place._replace(xy=place.xy[::-1])
+
+
+class BoldCovariance(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        return None if place is None else place._replace(covariance=1e-4 * place.covariance)
+
+
+class OwnEntropy(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        return None if place is None else place._replace(xy=place.xy + 1e-9 * np.random.default_rng().normal(size=2))
+
+
+class SharedGenerator(Own):
+    def step(self, moment: Moment) -> object:
+        np.random.normal()  # noqa: NPY002
+        return super().step(moment)
+
+
+class StateOfTheClass(Own):
+    last = np.zeros(2)
+
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        if place is None:
+            return None
+        mixed = place._replace(xy=place.xy + 1e-6 * type(self).last)
+        type(self).last = place.xy
+        return mixed
+
+
+class ChangesInputs(Own):
+    def step(self, moment: Moment) -> object:
+        moment.bearings[:] += 0.0001
+        return super().step(moment)
+
+
+class ChangesResults(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        if place is None:
+            return None
+        self.held = self.__dict__.get("held", np.zeros(2))
+        self.held[:] = place.xy
+        return place._replace(xy=self.held)
+
+
+class Prints(Own):
+    def step(self, moment: Moment) -> object:
+        print("step", moment.t_ns)  # noqa: T201
+        return super().step(moment)
+
+
+class Warns(Own):
+    def step(self, moment: Moment) -> object:
+        warnings.warn("it is late", RuntimeWarning, stacklevel=2)
+        return super().step(moment)
+
+
+class SetsEnvironment(Own):
+    def step(self, moment: Moment) -> object:
+        os.environ["OMP_NUM_THREADS"] = "7"
+        return super().step(moment)
+
+
+class KeepsHistory(Own):
+    def step(self, moment: Moment) -> object:
+        self.__dict__.setdefault("history", []).append(moment)
+        return super().step(moment)
+
+
+class WantsRows(Own):
+    def step(self, moment: Moment) -> object:
+        moment.bearings.max()
+        return super().step(moment)
+
+
+class TakesNanForNumbers(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        return None if place is None else place._replace(velocity=np.full(2, moment.bearings.sum()))
+
+
+class CountsStepsInAGap(Own):
+    def step(self, moment: Moment) -> object:
+        before = self.__dict__.setdefault("before", moment.t_ns)
+        self.before = moment.t_ns
+        if moment.t_ns - before > 60 * 10**9:
+            raise IndexError("no such row")
+        return super().step(moment)
+
+
+class DividesByTheTime(Own):
+    def step(self, moment: Moment) -> object:
+        before = self.__dict__.get("before", 0)
+        self.before = moment.t_ns
+        1 / (moment.t_ns - before)
+        return super().step(moment)
+
+
+class FailsWhenTimeGoesBack(Own):
+    def step(self, moment: Moment) -> object:
+        before = self.__dict__.setdefault("before", moment.t_ns)
+        self.before = moment.t_ns
+        assert moment.t_ns >= before
+        return super().step(moment)
+
+
+class WantsThreeSensors(Own):
+    def step(self, moment: Moment) -> object:
+        if moment.sensors and len(set(moment.sensors)) == 2:
+            raise KeyError("south")
+        return super().step(moment)
+
+
+class WantsTwoSensors(Own):
+    def step(self, moment: Moment) -> object:
+        if len(set(moment.sensors)) == 1:
+            raise KeyError("second sensor")
+        return super().step(moment)
+
+
+class OneRowASensor(Own):
+    def step(self, moment: Moment) -> object:
+        if len(set(moment.sensors)) < len(moment.sensors):
+            raise ValueError("a sensor is there twice")
+        return super().step(moment)
+
+
+class RoundsSigma(Own):
+    def step(self, moment: Moment) -> object:
+        return super().step(moment._replace(sigma=np.round(moment.sigma, 4)))
+
+
+class BelievesTheFirst(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        far = 5.0 if moment.sensors[:1] == ("west",) else 0.0
+        return None if place is None else place._replace(xy=place.xy + far)
+
+
+class DoesNotWrap(Own):
+    def step(self, moment: Moment) -> object:
+        wrong = np.where(moment.bearings < -2.0, moment.bearings + 0.5, moment.bearings)
+        return super().step(moment._replace(bearings=wrong))
+
+
+class NearTheOrigin(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        return None if place is None else place._replace(xy=np.clip(place.xy, -500.0, 500.0))
+
+
+class OffByMetres(Own):
+    def step(self, moment: Moment) -> object:
+        place = super().step(moment)
+        return None if place is None else place._replace(xy=place.xy + 2.0)
+
+
+class SecondsInFloat32(Own):
+    def step(self, moment: Moment) -> object:
+        return super().step(moment._replace(t_ns=int(np.float32(moment.t_ns * 1e-9)) * 10**9))
+
+
+FAULTS = {
+    "interface": TwoLines,
+    "settings": UndeclaredSetting,
+    "shape": GivesATuple,
+    "finite": GivesNan,
+    "symmetric": Lopsided,
+    "definite": NegativeVariance,
+    "follows": SwapsAxes,
+    "consistent": BoldCovariance,
+    "determinism": OwnEntropy,
+    "global-random": SharedGenerator,
+    "independent": StateOfTheClass,
+    "inputs": ChangesInputs,
+    "results": ChangesResults,
+    "output": Prints,
+    "warnings": Warns,
+    "surroundings": SetsEnvironment,
+    "memory": KeepsHistory,
+    "empty": WantsRows,
+    "hidden": TakesNanForNumbers,
+    "gap": CountsStepsInAGap,
+    "same-time": DividesByTheTime,
+    "time-back": FailsWhenTimeGoesBack,
+    "two-sensors": WantsThreeSensors,
+    "one-sensor": WantsTwoSensors,
+    "candidates": OneRowASensor,
+    "sharp": RoundsSigma,
+    "order": BelievesTheFirst,
+    "wrap": DoesNotWrap,
+    "shift": NearTheOrigin,
+    "unit": OffByMetres,
+    "epoch": SecondsInFloat32,
+}
+"""A filter with one fault, by the check that must find it."""
+
+
+def test_every_check_has_a_seeded_fault() -> None:
+    assert set(FAULTS) == set(CHECKS)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_seeded_fault_is_found_by_name(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with pytest.raises(BrokenError):
+            CHECKS[name](FAULTS[name])
+
+
+def test_a_filter_without_fault_passes_every_check() -> None:
+    assert faults_of(Own) == []
+
+
+def test_the_whole_kit_names_the_fault_and_what_follows_from_it() -> None:
+    assert [fault.check for fault in faults_of(TwoLines)] == ["interface"]
+    assert {fault.check for fault in faults_of(WantsTwoSensors)} == {"one-sensor"}
