@@ -11,7 +11,9 @@ from occlog.cli import options
 from occlog.cli.values import parse_window
 from occlog.errors import UsageError
 from occlog.io.open import open_input, scene_in
+from occlog.measure.scans.config import MeasuredConfig
 from occlog.records.losses import Loss
+from occlog.settings import Settings
 from occlog.track.apf.selection_config import SelectConfig
 from occlog.track.catalogue import BEARINGS, BOXES, IMAGES, METHODS, READS, entry, settings_of
 from occlog.track.options import method_params
@@ -54,6 +56,7 @@ def track(
     labelled_only: bool = False,
     use_recovered: bool = False,
     in_turn: float | None = None,
+    measurements: Source | None = None,
     doa: Source | None = None,
     doa_labels: bool = False,
     occluders: Source | None = None,
@@ -85,6 +88,7 @@ def track(
         labelled_only: do not use candidates that are not assigned to a target.
         use_recovered: use what the fusion of detections recovered as if it had been measured.
         in_turn: use one sensor at a time, each for so long [s]; None: all at once.
+        measurements: ranges, signal strengths and time differences to use too.
         doa: directions of arrival to use too; None: those of the recording.
         doa_labels: identities in the log of directions are those of targets.
         occluders: where moving occluders may be.
@@ -98,7 +102,8 @@ def track(
         sights: bearings of cameras that refine the tracks of tags.
         also: more tables of the method: calibration, cooperation, view_tracks, virtual_sensors, world.
         progress: show a bar on standard error, if it is a terminal.
-        **settings: of the method, by the names that `--set` takes, in their units (angles in radians).
+        **settings: of the method and of measurements of distances, by the names that `--set` takes or of options, in
+            their units (angles in radians).
 
     Returns:
         The tracks, with diagnostics and the other tables that the method makes.
@@ -112,6 +117,7 @@ def track(
         OcclogWarning: the estimates are not plausible, or input was lost.
     """
     sources = {
+        "measurements": measurements,
         "doa": doa,
         "occluders": occluders,
         "motion": motion,
@@ -132,7 +138,11 @@ def track(
         "policy": select,
     }
     _check_taken(method, {**sources, **more}, also)
-    (values,) = settings_by_class(method, settings, [("", settings_of(method))], ARGUMENTS)
+    classes: list[tuple[str, type[Settings]]] = [
+        ("", settings_of(method)),
+        *([("", MeasuredConfig)] if "measurements" in entry(method).takes else []),
+    ]
+    values, *of_distances = settings_by_class(method, settings, classes, ARGUMENTS)
     home = Folder()
     wanted = {name: home.file(f"{name}.parquet") for name in (*WRITTEN, *also) if name in entry(method).takes}
     with Inputs() as inputs, options.notes_kept() as notes:
@@ -152,7 +162,7 @@ def track(
             },
             window_ns=None if window is None else parse_window(window),
             files=files,
-            more=more,
+            more={**more, "measured": of_distances[0] if of_distances else {}},
             wanted=wanted,
             quiet=not progress,
         )
@@ -217,6 +227,9 @@ def _from_bearings(asked: _Asked, tracks: Path) -> Done:
         motion=asked.files["motion"],
         use_recovered=more["use_recovered"],
         answer_delay=more["answer_delay"],
+        measurements=asked.files["measurements"],
+        measured=more["measured"],
+        path_loss=asked.files["path_loss"],
         **asked.shared,
     )
     files = TrackFiles(tracks, **asked.tables("diagnostics", "calibration", "cooperation", "residuals"))

@@ -118,3 +118,16 @@ def test_without_polars_the_remedy_is_said(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "polars", None)
     with pytest.raises(occlog.UsageError, match="polars is not installed"):
         occlog.read(truth_frame(), "truth").to_polars()
+
+
+def test_ranges_are_measurements_too() -> None:
+    ranges = pd.DataFrame(
+        [
+            (t, station.name, 7, np.hypot(x - station.x, y - station.y))
+            for t, x, y in truth_frame()[["time", "x", "y"]].itertuples(index=False)
+            for station in stations_frame().itertuples(index=False)
+        ],
+        columns=["time", "station", "id", "range_m"],
+    )
+    result = occlog.track(ranges, stations_frame(), method="fix", sigma_range=0.5)
+    assert occlog.evaluate(result, truth_frame()).metrics["rmse_m"] < 0.1

@@ -123,7 +123,7 @@ class Layout(NamedTuple):
     def likeness(self) -> tuple[int, int]:
         """How many columns of the file the table uses, and how many of them have the table's own names."""
         own = sum(s.name in (s.column.name, f"{s.column.name}_{s.unit}") for s in self.columns)
-        return len(self.columns), own
+        return len({s.name for s in self.columns}), own
 
     @property
     def length_unit(self) -> str | None:

@@ -112,7 +112,7 @@ class ForeignTable:
     def _parts(self, layout: Layout) -> Iterator[Values]:
         """The values of the columns, by the table's names, in the order of the file; `_row` counts from 0."""
         first = 0
-        for cells in self.source.cells([s.name for s in layout.columns]):
+        for cells in self.source.cells(list(dict.fromkeys(s.name for s in layout.columns))):
             if not len(cells):
                 continue
             values = {s.column.name: self._values(cells, s, layout) for s in layout.columns}
@@ -174,7 +174,15 @@ def best_fit(source: Source, tables: Sequence[type[Table]] = ()) -> Layout:
             raise faults[0]
         nearest = max(layouts, key=lambda layout: (layout.likeness[0] - len(layout.missing), layout.likeness))
         check_fits(source, nearest)
-    return max(fitting, key=lambda layout: layout.likeness)
+    best = max(fitting, key=lambda layout: layout.likeness)
+    if faults and not best.likeness[1]:
+        # Names that any table may have make no table, where those of another are there, but do not go together
+        raise faults[0]
+    for layout in layouts:
+        # A table that a misspelled column alone keeps from fitting better is the one that is meant
+        if len(layout.missing) == 1 and layout.likeness > best.likeness and misspelled(layout, source.names):
+            check_fits(source, layout)
+    return best
 
 
 def check_fits(source: Source, layout: Layout) -> None:
