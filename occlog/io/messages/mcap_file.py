@@ -11,6 +11,7 @@ import io
 import struct
 import zlib
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -27,6 +28,7 @@ from occlog.io.recording.mcap_errors import KNOWN_COMPRESSION, MAX_CHUNK_BYTES, 
 from occlog.records.losses import Loss
 
 SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END, FOOTER = 3, 4, 5, 6, 15, 2
+MAX_DEFINITION = 16 * 2**20
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _CHUNK = struct.Struct("<QQQI")
@@ -80,6 +82,7 @@ class McapFile:
         except InputError as error:
             reason = str(error).removeprefix(f"{path}: ").split(";")[0]
             self._lose("end", f"{reason}; read without its index")
+            self._scan_definitions()
         self._span: tuple[int, int] | None = None
         if summary is not None and summary.statistics and summary.statistics.message_count:
             self._span = (summary.statistics.message_start_time, summary.statistics.message_end_time)
@@ -153,6 +156,19 @@ class McapFile:
                 at += _HEAD.size + length
             self._lose(f"byte {at}", "the file ends without its end mark")
 
+    def _scan_definitions(self) -> None:
+        """Take schemas and channels outside chunks, as those that a damaged index repeats."""
+        size = self.path.stat().st_size
+        with self.path.open("rb") as file:
+            at = len(MAGIC)
+            while at + _HEAD.size <= size:
+                file.seek(at)
+                code, length = _HEAD.unpack(file.read(_HEAD.size))
+                at += _HEAD.size + length
+                if code in (SCHEMA, CHANNEL) and at <= size and length <= MAX_DEFINITION:
+                    with suppress(*_DAMAGE):
+                        self._take(code, file.read(length), None, [])
+
     def _skipped(self, code: int, at: int, topics: Collection[str] | None) -> bool:
         """Whether a chunk holds none of the topics, by the index."""
         if code != CHUNK or topics is None or at not in self._chunks:
@@ -210,8 +226,8 @@ class McapFile:
         else:
             channel_id, _, log_ns, _ = _MESSAGE.unpack_from(data)
             if channel_id not in self._channels:
-                raise ValueError(f"a message of channel {channel_id}, which there is not")
-            if topics is None or self._channels[channel_id].topic in topics:
+                self._lose(f"channel {channel_id}", "its messages were left out: the channel's definition is lost")
+            elif topics is None or self._channels[channel_id].topic in topics:
                 found.append((channel_id, log_ns, data[_MESSAGE.size :]))
 
 

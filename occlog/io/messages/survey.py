@@ -84,6 +84,7 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
     wanted = {*seeking, *_of(topics, Kind.INFO), *(early.transforms if transforms_too else ())}
     messages = Messages(topics)
     images: dict[str, ImageMessage] = {}
+    sizes: dict[str, tuple[int, int]] = {}
     infos: dict[str, InfoMessage] = {}
     transforms = Transforms()
     faults: Counter[str] = Counter()
@@ -92,6 +93,8 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
             continue
         try:
             found = messages.read(message.topic, message.data)
+            if isinstance(found, ImageMessage) and (is_picture(found) or message.topic in named):
+                sizes[message.topic] = _size(found, message.topic)
         except InputError:
             # Single damaged messages are told later; a topic that nobody asked for may hold whatever it likes.
             faults[message.topic] += 1
@@ -108,29 +111,29 @@ def survey(bag: Bag, asked: Sequence[tuple[str, str]], *, transforms_too: bool =
         wanted.discard(message.topic)
         if not wanted:
             break
-    pictures = [topic for topic, image in images.items() if is_picture(image) or topic in named]
-    chosen = map_topics(topics, asked, pictures)
-    out = BagSurvey(topics, chosen, transforms=transforms)
-    _describe_cameras(out, images, infos)
+    out = BagSurvey(topics, map_topics(topics, asked, sizes), transforms=transforms)
+    for camera in out.map.cameras:
+        topic, info = out.map.images.get(camera, ""), infos.get(out.map.infos.get(camera, ""))
+        if topic in sizes:
+            out.sizes[camera] = sizes[topic]
+            out.frames[camera] = images[topic].header.frame
+        if info is not None:
+            out.infos[camera] = info
+            out.frames[camera] = out.frames.get(camera) or info.header.frame
+    unread = next((topic for topic in out.map.images.values() if topic not in sizes), None)
+    if unread is not None:
+        raise InputError(f"topic {unread}: holds no image that can be read; leave it out")
     return out
+
+
+def _size(image: ImageMessage, topic: str) -> tuple[int, int]:
+    """Width and height of an image [px]; InputError for one that is damaged."""
+    shown = pixels(image, f"an image of {topic}")
+    return shown.shape[1], shown.shape[0]
 
 
 def _of(topics: dict[str, Topic], kind: Kind) -> Iterable[str]:
     return [t.name for t in topics.values() if kind_of(t.kind) is kind and t.messages != 0]
-
-
-def _describe_cameras(out: BagSurvey, images: dict[str, ImageMessage], infos: dict[str, InfoMessage]) -> None:
-    """Sizes, frames and calibrations of the cameras that are taken."""
-    for camera in out.map.cameras:
-        image = images.get(out.map.images.get(camera, ""))
-        info = infos.get(out.map.infos.get(camera, ""))
-        if image is not None:
-            shown = pixels(image, f"camera {camera}: first image of {out.map.images[camera]}")
-            out.sizes[camera] = (shown.shape[1], shown.shape[0])
-            out.frames[camera] = image.header.frame
-        if info is not None:
-            out.infos[camera] = info
-            out.frames[camera] = out.frames.get(camera) or info.header.frame
 
 
 def taken_lines(found: BagSurvey) -> list[str]:
