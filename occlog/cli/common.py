@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Any
 
 import click
 
-from .standard_input import Input
+from occlog.details import dry_run, told_to
+
+from .standard_input import Input, named
 
 
 def add_common(command: click.Command) -> None:
@@ -19,6 +23,47 @@ def add_common(command: click.Command) -> None:
     reads = any(isinstance(param.type, Input) for param in command.params)
     if reads and "input_units" not in there:
         command.params.append(_input_units())
+    if (there & {"output", "png"}) and "dry_run" not in there and command.name not in WITHOUT_DRY_RUN:
+        command.params.append(_flag("--dry-run", _dry_run, DRY_RUN_HELP))
+    if "verbose" not in there:
+        command.params.append(_flag("-v", _tell_details, VERBOSE_HELP, "--verbose"))
+
+
+WITHOUT_DRY_RUN = ("reproduce", "schema")
+"""Commands that write where nothing stops them."""
+DRY_RUN_HELP = (
+    "Check inputs, settings and outputs as far as the work does before it begins, say what would be written, and stop."
+)
+VERBOSE_HELP = "Say on standard error what inputs are taken for, what is written, and how long it takes."
+
+
+def _flag(name: str, callback: Callable[..., None], help: str, *more: str) -> click.Option:
+    return click.Option([name, *more], is_flag=True, expose_value=False, callback=callback, help=help)
+
+
+def _dry_run(ctx: click.Context, param: click.Parameter, given: bool) -> None:  # noqa: ARG001
+    if given and not ctx.resilient_parsing:
+        ctx.find_root().with_resource(dry_run())
+
+
+def _tell_details(ctx: click.Context, param: click.Parameter, given: bool) -> None:  # noqa: ARG001
+    """Print details with the time since the start, and at the end the time and memory of everything."""
+    if not given or ctx.resilient_parsing:
+        return
+    start, command = time.perf_counter(), ctx.info_name
+
+    def say(text: str) -> None:
+        click.echo(f"occlog: {time.perf_counter() - start:7.2f} s  {named(text)}", err=True)
+
+    def end() -> None:
+        import resource
+
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        seconds, megabytes = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+        say(f"{command}: {seconds:.2f} s of a processor, at most {megabytes:.0f} MB")
+
+    ctx.find_root().call_on_close(end)
+    ctx.find_root().with_resource(told_to(say))
 
 
 def _input_units() -> click.Option:

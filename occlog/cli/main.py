@@ -12,6 +12,7 @@ from typing import NamedTuple
 import click
 
 from occlog import __version__
+from occlog.details import DRY_RUN, NothingIsWritten, Plan
 from occlog.errors import ExitCode, OcclogError, OutputExistsError
 
 from . import streams
@@ -71,6 +72,8 @@ def load_command(name: str) -> click.Command:
     return command
 
 
+WORDS = "occlog.words"
+"""Key of the words of the command line in the metadata of click's context."""
 EPILOG = """\b
 Exit codes: 0 done; 1 a bug; 2 usage; 3 finished, but input was lost (it is listed);
 4 bad or unreadable input, or an output that cannot be written; 5 diff found a difference;
@@ -104,7 +107,11 @@ class LazyGroup(click.Group):
         """Call the command, and check what is left when it is done."""
         from .common import check_common
 
-        result = super().invoke(ctx)
+        try:
+            result = super().invoke(ctx)
+        except NothingIsWritten:
+            _show_plan("--json" in ctx.meta.get(WORDS, ()))
+            result = ExitCode.DONE
         check_common(ctx)
         return result
 
@@ -122,6 +129,7 @@ class LazyGroup(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Refuse an option before the command that is none of occlog's own, and say where it goes."""
+        ctx.meta[WORDS] = tuple(args)
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
@@ -181,6 +189,17 @@ def run(args: list[str] | None = None) -> int:
     except MemoryError:
         remedy = "use fewer particles, a shorter --lag or smaller images, or free memory"
         return _fail(f"out of memory; {remedy}", ExitCode.BAD_INPUT, words)
+
+
+def _show_plan(as_json: bool) -> None:
+    """Say what a dry run would have done."""
+    from .options import echo_summary
+    from .standard_input import named
+
+    plan = DRY_RUN.get() or Plan()
+    replaced = [path for path in plan.writes if path.exists()]
+    found = {"reads": plan.reads, "would_write": plan.writes, "would_replace": replaced}
+    echo_summary({name: [named(str(path)) for path in paths] for name, paths in found.items()}, as_json)
 
 
 def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:

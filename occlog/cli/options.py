@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -21,6 +22,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
+from occlog.details import begin_work, note_files, tell
 from occlog.errors import ExitCode, UsageError
 
 from .interrupts import INTERRUPTS
@@ -96,13 +98,17 @@ def progress(items: Iterable[T], label: str, total: int | None = None, *, quiet:
     Raises:
         KeyboardInterrupt: there was an interrupt that got lost.
     """
+    begin_work()
+    start, count = time.perf_counter(), 0
     if not quiet and sys.stderr.isatty():
         from tqdm import tqdm
 
         items = tqdm(items, desc=label, total=total, file=sys.stderr, leave=False)
     for item in items:
         INTERRUPTS.check()
+        count += 1
         yield item
+    tell(f"{label}: {count} parts in {time.perf_counter() - start:.2f} s")
 
 
 def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
@@ -175,13 +181,15 @@ def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None],
     from occlog.io.files.atomic import check_writable
 
     wanted = [Path(p) for p in outputs if p is not None]
-    used = {Path(p).resolve() for p in inputs if p is not None}
+    read = [Path(p) for p in inputs if p is not None]
+    used = {p.resolve() for p in read}
     for n, path in enumerate(wanted):
         if path.resolve() in used:
             raise UsageError(f"{path}: is an input too; give the output another name")
         if path.resolve() in {p.resolve() for p in wanted[:n]}:
             raise UsageError(f"{path}: is named for two outputs; give each its own name")
         check_writable(path, overwrite)
+    note_files(read, wanted)
 
 
 def load_scene(scene: Path | None, recording: Scene | None, where: Path) -> Scene:

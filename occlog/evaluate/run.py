@@ -14,6 +14,7 @@ import numpy as np
 
 from occlog.array_types import NS
 from occlog.cli import options
+from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.bearings.azimuths import doa_metrics
 from occlog.evaluate.bearings.known_places import (
@@ -68,6 +69,7 @@ def run_evaluate(
     paired = {"match": "optimal"} if own_numbers else {}
     config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **paired, **given})
     _check_held_out(paths.tracks, config.held_out)
+    begin_work()
     result = evaluate(
         t.tracks,
         t.truth,
@@ -191,6 +193,7 @@ def run_evaluate_doa(paths: Paths, truth: Path, gate_deg: float, max_gap_s: floa
     found = open_input(doa).read(Doa)
     if not len(found):
         raise InputError(f"{doa}: has no directions; nothing can be compared")
+    begin_work()
     metrics = doa_metrics(found, _true_directions(truth, found), math.radians(gate_deg), round(0.5 * max_gap_s * NS))
     if metrics["doa_found"] == 0:
         raise InputError(f"{truth}: has no time near those of {doa}; look at the times, or give a larger --max-gap")

@@ -16,6 +16,7 @@ import numpy as np
 from occlog.array_types import NS, Ints, Ints32
 from occlog.cli import options
 from occlog.core.metrics.frame_pairs import Objects
+from occlog.details import begin_work
 from occlog.errors import UsageError
 from occlog.io.files.json_file import write_json
 from occlog.io.files.provenance import Provenance, hash_inputs
@@ -82,6 +83,7 @@ def run_evaluate_several(
     if len(kinds) > 1:
         raise UsageError("also: tracks in images and tracks on the ground cannot be put together")
     names = _names(recordings)
+    begin_work()
     if kinds.pop():
         told = {**given} if frames is None else {**given, "frames": frames}
         found = _of_images(recordings, names, chosen, told)

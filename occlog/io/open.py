@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from occlog.details import tell
 from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.files.content import EXPECTED, Content, content_of
 from occlog.io.files.parquet import is_ours, iter_table, read_header
@@ -174,6 +175,8 @@ def _of_others(source: Source, wants: Sequence[type[Table]] = ()) -> Opened:
     table = ForeignTable(source, best_fit(source, wants))
     for column, name, *_ in table.layout.columns:
         STATED.get().note_use(name, kind_of(column), said_unit(table.layout.table, column, name))
+    names = (f"{s.name} is {s.column.name}" + (f" [{s.unit}]" if s.unit else "") for s in table.layout.columns)
+    tell(f"{source.path}: {source.kind} of another program, read as {table.layout.table.NAME}: {', '.join(names)}")
     return Opened(source.path, Provenance("unknown"), None, table.length_unit, None, table.layout.table.NAME, table)
 
 
@@ -182,11 +185,13 @@ def _recording(path: Path) -> Opened:
 
     recording = open_recording(path)
     unit = None if recording.scene is None else recording.scene.length_unit
+    tell(f"{path}: a recording{'' if recording.scene is None else f' with a scene, lengths in {unit}'}")
     return Opened(path, recording.provenance, recording.scene, unit, recording, "")
 
 
 def _table(path: Path) -> Opened:
     header = read_header(path)
+    tell(f"{path}: a table of occlog: {header.table}, lengths in {header.length_unit}")
     return Opened(path, header.provenance, None, header.length_unit, None, header.table)
 
 

@@ -10,6 +10,7 @@ import click
 
 from occlog.cli import options
 from occlog.cli.setting_options import VariantCommand
+from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 
 from .options import PAGE, VARIANTS, chosen
@@ -148,6 +149,7 @@ def run_report(paths: Paths, title: str) -> ReportInput:
         raise UsageError("nothing to show: give TRACKS, a run folder, or --scene")
     options.check_outputs(paths.inputs, (paths.output, paths.png), paths.overwrite)
     data = read_input(paths, title)
+    begin_work()
     page = build_page(data)
     picture = build_picture(data) if paths.png is not None else b""
     write_bytes(paths.output, page.encode(), paths.overwrite)

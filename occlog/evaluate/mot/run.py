@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from occlog.cli import options
+from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.evaluate.inputs import Paths, Tables, provenance_of
 from occlog.evaluate.matching.config import EvaluateConfig
@@ -66,6 +67,7 @@ def run_evaluate_many(paths: Paths, overlap: float, given: Mapping[str, object])
     """
     options.check_outputs(paths.inputs, (paths.output, paths.failures), paths.overwrite)
     compared, config, scene = compared_boxes(paths, overlap, given)
+    begin_work()
     result = evaluate_views(compared, config)
     told = own_notes(paths.tracks, config.own, _asked(given))
     result = replace(result, notes=(*result.notes, *told, *other_video(paths.tracks, [paths.truth])))

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, cast
 
 from occlog.cli import options
+from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
 from occlog.io.boxes.mot_challenge import mot_text
 from occlog.io.files.atomic import open_output
@@ -79,6 +80,7 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
     scene = options.load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene
     unit = opened.length_unit or ("m" if scene is None else scene.length_unit)
     summary: dict[str, object] = {"output": str(request.output), "format": name, "table": table.NAME}
+    begin_work()
     with _output(request.output, request.overwrite) as file:
         if name == "csv":
             summary["rows"], left = write_csv(opened.rows(table), table, file, unit)

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, NamedTuple, Self
 
+from occlog.details import begin_work, tell
 from occlog.errors import OcclogError, OutputError, OutputExistsError, UsageError
 
 PARTIAL = ".partial"
@@ -94,6 +95,7 @@ def open_output(path: Path, overwrite: bool = False, together: Together | None =
     """
     path = Path(path)
     check_writable(path, overwrite)
+    begin_work()
     _remove_stale(path)
     with translate_write_errors(path):
         fd, name = _create(path)
@@ -108,7 +110,9 @@ def open_output(path: Path, overwrite: bool = False, together: Together | None =
                 _name(file.fileno(), name, path)
             else:
                 together.add(file.fileno(), name, path, overwrite)
+            size = file.tell()
             done = True
+        tell(f"wrote {path} ({size} bytes)")
     finally:
         if name is not None and not done:
             with suppress(FileNotFoundError):

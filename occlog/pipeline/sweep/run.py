@@ -23,6 +23,7 @@ from tqdm import tqdm
 
 from occlog import __version__
 from occlog.cli import options
+from occlog.details import begin_work, note_files
 from occlog.errors import ExitCode, OutputError, OutputExistsError, UsageError
 from occlog.io.files.atomic import write_bytes
 from occlog.io.files.json_file import read_json, write_json
@@ -71,6 +72,8 @@ def run_sweep(
         "sweep": msgspec.to_builtins(spec),
         "inputs": [list(i) for i in hash_inputs([path, path.parent / spec.scene])],
     }
+    note_files([path, path.parent / spec.scene], [folder])
+    begin_work()
     _prepare(folder, made, overwrite)
     with _progress(len(trials), quiet) as progress:
         results = run_all(trials, workers, scheduler, folder / STORE, progress)

@@ -1,0 +1,75 @@
+"""What a command does on its way, for those who ask for it; and whether it is only to say what it would do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from pathlib import Path
+
+LISTENER: ContextVar[Callable[[str], None] | None] = ContextVar("LISTENER", default=None)
+"""Who is told of details; None: nobody."""
+
+
+@dataclass
+class Plan:
+    """What a dry run would do.
+
+    Attributes:
+        reads: inputs.
+        writes: outputs.
+    """
+
+    reads: list[Path] = field(default_factory=list)
+    writes: list[Path] = field(default_factory=list)
+
+
+DRY_RUN: ContextVar[Plan | None] = ContextVar("DRY_RUN", default=None)
+"""What would be done; None: it is done."""
+
+
+class NothingIsWritten(BaseException):
+    """A dry run has come to where the work, or the writing, would begin."""
+
+
+def tell(text: str) -> None:
+    """Tell a detail: what an input is taken for, how long a step took, what was written."""
+    listener = LISTENER.get()
+    if listener is not None:
+        listener(text)
+
+
+@contextmanager
+def told_to(listener: Callable[[str], None]) -> Iterator[None]:
+    """Tell somebody of details meanwhile."""
+    token = LISTENER.set(listener)
+    try:
+        yield
+    finally:
+        LISTENER.reset(token)
+
+
+@contextmanager
+def dry_run() -> Iterator[Plan]:
+    """Write nothing meanwhile."""
+    plan = Plan()
+    token = DRY_RUN.set(plan)
+    try:
+        yield plan
+    finally:
+        DRY_RUN.reset(token)
+
+
+def begin_work() -> None:
+    """Say that everything has been checked and that work or writing begins; NothingIsWritten in a dry run."""
+    if DRY_RUN.get() is not None:
+        raise NothingIsWritten
+
+
+def note_files(reads: Iterable[Path], writes: Iterable[Path]) -> None:
+    """Remember, in a dry run, what a command reads and writes; what is named again counts once."""
+    plan = DRY_RUN.get()
+    if plan is not None:
+        plan.reads += [path for path in reads if path not in plan.reads]
+        plan.writes += [path for path in writes if path not in plan.writes]

@@ -1,0 +1,66 @@
+"""Options of every command: a dry run writes nothing and says what it would write; -v says what is done."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from places import ROOT
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+
+GOLDEN = ROOT / "tests" / "golden" / "expected" / "simulated"
+RECORDING, TRACKS = str(GOLDEN / "recording.mcap"), str(GOLDEN / "tracks.parquet")
+BEARINGS = str(GOLDEN / "bearings.parquet")
+CASES = {
+    "track": ["track", BEARINGS, "--scene", RECORDING, "--method", "ekf", "-o", "a", "--diagnostics", "b"],
+    "simulate": ["simulate", str(ROOT / "examples" / "room.yaml"), "-o", "a.mcap", "--steps", "5"],
+    "detect": ["detect", str(ROOT / "sample_data" / "room" / "recording.mcap"), "-o", "a"],
+    "evaluate": ["evaluate", TRACKS, "--truth", RECORDING, "-o", "a.json", "--errors", "b"],
+    "report": ["report", TRACKS, "--scene", RECORDING, "-o", "a.html"],
+    "export": ["export", TRACKS, "-o", "a.csv"],
+    "sweep": ["sweep", str(ROOT / "examples" / "sweep.yaml"), "-o", "a"],
+    "fuse": ["fuse", BEARINGS, "--scene", RECORDING, "-o", "a"],
+    "fit-motion": ["fit-motion", RECORDING, "-o", "a.json"],
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_dry_run_writes_nothing_and_says_what_it_would_write(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run([*CASES[name], "--dry-run", "--json"]) == ExitCode.DONE
+    said = json.loads(capsys.readouterr().out)
+    written = [word for word in CASES[name] if word.startswith(("a", "b")) and len(word) < 8]
+    assert said["would_write"] == written
+    assert said["would_replace"] == []
+    assert set(said["reads"]) >= {word for word in CASES[name] if word.startswith("/")} - {RECORDING}
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_dry_run_finds_what_the_work_would_find_before_it_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a").write_text("")
+    assert run([*CASES["track"], "--dry-run"]) == ExitCode.EXISTS
+    assert run([*CASES["track"], "--dry-run", "--overwrite", "--json"]) == ExitCode.DONE
+    assert json.loads(capsys.readouterr().out)["would_replace"] == ["a"]
+    assert run([*CASES["track"], "--dry-run", "--overwrite", "--only", "nobody"]) == ExitCode.USAGE
+    assert (tmp_path / "a").read_text() == ""
+
+
+def test_details_say_what_inputs_are_taken_for_and_what_was_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run([*CASES["export"], "-v"]) == ExitCode.DONE
+    err = capsys.readouterr().err
+    assert "a table of occlog: tracks, lengths in m" in err
+    assert f"wrote a.csv ({(tmp_path / 'a.csv').stat().st_size} bytes)" in err
+    assert run([*CASES["export"], "--overwrite"]) == ExitCode.DONE
+    assert capsys.readouterr().err == ""
