@@ -28,6 +28,7 @@ from .appearance import together
 from .association import OWN, Expected, Seen, associate, find
 from .chains import NONE, OTHER_HINT, SAME_HINT
 from .doubts import doubts
+from .long_run import widening
 from .presence import presence
 from .scatter import FIRST, scatter
 from .states import States, states
@@ -107,7 +108,9 @@ def smooth(
     for _ in range(REFINEMENTS):
         own, square = _scattered(tracks, span, square, state.metre)
         tracks = tracks_from(found, span, state.config, state.places, own, free=False, law=law)
-    return _moments(tracks, span, packed, looks, moments, seen, own, square)
+    walk = _states(tracks, span, _extent(span))
+    wide = widening(state.views, rates, packed, found, walk, span)
+    return _moments(tracks, span, packed, looks, moments, seen, own, square, walk, wide)
 
 
 def _scored(state: State, group: Sequence[Look], t_ns: int) -> Boxes:
@@ -314,11 +317,12 @@ def _moments(
     seen: dict[int, Seen],
     own: Floats,
     square: float,
+    walk: States,
+    wide: float,
 ) -> list[Moment]:
     """Smoothed people of every moment; tracks that are less likely than boxes of nobody are left out."""
-    walk = _states(tracks, span, _extent(span))
     walk = walk.taken(np.flatnonzero(presence(tracks, span, walk) > LIKELY))
-    mean, covariance = _with_places(walk, tracks, own, square)
+    mean, covariance = _with_places(walk, tracks, own, square, wide)
     # Log odds of each track against its boxes being of nobody
     odds = np.zeros(walk.track.max(initial=-1) + 1)
     ends = np.flatnonzero(tracks.chain.used & (tracks.chain.after == NONE))
@@ -361,17 +365,26 @@ def _moments(
     return out
 
 
-def _with_places(walk: States, tracks: Tracks, own: Floats, square: float) -> tuple[Floats, Floats]:
-    """Means and covariances of people where they are: about the walk, with the place of the moment."""
+def _with_places(walk: States, tracks: Tracks, own: Floats, square: float, wide: float) -> tuple[Floats, Floats]:
+    """Means and covariances of people where they are: about the walk, with the place of the moment.
+
+    The means weigh walks and places as the smoother does; the covariances hold walks whose variances are so many times
+    as `wide`.
+    """
     has = walk.place != NONE
-    P = walk.covariance.copy()
-    P[:, [0, 1], [0, 1]] += np.where(has, own[walk.place] if len(own) else 0.0, square)[:, None]
-    information = np.linalg.inv(P)
-    vector = np.einsum("nij,nj->ni", information, walk.mean)
-    information[has] += tracks.J[walk.place[has]]
-    vector[has] += tracks.h[walk.place[has]]
-    covariance = np.linalg.inv(information)
-    mean = np.einsum("nij,nj->ni", covariance, vector)
+    spread = np.where(has, own[walk.place] if len(own) else 0.0, square)
+    inverses = []
+    for times in (1.0, wide):
+        P = times * walk.covariance
+        P[:, [0, 1], [0, 1]] += spread[:, None]
+        information = np.linalg.inv(P)
+        if times == 1.0:
+            vector = np.einsum("nij,nj->ni", information, walk.mean)
+            vector[has] += tracks.h[walk.place[has]]
+        information[has] += tracks.J[walk.place[has]]
+        inverses.append(np.linalg.inv(information))
+    mean = np.einsum("nij,nj->ni", inverses[0], vector)
+    covariance = inverses[1]
     covariance = 0.5 * (covariance + covariance.swapaxes(1, 2))
     covariance[:, [0, 1], [0, 1]] += (LASTING * mean[:, HEIGHT, None]) ** 2
     return mean, covariance
