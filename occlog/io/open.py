@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 from occlog.details import tell
 from occlog.errors import InputError, OcclogError, UsageError
-from occlog.io.files.content import EXPECTED, Content, content_of
+from occlog.io.files.content import EXPECTED, SQLITE_MAGIC, Content, content_of
+from occlog.io.files.inputs import FOREIGN_BAG
 from occlog.io.files.parquet import is_ours, iter_table, read_header
 from occlog.io.files.provenance import Provenance
 from occlog.io.files.stated_units import STATED
@@ -108,7 +109,8 @@ class Opened:
         if self.recording is None:
             raise InputError(f"{self.path}: holds {self.table}; want {_or([t.NAME for t in tables])}")
         missing = " and no ".join(WORDS.get(t.NAME, t.NAME) for t in tables)
-        raise InputError(f"{self.path}: holds no {missing}; {remedy}")
+        hint = "" if self.recording.ours else f"; {FOREIGN_BAG}"
+        raise InputError(f"{self.path}: holds no {missing}; {remedy}{hint}")
 
 
 def _or(names: list[str]) -> str:
@@ -190,6 +192,9 @@ def _recording(path: Path) -> Opened:
 
 
 def _table(path: Path) -> Opened:
+    with path.open("rb") as file:
+        if file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC:
+            raise InputError(f"{path}: a database (SQLite), not a table; {FOREIGN_BAG}")
     header = read_header(path)
     tell(f"{path}: a table of occlog: {header.table}, lengths in {header.length_unit}")
     return Opened(path, header.provenance, None, header.length_unit, None, header.table)

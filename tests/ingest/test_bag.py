@@ -394,3 +394,14 @@ def test_options_that_a_bag_does_not_take_are_refused(bag: Path, capsys: pytest.
     assert "are those of a bag" in capsys.readouterr().err
     shutil.copy(bag, out)
     assert run(["ingest", str(out), "-o", str(out), "--overwrite"]) == ExitCode.USAGE
+
+
+def test_other_commands_say_that_a_bag_is_ingested_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    rows = ros.two_cameras(1)
+    for source in (folder, ros.write_mcap(folder / "b.mcap", rows), ros.write_db3(tmp_path / "b.db3", rows)):
+        out, scene = tmp_path / "out.parquet", str(tmp_path / "scene.yaml")
+        assert run(["track", str(source), "--scene", scene, "-o", str(out)]) == ExitCode.BAD_INPUT
+        assert "of a bag of another program `occlog ingest` makes a recording" in capsys.readouterr().err

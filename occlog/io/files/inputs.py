@@ -9,12 +9,17 @@ from occlog.errors import InputError
 STANDARD_INPUT = "-"
 """Name of the file that holds what came from standard input."""
 
+FOREIGN_BAG = "of a bag of another program `occlog ingest` makes a recording"
+"""What to do with a bag where a recording was expected."""
+
 
 def check_input(path: Path, what: str) -> Path:
     """The path, if a non-empty readable file is there; else InputError that says what was expected."""
     path = Path(path)
     if path.is_dir():
-        raise InputError(f"{path}: is a folder; {what} was expected")
+        bag = any(path.glob("*.mcap")) or any(path.glob("*.db3"))
+        hint = f"; {FOREIGN_BAG}" if bag else ""
+        raise InputError(f"{path}: is a folder; {what} was expected{hint}")
     try:
         size = path.stat().st_size
         with path.open("rb"):

@@ -14,7 +14,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
-from occlog.io.files.inputs import check_input
+from occlog.io.files.inputs import FOREIGN_BAG, check_input
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import open_input
@@ -169,7 +169,10 @@ def _detections(
         near, used = _near(request, config)
         places = {c.name: c.ground for c in scene.cameras if c.placed}
         return _pass_on(recording.tables(Bearings), near, places), {"input": "bearings", **used}
-    raise InputError(f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in")
+    hint = "" if recording.ours else f"; {FOREIGN_BAG}"
+    raise InputError(
+        f"{recording.path}: holds neither images, nor boxes, nor bearings; there is nothing to detect in{hint}"
+    )
 
 
 def _near(request: DetectRequest, config: DetectConfig) -> tuple[Near | None, dict[str, object]]:
