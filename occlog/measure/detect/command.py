@@ -175,7 +175,7 @@ def _refuse_what_does_not_go_together(context: click.Context, network: bool) -> 
     """Usage error for an option of detection by the background where a network detects, or the other way round."""
     takes = {"classes", "names", "embed", "bearings", *(str(option.name) for option in OF_NETWORKS)}
     leaves = {"views", "references", "boxes", "near", "learn", "fuse"}
-    leaves |= {str(option.name) for option in options_of(DetectConfig, without=WITH_NETWORKS)}
+    leaves |= {str(option.name) for option in [*options_of(DetectConfig, without=WITH_NETWORKS), *OF_FUSION]}
     for param in context.command.params:
         source = context.get_parameter_source(str(param.name))
         if source is not click.core.ParameterSource.COMMANDLINE:

@@ -98,6 +98,10 @@ def names_of(count: int | None, told: Mapping[int, str] | None, file: Path | Non
             raise InputError(f"{file}: {len(names)} names, but the network has {count} classes")
         return Names(names, file.name)
     if told is not None:
+        if count is not None and max(told) >= count:
+            raise InputError(
+                f"names its class {max(told)}, but has {count} classes; give their names in a file (names of classes)"
+            )
         return Names(told, "the network")
     if count == len(COCO) or count is None:
         return Names(dict(enumerate(COCO)), "COCO" if count else "COCO, assumed")

@@ -49,6 +49,8 @@ SHARE_SLACK = 2.0
 SCORE_SLACK = 1e-3
 WITH_MORE = ("segment", "pose")
 """What networks are for whose boxes have masks or key points, too."""
+MOST_LABEL = 2**31
+"""Numbers of classes above this are none."""
 MOST_END2END = 1000
 """Boxes of networks that leave nothing out afterwards, by which they are told from others."""
 PLAIN_DETR = 92
@@ -229,9 +231,8 @@ def read(reading: Reading, outputs: Outputs, n: int, size: tuple[int, int], want
     """
     head, boxes = reading.head, outputs[reading.boxes][n]
     scores = outputs[reading.scores][n]
-    for each in (boxes, scores):
-        if not np.isfinite(each).all():
-            raise FloatingPointError
+    if not all(np.isfinite(outputs[name][n]).all() for name in {reading.boxes, reading.scores, reading.labels}):
+        raise FloatingPointError
     if head == YOLO:
         found = _best(boxes[:4].T, boxes[4 : 4 + (reading.classes or 0)].T, None, wanted, least)
     elif head == YOLOV5:
@@ -247,7 +248,7 @@ def read(reading: Reading, outputs: Outputs, n: int, size: tuple[int, int], want
             scores, label = boxes[:, 4], outputs[reading.labels][n]
         else:
             label = outputs[reading.labels][n]
-        label = np.rint(label).astype(np.int64)
+        label = np.rint(np.clip(label, -1, MOST_LABEL)).astype(np.int64)
         kept = np.isin(label, wanted) & (scores >= least)
         found = Found(boxes[kept, :4].astype(np.float64), scores[kept].astype(np.float64), label[kept])
         _check_scores(head, scores)
@@ -275,7 +276,8 @@ def _best(boxes: Floats32, scores: Floats32, objectness: Floats32 | None, wanted
 
 def _highest(boxes: Floats32, logits: Floats32, wanted: Ints, least: float) -> Found:
     """Boxes among the N highest scores of N boxes and all classes."""
-    scores = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
+    with np.errstate(over="ignore"):
+        scores = 1.0 / (1.0 + np.exp(-logits.astype(np.float64)))
     enough = scores >= least
     if np.count_nonzero(enough) > len(scores):
         # The N-th highest; equal ones count, too.

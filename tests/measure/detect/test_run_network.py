@@ -193,6 +193,7 @@ def test_views_of_a_network_become_tracks_of_everybody(folder: Path, tmp_path: P
         (["--views", "x.parquet"], "-o is the table of views"),
         (["--fuse"], "--fuse is not for detection with a network"),
         (["--method", "em"], "--method is not for detection with a network"),
+        (["--fuse-sigma", "0.1"], "--fuse-sigma is not for detection with a network"),
         (["--no-learn"], "--learn is not for detection with a network"),
         (["--class", "persn"], "did you mean 'person'"),
         (["--cameras", "c"], "no images of camera 'c'"),

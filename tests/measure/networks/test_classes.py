@@ -36,6 +36,8 @@ def test_names_come_from_the_file_the_network_or_coco(tmp_path: Path) -> None:
     assert names_of(91, None, None) == Names(COCO_91, "COCO")
     assert names_of(None, None, None).source == "COCO, assumed"
     assert names_of(7, None, None) == Names({}, "")
+    with pytest.raises(InputError, match="names its class 5, but has 2 classes"):
+        names_of(2, {0: "x", 5: "y"}, None)
     with pytest.raises(InputError, match="2 names, but the network has 3 classes"):
         names_of(3, None, file)
 

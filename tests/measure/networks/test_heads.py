@@ -169,6 +169,15 @@ def test_numbers_that_no_such_head_gives_are_refused() -> None:
     of_detr["dets"] *= 100
     with pytest.raises(InputError, match="no shares"):
         read(recognise(of_detr, SIZE, None, None, {}), of_detr, 0, SIZE, np.arange(CLASSES), 0.0)
+    far = outputs(RFDETR)
+    far["labels"][:] = np.float32(-1e30)
+    assert not len(read(recognise(far, SIZE, None, None, {}), far, 0, SIZE, np.arange(CLASSES), 0.1).score)
+    of_rtdetr = outputs(RTDETR)
+    of_rtdetr["labels"][0, 3] = np.nan
+    with pytest.raises(FloatingPointError):
+        read(recognise(of_rtdetr, SIZE, None, None, {}), of_rtdetr, 0, SIZE, np.array([0]), 0.3)
+    of_rtdetr["labels"][:] = np.float32(1e30)
+    assert not len(read(recognise(of_rtdetr, SIZE, None, None, {}), of_rtdetr, 0, SIZE, np.array([0]), 0.0).score)
     out["output0"][0, 2, 5] = np.nan
     with pytest.raises(FloatingPointError):
         read(reading, out, 0, SIZE, np.array([0]), 0.3)
