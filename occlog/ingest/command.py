@@ -110,7 +110,8 @@ def command(output: Path, overwrite: bool, quiet: bool, as_json: bool, **values:
     """Gather what cameras, microphone arrays and readers of tags have recorded into one recording.
 
     BAG is a bag of ROS 2 (a folder, .mcap or .db3) or an MCAP file of another program; several
-    are taken for parts of one. `occlog info BAG` says what would be taken of it.
+    are taken for parts of one. `occlog info BAG` says what would be taken of it.  It may also be the folder of
+    WILDTRACK as the data set ships it.
 
     The time of a frame comes from --timestamps, else from the time stamps of the video
     file, else from its frame rate; which one it was is told and recorded.  Frames that a

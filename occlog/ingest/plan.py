@@ -14,6 +14,8 @@ from occlog.cli.setting_options import given
 from occlog.errors import UsageError
 from occlog.settings import Settings, setting
 
+from .layouts import laid_out
+
 T = TypeVar("T")
 _NAME = re.compile(r"^[^\s,/=:]{1,64}$")
 
@@ -51,7 +53,7 @@ CALIBRATIONS = (
     "colmap",
     "arrays",
 )
-TRUTHS = ("auto", "csv", "mot", "xml", "caliscope", "locata")
+TRUTHS = ("auto", "csv", "mot", "xml", "caliscope", "locata", "wildtrack", "vatic")
 DOAS = ("auto", "csv", "frida", "telemetr", "odas")
 
 
@@ -203,6 +205,7 @@ class IngestPlan(Settings):
     @classmethod
     def of(cls, output: Path, values: Mapping[str, Any]) -> IngestPlan:
         """The plan of the command's options; UsageError where they contradict each other."""
+        values = laid_out(values)
         mot = _named("mot", values["mot"])
         settings = given(cls, values)
         taken = {
@@ -262,7 +265,7 @@ class IngestPlan(Settings):
 
     def folders(self) -> list[Path]:
         """Inputs that may be folders, though they may be files, too."""
-        return [path for _, path in self.boxes]
+        return [path for _, path in (*self.boxes, *self.truth)]
 
     def parameters(self) -> dict[str, object]:
         """Options that change the result, without the folders of the files, for provenance."""

@@ -33,6 +33,7 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
 
+from .agreement import checked
 from .bag import Placement, Taking, check_plan, check_truth_frames, look_into, place_cameras
 from .boxes import box_files, box_options, inside, known_cameras, truth_options
 from .boxes import survey as survey_of
@@ -242,7 +243,7 @@ def _write_tables(
             sync_ns=sync,
             boxes=truth_options(plan, scene),
         )
-        tables.append(_truth(path, how, plan, turn))
+        tables.append(checked(_truth(path, how, plan, turn), scene, path, note))
     for chunks in tables:
         for table in chunks:
             writer.table(table)

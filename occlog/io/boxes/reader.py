@@ -4,6 +4,8 @@
     MOTChallenge    text without a header, one camera, frames from 1; see `text`
     YOLO            a folder with one text file a frame, one folder a camera; see `folder`
     JSON            COCO, or records of supervision and Ultralytics; see `objects`
+    VATIC           text of the annotation tool, as of CAMPUS; see `vatic`
+    WILDTRACK       a folder with one JSON file a frame; see `wildtrack`
 
 Every frame from the first to the last one in the files is taken for a frame of each
 camera: where it has no row, the camera looked and saw nobody.  `frames` states another range.
@@ -36,6 +38,8 @@ from .folder import open_folder
 from .objects import is_json, open_json
 from .rows import BoxRows, check_boxes, check_identities, check_range, fill_frames, in_frames, join
 from .text import open_csv, open_mot
+from .vatic import is_vatic, open_vatic
+from .wildtrack import frame_files, open_annotations
 
 
 def note_times(rows: Rows, boxes: BoxRows, cameras: list[str], stamps: dict[str, dict[int, int]]) -> None:
@@ -228,7 +232,7 @@ class _Found:
 
 
 def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found: _Found) -> None:
-    source = _open(file, options)
+    source = _open(file, known, options)
     how = _numbering(file, source, options)
     found.kinds.append(source.kind)
     if source.listed is None:
@@ -273,7 +277,7 @@ def read_boxes(
         table: `Boxes` or `TruthBoxes`.
     """
     for file in files:
-        source = _open(file, options)
+        source = _open(file, known, options)
         how = _numbering(file, source, options)
         cameras = [file.camera] if file.camera is not None else list(survey.cameras)
         chunks: Iterator[BoxRows] = (boxes for _, boxes in _read(file, source, cameras, known, how, Counter()))
@@ -285,12 +289,16 @@ def read_boxes(
         yield from fill_frames(whole, table, cameras, survey.first, survey.stop, times, survey.step)
 
 
-def _open(file: BoxFile, options: BoxOptions) -> BoxSource:
+def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource:
     """The file in the format that its content shows."""
     if file.path.is_dir():
+        if frame_files(file.path):
+            return open_annotations(file.path, known)
         return open_folder(file.path, file.camera)
     if is_json(file.path):
         return open_json(file.path, file.camera, ignore_extra=options.ignore_extra)
+    if is_vatic(" ".join(first_line(file.path, WHAT))):
+        return open_vatic(file.path, file.camera)
     if is_header(first_line(file.path, WHAT)):
         return open_csv(file.path, file.camera, ignore_extra=options.ignore_extra)
     return open_mot(file.path, file.camera)

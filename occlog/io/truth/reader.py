@@ -6,6 +6,8 @@ Formats (`FORMATS`), found out from the content:
                frame; or with left, top, ... as for detector boxes
     mot        MOTChallenge text: boxes, and positions where the last three columns are not -1
     xml        frames with objects and their boxes (xc, yc, w, h), as for the PETS data sets
+    wildtrack  a folder with one JSON file a frame: places of people, and their boxes in each view
+    vatic      text of the annotation tool VATIC, as of CAMPUS: boxes of one view
     caliscope  triangulated board corners (xyz_*.csv): the mean of the corners seen throughout
     locata     positions of one source of the LOCATA challenge (position_source_*.txt)
 """
@@ -23,6 +25,8 @@ from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.boxes.columns import COLUMNS as BOX_COLUMNS
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
+from occlog.io.boxes.vatic import is_vatic
+from occlog.io.boxes.wildtrack import frame_files, grid_places, read_people
 from occlog.io.files.csv_rows import Rows, first_line, is_header, read_plain, read_rows
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.inputs import check_input
@@ -176,8 +180,12 @@ class TruthFormat(NamedTuple):
 
 def read_truth(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     """Tables of the truth in a file; InputError or UsageError where it cannot be understood."""
-    check_input(path, WHAT)
     name = options.format
+    if path.is_dir():
+        if name not in ("auto", "wildtrack") or not frame_files(path):
+            raise InputError(f"{path}: is a folder without annotations of WILDTRACK; ground truth was expected")
+        return _read_wildtrack(path, options)
+    check_input(path, WHAT)
     if name == "auto":
         name = _detect(path)
     if name not in FORMATS:
@@ -242,6 +250,31 @@ def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
     return read_xml_boxes(path, camera, options.times, options.boxes)
 
 
+def _read_vatic(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    yield from _read_boxes(path, options, _one_camera(path, options))
+
+
+def _read_wildtrack(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    """Positions of the people, and their boxes in the cameras in use."""
+    first, stop = options.boxes.frames or (0, 2**62)
+    rows = [
+        (frame - options.boxes.first_number, person.identity, person.position, person.entry)
+        for frame, file in frame_files(path).items()
+        for person in read_people(file)
+        if first <= frame - options.boxes.first_number < stop
+    ]
+    frame, identity, position, entry = np.array(rows, dtype=np.int64).reshape(-1, 4).T
+    x, y = grid_places(position.astype(np.float64))
+    try:
+        t_ns = options.frame_times(path.name).at(frame)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    role, nothing = np.full(len(x), "target"), np.full(len(x), np.nan)
+    yield _gather(path, [Positions(t_ns=t_ns, target_id=identity, role=role, x=x, y=y, z=nothing, line=entry)])
+    if options.cameras:
+        yield from _read_boxes(path, options, None)
+
+
 def _read_caliscope(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
     yield read_board(path, options.sync_ns)
 
@@ -256,6 +289,8 @@ def _read_locata(path: Path, _options: TruthOptions) -> Iterator[Truth | TruthBo
 
 FORMATS: dict[str, TruthFormat] = {
     "locata": TruthFormat(looks_like_locata, _read_locata, "a source of LOCATA"),
+    "vatic": TruthFormat(lambda head: is_vatic(" ".join(head)), _read_vatic, "VATIC text (CAMPUS)"),
+    "wildtrack": TruthFormat(lambda _: False, _read_wildtrack, "a folder of WILDTRACK's annotations"),
     "xml": TruthFormat(lambda head: head[:1] != [] and head[0].startswith("<"), _read_xml, "frames of boxes (PETS)"),
     "caliscope": TruthFormat(lambda head: {"sync_index", "x_coord"} <= set(head), _read_caliscope, "board corners"),
     "csv": TruthFormat(_is_table, _read_csv, "CSV with a header"),
