@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import pickle
@@ -277,7 +278,9 @@ def check_memory(of: Of) -> None:
         for n, moment in enumerate(replace(PLAIN, moments=400)):
             step(own, moment)
             if n == 199:
+                gc.collect()
                 size = tracemalloc.get_traced_memory()[0]
+        gc.collect()
         grown = (tracemalloc.get_traced_memory()[0] - size) / 200
     finally:
         tracemalloc.stop()

@@ -6,11 +6,11 @@ from typing import ClassVar, NamedTuple, Protocol
 
 from numpy.random import Generator
 
-from occlog.array_types import Floats, Ints
+from occlog.array_types import Floats
 from occlog.records.scene import Scene
 from occlog.settings import Settings, setting
 
-__all__ = ["BoxTracker", "Filter", "Frame", "Moment", "Place", "Scene", "Settings", "setting"]
+__all__ = ["Filter", "Moment", "Place", "Scene", "Settings", "setting"]
 """Everything that a plug-in needs of this program."""
 
 
@@ -60,32 +60,3 @@ class Filter(Protocol):
 
     def step(self, moment: Moment) -> Place | None:
         """Take a moment in; where the target is then, or None where that cannot be told yet."""
-
-
-class Frame(NamedTuple):
-    """The boxes of one image.
-
-    Attributes:
-        t_ns: time [ns since the Unix epoch]; it never goes back.
-        number: of the frame; frames without a box are not left out.
-        boxes: (N, 4) left, top, width, height [px].
-        confidence: (N,) 0 to 1; NaN: the detector states none.
-    """
-
-    t_ns: int
-    number: int
-    boxes: Floats
-    confidence: Floats
-
-
-class BoxTracker(Protocol):
-    """A tracker in the images of one camera (group `occlog.box_trackers`): an object for each camera."""
-
-    summary: ClassVar[str]  # one line for --help
-    settings: ClassVar[type[Settings]]
-
-    def __init__(self, camera: str, settings: Settings, rng: Generator) -> None:
-        """Nobody is known yet."""
-
-    def step(self, frame: Frame) -> Ints:
-        """Take a frame in; (N,) the identity of each box, from 0; -1: it is nobody's."""

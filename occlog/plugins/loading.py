@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from occlog.errors import OcclogError, PluginError, UsageError
 
-METHOD, TRACKER = "tracking method", "box tracker"
-GROUPS = {METHOD: "occlog.tracking_methods", TRACKER: "occlog.box_trackers"}
+METHOD = "tracking method"
+GROUPS = {METHOD: "occlog.tracking_methods"}
 """Group of entry points of each kind of plug-in."""
 
 
