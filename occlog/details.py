@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
 from pathlib import Path
 
 LISTENER: ContextVar[Callable[[str], None] | None] = ContextVar("LISTENER", default=None)
 """Who is told of details; None: nobody."""
 
 
-@dataclass
 class Plan:
     """What a dry run would do.
 
@@ -21,8 +19,10 @@ class Plan:
         writes: outputs.
     """
 
-    reads: list[Path] = field(default_factory=list)
-    writes: list[Path] = field(default_factory=list)
+    def __init__(self) -> None:
+        """Nothing yet."""
+        self.reads: list[Path] = []
+        self.writes: list[Path] = []
 
 
 DRY_RUN: ContextVar[Plan | None] = ContextVar("DRY_RUN", default=None)

@@ -52,6 +52,7 @@ class Description(NamedTuple):
 
 def describe(path: Path, rows: int) -> Description:
     """Describe a file by its content; of a table also the first rows."""
+    from occlog.io.files.content import mistaken_for
     from occlog.io.open import open_if_ours, open_input
 
     kind = path.suffix.lower()
@@ -68,6 +69,9 @@ def describe(path: Path, rows: int) -> Description:
         return _describe_foreign(opened.foreign)
     if opened is not None:
         return _describe_table(path, rows) if opened.recording is None else _describe_recording(opened.recording)
+    mistaken = mistaken_for(path)
+    if mistaken is not None:
+        raise InputError(f"{path}: is {mistaken}")
     known = "scenes (.yaml), recordings (.mcap) and tables (.parquet, .arrow, .csv)"
     raise InputError(f"{path}: occlog info knows {known}, not {kind or 'files without an ending'!r}")
 

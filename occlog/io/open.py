@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from occlog.details import tell
 from occlog.errors import InputError, OcclogError, UsageError
-from occlog.io.files.content import EXPECTED, SQLITE_MAGIC, Content, content_of
+from occlog.io.files.content import EXPECTED, SQLITE_MAGIC, Content, content_of, mistaken_for
 from occlog.io.files.inputs import FOREIGN_BAG
 from occlog.io.files.parquet import is_ours, iter_table, read_header
 from occlog.io.files.provenance import Provenance
@@ -40,6 +40,13 @@ WORDS = {
     "view_tracks": "tracks in images",
 }
 """What tables hold, where their names do not say it."""
+SWAPPED = (
+    ("tracks", "truth", "; are the files of tracks and truth swapped?"),
+    ("truth", "bearings", "; true positions go to the evaluation, make measurements of a recording by `occlog detect`"),
+    ("views", "bearings", "; bearings are the other output of `occlog detect`"),
+    ("boxes", "bearings", "; boxes are followed by the method jipda"),
+)
+"""Tables that are given for others by mistake: what a file holds, what is wanted, and a hint."""
 REMEDY = "give a recording or a table that has them"
 
 
@@ -106,8 +113,10 @@ class Opened:
 
                 best_fit(self.foreign.source, tables)
             return
+        names = [t.NAME for t in tables]
         if self.recording is None:
-            raise InputError(f"{self.path}: holds {self.table}; want {_or([t.NAME for t in tables])}")
+            swapped = next((hint for have, want, hint in SWAPPED if have == self.table and want in names), "")
+            raise InputError(f"{self.path}: holds {self.table}; want {_or(names)}{swapped}")
         missing = " and no ".join(WORDS.get(t.NAME, t.NAME) for t in tables)
         hint = "" if self.recording.ours else f"; {FOREIGN_BAG}"
         raise InputError(f"{self.path}: holds no {missing}; {remedy}{hint}")
@@ -135,6 +144,9 @@ def open_input(path: Path, *wants: type[Table], remedy: str = REMEDY) -> Opened:
         source = _source(path)
         opened = None if source is None else _of_others(source, wants)
     if opened is None:
+        mistaken = mistaken_for(path)
+        if mistaken is not None:
+            raise InputError(f"{path}: is {mistaken}")
         # The reader of the kind that the name says explains what is wrong with the content
         opened = _recording(path) if names_recording(path) else _table(path)
     if wants:

@@ -49,6 +49,11 @@ def chosen_method(args: Sequence[str]) -> str | None:
     return value_after(args, "--method")
 
 
+def complete_method(ctx: click.Context, param: click.Parameter, begun: str) -> list[str]:  # noqa: ARG001
+    """The methods whose names begin so, for the shell."""
+    return [name for name in METHODS if name.startswith(begun)]
+
+
 @click.command(
     name="track",
     cls=VariantCommand,
@@ -63,7 +68,14 @@ def chosen_method(args: Sequence[str]) -> str | None:
 @click.argument("bearings", type=options.INPUT)
 @options.output_opt("Tracks (Parquet).")
 @options.scene_opt
-@click.option("--method", default="apf", show_default=True, metavar="NAME", help="Tracking method.")
+@click.option(
+    "--method",
+    default="apf",
+    show_default=True,
+    metavar="NAME",
+    shell_complete=complete_method,
+    help="Tracking method.",
+)
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Use only these sensors.")
 @click.option("--without", default="", metavar="A,B,...", help="Leave these sensors out.")
 @click.option(

@@ -181,6 +181,14 @@ def test_an_option_before_the_command_is_told_where_it_goes(capsys: Any) -> None
     assert "options go after it: occlog COMMAND --overwrite" in capsys.readouterr().err
 
 
+def test_the_shell_completes_commands_and_methods() -> None:
+    for words, count, wanted in (("occlog sche", 1, "plain,schema"), ("occlog track --method uk", 3, "plain,ukf")):
+        done = occlog(
+            env={**os.environ, "_OCCLOG_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(count)}
+        )
+        assert done.stdout.split() == [wanted]
+
+
 def test_version() -> None:
     done = occlog("--version")
     assert done.returncode == 0

@@ -22,6 +22,25 @@ class Content(Enum):
     OTHER = "neither a recording (MCAP) nor a table (Parquet)"
 
 
+MADE_BY_INGEST = "make a recording of it by `occlog ingest`"
+_OTHERS = (
+    (4, b"ftyp", f"a video (MP4); {MADE_BY_INGEST}"),
+    (0, b"\x1a\x45\xdf\xa3", f"a video (Matroska or WebM); {MADE_BY_INGEST}"),
+    (8, b"AVI ", f"a video (AVI); {MADE_BY_INGEST}"),
+    (8, b"WAVE", "sound (WAV); find directions in it by `occlog listen`"),
+    (0, b"\x89PNG", f"an image (PNG); {MADE_BY_INGEST}"),
+    (0, b"\xff\xd8\xff", f"an image (JPEG); {MADE_BY_INGEST}"),
+)
+"""Place and bytes by which files are known that commands are given by mistake, what they are, and what to do."""
+
+
+def mistaken_for(path: Path) -> str | None:
+    """What a file is that is neither a recording nor a table, and what to do with it; None: not known."""
+    with path.open("rb") as file:
+        head = file.read(32)
+    return next((words for place, mark, words in _OTHERS if head[place:].startswith(mark)), None)
+
+
 def content_of(path: Path, what: str = EXPECTED) -> Content:
     """What a file is; InputError where no readable file with content is there.
 

@@ -26,6 +26,8 @@ from .inputs import check_input
 ROWS_PER_CHUNK = 16_384
 MAX_CELL = 200
 GZIP_MAGIC = b"\x1f\x8b"
+LONGEST_LINE = 1_000_000
+"""Characters of a line at most."""
 _NUMBER = re.compile(r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$")
 
 
@@ -177,11 +179,14 @@ def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
     reader = None
     number = 0
     try:
-        for number, line in enumerate(file, start=1):
+        # A file without line ends is not read as a whole: a line is cut where it is too long to be one of a table
+        for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
             text = line.strip()
             if not text or text.startswith("#"):
                 continue
-            if len(line) > 1_000_000 or "\0" in line:
+            if len(line) > LONGEST_LINE:
+                raise InputError(f"{path}: line {number}: longer than {LONGEST_LINE} characters; rows were expected")
+            if "\0" in line:
                 raise InputError(f"{path}: line {number}: not text; a text table was expected")
             if reader is None:
                 reader = _delimiter(text)

@@ -24,7 +24,7 @@ from mcap.stream_reader import CRCValidationError
 from mcap.summary import Summary
 
 from occlog.errors import InputError, OcclogError
-from occlog.io.files.content import RECORDING_MAGIC
+from occlog.io.files.content import RECORDING_MAGIC, mistaken_for
 from occlog.io.files.inputs import check_input
 
 FOOTER_BYTES = 9 + 20
@@ -86,7 +86,9 @@ def open_mcap(path: Path) -> Iterator[tuple[SeekingReader | NonSeekingReader, Su
 
 def _check_ends(path: Path, file: IO[bytes]) -> None:
     if file.read(8) != RECORDING_MAGIC:
-        raise InputError(f"{path}: not an MCAP file (it does not begin with the MCAP mark)")
+        mistaken = mistaken_for(path)
+        what = "not an MCAP file (it does not begin with the MCAP mark)" if mistaken is None else f"is {mistaken}"
+        raise InputError(f"{path}: {what}")
     size = file.seek(0, io.SEEK_END)
     file.seek(max(size - 8, 0))
     if size < 2 * 8 + FOOTER_BYTES or file.read(8) != RECORDING_MAGIC:

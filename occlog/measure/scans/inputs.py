@@ -51,7 +51,6 @@ class Inputs:
         """
         self._opened: list[Opened] = []
         measured = open_input(bearings)
-        self.scene: Scene = options.load_scene(scene, measured.scene, bearings)
         # A file of directions of arrival takes the place of those of a recording
         own = measured.has(Doa) and (doa is None or measured.recording is None)
         directions = [*([measured] if own else []), *([open_input(doa)] if doa is not None else [])]
@@ -64,6 +63,7 @@ class Inputs:
         if not alone and (doa is None or measured.recording is None):
             more: tuple[type[Table], ...] = (Measurements,) if distances else ()
             measured.require(Bearings, Doa, *more, remedy=_remedy(measured))
+        self.scene: Scene = options.load_scene(scene, measured.scene, bearings)
         streams: list[Iterable[Bearings]] = []
         if measured.has(Bearings):
             streams.append(self._rows(measured, Bearings))

@@ -1,0 +1,47 @@
+"""Files that commands are given by mistake: what they are, and what to do with them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from occlog.errors import InputError
+from occlog.io.files.csv_rows import LONGEST_LINE, first_line
+from occlog.io.files.parquet import write_table
+from occlog.io.files.provenance import Provenance
+from occlog.io.open import open_input
+from occlog.io.recording.reader import open_recording
+from occlog.records.tables import Tracks, Truth
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        (b"\0\0\0\x18ftypmp42", "is a video .MP4.; make a recording of it by `occlog ingest`"),
+        (b"RIFF\0\0\0\0AVI LIST", "is a video .AVI."),
+        (b"RIFF\0\0\0\0WAVEfmt ", "is sound .WAV.; find directions in it by `occlog listen`"),
+    ],
+)
+def test_a_video_and_sound_are_told_where_they_go(tmp_path: Path, head: bytes, words: str) -> None:
+    path = tmp_path / "file.bin"
+    path.write_bytes(head + bytes(100))
+    with pytest.raises(InputError, match=words):
+        open_input(path)
+    with pytest.raises(InputError, match=words):
+        open_recording(path)
+
+
+def test_tracks_in_place_of_the_truth_may_be_swapped(tmp_path: Path) -> None:
+    write_table(tmp_path / "tracks.parquet", Tracks.empty(), Provenance("test"))
+    with pytest.raises(InputError, match="holds tracks; want truth; are the files of tracks and truth swapped"):
+        open_input(tmp_path / "tracks.parquet", Truth)
+
+
+def test_a_line_may_have_a_million_characters(tmp_path: Path) -> None:
+    path = tmp_path / "long.csv"
+    path.write_text("a" * (LONGEST_LINE - 1) + "\n")
+    assert len(first_line(path, "a table")[0]) == LONGEST_LINE - 1
+    path.write_text("a" * (LONGEST_LINE + 1))
+    with pytest.raises(InputError, match="line 1: longer than 1000000 characters"):
+        first_line(path, "a table")
