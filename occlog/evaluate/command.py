@@ -103,7 +103,19 @@ def command(**values: Any) -> int:
     return code
 
 
-ALONE = ("bearings", "doa", "views", "cooperation", "diagnostics", "errors", "bound", "failures", "counts", "mot")
+ALONE = (
+    "bearings",
+    "measurements",
+    "doa",
+    "views",
+    "cooperation",
+    "diagnostics",
+    "errors",
+    "bound",
+    "failures",
+    "counts",
+    "mot",
+)
 """Files of one recording."""
 
 

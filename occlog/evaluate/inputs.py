@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,11 +14,25 @@ from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import Opened, check_unit, losses_of, open_if_ours, open_input
+from occlog.measure.scans.config import MeasuredConfig
+from occlog.measure.scans.measured import Radio, measurements_of_reads
 from occlog.measure.scans.sources import bearings_of_doa
 from occlog.records.columns import Table
+from occlog.records.measurements import Measurements
 from occlog.records.people import PeopleTracks
 from occlog.records.scene import Scene
-from occlog.records.tables import Bearings, Boxes, Cooperation, Diagnostics, Doa, Tracks, Truth, TruthBoxes, Views
+from occlog.records.tables import (
+    Bearings,
+    Boxes,
+    Cooperation,
+    Diagnostics,
+    Doa,
+    Reads,
+    Tracks,
+    Truth,
+    TruthBoxes,
+    Views,
+)
 
 from .verdict import Made
 
@@ -35,6 +49,7 @@ class Paths:
     bearings: Path | None = None
     doa: Path | None = None
     views: Path | None = None
+    measurements: Path | None = None
     cooperation: Path | None = None
     diagnostics: Path | None = None
     scene: Path | None = None
@@ -57,7 +72,7 @@ class Paths:
     def inputs(self) -> tuple[Path, ...]:
         """Every file that is read."""
         files = (self.tracks, self.truth, self.bearings, self.doa, self.views, self.cooperation, self.diagnostics)
-        given = (*files, self.scene)
+        given = (*files, self.measurements, self.scene)
         return tuple(dict.fromkeys(p for p in given if p is not None))
 
 
@@ -75,6 +90,7 @@ class Tables:
     diagnostics: Diagnostics | None
     made: Made  # how the tracks were made
     found: Boxes | Views | None = None  # everybody's boxes, of which a camera's are to be predicted
+    measured: tuple[Measurements, MeasuredConfig, Radio | None] | None = None  # of distances, for the bound
 
 
 def read_tables(paths: Paths, *, everybody: bool = False) -> Tables:
@@ -103,7 +119,26 @@ def read_tables(paths: Paths, *, everybody: bool = False) -> Tables:
         diagnostics=None if paths.diagnostics is None else open_input(paths.diagnostics).read(Diagnostics),
         made=Made() if tracks is None else Made.of(tracks.provenance),
         found=None if found is None else _boxes_or_views(found),
+        measured=None if paths.measurements is None else _measured(paths.measurements, tracks, scene),
     )
+
+
+def _measured(path: Path, tracks: Opened | None, scene: Scene) -> tuple[Measurements, MeasuredConfig, Radio | None]:
+    """Measurements of distances, with the settings that the tracks were made with; defaults where these do not say."""
+    opened = open_input(path, Measurements, Reads)
+    if not scene.sensors:
+        raise UsageError(f"{path}: stations have no places without a scene; give one")
+    if opened.made_in_a_scene:
+        check_unit(opened, scene.length_unit, error=InputError)
+    if opened.has(Reads):
+        table = Measurements.concat(measurements_of_reads(opened.rows(Reads)))
+    else:
+        table = opened.read(Measurements)
+    made = {} if tracks is None else tracks.provenance.parameters.get("measurements")
+    said = dict(made) if isinstance(made, dict) else {}
+    radio = said.get("radio")
+    known = {f.name: said[f.name] for f in fields(MeasuredConfig) if f.name in said}
+    return table, MeasuredConfig(**known), Radio(**radio) if isinstance(radio, dict) else None
 
 
 def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:

@@ -45,6 +45,11 @@ COMPARED = (
     ),
     input_option("--bearings", kinds=WORLD, help="Bearings: for detections, bound, sight lines."),
     input_option(
+        "--measurements",
+        kinds=WORLD,
+        help="Ranges, signal strengths, time differences: for the bound, with the settings that TRACKS were made with.",
+    ),
+    input_option(
         "--doa",
         kinds=(AZIMUTHS, *WORLD),
         help="Directions of arrival to use along with the bearings. [default: those of the same recording]",

@@ -81,6 +81,7 @@ def run_evaluate(
         cooperation=t.cooperation,
         smoothed=t.made.smoothed,
         found=t.found,
+        measured=t.measured,
     )
     own = "start" if own_numbers else ("label" if config.match == "id" else "best")
     result, many = ground_figures(
@@ -131,6 +132,8 @@ def _check_request(paths: Paths, given: Mapping[str, object]) -> None:
         raise UsageError("--write-scene measures noise at known places; give --bearings and --truth")
     if paths.tracks is not None and paths.truth is None and paths.directions is None and not held_boxes:
         raise UsageError("TRACKS alone cannot be evaluated; give --truth, --bearings or both")
+    if paths.measurements is not None and (paths.tracks is None or paths.truth is None):
+        raise UsageError("--measurements are for the bound; give TRACKS and --truth as well")
     if given.get("held_out") and (paths.tracks is None or (paths.directions is None and not held_boxes)):
         raise UsageError("--held-out needs TRACKS made without that sensor, and --bearings or --views that include it")
 

@@ -23,11 +23,14 @@ from occlog.evaluate.bearings.held_out import held_out_metrics
 from occlog.evaluate.bearings.held_out_boxes import held_out_box_metrics
 from occlog.evaluate.bearings.meeting import meeting_metrics
 from occlog.evaluate.bearings.noise import noise_metrics
-from occlog.evaluate.errors.bound import bound_metrics, compute_bound
+from occlog.evaluate.errors.bound import Measured, bound_metrics, compute_bound
 from occlog.evaluate.errors.on_ground import compare, error_metrics, settled
 from occlog.evaluate.figures import UNITS
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
+from occlog.measure.scans.config import MeasuredConfig
+from occlog.measure.scans.measured import Radio, make_stations, pack
+from occlog.records.measurements import Measurements
 from occlog.records.people import PeopleTracks
 from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Bound, Boxes, Cooperation, Errors, Tracks, Truth, TruthBoxes, Views
@@ -142,6 +145,7 @@ def evaluate(
     cooperation: Cooperation | None = None,
     smoothed: bool = False,
     found: Boxes | Views | None = None,
+    measured: tuple[Measurements, MeasuredConfig, Radio | None] | None = None,
 ) -> Evaluation:
     """Every figure that the given tables allow.
 
@@ -152,6 +156,7 @@ def evaluate(
     Lengths are in the scene's unit, which ends the names of such metrics (`rmse_m`).
     `smoothed` says that the tracks know what came after them; `found` are boxes of everybody, to be predicted where
     their camera is held out.
+    `measured` are measurements of distances, which count in the bound, with what must be known of them.
 
     Raises:
         InputError: the tables do not fit together (no common identity, time or sensor).
@@ -174,7 +179,11 @@ def evaluate(
         unmatched = (bearings.target_id >= 0) & ~np.isin(bearings.target_id, list(labels))
         metrics |= detection_metrics(looks) | {"bearings_unmatched": int(np.count_nonzero(unmatched))}
         used = {name: found for name, found in looks.items() if name not in config.held_out}
-        bound = compute_bound(used, truth, errors, scene, config)
+        distances = None if measured is None else _distances(measured, truth, pairs, scene)
+        bound = compute_bound(used, truth, errors, scene, config, distances)
+        metrics |= bound_metrics(errors, bound, scene.length_unit)
+    elif measured is not None and truth is not None:
+        bound = compute_bound({}, truth, errors, scene, config, _distances(measured, truth, pairs, scene))
         metrics |= bound_metrics(errors, bound, scene.length_unit)
     if len(errors) and (config.skip_s > 0 or config.from_ns is not None):
         metrics |= _settled(errors, bound, scene.length_unit, config)
@@ -204,7 +213,19 @@ def _without_truth(
     return out | held_out_metrics(tracks, bearings, scene, config) if config.held_out else out
 
 
-def _labels(bearings: Bearings, truth: Truth, pairs: Mapping[int, int]) -> dict[int, int]:
+def _distances(
+    measured: tuple[Measurements, MeasuredConfig, Radio | None], truth: Truth, pairs: Mapping[int, int], scene: Scene
+) -> Measured:
+    """Measurements of distances of the targets of the truth."""
+    table, config, radio = measured
+    labels = _labels(table, truth, pairs)
+    table = table.take(np.isin(table.target_id, list(labels)))
+    row, rows = pack(table, make_stations(scene, config, radio), config, radio)
+    target = np.array([labels[k] for k in table.target_id[row].tolist()], dtype=np.int64)
+    return Measured(table.t_ns[row], target, rows)
+
+
+def _labels(bearings: Bearings | Measurements, truth: Truth, pairs: Mapping[int, int]) -> dict[int, int]:
     """Identity in the bearings to identity in the truth: as the tracks were paired, else by equal numbers."""
     out, taken = dict(pairs), set(pairs.values())
     targets = set(np.unique(truth.target_id[truth.role == "target"]).tolist())

@@ -301,7 +301,7 @@ def make_measured(request: TrackRequest, inputs: Inputs) -> tuple[MeasuredFeed |
     config = configure(MeasuredConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
-    said = {"measurements": {**asdict(config), "path_loss": name}}
+    said = {"measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else radio._asdict()}}
     return MeasuredFeed(inputs.measurements, inputs.scene, config, radio), said
 
 

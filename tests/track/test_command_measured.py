@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,13 @@ def test_a_log_of_five_columns_becomes_a_track(
     assert len(residuals) == len(TIMES) * (3 if log == "tdoa" else 4)
     assert np.mean(residuals.believed > 0.5) > 0.95
     assert np.all(np.diff(residuals.t_ns) >= 0)
+    truth = [f"{t},{x},{y}" for t, (x, y) in zip(TIMES.tolist(), walked().tolist(), strict=True)]
+    (tmp_path / "truth.csv").write_text("\n".join(["t,x,y", *truth]) + "\n")
+    compare = ["evaluate", str(tmp_path / "t.parquet"), "--truth", str(tmp_path / "truth.csv"), "-q"]
+    compare += ["--scene", str(tmp_path / "stations.csv"), "--measurements", str(tmp_path / f"{log}.csv")]
+    assert run([*compare, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
+    metrics = json.loads((tmp_path / "m.json").read_text())
+    assert 0.0 < metrics["bound_rmse_m"] < most
     assert read_provenance(tmp_path / "t.parquet").parameters["measurements"]["propagation"] == (
         "sound" if log == "tdoa" else None
     )

@@ -8,6 +8,7 @@ own z axis, whatever its pose ([Lee] Eq. 2.40).
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from occlog.array_types import NS, Bools, Floats, Ints
 from occlog.core.bounds import in_plane as crlb
 from occlog.core.bounds import in_space as bounds3d
 from occlog.core.metrics.errors import ratio, root_mean_square
+from occlog.core.sight.distances import Distances
+from occlog.core.sight.distances import information as distance_information
 from occlog.errors import InputError
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import Looks, SensorLooks
@@ -156,23 +159,37 @@ def _without_pixels(sensor: Sensor, seen: Looks) -> Floats:
     return np.asarray(np.where(tells[:, None, None], bounds3d.ground_information(whole), by_azimuth))
 
 
+class Measured(NamedTuple):
+    """What stations measured of distances, of all targets."""
+
+    t_ns: Ints  # (m,)
+    target: Ints  # (m,) identity in the truth
+    distances: Distances  # m measurements
+
+
 def compute_bound(
-    looks: Mapping[str, SensorLooks], truth: Truth, errors: Errors, scene: Scene, config: EvaluateConfig
+    looks: Mapping[str, SensorLooks],
+    truth: Truth,
+    errors: Errors,
+    scene: Scene,
+    config: EvaluateConfig,
+    measured: Measured | None = None,
 ) -> Bound:
     """Bound of every target at the times of its errors, or at those of its looks if it has no errors.
 
     The recursion starts with the prior at the target's first look and takes in every
     bearing that was of the target, at the target's true position.  A labelled bearing
     counts unless the target was out of the field of view and the bearing away from it,
-    as such a bearing cannot be of the target.
+    as such a bearing cannot be of the target.  Measurements of distances all count as true.
 
     Raises:
-        InputError: a bound in space is asked for, and the truth has no height of a target.
+        InputError: a bound in space is asked for, and the truth has no height of a target, or there are measurements
+            of distances.
     """
     targets = paths_of(truth, "target")
     sensors = sensors_of(scene, looks)
     parts = [
-        _bound_of(k, path, looks, sensors, errors.take(errors.target_id == k), scene, config)
+        _bound_of(k, path, looks, sensors, errors.take(errors.target_id == k), scene, config, measured)
         for k, path in targets.items()
     ]
     return Bound.merge(parts)
@@ -186,15 +203,21 @@ def _bound_of(
     errors: Errors,
     scene: Scene,
     config: EvaluateConfig,
+    measured: Measured | None,
 ) -> Bound:
     mine = {name: found.looks.take(found.looks.target == target) for name, found in looks.items()}
-    looked = np.unique(np.concatenate([np.zeros(0, np.int64), *(m.t_ns for m in mine.values())]))
+    ranged = np.zeros(0, np.int64) if measured is None else measured.t_ns[measured.target == target]
+    looked = np.unique(np.concatenate([ranged, *(m.t_ns for m in mine.values())]))
     if not len(looked):
         return Bound.empty()
     d = _dimension(target, path, errors, config)
     wanted = errors.t_ns[errors.t_ns >= looked[0]] if len(errors) else looked
     times = np.union1d(looked, wanted)
     information, n_seen = _information(times, mine, sensors, d)
+    if measured is not None and len(ranged):
+        if d == 3:
+            raise InputError("evaluate: measurements of distances count in a bound on the ground alone; set bound_in")
+        _add_distances(information, n_seen, times, measured, target, path, config)
     filtered, smoothed = (_recursion(times, information, scene, config, smoothed=later) for later in (False, True))
     rows = np.searchsorted(times, wanted)
     rows = rows[path.at(wanted, config.limit_ns)[1]]
@@ -251,6 +274,25 @@ def _information(times: Ints, looks: Mapping[str, Looks], sensors: Mapping[str, 
         np.add.at(total, at, of_sensor(sensors[name], seen))
         np.add.at(n_seen, at, 1)
     return total, n_seen
+
+
+def _add_distances(
+    information: Floats,
+    n_seen: Ints,
+    times: Ints,
+    measured: Measured,
+    target: int,
+    path: Path,
+    config: EvaluateConfig,
+) -> None:
+    """Add the information of measurements of distances, where the true place is known, in place."""
+    own = measured.target == target
+    t_ns = measured.t_ns[own]
+    xy, known = path.at(t_ns, config.limit_ns)
+    rows = measured.distances.take(own).take(known)
+    at = np.searchsorted(times, t_ns[known])
+    np.add.at(information, at, distance_information(rows, xy[known]))
+    np.add.at(n_seen, at, 1)
 
 
 def counted(looks: Looks) -> Bools:
