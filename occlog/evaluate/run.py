@@ -106,6 +106,9 @@ def run_evaluate(
         held_out=config.held_out,
     )
     told = f"{paths.tracks}: its numbers are its own; targets and tracks are paired by distance (--match optimal)"
+    if t.made.measured and paths.measurements is None and len(result.bound):
+        less = "the bound knows nothing of the ranges, signal strengths or time differences of the tracks, so that no "
+        result = replace(result, notes=(*result.notes, f"{less}ratio to it means anything; give --measurements"))
     notes = (*((told,) if own_numbers else ()), *result.notes, *other_video(paths.tracks, [paths.truth]))
     result = replace(result, notes=notes, findings=findings)
     _write(paths, result, unit, config, {"many": many} if many else {})

@@ -46,6 +46,7 @@ class Made(NamedTuple):
     sensors: frozenset[str] | None = None  # those that were used; None: not known
     window_ns: int = 0  # bearings so long before an estimate belong to it
     own_numbers: bool = False  # identities are the tracker's own, and may be exchanged
+    measured: bool = False  # they were made with measurements of distances, too
 
     @classmethod
     def of(cls, provenance: Provenance) -> Made:
@@ -59,6 +60,7 @@ class Made(NamedTuple):
             sensors=frozenset(str(s) for s in sensors) if isinstance(sensors, list | tuple) else None,
             window_ns=window if isinstance(window, int) else 0,
             own_numbers=parameters.get("births", "initial") != "initial",
+            measured=parameters.get("measurements") is not None,
         )
 
 

@@ -61,6 +61,13 @@ def off(folder: Path) -> np.ndarray:
     return np.hypot(*(np.column_stack([found.x, found.y]) - walked()[row]).T)
 
 
+def truth_of(folder: Path) -> str:
+    """The true path as a text table."""
+    rows = [f"{t},{x},{y}" for t, (x, y) in zip(TIMES.tolist(), walked().tolist(), strict=True)]
+    (folder / "truth.csv").write_text("\n".join(["t,x,y", *rows]) + "\n")
+    return str(folder / "truth.csv")
+
+
 @pytest.mark.jit
 @pytest.mark.parametrize("method", ["fix", "apf", "map"])
 @pytest.mark.parametrize(
@@ -82,9 +89,7 @@ def test_a_log_of_five_columns_becomes_a_track(
     assert len(residuals) == len(TIMES) * (3 if log == "tdoa" else 4)
     assert np.mean(residuals.believed > 0.5) > 0.95
     assert np.all(np.diff(residuals.t_ns) >= 0)
-    truth = [f"{t},{x},{y}" for t, (x, y) in zip(TIMES.tolist(), walked().tolist(), strict=True)]
-    (tmp_path / "truth.csv").write_text("\n".join(["t,x,y", *truth]) + "\n")
-    compare = ["evaluate", str(tmp_path / "t.parquet"), "--truth", str(tmp_path / "truth.csv"), "-q"]
+    compare = ["evaluate", str(tmp_path / "t.parquet"), "--truth", truth_of(tmp_path), "-q"]
     compare += ["--scene", str(tmp_path / "stations.csv"), "--measurements", str(tmp_path / f"{log}.csv")]
     assert run([*compare, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
     metrics = json.loads((tmp_path / "m.json").read_text())
@@ -96,11 +101,19 @@ def test_a_log_of_five_columns_becomes_a_track(
 
 @pytest.mark.jit
 @pytest.mark.parametrize("method", ["fix", "apf", "map"])
-def test_bearings_and_ranges_of_one_station_are_a_place(tmp_path: Path, method: str) -> None:
+def test_bearings_and_ranges_of_one_station_are_a_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str
+) -> None:
     files(tmp_path)
     more = ["--measurements", str(tmp_path / "ranges.csv"), "--cameras", "a"]
     assert track(tmp_path, "bearings", method, *more) == ExitCode.DONE
     assert np.sqrt(np.mean(off(tmp_path)[5:] ** 2)) < 0.2
+    # The bound says that it lacks the ranges where they are not given
+    compare = ["evaluate", str(tmp_path / "t.parquet"), "--truth", truth_of(tmp_path)]
+    compare += ["--scene", str(tmp_path / "stations.csv"), "--bearings", str(tmp_path / "bearings.csv")]
+    for more, said in (([], True), (["--measurements", str(tmp_path / "ranges.csv")], False)):
+        assert run([*compare, *more]) == ExitCode.DONE
+        assert ("the bound knows nothing of the ranges" in capsys.readouterr().err) == said
 
 
 def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:

@@ -57,7 +57,8 @@ class Inputs:
         if doa_labels and not directions:
             raise UsageError("doa_labels wants directions of arrival; give some (doa)")
         alone = distances and not measured.has(Bearings) and not measured.has(Doa)
-        alone = alone and (measured.has(Measurements) or measured.has(Reads))
+        # Of tables of others any with times, sensors and identities might be reads without strengths
+        alone = alone and (measured.has(Measurements) or (measured.foreign is None and measured.has(Reads)))
         if not distances and measured.has(Measurements):
             raise InputError(f"{bearings}: holds measurements of distances, which methods fix, apf and map take")
         if not alone and (doa is None or measured.recording is None):
