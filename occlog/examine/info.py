@@ -58,7 +58,7 @@ def describe(path: Path, rows: int) -> Description:
     kind = path.suffix.lower()
     if _is_foreign_bag(path):
         return _describe_bag(path)
-    opened = open_if_ours(path, "a scene (.yaml), a recording (.mcap) or a table (.parquet)")
+    opened = open_if_ours(path, "a scene (.yaml), a recording (.mcap) or a table (.parquet, .arrow, .csv)")
     if opened is None and kind in (".yaml", ".yml"):
         from occlog.io.scenes.scene import read_scene
 

@@ -111,7 +111,10 @@ class Opened:
             if not any(self.foreign.fits(table) for table in tables):
                 from occlog.io.foreign.table import best_fit
 
-                best_fit(self.foreign.source, tables)
+                try:
+                    best_fit(self.foreign.source, tables)
+                except InputError as error:
+                    raise InputError(f"{error}; as it is, it holds {self.table}") from None
             return
         names = [t.NAME for t in tables]
         if self.recording is None:
@@ -142,7 +145,11 @@ def open_input(path: Path, *wants: type[Table], remedy: str = REMEDY) -> Opened:
     opened = open_if_ours(path)
     if opened is None:
         source = _source(path)
-        opened = None if source is None else _of_others(source, wants)
+        try:
+            opened = None if source is None else _of_others(source, wants)
+        except InputError:
+            _refuse_stations(path)
+            raise
     if opened is None:
         mistaken = mistaken_for(path)
         if mistaken is not None:
@@ -173,6 +180,14 @@ def open_if_ours(path: Path, what: str = EXPECTED) -> Opened | None:
         return None if source is None else _of_others(source)
     except InputError:
         return None
+
+
+def _refuse_stations(path: Path) -> None:
+    """InputError for a text table of stations, which is a scene."""
+    from occlog.io.scenes.stations import holds_stations
+
+    if content_of(path) is Content.OTHER and holds_stations(path):
+        raise InputError(f"{path}: is a table of stations, not of what they measured; give it as the scene")
 
 
 def _source(path: Path) -> Source | None:

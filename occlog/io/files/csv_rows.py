@@ -26,6 +26,7 @@ from .inputs import check_input
 ROWS_PER_CHUNK = 16_384
 MAX_CELL = 200
 GZIP_MAGIC = b"\x1f\x8b"
+_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+(?:[eE][+-]?[0-9]+)?$")
 LONGEST_LINE = 1_000_000
 """Characters of a line at most."""
 _NUMBER = re.compile(r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*$")
@@ -190,7 +191,11 @@ def _split(path: Path, file: TextIO) -> Iterator[tuple[int, list[str]]]:
                 raise InputError(f"{path}: line {number}: not text; a text table was expected")
             if reader is None:
                 reader = _delimiter(text)
-            yield number, _cells(text, reader)
+            cells = _cells(text, reader)
+            decimal = next((cell for cell in cells if _DECIMAL_COMMA.match(cell)), None) if reader == ";" else None
+            if decimal is not None:
+                raise InputError(f"{path}: line {number}: {decimal!r} has a decimal comma; write it with a point")
+            yield number, cells
     except UnicodeDecodeError as error:
         raise InputError(
             f"{path}: after line {number}: not UTF-8 text ({error.reason}); a text table was expected"

@@ -21,12 +21,18 @@ from occlog.io.tags.reads import COLUMNS as READS
 from occlog.io.truth.reader import COLUMNS as POSITIONS
 from occlog.records.columns import Column, Table
 from occlog.records.measurements import VALUES, Measurements
-from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Tracks, Truth, TruthBoxes
+from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
 
 TIME = "t_ns"
 _IDENTITY = tuple(dict.fromkeys((*POSITIONS["id"], *BOXES["id"])))
 _SENSOR = tuple(dict.fromkeys((*DIRECTIONS["sensor"], *BOXES["camera"], *READS["reader"])))
+SIGMAS = (
+    *("sigma_bearing", *ANGLES["sigma_azimuth"], "bearing_sigma", "azimuth_sigma", "std", "sd", "stddev"),
+    *(f"{angle}_{word}" for angle in ANGLES["azimuth"] for word in ("std", "sd")),
+    *(f"{word}_{angle}" for angle in ANGLES["azimuth"] for word in ("std", "sd")),
+)
+"""What the standard deviation of a bearing may be called, without the ending of a unit."""
 ALIASES: Mapping[str, Sequence[str]] = {
     "sensor": _SENSOR,
     "target_id": _IDENTITY,
@@ -35,9 +41,9 @@ ALIASES: Mapping[str, Sequence[str]] = {
     "bearing": ANGLES["azimuth"],
     "azimuth": ANGLES["azimuth"],
     "elevation": ANGLES["elevation"],
-    "sigma": ("sigma_bearing", *ANGLES["sigma_azimuth"]),
-    "sigma_azimuth": ANGLES["sigma_azimuth"],
-    "sigma_elevation": ANGLES["sigma_elevation"],
+    "sigma": SIGMAS,
+    "sigma_azimuth": SIGMAS,
+    "sigma_elevation": (*ANGLES["sigma_elevation"], "elevation_sigma", "elevation_std", "std_elevation"),
     "confidence": tuple(dict.fromkeys((*BOXES["confidence"], *DIRECTIONS["confidence"]))),
     "score": tuple(BOXES["confidence"]),
     "frame": tuple(BOXES["frame"]),
@@ -60,7 +66,10 @@ ALIASES: Mapping[str, Sequence[str]] = {
     "z": ("pos_z",),
 }
 """Other names of columns, without endings of units; a column's own name is one, too."""
-OWN_ALIASES: Mapping[str, Mapping[str, Sequence[str]]] = {Measurements.NAME: {"target_id": ("tag", "tag_id", "beacon")}}
+OWN_ALIASES: Mapping[str, Mapping[str, Sequence[str]]] = {
+    Measurements.NAME: {"target_id": ("tag", "tag_id", "beacon")},
+    Reads.NAME: {"target_id": READS["tag"]},
+}
 """Further names in one table."""
 SECONDS = {unit: ns * 1e-9 for unit, ns in UNITS.items()}
 """Seconds in the units of time differences."""
@@ -218,7 +227,7 @@ def describe_missing(layout: Layout, names: Sequence[str]) -> str:
         if column.name in layout.missing and column.name not in one_of:
             known = list(spellings(column, layout.table))
             near = next((n for n in left if get_close_matches(n.strip().lower(), known, n=1, cutoff=0.6)), None)
-            units = [name for name in known if name.startswith(f"{column.name}_")] if column.unit == "rad" else []
+            units = [f"{column.name}_deg", f"{column.name}_rad"] if column.unit == "rad" else []
             also = f" (or {', '.join(units)})" if units else ""
             words.append(f"{column.name}{also}" + (f", is it {near!r}?" if near is not None else ""))
     return f"{layout.table.NAME} wants {'; '.join(words)}; the file has {', '.join(names)}"

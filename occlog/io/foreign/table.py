@@ -13,7 +13,7 @@ from occlog.array_types import Bools, Floats, Ints, Strings
 from occlog.errors import InputError
 from occlog.records.columns import Table
 from occlog.records.measurements import VALUES, Measurements
-from occlog.records.tables import TABLES, Bearings, Boxes, Doa, Occluders, Tracks, Truth, TruthBoxes
+from occlog.records.tables import TABLES, Bearings, Boxes, Doa, Occluders, Reads, Tracks, Truth, TruthBoxes
 from occlog.settings import METRES
 
 from .cells import Cells
@@ -24,6 +24,8 @@ T = TypeVar("T", bound=Table)
 Values = dict[str, NDArray[np.generic]]
 ONCE = (Truth.NAME, Tracks.NAME, Occluders.NAME)
 """Tables in which nobody is twice at one time."""
+OF_READS = {"reader", "anchor", "gateway", "tag", "beacon", "epc", "rssi", "rssi_dbm", "signal"}
+"""Names that reads of tags alone have."""
 FARTHEST_RAD = 4 * np.pi
 """Larger angles are not in radians."""
 
@@ -178,11 +180,20 @@ def best_fit(source: Source, tables: Sequence[type[Table]] = ()) -> Layout:
     if faults and not best.likeness[1]:
         # Names that any table may have make no table, where those of another are there, but do not go together
         raise faults[0]
+    if best.table is Reads and not tables and _is_vague(best, source.names):
+        # Times, sensors and identities alone make reads of tags only if nothing else is there
+        check_fits(source, lay_out(source.names, Bearings))
     for layout in layouts:
         # A table that a misspelled column alone keeps from fitting better is the one that is meant
         if len(layout.missing) == 1 and layout.likeness > best.likeness and misspelled(layout, source.names):
             check_fits(source, layout)
     return best
+
+
+def _is_vague(layout: Layout, names: Sequence[str]) -> bool:
+    """Whether no used name speaks of readers or tags, and columns are left over."""
+    used = {s.name.strip().lower() for s in layout.columns}
+    return len(names) > len(used) and not used & OF_READS
 
 
 def check_fits(source: Source, layout: Layout) -> None:

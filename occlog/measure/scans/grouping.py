@@ -86,7 +86,8 @@ def _check_sensors(chunk: Bearings, names: tuple[str, ...], unplaced: set[str], 
 
 def nearest(name: str, names: tuple[str, ...]) -> str:
     """A hint for a sensor that does not exist: the nearest name, or all of them."""
-    near = get_close_matches(name, names, n=1)
+    alike = [known for known in names if known.casefold() == name.casefold()]
+    near = alike or get_close_matches(name, names, n=1)
     return f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(names) or 'none'}"
 
 

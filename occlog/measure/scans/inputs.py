@@ -65,6 +65,12 @@ class Inputs:
             more: tuple[type[Table], ...] = (Measurements,) if distances else ()
             measured.require(Bearings, Doa, *more, remedy=_remedy(measured))
         self.scene: Scene = options.load_scene(scene, measured.scene, bearings)
+        if measured.foreign is not None and measured.table == Doa.NAME:
+            labels = "labels of targets" if doa_labels else "those of sources, not of targets (doa_labels: they are)"
+            options.note(
+                f"{bearings}: has no column sigma, so that it is read as directions of arrival; standard deviations "
+                f"are those of the scene, and identities are {labels}"
+            )
         streams: list[Iterable[Bearings]] = []
         if measured.has(Bearings):
             streams.append(self._rows(measured, Bearings))
