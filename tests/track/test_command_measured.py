@@ -79,10 +79,14 @@ def truth_of(folder: Path) -> str:
     ],
 )
 def test_a_log_of_five_columns_becomes_a_track(
-    tmp_path: Path, method: str, log: str, more: list[str], most: float
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str, log: str, more: list[str], most: float
 ) -> None:
     files(tmp_path)
-    assert track(tmp_path, log, method, *more, "--residuals", str(tmp_path / "r.parquet")) == ExitCode.DONE
+    told = ["--residuals", str(tmp_path / "r.parquet"), "--json"]
+    assert track(tmp_path, log, method, *more, *told) == ExitCode.DONE
+    summary = json.loads(capsys.readouterr().out)
+    assert "bearings" not in summary
+    assert summary["measurements"] == len(TIMES) * (3 if log == "tdoa" else 4)
     assert len(off(tmp_path)) == len(TIMES)
     assert np.sqrt(np.mean(off(tmp_path)[5:] ** 2)) < most
     residuals = read_table(tmp_path / "r.parquet", Residuals)
@@ -132,6 +136,8 @@ def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
         ("ranges", "fix", ["--set", "estimator=huber"], "huber takes bearings alone"),
         ("ranges", "apf", ["--select", "greedy"], "leave select or the measurements out"),
         ("bearings", "fix", ["--tag-height", "1"], "--tag-height goes with ranges"),
+        ("ranges", "map", ["--set", "solver=clarabel"], "solver clarabel takes bearings alone"),
+        ("ranges", "map", ["--occluders", "OCCLUDERS"], "do not go together"),
         ("ranges", "fix", ["--without", "e"], "no sensor 'e'"),
     ],
 )
@@ -139,6 +145,8 @@ def test_what_cannot_be_says_why(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], log: str, method: str, more: list[str], message: str
 ) -> None:
     files(tmp_path)
+    (tmp_path / "occluders.csv").write_text("t,id,x,y,cov_xx,cov_xy,cov_yy\n0,1,5,4,0.1,0,0.1\n")
+    more = [text.replace("OCCLUDERS", str(tmp_path / "occluders.csv")) for text in more]
     assert track(tmp_path, log, method, *more) in (ExitCode.USAGE, ExitCode.BAD_INPUT)
     said = capsys.readouterr().err
     assert message in said

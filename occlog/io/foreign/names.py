@@ -284,7 +284,14 @@ def _check_lengths(layout: Layout) -> None:
     for s in lengths:
         if s.unit != lengths[0].unit:
             first = lengths[0]
+            bare = next((each for each in (first, s) if not each.unit), None)
+            if bare is None:
+                alike = [each.column.name + ending(each.column, "m") for each in (first, s)]
+            else:
+                # A name without a unit beside one with it: the same unit is meant, or it must be said
+                unit = first.unit or s.unit
+                alike = [e.name + ending(e.column, unit) if e is bare else e.name for e in (first, s)]
             raise InputError(
-                f"columns {first.name} and {s.name} are not in one unit; name all lengths alike "
-                f"({first.column.name + ending(first.column, 'm')}, {s.column.name + ending(s.column, 'm')})"
+                (f"column {bare.name} does not state its unit: " if bare is not None else "")
+                + f"columns {first.name} and {s.name} are not in one unit; name all lengths alike ({', '.join(alike)})"
             )

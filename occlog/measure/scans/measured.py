@@ -112,7 +112,7 @@ class MeasuredFeed:
 
         Args:
             scans: of directions.
-            sensors: names of the stations to use; None: all.
+            sensors: names of the stations to use; None: all.  A difference wants both of its stations.
             targets: to use; None: all.
             window_ns: a scan and measurements at most this far apart are one scan, of the time of the later.
 
@@ -144,7 +144,9 @@ class MeasuredFeed:
                 raise InputError(f"measurements: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort by t_ns")
             keep = np.ones(len(chunk), dtype=np.bool_)
             if sensors is not None:
-                keep &= np.isin(chunk.sensor, list(sensors)) | ~np.isin(chunk.sensor, self.names)
+                # Names that the scene does not have are refused later; a difference is of two stations
+                left_out = [name for name in self.names if name not in sensors]
+                keep &= ~np.isin(chunk.sensor, left_out) & ~np.isin(chunk.reference, left_out)
             if targets is not None:
                 keep &= np.isin(chunk.target_id, list(targets))
             some = chunk.take(keep)

@@ -15,7 +15,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints
 from occlog.core.sight.distances import Distances, at_own, beliefs
-from occlog.errors import InputError
+from occlog.errors import UsageError
 from occlog.track.interface import Fit, Smoothed
 from occlog.track.map.kernels.detours import Detours
 from occlog.track.map.kernels.newton_search import covariance
@@ -36,10 +36,17 @@ ROUNDS = 15
 
 
 def mixed_search(pending: Pending, record: Record, around: tuple[Obstacle, ...], watch: Watch) -> Sought:
-    """Search for the mode with measurements of distances; InputError for a solver that does not take them."""
+    """Search for the mode with measurements of distances.
+
+    UsageError for a solver that does not take them, or for priors of occluders besides.
+    """
     config = pending.config
+    if record.occluders:
+        raise UsageError(
+            "map: priors of occluders and measurements of distances do not go together; leave one out, or use apf"
+        )
     if config.solver != "newton":
-        raise InputError(f"map: solver {config.solver} takes bearings alone; use newton with measurements of distances")
+        raise UsageError(f"map: solver {config.solver} takes bearings alone; use newton with measurements of distances")
     assert record.measured is not None
     problem = problem_of(pending, record)
     here = local(record.measured, pending.origin)

@@ -65,7 +65,8 @@ OFTEN = {
 HONEST = {
     "unobservable": "what was seen does not tell the position, and the covariance says so; add sensors",
     "ambiguous": "measurements fit several places, of which the row has the most probable, and the covariance holds "
-    "all; add a station that is not in line with the others",
+    "all: there are two ranges alone, stations are in line, one of a few values is false, or noise is as large as the "
+    "distances; add stations off the line, or follow the target over time (apf, map)",
 }
 """Values of `fallback` that need care, though the covariance is right."""
 
@@ -152,10 +153,16 @@ class Evidence:
         if self.particles.rows:
             found["median_effective_particles"] = self.particles.median
             found["share_depleted"] = self.particles.few / self.particles.rows
-        found |= self.agreements.figures()
+        told = self.agreements.figures()
+        found |= {name.replace("bearings", self.what): value for name, value in told.items()}
         if self.crowd.frames:
             found["candidates_unexplained_per_frame"] = self.crowd.unexplained
         return found
+
+    @property
+    def what(self) -> str:
+        """What residuals are of."""
+        return "measurements" if self.distances else "bearings"
 
     def findings(self, *, one_target: bool, smoothed: bool = False) -> tuple[Finding, ...]:
         """Everything there is to say.
@@ -220,7 +227,7 @@ class Evidence:
                 yield Finding(
                     "not-believed",
                     "warning",
-                    f"{name}: {own.doubted:.0%} of {own.bearings} bearings are not believed (allowed: "
+                    f"{name}: {own.doubted:.0%} of {own.bearings} {self.what} are not believed (allowed: "
                     f"{NOT_BELIEVED:.0%}); its pose, its clock or its labels may be wrong, or the target was lost",
                 )
         alone = self.alone
@@ -228,17 +235,18 @@ class Evidence:
             yield Finding(
                 "unconfirmed",
                 "warning",
-                f"{alone.share:.0%} of {alone.bearings} bearings are not believed (allowed: {UNCONFIRMED:.0%} where "
-                "one sensor at a time sees the target): nothing but the motion tells false bearings from true ones; "
+                f"{alone.share:.0%} of {alone.bearings} {self.what} are not believed (allowed: {UNCONFIRMED:.0%} where "
+                f"one sensor at a time sees the target): nothing but the motion tells false {self.what} from true "
+                "ones; "
                 "others may be false, too, and covariances too small; add sensors that see the target at the same "
                 "time, or check identities and the detector's false alarms",
             )
         whole = self.agreements.nis
-        if (said := off("the bearings", whole, self._expected())) is not None:
+        if (said := off(f"the {self.what}", whole, self._expected())) is not None:
             yield said
         else:
             for name, own in sorted(self.agreements.sensors.items()):
-                said = off(f"the bearings of {name}", own.nis, own.means.expected)
+                said = off(f"the {self.what} of {name}", own.nis, own.means.expected)
                 if said is not None and said.severity == "warning":
                     yield said
         for target, factor in sorted(self.agreements.noise.items()):
@@ -305,7 +313,7 @@ def off(what: str, nis: Ratio, expected: float) -> Finding | None:
     low, high = nis.interval(CHANCE)
     if expected < FEWEST or NIS_LOW <= nis.value <= NIS_HIGH or low <= 1.0 <= high:
         return None
-    factor = math.sqrt(nis.value)
+    factor, kind = math.sqrt(nis.value), "bearings" if "bearings" in what else "measurements"
     found = f"NIS {nis.value:.2g} +- {nis.error:.1g}, expected 1, allowed {NIS_LOW:g} to {NIS_HIGH:g}"
     if nis.value > 1.0:
         return Finding(
@@ -319,5 +327,5 @@ def off(what: str, nis: Ratio, expected: float) -> Finding | None:
         "nis-small",
         "note",
         f"{what} have standard deviations that are {1.0 / factor if factor > 0.0 else math.inf:.1f} times too large "
-        f"({found}): covariances are too large, and false bearings pass; state a smaller noise",
+        f"({found}): covariances are too large, and false {kind} pass; state a smaller noise",
     )

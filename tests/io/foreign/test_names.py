@@ -7,6 +7,7 @@ import pytest
 from occlog.errors import InputError
 from occlog.io.foreign.names import describe_missing, ending, lay_out, misspelled, spellings
 from occlog.records.columns import Column, Table
+from occlog.records.measurements import Measurements
 from occlog.records.tables import TABLES, Bearings, Boxes, Doa, Tracks, Truth
 
 
@@ -71,6 +72,13 @@ def test_lengths_are_in_one_unit() -> None:
     for names in (("t", "x_cm", "y_m"), ("t", "x_cm", "y")):
         with pytest.raises(InputError, match="are not in one unit; name all lengths alike"):
             lay_out(names, Truth)
+
+
+def test_a_length_without_a_unit_beside_one_with_it_is_named_with_it() -> None:
+    with pytest.raises(InputError, match=r"column dist does not state its unit: .* \(dist_cm, sigma_range_cm\)"):
+        lay_out(("t", "sensor", "dist", "sigma_range_cm"), Measurements)
+    with pytest.raises(InputError, match=r"column sigma_range does not state its unit: .* \(range_m, sigma_range_m\)"):
+        lay_out(("t", "sensor", "range_m", "sigma_range"), Measurements)
 
 
 def test_two_columns_of_one_meaning_are_refused_but_the_own_name_counts() -> None:

@@ -133,6 +133,15 @@ def test_only_chosen_stations_and_targets_count() -> None:
     assert found[0].of_target(7).measured.target_id.tolist() == [7]
 
 
+def test_a_difference_counts_if_both_of_its_stations_do() -> None:
+    rows = table(sensor=["a", "b"], reference=["b", "r"], range_difference=[1.0, 2.0], t_ns=[0, 0])
+    config = MeasuredConfig(sigma_difference=1.0)
+    for without, left in (("a", [2.0]), ("b", []), ("r", [1.0]), ("", [1.0, 2.0])):
+        feed = MeasuredFeed([rows], scene(), config)
+        found = list(feed.joined(iter(()), sensors=frozenset("abr") - {without}))
+        assert [v for s in found for v in s.measured.distances.value.tolist()] == left, without
+
+
 def test_times_that_go_back_are_refused() -> None:
     parts = [table(sensor=["a"], t_ns=[5], range=[1.0]), table(sensor=["a"], t_ns=[4], range=[1.0])]
     with pytest.raises(InputError, match="time 4 ns comes after 5 ns"):
