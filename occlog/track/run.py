@@ -205,6 +205,8 @@ def run_track(
         request.occluders,
         request.measurements,
         distances=takes_distances(tracker(request.method)),
+        # Reads of tags alone are for methods of their own, unless it is said how they count here
+        reads=bool(request.measured) or request.path_loss is not None,
     )
     config = make_config(request, inputs.scene.length_unit)
     if wanted.calibration is not None and not estimates_poses(tracker(request.method), config):

@@ -37,6 +37,7 @@ class Inputs:
         measurements: Path | None = None,
         *,
         distances: bool = False,
+        reads: bool = False,
     ) -> None:
         """Open everything; nothing but headers is read yet.
 
@@ -47,7 +48,8 @@ class Inputs:
             doa_labels: identities of these are those of targets.
             occluders: priors of moving occluders.
             measurements: ranges, signal strengths and time differences besides, or reads of tags.
-            distances: `bearings` may hold measurements or reads alone.
+            distances: `bearings` may hold measurements alone.
+            reads: it may also be a recording with reads of tags alone.
         """
         self._opened: list[Opened] = []
         measured = open_input(bearings)
@@ -58,7 +60,7 @@ class Inputs:
             raise UsageError("doa_labels wants directions of arrival; give some (doa)")
         alone = distances and not measured.has(Bearings) and not measured.has(Doa)
         # Of tables of others any with times, sensors and identities might be reads without strengths
-        alone = alone and (measured.has(Measurements) or (measured.foreign is None and measured.has(Reads)))
+        alone = alone and (measured.has(Measurements) or (reads and measured.foreign is None and measured.has(Reads)))
         if not distances and measured.has(Measurements):
             raise InputError(f"{bearings}: holds measurements of distances, which methods fix, apf and map take")
         if not alone and (doa is None or measured.recording is None):

@@ -86,6 +86,19 @@ def test_signals_locate_better_than_virtual_sensors_and_both_know_how_well(folde
     assert 0.8 < found["virtual"]["nees_mean"] < 3.5
 
 
+@pytest.mark.jit
+def test_strengths_of_reads_are_measurements_of_other_methods_with_the_fitted_path_loss(folder: Path) -> None:
+    tracks, loss = folder / "b.map.parquet", folder / "loss.json"
+    args = ["track", str(folder / "b.mcap"), "--method", "map", "--path-loss", str(loss), "-o", str(tracks), "-q"]
+    assert run(args) == ExitCode.DONE
+    found = errors(folder, tracks)
+    assert found["rmse_m"] < 0.6  # one read of 3 dB at 4 m is good for 1.4 m
+    assert 1.0 < found["nees_mean"] < 3.5
+    said = read_provenance(tracks).parameters["measurements"]
+    assert said["radio"]["exponent"] == read_path_loss(loss).exponent
+    assert said["path_loss"] == "loss.json"
+
+
 def test_virtual_sensors_are_written_with_their_readers(folder: Path) -> None:
     out, regions = folder / "stated.parquet", folder / "regions.parquet"
     options = ["--method", "virtual", "--set", "range=4", "--virtual-sensors", str(regions), "-q"]
