@@ -6,7 +6,9 @@ import json
 
 import numpy as np
 
+from occlog.array_types import NS
 from occlog.errors import InputError, UsageError
+from occlog.io.boxes.mot_challenge import SequenceInfo
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Views
 from occlog.records.views import ViewTracks, boxes_of_ellipses
@@ -46,6 +48,33 @@ def of_camera(boxes: Boxes, camera: str | None) -> Boxes:
     if camera is not None and camera not in cameras:
         raise InputError(f"no boxes of camera {camera!r}; there are: {', '.join(cameras) or 'none'}")
     return boxes if camera is None else boxes.take(boxes.sensor == camera)
+
+
+def sequence_info(
+    rows: Boxes | Views | ViewTracks, camera: str | None, folder: str, scene: Scene | None
+) -> SequenceInfo:
+    """What `seqinfo.ini` says of the video of one camera: frames up to the last one that has a row, at their mean rate.
+
+    Args:
+        rows: of the table; those of frames without a box count too.
+        camera: the camera; None: there is one.
+        folder: of the sequence, whose name it has.
+        scene: has the sizes of images.
+
+    Raises:
+        InputError: the size of the images is not known, or there is one frame only, so that there is no rate.
+    """
+    names = np.unique(rows.sensor).tolist()
+    chosen = camera if camera is not None else names[0]
+    size = next((c.image_size for c in scene.cameras if c.name == chosen), None) if scene is not None else None
+    if size is None:
+        raise InputError(f"the size of the images of {chosen} is not known, which seqinfo.ini has; give their scene")
+    own = np.flatnonzero(rows.sensor == chosen)
+    first, last = own[np.argmin(rows.frame[own])], own[np.argmax(rows.frame[own])]
+    if rows.t_ns[last] == rows.t_ns[first]:
+        raise InputError(f"{chosen} has one frame only, so that the frame rate in seqinfo.ini is not known")
+    rate_hz = NS * float(rows.frame[last] - rows.frame[first]) / float(rows.t_ns[last] - rows.t_ns[first])
+    return SequenceInfo(folder, int(rows.frame[last]) + 1, round(rate_hz, 6), *size)
 
 
 def kitti_text(boxes: Boxes) -> str:

@@ -14,8 +14,8 @@ from typing import IO, cast
 from occlog.cli import options
 from occlog.details import begin_work
 from occlog.errors import InputError, UsageError
-from occlog.io.boxes.mot_challenge import mot_text
-from occlog.io.files.atomic import open_output
+from occlog.io.boxes.mot_challenge import SEQUENCE_INFO, mot_text
+from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.parquet import describe
 from occlog.io.open import Opened, open_input
 from occlog.records.columns import Table
@@ -27,7 +27,7 @@ from occlog.records.views import ViewTracks
 
 from .columns import write_csv, write_parquet
 from .formats import FORMATS, Format, format_of
-from .in_images import boxes_of, coco_text, kitti_text, of_camera
+from .in_images import boxes_of, coco_text, kitti_text, of_camera, sequence_info
 from .trajectories import Origin, geojson_text, mot3d_text, places_of, trc_text, tum_text
 
 STANDARD = Path("-")
@@ -73,15 +73,16 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
             f"{', '.join(FORMATS)}"
         )
     _check_request(request, name)
+    info = _info_path(request.output) if name == "mot" else None
     if request.output != STANDARD:
-        options.check_outputs([request.input, request.scene], (request.output,), request.overwrite)
+        options.check_outputs([request.input, request.scene], (request.output, info), request.overwrite)
     opened = open_input(request.input)
     table = _table(opened, FORMATS[name], name, request.table)
     scene = options.load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene
     unit = opened.length_unit or ("m" if scene is None else scene.length_unit)
     summary: dict[str, object] = {"output": str(request.output), "format": name, "table": table.NAME}
     begin_work()
-    with _output(request.output, request.overwrite) as file:
+    with Together() as together, _output(request.output, request.overwrite, together) as file:
         if name == "csv":
             summary["rows"], left = write_csv(opened.rows(table), table, file, unit)
             summary |= {"left_out": list(left)} if left else {}
@@ -95,6 +96,15 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
                 raise type(error)(f"{request.input}: {error}") from None
             file.write(text.encode())
             summary["rows"] = len(rows)
+            if info is not None and isinstance(rows, Boxes | Views | ViewTracks):
+                try:
+                    about = sequence_info(rows, request.camera, info.resolve().parent.name, scene)
+                except InputError as error:
+                    options.note(f"{info}: not written: {error}")
+                else:
+                    with open_output(info, request.overwrite, together) as beside:
+                        beside.write(about.text().encode())
+                    summary["sequence"] = str(info)
     return summary, opened.losses
 
 
@@ -109,6 +119,12 @@ def parse_origin(text: str) -> Origin:
     if abs(values[0]) > FARTHEST or abs(values[1]) > 180:
         raise UsageError(f"origin: latitude must be within {FARTHEST:g} degrees and longitude within 180")
     return Origin(*values)
+
+
+def _info_path(output: Path) -> Path | None:
+    """Where `seqinfo.ini` goes: beside the folder `gt` or `det`, as in a sequence of MOTChallenge; None elsewhere."""
+    folder = output.resolve().parent
+    return folder.parent / SEQUENCE_INFO if folder.name in ("gt", "det") else None
 
 
 def _check_request(request: ExportRequest, name: str) -> None:
@@ -163,13 +179,13 @@ def _text(name: str, rows: Table, request: ExportRequest, unit: str, scene: Scen
 
 
 @contextmanager
-def _output(path: Path, overwrite: bool) -> Iterator[IO[bytes]]:
+def _output(path: Path, overwrite: bool, together: Together) -> Iterator[IO[bytes]]:
     """The file, which appears when it is complete; compressed where its name says so; or standard output."""
     if path == STANDARD:
         yield sys.stdout.buffer
         sys.stdout.buffer.flush()
         return
-    with open_output(path, overwrite) as file:
+    with open_output(path, overwrite, together) as file:
         if path.suffix.lower() != ".gz":
             yield file
             return

@@ -31,6 +31,7 @@ from occlog.errors import InputError, OutputError, OutputExistsError
 from occlog.io.files.atomic import translate_write_errors, write_bytes
 from occlog.records.tables import UNLABELLED, Boxes, TruthBoxes
 
+SEQUENCE_INFO = "seqinfo.ini"
 Kind = Literal["tracks", "detections", "truth"]
 
 
@@ -50,6 +51,19 @@ class SequenceInfo(NamedTuple):
     rate_hz: float
     width: int
     height: int
+
+    def text(self) -> str:
+        """The content of the file."""
+        values = {
+            "name": self.name,
+            "imDir": "img1",
+            "frameRate": f"{self.rate_hz:g}",
+            "seqLength": self.frames,
+            "imWidth": self.width,
+            "imHeight": self.height,
+            "imExt": ".jpg",
+        }
+        return "[Sequence]\n" + "".join(f"{key}={value}\n" for key, value in values.items())
 
 
 def write_mot(path: Path, boxes: Boxes, kind: Kind, *, overwrite: bool = False) -> None:
@@ -98,17 +112,7 @@ def write_sequence(folder: Path, truth: TruthBoxes, info: SequenceInfo, *, overw
     with translate_write_errors(folder):
         (folder / "gt").mkdir(parents=True, exist_ok=True)
     write_mot(folder / "gt" / "gt.txt", truth, "truth", overwrite=overwrite)
-    values = {
-        "name": info.name,
-        "imDir": "img1",
-        "frameRate": f"{info.rate_hz:g}",
-        "seqLength": info.frames,
-        "imWidth": info.width,
-        "imHeight": info.height,
-        "imExt": ".jpg",
-    }
-    text = "[Sequence]\n" + "".join(f"{key}={value}\n" for key, value in values.items())
-    write_bytes(folder / "seqinfo.ini", text.encode(), overwrite)
+    write_bytes(folder / SEQUENCE_INFO, info.text().encode(), overwrite)
 
 
 def write_sequence_list(path: Path, names: Sequence[str], *, overwrite: bool = False) -> None:

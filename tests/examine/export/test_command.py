@@ -130,6 +130,25 @@ def test_geojson_lies_on_the_ellipsoid(tmp_path: Path) -> None:
     assert lat == pytest.approx(52.5 + 5.0 / north, abs=2e-9)
 
 
+def test_a_sequence_of_motchallenge_has_its_info(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "SEQ" / "det").mkdir(parents=True)
+    (tmp_path / "scene.yaml").write_text(
+        "occlog_scene: 1\ncameras:\n  - {name: a, position: [0, 0, 2], yaw_deg: 0, focal_px: 500, "
+        "image_size_px: [640, 480], noise: {read_px: 1}}\n"
+    )
+    args = ["--to", "mot", "--camera", "a", "--scene", str(tmp_path / "scene.yaml")]
+    export(tmp_path, boxes(), "SEQ/det/det.txt", *args)
+    lines = (tmp_path / "SEQ" / "seqinfo.ini").read_text().splitlines()
+    assert lines[:2] == ["[Sequence]", "name=SEQ"]
+    assert {"seqLength=2", "imWidth=640", "imHeight=480", "frameRate=2e+08"} <= set(lines)
+    (tmp_path / "SEQ" / "seqinfo.ini").unlink()
+    (tmp_path / "SEQ" / "det" / "det.txt").unlink()
+    without = ["export", put(tmp_path, boxes()), "-o", str(tmp_path / "SEQ" / "det" / "det.txt"), *args[:4]]
+    assert run(without) == ExitCode.DONE
+    assert "seqinfo.ini: not written: the size of the images of a is not known" in capsys.readouterr().err
+    assert not (tmp_path / "SEQ" / "seqinfo.ini").exists()
+
+
 def test_boxes_of_one_camera_as_text(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert export(tmp_path, boxes(), "a.txt", "--to", "mot", "--camera", "a").read_text() == (
         "1,-1,10.5,20.0,30.0,40.0,0.75,-1,-1,-1\n"
