@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -208,6 +207,8 @@ def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
 
     one_line = named(" ".join(message.split()))
     if "--json" in words:
+        import json
+
         click.echo(json.dumps(_as_object(one_line, code, words)), err=True)
     else:
         click.echo(f"occlog: error: {one_line}" if code != ExitCode.INTERRUPTED else f"occlog: {one_line}", err=True)

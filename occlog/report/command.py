@@ -141,12 +141,15 @@ def _has_truth(recording: Path) -> bool:
 def run_report(paths: Paths, title: str) -> ReportInput:
     """Read everything, draw, write the page and the picture; what was shown."""
     from occlog.io.files.atomic import write_bytes
+    from occlog.io.files.content import Content, content_of
 
     from .page import build_page
     from .picture import build_picture
 
     if paths.tracks is None and paths.scene is None:
         raise UsageError("nothing to show: give TRACKS, a run folder, or --scene")
+    if paths.tracks is not None and paths.scene is None and content_of(paths.tracks) is Content.RECORDING:
+        raise UsageError(f"{paths.tracks}: is a recording, not tracks; show it by --scene, beside tracks or alone")
     options.check_outputs(paths.inputs, (paths.output, paths.png), paths.overwrite)
     data = read_input(paths, title)
     begin_work()

@@ -28,6 +28,7 @@ _OTHERS = (
     (0, b"\x1a\x45\xdf\xa3", f"a video (Matroska or WebM); {MADE_BY_INGEST}"),
     (8, b"AVI ", f"a video (AVI); {MADE_BY_INGEST}"),
     (8, b"WAVE", "sound (WAV); find directions in it by `occlog listen`"),
+    (0, b"<?xml", "XML; true boxes and calibrations in XML go into a recording by `occlog ingest`"),
     (0, b"\x89PNG", f"an image (PNG); {MADE_BY_INGEST}"),
     (0, b"\xff\xd8\xff", f"an image (JPEG); {MADE_BY_INGEST}"),
 )
