@@ -19,6 +19,9 @@ from occlog.errors import InputError
 
 from .seen_ground import box_around, seen_region, view_prior
 
+HEIGHT_SLACK = 1e-6
+"""A camera whose centre is nearer to z = 0, in the scene's unit, is there but for the rounding of its calibration."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -56,6 +59,11 @@ class Camera:
     def ground(self) -> Floats:
         """(2,) centre projected to the ground."""
         return self.position[:2]
+
+    @property
+    def has_height(self) -> bool:
+        """Whether its pose is known in space: one at the ground, to `HEIGHT_SLACK`, is of unknown height."""
+        return self.placed and bool(abs(self.position[2]) > HEIGHT_SLACK)
 
     def rays(self, pixels: Floats) -> Floats:
         """(N, 3) world directions of the sight lines through (N, 2) recorded pixels."""

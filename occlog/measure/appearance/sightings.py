@@ -137,7 +137,7 @@ def paths_of_boxes(chunks: Iterable[Boxes] | Iterable[Views], scene: Scene, conf
 
     Of one time the mean over the cameras; boxes whose lower edge does not meet the floor are left out.
     """
-    placed = {c.name: c for c in scene.cameras if has_height(c)}
+    placed = {c.name: c for c in scene.cameras if c.has_height}
     identity, t_ns, xy = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2))]
     for boxes in boxes_of_frames(chunks):
         own = np.flatnonzero(boxes.identity >= 0)
@@ -165,11 +165,6 @@ def _paths(identity: Ints32, t_ns: Ints, xy: Floats, velocity: Floats, config: S
         own = own[np.argsort(t_ns[own], kind="stable")]
         out[name] = path_of(t_ns[own], xy[own], velocity[own], heading_ns, config.least_speed)
     return out
-
-
-def has_height(camera: Camera) -> bool:
-    """Whether the pose of a camera is known in space; one on the floor is one of which the height is not known."""
-    return camera.placed and bool(camera.position[2] != 0.0)
 
 
 def sightings(
@@ -244,7 +239,7 @@ def _seen_tracks(
 ) -> tuple[Ints32, Floats]:
     """(n,) track of each box, NOBODY for none, and (n,) viewing angle."""
     n = len(boxes.box)
-    if not paths or not has_height(camera):
+    if not paths or not camera.has_height:
         identity = boxes.identity if own_identity else np.full(n, NOBODY, dtype=np.int32)
         return identity, np.full(n, np.nan)
     states = at_times(paths, np.array([boxes.t_ns]), round(config.max_gap_s * NS))

@@ -36,6 +36,11 @@ from .sizes import NOBODYS, WRONG, in_units_of, statures, typical
 
 FIRST_LOOKS = 64
 """Looks of each camera that are read ahead, to learn how often it looks and how tall people are."""
+RAISE = (
+    "say how high the cameras are: z of their positions in the scene, or up and ground of `occlog ingest` where the "
+    "calibration's world is at a camera"
+)
+"""What to do about cameras at z = 0."""
 
 
 @dataclass(frozen=True)
@@ -116,21 +121,33 @@ class PeopleInput:
             for c in self.scene.cameras
             if (not self.request.only or c.name in self.request.only) and c.name not in self.request.without
         ]
-        # The floor is at z = 0: a camera there is one of which the scene does not say the height
-        placed = [c for c in chosen if c.placed and c.position[2] != 0.0]
-        left = [c.name for c in chosen if c not in placed]
-        if not placed:
-            which = f"of {', '.join(left)} none has" if left else "no camera is left that has"
+        used = [c for c in chosen if c.has_height]
+        low = [c.name for c in chosen if c.placed and not c.has_height]
+        left = [c.name for c in chosen if not c.placed]
+        if not used:
+            remedy = "give a scene with calibrated cameras"
+            if low:
+                which = f"{', '.join(low)} {'is' if len(low) == 1 else 'are'} on the floor (z = 0)"
+                which += f", {', '.join(left)} without a pose in space" if left else ""
+                remedy = RAISE
+            else:
+                which = f"of {', '.join(left)} none has" if left else "no camera is left that has"
+                which += " a pose in space"
             raise InputError(
-                f"{self.request.boxes}: {which} a pose in space, so no place on the floor can be found; give a scene "
-                "with calibrated cameras, or follow people in the images (method bmct)"
+                f"{self.request.boxes}: {which}, so no place on the floor can be found; {remedy}, or follow people in "
+                "the images (method bmct)"
             )
         if left:
             self.notes.append(
                 f"warning: without a pose in space, and not used: {', '.join(left)}; calibrate "
                 f"{'it' if len(left) == 1 else 'them'}"
             )
-        return tuple(placed)
+        if low:
+            self.notes.append(
+                f"warning: on the floor (z = 0), from where no place on it can be seen, and not used: "
+                f"{', '.join(low)}; {RAISE}"
+            )
+        return tuple(used)
 
     def _looks(self) -> Iterator[FrameLook]:
         """Looks of all cameras; a table of regions has no rows for frames in which nobody was detected."""

@@ -16,7 +16,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.parquet import read_provenance, read_table, write_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
-from occlog.records.scene import MicrophoneArray, Scene
+from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Boxes, Doa, Events, PeopleTracks, PeopleViews, Support, Tracks, TruthBoxes
 from occlog.records.views import ViewTracks
 from occlog.track.catalogue import smooths
@@ -256,6 +256,23 @@ def test_cameras_without_a_pose_are_named_and_the_others_used(walk, tmp_path, ca
     none = tuple(replace(c, placed=False) for c in SCENE.cameras)
     assert track(tmp_path, walk, replace(SCENE, cameras=none)) == ExitCode.BAD_INPUT
     assert "of a, b, c, d none has a pose in space" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("rounding", [0.0, -4e-10])
+def test_a_calibrated_camera_on_the_floor_is_told_from_one_without_a_pose(rounding, walk, tmp_path, capsys):
+    def lowered(camera: Camera) -> Camera:
+        return replace(camera, position=np.array([*camera.position[:2], rounding]))
+
+    cameras = [lowered(SCENE.cameras[0]), replace(SCENE.cameras[1], placed=False), *SCENE.cameras[2:]]
+    assert track(tmp_path, walk, replace(SCENE, cameras=tuple(cameras))) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert "without a pose in space, and not used: b; calibrate it\n" in noted
+    assert "on the floor (z = 0), from where no place on it can be seen, and not used: a; say how high" in noted
+    assert list(summary["frames"]) == ["c", "d"]
+    assert track(tmp_path, walk, replace(SCENE, cameras=tuple(map(lowered, SCENE.cameras)))) == ExitCode.BAD_INPUT
+    noted = capsys.readouterr().err
+    assert "a, b, c, d are on the floor (z = 0), so no place on the floor can be found" in noted
+    assert "say how high the cameras are" in noted
 
 
 def test_a_camera_whose_calibration_contradicts_is_named(walk, tmp_path, capsys):
