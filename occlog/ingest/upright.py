@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.core.sight.upright import seems_upright, turn_upright, vertical
 from occlog.errors import InputError, UsageError
-from occlog.records.scene import Camera, camera_fov
+from occlog.records.scene import HEIGHT_SLACK, Camera, camera_fov
 from occlog.records.tables import Truth
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -82,7 +82,9 @@ def find_turn(
                 f"warning: the world of the calibration seems not to be upright: {_horizons(rotations)}. "
                 "Directions in its xy plane mean nothing then; turn it (up: auto, or the direction that is up)"
             )
-        return None if ground is None else Turn(np.eye(3), ground)
+        stays = Turn(np.eye(3), 0.0 if ground is None else ground)
+        _warn_of_low(cameras, stays, ground, note)
+        return None if ground is None else stays
     if up == AUTO:
         found = vertical(rotations)
         direction = found.up
@@ -94,13 +96,27 @@ def find_turn(
     text = ", ".join(f"{v:.3f}" for v in direction / np.linalg.norm(direction))
     zero = "at the calibration's origin" if ground is None else f"{ground:g} m along it"
     note(f"world turned upright: up was ({text}), the ground is {zero}")
-    lowest = min(float(turn.places(c.position[None])[0, 2]) for c in cameras)
-    if ground is None and lowest <= 0.0:
-        note(
-            f"warning: a camera is at z = {lowest:.2f} m, not above the ground: heights are unknown; say where the "
-            "ground is (ground)"
-        )
+    _warn_of_low(cameras, turn, ground, note)
     return turn
+
+
+def _warn_of_low(cameras: Sequence[Camera], turn: Turn, ground: float | None, note: Callable[[str], None]) -> None:
+    """Warn where cameras are not above the ground."""
+    heights = {c.name: float(turn.places(c.position[None])[0, 2]) for c in cameras if c.placed}
+    low = [name for name, height in heights.items() if height <= HEIGHT_SLACK]
+    if not low:
+        return
+    lowest = min(heights.values())
+    remedy = (
+        "heights are unknown; say where the ground is (ground)"
+        if ground is None
+        else f"the ground is said to be at {ground:g} m along up, in the calibration's world (ground): negative where "
+        "it is below the origin"
+    )
+    note(
+        f"warning: {', '.join(low)} {'is' if len(low) == 1 else 'are'} not above the ground (lowest at z = "
+        f"{lowest:.2f} m): {remedy}"
+    )
 
 
 def read_up(text: str) -> Floats:

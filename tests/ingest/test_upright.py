@@ -176,3 +176,21 @@ def test_truth_turns_only_with_heights(tmp_path):
     truth = Truth.of(t_ns=[0], target_id=[0], role=["target"], x=[1.0], y=[2.0], z=[np.nan])
     with pytest.raises(InputError, match="add z"):
         turn.truth(truth, tmp_path / "t.csv")
+
+
+@pytest.mark.parametrize("up", ["auto", None])
+def test_a_ground_of_the_wrong_sign_is_told_with_the_cameras_that_are_below(up):
+    said: list[str] = []
+    assert find_turn(CAMERAS, up, 2.6, said.append) is not None
+    assert len([line for line in said if line.startswith("warning")]) == 1
+    assert "warning: a, b are not above the ground (lowest at z = -0.40 m)" in said[-1]
+    assert "negative where it is below the origin" in said[-1]
+
+
+def test_a_camera_at_the_height_of_the_ground_is_told_and_one_just_above_is_not():
+    said: list[str] = []
+    find_turn(CAMERAS, None, 2.2, said.append)
+    assert "warning: b is not above the ground (lowest at z = 0.00 m)" in said[0]
+    said.clear()
+    find_turn(CAMERAS, None, 2.19, said.append)
+    assert not said
