@@ -40,6 +40,7 @@ from .boxes import survey as survey_of
 from .plan import IngestPlan, files_in
 from .scene import Sized, add_bag_cameras, base_scene, fit_sizes, match_cameras
 from .sources import Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
+from .truth_span import within_frames
 from .upright import Turn
 
 
@@ -243,11 +244,16 @@ def _write_tables(
             sync_ns=sync,
             boxes=truth_options(plan, scene),
         )
-        tables.append(checked(_truth(path, how, plan, turn), scene, path, note))
+        true = within_frames(_truth(path, how, plan, turn), plan, survey, times, note)
+        tables.append(checked(true, scene, path, note))
+    empty = 0
     for chunks in tables:
         for table in chunks:
             writer.table(table)
             done.rows[table.NAME] = done.rows.get(table.NAME, 0) + len(table)
+            empty += int((table.box < 0).sum()) if isinstance(table, Boxes) and table.NAME == Boxes.NAME else 0
+    if empty:
+        note(f"boxes: {done.rows[Boxes.NAME] - empty}; {empty} more rows tell of frames in which a camera saw nobody")
 
 
 def _write_reads(

@@ -394,3 +394,26 @@ def test_boxes_outside_the_image_are_lost_and_those_over_its_border_are_told(
     assert boxes.frame.tolist() == [0, 1, 2]
     assert boxes.box.tolist() == [1, -1, 0]
     assert [(loss.source, loss.count) for loss in recording.losses] == [("cam1", 2)]
+
+
+def test_a_choice_of_frames_cuts_true_positions_and_counts_the_boxes_that_are_taken(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [f"{k},cam1,10,10,20,60" for k in range(30) if k != 5]
+    (place / "b.csv").write_text("frame,camera,left,top,width,height\n" + "\n".join(lines) + "\n")
+    rows = [f"{0.05 * k:.2f},1,2.0,3.0,0.0" for k in range(200)]
+    (place / "t.csv").write_text("time,id,x,y,z\n" + "\n".join(rows) + "\n")
+    given = ["--scene", str(place / "scene.yaml"), "--boxes", str(place / "b.csv"), "--fps", "10"]
+    given += ["--truth", str(place / "t.csv")]
+    assert run(["ingest", "-o", str(place / "out.mcap"), *given, "--frames", "2:10"]) == ExitCode.DONE
+    said = capsys.readouterr().err
+    assert "7 boxes of 1 cameras, left out: 22 boxes of other frames; frames 2 to 9" in said
+    assert "boxes: 7; 1 more rows tell of frames in which a camera saw nobody" in said
+    # Frames 2 to 9 are at 0.2 to 0.9 s; half a frame more belongs to the first and the last one.
+    assert "truth: 183 of 200 true positions are of other frames than 2:10, and left out" in said
+    truth = open_recording(place / "out.mcap").read(Truth)
+    assert (truth.t_ns[0], truth.t_ns[-1], len(truth)) == (150_000_000, 950_000_000, 17)
+    assert run(["ingest", "-o", str(place / "all.mcap"), *given]) == ExitCode.DONE
+    said = capsys.readouterr().err
+    assert "true positions go on 7 s after the last frame with boxes; people there count as missed" in said
+    assert len(open_recording(place / "all.mcap").read(Truth)) == 200

@@ -140,7 +140,8 @@ class BoxSurvey:
         stop: frame after the last one.
         ordered: frames do not go back in any file.
         times: times of frames, from the files' own column of times.
-        rows: number of boxes.
+        rows: number of boxes in these frames.
+        beyond: number of boxes in other frames.
         step: frames are first, first + step, ...
         kinds: formats of the files, in words.
         classes: classes of the boxes that are kept, and how many boxes each has; one without a name: not stated.
@@ -154,6 +155,7 @@ class BoxSurvey:
     ordered: bool
     times: Mapping[str, FrameTimes]
     rows: int
+    beyond: int = 0
     step: int = 1
     kinds: tuple[str, ...] = ()
     classes: Counter[tuple[str, ...]] = field(default_factory=Counter)
@@ -192,7 +194,8 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
         stop=stop,
         ordered=found.ordered,
         times=times,
-        rows=found.rows,
+        rows=found.rows - found.beyond,
+        beyond=found.beyond,
         step=found.step if options.frames is None else 1,
         kinds=tuple(dict.fromkeys(found.kinds)),
         classes=found.classes,
@@ -210,6 +213,7 @@ class _Found:
     low: float = math.inf
     high: float = -math.inf
     rows: int = 0
+    beyond: int = 0
     ordered: bool = True
     kinds: list[str] = field(default_factory=list)
     classes: Counter[tuple[str, ...]] = field(default_factory=Counter)
@@ -246,6 +250,8 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
         found.span(boxes.frame)
         ordered = last <= boxes.frame[0] and bool((np.diff(boxes.frame) >= 0).all())
         last, found.rows, found.ordered = int(boxes.frame[-1]), found.rows + len(boxes.frame), found.ordered and ordered
+        if how.frames is not None:
+            found.beyond += int(((boxes.frame < how.frames[0]) | (boxes.frame >= how.frames[1])).sum())
         note_times(chunk, boxes, found.cameras, found.stamps)
         found.classes.update(class_labels(chunk) if options.classes is not None else ())
         if chunk.has(SHARE_X):
