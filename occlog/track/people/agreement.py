@@ -9,7 +9,8 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.records.scene import Camera
 from occlog.track.jipda.interface import Moment
-from occlog.track.plausibility.verdict import Finding
+from occlog.track.plausibility.verdict import FEWEST as FEWEST_BOXES
+from occlog.track.plausibility.verdict import Finding, beyond
 
 from .boxes_by_moment import BoxTally, FrameLook
 from .delay import Delays
@@ -29,6 +30,8 @@ TWICE = 0.2
 """Share of boxes that are reported twice that a user must know."""
 OUTSIDE = 0.01
 """Share of boxes outside the image that a user must know."""
+UNEXPLAINED = 0.5
+"""Share of all boxes that nobody explains that matters."""
 
 
 class Agreement:
@@ -37,6 +40,7 @@ class Agreement:
     def __init__(self, cameras: Sequence[Camera]) -> None:
         """Nothing was seen yet."""
         self.names = [c.name for c in cameras]
+        self.heights = [float(c.position[2]) for c in cameras]
         self._delays = Delays(cameras)
         n = len(self.names)
         # What one odd camera alone sees is not expected of the others, where these are enough
@@ -68,6 +72,7 @@ class Agreement:
 
     def findings(self, tally: BoxTally) -> Iterator[Finding]:
         """What a user must know of the cameras."""
+        yield from self._unexplained(tally)
         yield from self._odd(tally)
         yield from self._apart(tally.first_ns, tally.last_ns)
         whole = tally.boxes + tally.outside + tally.twice
@@ -88,6 +93,22 @@ class Agreement:
                     f"camera {name}: {tally.outside[c]} of {whole[c]} boxes lie outside the image, and are left out; "
                     "is the calibration for another size of the image, or are the boxes another camera's?",
                 )
+
+    def _unexplained(self, tally: BoxTally) -> Iterator[Finding]:
+        """Most boxes are of nobody who was found: the cameras stand otherwise, or the boxes are of something else."""
+        boxes = int(tally.boxes.sum())
+        nobodys = boxes - round(float(self.used.sum()))
+        if boxes < FEWEST_BOXES or not beyond(nobodys, boxes, UNEXPLAINED):
+            return
+        buried = [name for name, place in zip(self.names, self.heights, strict=True) if place < 0.0]
+        yield Finding(
+            "boxes-unexplained",
+            "warning",
+            f"{nobodys / boxes:.0%} of {boxes} boxes are explained by nobody (allowed: {UNEXPLAINED:.0%})"
+            + (f", and {', '.join(buried)} would be below the ground (z < 0)" if buried else "")
+            + ": the cameras may not stand as the scene says: check which way is up, where the ground is, the unit of "
+            "the calibration, and that each camera has its own boxes; or the boxes are not of people on the ground",
+        )
 
     def _odd(self, tally: BoxTally) -> Iterator[Finding]:
         """Cameras that do not see whom the others see, unless that is because their boxes are left out."""

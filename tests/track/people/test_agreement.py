@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from people_boxes import camera
@@ -54,6 +56,27 @@ def test_of_few_people_and_of_those_who_are_not_plainly_visible_nothing_is_said(
     assert codes([True, True, True, False], FEWEST - 1) == []
     assert codes([True, True, True, False], FEWEST, visible=0.79) == []
     assert codes([True, True, True, False], FEWEST, visible=float("nan")) == []
+
+
+def unexplained(boxes: int, used: int, height: float = 2.5) -> list[str]:
+    """Sentences about boxes that nobody explains, of two cameras of which people explain some of the boxes."""
+    cameras = [replace(camera(name), position=np.array([0.0, 0.0, height])) for name in "ab"]
+    agreement, tally = Agreement(cameras), BoxTally.of(2)
+    agreement.used[0] = used
+    tally.boxes[0], tally.boxes[1] = boxes - boxes // 2, boxes // 2
+    return [found.sentence for found in agreement.findings(tally) if found.code == "boxes-unexplained"]
+
+
+@pytest.mark.parametrize(
+    ("boxes", "used", "said"), [(1000, 500, False), (1000, 400, True), (20, 0, True), (19, 0, False)]
+)
+def test_boxes_that_nobody_explains_speak_against_the_tracks_from_a_half_on(boxes: int, used: int, said: bool) -> None:
+    assert bool(unexplained(boxes, used)) is said
+
+
+def test_cameras_below_the_ground_are_named_where_nobody_explains_the_boxes() -> None:
+    assert "a, b would be below the ground" in unexplained(100, 0, height=-0.1)[0]
+    assert "below the ground" not in unexplained(100, 0)[0]
 
 
 def test_of_four_cameras_two_must_see_whom_another_one_should_see() -> None:

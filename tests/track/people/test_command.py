@@ -232,7 +232,8 @@ def test_a_stated_height_that_nobody_has_is_refused(tmp_path, capsys):
     found = boxes(scene, SECONDS, metre=100.0)
     assert track(tmp_path, found, scene, "--set", "height=170") == ExitCode.BAD_INPUT
     noted = capsys.readouterr().err
-    assert "nobody is 170 m tall (setting height), so the lengths of the scene are not in m; state the unit" in noted
+    assert "nobody is 170 m tall (setting height), so the lengths of the scene are not in m" in noted
+    assert "state the unit of the calibration" in noted
     assert noted.count("\n") == 1
 
 
@@ -244,6 +245,17 @@ def test_nobody_at_all_is_a_result(found, tmp_path, capsys):
     assert (summary["people"], summary["rows"]) == (0, 0)
     assert len(tracks(tmp_path)) == 0
     assert len(read_table(tmp_path / "view-tracks.parquet", ViewTracks)) == 0
+
+
+def test_a_world_upside_down_in_which_nobody_is_found_is_not_plausible(walk, tmp_path, capsys):
+    over = tuple(replace(c, position=c.position * [1, 1, -1]) for c in SCENE.cameras)
+    scene = replace(SCENE, cameras=over)
+    assert track(tmp_path, walk, scene) == ExitCode.DONE
+    summary, noted = said(capsys)
+    assert (summary["people"], summary["plausible"]) == (0, False)
+    assert "boxes-unexplained" in [warning["code"] for warning in summary["warnings"]]
+    assert "a, b, c, d would be below the ground (z < 0): the cameras may not stand as the scene says" in noted
+    assert track(tmp_path, walk, scene, "-q", "--strict") == ExitCode.THRESHOLD
 
 
 def test_cameras_without_a_pose_are_named_and_the_others_used(walk, tmp_path, capsys):
