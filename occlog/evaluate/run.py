@@ -65,7 +65,8 @@ def run_evaluate(
     t = t if frames is None else in_frames(t, frames)
     unit = t.scene.length_unit
     # A tracker that numbers its tracks itself gives them numbers of targets by chance only
-    own_numbers = "match" not in given and (born_from_detections(paths.tracks) or of_others(paths.tracks))
+    numbered_itself = born_from_detections(paths.tracks) or of_others(paths.tracks)
+    own_numbers = "match" not in given and numbered_itself
     paired = {"match": "optimal"} if own_numbers else {}
     config = configure(EvaluateConfig.in_unit(unit), {**simulated(paths.truth), **paired, **given})
     _check_held_out(paths.tracks, config.held_out)
@@ -83,7 +84,7 @@ def run_evaluate(
         found=t.found,
         measured=t.measured,
     )
-    own = "start" if own_numbers else ("label" if config.match == "id" else "best")
+    own = "label" if config.match == "id" else ("start" if numbered_itself else "best")
     result, many = ground_figures(
         result,
         t,

@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 
+from .mot.apart import errors_apart
+
 GROUP = (
     "many targets",
     (
@@ -278,6 +280,8 @@ def summary_lines(metrics: Mapping[str, float], unit: str) -> list[str]:
     for heading, entries in GROUPS:
         shown = [(label, metrics[key], of) for key, label, of in _keys(entries, "", unit) if key in metrics]
         if shown:
+            if heading == "errors" and errors_apart(metrics, unit):
+                heading = "errors, each track held to one target for all its time"
             lines += ["", heading] if lines else [heading]
             lines += [f"  {label:<38}{number(value):>12} {of}".rstrip() for label, value, of in shown]
     for kind, columns in (

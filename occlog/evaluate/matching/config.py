@@ -48,6 +48,7 @@ class EvaluateConfig(Settings):
         "Tracks to true targets: by equal numbers, or so that the overall RMSE is least.",
         choices=("id", "optimal"),
         option="--match",
+        shown="id; optimal for tracks whose numbers are the tracker's own",
         kinds=WORLD,
     )
     skip_s: float = setting(

@@ -44,7 +44,7 @@ class ManyConfig(Settings):
         "A track's own target: that of its number, the first one it is on, or by the best assignment.",
         choices=("label", "start", "best"),
         option="--own",
-        shown="label; start for MOTChallenge text, boxes, and trackers born from detections; best with --match optimal",
+        shown="label; start for MOTChallenge text, boxes, tracks born from detections; else best with --match optimal",
         kinds=MANY,
     )
     clear_rule: str = setting(

@@ -33,6 +33,7 @@ from occlog.records.views import ViewTracks, boxes_of_ellipses
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
+from .apart import line_of_errors_apart
 from .classes import pedestrians
 from .config import ManyConfig
 from .on_ground import evaluate_ground
@@ -263,6 +264,7 @@ def ground_figures(
         return replace(result, notes=(*result.notes, line)), {}
     made = evaluate_ground(tracks, truth, many, config.limit_ns, unit)
     metrics = {**result.metrics, **{name: value for name, value in made.metrics.items() if name not in result.metrics}}
-    notes = (*result.notes, *made.notes, *own_notes(path, many.own, _asked(told)))
+    apart = line_of_errors_apart(metrics, unit, config.match)
+    notes = (*result.notes, *made.notes, *own_notes(path, many.own, _asked(told)), *apart)
     whole = replace(result, metrics=metrics, failures=made.failures, counts=made.counts, notes=notes)
     return whole, asdict(many)

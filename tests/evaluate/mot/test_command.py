@@ -234,6 +234,7 @@ def test_world_tracks_born_from_detections(folder: Path, capsys: pytest.CaptureF
     assert figures(asked, capsys)["label_failures"] == 10  # two of three swap in half of ten frames
     assert run(asked) == ExitCode.DONE
     assert "--own start is used" in _notes(capsys)
+    assert figures([*asked, "--match", "optimal"], capsys) == figures(asked, capsys)
     assert figures([*asked, "--own", "label"], capsys)["label_failures"] == 25
 
 
