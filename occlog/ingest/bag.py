@@ -16,7 +16,7 @@ from occlog.io.files.frame_times import to_world_time
 from occlog.io.messages.bag import Bag
 from occlog.io.messages.camera_info import intrinsics
 from occlog.io.messages.images import stored
-from occlog.io.messages.kinds import BoxMessage, DirectionMessage, Header, ImageMessage, PoseMessage
+from occlog.io.messages.kinds import BoxMessage, DirectionMessage, Header, ImageMessage, PoseMessage, kind_of
 from occlog.io.messages.mcap_file import Message
 from occlog.io.messages.rows import BoxRows, direction_rows, truth_rows
 from occlog.io.messages.survey import BagSurvey, Messages, survey, taken_lines
@@ -55,10 +55,9 @@ def look_into(bag: Bag, plan: IngestPlan, note: Note) -> BagSurvey:
     chosen = found.map
     if not (chosen.cameras or chosen.poses or chosen.directions):
         held = ", ".join(f"{t.name} ({t.kind or 'no type'})" for t in found.topics.values()) or "no topic"
-        raise InputError(
-            f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; name boxes and true "
-            "positions by their topics"
-        )
+        named = any(kind_of(t.kind) is not None for t in found.topics.values())
+        remedy = "name boxes and true positions by their topics" if named else "no topic is of a type that is known"
+        raise InputError(f"{bag.paths[0]}: holds no images, boxes or directions that can be taken: {held}; {remedy}")
     for line in taken_lines(found):
         note(f"bag: {line}")
     return found

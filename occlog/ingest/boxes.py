@@ -70,8 +70,13 @@ def _first_number(plan: IngestPlan, camera: str | None, path: Path) -> int | Non
 
 def known_cameras(plan: IngestPlan, scene: Scene) -> list[str]:
     """Names of cameras that labels in tables can mean."""
-    given = [*plan.video, *plan.images, *(name for name, _ in plan.boxes if name is not None)]
+    given = _named_cameras(plan)
     return list(dict.fromkeys([*given, *([] if given else [c.name for c in scene.cameras])]))
+
+
+def _named_cameras(plan: IngestPlan) -> list[str]:
+    """Cameras that the user names."""
+    return [*plan.video, *plan.images, *(name for name, _ in plan.boxes if name is not None)]
 
 
 def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
@@ -85,12 +90,13 @@ def box_options(plan: IngestPlan, scene: Scene | None = None) -> BoxOptions:
         ignore_extra=plan.ignore_extra_columns,
         classes=plan.classes,
         sizes=sizes,
+        others=plan.allow_uncalibrated and not _named_cameras(plan),
     )
 
 
 def truth_options(plan: IngestPlan, scene: Scene) -> BoxOptions:
     """The same for true boxes, of which no class is chosen unless one is given."""
-    options = box_options(plan, scene)
+    options = replace(box_options(plan, scene), others=False)
     return options if plan.classes else replace(options, classes=None)
 
 

@@ -253,7 +253,8 @@ def _write_tables(
             done.rows[table.NAME] = done.rows.get(table.NAME, 0) + len(table)
             empty += int((table.box < 0).sum()) if isinstance(table, Boxes) and table.NAME == Boxes.NAME else 0
     if empty:
-        note(f"boxes: {done.rows[Boxes.NAME] - empty}; {empty} more rows tell of frames in which a camera saw nobody")
+        rows = "row is" if empty == 1 else "rows are"
+        note(f"boxes: {done.rows[Boxes.NAME] - empty}; {empty} more {rows} of frames in which a camera saw nobody")
 
 
 def _write_reads(

@@ -77,13 +77,15 @@ def find_turn(
     """
     rotations = np.array([c.rotation for c in cameras]).reshape(-1, 3, 3)
     if up is None:
-        if not seems_upright(rotations):
+        upright = seems_upright(rotations)
+        if not upright:
             note(
                 f"warning: the world of the calibration seems not to be upright: {_horizons(rotations)}. "
                 "Directions in its xy plane mean nothing then; turn it (up: auto, or the direction that is up)"
             )
         stays = Turn(np.eye(3), 0.0 if ground is None else ground)
-        _warn_of_low(cameras, stays, ground, note)
+        if upright or ground is not None:
+            _warn_of_low(cameras, stays, ground, note)
         return None if ground is None else stays
     if up == AUTO:
         found = vertical(rotations)

@@ -408,7 +408,7 @@ def test_a_choice_of_frames_cuts_true_positions_and_counts_the_boxes_that_are_ta
     assert run(["ingest", "-o", str(place / "out.mcap"), *given, "--frames", "2:10"]) == ExitCode.DONE
     said = capsys.readouterr().err
     assert "7 boxes of 1 cameras, left out: 22 boxes of other frames; frames 2 to 9" in said
-    assert "boxes: 7; 1 more rows tell of frames in which a camera saw nobody" in said
+    assert "boxes: 7; 1 more row is of frames in which a camera saw nobody" in said
     # Frames 2 to 9 are at 0.2 to 0.9 s; half a frame more belongs to the first and the last one.
     assert "truth: 183 of 200 true positions are of other frames than 2:10, and left out" in said
     truth = open_recording(place / "out.mcap").read(Truth)
@@ -417,3 +417,31 @@ def test_a_choice_of_frames_cuts_true_positions_and_counts_the_boxes_that_are_ta
     said = capsys.readouterr().err
     assert "true positions go on 7 s after the last frame with boxes; people there count as missed" in said
     assert len(open_recording(place / "all.mcap").read(Truth)) == 200
+
+
+def test_folders_of_other_names_than_the_cameras_are_all_named_and_taken_without_calibration(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("cam1", "back", "front"):
+        (place / "yolo" / name).mkdir(parents=True)
+        (place / "yolo" / name / "000000.txt").write_text("0 0.5 0.5 0.25 0.5 0.75\n")
+    given = ("--boxes", str(place / "yolo"), "--fps", "10", "--image-size", "160x120")
+    assert ingest(place, *given) == ExitCode.BAD_INPUT
+    said = capsys.readouterr().err
+    assert "cameras 'back', 'front' are none of cam1, cam2; give each folder with its camera (CAMERA=" in said
+    assert ingest(place, *given, "--allow-uncalibrated") == ExitCode.DONE
+    recording = open_recording(place / "out.mcap")
+    assert {c.name: c.placed for c in recording.scene.cameras} == {
+        "cam1": True,
+        "cam2": True,
+        "back": False,
+        "front": False,
+    }
+    assert sorted(recording.read(Boxes).sensor.tolist()) == ["back", "cam1", "front"]
+
+
+def test_a_folder_of_boxes_given_as_calibration_is_named(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (place / "yolo" / "cam1").mkdir(parents=True)
+    given = ("--boxes", str(place / "scene.yaml"), "--calibration", str(place / "yolo"))
+    assert ingest(place, *given, scene=False) == ExitCode.USAGE
+    assert "yolo: a folder without a calibration file; name the file" in capsys.readouterr().err

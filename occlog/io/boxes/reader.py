@@ -28,7 +28,7 @@ from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.files.csv_rows import Rows, first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
-from occlog.io.files.sensor_names import match_sensor
+from occlog.io.files.sensor_names import match_sensor, means_none
 from occlog.io.files.timestamps import parse_times, time_column
 from occlog.records.tables import Boxes
 
@@ -103,6 +103,7 @@ class BoxOptions:
         classes: classes that are wanted, by number or name; empty: the boxes must all be of one class; None: classes
             are not looked at.
         sizes: width and height of each camera's images [px], for boxes in shares of them; None: not known yet.
+        others: cameras that are none of those known are taken under their own names.
     """
 
     frames: tuple[int, int] | None = None
@@ -114,6 +115,7 @@ class BoxOptions:
     use_confidence: bool = True
     classes: tuple[str, ...] | None = None
     sizes: Mapping[str, tuple[int, int]] | None = None
+    others: bool = False
 
 
 class BoxFile(NamedTuple):
@@ -239,6 +241,7 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
     source = _open(file, known, options)
     how = _numbering(file, source, options)
     found.kinds.append(source.kind)
+    named = (file.camera,) if file.camera is not None else _matched(source.cameras, known, file, options)
     if source.listed is None:
         found.listed = None
     else:
@@ -258,7 +261,6 @@ def _survey_file(file: BoxFile, known: Sequence[str], options: BoxOptions, found
             found.shares |= {found.cameras[n] for n in np.unique(boxes.camera).tolist()}
             found.farthest = math.inf
         found.farthest = max(found.farthest, float((boxes.left + boxes.width).max()))
-    named = (file.camera,) if file.camera is not None else tuple(_matched(c, known, file) for c in source.cameras)
     found.cameras += [name for name in named if name not in found.cameras]
 
 
@@ -332,7 +334,7 @@ def _read(
             left_out.update(class_labels(rows.pick(np.flatnonzero(~wanted))))
             rows = rows.pick(np.flatnonzero(wanted))
         labels = rows.cells["camera"] if rows.has("camera") and file.camera is None else None
-        camera = _number_cameras(file, rows, labels, cameras, known)
+        camera = _number_cameras(file, rows, labels, cameras, known, options)
         boxes = check_boxes(rows, _numbers(rows, camera, cameras, options))
         if options.drop_zero and (boxes.confidence == 0).any():
             kept = np.flatnonzero(boxes.confidence != 0)
@@ -342,7 +344,12 @@ def _read(
 
 
 def _number_cameras(
-    file: BoxFile, rows: Rows, labels: Strings | None, cameras: list[str], known: Sequence[str]
+    file: BoxFile,
+    rows: Rows,
+    labels: Strings | None,
+    cameras: list[str],
+    known: Sequence[str],
+    options: BoxOptions,
 ) -> Ints:
     """(n,) place of each row's camera in `cameras`."""
     if labels is None:
@@ -351,16 +358,29 @@ def _number_cameras(
             cameras.append(name)
         return np.full(len(rows), cameras.index(name), dtype=np.int64)
     unique, inverse = np.unique(labels, return_inverse=True)
-    names = [_matched(str(label), known, file) for label in unique]
+    names = _matched([str(label) for label in unique], known, file, options)
     for name in names:
         if name not in cameras:
             cameras.append(name)
     return np.array([cameras.index(name) for name in names], dtype=np.int64)[inverse]
 
 
-def _matched(label: str, known: Sequence[str], file: BoxFile) -> str:
-    """The camera that a label means."""
-    return match_sensor(label, known, str(file.path)) if known else label
+def _matched(labels: Sequence[str], known: Sequence[str], file: BoxFile, options: BoxOptions) -> list[str]:
+    """The camera that each label means; InputError that names all those that mean none."""
+    if not known:
+        return list(labels)
+    foreign = [label for label in labels if means_none(label, known)]
+    if foreign and not options.others:
+        told = ", ".join(repr(label) for label in foreign)
+        one = len(foreign) == 1
+        remedy = "give them equal names"
+        if file.path.is_dir():
+            remedy = f"give each folder with its camera (CAMERA={file.path / foreign[0]})"
+        raise InputError(
+            f"{file.path}: {'camera' if one else 'cameras'} {told} {'is' if one else 'are'} none of "
+            f"{', '.join(known)}; {remedy}, calibrate {'it' if one else 'them'}, or allow uncalibrated cameras"
+        )
+    return [label if label in foreign else match_sensor(label, known, str(file.path)) for label in labels]
 
 
 def _numbers(rows: Rows, camera: Ints, cameras: Sequence[str], options: BoxOptions) -> BoxRows:

@@ -81,7 +81,10 @@ def read_calibration(
     """
     files = [file for path in paths for file in _files(path)]
     if not files:
-        raise UsageError("no calibration file is given; name one")
+        where = ", ".join(str(path) for path in paths)
+        raise UsageError(
+            f"{where}: a folder without a calibration file; name the file (boxes are an input of their own)"
+        )
     name = _detect(files[0]) if format == "auto" else format
     if name not in IMPORTERS:
         raise UsageError(f"calibration format {name!r} is not known; known: auto, {', '.join(IMPORTERS)}")

@@ -26,6 +26,12 @@ def match_sensor(given: str, names: Sequence[str], where: str) -> str:
     raise InputError(f"{where}: camera {given!r} {found}; give them equal names")
 
 
+def means_none(given: str, names: Sequence[str]) -> bool:
+    """Whether no name in use is what a file may mean by `given`, as `match_sensor` takes it."""
+    number = _last_number(given)
+    return given not in names and (number is None or all(_last_number(name) != number for name in names))
+
+
 def natural_key(name: str) -> list[tuple[int, int, str]]:
     """Sort key in which cam2 comes before cam10."""
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]

@@ -45,6 +45,8 @@ def _places(path: Path, cameras: Mapping[str, Mapping[str, object]], options: Ca
         raise InputError(f"{path}: has {', '.join(names)}; a chain has cam0, cam1, ... without a gap")
     if all("T_cn_cnm1" in cameras[name] for name in names[1:]):
         options.told.append("the world is the frame of cam0: x to its right, y down, z forward")
+        if any("T_cam_imu" in table for table in cameras.values()):
+            options.told.append("T_cam_imu is not used: the cameras are placed by T_cn_cnm1")
         out = {names[0]: np.eye(4)}
         for before, name in pairwise(names):
             out[name] = _transform(cameras[name], "T_cn_cnm1", f"{path}: {name}") @ out[before]
