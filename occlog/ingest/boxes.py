@@ -31,6 +31,8 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
         return None
     found = survey_boxes(box_files(plan), known_cameras(plan, scene), box_options(plan))
     said = [" and ".join(found.kinds), f"{found.rows} boxes of {len(found.cameras)} cameras"]
+    if not found.rows and not found.beyond and found.cameras:
+        said.append(f"every frame of {', '.join(found.cameras)} is a look at nobody")
     if found.beyond:
         said.append(f"left out: {found.beyond} boxes of other frames")
     if found.classes and any(found.classes):

@@ -104,3 +104,19 @@ def test_two_commands_make_tracks_of_yolo_text_and_a_kalibr_file(
     assert len(np.unique(rows.target_id)) == PEOPLE
     assert np.sqrt(np.mean(np.square(errors))) < 0.12
     assert np.max(errors) < 0.5
+
+
+@pytest.mark.jit
+def test_files_without_any_box_are_looks_of_all_cameras_at_nobody(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_chain(tmp_path / "chain.yaml", hall("abcd"))
+    (tmp_path / "none.csv").write_text("frame,camera,x1,y1,x2,y2,score\n")
+    recording, tracks = str(tmp_path / "r.mcap"), str(tmp_path / "t.parquet")
+    boxes_of = ["--boxes", str(tmp_path / "none.csv"), "--calibration", str(tmp_path / "chain.yaml")]
+    world = ["--up", "auto", "--ground", "-4", "--fps", "10", "--frames", "0:40"]
+    assert run(["ingest", "-o", recording, *boxes_of, *world]) == ExitCode.DONE
+    assert "every frame of cam0, cam1, cam2, cam3 is a look at nobody" in capsys.readouterr().err
+    assert run(["track", recording, "--method", "jipda", "-o", tracks]) == ExitCode.DONE
+    assert "nobody was found: the tracks are empty" in capsys.readouterr().err
+    assert len(read_table(Path(tracks), PeopleTracks)) == 0

@@ -171,7 +171,7 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
     Args:
         files: the files, of any mix of formats.
         known: names of the cameras of the scene; labels in a file are matched with them,
-            and are used as they are where `known` is empty.
+            and are used as they are where `known` is empty.  Of files without any box they are the cameras.
         options: how to read the files.
     """
     found = _Found()
@@ -191,7 +191,8 @@ def survey_boxes(files: Sequence[BoxFile], known: Sequence[str], options: BoxOpt
     check_range(first, stop, where)
     times = {name: table_times(stamps, first, stop, where) for name, stamps in found.stamps.items()}
     return BoxSurvey(
-        cameras=tuple(found.cameras),
+        # Files without any box name no camera: all looked at nobody
+        cameras=tuple(found.cameras or known),
         first=first,
         stop=stop,
         ordered=found.ordered,
