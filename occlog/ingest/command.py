@@ -84,7 +84,8 @@ TIMES = (
         type=FRAMES,
         default=None,
         metavar="A:B",
-        help="Only frames A <= number < B; for boxes also: every camera has all of them.",
+        help="Only frames A <= number < B, and true positions of their times; for boxes also: every camera has all of "
+        "them.",
     ),
 )
 

@@ -46,7 +46,11 @@ class Turn(NamedTuple):
                 model=camera.distortion_model,
                 rotation=rotation,
             )
-        return replace(camera, position=self.places(camera.position[None])[0], rotation=rotation, fov=fov)
+        position = self.places(camera.position[None])[0]
+        if abs(position[2]) <= HEIGHT_SLACK:
+            # At the ground but for the rounding of the calibration: its height is unknown
+            position[2] = 0.0
+        return replace(camera, position=position, rotation=rotation, fov=fov)
 
     def truth(self, truth: Truth, path: Path) -> Truth:
         """True places in the upright world; InputError for one without a height, which could be anywhere there."""

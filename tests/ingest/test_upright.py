@@ -194,3 +194,11 @@ def test_a_camera_at_the_height_of_the_ground_is_told_and_one_just_above_is_not(
     said.clear()
     find_turn(CAMERAS, None, 2.19, said.append)
     assert not said
+
+
+@pytest.mark.parametrize("off", [-4e-10, 4e-10])
+def test_rounding_of_the_calibration_gives_no_camera_a_height(off):
+    turn = find_turn(CAMERAS, None, 2.2 + off, lambda _: None)
+    assert turn is not None
+    assert turn.camera(CAMERAS[1]).position[2] == 0.0
+    assert turn.camera(CAMERAS[0]).position[2] == pytest.approx(0.3)

@@ -104,6 +104,20 @@ def seen_by_first(views: list[View]) -> list[View]:
     ]
 
 
+def test_places_by_the_imu_beside_a_chain_of_kalibr_are_told_to_be_unused(tmp_path: Path) -> None:
+    path = kalibr(tmp_path / "camchain.yaml", rig(), BROWN)
+    chain = read_calibration([path])
+    assert not any("T_cam_imu" in said for said in chain.told)
+    tables = yaml.safe_load(path.read_text())
+    for table in tables.values():
+        table["T_cam_imu"] = rows(np.diag([-1.0, -1.0, 1.0, 1.0]))
+    path.write_text(yaml.safe_dump(tables))
+    both = read_calibration([path])
+    assert any("T_cam_imu is not used: the cameras are placed by T_cn_cnm1" in said for said in both.told)
+    for camera, alone in zip(both.cameras, chain.cameras, strict=True):
+        np.testing.assert_array_equal(camera.position, alone.position)
+
+
 @pytest.mark.parametrize(("lens", "model"), [(BROWN, "radtan"), (FISHEYE, "equidistant"), (BROWN * 0, "none")])
 def test_a_chain_of_kalibr_is_followed_from_its_first_camera(tmp_path: Path, lens: Floats, model: str) -> None:
     views = rig()
