@@ -15,7 +15,7 @@ from occlog.io.boxes.classes import in_words
 from occlog.io.boxes.folder import camera_folders, label_files
 from occlog.io.boxes.reader import BoxFile, BoxOptions, BoxSurvey, survey_boxes
 from occlog.io.frames.folder import are_times, list_images, numbers_of
-from occlog.records.losses import Loss
+from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes
 
@@ -126,7 +126,7 @@ def inside(tables: Iterator[B], scene: Scene, losses: list[Loss], note: Note) ->
         farthest = max(farthest, float(beyond[out].max(initial=0.0)))
         yield _without(table, gone) if gone.any() else table
     for name, count in sorted(outside.items()):
-        losses.append(Loss(name, "boxes", f"wholly outside the image of {sizes[name][0]} x {sizes[name][1]} px", count))
+        losses.append(Loss(name, "boxes", f"{OUTSIDE_IMAGE} of {sizes[name][0]} x {sizes[name][1]} px", count))
     if over:
         told = ", ".join(f"{name} {count}" for name, count in sorted(over.items()))
         note(f"boxes over the border of the image, by up to {farthest:.0f} px: {told}; kept as they are")

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
+OUTSIDE_IMAGE = "wholly outside the image"
+"""Begins what is said of boxes of a camera that were left out because they lie outside its image."""
+
 
 @dataclass(frozen=True, slots=True)
 class Loss:

@@ -15,7 +15,7 @@ from occlog.io.files.atomic import Together
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.records.columns import Table
-from occlog.records.losses import Loss
+from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.people import UNSEEN
 from occlog.records.tables import Events, PeopleTracks, PeopleViews, Support
 from occlog.track.catalogue import METHODS, load
@@ -26,6 +26,9 @@ from .inputs import PeopleInput, PeopleRequest
 from .rows import MomentTables
 from .sizes import odd_cameras
 from .stage import Follower, Tabulator, follow
+
+LOST = 0.2
+"""Share of a camera's boxes that were left out before, as they lie outside its image, that matters."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ class PeopleSummary:
 
     def findings(self) -> tuple[Finding, ...]:
         """What speaks against the tracks, and what else a user must know."""
-        found = [*self.agreement.findings(self.inputs.tally), *self._tall()]
+        found = [*self.agreement.findings(self.inputs.tally), *self._lost(), *self._tall()]
         if self.inputs.regions_smoothed and self.rows:
             says = (
                 "the boxes are regions of video, whose errors go on from frame to frame: where people meet, "
@@ -115,6 +118,23 @@ class PeopleSummary:
         if not self.rows:
             found.append(Finding("nobody", "note", "nobody was found: the tracks are empty"))
         return tuple(found)
+
+    def _lost(self) -> Iterator[Finding]:
+        """Cameras of which many boxes were left out when the recording was made."""
+        tally = self.inputs.tally
+        kept = tally.boxes + tally.outside + tally.twice
+        for c, name in enumerate(self.inputs.names):
+            gone = (each for each in self.inputs.losses if each.source == name)
+            lost = sum(each.count for each in gone if each.what.startswith(OUTSIDE_IMAGE))
+            whole = int(kept[c]) + lost
+            if lost > LOST * whole:
+                yield Finding(
+                    "boxes-outside",
+                    "warning",
+                    f"camera {name}: {lost} of {whole} boxes lie outside the image, and were left out when the "
+                    f"recording was made (allowed: {LOST:.0%}); is the calibration for another size of the image, or "
+                    "are the boxes another camera's?",
+                )
 
     def _tall(self) -> Iterator[Finding]:
         """Cameras in which people are taller or shorter than in the others."""

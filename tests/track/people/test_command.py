@@ -16,6 +16,7 @@ from occlog.errors import ExitCode
 from occlog.io.files.parquet import read_provenance, read_table, write_table
 from occlog.io.files.provenance import Provenance
 from occlog.io.recording.writer import RecordingWriter
+from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Camera, MicrophoneArray, Scene
 from occlog.records.tables import Boxes, Doa, Events, PeopleTracks, PeopleViews, Support, Tracks, TruthBoxes
 from occlog.records.views import ViewTracks
@@ -202,6 +203,22 @@ def test_boxes_outside_the_image_are_left_out_and_told(walk, tmp_path, capsys):
     assert "boxes lie outside the image, and are left out" in noted
     assert summary["boxes"]["c"]["boxes"] == 0
     assert summary["people"] == PEOPLE
+
+
+def test_boxes_that_the_recording_has_lost_to_a_wrong_image_size_speak_against_the_tracks(walk, tmp_path, capsys):
+    kept = int(np.count_nonzero((walk.sensor == "c") & (walk.box >= 0)))
+    for lost, found in ((kept // 4, []), (kept, ["boxes-outside"])):
+        losses = (
+            Loss("c", "boxes", f"{OUTSIDE_IMAGE} of 640 x 480 px", lost),
+            Loss("c.mp4", "frame 3", "damaged", 9999),
+        )
+        with RecordingWriter(tmp_path / "r.mcap", SCENE, Provenance("test", losses=losses), overwrite=True) as out:
+            out.table(walk)
+        assert follow(tmp_path, str(tmp_path / "r.mcap")) == ExitCode.LOSSY
+        summary, noted = said(capsys)
+        assert [warning["code"] for warning in summary["warnings"]] == found
+        assert summary["plausible"] is not bool(found)
+        assert (f"camera c: {lost} of {lost + kept} boxes lie outside the image" in noted) is bool(found)
 
 
 def test_a_scene_in_centimetres_gives_the_same_tracks_in_centimetres(walk, tmp_path, capsys):
