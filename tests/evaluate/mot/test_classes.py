@@ -106,7 +106,8 @@ def test_a_frame_in_which_only_distractors_are_is_a_frame(capsys: pytest.Capture
 @pytest.mark.parametrize("kind", [0, 14, -1])
 def test_a_class_that_cannot_be_is_named_with_its_line(kind: int, capsys: pytest.CaptureFixture[str]) -> None:
     said = error(capsys, [f"1,1,{BOX},1,1,1.0", f"2,1,{BOX},1,{kind},1.0"])
-    assert "gt.txt: line 2" in said
+    assert "gt.txt" in said
+    assert "line 2" in said
     assert f"class {kind}" in said
 
 
