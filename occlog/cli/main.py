@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -220,8 +221,8 @@ def _as_object(message: str, code: ExitCode, words: Sequence[str]) -> dict[str, 
     from .standard_input import NAME
 
     before = [message[:n] for n in range(len(message)) if message.startswith(": ", n)]
-    typed = {part for word in words for part in (word, word.partition("=")[2])}
-    file = next((part for part in reversed(before) if part in typed or part == NAME or Path(part).exists()), None)
+    typed = {part for word in words for part in (word, word.partition("=")[2]) if Path(part).suffix or "/" in part}
+    file = next((part for part in reversed(before) if part in typed or part == NAME or os.path.exists(part)), None)  # noqa: PTH110 -- Path.exists fails on long names
     rest, semicolon, hint = message.rpartition("; ")
     return {
         "error": (rest if semicolon else message).removeprefix(f"{file}: "),

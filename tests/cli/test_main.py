@@ -162,6 +162,7 @@ def test_a_full_standard_output_is_one_line() -> None:
     ("args", "wanted"),
     [
         (["info", "no.parquet"], {"error": "no such file", "file": "no.parquet", "exit_code": 4}),
+        (["fix-nothing" * 40], {"file": None, "exit_code": 2}),
         (["trakc"], {"error": "No such command 'trakc'. Did you mean 'track'?", "file": None, "exit_code": 2}),
         (["schema", "trcks"], {"error": "no schema 'trcks'", "hint": "did you mean 'tracks'?", "exit_code": 2}),
     ],
