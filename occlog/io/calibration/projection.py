@@ -8,6 +8,7 @@ file states neither the unit (metres unless told) nor the size of the images.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,27 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
     if matrix.shape != (3, 4) or not np.isfinite(matrix).all():
         raise InputError(f"{where}: {matrix.shape} numbers; three rows of four finite ones were expected")
     k, rotation, centre = take_apart(matrix, where)
-    lean = abs(float(k[0, 1])) * _half_height(options) / float(k[1, 1])
+    return camera_of_parts(k, rotation, centre, options.image_size, options, name=name, where=where)
+
+
+def camera_of_parts(
+    k: Floats,
+    rotation: Floats,
+    centre: Floats,
+    image_size: tuple[int, int] | None,
+    options: CalibrationOptions,
+    *,
+    name: str,
+    where: str,
+    distortion: Sequence[float] = (),
+) -> Camera:
+    """The camera of an intrinsic matrix, a camera-from-world rotation and a centre in the unit of `options`.
+
+    A scene has no skew: InputError where it moves a point at the upper or lower edge of the image by more than
+    `MAX_SKEW_PX`.
+    """
+    half_height = image_size[1] / 2 if image_size else 540.0
+    lean = abs(float(k[0, 1])) * half_height / float(k[1, 1])
     if lean > MAX_SKEW_PX:
         raise InputError(f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}")
     pose = Pose(
@@ -58,13 +79,10 @@ def _camera(path: Path, options: CalibrationOptions) -> Camera:
         principal_px=[k[0, 2], k[1, 2]],
         rotation=rotation,
         centre=centre * scale_of(options, "m"),
-        image_size=options.image_size,
+        image_size=image_size,
+        distortion=distortion,
     )
     return build_camera(pose, where)
-
-
-def _half_height(options: CalibrationOptions) -> float:
-    return options.image_size[1] / 2 if options.image_size else 540.0
 
 
 def take_apart(matrix: Floats, where: str = "matrix") -> tuple[Floats, Floats, Floats]:

@@ -23,9 +23,9 @@ from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
 from occlog.records.scene import Camera
 
-from ..common import MAX_BYTES, MAX_SKEW_PX, CalibrationOptions, Pose, build_camera, scale_of
+from ..common import MAX_BYTES, CalibrationOptions
 from ..opencv_toml import rotation_from_vector
-from ..projection import take_apart
+from ..projection import camera_of_parts, take_apart
 
 SUFFIXES = (".npz", ".npy", ".mat")
 PARTS = {
@@ -150,16 +150,5 @@ def _camera(path: Path, label: str, part: Mapping[str, Floats], options: Calibra
         rotation = rotation_from_vector(part["R"].reshape(3)) if part["R"].size == 3 else part["R"].reshape(3, 3)
         centre = -rotation.T @ part["t"].reshape(3)
     size = options.image_size or ((int(part["size"][0]), int(part["size"][1])) if "size" in part else None)
-    lean = abs(float(k[0, 1])) * (size[1] / 2 if size else 540.0) / float(k[1, 1])
-    if lean > MAX_SKEW_PX:
-        raise InputError(f"{where}: has a skew of {lean:.2g} px at the edge of the image; the limit is {MAX_SKEW_PX:g}")
-    pose = Pose(
-        name=name,
-        focal_px=[k[0, 0], k[1, 1]],
-        principal_px=[k[0, 2], k[1, 2]],
-        rotation=rotation,
-        centre=centre * scale_of(options, "m"),
-        image_size=size,
-        distortion=part["dist"].reshape(-1).tolist() if "dist" in part else (),
-    )
-    return build_camera(pose, where)
+    distortion = part["dist"].reshape(-1).tolist() if "dist" in part else ()
+    return camera_of_parts(k, rotation, centre, size, options, name=name, where=where, distortion=distortion)
