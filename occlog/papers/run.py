@@ -179,6 +179,7 @@ def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> li
     if output is not None:
         overwrite = overwrite or was_stopped(output)
         prepare(output, chosen, overwrite)
+    made = _made(paper, request)
     findings: list[Finding] = []
     for e in chosen:
         runs, steps = own.get(e.item, (request.runs, request.steps))
@@ -187,11 +188,11 @@ def _run_paper(paper: str, request: ReproduceRequest, output: Path | None) -> li
         finding = reproduce(paper, e, size, executor(e, request, output))
         findings.append(finding)
         if output is not None:
-            write(output, finding, overwrite)
+            write(output, paper, finding, overwrite, made)
         if not request.as_json:
             _print(finding.verdicts)
     if output is not None:
-        write_page(output, paper, findings, overwrite, _made(paper, request))
+        write_page(output, paper, findings, overwrite, made)
         options.note(f"wrote {output / PAGE}", request.quiet)
     if request.everything and not recorded and paper in RECORDED:
         left = ", ".join(RECORDED[paper])
@@ -316,14 +317,15 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
 
 
-def write(folder: Path, finding: Finding, overwrite: bool) -> None:
+def write(folder: Path, paper: str, finding: Finding, overwrite: bool, made: Made) -> None:
     """Write table, plot, further pictures and verdicts of one experiment."""
     item = finding.experiment.item
     write_bytes(folder / f"{item}.csv", table_csv(finding.table).encode(), overwrite)
     write_bytes(folder / f"{item}.png", chart_png(chart(finding)), overwrite)
     for name, plan in finding.plans.items():
         write_bytes(plan_path(folder, finding.experiment, name), picture_png(plan), overwrite)
-    text = json.dumps(finding.as_dict(), indent=2, sort_keys=True) + "\n"
+    verdicts = {"paper": paper, **finding.as_dict(), "made": made.as_dict()}
+    text = json.dumps(verdicts, indent=2, sort_keys=True) + "\n"
     write_bytes(folder / f"{item}.json", text.encode(), overwrite)
 
 

@@ -84,8 +84,9 @@ def test_files_of_an_experiment(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert run([*FIG17, "--json", "-o", str(out)]) == ExitCode.DONE
     printed = json.loads(capsys.readouterr().out)
     assert sorted(p.name for p in out.iterdir()) == ["fig17.csv", "fig17.json", "fig17.png", "reproduce.html"]
-    verdicts = json.loads((out / "fig17.json").read_text())["verdicts"]
-    assert printed["items"][0]["verdicts"] == verdicts
+    written = json.loads((out / "fig17.json").read_text())
+    assert written == {"paper": "ercan", "made": printed["made"], **printed["items"][0]}
+    verdicts = written["verdicts"]
     assert {
         "id",
         "statement",
