@@ -1,14 +1,26 @@
-"""Folders of tables that are removed with the last reference to them."""
+"""Folders of tables that are removed with the last reference to them.
+
+All folders of a process lie in one of its own, which is locked as long as the process lives. It goes when Python ends,
+also in the processes of `multiprocessing`. A process that is killed can remove nothing: what it left is no longer
+locked, and the next process that makes folders removes it.
+"""
 
 from __future__ import annotations
 
 import os
 import shutil
-import weakref
+import time
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from itertools import count
+from multiprocessing.util import Finalize
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
+
+PREFIX = "occlog-tables-"
+FRESH_S = 60.0
+"""A folder this young may be that of a process which has not locked it yet."""
 
 
 class Folder:
@@ -16,8 +28,10 @@ class Folder:
 
     def __init__(self) -> None:
         """Make it, where `TMPDIR` says."""
-        self.path = Path(mkdtemp(prefix="occlog-"))
-        self.remove = weakref.finalize(self, _remove, self.path, os.getpid())
+        self.path = _Home.of_this_process().new()
+        # Unlike those of `weakref`, these run in the end of a process of `multiprocessing`, too, and not in a copy
+        # that was forked
+        self.remove = Finalize(self, shutil.rmtree, (self.path, True), exitpriority=1)
 
     def file(self, name: str) -> Path:
         """A file in it."""
@@ -33,7 +47,59 @@ class Folder:
         return {name: value for name, value in summary.items() if not str(value).startswith(str(self.path))}
 
 
-def _remove(path: Path, process: int) -> None:
-    """Remove a folder; a process that was forked leaves it to its parent."""
-    if os.getpid() == process:
-        shutil.rmtree(path, ignore_errors=True)
+class _Home:
+    """The folder of a process in which all its folders lie."""
+
+    known: _Home | None = None
+
+    def __init__(self) -> None:
+        """Make it, lock it, and remove those that nobody holds any more."""
+        self.process, self.path = os.getpid(), Path(mkdtemp(prefix=PREFIX))
+        self._lock = _locked(self.path)
+        self._numbers = count(1)
+        Finalize(None, shutil.rmtree, (self.path, True), exitpriority=0)
+        _remove_abandoned(self.path.parent)
+
+    @classmethod
+    def of_this_process(cls) -> _Home:
+        """That of this process: a new one after a fork, or where somebody removed it."""
+        home = cls.known
+        if home is None or home.process != os.getpid() or not home.path.is_dir():
+            home = cls.known = cls()
+        return home
+
+    def new(self) -> Path:
+        """A new folder in it."""
+        path = self.path / str(next(self._numbers))
+        path.mkdir(mode=0o700)
+        return path
+
+
+def _locked(folder: Path) -> int | None:
+    """Lock a folder until this process ends; None: another process holds it, or it cannot be locked here."""
+    try:
+        import fcntl
+    except ImportError:  # no such locks on this system: nothing is found abandoned, either
+        return None
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _remove_abandoned(parent: Path) -> None:
+    """Remove folders of processes that are gone."""
+    for path in parent.glob(f"{PREFIX}*"):
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime < FRESH_S or path.stat().st_uid != os.getuid():
+                continue
+            handle = _locked(path)
+            if handle is not None:
+                shutil.rmtree(path, ignore_errors=True)
+                os.close(handle)
