@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError, OcclogError, UsageError
 from occlog.io.calibration.common import Pose, build_camera
-from occlog.io.files.frame_times import to_world_time
+from occlog.io.files.frame_times import FrameTimes, to_world_time
 from occlog.io.messages.bag import Bag
 from occlog.io.messages.camera_info import intrinsics
 from occlog.io.messages.images import stored
@@ -28,6 +29,7 @@ from occlog.records.scene import Camera, Clock, Scene
 from occlog.records.tables import Boxes, Doa, Truth
 
 from .plan import IngestPlan
+from .truth_span import span_of, tell_left_out
 from .upright import Turn
 
 Note = Callable[[str], None]
@@ -222,6 +224,8 @@ class Taking:
         self._owners: dict[int, str] = {}
         scale = plan.confidence_scale
         self._boxes = {t: BoxRows(name, plan.classes, scale) for name, t in chosen.boxes.items()}
+        self._span = None if plan.frames is None or not self._targets else span_of(plan.frames, self._frame_times())
+        self._of_other_times = 0
 
     @property
     def count(self) -> int | None:
@@ -235,6 +239,22 @@ class Taking:
     def messages(self) -> Iterator[Message]:
         """The messages that `take` wants."""
         return self.bag.messages(self._wanted())
+
+    def _frame_times(self) -> dict[str, FrameTimes]:
+        """Times of the frames of every camera: images, or the messages of a detector; a pass over the bag."""
+        topics = self._cameras or {topic: rows.camera for topic, rows in self._boxes.items()}
+        states = {topic: _CameraState() for topic in topics}
+        times: dict[str, list[int]] = {topic: [] for topic in topics}
+        for message in self.bag.messages(set(topics)):
+            state = states[message.topic]
+            with suppress(InputError):  # damaged ones are told when they are taken
+                read = self._messages.read(message.topic, message.data)
+                t_ns = self._time(state, message, read.header)
+                if state.last is None or t_ns > state.last:
+                    times[message.topic].append(t_ns)
+                    state.last = t_ns
+        tables = {topic: np.array(each, dtype=np.int64) for topic, each in times.items()}
+        return {topics[topic]: FrameTimes(topic, table_ns=table) for topic, table in tables.items() if len(table)}
 
     def take(self, message: Message, writer: RecordingWriter) -> None:
         """Write what a message says; one that is damaged or out of order is counted."""
@@ -290,10 +310,16 @@ class Taking:
             for target in table.target_id.tolist():
                 if self._owners.setdefault(target, topic) != topic:
                     raise UsageError(f"topics {self._owners[target]} and {topic}: both are of target {target}")
+            if self._span is not None and not self._span[0] <= t_ns <= self._span[1]:
+                self._of_other_times += len(table)
+                return
             if self._turn is not None:
                 table = self._turn.truth(table, self.bag.paths[0])
         elif isinstance(read, BoxMessage):
+            number = self._boxes[topic].frames
             table = self._boxes[topic].rows(read, t_ns)
+            if not self._is_chosen(number):
+                return
         else:
             name = self._arrays[topic]
             table = direction_rows(read, t_ns, next(a for a in self.scene.arrays if a.name == name))
@@ -303,8 +329,7 @@ class Taking:
     def _image(self, topic: str, read: ImageMessage, t_ns: int, state: _CameraState, writer: RecordingWriter) -> None:
         camera, number = self._cameras[topic], state.number
         state.number += 1
-        start, stop = self.plan.frames or (0, None)
-        if number < start or (stop is not None and number >= stop):
+        if not self._is_chosen(number):
             return
         image = stored(read, f"image {number} of {topic}", self.plan.store, self.plan.jpeg_quality)
         state.sized = state.sized or self.found.sizes[camera]
@@ -313,6 +338,10 @@ class Taking:
             return
         writer.image(camera, t_ns, number, image.data, image.kind)
         self.frames[camera] = self.frames.get(camera, 0) + 1
+
+    def _is_chosen(self, number: int) -> bool:
+        """Whether a frame is among those that the user chooses."""
+        return self.plan.frames is None or self.plan.frames[0] <= number < self.plan.frames[1]
 
     def _frame_of_truth(self, frame: str) -> Placed:
         """Where the frame of true positions is; UsageError for one that no transforms connect with the world."""
@@ -327,6 +356,8 @@ class Taking:
     def finish(self, note: Note) -> list[Loss]:
         """Tell which clock was used, and list what was lost."""
         losses = []
+        if self._of_other_times and self.plan.frames is not None:
+            tell_left_out(self._of_other_times, self._of_other_times + self.rows.get(Truth.NAME, 0), self.plan, note)
         for topic, state in self._states.items():
             name = self._name(topic)
             clock = "times of recording" if state.by_log else "header stamps"

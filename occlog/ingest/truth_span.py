@@ -64,8 +64,7 @@ def within_frames(
         elif inside.any():
             yield table.take(inside)
     if out and plan.frames is not None:
-        chosen = ":".join(map(str, plan.frames))
-        note(f"truth: {out} of {rows} true positions are of other frames than {chosen}, and left out")
+        tell_left_out(out, rows, plan, note)
     elif max(early, late) > TOLD_S:
         ends = [f"begin {early:.3g} s before the first"] if early > TOLD_S else []
         ends += [f"go on {late:.3g} s after the last"] if late > TOLD_S else []
@@ -73,3 +72,9 @@ def within_frames(
             f"truth: true positions {' and '.join(ends)} frame with boxes; people there count as missed: choose the "
             "frames (frames), or cut the truth"
         )
+
+
+def tell_left_out(out: int, rows: int, plan: IngestPlan, note: Callable[[str], None]) -> None:
+    """Note that so many of the rows of the truth are of other frames than those that are chosen."""
+    chosen = ":".join(map(str, plan.frames or ()))
+    note(f"truth: {out} of {rows} true positions are of other frames than {chosen}, and left out")

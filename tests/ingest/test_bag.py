@@ -358,6 +358,32 @@ def test_true_positions_boxes_and_sounds_are_taken_as_they_are_named(
     assert "name it by the number of its" in refused(capsys, bag, *options[:2], "--topic", "person=/mocap")
 
 
+def test_a_choice_of_frames_cuts_images_boxes_and_true_positions(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    rows: list[Row] = []
+    for k in range(6):
+        t = START + k * STEP
+        # Positions come twice as often as frames, and before the first image
+        rows.append(("/mocap", "geometry_msgs/msg/PoseStamped", t - STEP // 2, ros.pose(t - STEP // 2, "", (k, 1, 1))))
+        rows.append(("/mocap", "geometry_msgs/msg/PoseStamped", t, ros.pose(t, "", (k + 0.5, 1, 1))))
+        rows.append(("/front/image", IMAGE, t, ros.compressed(t, "", ros.picture(k))))
+        rows.append(("/yolo", "vision_msgs/msg/Detection2DArray", t, ros.detections(t, (5, 5, 8, 20, 0.5, "a", ""))))
+    bag = ros.write_mcap(tmp_path / "b.mcap", rows)
+    topics = ("--topic", "front=/front/image", "--topic", "front=/yolo", "--topic", "0=/mocap")
+    scene = ("--scene", str(tmp_path / "scene.yaml"))
+    cut = made(bag, *scene, *topics, "--frames", "2:4")
+    # Frames 2 and 3, half a frame wider at both ends
+    assert cut.read(Truth).x.tolist() == [2.0, 2.5, 3.0, 3.5, 4.0]
+    assert times(cut, "front") == [100, 150]
+    assert cut.read(Boxes).frame.tolist() == [2, 3]
+    assert "7 of 12 true positions are of other frames than 2:4, and left out" in capsys.readouterr().err
+    boxes = made(bag, *scene, *topics[2:], "--frames", "2:4")
+    assert boxes.read(Truth).x.tolist() == [2.0, 2.5, 3.0, 3.5, 4.0]
+    assert len(made(bag, *scene, *topics).read(Truth)) == 12
+
+
 def test_boxes_of_several_classes_are_chosen_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "scene.yaml").write_text(SCENE)
     both = ros.detections(START, (1, 1, 5, 5, 0.5, "person", ""), (2, 2, 5, 5, 0.5, "chair", ""))

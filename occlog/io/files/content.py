@@ -22,15 +22,16 @@ class Content(Enum):
     OTHER = "neither a recording (MCAP) nor a table (Parquet)"
 
 
-MADE_BY_INGEST = "make a recording of it by `occlog ingest`"
+MADE_BY_INGEST = "make a recording of it by `occlog ingest -o OUT.mcap --video CAMERA={name}`"
+OF_A_FOLDER = "make a recording of its folder by `occlog ingest -o OUT.mcap --images CAMERA=FOLDER`"
 _OTHERS = (
     (4, b"ftyp", f"a video (MP4); {MADE_BY_INGEST}"),
     (0, b"\x1a\x45\xdf\xa3", f"a video (Matroska or WebM); {MADE_BY_INGEST}"),
     (8, b"AVI ", f"a video (AVI); {MADE_BY_INGEST}"),
     (8, b"WAVE", "sound (WAV); find directions in it by `occlog listen`"),
     (0, b"<?xml", "XML; true boxes and calibrations in XML go into a recording by `occlog ingest`"),
-    (0, b"\x89PNG", f"an image (PNG); {MADE_BY_INGEST}"),
-    (0, b"\xff\xd8\xff", f"an image (JPEG); {MADE_BY_INGEST}"),
+    (0, b"\x89PNG", f"an image (PNG); {OF_A_FOLDER}"),
+    (0, b"\xff\xd8\xff", f"an image (JPEG); {OF_A_FOLDER}"),
 )
 """Place and bytes by which files are known that commands are given by mistake, what they are, and what to do."""
 
@@ -39,7 +40,8 @@ def mistaken_for(path: Path) -> str | None:
     """What a file is that is neither a recording nor a table, and what to do with it; None: not known."""
     with path.open("rb") as file:
         head = file.read(32)
-    return next((words for place, mark, words in _OTHERS if head[place:].startswith(mark)), None)
+    found = next((words for place, mark, words in _OTHERS if head[place:].startswith(mark)), None)
+    return None if found is None else found.replace("{name}", path.name)
 
 
 def content_of(path: Path, what: str = EXPECTED) -> Content:

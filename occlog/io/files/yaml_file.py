@@ -14,6 +14,7 @@ import yaml
 
 from occlog.errors import InputError
 
+from .content import Content, content_of, mistaken_for
 from .inputs import check_input
 
 MAX_NODES = 200_000
@@ -34,11 +35,23 @@ _Loader.add_implicit_resolver(
 def read_yaml(path: Path, kind: type[T], what: str) -> T:
     """The file as an instance of a msgspec type; InputError with line and nearest valid key where it does not fit."""
     path = check_input(path, what)
+    _refuse_binary(path, what)
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {what} was expected") from error
     return parse_yaml(text, str(path), kind)
+
+
+def _refuse_binary(path: Path, what: str) -> None:
+    """InputError for a file that is known by its first bytes, and not YAML."""
+    content = content_of(path, what)
+    if content is not Content.OTHER:
+        raise InputError(f"{path}: is {content.value}; {what} was expected")
+    mistaken = mistaken_for(path)
+    if mistaken is not None:
+        kind, _, remedy = mistaken.partition("; ")
+        raise InputError(f"{path}: is {kind}; {what} was expected; {remedy}")
 
 
 def parse_yaml(text: str, source: str, kind: type[T]) -> T:

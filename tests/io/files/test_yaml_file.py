@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.files.yaml_file import MAX_NODES, parse_yaml
+from occlog.io.files.yaml_file import MAX_NODES, parse_yaml, read_yaml
 
 
 def test_a_document_has_at_most_so_many_entries_with_its_aliases_expanded() -> None:
@@ -31,3 +33,21 @@ def test_numbers_are_read_as_people_mean_them(text: str, value: float) -> None:
 def test_numbers_are_finite(text: str) -> None:
     with pytest.raises(InputError, match=r"x: line 1: a: .* is not a finite number"):
         parse_yaml(f"a: {text}", "x", dict)
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        (
+            b"\0\0\0\x18ftypmp42",
+            "V.bin: is a video .MP4.; a plan was expected; .*ingest -o OUT.mcap --video CAMERA=V.bin`",
+        ),
+        (b"PAR1", "V.bin: is a table .Parquet.; a plan was expected"),
+        (b"a: \xff", "V.bin: byte 3: not UTF-8 text; a plan was expected"),
+    ],
+)
+def test_what_is_no_text_is_called_by_its_name(tmp_path: Path, head: bytes, words: str) -> None:
+    path = tmp_path / "V.bin"
+    path.write_bytes(head)
+    with pytest.raises(InputError, match=words):
+        read_yaml(path, dict, "a plan")
