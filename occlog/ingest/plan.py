@@ -53,7 +53,7 @@ CALIBRATIONS = (
     "colmap",
     "arrays",
 )
-TRUTHS = ("auto", "csv", "mot", "xml", "caliscope", "locata", "wildtrack", "vatic")
+TRUTHS = ("auto", "csv", "mot", "xml", "caliscope", "locata", "wildtrack", "vatic", "kitti")
 DOAS = ("auto", "csv", "frida", "telemetr", "odas")
 
 

@@ -18,6 +18,7 @@ from occlog.io.boxes.mot_challenge import SEQUENCE_INFO, mot_text
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.parquet import describe
 from occlog.io.open import Opened, open_input
+from occlog.io.trajectories.earth import FARTHEST, Origin
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.people import JoinedTracks, PeopleTracks, PeopleViews
@@ -28,13 +29,11 @@ from occlog.records.views import ViewTracks
 from .columns import write_csv, write_parquet
 from .formats import FORMATS, Format, format_of
 from .in_images import boxes_of, coco_text, kitti_text, of_camera, sequence_info
-from .trajectories import Origin, geojson_text, mot3d_text, places_of, trc_text, tum_text
+from .trajectories import geojson_text, mot3d_text, places_of, trc_text, tum_text
 
 STANDARD = Path("-")
 WIDER: tuple[type[Table], ...] = (JoinedTracks, PeopleTracks, TagTracks, FusedTracks, PeopleViews)
 """Tables that have the name of another one and more columns, those with the most first."""
-FARTHEST = 85.0
-"""Latitude of an origin at most [deg]."""
 
 
 @dataclass(frozen=True)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
 from occlog.errors import InputError, UsageError
+from occlog.io.trajectories.earth import Origin, degrees_of
+from occlog.io.trajectories.geojson import COLLECTION, KEYS, ORIGIN
 from occlog.records.people import PeopleTracks
 from occlog.records.tables import Tracks, Truth
 from occlog.settings import METRES
-
-A, F = 6_378_137.0, 1 / 298.257223563
-"""Half axis [m] and flattening of the ellipsoid of WGS 84."""
 
 
 class Places(NamedTuple):
@@ -26,14 +24,6 @@ class Places(NamedTuple):
     xyz: Floats  # (N, 3) z 0 where it is not known
     velocity: Floats  # (N, 2) NaN: not known
     confidence: Floats  # (N,) NaN: not known
-
-
-class Origin(NamedTuple):
-    """Where on earth the origin of a scene is, and how it is turned."""
-
-    latitude: float  # [deg]
-    longitude: float  # [deg]
-    turned: float = 0.0  # angle of +x from the east towards the north [deg]
 
 
 def places_of(table: Tracks | Truth, targets: tuple[int, ...]) -> Places:
@@ -85,9 +75,13 @@ def tum_text(places: Places) -> str:
     heading = np.arctan2(places.velocity[:, 1], places.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
     rows = zip(places.t_ns.tolist(), places.xyz.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True)
-    return "".join(
-        f"{t_ns // NS}.{t_ns % NS:09d} {x!r} {y!r} {z!r} 0 0 {qz!r} {qw!r}\n" for t_ns, (x, y, z), qz, qw in rows
-    )
+    return "".join(f"{_seconds(t_ns)} {x!r} {y!r} {z!r} 0 0 {qz!r} {qw!r}\n" for t_ns, (x, y, z), qz, qw in rows)
+
+
+def _seconds(t_ns: int) -> str:
+    """A time as exact seconds, also one before the epoch."""
+    whole, rest = divmod(abs(t_ns), NS)
+    return f"{'-' if t_ns < 0 else ''}{whole}.{rest:09d}"
 
 
 def geojson_text(places: Places, origin: Origin, length_unit: str) -> str:
@@ -106,24 +100,8 @@ def geojson_text(places: Places, origin: Origin, length_unit: str) -> str:
         )
         properties = {"target_id": name, "t_ns": places.t_ns[own].tolist()}
         features.append({"type": "Feature", "geometry": shape, "properties": properties})
-    return json.dumps({"type": "FeatureCollection", "features": features}) + "\n"
-
-
-def degrees_of(xy: Floats, origin: Origin) -> Floats:
-    """(N, 2) longitude and latitude [deg] of places (N, 2) [m] on the plane that touches the ellipsoid at an origin."""
-    turned, latitude, longitude = np.radians([origin.turned, origin.latitude, origin.longitude]).tolist()
-    east = math.cos(turned) * xy[:, 0] - math.sin(turned) * xy[:, 1]
-    north = math.sin(turned) * xy[:, 0] + math.cos(turned) * xy[:, 1]
-    # Earth-centred coordinates: across the axis in the meridian of the origin, to its east, along the axis
-    e2 = F * (2.0 - F)
-    radius = A / math.sqrt(1.0 - e2 * math.sin(latitude) ** 2)
-    across = radius * math.cos(latitude) - north * math.sin(latitude)
-    along = radius * (1.0 - e2) * math.sin(latitude) + north * math.cos(latitude)
-    # Back to the ellipsoid: Bowring's formula, exact to rounding near the surface
-    distance, b = np.hypot(across, east), A * (1.0 - F)
-    beta = np.arctan2(along * A, distance * b)
-    found = np.arctan2(along + e2 / (1.0 - e2) * b * np.sin(beta) ** 3, distance - e2 * A * np.cos(beta) ** 3)
-    return np.column_stack([np.degrees(longitude + np.arctan2(east, across)), np.degrees(found)])
+    where = {ORIGIN: dict(zip(KEYS, origin, strict=True))}  # so that places in the scene can be read again
+    return json.dumps({"type": COLLECTION, **where, "features": features}) + "\n"
 
 
 def trc_text(places: Places, length_unit: str, name: str) -> str:

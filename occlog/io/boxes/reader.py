@@ -4,6 +4,7 @@
     MOTChallenge    text without a header, one camera, frames from 1; see `text`
     YOLO            a folder with one text file a frame, one folder a camera; see `folder`
     JSON            COCO, or records of supervision and Ultralytics; see `objects`
+    KITTI           text of tracked boxes, one camera; see `kitti`
     VATIC           text of the annotation tool, as of CAMPUS; see `vatic`
     WILDTRACK       a folder with one JSON file a frame; see `wildtrack`
 
@@ -35,6 +36,7 @@ from occlog.records.tables import Boxes
 from .classes import check_classes, class_labels, wanted_rows
 from .columns import SHARE_HEIGHT, SHARE_WIDTH, SHARE_X, SHARE_Y, WHAT, BoxSource
 from .folder import open_folder
+from .kitti import is_kitti, open_kitti
 from .objects import is_json, open_json
 from .rows import BoxRows, check_boxes, check_identities, check_range, fill_frames, in_frames, join
 from .text import open_csv, open_mot
@@ -306,9 +308,12 @@ def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource
         return open_folder(file.path, file.camera)
     if is_json(file.path):
         return open_json(file.path, file.camera, ignore_extra=options.ignore_extra)
-    if is_vatic(" ".join(first_line(file.path, WHAT))):
+    head = first_line(file.path, WHAT)
+    if is_vatic(" ".join(head)):
         return open_vatic(file.path, file.camera)
-    if is_header(first_line(file.path, WHAT)):
+    if is_kitti(head):
+        return open_kitti(file.path, file.camera)
+    if is_header(head):
         return open_csv(file.path, file.camera, ignore_extra=options.ignore_extra)
     return open_mot(file.path, file.camera)
 

@@ -1,4 +1,4 @@
-"""Files that may hold a table of others: text with a header (also gzip), Parquet, Arrow; their columns and cells."""
+"""Files that may hold a table of others: text with a header (also gzip), Parquet, Arrow, trajectories."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from occlog.io.files.csv_rows import GZIP_MAGIC, first_line, is_header, read_row
 from occlog.io.files.inputs import STANDARD_INPUT, check_input
 from occlog.io.files.parquet import SCHEMA_KEY
 from occlog.io.files.timestamps import TIME_COLUMNS
+from occlog.io.trajectories.reader import Trajectories, find_trajectories
 
 from .cells import ArrowCells, Cells, TextCells
 
@@ -31,16 +32,21 @@ class Source(NamedTuple):
 
     Attributes:
         path: the file.
-        kind: `CSV`, `Parquet` or `Arrow`.
+        kind: `CSV`, `Parquet`, `Arrow`, or a format of trajectories.
         names: of its columns.
+        trajectories: how to read a format of trajectories; None: the file is of another kind.
     """
 
     path: Path
     kind: str
     names: tuple[str, ...]
+    trajectories: Trajectories | None = None
 
     def cells(self, names: Sequence[str]) -> Iterator[Cells]:
         """The cells of some columns, in parts, in the order of the file."""
+        if self.trajectories is not None:
+            yield from (TextCells(rows) for rows in self.trajectories.read(self.path))
+            return
         if self.kind == "CSV":
             columns = {name: (name.lower(),) for name in names}
             yield from (TextCells(rows) for rows in read_rows(self.path, columns, WHAT, ignore_extra=True))
@@ -66,6 +72,8 @@ def find_source(path: Path) -> Source | None:
     if head.startswith(ARROW_MAGIC) or head.startswith(STREAM_MAGIC):
         with _translated(path, "Arrow"):
             return Source(path, "Arrow", tuple(_open_arrow(path).schema.names))
+    if _may_be_text(head) and (found := find_trajectories(path)) is not None:
+        return Source(path, found.kind, found.names, found)
     named = path.name.lower().endswith(TABULAR) or path.name == STANDARD_INPUT
     if not named and not head.startswith(GZIP_MAGIC) and not _may_be_text(head):
         return None

@@ -5,6 +5,7 @@ Formats (`FORMATS`), found out from the content:
     csv        a header line with x, y and perhaps z, id, role, and a column of times or
                frame; or with left, top, ... as for detector boxes
     mot        MOTChallenge text: boxes, and positions where the last three columns are not -1
+    kitti      KITTI's text of tracks: boxes of one view
     xml        frames with objects and their boxes (xc, yc, w, h), as for the PETS data sets
     wildtrack  a folder with one JSON file a frame: places of people, and their boxes in each view
     vatic      text of the annotation tool VATIC, as of CAMPUS: boxes of one view
@@ -24,6 +25,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
 from occlog.io.boxes.columns import COLUMNS as BOX_COLUMNS
+from occlog.io.boxes.kitti import is_kitti
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
 from occlog.io.boxes.vatic import is_vatic
 from occlog.io.boxes.wildtrack import frame_files, grid_places, read_people
@@ -235,12 +237,27 @@ def _read_csv(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
 
 
 def _read_mot(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    if _has_places_alone(path):
+        yield _gather(path, _all_mot_positions(path, options))
+        return
     camera = _one_camera(path, options)
     options = replace(options, camera=camera)
-    parts = [p for rows in read_plain(path, WHAT) if (p := _mot_positions(rows, options)) is not None]
+    parts = _all_mot_positions(path, options)
     if parts:
         yield _gather(path, parts)
     yield from _read_boxes(path, options, camera)
+
+
+def _all_mot_positions(path: Path, options: TruthOptions) -> list[Positions]:
+    return [p for rows in read_plain(path, WHAT) if (p := _mot_positions(rows, options)) is not None]
+
+
+def _has_places_alone(path: Path) -> bool:
+    """Whether a MOTChallenge text has places in the world, and -1 for all edges of boxes: it is of no camera."""
+    for rows in read_plain(path, WHAT):
+        if len(rows.cells) < 10 or any((rows.floats(edge) != -1).any() for edge in "2345"):
+            return False
+    return True
 
 
 def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
@@ -248,6 +265,10 @@ def _read_xml(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]
     if camera not in options.times:
         raise UsageError(f"{path}: counts frames, and nothing says when they were taken; give the frame rate")
     return read_xml_boxes(path, camera, options.times, options.boxes)
+
+
+def _read_kitti(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
+    yield from _read_boxes(path, options, _one_camera(path, options))
 
 
 def _read_vatic(path: Path, options: TruthOptions) -> Iterator[Truth | TruthBoxes]:
@@ -290,6 +311,7 @@ def _read_locata(path: Path, _options: TruthOptions) -> Iterator[Truth | TruthBo
 FORMATS: dict[str, TruthFormat] = {
     "locata": TruthFormat(looks_like_locata, _read_locata, "a source of LOCATA"),
     "vatic": TruthFormat(lambda head: is_vatic(" ".join(head)), _read_vatic, "VATIC text (CAMPUS)"),
+    "kitti": TruthFormat(is_kitti, _read_kitti, "KITTI's text of tracks"),
     "wildtrack": TruthFormat(lambda _: False, _read_wildtrack, "a folder of WILDTRACK's annotations"),
     "xml": TruthFormat(lambda head: head[:1] != [] and head[0].startswith("<"), _read_xml, "frames of boxes (PETS)"),
     "caliscope": TruthFormat(lambda head: {"sync_index", "x_coord"} <= set(head), _read_caliscope, "board corners"),

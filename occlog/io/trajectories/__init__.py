@@ -1,0 +1,1 @@
+"""Trajectories in formats that are no tables with a header: TUM, TRC, GeoJSON."""
