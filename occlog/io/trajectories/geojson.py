@@ -50,8 +50,9 @@ def read_geojson(path: Path) -> Iterator[Rows]:
 
 
 def _origin(path: Path, told: object) -> Origin:
-    values = [told.get(key, 0.0 if key == KEYS[2] else None) for key in KEYS] if isinstance(told, dict) else []
-    if not values or not all(_is_number(v) for v in values):
+    members: Mapping[str, Any] = told if isinstance(told, dict) else {}
+    values: list[Any] = [members.get(key, 0.0 if key == KEYS[2] else None) for key in KEYS]
+    if not all(_is_number(v) for v in values):
         raise InputError(
             f'{path}: does not say where the scene lies; add the member "{ORIGIN}": '
             f'{{"{KEYS[0]}": 52.5163, "{KEYS[1]}": 13.3777, "{KEYS[2]}": 0}} beside "features"'
@@ -79,7 +80,8 @@ def _feature(path: Path, number: int, feature: object) -> tuple[int, list[int], 
     degrees = np.array([corner[:2] for corner in corners], dtype=np.float64)
     if (np.abs(degrees) > (180.0 + 1e-6, 90.0)).any():
         raise InputError(f"{place}: a longitude is beyond 180 degrees, or a latitude beyond 90")
-    identity, t_ns = properties.get("target_id"), properties.get("t_ns")
+    identity: Any = properties.get("target_id")
+    t_ns: Any = properties.get("t_ns")
     if not _is_whole(identity):
         raise InputError(f"{place}: has no whole number target_id among its properties")
     if not isinstance(t_ns, list) or len(t_ns) != len(corners) or not all(_is_whole(t) for t in t_ns):
