@@ -25,7 +25,7 @@ from occlog.track.interface import Estimate, Online, Smoothing
 
 from . import updates
 from .config import IGNORE, EkfConfig, IekfConfig, KalmanConfig, UkfConfig, WalkConfig
-from .measurement import Rows, World, linearised, measured, residuals, rows_of
+from .measurement import Rows, World, azimuths, linearised, measured, residuals, rows_of
 from .motion import Gaussian, Link, predicted, smooth, velocity_variance
 from .updates import Updated, agreeing, descended, linear
 
@@ -186,9 +186,7 @@ def _agreed(place: Floats, anywhere: Gaussian, rows: Rows, world: World, gate: f
 
 def crossings(rows: Rows, world: World) -> Floats:
     """(K, 2) places where sight lines of two sensors cross ahead of both."""
-    yaw = np.arctan2(world.sensors.axis[rows.sensor, 1], world.sensors.axis[rows.sensor, 0])
-    f = np.where(rows.pixel, world.noise.focal_px[rows.sensor], 1.0)
-    azimuth = np.where(rows.pixel, yaw + np.arctan2(rows.value, f), rows.value)
+    azimuth = azimuths(rows, world)
     e, origin = np.column_stack([np.cos(azimuth), np.sin(azimuth)]), world.sensors.xy[rows.sensor]
     i, j = np.nonzero(rows.sensor[:, None] < rows.sensor[None, :])
     base = origin[j] - origin[i]

@@ -59,6 +59,13 @@ def measured(xy: Floats, rows: Rows, world: World) -> tuple[Floats, Bools]:
     return np.where(rows.pixel, ratio, azimuth), ahead
 
 
+def azimuths(rows: Rows, world: World) -> Floats:
+    """(R,) azimuths of the sight lines [rad]."""
+    yaw = np.arctan2(world.sensors.axis[rows.sensor, 1], world.sensors.axis[rows.sensor, 0])
+    f = np.where(rows.pixel, world.noise.focal_px[rows.sensor], 1.0)
+    return np.where(rows.pixel, yaw + np.arctan2(rows.value, f), rows.value)
+
+
 def residuals(expected: Floats, rows: Rows) -> Floats:
     """(..., R) what was measured less what was expected (..., R)."""
     off = rows.value - expected

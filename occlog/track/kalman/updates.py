@@ -17,6 +17,7 @@ from occlog.core.motion.kalman import symmetric
 from .config import IGNORE, STARTS, VISIBLE, IekfConfig, UkfConfig
 from .measurement import Rows, World, linearised, measured, residuals, visible
 from .motion import Gaussian
+from .one_sensor import along_the_ray
 
 SPREAD = math.sqrt(3.0)
 """Sigma points lie so many standard deviations off: n + kappa = 3, which suits a Gaussian's fourth moment."""
@@ -115,7 +116,7 @@ def iekf(state: Gaussian, rows: Rows, world: World, config: IekfConfig, starts: 
 
     Bell and Cathey (1993): the iterated filter is the search of Gauss and Newton for the maximum a posteriori.  The
     feasible set are the places that all sensors with a row can see; without a start in it rows are linearised at the
-    prediction.
+    prediction.  Rows of one sensor alone go in by `one_sensor`, if the place that they lead to is feasible.
 
     Args:
         state: the prediction.
@@ -124,6 +125,9 @@ def iekf(state: Gaussian, rows: Rows, world: World, config: IekfConfig, starts: 
         config: settings.
         starts: (K, 2) further places to search from.
     """
+    alone = along_the_ray(state, rows, world) if len(np.unique(rows.sensor)) == 1 else None
+    if alone is not None and (config.feasible == IGNORE or visible(alone.mean[None, :2], rows, world).all()):
+        return Updated(alone, linear(state, state.mean[:2], rows, world).score)
     first = state.mean[None, :2]
     tried = np.vstack([first, starts]) if config.feasible == STARTS else first
     if config.feasible != IGNORE:
