@@ -10,6 +10,7 @@ import click
 
 from docs.api import api_page
 from docs.rooms import folders_page, picture
+from docs.verdicts import verdicts_page
 from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import CHOSEN, VariantCommand, value_words
 from occlog.examine.schema import settings_of, verbs
@@ -140,13 +141,15 @@ def settings_page() -> str:
 
 PAGES = {"api.md": api_page, "commands.md": commands_page, "settings.md": settings_page, "tables.md": tables_page}
 """Reference pages of the program."""
+RESULTS = {"verdicts.md": verdicts_page}
+"""What runs of the experiments gave."""
 ROOMS = {"rooms.svg": picture, "folders.md": folders_page}
 """How the code is laid out."""
 
 
 def main() -> None:
     """Write every page."""
-    for name, make in {**PAGES, **ROOMS}.items():
+    for name, make in {**PAGES, **RESULTS, **ROOMS}.items():
         (FOLDER / name).write_text(make(), encoding="utf-8")
 
 

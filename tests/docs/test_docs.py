@@ -9,7 +9,7 @@ import click
 import pytest
 from places import ROOT
 
-from docs.make import PAGES
+from docs.make import PAGES, RESULTS
 from occlog.cli.main import COMMANDS, cli
 from occlog.cli.setting_options import VariantCommand, params_of
 
@@ -17,9 +17,12 @@ FRONT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"
 TEXTS = [*FRONT, *sorted((ROOT / "docs").glob("*.md"))]
 
 
-@pytest.mark.parametrize("name", PAGES)
+MADE = {**PAGES, **RESULTS}
+
+
+@pytest.mark.parametrize("name", MADE)
 def test_made_pages_are_up_to_date(name: str) -> None:
-    assert (ROOT / "docs" / name).read_text(encoding="utf-8") == PAGES[name](), "run `make docs`"
+    assert (ROOT / "docs" / name).read_text(encoding="utf-8") == MADE[name](), "run `make docs`"
 
 
 def shown_commands() -> list[tuple[str, str]]:
