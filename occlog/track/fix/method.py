@@ -30,7 +30,7 @@ from .repeated_median import crossings
 
 MOST_PAIRS = 40_000
 """Pairs of candidates that are tried; beyond, the least certain candidates are left out."""
-STATED, PAIR, AMBIGUOUS = "stated", "pair", "ambiguous"
+STATED, PAIR, AMBIGUOUS, UNCHECKED = "stated", "pair", "ambiguous", "unchecked"
 
 
 class FixState(NamedTuple):
@@ -38,12 +38,13 @@ class FixState(NamedTuple):
 
     config: FixConfig
     places: Floats  # (S, 2), as in `sensor_names`
+    room: Floats | None  # (K, 2) corners
 
 
 def init(scene: Scene, config: FixConfig, rng: Generator) -> FixState:  # noqa: ARG001
     """Places of the sensors."""
     places = [c.ground for c in scene.cameras] + [a.position[:2] for a in scene.arrays]
-    return FixState(config, np.array(places, dtype=np.float64).reshape(-1, 2))
+    return FixState(config, np.array(places, dtype=np.float64).reshape(-1, 2), scene.room)
 
 
 def step(state: FixState, scan: Scan, rng: Generator) -> tuple[FixState, Estimate | None]:  # noqa: ARG001
@@ -103,7 +104,7 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: Distances) -> Est
     if len(rows) + len(distances.kind) < 2:
         return None
     lines = Lines(state.places[scan.sensor[rows]], scan.bearing[rows], scan.sigma[rows], config.bent)
-    found = modes_of(lines, distances)
+    found = modes_of(lines, distances, state.room)
     if found is None:
         return None
     spread = spread_of(found, pooled=config.spread == "pooled")
@@ -125,7 +126,7 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: Distances) -> Est
         log_likelihood=float(score.sum()),
         n_looked=len(np.unique(np.concatenate([scan.sensor, distances.station]))),
         n_seen=len(used),
-        fallback=AMBIGUOUS if several else PAIR if len(sensor) == 2 and config.spread != "stated" else "",
+        fallback=AMBIGUOUS if several else _scarcity(believed, config.spread),
         used=tuple(used.tolist()),
         seen_by=tuple(np.unique(sensor[believed >= 0.5]).tolist()),
         fit=Fit(
@@ -136,6 +137,13 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: Distances) -> Est
             believed=believed,
         ),
     )
+
+
+def _scarcity(believed: Floats, spread: str) -> str:
+    """What is to be said of a place that two measurements tell: that no third agrees, or that there is none."""
+    if len(believed) > 2:
+        return UNCHECKED if (believed >= 0.5).sum() <= 2 else ""
+    return PAIR if spread != "stated" else ""
 
 
 def _estimated(config: FixConfig, places: Floats, bearings: Floats, sigma: Floats) -> Fix | None:

@@ -1,9 +1,10 @@
 """A position from one moment's bearings, ranges, signal strengths and differences, of which some may be false.
 
 The same as `occlog.track.fix.mixture`, with measurements of distances beside the lines of sight.  Starts are where each
-two lines cross, where a line leaves a circle of a range, where circles meet, and the best places of a grid about the
-sensors; from there Gauss and Newton climb with reweighting.  Several modes are usual: circles of two ranges meet twice,
-and sensors on a line do not tell one side from the other.
+two lines cross, where a line leaves a circle of a range, where circles meet, where on a grid about the sensors a
+difference meets another measurement, and the best places of that grid; from there Gauss and Newton climb with
+reweighting.  Several modes are usual: circles of two ranges meet twice, and sensors on a line do not tell one side from
+the other.  A room speaks against modes outside of it, as one measurement more.
 
 Blunt measurements (a signal strength has an error of half the distance) leave likelihoods that are no Gaussians.  The
 spread about a mode is therefore the second moment of the likelihood itself over a grid of `ACROSS` x `ACROSS` places
@@ -17,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
+from occlog.core.plane.polygons import distance_to_boundary, inside_polygon
 from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, Distances, linearise
 
 from .mixture import FLAT, HALVINGS, ITERATIONS, RARE, SAME, TIGHT, Modes
@@ -26,8 +28,12 @@ GRID, REACH, BEST = 24, 1.0, 12
 """Starts on a grid of so many places a side, which reaches so many extents beyond the sensors; the best are climbed."""
 COARSE = (0.5, 0.125, 0.03)
 """Shares of the grid's step that standard deviations hold besides, while places of the grid are climbed."""
+PAIRS, FITTING = 45, 2.0
+"""Of at most so many pairs, meetings on the grid are starts: where both measurements are within so many deviations."""
 ACROSS, WIDE = 25, 5.0
 """Places a side of the grid over a mode, and how many standard deviations it reaches."""
+SHORTER = 8
+"""How often such a grid is tried, each time with a quarter of the length where it is too coarse."""
 SECOND = 0.05
 """Another mode at least so probable makes a position ambiguous."""
 
@@ -48,19 +54,20 @@ class Both(NamedTuple):
     gradient: Floats
 
 
-def modes_of(lines: Lines, distances: Distances) -> Modes | None:
+def modes_of(lines: Lines, distances: Distances, room: Floats | None = None) -> Modes | None:
     """The modes of the likelihood of a position; None where the measurements do not tell one.
 
     Args:
         lines: n lines of sight, none or more.
         distances: m measurements of distances; together with the lines at least two.
+        room: (K, 2) corners of the room that the target is in; None: it may be anywhere.
     """
     bend = np.concatenate([np.full(len(lines.sigma), lines.bend), np.full(len(distances.kind), distances.bend)])
     scale = _extent(lines, distances)
-    exact, grid, cell = _starts(lines, distances, bend, scale)
+    exact, grid, cell, own = _starts(lines, distances, bend, scale)
     for share in COARSE:
         # From the grid with standard deviations that are no narrower than where the search still may be
-        grid = _climbed(grid, lines, distances, bend, scale, share * cell)
+        grid = _climbed(grid, lines, distances, bend, scale, share * cell, own)
     xy = _climbed(np.concatenate([exact, grid]), lines, distances, bend, scale)
     at = measured_at(lines, distances, xy)
     believed = _beliefs(at.residual, bend)
@@ -71,7 +78,7 @@ def modes_of(lines: Lines, distances: Distances) -> Modes | None:
     if not good.any():
         return None
     xy, residual, believed, information = xy[good], at.residual[good], believed[good], information[good]
-    log = -_cost(residual, bend)
+    log = -_cost(residual, bend) + _log_inside(xy, information, room, bend)
     kept: list[int] = []
     for m in np.argsort(-log, kind="stable").tolist():
         if all(np.hypot(*(xy[m] - xy[k])) > SAME * scale for k in kept):
@@ -99,19 +106,33 @@ def measured_at(lines: Lines, distances: Distances, xy: Floats) -> Both:
 def _moment(lines: Lines, distances: Distances, xy: Floats, believed: Floats, narrow: Floats) -> Floats:
     """(2, 2) second moment about a mode of the likelihood of what is believed there, by a grid.
 
-    The grid is even in the coordinates of the Gaussian of the mode, whose covariance is `narrow`.
+    The grid is even in the coordinates of the Gaussian of the mode, whose covariance is `narrow`.  Where circles touch,
+    that Gaussian is much longer than the likelihood, of which the grid would see one row: then it is made shorter.
     """
-    root = np.linalg.cholesky(narrow)
+    size, axes = np.linalg.eigh(narrow)
+    reach = np.sqrt(size)
     ticks = np.linspace(-WIDE, WIDE, ACROSS)
     grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
-    away = grid @ root.T
-    log = -0.5 * (measured_at(lines, distances, xy + away).residual ** 2 @ believed)
-    weight = np.exp(log - log.max())
-    return np.asarray((away * weight[:, None]).T @ away / weight.sum())
+    for _ in range(SHORTER):
+        away = grid * reach @ axes.T
+        log = -0.5 * (measured_at(lines, distances, xy + away).residual ** 2 @ believed)
+        weight = np.exp(log - log.max())
+        weight /= weight.sum()
+        seen = np.sqrt(weight @ grid**2)
+        if (seen >= ticks[1] - ticks[0]).all():
+            break
+        reach = np.where(seen < ticks[1] - ticks[0], 0.25 * reach, reach)
+    return np.asarray((away * weight[:, None]).T @ away)
 
 
-def _starts(lines: Lines, distances: Distances, bend: Floats, scale: float) -> tuple[Floats, Floats, float]:
-    """(K, 2) places where two measurements agree, (G, 2) the best places of a grid, and its step."""
+def _starts(lines: Lines, distances: Distances, bend: Floats, scale: float) -> tuple[Floats, Floats, float, Bools]:
+    """Where to begin.
+
+    Returns:
+        (K, 2) places where two measurements agree, (G, 2) the best places of a grid, its step, and (G, n) the
+        measurements that each of these is climbed with at first: all, or the two that meet there, since the others
+        would pull it away.
+    """
     radius = np.where(distances.kind == LOGARITHM, np.exp(np.minimum(distances.value, 50.0)), distances.value)
     flat = np.sqrt(np.maximum(radius**2 - distances.rise2, 0.0))
     ring: Bools = (distances.kind != DIFFERENCE) & (radius > 0.0)
@@ -125,8 +146,30 @@ def _starts(lines: Lines, distances: Distances, bend: Floats, scale: float) -> t
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) + _middle(lines, distances)
     at = measured_at(lines, distances, grid)
     cell = side[1] - side[0]
-    cost = _cost(at.residual * _softened(at, 0.5 * cell), bend)
-    return np.concatenate(parts), grid[_local_minima(cost.reshape(GRID, GRID), BEST)], float(cell)
+    soft = at.residual * _softened(at, 0.5 * cell)
+    best = _local_minima(_cost(soft, bend).reshape(GRID, GRID), BEST)
+    differs = np.concatenate([np.zeros(len(lines.sigma), dtype=np.bool_), distances.kind == DIFFERENCE])
+    met = [(pair, _meetings(soft[:, pair])) for pair in _pairs(differs)]
+    own = np.zeros((len(best) + sum(len(places) for _, places in met), len(bend)), dtype=np.bool_)
+    own[: len(best)] = True
+    first = len(best)
+    for pair, places in met:
+        own[first : first + len(places), pair] = True
+        first += len(places)
+    return np.concatenate(parts), grid[np.concatenate([best, *(places for _, places in met)])], float(cell), own
+
+
+def _pairs(differs: Bools) -> list[list[int]]:
+    """Pairs of measurements of which one at least is a difference: where they meet has no closed form here."""
+    n = len(differs)
+    every = ([i, i + apart] for apart in range(1, n) for i in range(n - apart))
+    return [pair for pair in every if differs[pair].any()][:PAIRS]
+
+
+def _meetings(soft: Floats) -> Ints:
+    """Flat indices of the places of the grid where two measurements meet, from their (G, 2) softened residuals."""
+    low = _local_minima((soft**2).sum(axis=1).reshape(GRID, GRID), BEST)
+    return np.asarray(low[(np.abs(soft[low]) <= FITTING).all(axis=1)])
 
 
 def _softened(at: Both, wide: float) -> Floats:
@@ -179,7 +222,15 @@ def _leaving(lines: Lines, centre: Floats, radius: Floats) -> Floats:
     return np.asarray(points.reshape(-1, 2))
 
 
-def _climbed(xy: Floats, lines: Lines, distances: Distances, bend: Floats, scale: float, wide: float = 0.0) -> Floats:
+def _climbed(
+    xy: Floats,
+    lines: Lines,
+    distances: Distances,
+    bend: Floats,
+    scale: float,
+    wide: float = 0.0,
+    own: Bools | None = None,
+) -> Floats:
     """(K, 2) modes that starts lead to: Gauss and Newton with reweighting, and steps halved until the cost falls.
 
     Args:
@@ -189,11 +240,12 @@ def _climbed(xy: Floats, lines: Lines, distances: Distances, bend: Floats, scale
         bend: (n,) of all.
         scale: size of the place.
         wide: error of the place that standard deviations hold besides; 0 in the end.
+        own: (K, n) which measurements each start counts; None: all.
     """
     xy = xy.copy()
     for _ in range(ITERATIONS):
         at = measured_at(lines, distances, xy)
-        soft = _softened(at, wide)
+        soft = _softened(at, wide) if own is None else _softened(at, wide) * own
         at = Both(at.residual * soft, at.gradient * soft[..., None])
         believed = _beliefs(at.residual, bend)
         information = np.einsum("mn,mni,mnj->mij", believed, at.gradient, at.gradient)
@@ -218,6 +270,22 @@ def _climbed(xy: Floats, lines: Lines, distances: Distances, bend: Floats, scale
         if np.hypot(*move.T).max() < max(TIGHT * scale, 0.1 * wide):
             break
     return xy
+
+
+def _log_inside(xy: Floats, information: Floats, room: Floats | None, bend: Floats) -> Floats:
+    """(M,) log of how well places fit a room, which counts as one measurement more: it may be false, too.
+
+    Its residual is the distance from the room over the largest standard deviation of the place.
+    """
+    if room is None:
+        return np.zeros(len(xy))
+    narrow = np.sqrt(np.maximum(np.linalg.eigvalsh(information)[:, 0], 1e-300))
+    out = ~inside_polygon(xy, room)
+    beyond = np.array(
+        [distance_to_boundary(x, y, room) if o else 0.0 for (x, y), o in zip(xy.tolist(), out, strict=True)]
+    )
+    most = float(bend.max())
+    return np.asarray(np.logaddexp(-0.5 * np.minimum(beyond * narrow, 1e6) ** 2, -0.5 * most**2))
 
 
 def _beliefs(residual: Floats, bend: Floats) -> Floats:

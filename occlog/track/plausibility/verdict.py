@@ -60,6 +60,8 @@ ROWS = {
 """Values of `fallback` of which a verdict speaks if any row has them, and what they say."""
 OFTEN = {
     "doubted": "fewer than half of the bearings are believed; check poses, clocks and labels",
+    "unchecked": "two measurements alone tell the place, and none of the others agrees: one of the two may be false, "
+    "which the covariance does not say; add stations, or follow the target over time (apf, map)",
 }
 """Values of `fallback` that single false bearings make, and of which a verdict speaks from a share of the rows on."""
 HONEST = {

@@ -99,3 +99,48 @@ def test_normalised_squared_errors_are_those_of_two_degrees_of_freedom(kind: int
     error = np.std(nees) / np.sqrt(len(nees))
     assert abs(np.mean(nees) - 2.0) < 4.0 * error
     assert np.mean(np.array(nees) > 5.991) < 0.15
+
+
+def false_at(rows: Distances, n: int, by: float) -> Distances:
+    value = rows.value.copy()
+    value[n] += by
+    return rows._replace(value=value)
+
+
+def test_with_one_of_three_differences_false_the_true_place_is_among_the_modes() -> None:
+    # Two true ones remain, which cross at the place with residuals of 0: no mode is more probable
+    rng = np.random.default_rng(5)
+    for trial in range(12):
+        xy = rng.uniform([1, 1], [9, 7])
+        rows = measured(DIFFERENCE, xy, 0.05)
+        wrong = false_at(rows, trial % 3, 3.0 if rows.value[trial % 3] < 0 else -3.0)
+        found = modes_of(NO_LINES, wrong)
+        assert np.hypot(*(found.xy - xy).T).min() < 1e-4, trial
+
+
+def test_a_room_speaks_against_modes_outside_of_it_and_one_measurement_more_against_the_room() -> None:
+    room = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])
+    two = measured(RANGE, np.array([3.0, 4.0]), 0.05, PLACES[:2])
+    found = modes_of(NO_LINES, two, room)
+    np.testing.assert_allclose(found.xy, [[3.0, 4.0]], atol=1e-6)  # the mirror image at (3, -4) is left out
+    outside = modes_of(NO_LINES, measured(RANGE, np.array([3.0, -4.0]), 0.05), room)
+    np.testing.assert_allclose(outside.xy[0], [3.0, -4.0], atol=1e-6)  # four that agree are believed
+    # On the border nothing changes: half of the noise is outside of the wall
+    border = modes_of(NO_LINES, false_at(measured(RANGE, np.array([5.0, 0.0]), 0.05), 2, 0.05), room)
+    free = modes_of(NO_LINES, false_at(measured(RANGE, np.array([5.0, 0.0]), 0.05), 2, 0.05))
+    np.testing.assert_allclose(border.xy[0], free.xy[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("aside", [0.01, 0.3, 3.0])
+def test_where_circles_nearly_touch_the_spread_is_that_of_the_likelihood(aside: float) -> None:
+    # Near the line of the stations ranges tell y^2: the Gaussian of the mode is up to 100 times as long as the likelihood
+    rows = measured(RANGE, np.array([4.0, aside]), 0.05, np.array([[0.0, 0.0], [10.0, 0.0]]))
+    found = modes_of(NO_LINES, rows)
+    x, y = np.linspace(-0.5, 0.5, 401), np.linspace(-4.0, 4.0, 1601)
+    at = np.stack(np.meshgrid(4.0 + x, y), axis=-1).reshape(-1, 2)
+    at = (
+        at[np.sign(at[:, 1]) == np.sign(found.xy[0, 1])] if aside > 1.0 else at
+    )  # else the mirror image is the same hill
+    weight = np.exp(-0.5 * (residuals(rows, at) ** 2).sum(axis=1))
+    wanted = weight @ (at - found.xy[0]) ** 2 / weight.sum()
+    np.testing.assert_allclose(np.diag(found.covariance[0]), wanted, rtol=0.1)
