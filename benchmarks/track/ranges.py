@@ -163,7 +163,8 @@ def main() -> None:
     """Print a table: a row for each kind and noise, a cell for each method.
 
     A cell has the RMSE [m], the same over the bound, the mean NEES with its standard error and the share of rows
-    outside the ellipse; these two are of rows without a flag. Where there are flags, their share and the RMSE without them.
+    outside the ellipse; these two are of rows without a flag.  Where there are flags, their share and the RMSE without
+    them follow.
     """
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[100, 101, 102, 103])

@@ -133,7 +133,7 @@ def test_a_room_speaks_against_modes_outside_of_it_and_one_measurement_more_agai
 
 @pytest.mark.parametrize("aside", [0.01, 0.3, 3.0])
 def test_where_circles_nearly_touch_the_spread_is_that_of_the_likelihood(aside: float) -> None:
-    # Near the line of the stations ranges tell y^2: the Gaussian of the mode is up to 100 times as long as the likelihood
+    # Near the line of the stations ranges tell y^2: the Gaussian of the mode can be far longer than the likelihood
     rows = measured(RANGE, np.array([4.0, aside]), 0.05, np.array([[0.0, 0.0], [10.0, 0.0]]))
     found = modes_of(NO_LINES, rows)
     x, y = np.linspace(-0.5, 0.5, 401), np.linspace(-4.0, 4.0, 1601)
