@@ -49,9 +49,12 @@ def shown(text: str, value: float) -> bool:
 def test_figures_of_a_page_are_those_of_its_runs(paper: str, items: list[str], text: str) -> None:
     kept = kept_of(paper)
     known = [pair for item in items for pair in figures_of(kept[item])]
-    for value, error in PAIR.findall(text):
-        found = any(shown(value, mean) and shown(error, own) for mean, own in known)
-        assert found, f"reproduce-{paper}.md: no run of {', '.join(items)} has {value} ± {error}"
+    missing = [
+        f"{value} ± {error}"
+        for value, error in PAIR.findall(text)
+        if not any(shown(value, mean) and shown(error, own) for mean, own in known)
+    ]
+    assert not missing, f"reproduce-{paper}.md: not of the runs of {', '.join(items)}: {', '.join(missing)}"
 
 
 @pytest.mark.parametrize("paper", PAPERS)
