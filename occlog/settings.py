@@ -13,7 +13,7 @@ import math
 import numbers
 import types
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, ClassVar, Self, TypeVar
 
@@ -141,7 +141,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         for f in declared(type(self)):
-            self._check(f)
+            _check(type(self), f, getattr(self, f.name))
         for name, holds, limit in self.rules():
             if not holds:
                 raise SettingError(self.OWNER, name, getattr(self, name), limit)
@@ -150,25 +150,23 @@ class Settings:
         """Rules between settings: name of the one that is wrong, whether the rule holds, what it says."""
         return ()
 
-    def _check(self, f: Field[object]) -> None:
-        """SettingError for a value of another type, that is not finite, or out of its range."""
-        value, said = getattr(self, f.name), declaration(f)
-        kind = kind_of(type(self), f.name)
-        if not (value is None and optional(kind)) and not _is_a(value, kind):
-            raise SettingError(
-                self.OWNER, f.name, repr(value), said.limit() if said.choices else KIND_WORDS[item_kind(kind)]
-            )
-        parts = value if isinstance(value, tuple) else (value,)
-        if any(isinstance(n, float) and not math.isfinite(n) for n in parts):
-            limit = said.limit()
-            raise SettingError(self.OWNER, f.name, value, "finite" + (f" and {limit}" if limit else ""))
-        if not said.holds(value):
-            raise SettingError(self.OWNER, f.name, value, said.limit() or counted(said.counts))
-
     @classmethod
     def in_unit(cls, length_unit: str) -> Self:
         """The defaults that suit a scene whose lengths are in this unit."""
         return cls(**{f.name: default_in(f, length_unit) for f in declared(cls)})
+
+
+def _check(of: type[Settings], f: Field[object], value: Any) -> None:
+    """SettingError for a value of another type, that is not finite, or out of its range."""
+    said, kind = declaration(f), kind_of(of, f.name)
+    if not (value is None and optional(kind)) and not _is_a(value, kind):
+        raise SettingError(of.OWNER, f.name, repr(value), said.limit() if said.choices else KIND_WORDS[item_kind(kind)])
+    parts = value if isinstance(value, tuple) else (value,)
+    if any(isinstance(n, float) and not math.isfinite(n) for n in parts):
+        limit = said.limit()
+        raise SettingError(of.OWNER, f.name, value, "finite" + (f" and {limit}" if limit else ""))
+    if not said.holds(value):
+        raise SettingError(of.OWNER, f.name, value, said.limit() or counted(said.counts))
 
 
 KIND_WORDS: dict[type | tuple[type, type], str] = {
@@ -235,15 +233,46 @@ def configure(config: C, values: Mapping[str, object]) -> C:
         UsageError: a setting that is not there, or a text that is no value of it.
         SettingError: a value out of its range.
     """
-    known = [f.name for f in fields(config)]
-    changed = {}
-    for name, value in values.items():
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known)}"
-            raise UsageError(f"{config.OWNER} has no setting {name!r}; {hint}")
-        changed[name] = read_value(value, kind_of(type(config), name), name) if isinstance(value, str) else value
-    return replace(config, **changed)
+    return replace(config, **{name: _read(type(config), name, value) for name, value in values.items()})
+
+
+def check_setting(of: Sequence[type[Settings]], name: str, value: object) -> None:
+    """Refuse a value that a setting by itself cannot have; what it must be beside others is not looked at.
+
+    Args:
+        of: classes of settings; the first that has the setting is meant.
+        name: of the setting.
+        value: a value, or a text that says one.
+
+    Raises:
+        UsageError: none of them has the setting, or a text is no value of it.
+        SettingError: a value out of its range.
+    """
+    owner = next((each for each in of if name in _names(each)), None)
+    if owner is None:
+        names = [known for each in of for known in _names(each)]
+        raise UsageError(_unknown(of[0].OWNER, name, names))
+    f = next((f for f in declared(owner) if f.name == name), None)
+    read = _read(owner, name, value)
+    if f is not None:
+        _check(owner, f, read)
+
+
+def _names(of: type[Settings]) -> list[str]:
+    return [f.name for f in fields(of)]
+
+
+def _read(of: type[Settings], name: str, value: object) -> object:
+    """The value, or what its text says; UsageError for a setting that is not there, or a text that is no value."""
+    if name not in _names(of):
+        raise UsageError(_unknown(of.OWNER, name, _names(of)))
+    return read_value(value, kind_of(of, name), name) if isinstance(value, str) else value
+
+
+def _unknown(owner: str, name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"it has: {', '.join(known)}"
+    return f"{owner} has no setting {name!r}; {hint}"
 
 
 def kind_of(of: type, name: str) -> object:

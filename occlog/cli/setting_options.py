@@ -15,11 +15,13 @@ from typing import Any, TypeVar
 
 import click
 
-from occlog.cli.values import AnyFinite, Finite
+from occlog.cli.values import AnyFinite, Finite, parse_setting
+from occlog.errors import UsageError
 from occlog.settings import (
     Declaration,
     SettingError,
     Settings,
+    check_setting,
     declaration,
     declared,
     default_in,
@@ -29,6 +31,8 @@ from occlog.settings import (
 )
 
 F = TypeVar("F", bound=Callable[..., object])
+SET = "--set"
+"""The option for settings that have none of their own."""
 CHOSEN = "occlog.variant"
 """Key of the chosen variant's name in the metadata of click's context."""
 
@@ -215,6 +219,20 @@ class Variant:
     called: str | None = None
 
 
+class SettingRefused(click.UsageError):
+    """A setting that a command cannot have.
+
+    Attributes:
+        flag: the option that gave it, `--set` among them; empty: none did.
+        setting: its name.
+        problem: what is wrong, without the option.
+    """
+
+    def __init__(self, message: str, ctx: click.Context, flag: str, setting: str, problem: str) -> None:
+        super().__init__(message, ctx)
+        self.flag, self.setting, self.problem = flag, setting, problem
+
+
 class SettingsCommand(click.Command):
     """A command whose settings are declared: a value out of its range is an error of usage that names the option.
 
@@ -234,20 +252,44 @@ class SettingsCommand(click.Command):
 
     def invoke(self, ctx: click.Context) -> object:
         """Call the command; SettingError becomes a usage error that names the flag, if the setting has one."""
+        self.check_set(ctx)
         try:
             return super().invoke(ctx)
         except SettingError as error:
-            raise click.UsageError(self.worded(ctx, error), ctx) from error
+            raise self.refused(ctx, error) from error
 
-    def worded(self, ctx: click.Context, error: SettingError) -> str:
+    def classes(self, ctx: click.Context) -> Sequence[type[Settings]]:  # noqa: ARG002
+        """The classes of the settings that --set takes."""
+        return settings_of(self)
+
+    def check_set(self, ctx: click.Context) -> None:
+        """Refuse what --set gives and no setting can be, before anything is loaded; SettingRefused names it."""
+        for text in _texts_of_set(ctx):
+            name, value = parse_setting(text)
+            classes = self.classes(ctx)
+            try:
+                if classes:
+                    check_setting(classes, name, value)
+            except UsageError as error:
+                problem = str(error).removeprefix(f"setting {name}: ")
+                raise SettingRefused(f"--set {text}: {problem}", ctx, SET, name, problem) from error
+            except SettingError as error:
+                raise self.refused(ctx, error) from error
+
+    def refused(self, ctx: click.Context, error: SettingError) -> SettingRefused:
         """The error with the flag that the user typed, or with the setting's name."""
+        limit = f"must be {error.limit}"
         for param in self.get_params(ctx):
             about = param.is_of(error) if isinstance(param, SettingOption) else param.name == error.setting
             typed = ctx.params.get(param.name or "")
             if about and typed is not None and isinstance(param, click.Option):
-                words = f"{typed:g}" if isinstance(typed, float) else typed
-                return f"{max(param.opts, key=len)} {words}: must be {error.limit}"
-        return str(error)
+                words, flag = f"{typed:g}" if isinstance(typed, float) else typed, max(param.opts, key=len)
+                return SettingRefused(f"{flag} {words}: {limit}", ctx, flag, error.setting, f"{words}: {limit}")
+        for text in reversed(_texts_of_set(ctx)):
+            name, value = parse_setting(text)
+            if name == error.setting:
+                return SettingRefused(f"--set {text}: {limit}", ctx, SET, name, f"{value}: {limit}")
+        return SettingRefused(str(error), ctx, "", error.setting, str(error))
 
 
 class VariantCommand(SettingsCommand):
@@ -332,6 +374,10 @@ class VariantCommand(SettingsCommand):
             return error.format_message()
         return f"{error.option_name} is an option of {self._named(owners)}, not of {self.called(name)}"
 
+    def classes(self, ctx: click.Context) -> Sequence[type[Settings]]:
+        """The classes of the settings that --set takes: those of the variant."""
+        return settings_of(self, ctx.meta[CHOSEN])
+
     def called(self, name: str) -> str:
         """How a variant is chosen: `--method apf`."""
         own = self.existing(name).called
@@ -369,6 +415,12 @@ class VariantCommand(SettingsCommand):
             write_settings(formatter, f"Settings of {self.called(name)} (--set NAME=VALUE)", settings())
 
 
+def _texts_of_set(ctx: click.Context) -> Sequence[str]:
+    """What --set was given, NAME=VALUE each; none where a command does not have it."""
+    there = any(SET in param.opts for param in ctx.command.params)
+    return ctx.params.get("settings", ()) if there else ()
+
+
 def help_rows(ctx: click.Context, params: Sequence[click.Parameter]) -> list[tuple[str, str]]:
     """Rows of --help of those parameters that are options and not hidden."""
     return [row for p in params if isinstance(p, click.Option) and (row := p.get_help_record(ctx)) is not None]
@@ -385,6 +437,13 @@ def value_after(args: Sequence[str], flag: str) -> str | None:
         elif arg.startswith(flag + "="):
             found = arg[len(flag) + 1 :]
     return found
+
+
+def settings_of(command: click.Command, chosen: str | None = None) -> Sequence[type[Settings]]:
+    """The classes of the settings that `--set` of a command takes; of a `VariantCommand` those of a variant."""
+    if isinstance(command, VariantCommand):
+        return [each() for each in command.existing(chosen or command.default).settings]
+    return () if not isinstance(command, SettingsCommand) or command.settings is None else (command.settings(),)
 
 
 def params_of(command: click.Command, chosen: str | None = None) -> list[click.Parameter]:

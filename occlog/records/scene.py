@@ -65,6 +65,11 @@ class Camera:
         """Whether its pose is known in space: one at the ground, to `HEIGHT_SLACK`, is of unknown height."""
         return self.placed and bool(abs(self.position[2]) > HEIGHT_SLACK)
 
+    @property
+    def above_floor(self) -> bool:
+        """Whether it stands above the floor z = 0, by more than `HEIGHT_SLACK`: it sees where people stand."""
+        return bool(self.position[2] > HEIGHT_SLACK)
+
     def rays(self, pixels: Floats) -> Floats:
         """(N, 3) world directions of the sight lines through (N, 2) recorded pixels."""
         return cam.pixels_to_rays(

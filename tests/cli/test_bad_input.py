@@ -153,6 +153,22 @@ def test_exit_code_7_for_an_output_that_exists(
     assert target.read_bytes() != b"old"
 
 
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("edge_px=-1", "--set edge_px=-1: must be above 0"),
+        ("egde_px=1", "--set egde_px=1: jipda has no setting 'egde_px'; did you mean 'edge_px'?"),
+        ("edge_px=wide", "--set edge_px=wide: want a number"),
+    ],
+)
+def test_exit_code_2_for_a_setting_before_any_input_is_looked_for(
+    capsys: pytest.CaptureFixture[str], setting: str, message: str
+) -> None:
+    args = ["track", "nowhere.parquet", "--method", "jipda", "--set", setting, "-o", "t.parquet"]
+    assert run(args) == ExitCode.USAGE
+    assert message in capsys.readouterr().err
+
+
 def test_exit_code_2_for_an_output_that_is_an_input(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = work / "b.parquet"
     before = path.read_bytes()

@@ -54,6 +54,12 @@ def _refuse_binary(path: Path, what: str) -> None:
         raise InputError(f"{path}: is {kind}; {what} was expected; {remedy}")
 
 
+def lines_of(path: Path) -> dict[str, int]:
+    """Line of every value in a file that `read_yaml` takes, by its place: `$.track.set.sigma_v`, `$.cases[0]`."""
+    node = yaml.compose(path.read_text(encoding="utf-8"), Loader=_Loader)
+    return {} if node is None else dict(_lines(node, "$", str(path)))
+
+
 def parse_yaml(text: str, source: str, kind: type[T]) -> T:
     """As `read_yaml`, from text; `source` names it in messages."""
     try:

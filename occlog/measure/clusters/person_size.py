@@ -111,7 +111,7 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
     lengths = np.sqrt(np.einsum("nij,nij->n", spans, spans))
     offsets = middles.reshape(DISTANCES, -1, 2) - centres
     miss = np.hypot(offsets[..., 0], offsets[..., 1]) / lengths.reshape(DISTANCES, -1) / ROW_TOLERANCE
-    if camera.position[2] <= 0:
+    if not camera.above_floor:
         miss = np.zeros_like(miss)
     log_weights = np.where(np.isfinite(miss), -0.5 * miss**2, -np.inf)
     log_weights -= np.max(log_weights, axis=0, initial=-1e300)
@@ -122,8 +122,8 @@ def sizes_from_camera(camera: Camera, image_size: tuple[int, int], height: float
 
 def person_in_image(camera: Camera, spots: Floats, height: float) -> tuple[Floats, Floats]:
     """Centres (N, 2) and spanning vectors (N, 3, 2) [px] of people at (N, 2) places; NaN behind the camera."""
-    z = float(camera.position[2])
-    foot = z - height / 2 if z <= 0 else 0.0  # height unknown: level with the middle of the body
+    # Of a camera of unknown height: level with the middle of the body
+    foot = 0.0 if camera.above_floor else float(camera.position[2]) - height / 2
     n = len(spots)
     middle = np.column_stack([spots, np.full(n, foot + height / 2)])
     away = spots - camera.ground

@@ -41,7 +41,7 @@ class PlacedCameras:
         """(N,) whether a camera can see each of (N, 2) places: field of view, range, walls, border of the image."""
         seen = seen_from(np.ascontiguousarray(xy), which, self.sensors)
         camera = self.placed[which]
-        if self.person_height is None or camera.image_size is None or camera.position[2] <= 0:
+        if self.person_height is None or camera.image_size is None or not camera.above_floor:
             return seen
         middle = camera.project(np.column_stack([xy, np.full(len(xy), 0.5 * self.person_height)]))
         with np.errstate(invalid="ignore"):

@@ -44,7 +44,7 @@ def feet(views: Views, cameras: PlacedCameras) -> Floats:
     out = np.full((len(views), 2), np.nan)
     for which, camera in enumerate(cameras.placed):
         mine = np.flatnonzero(views.sensor == camera.name)
-        if len(mine) and camera.position[2] > 0 and cameras.person_height is not None:
+        if len(mine) and camera.above_floor and cameras.person_height is not None:
             out[mine] = _feet_of(camera, cameras.person_height, views.take(mine), float(cameras.far[which]))
     return out
 

@@ -20,7 +20,7 @@ from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_file
 
-from .stages import Stage, plan, read_config
+from .stages import Stage, check_settings, plan, read_config, refused_in
 
 STATE = "run.json"
 GOING_ON = (ExitCode.DONE, ExitCode.LOSSY, ExitCode.THRESHOLD)
@@ -51,7 +51,8 @@ def run_stages(
         as_json: true: print the summary as JSON.
     """
     wanted = read_config(config)
-    list(plan(wanted, output.resolve()))  # checks every key before any stage runs
+    for stage in plan(wanted, output.resolve()):  # checks every key and value before any stage runs
+        check_settings(wanted, stage)
     folder = _folder(output, dry_run)
     state = _read_state(folder)
     codes: list[int] = []
@@ -65,7 +66,8 @@ def run_stages(
                 done[stage.name], code = "would run", ExitCode.DONE
             else:
                 options.note(f"{stage.name} ...", quiet)
-                code = _do(stage)
+                with refused_in(wanted, stage):
+                    code = _do(stage)
                 done[stage.name] = "done"
                 if code in GOING_ON:
                     state[stage.name] = Outcome(key, code, _hashes(stage, folder))

@@ -7,18 +7,21 @@ has all that a command can do, and the command checks both alike.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import click
 
 from occlog.cli.main import load_command
-from occlog.cli.setting_options import VariantCommand, params_of
-from occlog.errors import InputError
-from occlog.io.files.yaml_file import read_yaml
+from occlog.cli.setting_options import SET, SettingRefused, SettingsCommand, VariantCommand, params_of, settings_of
+from occlog.errors import InputError, UsageError
+from occlog.io.files.inputs import STANDARD_INPUT
+from occlog.io.files.yaml_file import lines_of, read_yaml
 from occlog.io.recording.reader import open_recording
 from occlog.records.tables import Truth, TruthBoxes
+from occlog.settings import declared
 from occlog.simulate.command import KINDS
 from occlog.track.catalogue import BOXES, METHODS, READS
 
@@ -42,10 +45,19 @@ class Stage:
 
 @dataclass(frozen=True)
 class Config:
-    """A run configuration: its file and its keys."""
+    """A run configuration: its file and its keys, and the line of each value by its place."""
 
     path: Path
     values: dict[str, object]
+    lines: Mapping[str, int] = field(default_factory=dict)
+
+    def at(self, *keys: str) -> str:
+        """Name a key for messages, with its file and line: `run.yaml: line 5: track.particles`."""
+        for length in range(len(keys), 0, -1):
+            line = self.lines.get(".".join(("$", *keys[:length])))
+            if line is not None:
+                return f"{self.path}: line {line}: {'.'.join(keys)}"
+        return f"{self.path}: {'.'.join(keys)}"
 
     def stage(self, name: str) -> dict[str, object]:
         """Keys of a stage; none for a stage that the configuration does not name."""
@@ -67,7 +79,43 @@ def read_config(path: Path) -> Config:
     for name in ("simulate", "ingest", *STAGES):
         if not isinstance(values.get(name) or {}, dict):
             raise InputError(f"{path}: {name}: want keys and values, got {values[name]!r}")
-    return Config(path, values)
+    return Config(path, values, lines_of(path))
+
+
+def check_settings(config: Config, stage: Stage) -> None:
+    """Read the arguments of a stage as its command will, before any stage runs; InputError names the file's line."""
+    if STANDARD_INPUT in stage.args:  # it can be read once
+        return
+    with refused_in(config, stage):
+        ctx = stage.command.make_context(stage.name, list(stage.args))
+        if isinstance(stage.command, SettingsCommand):
+            stage.command.check_set(ctx)
+
+
+@contextmanager
+def refused_in(config: Config, stage: Stage) -> Iterator[None]:
+    """Let what a command refuses be an error of the configuration: InputError with the line of the value."""
+    try:
+        yield
+    except SettingRefused as error:
+        key = _key_of_flag(error.flag)
+        keys = ("set", error.setting) if error.flag == SET else (key or error.setting,)
+        raise InputError(f"{_place(config, stage, keys)}: {error.problem}") from error
+    except click.BadParameter as error:
+        if error.param is None:
+            raise
+        raise InputError(f"{_place(config, stage, (_key(error.param),))}: {error.message.rstrip('.')}") from error
+    except UsageError as error:
+        flag, _, problem = str(error).partition(" ")
+        if not flag.startswith("--"):
+            raise
+        raise InputError(f"{_place(config, stage, (_key_of_flag(flag),))}: {problem}") from error
+
+
+def _place(config: Config, stage: Stage, keys: tuple[str, ...]) -> str:
+    """Name a key of a stage, or the one of the whole configuration that stands for it."""
+    whole = keys[0] in config.values and keys[0] not in config.stage(stage.name)
+    return config.at(*keys) if whole else config.at(stage.name, *keys)
 
 
 def plan(config: Config, folder: Path) -> Iterator[Stage]:
@@ -141,7 +189,7 @@ def _everybody(
         yield _stage(config, "evaluate", results, (str(out["tracks"]),), inputs)
         shown |= {"errors": str(out["errors"]), "metrics": str(metrics)}
     if "views" in truth and "truth" not in config.stage("evaluate"):
-        plain = Config(config.path, {k: v for k, v in config.values.items() if k != "evaluate"})
+        plain = replace(config, values={k: v for k, v in config.values.items() if k != "evaluate"})
         compared: dict[str, object] = {"truth": truth["truth"]}
         results = {"output": folder / "metrics_in_images.json"}
         yield replace(
@@ -184,7 +232,7 @@ def _priors(
     group = load_command("priors")
     if not isinstance(group, click.Group):
         raise TypeError("priors is a group of commands, one for each source")
-    own = Config(config.path, {**config.values, "priors": {k: v for k, v in values.items() if k != "source"}})
+    own = replace(config, values={**config.values, "priors": {k: v for k, v in values.items() if k != "source"}})
     stage = _stage(own, "priors", outputs, (source,), inputs, group.commands[kind])
     return stage, str(outputs.get("hulls", outputs["output"]))
 
@@ -243,7 +291,8 @@ def _common(config: Config, command: click.Command) -> dict[str, object]:
 def _to_args(config: Config, name: str, command: click.Command, values: dict[str, object]) -> list[str]:
     """Make the command-line arguments of a stage from its keys."""
     chosen = {key: variant for key, value in values.items() if (variant := _variant(command, key, value)) is not None}
-    params = params_of(command, next(iter(chosen.values()), None))
+    variant = next(iter(chosen.values()), None)
+    params = params_of(command, variant)
     # Of an argument and an option of one name, the sorted order keeps the argument, unless the option makes the choice
     options = {_key(p): p for p in sorted(params, key=lambda p: isinstance(p, click.Argument) != (_key(p) in chosen))}
     ahead: list[str] = []
@@ -251,12 +300,22 @@ def _to_args(config: Config, name: str, command: click.Command, values: dict[str
     for key, value in values.items():
         param = options.get(key)
         if param is None:
-            raise InputError(f"{config.path}: unknown key {key!r} in {name}; {_nearest(key, sorted(options))}")
+            raise InputError(f"{config.at(name, key)}: unknown key; {_hint(command, variant, key, sorted(options))}")
         if isinstance(param, click.Argument):
             ahead += [str(v) for v in _listed(value)]
         else:
             args += _option_args(config, name, key, param, value)
     return ahead + args
+
+
+def _hint(command: click.Command, variant: str | None, key: str, valid: list[str]) -> str:
+    """Say where a setting without an option goes, or which key is the nearest."""
+    classes = settings_of(command, variant)
+    if SET in (flag for p in command.params for flag in p.opts) and any(
+        key == f.name for of in classes for f in declared(of)
+    ):
+        return f"it is a setting, which stands under set: `set: {{{key}: ...}}`"
+    return _nearest(key, valid)
 
 
 def _variant(command: click.Command, key: str, value: object) -> str | None:
@@ -270,7 +329,11 @@ def _variant(command: click.Command, key: str, value: object) -> str | None:
 def _key(param: click.Parameter) -> str:
     """Return the key of an option, its long name with underscores, or an argument's own name."""
     long = [o for o in param.opts if o.startswith("--")]
-    return long[0].removeprefix("--").replace("-", "_") if long else str(param.name)
+    return _key_of_flag(long[0]) if long else str(param.name)
+
+
+def _key_of_flag(flag: str) -> str:
+    return flag.removeprefix("--").replace("-", "_")
 
 
 def _listed(value: object) -> list[object]:

@@ -10,11 +10,20 @@ from typing import Annotated, Literal, NamedTuple
 import msgspec
 from msgspec import Meta
 
-from occlog.errors import InputError
+from occlog.errors import InputError, UsageError, did_you_mean
 from occlog.io.files.inputs import check_input
-from occlog.io.files.yaml_file import read_yaml
+from occlog.io.files.yaml_file import lines_of, read_yaml
+from occlog.settings import SettingError, Settings, check_setting
+from occlog.simulate.config import ObserveConfig, WorldConfig
+from occlog.track.apf.selection_config import SelectConfig
+from occlog.track.catalogue import BEARINGS, entry
+from occlog.track.catalogue import settings_of as settings_of_method
+
+from .trial import PRIORS
 
 PARTS = ("simulate", "observe", "priors", "track", "select")
+PRIOR_NUMBERS = ("sigma", "q")
+"""Numbers of the part `priors`."""
 WHOLE = ("cameras", "skip")
 """Entries of a trial that are varied as a whole, not by `part.key`."""
 MOST_TRIALS = 1_000_000
@@ -49,6 +58,65 @@ class Setting(NamedTuple):
 def read_sweep(path: Path) -> SweepSpec:
     """Read a sweep file; InputError names the line of a wrong entry, and the nearest key."""
     return read_yaml(path, SweepSpec, "a sweep file")
+
+
+def check_values(path: Path, spec: SweepSpec, settings: Sequence[Setting]) -> None:
+    """Refuse settings that a trial would refuse, before any trial runs; InputError names the file's line."""
+    lines, checked = lines_of(path), set[str]()
+    cases = spec.cases or [{}]
+    for number, setting in enumerate(settings):
+        case = number * len(cases) // len(settings)
+        trial = setting.trials[0]
+        for part in PARTS:
+            values = trial.get(part)
+            if not isinstance(values, Mapping):
+                continue
+            for name, value in values.items():
+                place, at = _place(spec, case, f"{part}.{name}", value)
+                method = str(values.get("method", "apf")) if part == "track" else ""
+                key = f"{place} {method} {value!r}"
+                if key in checked:
+                    continue
+                checked.add(key)
+                line = f"line {lines[at]}: " if at in lines else ""
+                try:
+                    _check_value(part, method, name, value)
+                except SettingError as error:
+                    raise InputError(f"{path}: {line}{place}: {value}: must be {error.limit}") from error
+                except UsageError as error:
+                    raise InputError(f"{path}: {line}{place}: {error}") from error
+
+
+def _check_value(part: str, method: str, name: str, value: object) -> None:
+    """Refuse a value that a setting of a part of a trial cannot have."""
+    if part == "priors":
+        _check_priors(name, value)
+        return
+    if part == "track" and name == "method":
+        if entry(str(value)).takes_in != BEARINGS:
+            raise UsageError(f"{value} takes no bearings, which trials make; name a method that does, e.g. apf")
+        return
+    of: dict[str, type[Settings]] = {"simulate": WorldConfig, "observe": ObserveConfig, "select": SelectConfig}
+    given = tuple(value) if isinstance(value, list) else value
+    check_setting([of[part] if part in of else settings_of_method(method)], name, given)
+
+
+def _check_priors(name: str, value: object) -> None:
+    if name not in ("kind", *PRIOR_NUMBERS):
+        raise UsageError(f"unknown key; {did_you_mean(name, ('kind', *PRIOR_NUMBERS))}")
+    if name == "kind" and value not in PRIORS:
+        raise UsageError(f"{value!r}: must be one of {', '.join(PRIORS)}")
+    if name in PRIOR_NUMBERS and (isinstance(value, bool) or not isinstance(value, int | float) or value <= 0):
+        raise UsageError(f"{value!r}: must be a number above 0")
+
+
+def _place(spec: SweepSpec, case: int, name: str, value: object) -> tuple[str, str]:
+    """Where a value of a trial stands in the file: for people, and as `lines_of` names it."""
+    if name in spec.vary:
+        return f"vary.{name}", f"$.vary.{name}[{spec.vary[name].index(value)}]"
+    if spec.cases and name in spec.cases[case]:
+        return f"cases[{case}].{name}", f"$.cases[{case}].{name}"
+    return name, f"$.{name}"
 
 
 def settings_of(spec: SweepSpec, folder: Path) -> list[Setting]:

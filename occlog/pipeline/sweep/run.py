@@ -30,7 +30,7 @@ from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_inputs
 
 from .engine import run_all
-from .plan import Setting, read_sweep, settings_of
+from .plan import Setting, check_values, read_sweep, settings_of
 
 CONFIDENCE = 0.95
 """Probability of the intervals of means."""
@@ -65,6 +65,7 @@ def run_sweep(
     """
     spec = read_sweep(path)
     settings = settings_of(spec, path.parent)
+    check_values(path, spec, settings)
     trials = [trial for setting in settings for trial in setting.trials]
     made = {
         "program": "occlog",

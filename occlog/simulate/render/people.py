@@ -119,7 +119,7 @@ def render(scene: Scene, truth_chunks: Iterable[Truth | Grid], config: RenderCon
 def _checked(camera: Camera) -> Camera:
     if camera.image_size is None:
         raise InputError(f"render: camera {camera.name} has no image size; give image_size_px in the scene")
-    if camera.position[2] <= 0:
+    if not camera.above_floor:
         raise InputError(
             f"render: camera {camera.name} is {camera.position[2]:g} above the floor, must be above 0; "
             "give position: [x, y, z] in the scene"

@@ -101,7 +101,11 @@ def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytes
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("particles", "partciles", "unknown key 'partciles' in track; did you mean 'particles'?"),
+        ("particles", "partciles", "run.yaml: line 5: track.partciles: unknown key; did you mean 'particles'?"),
+        ("particles: 200", "particles: 0", "run.yaml: line 5: track.particles: 0 is not in the range x>=1"),
+        ("particles: 200", "set: {sigma_v: -1}", "run.yaml: line 5: track.set.sigma_v: -1: must be at least 0"),
+        ("particles: 200", "set: {sigmav: 1}", "line 5: track.set.sigmav: apf has no setting 'sigmav'; did you mean"),
+        ("particles: 200", "sigma_v: 1", "line 5: track.sigma_v: unknown key; it is a setting, which stands under set"),
         ("track:", "trakc:", "unknown key 'trakc'; did you mean 'track'?"),
         ("occlog_run: 1", "occlog_run: 2", "want `occlog_run: 1`"),
         ("simulate:", "recording: a.mcap\nsimulate:", "give exactly one of recording, simulate, ingest"),

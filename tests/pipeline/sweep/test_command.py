@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import json
 
+import pytest
 from click.testing import CliRunner
 from sweep_scene import SCENE
 
-from occlog.errors import OutputExistsError, UsageError
+from occlog.errors import InputError, OutputExistsError, UsageError
 from occlog.pipeline.sweep.command import command
 
 TEXT = """\
@@ -56,3 +57,28 @@ def test_unknown_figures_and_contradictions_are_told(tmp_path):
     assert isinstance(wrong.exception, UsageError)
     assert "no figure 'rsme'" in str(wrong.exception)
     assert "exclude each other" in str(sweep(tmp_path, "--scheduler", "tcp://x:1").exception)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("particles: 50", "particles: 0", "line 5: track.particles: 0: must be at least 1"),
+        ("particles: 50", "partic: 5", "line 5: track.partic: apf has no setting 'partic'; did you mean 'particles'?"),
+        ("particles: 50", "method: jipda", "line 5: track.method: jipda takes no bearings, which trials make"),
+        ("cameras: [2, 3]", "track.phi: [0.5, 2]", "line 7: vary.track.phi: 2: must be at least 0 and at most 1"),
+        (
+            "{cameras: [2, 3]}",
+            "{priors.kind: [on]}",
+            "line 7: vary.priors.kind: True: must be one of none, known, kalman",
+        ),
+        ("{cameras: [2, 3]}", "{priors.sigma: [0]}", "line 7: vary.priors.sigma: 0: must be a number above 0"),
+        ("vary: {cameras: [2, 3]}", "cases: [{}, {priors.q: x}]", "line 7: cases[1].priors.q: 'x': must be a number"),
+        ("vary: {cameras: [2, 3]}", "cases: [{priors.p: 1}]", "line 7: cases[0].priors.p: unknown key"),
+    ],
+)
+def test_values_that_a_trial_would_refuse_are_named_before_any_trial(tmp_path, old, new, message):
+    assert old in TEXT
+    refused = sweep(tmp_path, text=TEXT.replace(old, new))
+    assert isinstance(refused.exception, InputError)
+    assert message in str(refused.exception)
+    assert not (tmp_path / "out").exists()
