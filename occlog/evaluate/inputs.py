@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import Opened, check_unit, losses_of, open_if_ours, open_input
 from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import Radio, measurements_of_reads
+from occlog.measure.scans.shadowing import Shadowing
 from occlog.measure.scans.sources import bearings_of_doa
 from occlog.records.columns import Table
 from occlog.records.measurements import Measurements
@@ -138,7 +139,12 @@ def _measured(path: Path, tracks: Opened | None, scene: Scene) -> tuple[Measurem
     said = dict(made) if isinstance(made, dict) else {}
     radio = said.get("radio")
     known = {f.name: said[f.name] for f in fields(MeasuredConfig) if f.name in said}
-    return table, MeasuredConfig(**known), Radio(**radio) if isinstance(radio, dict) else None
+    return table, MeasuredConfig(**known), _radio(radio) if isinstance(radio, dict) else None
+
+
+def _radio(said: dict[str, Any]) -> Radio:
+    """The path loss that tracks were made with."""
+    return Radio(**(said | {"shadowing": Shadowing(**said["shadowing"])}))
 
 
 def in_frames(tables: Tables, frames: tuple[int, int]) -> Tables:

@@ -22,6 +22,7 @@ from occlog.measure.scans.grouping import checked, choose_sensors
 from occlog.measure.scans.inputs import Inputs
 from occlog.measure.scans.measured import MeasuredFeed, Radio
 from occlog.measure.scans.scan import sensor_names
+from occlog.measure.scans.shadowing import Shadowing
 from occlog.measure.scans.sources import in_turn, only_measured
 from occlog.records.tables import Bearings, Calibration, Cooperation, Delays, Diagnostics, Residuals, Tracks
 from occlog.records.traffic import END_TO_END
@@ -313,8 +314,13 @@ def make_measured(request: TrackRequest, inputs: Inputs) -> tuple[MeasuredFeed |
     config = configure(MeasuredConfig.in_unit(inputs.scene.length_unit), dict(request.measured))
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
-    said = {"measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else radio._asdict()}}
+    said = {"measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else _told(radio)}}
     return MeasuredFeed(inputs.measurements, inputs.scene, config, radio), said
+
+
+def _told(radio: Radio) -> dict[str, Any]:
+    """A path loss as provenance has it."""
+    return {**radio._asdict(), "shadowing": radio.shadowing._asdict()}
 
 
 def radio_of(request: TrackRequest, scene: Scene) -> Radio:
@@ -329,7 +335,7 @@ def radio_of(request: TrackRequest, scene: Scene) -> Radio:
         if twice in request.measured:
             raise UsageError(f"--path-loss and --{twice.replace('_', '-')} say the same; give one of them")
     power = {r.name: r.power for r in spec.readers}
-    return Radio(power, spec.exponent, math.hypot(spec.noise_db, spec.shadow_db), spec.height)
+    return Radio(power, spec.exponent, Shadowing(spec.noise_db, spec.shadow_db, spec.shadow_s), spec.height)
 
 
 def estimates_poses(method: AnyMethod, config: Any) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.core.sight.usual_radio import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB
+from occlog.core.sight.usual_radio import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.settings import Settings, setting
 
 SPEEDS = {"sound": 343.0, "light": 299_792_458.0}
@@ -54,7 +54,8 @@ class MeasuredConfig(Settings):
         "Standard deviation of signal strengths that do not say their own, shadowing included [dB].",
         above=0,
         option="--sigma-rssi",
-        nothing=f"that of --path-loss, or {(NOISE_DB**2 + SHADOW_DB**2) ** 0.5:.1f}",
+        nothing=f"noise and shadowing of --path-loss, or of {NOISE_DB:g} and {SHADOW_DB:g} dB, the latter for "
+        f"{SHADOW_S:g} s: the larger, the sooner a station reads again",
     )
     rssi_power: float = setting(
         POWER_DBM, "Strength at 1 m [dBm] of stations of which the scene does not say it.", option="--rssi-power"

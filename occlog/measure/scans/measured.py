@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -17,7 +18,6 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, concat, nothing
 from occlog.core.sight.path_loss import log_distance
-from occlog.core.sight.usual_radio import NOISE_DB, SHADOW_DB
 from occlog.errors import InputError
 from occlog.records.measurements import DIFFERENCES, Measurements
 from occlog.records.scene import Scene
@@ -27,6 +27,7 @@ from occlog.settings import METRES
 from .config import MeasuredConfig
 from .grouping import nearest
 from .scan import Measured, Scan, sensor_names
+from .shadowing import LastReads, Shadowing, with_sigmas
 
 WORDS = {"range": "range", "rssi": "signal strength", "tdoa": "time difference", "range_difference": "difference"}
 
@@ -36,7 +37,7 @@ class Radio(NamedTuple):
 
     power: Mapping[str, float]  # of each station, strength at 1 m [dBm]
     exponent: float
-    sigma_db: float  # of a strength, shadowing included
+    shadowing: Shadowing
     height: float  # of the tags
 
 
@@ -139,6 +140,7 @@ class MeasuredFeed:
     ) -> Iterator[Scan]:
         """Scans of measurements alone."""
         rest: Measurements | None = None
+        last: LastReads = {}
         for chunk in self._chunks:
             if rest is not None and len(rest) and len(chunk) and chunk.t_ns[0] < rest.t_ns[-1]:
                 raise InputError(f"measurements: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort by t_ns")
@@ -149,7 +151,7 @@ class MeasuredFeed:
                 keep &= ~np.isin(chunk.sensor, left_out) & ~np.isin(chunk.reference, left_out)
             if targets is not None:
                 keep &= np.isin(chunk.target_id, list(targets))
-            some = chunk.take(keep)
+            some = with_strengths(chunk.take(keep), self._config, self._radio, last)
             table = some if rest is None else Measurements.concat([rest, some])
             if not len(table):
                 continue
@@ -169,6 +171,14 @@ class MeasuredFeed:
             own = (row >= first) & (row < last)
             measured = Measured(table.target_id[row[own]], distances.take(own))
             yield Scan.of(int(table.t_ns[last - 1]), [])._replace(measured=measured)
+
+
+def with_strengths(table: Measurements, config: MeasuredConfig, radio: Radio | None, last: LastReads) -> Measurements:
+    """The table, in which all signal strengths have a standard deviation; `last` as `with_sigmas` has it."""
+    if config.sigma_rssi is not None:
+        own = np.where(np.isfinite(table.rssi), _filled(table.sigma_rssi, config.sigma_rssi), table.sigma_rssi)
+        return replace(table, sigma_rssi=own)
+    return with_sigmas(table, Shadowing() if radio is None else radio.shadowing, last)
 
 
 def _starts(t_ns: Ints, window_ns: int) -> list[int]:
@@ -193,6 +203,7 @@ def pack(
     Raises:
         InputError: as `MeasuredFeed.joined`.
     """
+    table = with_strengths(table, config, radio, {})
     station = _numbers(table.sensor, at, "sensor")
     differs = np.isfinite(table.tdoa) | np.isfinite(table.range_difference)
     reference = station.copy()
@@ -250,8 +261,6 @@ def _as_length(
             )
         speed = config.speed * at.metre
         return DIFFERENCE, value * speed, _filled(sigma * speed, config.sigma_difference)
-    usual = math.hypot(NOISE_DB, SHADOW_DB) if radio is None else radio.sigma_db
-    sigma = _filled(sigma, usual if config.sigma_rssi is None else config.sigma_rssi)
     exponent = config.rssi_exponent if radio is None else radio.exponent
     value, sigma = log_distance(value, sigma, at.power[station], exponent)
     return LOGARITHM, value + math.log(at.metre), sigma

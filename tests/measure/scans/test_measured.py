@@ -12,6 +12,7 @@ from occlog.errors import InputError
 from occlog.measure.scans.config import MeasuredConfig
 from occlog.measure.scans.measured import MeasuredFeed, Radio, make_stations, measurements_of_reads, pack
 from occlog.measure.scans.scan import Scan
+from occlog.measure.scans.shadowing import Shadowing
 from occlog.records.measurements import Measurements
 from occlog.records.scene import Camera, MicrophoneArray, Reader, Scene, camera_rotation
 from occlog.records.tables import Reads
@@ -71,7 +72,7 @@ def test_power_is_of_the_file_then_of_the_scene_then_of_the_settings() -> None:
     _, found = packed(rows, config)
     np.testing.assert_allclose(np.exp(found.value), [10.0, 10**0.5])
     np.testing.assert_allclose(found.sigma, 6.0 * math.log(10) / 20)
-    _, found = packed(rows, MeasuredConfig(), radio=Radio({"a": -50.0, "r": -40.0}, 1.0, 5.0, 0.0))
+    _, found = packed(rows, MeasuredConfig(), radio=Radio({"a": -50.0, "r": -40.0}, 1.0, Shadowing(3.0, 4.0, 1.0), 0.0))
     np.testing.assert_allclose(np.exp(found.value), [10.0, 100.0])
     np.testing.assert_allclose(found.sigma, 5.0 * math.log(10) / 10)
 
