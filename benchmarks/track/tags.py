@@ -45,6 +45,8 @@ ROOM = "\n".join(
 SEEDS = 5
 """Seeds of the particles; figures are means over them."""
 SHOWN = ("error_median_m", "rmse_m", "nees_mean")
+SLOW = ("--set", "speed=0.5")
+"""The tag was carried slower than people walk."""
 REFINED = {"": [], " + 1 camera": ["--refine", "left"], " + 2 cameras": ["--refine", "left,bottom"]}
 """Options by how positions are refined."""
 
@@ -126,6 +128,7 @@ def _errors(folder: Path, held: str, method: str, loss: Path, seed: int, options
     tracks, figures = folder / "tracks.parquet", folder / "figures.json"
     recording = str(folder / f"{held}.mcap")
     how = ["--method", method, "--path-loss", str(loss), "--seed", str(seed), "--overwrite", *options]
+    how += SLOW if method == "rssi" else ()
     if options:
         how += ["--sights", str(folder / f"{held}.sights.parquet")]
     _do(["track", recording, "-o", str(tracks), *how])

@@ -80,7 +80,13 @@ class RssiConfig(RefineConfig):
     shadow_db: float = setting(SHADOW_DB, "Standard deviation of the shadowing [dB].", at_least=0)
     shadow_s: float = setting(SHADOW_S, "Time in which the shadowing is forgotten.", unit="s", above=0)
     height: float = setting(0.0, "Of tags above the floor.", unit="length", people=1.2)
-    speed: float = setting(1.0, "Standard deviation of each axis' velocity.", unit="length/s", people=0.5, above=0)
+    speed: float = setting(
+        1.0,
+        "Standard deviation of each axis' velocity: the usual speed over the root of two.",
+        unit="length/s",
+        people=0.85,
+        above=0,
+    )
     turn_s: float = setting(4.0, "Time in which a velocity is forgotten.", unit="s", above=0)
     detection: float = setting(
         0.95, "Probability that a reader of known range reads a tag in it in a window.", above=0, below=1
