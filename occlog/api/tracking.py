@@ -15,7 +15,7 @@ from occlog.measure.scans.config import MeasuredConfig
 from occlog.records.losses import Loss
 from occlog.settings import Settings
 from occlog.track.apf.selection_config import SelectConfig
-from occlog.track.catalogue import BEARINGS, BOXES, IMAGES, METHODS, READS, entry, settings_of
+from occlog.track.catalogue import BEARINGS, BOXES, IMAGES, METHODS, READS, VIEW, entry, settings_of
 from occlog.track.options import method_params
 
 from .folders import Folder
@@ -245,6 +245,17 @@ def _from_boxes(asked: _Asked, tracks: Path) -> Done:
     return run_track_people(request, files, False, asked.quiet)
 
 
+def _from_boxes_of_one_camera(asked: _Asked, tracks: Path) -> Done:
+    from occlog.track.single_view.run import SingleViewRequest, run_track_single_view
+
+    if asked.window_ns is not None:
+        raise UsageError(
+            f"window: method {asked.shared['method']} takes each frame of a camera by itself; leave it out"
+        )
+    request = SingleViewRequest(boxes=asked.measured, **asked.shared)
+    return run_track_single_view(request, tracks, False, asked.quiet)
+
+
 def _from_reads(asked: _Asked, tracks: Path) -> Done:
     from occlog.track.readers.inputs import ReadsRequest
     from occlog.track.readers.run import ReadsFiles, run_track_reads
@@ -279,6 +290,7 @@ _RUNS: Mapping[str, Callable[[_Asked, Path], Done]] = {
     BEARINGS: _from_bearings,
     BOXES: _from_boxes,
     READS: _from_reads,
+    VIEW: _from_boxes_of_one_camera,
     IMAGES: _from_images,
 }
 """What is called for each kind of measurements."""

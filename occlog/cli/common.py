@@ -1,15 +1,18 @@
-"""Options that every command has without declaring them: units of columns, more messages."""
+"""Options that every command has without declaring them: units of columns, readers of plug-ins, more messages."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from copy import copy
+from functools import partial
 from typing import Any
 
 import click
 
 from occlog.details import dry_run, told_to
 
+from .setting_options import SettingOption, value_after
 from .standard_input import Input, named
 
 
@@ -23,6 +26,8 @@ def add_common(command: click.Command) -> None:
     reads = any(isinstance(param.type, Input) for param in command.params)
     if reads and "input_units" not in there:
         command.params.append(_input_units())
+    if (reads or command.name == "ingest") and "reader" not in there:
+        command.params.append(_reader())
     if (there & {"output", "png"}) and "dry_run" not in there and command.name not in WITHOUT_DRY_RUN:
         command.params.append(_flag("--dry-run", _dry_run, DRY_RUN_HELP))
     if "verbose" not in there:
@@ -90,8 +95,73 @@ STATED = "occlog.input_units"
 """Key of the stated units in the metadata of click's context."""
 
 
+def _reader() -> click.Option:
+    return click.Option(
+        ["--reader"],
+        expose_value=False,
+        metavar="NAME",
+        help="Reader of a plug-in, for inputs whose names end as it says; its settings are options then (--reader NAME "
+        "--help).",
+    )
+
+
+def with_reader(command: click.Command, words: Sequence[str]) -> click.Command:
+    """The command with the settings of the reader that the words of the command line name; as it is without one."""
+    name = value_after(words, "--reader")
+    if name is None or isinstance(command, click.Group) or all(p.name != "reader" for p in command.params):
+        return command
+    from occlog.plugins.chosen import Chosen
+    from occlog.plugins.loading import READER
+
+    from .plugged import plugin_options, wanted
+
+    plugin = wanted(name, READER, "--reader")
+    values: dict[str, object] = {}
+    options = plugin_options(plugin, command.params)
+    for option in options:
+        option.expose_value = False
+        option.callback = partial(_keep, values)
+    chosen = Chosen(plugin, values)
+    reader = click.Option(
+        ["--reader"],
+        expose_value=False,
+        metavar="NAME",
+        callback=partial(_name_reader, chosen),
+        help=f"{next(str(p.help) for p in command.params if isinstance(p, click.Option) and p.name == 'reader')} "
+        f"{plugin.name}: {plugin.load().summary} ({plugin.origin}).",
+    )
+    found = copy(command)
+    found.params = [*(reader if p.name == "reader" else p for p in command.params), *options]
+    return found
+
+
+def _keep(values: dict[str, object], ctx: click.Context, param: click.Parameter, value: object) -> None:  # noqa: ARG001
+    """Keep the setting of a reader if it was given."""
+    if value not in (None, ()) and isinstance(param, SettingOption):
+        values[param.setting] = param.told(value)
+
+
+def _name_reader(chosen: Any, ctx: click.Context, param: click.Parameter, name: str | None) -> None:  # noqa: ARG001
+    """Let the reader hold until the command ends."""
+    if name is not None and not ctx.resilient_parsing:
+        from occlog.io.files.by_reader import named_reader
+
+        ctx.find_root().meta[READER_KEY] = ctx.find_root().with_resource(named_reader(chosen))
+
+
+READER_KEY = "occlog.reader"
+"""Key of the named reader in the metadata of click's context."""
+
+
 def check_common(ctx: click.Context) -> None:
-    """After a command: UsageError where a unit was stated in vain."""
+    """After a command: UsageError where a unit was stated, or a reader named, in vain."""
+    reader: Any = ctx.find_root().meta.get(READER_KEY)
+    if reader is not None and not reader.used:
+        raise click.UsageError(
+            f"--reader {reader.chosen.plugin.name}: no input has a name that ends in {' or '.join(reader.endings)}; "
+            "outputs were made without it",
+            ctx,
+        )
     stated: Any = ctx.find_root().meta.get(STATED)
     unused = () if stated is None else stated.unused()
     if unused:

@@ -93,15 +93,15 @@ class LazyGroup(click.Group):
         """All commands, in the order of a pipeline."""
         return list(COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command's module is imported here; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
-        from .common import add_common
+        from .common import add_common, with_reader
 
         command = load_command(cmd_name)
         add_common(command)
-        return command
+        return with_reader(command, ctx.meta.get(WORDS, ()))
 
     def invoke(self, ctx: click.Context) -> object:
         """Call the command, and check what is left when it is done."""

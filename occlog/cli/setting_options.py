@@ -44,17 +44,23 @@ class SettingOption(click.Option):
         settings: the class.
         f: its field.
         prefix: of the parameter's name, where a command has settings of one name from several classes.
-        under: of the option's name: `--sigma` under `fuse` is `--fuse-sigma`.
+        under: of the option's name: `--sigma` under `fuse` is `--fuse-sigma`; there a setting that declares no option
+            has one of its own name.
     """
 
     def __init__(self, settings: type[Settings], f: Field[object], prefix: str = "", under: str = "") -> None:
         said = declaration(f)
-        if said.option is None:
-            raise ValueError(f"setting {f.name} declares no option")
-        self.owner, self.setting = settings.OWNER, f.name
+        self.owner, self.setting, self._said = settings.OWNER, f.name, said
         kind = plain_kind(kind_of(settings, f.name))
+        option = said.option
+        if option is None:
+            if not under:
+                raise ValueError(f"setting {f.name} declares no option")
+            own = f.name.replace("_", "-")
+            option = f"--{own}/--no-{own}" if kind is bool else f"--{own}"
+        flags = [f"--{under}-{flag.removeprefix('--')}" for flag in option.split("/")] if under else [option]
         super().__init__(
-            [f"--{under}-{said.option.removeprefix('--')}" if under else said.option, prefix + f.name],
+            ["/".join(flags), prefix + f.name],
             type=None if kind is bool else _type_of(settings, f),
             is_flag=True if kind is bool else None,
             default=None,
@@ -63,6 +69,10 @@ class SettingOption(click.Option):
             metavar=said.metavar,
             help=f"{said.help} [default: {default_words(f)}]",
         )
+
+    def told(self, value: Any) -> Any:
+        """The value of the setting, of what the option gives."""
+        return in_own_unit(value, self._said)
 
     def is_of(self, error: SettingError) -> bool:
         """Whether the error is about this option's setting."""
@@ -167,11 +177,11 @@ def given(settings: type[Settings], values: Mapping[str, object], *, prefix: str
     """Those values of a command's options that are settings of this class and were given."""
     wanted = {f.name: declaration(f) for f in declared(settings) if declaration(f).option is not None}
     found = {name: values.get(prefix + name) for name in wanted}
-    return {name: _in_own_unit(value, wanted[name]) for name, value in found.items() if value not in (None, ())}
+    return {name: in_own_unit(value, wanted[name]) for name, value in found.items() if value not in (None, ())}
 
 
-def _in_own_unit(value: Any, said: Declaration) -> Any:
-    """The value of a setting that an option gives."""
+def in_own_unit(value: Any, said: Declaration) -> Any:
+    """The value of a setting, of what an option gives."""
     if said.repeat:
         return tuple(name for text in value for name in listed(text))
     return value if said.scale == 1.0 else value * said.scale
@@ -428,14 +438,19 @@ def help_rows(ctx: click.Context, params: Sequence[click.Parameter]) -> list[tup
 
 def value_after(args: Sequence[str], flag: str) -> str | None:
     """The value that the arguments give to an option, the last one if it is given again; None: it is not given."""
-    found = None
+    return next(iter(values_after(args, flag)[::-1]), None)
+
+
+def values_after(args: Sequence[str], flag: str) -> list[str]:
+    """All values that the arguments give to an option, in their order."""
+    found = []
     for i, arg in enumerate(args):
         if arg == "--":
             break
         if arg == flag and i + 1 < len(args):
-            found = args[i + 1]
+            found.append(args[i + 1])
         elif arg.startswith(flag + "="):
-            found = arg[len(flag) + 1 :]
+            found.append(arg[len(flag) + 1 :])
     return found
 
 

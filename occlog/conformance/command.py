@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import click
 
 from occlog.cli import options
@@ -26,51 +28,57 @@ def list_plugins(as_json: bool) -> int:
     \b
       occlog plugin list
     """
-    from occlog.errors import PluginError
-    from occlog.plugins.loading import METHOD, installed
+    from occlog.cli.plugged import summary_of
+    from occlog.examine.export.formats import FORMATS
+    from occlog.plugins.loading import EXPORTER, METHOD, VIEW_TRACKER, installed
     from occlog.track.catalogue import OURS
 
-    found: dict[str, object] = {}
+    ours = {METHOD: set(OURS), VIEW_TRACKER: set(OURS), EXPORTER: set(FORMATS)}
+    told = []
     for plugin in installed():
-        try:
-            summary = str(plugin.load().summary)
-        except PluginError as error:
-            summary = str(error)
-        if plugin.kind == METHOD and plugin.name in OURS:
-            summary = f"is not used: occlog has a method of that name itself; {summary}"
-        found[plugin.name] = {"kind": plugin.kind, "package": f"{plugin.package} {plugin.version}", "summary": summary}
+        summary = summary_of(plugin)
+        if plugin.name in ours.get(plugin.kind, ()):
+            summary = f"is not used: occlog has one of that name itself; {summary}"
+        told.append((plugin, summary))
     if as_json:
-        options.echo_summary({"plugins": found}, True)
+        rows = [{"name": p.name, "kind": p.kind, "package": p.origin, "summary": said} for p, said in told]
+        options.echo_summary({"plugins": rows}, True)
         return ExitCode.DONE
-    if not found:
+    if not told:
         click.echo("no plug-in is installed; see docs/plugins.md")
-    width = max((len(name) for name in found), default=0)
-    for plugin, said in zip(installed(), found.values(), strict=True):
-        assert isinstance(said, dict)
-        click.echo(f"{plugin.name:<{width}}  {plugin.kind}, {said['package']}: {said['summary']}")
+    width = max((len(plugin.name) for plugin, _ in told), default=0)
+    for plugin, said in told:
+        click.echo(f"{plugin.name:<{width}}  {plugin.kind}, {plugin.origin}: {said}")
     return ExitCode.DONE
 
 
 @command.command(name="check")
 @click.argument("name")
+@click.option("--sample", type=options.PATH, default=None, metavar="FILE", help="A good file, for a reader to read.")
 @options.json_opt
-def check_plugin(name: str, as_json: bool) -> int:
+def check_plugin(name: str, sample: Path | None, as_json: bool) -> int:
     """Check that the plug-in NAME keeps what the interface promises; exit code 6 if it does not.
 
     \b
       occlog plugin check own
+      occlog plugin check compass --sample walk.compass
     """
-    from occlog.plugins.loading import required
+    from occlog.plugins.loading import named
 
-    from .kit import CHECKS, faults_of
+    from .faults import faults_by
+    from .kits import kit_of
 
-    plugin = required(name)
-    faults = faults_of(plugin.load())
+    broken, told = False, []
+    for plugin in named(name):
+        checks = kit_of(plugin, sample)
+        faults = faults_by(checks, plugin.load())
+        broken |= bool(faults)
+        rows = [{"check": fault.check, "sentence": fault.sentence} for fault in faults]
+        told.append({"plugin": name, "kind": plugin.kind, "checks": len(checks), "faults": rows})
+        if not as_json:
+            for fault in faults:
+                click.echo(f"{fault.check}: {fault.sentence}")
+            click.echo(f"{plugin.label}, {plugin.kind}: {len(checks)} checks, {len(faults)} faults")
     if as_json:
-        told = [{"check": fault.check, "sentence": fault.sentence} for fault in faults]
-        options.echo_summary({"plugin": plugin.name, "checks": len(CHECKS), "faults": told}, True)
-    else:
-        for fault in faults:
-            click.echo(f"{fault.check}: {fault.sentence}")
-        click.echo(f"{plugin.label}: {len(CHECKS)} checks, {len(faults)} faults")
-    return ExitCode.THRESHOLD if faults else ExitCode.DONE
+        options.echo_summary(told[0] if len(told) == 1 else {"plugins": told}, True)
+    return ExitCode.THRESHOLD if broken else ExitCode.DONE

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from occlog.cli import options
-from occlog.cli.setting_options import SettingsCommand, given, with_options
+from occlog.cli.plugged import PluggedCommand, chosen_in
+from occlog.cli.setting_options import given, with_options
 from occlog.errors import ExitCode, UsageError
+from occlog.plugins.loading import METRIC
 from occlog.settings import configure
 
 from .matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, WORLD, EvaluateConfig
@@ -22,7 +24,9 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    cls=SettingsCommand,
+    cls=PluggedCommand,
+    flag="--metric",
+    kind=METRIC,
     name="evaluate",
     short_help="Compare tracks with the truth and with the Cramer-Rao bound.",
 )
@@ -35,6 +39,15 @@ if TYPE_CHECKING:
     multiple=True,
     metavar="CONDITION",
     help="Exit code 6 if this holds or cannot be told, e.g. 'rmse>0.5'; may be repeated.",
+)
+@click.option(
+    "--metric",
+    "metrics",
+    cls=KindOption,
+    kinds=(GROUND,),
+    multiple=True,
+    metavar="NAME",
+    help="The figures of this plug-in too; may be repeated.",
 )
 @with_options(EvaluateConfig)
 @with_options(ManyConfig)
@@ -65,10 +78,13 @@ def command(**values: Any) -> int:
     from occlog.evaluate.mot.run import in_images, run_evaluate_many
     from occlog.track.plausibility.verdict import plausible
 
+    from .by_plugin import names_of_figures
     from .inputs import Paths
     from .run import run_evaluate, run_evaluate_doa
 
-    thresholds = _thresholds(values["fail_if"])
+    context = click.get_current_context()
+    plugged = chosen_in(context, values)
+    thresholds = _thresholds(values["fail_if"], names_of_figures(plugged))
     as_json, quiet, azimuths = values["as_json"], values["quiet"], values["truth_azimuths"]
     paths = Paths(**{name: values[name] for name in Paths.__annotations__})
     chosen, many = given(EvaluateConfig, values), given(ManyConfig, values)
@@ -76,7 +92,6 @@ def command(**values: Any) -> int:
     if azimuths is None:
         on_ground = GROUND if paths.tracks is not None and paths.truth is not None else OTHERS
         kind = IMAGES if in_images(paths.tracks) else on_ground
-    context = click.get_current_context()
     check_kind(context.command.params, given_in(context), kind)
     config = configure(EvaluateConfig(), chosen)
     if azimuths is not None:
@@ -89,7 +104,7 @@ def command(**values: Any) -> int:
         frames = {} if values["frames"] is None else {"frames": values["frames"]}
         result, unit = run_evaluate_many(paths, config.box_overlap, {**many, **frames}), "px"
     else:
-        result, unit = run_evaluate(paths, chosen, many, values["frames"])
+        result, unit = run_evaluate(paths, chosen, many, values["frames"], plugged)
     for line in result.notes:
         options.note(line, quiet)
     options.note_findings(result.findings or (), quiet)
@@ -126,6 +141,8 @@ def _several(
     from .several import Recording, run_evaluate_several
     from .text import recording_lines
 
+    if values["metrics"]:
+        raise UsageError("--metric is of one recording; leave out --also")
     for name in ALONE:
         if getattr(paths, name) is not None:
             raise UsageError(f"--{name} is of one recording; leave out --also")
@@ -143,19 +160,24 @@ def _several(
 
 
 def _show(result: Evaluation, unit: str, as_json: bool) -> None:
-    from .text import summary_lines, thinned
+    from .text import number, summary_lines, thinned
 
     if as_json:
         options.echo_summary(thinned(result.figures), True)
         return
     lines = summary_lines(result.metrics, unit)
+    if result.plugged:
+        lines += ["", "plug-ins", *(f"  {name:<38}{number(result.metrics[name]):>12}" for name in result.plugged)]
     if result.findings is not None:
         lines += ["", f"plausible: {options.plausible_in_words(result.figures)}"]
     click.echo("\n".join(lines))
 
 
-def _thresholds(texts: Iterable[str]) -> list[Threshold]:
-    """Conditions of --fail-if; UsageError for a text that is none, and for a metric that no evaluation gives."""
+def _thresholds(texts: Iterable[str], more: Collection[str]) -> list[Threshold]:
+    """Conditions of --fail-if; UsageError for a text that is none, and for a metric that no evaluation gives.
+
+    `more` are names of figures of plug-ins.
+    """
     from .figures import hint_if_unknown
     from .stage import parse_threshold
 
@@ -165,7 +187,7 @@ def _thresholds(texts: Iterable[str]) -> list[Threshold]:
             found.append(parse_threshold(text))
         except UsageError as error:
             raise UsageError(f"--fail-if {error}") from error
-        hint = hint_if_unknown(found[-1].metric)
+        hint = hint_if_unknown(found[-1].metric, more)
         if hint is not None:
             raise UsageError(f"--fail-if {text!r}: there is no metric {found[-1].metric!r}; {hint}")
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Collection
 
 ON_GROUND = """
 rmse rmse_x rmse_y rmse_z rmse_space error_mean error_median error_p95 error_max error_space_mean error_space_median
@@ -53,11 +54,16 @@ OWN_ENDINGS = ("views_", "cooperation_requests_", "doa_of_")
 _OF = re.compile(r"_(sensor|target|recording)_.+$")
 
 
-def hint_if_unknown(name: str) -> str | None:
-    """A hint on a name that no evaluation gives, with the nearest ones that some give; None for a known name."""
+def hint_if_unknown(name: str, more: Collection[str] = ()) -> str | None:
+    """A hint on a name that no evaluation gives, with the nearest ones that some give; None for a known name.
+
+    `more` are full names that the evaluation gives besides.
+    """
+    if name in more or any(f"{name}_{unit}" in more for unit in UNITS):
+        return None
     base = _OF.sub("", name.removeprefix("settled_"))
     endings = (base, *(base.removesuffix(f"_{unit}{power}") for unit in UNITS for power in ("", "2")))
     if FIGURES.intersection(endings) or base.startswith(OWN_ENDINGS):
         return None
-    near = difflib.get_close_matches(base, FIGURES, n=3, cutoff=0.5)
+    near = difflib.get_close_matches(base, (*more, *FIGURES), n=3, cutoff=0.5)
     return f"did you mean {' or '.join(near)}?" if near else "docs/evaluate.md names them"

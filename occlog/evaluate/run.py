@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -34,11 +34,13 @@ from occlog.io.open import of_others, open_if_ours, open_input
 from occlog.io.scenes.scene import scene_to_yaml
 from occlog.io.sound.csv_log import DoaOptions
 from occlog.io.sound.directions import read_doa
+from occlog.plugins.chosen import Chosen
 from occlog.records.scene import MicrophoneArray, Scene
 from occlog.records.tables import Doa
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video
 
+from .by_plugin import with_plugins
 from .inputs import Paths, in_frames, provenance_of, read_tables
 from .stage import Evaluation, evaluate
 from .verdict import judge
@@ -49,6 +51,7 @@ def run_evaluate(
     given: Mapping[str, object],
     many_given: Mapping[str, object],
     frames: tuple[int, int] | None = None,
+    plugged: Sequence[Chosen] = (),
 ) -> tuple[Evaluation, str]:
     """Read, evaluate, write; the evaluation and the scene's length unit.
 
@@ -57,6 +60,7 @@ def run_evaluate(
         given: settings of `EvaluateConfig` that were given.
         many_given: settings of `ManyConfig` that were given.
         frames: first frame to compare, and the one after the last; see `in_frames`.
+        plugged: metrics of plug-ins, for tracks and truth.
     """
     _check_request(paths, given)
     written = (paths.output, paths.errors, paths.bound, paths.write_scene, paths.failures, paths.counts)
@@ -94,6 +98,8 @@ def run_evaluate(
         wanted=paths.failures is not None or paths.counts is not None,
         path=paths.tracks,
     )
+    if t.tracks is not None and t.truth is not None:
+        result = with_plugins(result, plugged, t.tracks, t.truth, unit)
     if paths.write_scene is not None:
         result = _measured(paths.write_scene, result, t.scene, overwrite=paths.overwrite)
     findings = judge(
@@ -112,7 +118,8 @@ def run_evaluate(
         result = replace(result, notes=(*result.notes, f"{less}ratio to it means anything; give --measurements"))
     notes = (*((told,) if own_numbers else ()), *result.notes, *other_video(paths.tracks, [paths.truth]))
     result = replace(result, notes=notes, findings=findings)
-    _write(paths, result, unit, config, {"many": many} if many else {})
+    told_of = {"metrics": [each.provenance(unit) for each in plugged]} if plugged else {}
+    _write(paths, result, unit, config, {**({"many": many} if many else {}), **told_of})
     return result, unit
 
 

@@ -61,6 +61,7 @@ class Evaluation:
         notes: lines that the user must know of.
         findings: what speaks against the tracks; None: nobody has judged them.
         looks: of every sensor at targets whose place is known.
+        plugged: names of the metrics that are of plug-ins.
     """
 
     metrics: dict[str, float]
@@ -71,6 +72,7 @@ class Evaluation:
     notes: tuple[str, ...] = ()
     findings: tuple[Finding, ...] | None = None
     looks: Mapping[str, SensorLooks] = field(default_factory=dict)
+    plugged: tuple[str, ...] = ()
 
     @property
     def figures(self) -> dict[str, object]:

@@ -5,22 +5,42 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from difflib import get_close_matches
 from functools import cache
 from typing import Any, NamedTuple
 
-from occlog.errors import OcclogError, PluginError, UsageError
+from occlog.errors import OcclogError, PluginError, UsageError, did_you_mean
 
-METHOD = "tracking method"
-GROUPS = {METHOD: "occlog.tracking_methods"}
-"""Group of entry points of each kind of plug-in."""
+METHOD, VIEW_TRACKER, READER = "tracking method", "tracker in images", "reader"
+DETECTOR, METRIC, EXPORTER = "detector", "metric", "exporter"
+
+
+class Kind(NamedTuple):
+    """A kind of plug-in.
+
+    Attributes:
+        group: of its entry points.
+        wants: what the class must have beside `summary` and `settings`.
+    """
+
+    group: str
+    wants: tuple[str, ...]
+
+
+KINDS = {
+    METHOD: Kind("occlog.tracking_methods", ("step",)),
+    VIEW_TRACKER: Kind("occlog.view_trackers", ("step",)),
+    READER: Kind("occlog.readers", ("endings", "table", "read")),
+    DETECTOR: Kind("occlog.detectors", ("detect",)),
+    METRIC: Kind("occlog.metrics", ("units", "figures")),
+    EXPORTER: Kind("occlog.exporters", ("tables", "write")),
+}
 
 
 class Plugin(NamedTuple):
     """An installed plug-in, which has not been imported yet.
 
     Attributes:
-        kind: a key of `GROUPS`.
+        kind: a key of `KINDS`.
         name: what it is called on the command line.
         where: `module:class`.
         package: that it is from.
@@ -34,9 +54,14 @@ class Plugin(NamedTuple):
     version: str
 
     @property
+    def origin(self) -> str:
+        """Package and version, for provenances."""
+        return f"{self.package} {self.version}"
+
+    @property
     def label(self) -> str:
         """Name, package and version, for messages."""
-        return f"plug-in {self.name} ({self.package} {self.version})"
+        return f"plug-in {self.name} ({self.origin})"
 
     def load(self) -> Any:
         """The class; PluginError, in one line, where it cannot be imported or lacks what its kind wants."""
@@ -47,7 +72,7 @@ class Plugin(NamedTuple):
             found = import_module(module)
             for part in name.split("."):
                 found = getattr(found, part)
-        for wanted in ("summary", "settings", "step"):
+        for wanted in ("summary", "settings", *KINDS[self.kind].wants):
             if getattr(found, wanted, None) is None:
                 raise PluginError(f"{self.label}: {self.where} has no {wanted}; a {self.kind} must have one")
         return found
@@ -81,7 +106,7 @@ def _installed(path: tuple[str, ...]) -> tuple[Plugin, ...]:
     """The plug-ins of packages on the path; metadata of packages are read once for a path."""
     from importlib.metadata import distributions
 
-    kinds = {group: kind for kind, group in GROUPS.items()}
+    kinds = {kind.group: name for name, kind in KINDS.items()}
     found: dict[tuple[str, str, str], Plugin] = {}
     for package in distributions(path=list(path)):
         for point in package.entry_points:
@@ -92,24 +117,21 @@ def _installed(path: tuple[str, ...]) -> tuple[Plugin, ...]:
 
 
 def find(name: str, *kinds: str) -> Plugin | None:
-    """The plug-in of a name; None: there is none.
+    """The plug-in of a name and of one of some kinds; None: there is none.
 
     Raises:
         UsageError: several packages have one of that name.
     """
-    found = [plugin for plugin in installed() if plugin.name == name and (not kinds or plugin.kind in kinds)]
+    found = [plugin for plugin in installed() if plugin.name == name and plugin.kind in kinds]
     if len(found) > 1:
         packages = " and ".join(plugin.package for plugin in found)
         raise UsageError(f"plug-in {name}: {packages} both have one of that name; uninstall one of them")
     return found[0] if found else None
 
 
-def required(name: str) -> Plugin:
-    """The plug-in of a name; UsageError, with the nearest name, where there is none."""
-    plugin = find(name)
-    if plugin is None:
-        names = [each.name for each in installed()]
-        near = get_close_matches(name, names, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(names) or 'none'}"
-        raise UsageError(f"no plug-in {name!r} is installed; {hint}")
-    return plugin
+def named(name: str) -> list[Plugin]:
+    """All plug-ins of a name, of whatever kind; UsageError, with the nearest name, where there is none."""
+    found = [plugin for plugin in installed() if plugin.name == name]
+    if not found:
+        raise UsageError(f"no plug-in {name!r} is installed; {did_you_mean(name, [p.name for p in installed()])}")
+    return found

@@ -50,7 +50,7 @@ OF_EVERYBODY = ("support", "events", "view_tracks", "doa", "strict")
 """Options of all methods that follow everybody."""
 OF_TAGS = ("targets", "path_loss", "sights", "strict")
 """Options of all methods that take reads of tags."""
-BEARINGS, IMAGES, BOXES, READS = "bearings", "images", "boxes", "reads"
+BEARINGS, IMAGES, BOXES, READS, VIEW = "bearings", "images", "boxes", "reads", "boxes of one camera"
 """What a method takes in."""
 
 
@@ -65,7 +65,7 @@ class Entry:
         settings: module and name of the class of its settings.
         takes: names of the options that it takes beside the shared ones and its settings.
         takes_in: `BEARINGS`; `IMAGES`: it tracks in the images of a recording; `BOXES`: it follows everybody by them;
-            `READS`: reads of tags.
+            `READS`: reads of tags; `VIEW`: it follows each camera's boxes on their own.
         plugin: that the method is from; None: it is one of ours.
     """
 
@@ -99,16 +99,20 @@ class Methods(dict[str, Entry]):
 
 def _plugged(name: str) -> Entry | None:
     """The method of a plug-in; None where there is none of that name."""
-    from occlog.plugins.loading import METHOD, find
+    from occlog.plugins.loading import METHOD, VIEW_TRACKER, find
 
-    plugin = find(name, METHOD)
+    plugin = find(name, METHOD, VIEW_TRACKER)
     return None if plugin is None else entry_of(plugin)
 
 
 def entry_of(plugin: Plugin) -> Entry:
     """The line of a plug-in's method; PluginError where it cannot be loaded."""
-    of = plugin.load()
-    return Entry(str(of.summary), plugin.where, plugin.where, IN_WORLD, plugin=plugin)
+    from occlog.plugins.loading import VIEW_TRACKER
+
+    summary = str(plugin.load().summary)
+    if plugin.kind == VIEW_TRACKER:
+        return Entry(summary, plugin.where, plugin.where, (), takes_in=VIEW, plugin=plugin)
+    return Entry(summary, plugin.where, plugin.where, IN_WORLD, plugin=plugin)
 
 
 OURS: dict[str, Entry] = {

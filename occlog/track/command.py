@@ -12,7 +12,7 @@ import click
 from occlog.cli import options
 from occlog.cli.setting_options import Variant, VariantCommand, given, value_after
 
-from .catalogue import BOXES, METHODS, OURS, READS, settings_of
+from .catalogue import BOXES, METHODS, OURS, READS, VIEW, settings_of
 from .options import method_params
 
 
@@ -32,10 +32,10 @@ def _around() -> Any:
 def _plugged() -> dict[str, Variant]:
     """The methods of installed plug-ins; what cannot be loaded says why."""
     from occlog.errors import PluginError
-    from occlog.plugins.loading import METHOD, installed
+    from occlog.plugins.loading import METHOD, VIEW_TRACKER, installed
 
     found = {}
-    for plugin in installed(METHOD):
+    for plugin in (*installed(METHOD), *installed(VIEW_TRACKER)):
         if plugin.name not in OURS:
             try:
                 found[plugin.name] = _variant(plugin.name)
@@ -177,6 +177,22 @@ def command(
         tracks = ViewsOutputs(output, own["world"])
         options.check_outputs(video.paths, [tracks.tracks, tracks.world], overwrite)
         return options.finish(*run_track_views(video, tracks, overwrite, quiet), as_json)
+    if METHODS[method].takes_in == VIEW:
+        from .single_view.run import SingleViewRequest, run_track_single_view
+
+        if window is not None:
+            raise click.UsageError(f"--window: method {method} takes each frame of a camera by itself; leave it out")
+        looks = SingleViewRequest(
+            boxes=bearings,
+            scene=scene,
+            method=method,
+            settings=values,
+            only=parse_names(only),
+            without=parse_names(without),
+            seed=seed,
+        )
+        options.check_outputs(looks.paths, [output], overwrite)
+        return options.finish(*run_track_single_view(looks, output, overwrite, quiet), as_json)
     if METHODS[method].takes_in == BOXES:
         from .people.inputs import PeopleRequest
         from .people.run import PeopleFiles, run_track_people

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from packages import install
 from places import ROOT
 from walk_frames import bearings_frame, stations_frame, truth_frame
 
@@ -32,15 +33,6 @@ class Empty: pass
 """
 
 
-def install(folder: Path, package: str, version: str, points: dict[str, str], group: str) -> None:
-    """What pip leaves of a package on the path: its metadata."""
-    info = folder / f"{package.replace('-', '_')}-{version}.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: {version}\n", encoding="utf-8")
-    lines = [f"[{group}]", *(f"{name} = {where}" for name, where in points.items())]
-    (info / "entry_points.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 @pytest.fixture
 def walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with bearings, stations and truth, in which packages with plug-ins are installed."""
@@ -48,11 +40,10 @@ def walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     site.mkdir()
     shutil.copy(ROOT / "examples/plugins/own_filter/own_filter.py", site)
     (site / "bad_filters.py").write_text(BAD, encoding="utf-8")
-    methods = "occlog.tracking_methods"
-    install(site, "occlog-own-filter", "1.0", {"own": "own_filter:OwnFilter"}, methods)
+    install(site, "occlog-own-filter", "1.0", {"method": {"own": "own_filter:OwnFilter"}})
     wrong = {"fails": "Fails", "lies": "Lies", "empty": "Empty", "gone": "Gone", "fix": "Fails"}
-    install(site, "bad-filters", "0.3", {name: f"bad_filters:{where}" for name, where in wrong.items()}, methods)
-    install(site, "absent", "2.0", {"absent": "no_such_module:X"}, methods)
+    install(site, "bad-filters", "0.3", {"method": {name: f"bad_filters:{where}" for name, where in wrong.items()}})
+    install(site, "absent", "2.0", {"method": {"absent": "no_such_module:X"}})
     monkeypatch.syspath_prepend(str(site))
     for name in ("own_filter", "bad_filters"):
         monkeypatch.delitem(sys.modules, name, raising=False)
@@ -126,9 +117,9 @@ def test_plug_ins_that_fail_break_no_other_command(walk: Path) -> None:
 
 
 def test_plug_ins_are_listed_and_checked(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    said = json.loads(called("plugin", "list", "--json").stdout)["plugins"]
+    said = {each["name"]: each for each in json.loads(called("plugin", "list", "--json").stdout)["plugins"]}
     assert said["own"]["package"] == "occlog-own-filter 1.0"
-    assert "is not used: occlog has a method of that name itself" in said["fix"]["summary"]
+    assert "is not used: occlog has one of that name itself" in said["fix"]["summary"]
     assert run(["plugin", "check", "own"]) == 0
     assert "31 checks, 0 faults" in capsys.readouterr().out
     assert run(["plugin", "check", "fails"]) == 6
@@ -138,7 +129,7 @@ def test_plug_ins_are_listed_and_checked(walk: Path, capsys: pytest.CaptureFixtu
 
 
 def test_two_packages_with_one_name_are_refused(walk: Path) -> None:
-    install(walk / "site", "another", "9", {"own": "bad_filters:Fails"}, "occlog.tracking_methods")
+    install(walk / "site", "another", "9", {"method": {"own": "bad_filters:Fails"}})
     sys.path.append(str(walk))  # another path: metadata are read anew
     try:
         with pytest.raises(occlog.UsageError, match="another and occlog-own-filter both have one of that name"):

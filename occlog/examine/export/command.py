@@ -7,6 +7,8 @@ from pathlib import Path
 import click
 
 from occlog.cli import options
+from occlog.cli.plugged import PluggedCommand, chosen_in
+from occlog.plugins.loading import EXPORTER
 
 from .formats import FORMATS
 
@@ -15,6 +17,10 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
 
 @click.command(
     name="export",
+    cls=PluggedCommand,
+    flag="--to",
+    kind=EXPORTER,
+    ours=tuple(FORMATS),
     short_help="Write a table in a format of other programs.",
     help=f"""Write the table in FILE (a table or a recording) in a format that other programs read.
 
@@ -33,7 +39,11 @@ LIST = "\n".join(f"      {name:<9}{'/'.join(f.endings) or '(--to)':<17}{f.doc}" 
 @click.argument("file", type=options.INPUT)
 @click.option("-o", "--output", type=options.PATH, required=True, help="The file to write; - is standard output.")
 @click.option(
-    "--to", type=click.Choice(list(FORMATS)), default=None, help="Format; default: as the output's name says."
+    "--to",
+    default=None,
+    metavar="NAME",
+    shell_complete=lambda ctx, param, begun: [name for name in FORMATS if name.startswith(begun)],  # noqa: ARG005
+    help="Format, one of these or an exporter's of a plug-in; default: as the output's name says.",
 )
 @click.option("--table", default=None, metavar="NAME", help="Which table of a recording; default: the first that fits.")
 @click.option("--target", "targets", type=int, multiple=True, help="Only this target; may be repeated.")
@@ -58,6 +68,7 @@ def command(
     scene: Path | None,
     overwrite: bool,
     as_json: bool,
+    **values: object,
 ) -> int:
     """Call the run, and print what was written; nothing more where the table itself is printed."""
     from .run import STANDARD, ExportRequest, parse_origin, run_export
@@ -72,6 +83,7 @@ def command(
         origin=None if origin is None else parse_origin(origin),
         scene=scene,
         overwrite=overwrite,
+        exporter=next(iter(chosen_in(click.get_current_context(), values)), None),
     )
     summary, losses = run_export(request)
     return options.finish({} if output == STANDARD else summary, losses, as_json and output != STANDARD)

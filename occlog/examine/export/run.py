@@ -19,6 +19,8 @@ from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.parquet import describe
 from occlog.io.open import Opened, open_input
 from occlog.io.trajectories.earth import FARTHEST, Origin
+from occlog.plugins.chosen import Chosen
+from occlog.plugins.interface import World
 from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.people import JoinedTracks, PeopleTracks, PeopleViews
@@ -26,6 +28,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import TABLES, Boxes, FusedTracks, TagTracks, Tracks, Truth, Views
 from occlog.records.views import ViewTracks
 
+from .by_plugin import chosen_rows, format_of_plugin, write_by_plugin
 from .columns import write_csv, write_parquet
 from .formats import FORMATS, Format, format_of
 from .in_images import boxes_of, coco_text, kitti_text, of_camera, sequence_info
@@ -49,6 +52,7 @@ class ExportRequest:
         camera: whose boxes; None: there is one.
         origin: where the origin of the scene is on earth; None: not given.
         scene: scene file, for the sizes of images; None: that of the recording.
+        exporter: the plug-in that `to` names; None: the format is one of ours.
     """
 
     input: Path
@@ -60,6 +64,7 @@ class ExportRequest:
     origin: Origin | None
     scene: Path | None
     overwrite: bool
+    exporter: Chosen | None = None
 
 
 def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, ...]]:
@@ -71,18 +76,23 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
             f"{request.output}: its name does not say the format; end it in one of {known}, or name the format (to): "
             f"{', '.join(FORMATS)}"
         )
-    _check_request(request, name)
+    form = FORMATS[name] if request.exporter is None else format_of_plugin(request.exporter)
+    _check_request(request, name, form)
     info = _info_path(request.output) if name == "mot" else None
     if request.output != STANDARD:
         options.check_outputs([request.input, request.scene], (request.output, info), request.overwrite)
     opened = open_input(request.input)
-    table = _table(opened, FORMATS[name], name, request.table)
+    table = _table(opened, form, name, request.table)
     scene = options.load_scene(request.scene, None, request.scene) if request.scene is not None else opened.scene
     unit = opened.length_unit or ("m" if scene is None else scene.length_unit)
     summary: dict[str, object] = {"output": str(request.output), "format": name, "table": table.NAME}
     begin_work()
     with Together() as together, _output(request.output, request.overwrite, together) as file:
-        if name == "csv":
+        if request.exporter is not None:
+            rows = chosen_rows(opened.read(table), name, request.targets, request.camera)
+            write_by_plugin(request.exporter, rows, World(unit, scene), file)
+            summary |= {"rows": len(rows), "plugin": request.exporter.plugin.origin}
+        elif name == "csv":
             summary["rows"], left = write_csv(opened.rows(table), table, file, unit)
             summary |= {"left_out": list(left)} if left else {}
         elif name == "parquet":
@@ -126,13 +136,13 @@ def _info_path(output: Path) -> Path | None:
     return folder.parent / SEQUENCE_INFO if folder.name in ("gt", "det") else None
 
 
-def _check_request(request: ExportRequest, name: str) -> None:
+def _check_request(request: ExportRequest, name: str, form: Format) -> None:
     """UsageError for options that the format does not take."""
-    places, boxes = FORMATS["tum"].tables, FORMATS["mot"].tables
-    if request.targets and FORMATS[name].tables != places:
-        raise UsageError(f"target: format {name} writes all rows; leave it out")
-    if request.camera is not None and FORMATS[name].tables != boxes:
-        raise UsageError(f"camera: format {name} has no images; leave it out")
+    if request.exporter is None:
+        if request.targets and form.tables != FORMATS["tum"].tables:
+            raise UsageError(f"target: format {name} writes all rows; leave it out")
+        if request.camera is not None and form.tables != FORMATS["mot"].tables:
+            raise UsageError(f"camera: format {name} has no images; leave it out")
     if (request.origin is not None) != (name == "geojson"):
         said = "wants the place of the scene's origin on earth" if name == "geojson" else "takes none"
         raise UsageError(f"origin: format {name} {said}")

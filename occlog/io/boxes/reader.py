@@ -27,6 +27,7 @@ import numpy as np
 
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError, UsageError
+from occlog.io.files.by_reader import reader_of
 from occlog.io.files.csv_rows import Rows, first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.sensor_names import match_sensor, means_none
@@ -306,7 +307,7 @@ def _open(file: BoxFile, known: Sequence[str], options: BoxOptions) -> BoxSource
         if frame_files(file.path):
             return open_annotations(file.path, known)
         return open_folder(file.path, file.camera)
-    if is_json(file.path):
+    if reader_of(file.path) is None and is_json(file.path):
         return open_json(file.path, file.camera, ignore_extra=options.ignore_extra)
     head = first_line(file.path, WHAT)
     if is_vatic(" ".join(head)):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import difflib
 import gzip
+import io
 import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,6 +22,7 @@ import numpy as np
 from occlog.array_types import Floats, Ints, Strings
 from occlog.errors import InputError
 
+from .by_reader import text_of
 from .inputs import check_input
 
 ROWS_PER_CHUNK = 16_384
@@ -111,7 +113,7 @@ def read_rows(
     ignore_extra: bool = False,
     rows: int = ROWS_PER_CHUNK,
 ) -> Iterator[Rows]:
-    """Chunks of a text table whose first line names the columns.
+    """Chunks of a text table whose first line names the columns, or of a file that a plug-in reads as one.
 
     Cells are separated by commas, semicolons or tabs; lines that are empty or begin
     with `#` are skipped; upper and lower case of column names do not matter.
@@ -133,6 +135,11 @@ def read_rows(
             known = ",".join(names[0] for names in columns.values())
             raise InputError(f"{path}: line {line}: a header line was expected, not data; name the columns: {known}")
         names = _resolve(path, line, header, columns, ignored, ignore_extra)
+        if isinstance(file, io.StringIO):
+            # Of a plug-in's table there are rows, and no lines that somebody could look at
+            lines = ((number - line, cells) for number, cells in lines)
+            yield from _chunks(path, lines, names, rows, "row")
+            return
         yield from _chunks(path, lines, names, rows)
 
 
@@ -163,6 +170,9 @@ def _is_number(cell: str, blank: bool) -> bool:
 
 
 def _open_text(path: Path, what: str) -> TextIO:
+    text = text_of(path, what)
+    if text is not None:
+        return io.StringIO(text)
     with check_input(path, what).open("rb") as file:
         compressed = file.read(len(GZIP_MAGIC)) == GZIP_MAGIC
     if compressed:
@@ -248,18 +258,25 @@ def _resolve(
 
 
 def _chunks(
-    path: Path, lines: Iterator[tuple[int, list[str]]], names: Sequence[str | None], rows: int
+    path: Path,
+    lines: Iterator[tuple[int, list[str]]],
+    names: Sequence[str | None],
+    rows: int,
+    place: str = "line",
 ) -> Iterator[Rows]:
     while chunk := list(islice(lines, rows)):
         for line, cells in chunk:
             if len(cells) != len(names):
                 raise InputError(
-                    f"{path}: line {line}: {len(cells)} cells, but the first line has {len(names)}; correct this line"
+                    f"{path}: {place} {line}: {len(cells)} cells, but the first line has {len(names)}; correct this "
+                    f"{place}"
                 )
             if max(map(len, cells)) > MAX_CELL:
-                raise InputError(f"{path}: line {line}: a cell of more than {MAX_CELL} characters; correct this line")
+                raise InputError(
+                    f"{path}: {place} {line}: a cell of more than {MAX_CELL} characters; correct this {place}"
+                )
         turned = zip(*(cells for _, cells in chunk), strict=True)
         cells_of = {
             n: np.array(column, dtype=np.str_) for n, column in zip(names, turned, strict=True) if n is not None
         }
-        yield Rows(path, np.array([line for line, _ in chunk], dtype=np.int64), cells_of)
+        yield Rows(path, np.array([line for line, _ in chunk], dtype=np.int64), cells_of, place)

@@ -15,6 +15,8 @@ from occlog.records.losses import Loss
 from .stated_units import STATED
 
 PROVENANCE_KEY = "occlog.provenance"
+READERS_USED: dict[str, Mapping[str, object]] = {}
+"""By the name of a file that a plug-in has read: the plug-in and its settings."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class Provenance:
         inputs: (file name, SHA-256) of every input, in a fixed order.
         losses: input that was lost so far, also in earlier stages.
         input_units: units that were stated for columns of inputs whose names say none.
+        readers: name of each input that a plug-in has read, with the plug-in and its settings; None: as it was.
     """
 
     command: str
@@ -36,6 +39,13 @@ class Provenance:
     inputs: tuple[tuple[str, str], ...] = ()
     losses: tuple[Loss, ...] = ()
     input_units: tuple[str, ...] = field(default_factory=lambda: STATED.get().texts())
+    readers: tuple[Mapping[str, object], ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.readers is None:
+            names = dict.fromkeys(name for name, _ in self.inputs)
+            found = tuple({"file": name, **READERS_USED[name]} for name in names if name in READERS_USED)
+            object.__setattr__(self, "readers", found)  # frozen for everybody else
 
     def as_dict(self) -> dict[str, object]:
         """The record as JSON-ready values."""
@@ -48,6 +58,7 @@ class Provenance:
             "inputs": [{"name": name, "sha256": digest} for name, digest in self.inputs],
             "losses": [loss.as_dict() for loss in self.losses],
             **({"input_units": list(self.input_units)} if self.input_units else {}),
+            **({"readers": [dict(reader) for reader in self.readers]} if self.readers else {}),
         }
 
     def json(self) -> str:
@@ -62,9 +73,10 @@ def provenance_from_json(text: str) -> Provenance:
         inputs = tuple((str(i["name"]), str(i["sha256"])) for i in raw.get("inputs", ()))
         losses = tuple(Loss(**loss) for loss in raw.get("losses", ()))
         units = tuple(str(text) for text in raw.get("input_units", ()))
-        return Provenance(str(raw["command"]), dict(raw["parameters"]), raw.get("seed"), inputs, losses, units)
+        readers = tuple(dict(each) for each in raw.get("readers", ()))
+        return Provenance(str(raw["command"]), dict(raw["parameters"]), raw.get("seed"), inputs, losses, units, readers)
     except (ValueError, KeyError, TypeError, AttributeError):
-        return Provenance("unknown", input_units=())
+        return Provenance("unknown", input_units=(), readers=())
 
 
 def hash_file(path: Path) -> str:

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from occlog.errors import InputError
+from occlog.io.files.by_reader import table_of
 from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
 from occlog.io.files.inputs import STANDARD_INPUT, check_input
@@ -32,15 +33,17 @@ class Source(NamedTuple):
 
     Attributes:
         path: the file.
-        kind: `CSV`, `Parquet`, `Arrow`, or a format of trajectories.
+        kind: `CSV`, `Parquet`, `Arrow`, or a format of trajectories; a file that a plug-in reads is a CSV.
         names: of its columns.
         trajectories: how to read a format of trajectories; None: the file is of another kind.
+        table: name of the table that a plug-in says it holds; empty: it is known by its columns.
     """
 
     path: Path
     kind: str
     names: tuple[str, ...]
     trajectories: Trajectories | None = None
+    table: str = ""
 
     def cells(self, names: Sequence[str]) -> Iterator[Cells]:
         """The cells of some columns, in parts, in the order of the file."""
@@ -63,7 +66,11 @@ def find_source(path: Path) -> Source | None:
 
     Text is taken for a table if its first line names columns, one of them of times, or if its name ends in `TABULAR`.
     """
-    with check_input(path, WHAT).open("rb") as file:
+    check_input(path, WHAT)
+    table = table_of(path)
+    if table:
+        return Source(path, "CSV", tuple(first_line(path, WHAT)), table=table)
+    with path.open("rb") as file:
         head = file.read(8)
     if head.startswith(PARQUET_MAGIC):
         with _translated(path, "Parquet"), pq.ParquetFile(path) as file:

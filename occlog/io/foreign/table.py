@@ -164,6 +164,9 @@ def best_fit(source: Source, tables: Sequence[type[Table]] = ()) -> Layout:
         InputError: it fits none; the message tells what is missing for the nearest.
     """
     wanted = tuple(tables) or _every_table()
+    told = TABLES.get(source.table)
+    if told is not None and (not tables or told in wanted):
+        wanted = (told,)
     layouts, faults = [], []
     for table in wanted:
         try:

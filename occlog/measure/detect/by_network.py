@@ -43,8 +43,8 @@ class _Ready(NamedTuple):
     prepared: Prepared | None = None
 
 
-class _Seen(NamedTuple):
-    """A frame with its boxes, or why it could not be used."""
+class Seen(NamedTuple):
+    """A frame with its boxes by falling area, or why it could not be used."""
 
     frame: Frame
     lost: str
@@ -79,8 +79,17 @@ def detect_by_network(
             network fails.
     """
     config = config or DetectConfig()
-    held: list[_Seen] = []
-    for seen in _look(frames, scene, detector, embedder, config):
+    yield from in_parts(_look(frames, scene, detector, embedder, config), scene, config, rows=rows)
+
+
+def in_parts(frames: Iterable[Seen], scene: Scene, config: DetectConfig, *, rows: int = BATCH) -> Iterator[Detections]:
+    """Frames with their boxes as views, candidate bearings and losses; those of one time together.
+
+    Raises:
+        InputError: times go back.
+    """
+    held: list[Seen] = []
+    for seen in frames:
         if held and seen.frame.t_ns < held[-1].frame.t_ns:
             raise InputError(
                 f"camera {seen.frame.sensor}: frame {seen.frame.index}: time {seen.frame.t_ns} ns is before "
@@ -96,7 +105,7 @@ def detect_by_network(
 
 def _look(
     frames: Iterable[Frame], scene: Scene, detector: Detector, embedder: Embedder | None, config: DetectConfig
-) -> Iterator[_Seen]:
+) -> Iterator[Seen]:
     """Frames in their order with what the network finds in them."""
     shapes: dict[str, tuple[int, ...]] = {}
 
@@ -121,14 +130,14 @@ def _look(
             found = iter(detector.find(wanted) if wanted else [])
             for each in batch:
                 if each.prepared is None or each.image is None:
-                    yield _Seen(each.frame, each.lost, None, empty)
+                    yield Seen(each.frame, each.lost, None, empty)
                     continue
                 boxed = next(found)
                 vectors = empty
                 if boxed is not None:
                     n = len(boxed.boxes)
                     vectors = embedder.vectors(each.image, boxed.boxes) if embedder else np.zeros((n, 0), np.float32)
-                yield _Seen(each.frame, "" if boxed is not None else NOT_FINITE, boxed, vectors)
+                yield Seen(each.frame, "" if boxed is not None else NOT_FINITE, boxed, vectors)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
@@ -137,26 +146,40 @@ def _prepare(
     frame: Frame, scene: Scene, detector: Detector, shapes: dict[str, tuple[int, ...]], config: DetectConfig
 ) -> _Ready:
     """Decode a frame and bring it to the network's size."""
+    image = decoded(frame, scene, shapes, config)
+    return _Ready(frame, image) if isinstance(image, str) else _Ready(frame, "", image, detector.prepare(image))
+
+
+def decoded(frame: Frame, scene: Scene, shapes: dict[str, tuple[int, ...]], config: DetectConfig) -> Image | str:
+    """The image (height, width, 3) of a frame in BGR; in words why it cannot be used.
+
+    Args:
+        frame: to be decoded.
+        scene: must hold its camera.
+        shapes: of each camera's first image so far; is added to.
+        config: of it `bits` is used.
+
+    Raises:
+        InputError: the image does not fit the camera's calibration.
+    """
     try:
-        decoded = frame.decode()
+        raw = frame.decode()
     except InputError as error:
         # The message begins with file, camera and frame; without them equal reasons are equal.
-        return _Ready(frame, str(error).rsplit(": ", 1)[-1])
+        return str(error).rsplit(": ", 1)[-1]
     try:
-        image = plain_image(decoded, config.bits)
+        image = plain_image(raw, config.bits)
     except InputError as error:
-        return _Ready(frame, str(error))
+        return str(error)
     if frame.sensor not in shapes:
         check_size(scene.camera(frame.sensor), (image.shape[1], image.shape[0]))
     first = shapes.setdefault(frame.sensor, image.shape)
     if image.shape != first:
-        return _Ready(frame, f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(first)}")
-    if image.ndim == 2:
-        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
-    return _Ready(frame, "", image, detector.prepare(image))
+        return f"image is {size_in_words(image.shape)}, the camera's first was {size_in_words(first)}"
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8) if image.ndim == 2 else image
 
 
-def _part(seen: list[_Seen], scene: Scene, config: DetectConfig) -> Detections:
+def _part(seen: list[Seen], scene: Scene, config: DetectConfig) -> Detections:
     """Views, bearings and losses of frames."""
     good = [each for each in seen if each.boxed is not None]
     # Boxes come by falling area, as views are numbered: rows of both tables are in one order.
@@ -191,7 +214,7 @@ def _boxes(frame: Frame, boxed: Boxed) -> Boxes:
     )
 
 
-def _losses(seen: list[_Seen]) -> tuple[Loss, ...]:
+def _losses(seen: list[Seen]) -> tuple[Loss, ...]:
     lost: dict[str, list[tuple[int, str]]] = {}
     for each in seen:
         if each.lost:

@@ -8,9 +8,12 @@ from pathlib import Path
 import click
 
 from occlog.cli import options
-from occlog.cli.setting_options import SettingsCommand, add_options, given, options_of, with_options
+from occlog.cli.plugged import PluggedCommand, chosen_in
+from occlog.cli.setting_options import add_options, given, options_of, with_options
 from occlog.measure.fuse.config import FuseConfig
 from occlog.measure.networks.config import NetworkConfig
+from occlog.plugins.loading import DETECTOR
+from occlog.settings import declaration, declared
 
 from .config import DetectConfig
 
@@ -21,17 +24,23 @@ OF_FUSION = [
 """Options that only the fusion takes."""
 OF_NETWORKS = options_of(NetworkConfig)
 """Options that only detection by a network takes, beside `--onnx` and what names files and classes."""
+METHOD = next(declaration(f) for f in declared(DetectConfig) if f.name == "method")
+METHODS = METHOD.choices
+"""Ways of our own to find regions."""
 WITH_NETWORKS = ("bits", "sigma_px", "sigma_scale", "min_confidence")
 """Settings of detection that a network takes, too."""
 
 
 @click.command(
     name="detect",
-    cls=SettingsCommand,
+    cls=PluggedCommand,
+    flag="--method",
+    kind=DETECTOR,
+    ours=METHODS,
     short_help="Reduce the frames of a recording to bearings, or to the boxes of a network.",
 )
 @click.argument("recording", type=options.INPUT)
-@options.output_opt("Bearings of the targets (Parquet); with --onnx the boxes, a table of views.")
+@options.output_opt("Bearings of the targets (Parquet); with --onnx or a plug-in the boxes, a table of views.")
 @click.option("--views", type=options.PATH, default=None, help="Every people-sized region of every frame (Parquet).")
 @click.option("--onnx", type=options.PATH, default=None, metavar="MODEL", help="Detect with this network (ONNX).")
 @click.option(
@@ -52,7 +61,10 @@ WITH_NETWORKS = ("bits", "sigma_px", "sigma_scale", "min_confidence")
     help="With --onnx: describe who is in each box with this network (ONNX) for re-identification.",
 )
 @click.option(
-    "--bearings", type=options.PATH, default=None, help="With --onnx: a candidate bearing for each box (Parquet)."
+    "--bearings",
+    type=options.PATH,
+    default=None,
+    help="With --onnx or a plug-in: a candidate bearing for each box (Parquet).",
 )
 @options.scene_opt
 @click.option("--cameras", "only", default="", metavar="A,B,...", help="Only these cameras.")
@@ -84,10 +96,19 @@ WITH_NETWORKS = ("bits", "sigma_px", "sigma_scale", "min_confidence")
     show_default=True,
     help="Look through the recording first, for what it shows when nobody is there.",
 )
-@with_options(DetectConfig)
+@click.option(
+    "--method",
+    default=None,
+    metavar="|".join((*METHODS, "NAME")),
+    help=f"{METHOD.help} Or a detector of a plug-in, by name. [default: {METHODS[0]}]",
+)
+@with_options(DetectConfig, without=("method",))
 @add_options(OF_NETWORKS)
 @click.option("--fuse", is_flag=True, help="Fuse the detections of the cameras: remove false, recover missed.")
 @add_options(OF_FUSION)
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, help="With --method: seed of its random numbers. [default: 0]"
+)
 @options.workers_opt
 @options.overwrite_opt
 @options.quiet_opt
@@ -97,6 +118,7 @@ def command(
     output: Path,
     views: Path | None,
     onnx: Path | None,
+    method: str | None,
     classes: tuple[str, ...],
     names: Path | None,
     embed: Path | None,
@@ -121,7 +143,8 @@ def command(
     "looked, not seen". A recording with detector boxes instead of video gives one candidate bearing a box
     (target_id -1); one with simulated bearings gives these.
 
-    With --onnx a network of yours finds the boxes: YOLO, RT-DETR, RF-DETR or RTMDet.
+    With --onnx a network of yours finds the boxes: YOLO, RT-DETR, RF-DETR or RTMDet. With --method NAME a
+    detector of a plug-in does, see docs/plugins.md.
 
     \b
       occlog detect walk.mcap -o bearings.parquet --views views.parquet
@@ -133,8 +156,11 @@ def command(
 
     from .run import DetectRequest, run_detect
     from .run_network import NetworkRequest, run_network
+    from .run_plugin import PluginRequest, run_plugin
 
-    _refuse_what_does_not_go_together(click.get_current_context(), onnx is not None)
+    context = click.get_current_context()
+    plugged = chosen_in(context, values)
+    _refuse_what_does_not_go_together(context, by="--onnx" if onnx is not None else "--method" if plugged else "")
     options.check_outputs(
         [recording, scene, references, near, onnx, names, embed], [output, views, bearings], overwrite
     )
@@ -153,6 +179,10 @@ def command(
             threads=threads,
         )
         return options.finish(*run_network(networks, output, bearings, overwrite, quiet), as_json)
+    if plugged:
+        by_plugin = PluginRequest(recording, scene, parse_names(only), plugged[0], settings)
+        return options.finish(*run_plugin(by_plugin, output, bearings, overwrite, quiet), as_json)
+    settings |= {} if method is None else {"method": method}
     request = DetectRequest(
         recording=recording,
         scene=scene,
@@ -171,21 +201,30 @@ def command(
     return options.finish(summary, losses, as_json)
 
 
-def _refuse_what_does_not_go_together(context: click.Context, network: bool) -> None:
-    """Usage error for an option of detection by the background where a network detects, or the other way round."""
-    takes = {"classes", "names", "embed", "bearings", *(str(option.name) for option in OF_NETWORKS)}
+def _refuse_what_does_not_go_together(context: click.Context, by: str) -> None:
+    """Usage error for an option of detection by the background where something else detects, or the other way round.
+
+    Args:
+        context: of the call.
+        by: `--onnx`, or `--method` of a plug-in; empty: the background.
+    """
+    of_network = {"onnx", "classes", "names", "embed", *(str(option.name) for option in OF_NETWORKS)}
     leaves = {"views", "references", "boxes", "near", "learn", "fuse"}
     leaves |= {str(option.name) for option in [*options_of(DetectConfig, without=WITH_NETWORKS), *OF_FUSION]}
+    leaves -= {"method"} if by == "--method" else set()
     for param in context.command.params:
         source = context.get_parameter_source(str(param.name))
         if source is not click.core.ParameterSource.COMMANDLINE:
             continue
-        if network and param.name == "views":
-            raise click.UsageError("--views: with --onnx, -o is the table of views; leave it out")
-        if network and param.name in leaves:
-            raise click.UsageError(f"{param.opts[0]} is not for detection with a network; leave it or --onnx out")
-        if not network and param.name in takes:
+        if by and param.name == "views":
+            raise click.UsageError(f"--views: with {by}, -o is the table of views; leave it out")
+        if by and param.name in leaves:
+            what = "with a network" if by == "--onnx" else "by a plug-in"
+            raise click.UsageError(f"{param.opts[0]} is not for detection {what}; leave it or {by} out")
+        if by != "--onnx" and param.name in of_network:
             raise click.UsageError(f"{param.opts[0]} is for detection with a network; add --onnx MODEL")
+        if not by and param.name == "bearings":
+            raise click.UsageError("--bearings is for detection with a network; add --onnx MODEL, or --method NAME")
 
 
 def _refuse_options_of_fusion(values: dict[str, object]) -> None:

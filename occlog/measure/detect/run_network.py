@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,11 +14,13 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.recording.reader import open_recording
+from occlog.measure.detections import Detections
 from occlog.measure.networks.config import NetworkConfig
 from occlog.measure.networks.detector import Detector, open_detector
 from occlog.measure.networks.embedder import open_embedder
 from occlog.measure.networks.runtimes import opencv_threads
 from occlog.records.losses import Loss
+from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Views
 from occlog.settings import configure
 
@@ -54,11 +57,8 @@ def run_network(
     config, of_networks = configure(DetectConfig(), request.settings), configure(NetworkConfig(), request.network)
     if request.embed is None and {"embed_pixels", "embed_size"} & set(request.network):
         raise UsageError("--embed-pixels and --embed-size go with --embed; add it")
-    if bearings is not None and not any(scene.camera(name).placed for name in sensors):
-        raise UsageError(
-            f"{request.recording}: no camera has a pose, so that there are no bearings; leave --bearings out"
-        )
-    with opencv_threads(request.threads), ExitStack() as stack:
+    check_placed(request.recording, scene, sensors, bearings)
+    with opencv_threads(request.threads):
         detector = open_detector(
             request.model, of_networks, request.classes, request.names, config.min_confidence, request.threads
         )
@@ -71,18 +71,48 @@ def run_network(
             "input": "images",
             **detector.parameters(),
             **(embedder.parameters() if embedder is not None else {}),
-            **{name: getattr(config, name) for name in ("bits", "sigma_px") if getattr(config, name) is not None},
-            **({"sigma_scale": config.sigma_scale} if config.sigma_scale != 1.0 else {}),
+            **of_boxes(config),
         }
         files = [request.recording, *(path for each in models for path in each), *beside]
         provenance = Provenance("detect", parameters, None, hash_inputs(files))
-        losses, tally = list(opened.losses), Counter[str]()
-        table = partial(TableWriter, provenance=provenance, overwrite=overwrite, length_unit=scene.length_unit)
-        boxes = stack.enter_context(table(views, Views))
-        rows = stack.enter_context(table(bearings, Bearings)) if bearings is not None else None
         total = frames_of(opened, sensors)
         frames = options.progress(opened.frames(sensors), "detect", total, quiet=quiet)
-        for part in detect_by_network(frames, scene, detector, embedder, config):
+        parts = detect_by_network(frames, scene, detector, embedder, config)
+        losses, tally = write_detections(
+            parts, views, bearings, provenance, opened.losses, scene.length_unit, overwrite=overwrite
+        )
+    return _summary(detector, views, bearings, tally), losses
+
+
+def check_placed(recording: Path, scene: Scene, sensors: Sequence[str], bearings: Path | None) -> None:
+    """UsageError where bearings are wanted and no camera has a pose."""
+    if bearings is not None and not any(scene.camera(name).placed for name in sensors):
+        raise UsageError(f"{recording}: no camera has a pose, so that there are no bearings; leave --bearings out")
+
+
+def of_boxes(config: DetectConfig) -> dict[str, object]:
+    """Settings of detection that boxes of others take, as far as they are not the defaults, for the provenance."""
+    known = {name: getattr(config, name) for name in ("bits", "sigma_px") if getattr(config, name) is not None}
+    return known | ({"sigma_scale": config.sigma_scale} if config.sigma_scale != 1.0 else {})
+
+
+def write_detections(
+    parts: Iterable[Detections],
+    views: Path,
+    bearings: Path | None,
+    provenance: Provenance,
+    lost: Sequence[Loss],
+    length_unit: str,
+    *,
+    overwrite: bool,
+) -> tuple[list[Loss], Counter[str]]:
+    """Write views, and bearings if they are wanted; all losses, and counts of frames, boxes and rows."""
+    losses, tally = list(lost), Counter[str]()
+    table = partial(TableWriter, provenance=provenance, overwrite=overwrite, length_unit=length_unit)
+    with ExitStack() as stack:
+        boxes = stack.enter_context(table(views, Views))
+        rows = stack.enter_context(table(bearings, Bearings)) if bearings is not None else None
+        for part in parts:
             boxes.write(part.views)
             if rows is not None:
                 rows.write(part.bearings)
@@ -92,7 +122,7 @@ def run_network(
         for writer in (boxes, rows):
             if writer is not None:
                 writer.annotate(final)
-    return _summary(detector, views, bearings, tally), losses
+    return losses, tally
 
 
 def _note_assumed(detector: Detector, quiet: bool) -> None:

@@ -15,15 +15,17 @@ from pathlib import Path
 import click
 
 from occlog.cli.main import load_command
+from occlog.cli.plugged import PluggedCommand
 from occlog.cli.setting_options import SET, SettingRefused, SettingsCommand, VariantCommand, params_of, settings_of
 from occlog.errors import InputError, UsageError
 from occlog.io.files.inputs import STANDARD_INPUT
 from occlog.io.files.yaml_file import lines_of, read_yaml
 from occlog.io.recording.reader import open_recording
+from occlog.measure.detect.command import METHODS as DETECTIONS
 from occlog.records.tables import Truth, TruthBoxes
 from occlog.settings import declared
 from occlog.simulate.command import KINDS
-from occlog.track.catalogue import BOXES, METHODS, READS
+from occlog.track.catalogue import BOXES, METHODS, READS, VIEW
 
 SOURCES = ("recording", "simulate", "ingest")
 OVERLAY = "overlay"
@@ -130,6 +132,11 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
             f"{config.path}: track: method {method} takes reads of tags, which no stage before it makes; call "
             "`occlog track` with the recording"
         )
+    if method in METHODS and METHODS[method].takes_in == VIEW:
+        raise InputError(
+            f"{config.path}: track: method {method} gives boxes with identities, of which no stage makes a "
+            "report; call `occlog track` with boxes or views"
+        )
     recording = folder / "recording.mcap"
     if "simulate" in config.values or "ingest" in config.values:
         name = "simulate" if "simulate" in config.values else "ingest"
@@ -138,7 +145,12 @@ def plan(config: Config, folder: Path) -> Iterator[Stage]:
         recording = config.path.resolve().parent / str(config.values["recording"])
     out = {n: folder / f"{n}.parquet" for n in ("bearings", "views", "tracks", "diagnostics", "errors", "bound")}
     scene = {"scene": config.values.get("scene", str(recording))}
-    yield _stage(config, "detect", {"output": out["bearings"], "views": out["views"]}, (str(recording),))
+    detected = {"output": out["bearings"], "views": out["views"]}
+    how = config.stage("detect")
+    if "onnx" in how or how.get("method", DETECTIONS[0]) not in DETECTIONS:
+        # Of a network or a plug-in the boxes are the first output
+        detected = {"output": out["views"], "bearings": out["bearings"]}
+    yield _stage(config, "detect", detected, (str(recording),))
     if _of_everybody(config):
         yield from _everybody(config, folder, recording, out, scene)
         return
@@ -293,6 +305,14 @@ def _to_args(config: Config, name: str, command: click.Command, values: dict[str
     chosen = {key: variant for key, value in values.items() if (variant := _variant(command, key, value)) is not None}
     variant = next(iter(chosen.values()), None)
     params = params_of(command, variant)
+    if isinstance(command, PluggedCommand):
+        flag = _key_of_flag(command.flag)
+        try:
+            plugged = command.options_of(str(each) for each in _listed(values.get(flag, [])))
+        except UsageError as error:
+            problem = str(error).removeprefix(f"{command.flag} ")
+            raise InputError(f"{config.at(name, flag)}: {problem}") from error
+        params = [*params, *(option for own in plugged.values() for option in own)]
     # Of an argument and an option of one name, the sorted order keeps the argument, unless the option makes the choice
     options = {_key(p): p for p in sorted(params, key=lambda p: isinstance(p, click.Argument) != (_key(p) in chosen))}
     ahead: list[str] = []
@@ -323,7 +343,7 @@ def _variant(command: click.Command, key: str, value: object) -> str | None:
     if not isinstance(command, VariantCommand):
         return None
     found = command.choose([f"--{key.replace('_', '-')}", str(value)])
-    return found if found in command.variants else None
+    return found if found is not None and command.variant(found) is not None else None
 
 
 def _key(param: click.Parameter) -> str:

@@ -1,4 +1,4 @@
-"""What plug-ins implement: classes with a line of summary, a class of settings, and a step."""
+"""Tracking methods of bearings: what a filter is given, and what it gives back."""
 
 from __future__ import annotations
 
@@ -8,10 +8,7 @@ from numpy.random import Generator
 
 from occlog.array_types import Floats
 from occlog.records.scene import Scene
-from occlog.settings import Settings, setting
-
-__all__ = ["Filter", "Moment", "Place", "Scene", "Settings", "setting"]
-"""Everything that a plug-in needs of this program."""
+from occlog.settings import Settings
 
 
 class Moment(NamedTuple):

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from places import ROOT
 
-from occlog.conformance.kit import CHECKS, BrokenError, faults_of
+from occlog.conformance.faults import BrokenError, faults_by
+from occlog.conformance.filters import CHECKS
 from occlog.plugins.interface import Moment
 
 SPEC = importlib.util.spec_from_file_location("own_filter", ROOT / "examples/plugins/own_filter/own_filter.py")
@@ -281,9 +282,9 @@ def test_a_seeded_fault_is_found_by_name(name: str, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_filter_without_fault_passes_every_check() -> None:
-    assert faults_of(Own) == []
+    assert faults_by(CHECKS, Own) == []
 
 
 def test_the_whole_kit_names_the_fault_and_what_follows_from_it() -> None:
-    assert [fault.check for fault in faults_of(TwoLines)] == ["interface"]
-    assert {fault.check for fault in faults_of(WantsTwoSensors)} == {"one-sensor"}
+    assert [fault.check for fault in faults_by(CHECKS, TwoLines)] == ["interface"]
+    assert {fault.check for fault in faults_by(CHECKS, WantsTwoSensors)} == {"one-sensor"}

@@ -1,27 +1,19 @@
-"""The conformance kit of tracking methods: each check tries one promise, and says in a sentence how it is broken."""
+"""The kit of tracking methods of bearings: each check tries one promise, and says in a sentence how it is broken."""
 
 from __future__ import annotations
 
 import gc
-import io
-import os
-import pickle
-import random
 import tracemalloc
-import warnings
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import fields, is_dataclass, replace
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from occlog.errors import OcclogError
 from occlog.plugins.interface import Filter, Moment, Place
-from occlog.settings import Settings
 from occlog.track.plugged import fault_of
 
+from .faults import FIRST, BrokenError, Check, manners, words
 from .walk import FEW, MOMENTS, PLAIN, SIGMA_RAD, Walk, blind, later, nobody
 
 SETTLED = MOMENTS // 2
@@ -34,17 +26,6 @@ GROWTH_BYTES = 150
 """Memory that a step may leave behind."""
 SAME = 3.0
 """In standard deviations: places of the same walk that are this near to each other are the same."""
-
-
-class Fault(NamedTuple):
-    """A promise that is broken: which, and how."""
-
-    check: str
-    sentence: str
-
-
-class BrokenError(Exception):
-    """A check found a fault."""
 
 
 Of = type[Filter]
@@ -61,7 +42,7 @@ def start(of: Of, scene: Walk = PLAIN, seed: int = 1) -> Filter:
     try:
         return of(scene.scene, of.settings.in_unit(scene.scene.length_unit), np.random.default_rng(seed))
     except Exception as error:
-        raise BrokenError(f"a new filter raises {_words(error)}") from error
+        raise BrokenError(f"a new filter raises {words(error)}") from error
 
 
 def step(own: Filter, moment: Moment) -> Place | None:
@@ -69,15 +50,11 @@ def step(own: Filter, moment: Moment) -> Place | None:
     try:
         place = own.step(moment)
     except Exception as error:
-        raise BrokenError(f"step raises {_words(error)}") from error
+        raise BrokenError(f"step raises {words(error)}") from error
     wrong = None if place is None else fault_of(place)
     if wrong is not None:
         raise BrokenError(wrong)
     return place
-
-
-def _words(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
 
 
 def _bytes(places: Sequence[Place | None]) -> list[tuple[bytes, ...] | None]:
@@ -98,27 +75,6 @@ def _alike(of: Of, walk: Walk, moments: Iterable[Moment], what: str) -> None:
         off = float(np.linalg.norm(walk.at(np.asarray(a.xy)) - np.asarray(b.xy)))
         if off > SAME * spread:
             raise BrokenError(f"{what}: the target is {off / walk.scale:.3g} m elsewhere than without it")
-
-
-def check_interface(of: Of) -> None:
-    """The summary is a line, and the settings are declared as this program's are."""
-    if not isinstance(of.summary, str) or not of.summary.strip() or "\n" in of.summary:
-        raise BrokenError("summary must be one line of text")
-    if not (isinstance(of.settings, type) and issubclass(of.settings, Settings) and is_dataclass(of.settings)):
-        raise BrokenError("settings must be a dataclass that derives from Settings")
-
-
-def check_settings(of: Of) -> None:
-    """Every setting is declared with a help text, and its default is in its range in every unit."""
-    for f in fields(of.settings):
-        said = f.metadata.get("setting")
-        if said is None or not said.help.strip():
-            raise BrokenError(f"setting {f.name} is not declared by setting() with a help text")
-    for unit in ("m", "cm", "ft", "cell"):
-        try:
-            of.settings.in_unit(unit)
-        except Exception as error:
-            raise BrokenError(f"the defaults for lengths in {unit} are refused: {error}") from error
 
 
 def check_shape(of: Of) -> None:
@@ -185,25 +141,6 @@ def check_consistent(of: Of) -> None:
         )
 
 
-def check_determinism(of: Of) -> None:
-    """The same seed gives the same bytes."""
-    if _bytes(run(of, FEW)) != _bytes(run(of, FEW)):
-        raise BrokenError("two runs with the same seed differ; draw from the generator that is given alone")
-
-
-def check_global_random(of: Of) -> None:
-    """Random numbers that others share are left alone."""
-
-    def state() -> str:
-        shared = dict(np.random.get_state(legacy=False))  # noqa: NPY002 - what others use is looked at, not used
-        return f"{random.getstate()} {pickle.dumps(shared)!r}"
-
-    before = state()
-    run(of, FEW)
-    if state() != before:
-        raise BrokenError("the global generator of random or numpy.random is used; use the one that is given")
-
-
 def check_independent(of: Of) -> None:
     """A filter does not know of other filters."""
     alone, first, second = run(of, FEW), start(of), start(of)
@@ -237,37 +174,6 @@ def check_results(of: Of) -> None:
             kept.append((place, np.array(place.xy), np.array(place.covariance)))
     if any((p.xy != xy).any() or (p.covariance != P).any() for p, xy, P in kept):
         raise BrokenError("a place changes after it was given back; give back copies")
-
-
-def check_output(of: Of) -> None:
-    """Nothing is written on the standard streams, and nothing warned of."""
-    out, err = io.StringIO(), io.StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        run(of, FEW)
-    if out.getvalue() or err.getvalue():
-        said = (out.getvalue() + err.getvalue()).strip()
-        raise BrokenError(f"step writes on standard output or error: {said[:60]!r}")
-
-
-def check_warnings(of: Of) -> None:
-    """An easy walk gives no warnings of Python."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        run(of, PLAIN)
-    if caught:
-        raise BrokenError(f"an easy walk gives {caught[0].category.__name__}: {caught[0].message}")
-
-
-def check_surroundings(of: Of) -> None:
-    """The working folder, the environment and NumPy's error state stay as they are."""
-
-    def state() -> tuple[object, ...]:
-        return sorted(p.name for p in Path().iterdir()), str(Path.cwd()), dict(os.environ), np.geterr()
-
-    before = state()
-    run(of, FEW)
-    if state() != before:
-        raise BrokenError("the working folder, the environment or NumPy's error state is changed")
 
 
 def check_memory(of: Of) -> None:
@@ -326,7 +232,7 @@ def check_time_back(of: Of) -> None:
     except (ValueError, OcclogError):
         return
     except Exception as error:
-        raise BrokenError(f"time that goes back raises {_words(error)}; raise a ValueError") from error
+        raise BrokenError(f"time that goes back raises {words(error)}; raise a ValueError") from error
     wrong = None if place is None else fault_of(place)
     if wrong is not None:
         raise BrokenError(f"after a time that goes back {wrong}")
@@ -396,25 +302,13 @@ def check_epoch(of: Of) -> None:
     _alike(of, early, early, "with times that begin at 0")
 
 
-CHECKS: dict[str, Callable[[Of], None]] = {
-    name.removeprefix("check_").replace("_", "-"): check
-    for name, check in list(globals().items())
-    if name.startswith("check_")
+CHECKS: dict[str, Check] = {
+    **FIRST,
+    **manners(lambda of: _bytes(run(of, FEW)), "step"),
+    **{
+        name.removeprefix("check_").replace("_", "-"): check
+        for name, check in list(globals().items())
+        if name.startswith("check_")
+    },
 }
-"""Every check by its name, in the order of the file."""
-
-
-def faults_of(of: Of) -> list[Fault]:
-    """The promises that a filter breaks; where the interface itself is broken nothing else is tried."""
-    found = []
-    for name, check in CHECKS.items():
-        try:
-            with warnings.catch_warnings(), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-                if name != "warnings":
-                    warnings.simplefilter("ignore")
-                check(of)
-        except BrokenError as broken:
-            found.append(Fault(name, str(broken)))
-            if name in ("interface", "settings"):
-                break
-    return found
+"""Every check by its name."""

@@ -1,0 +1,192 @@
+"""The kit of detectors: each check tries one promise with drawn images, and says in a sentence how it is broken."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from occlog.measure.detect.by_plugin import fault_of
+from occlog.plugins.interface import Detected, Image
+
+from .faults import FIRST, BrokenError, Check, called, defaults, manners
+
+GROWTH_BYTES = 4_000
+"""Memory that a film of a few images may leave behind."""
+SIZE = (120, 160)
+"""Height and width of the images [px]."""
+
+
+def image(k: int, size: tuple[int, int] = SIZE) -> Image:
+    """The k-th image of a film: two bright figures walk through a grey room with noise."""
+    high, wide = size
+    rng = np.random.default_rng(k)
+    out = rng.normal(60.0, 3.0, (high, wide, 3))
+    for place in (0.2 + 0.02 * k, 0.8 - 0.02 * k):
+        left = int(place * wide)
+        out[int(0.3 * high) : int(0.9 * high), left : left + max(wide // 10, 1)] = (210.0, 220.0, 230.0)
+    return np.clip(np.round(out), 0, 255).astype(np.uint8)
+
+
+def film(of: Any, images: Iterable[Image], what: str = "detect", *, own: Any = None) -> list[Detected]:
+    """What a detector finds in images; BrokenError where it fails, or gives back what no boxes can be."""
+    with called("a new detector"):
+        seeing = start(of) if own is None else own
+    found = []
+    for each in images:
+        with called(what):
+            found.append(seeing.detect(each))
+        wrong = fault_of(found[-1])
+        if wrong is not None:
+            raise BrokenError(wrong if what == "detect" else f"{what}: {wrong}")
+    return found
+
+
+def start(of: Any, seed: int = 1) -> Any:
+    """A new detector with its defaults."""
+    return of(defaults(of), np.random.default_rng(seed))
+
+
+def as_bytes(found: Iterable[Detected]) -> list[tuple[bytes, ...]]:
+    """Boxes, to be compared."""
+    values = [(each.boxes, each.scores, () if each.embeddings is None else each.embeddings) for each in found]
+    return [tuple(np.asarray(v, dtype=np.float64).tobytes() for v in each) for each in values]
+
+
+def use(of: Any) -> list[tuple[bytes, ...]]:
+    """What is found in a short film."""
+    return as_bytes(film(of, (image(k) for k in range(4))))
+
+
+def _refuse(of: Any, *starts: str, rest: bool = False) -> None:
+    """BrokenError where something of that kind is wrong; with `rest`, anything else."""
+    try:
+        own = start(of)
+        found = [own.detect(image(k)) for k in range(4)]
+    except Exception:
+        return
+    for each in found:
+        wrong = fault_of(each)
+        if wrong is not None and wrong.startswith(starts) != rest:
+            raise BrokenError(wrong)
+
+
+def check_shape(of: Any) -> None:
+    """A `Detected` with a score for each box is given back."""
+    _refuse(of, "boxes are not finite", "embeddings are not finite", "box ", "score ", rest=True)
+
+
+def check_finite(of: Any) -> None:
+    """Boxes and embeddings are numbers."""
+    _refuse(of, "boxes are not finite", "embeddings are not finite")
+
+
+def check_sizes(of: Any) -> None:
+    """Widths and heights are above 0."""
+    _refuse(of, "box ")
+
+
+def check_scores(of: Any) -> None:
+    """Scores are 0 to 1."""
+    _refuse(of, "score ")
+
+
+def check_inside(of: Any) -> None:
+    """Boxes meet the image: edges are pixels of the image that is given, not shares or another size."""
+    high, wide = SIZE
+    for each in film(of, (image(k) for k in range(4))):
+        for left, top, width, height in np.asarray(each.boxes, dtype=np.float64).reshape(-1, 4).tolist():
+            if left >= wide or top >= high or left + width <= -0.5 or top + height <= -0.5:
+                raise BrokenError(
+                    f"a box at {left:.0f},{top:.0f} of {width:.0f} x {height:.0f} px lies outside an image of "
+                    f"{wide} x {high} px"
+                )
+
+
+def check_embeddings(of: Any) -> None:
+    """Embeddings are of one length in all images."""
+    found = film(of, (image(k) for k in range(4)))
+    told = {each.embeddings is None for each in found}
+    lengths = {np.shape(each.embeddings)[1] for each in found if each.embeddings is not None and len(each.boxes)}
+    if len(told) > 1 or len(lengths) > 1:
+        raise BrokenError("embeddings have different lengths in the images of one film, or are told in some of them")
+
+
+def check_independent(of: Any) -> None:
+    """A detector does not know of other cameras."""
+    alone = film(of, (image(k) for k in range(4)))
+    with called("a new detector"):
+        first, second = start(of), start(of)
+    both = []
+    for k in range(4):
+        both += film(of, [image(k)], own=first)
+        film(of, [image(k)[:, ::-1].copy()], own=second)
+    if as_bytes(alone) != as_bytes(both):
+        raise BrokenError("boxes depend on another camera's images; keep state in the object, not in class or module")
+
+
+def check_inputs(of: Any) -> None:
+    """The image stays as it is."""
+    for k in range(4):
+        given = image(k)
+        film(of, [given])
+        if (given != image(k)).any():
+            raise BrokenError("detect changes the image that it is given; copy it")
+
+
+def check_results(of: Any) -> None:
+    """What was given back stays as it was."""
+    with called("a new detector"):
+        own = start(of)
+    kept = []
+    for k in range(6):
+        (found,) = film(of, [image(k)], own=own)
+        kept.append((found, as_bytes([found])))
+    if any(as_bytes([found]) != was for found, was in kept):
+        raise BrokenError("boxes change after they were given back; give back copies")
+
+
+def check_read_only(of: Any) -> None:
+    """Images may be read only."""
+    given = image(0)
+    given.flags.writeable = False
+    film(of, [given], "an image that is read only: detect")
+
+
+def check_strided(of: Any) -> None:
+    """Images need not lie in memory without gaps."""
+    wide = np.zeros((SIZE[0], 2 * SIZE[1], 3), dtype=np.uint8)
+    wide[:, ::2] = image(1)
+    if as_bytes(film(of, [wide[:, ::2]], "an image with gaps in memory: detect")) != as_bytes(film(of, [image(1)])):
+        raise BrokenError("an image that has gaps in memory gives other boxes; use its values, not its bytes")
+
+
+def check_empty(of: Any) -> None:
+    """Nobody may be there: images of one colour."""
+    for value in (0, 128, 255):
+        film(of, [np.full((*SIZE, 3), value, dtype=np.uint8)], f"an image of the colour {value}: detect")
+
+
+def check_noise(of: Any) -> None:
+    """Images of noise are no reason to fail."""
+    rng = np.random.default_rng(9)
+    film(of, [rng.integers(0, 256, (*SIZE, 3)).astype(np.uint8)], "an image of noise: detect")
+
+
+def check_small(of: Any) -> None:
+    """Images may be small, and of any shape."""
+    for size in ((16, 24), (241, 63)):
+        film(of, [image(0, size)], f"an image of {size[1]} x {size[0]} px: detect")
+
+
+CHECKS: dict[str, Check] = {
+    **FIRST,
+    **{
+        name.removeprefix("check_").replace("_", "-"): check
+        for name, check in list(globals().items())
+        if name.startswith("check_")
+    },
+    **manners(use, "detect", growth_bytes=GROWTH_BYTES),
+}
+"""Every check by its name."""

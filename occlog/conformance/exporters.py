@@ -1,0 +1,147 @@
+"""The kit of exporters: each check tries one promise with small tables, and says in a sentence how it is broken."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from occlog.examine.export.by_plugin import Sink
+from occlog.plugins.interface import World
+from occlog.records.columns import Table
+from occlog.records.tables import TABLES
+
+from .faults import FIRST, BrokenError, Check, called, defaults, manners
+from .samples import SAMPLES, SCENE, in_unit, moved, with_gaps, with_names
+
+GROWTH_BYTES = 2_000
+"""Memory that a writing may leave behind."""
+
+
+def taken(of: Any) -> Iterator[Table]:
+    """A sample of each table that an exporter takes."""
+    yield from (SAMPLES[name]() for name in of.tables if name in SAMPLES)
+
+
+def write(of: Any, rows: Table, what: str, *, unit: str = "m", own: Any = None) -> bytes:
+    """What an exporter writes; BrokenError where it fails."""
+    file = io.BytesIO()
+    with called(what):
+        (of(defaults(of, unit)) if own is None else own).write(rows, World(unit, SCENE), Sink(file))
+    if file.closed:
+        raise BrokenError(f"{what} closes the file, which its opener does")
+    return file.getvalue()
+
+
+def use(of: Any) -> list[bytes]:
+    """What is written of all samples."""
+    return [write(of, rows, f"writing {rows.NAME}") for rows in taken(of)]
+
+
+def check_tables(of: Any) -> None:
+    """Tables are names of this program's, and a sample of one is here."""
+    if not isinstance(of.tables, tuple) or not of.tables:
+        raise BrokenError("tables must be a tuple of names, as ('tracks',)")
+    for name in of.tables:
+        if name not in TABLES:
+            raise BrokenError(f"table {name!r} is none of {', '.join(TABLES)}")
+    if not any(name in SAMPLES for name in of.tables):
+        raise BrokenError(f"of {', '.join(of.tables)} nothing can be tried; the kit has {', '.join(SAMPLES)}")
+
+
+def check_writes(of: Any) -> None:
+    """Every table that is taken can be written, and something is written."""
+    for rows in taken(of):
+        if not write(of, rows, f"writing {rows.NAME}"):
+            raise BrokenError(f"of {len(rows)} rows of {rows.NAME} nothing is written")
+
+
+def check_rows(of: Any) -> None:
+    """What is written depends on each row."""
+    for rows in taken(of):
+        whole = write(of, rows, f"writing {rows.NAME}")
+        for name, row in (("first", 0), ("last", -1)):
+            if write(of, moved(rows, row), f"writing {rows.NAME}") == whole:
+                raise BrokenError(f"the {name} row of {rows.NAME} is left out: nothing that it measures is written")
+
+
+def check_inputs(of: Any) -> None:
+    """The rows stay as they are."""
+    for rows in taken(of):
+        before = {c.name: getattr(rows, c.name).tobytes() for c in rows.columns()}
+        write(of, rows, f"writing {rows.NAME}")
+        changed = [name for name, data in before.items() if getattr(rows, name).tobytes() != data]
+        if changed:
+            raise BrokenError(f"write changes {changed[0]} of the rows that it is given; copy it")
+
+
+def check_empty(of: Any) -> None:
+    """A table without rows can be written."""
+    for rows in taken(of):
+        write(of, type(rows).empty(), f"writing {rows.NAME} without rows")
+
+
+def check_one_row(of: Any) -> None:
+    """A single row can be written."""
+    for rows in taken(of):
+        write(of, rows.take(slice(0, 1)), f"writing one row of {rows.NAME}")
+
+
+def check_absent_values(of: Any) -> None:
+    """Columns that may be NaN can be."""
+    for rows in taken(of):
+        write(of, with_gaps(rows), f"writing {rows.NAME} with NaN wherever it may be")
+
+
+def check_names(of: Any) -> None:
+    """Names of sensors may have blanks, marks and any letters."""
+    for rows in taken(of):
+        if hasattr(rows, "sensor"):
+            write(of, with_names(rows, 'Tür 2, "süd"; ☂'), f"writing {rows.NAME} of a sensor with marks in its name")
+
+
+def check_old_times(of: Any) -> None:
+    """Times may count from 0, or be before 1970."""
+    for rows in taken(of):
+        columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
+        early = type(rows).of(**{**columns, "t_ns": rows.t_ns - int(rows.t_ns[0]) - 10**9})  # type: ignore[attr-defined]
+        write(of, early, f"writing {rows.NAME} with times before 1970")
+
+
+def check_exact_times(of: Any) -> None:
+    """Times that differ are told apart."""
+    for rows in taken(of):
+        columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
+        later = type(rows).of(**{**columns, "t_ns": rows.t_ns + np.int64(10**6)})  # type: ignore[attr-defined]
+        if write(of, later, f"writing {rows.NAME}") == write(of, rows, f"writing {rows.NAME}"):
+            raise BrokenError(f"times of {rows.NAME} that are a millisecond later are written alike")
+
+
+def check_unit(of: Any) -> None:
+    """Lengths may be in centimetres, or in a unit of their own."""
+    for rows in taken(of):
+        for unit, factor in (("cm", 100.0), ("cell", 1.0)):
+            write(of, in_unit(rows, factor), f"writing {rows.NAME} in {unit}", unit=unit)
+
+
+def check_reuse(of: Any) -> None:
+    """An exporter can write several files."""
+    own = of(defaults(of))
+    for rows in taken(of):
+        first = write(of, rows, "writing", own=own)
+        if write(of, rows, "writing again", own=own) != first:
+            raise BrokenError("a second file written by the same object differs; keep nothing of the first")
+
+
+CHECKS: dict[str, Check] = {
+    **FIRST,
+    **{
+        name.removeprefix("check_").replace("_", "-"): check
+        for name, check in list(globals().items())
+        if name.startswith("check_")
+    },
+    **manners(use, "write", growth_bytes=GROWTH_BYTES),
+}
+"""Every check by its name."""

@@ -1,0 +1,177 @@
+"""What the kits share: a fault with its name, and the promises that all kinds of plug-ins make."""
+
+from __future__ import annotations
+
+import gc
+import io
+import os
+import pickle
+import random
+import tracemalloc
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from occlog.settings import Settings
+
+
+class Fault(NamedTuple):
+    """A promise that is broken: which, and how."""
+
+    check: str
+    sentence: str
+
+
+class BrokenError(Exception):
+    """A check found a fault."""
+
+
+Check = Callable[[Any], None]
+"""Tries a promise of a class; BrokenError says how it is broken."""
+
+
+@contextmanager
+def called(what: str, *refusals: type[Exception]) -> Iterator[None]:
+    """BrokenError where what is called inside raises anything but a refusal."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, (BrokenError, *refusals)):
+            raise
+        raise BrokenError(f"{what} raises {words(error)}") from error
+
+
+def words(error: BaseException) -> str:
+    """Type and message of an error in one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+
+
+def defaults(of: Any, length_unit: str = "m") -> Settings:
+    """The default settings of a plug-in."""
+    found: Settings = of.settings.in_unit(length_unit)
+    return found
+
+
+def check_interface(of: Any) -> None:
+    """The summary is a line, and the settings are declared as this program's are."""
+    if not isinstance(of.summary, str) or not of.summary.strip() or "\n" in of.summary:
+        raise BrokenError("summary must be one line of text")
+    if not (isinstance(of.settings, type) and issubclass(of.settings, Settings) and is_dataclass(of.settings)):
+        raise BrokenError("settings must be a dataclass that derives from Settings")
+
+
+def check_settings(of: Any) -> None:
+    """Every setting is declared with a help text, and its default is in its range in every unit."""
+    for f in fields(of.settings):
+        said = f.metadata.get("setting")
+        if said is None or not said.help.strip():
+            raise BrokenError(f"setting {f.name} is not declared by setting() with a help text")
+    for unit in ("m", "cm", "ft", "cell"):
+        try:
+            of.settings.in_unit(unit)
+        except Exception as error:
+            raise BrokenError(f"the defaults for lengths in {unit} are refused: {error}") from error
+
+
+FIRST: dict[str, Check] = {"interface": check_interface, "settings": check_settings}
+"""Where one of these finds a fault, nothing else is tried."""
+
+
+def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -> dict[str, Check]:
+    """The promises that any plug-in makes to what is around it.
+
+    Args:
+        use: uses a class in an ordinary way, and gives what it said, to be compared.
+        what: the function of the plug-in that is used, for messages.
+        growth_bytes: memory that a use may leave behind; 0: not tried here.
+    """
+
+    def check_determinism(of: Any) -> None:
+        if use(of) != use(of):
+            raise BrokenError(f"two runs of {what} with the same inputs and seed differ")
+
+    def check_global_random(of: Any) -> None:
+        def state() -> str:
+            shared = dict(np.random.get_state(legacy=False))  # noqa: NPY002 - what others use is looked at, not used
+            return f"{random.getstate()} {pickle.dumps(shared)!r}"
+
+        before = state()
+        use(of)
+        if state() != before:
+            raise BrokenError("the global generator of random or numpy.random is used; use the one that is given")
+
+    def check_output(of: Any) -> None:
+        out, err = io.StringIO(), io.StringIO()
+        with redirect_stdout(out), redirect_stderr(err):
+            use(of)
+        if out.getvalue() or err.getvalue():
+            said = (out.getvalue() + err.getvalue()).strip()
+            raise BrokenError(f"{what} writes on standard output or error: {said[:60]!r}")
+
+    def check_warnings(of: Any) -> None:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            use(of)
+        if caught:
+            raise BrokenError(f"ordinary input gives {caught[0].category.__name__}: {caught[0].message}")
+
+    def check_surroundings(of: Any) -> None:
+        def state() -> tuple[object, ...]:
+            return sorted(p.name for p in Path().iterdir()), str(Path.cwd()), dict(os.environ), np.geterr()
+
+        before = state()
+        use(of)
+        if state() != before:
+            raise BrokenError("the working folder, the environment or NumPy's error state is changed")
+
+    def check_memory(of: Any) -> None:
+        use(of)
+        use(of)
+        tracemalloc.start()
+        try:
+            gc.collect()
+            before = tracemalloc.get_traced_memory()[0]
+            for _ in range(USES):
+                use(of)
+            gc.collect()
+            grown = (tracemalloc.get_traced_memory()[0] - before) / USES
+        finally:
+            tracemalloc.stop()
+        if grown > growth_bytes:
+            raise BrokenError(f"each use leaves {grown:.0f} bytes behind (allowed: {growth_bytes}); keep nothing")
+
+    found: dict[str, Check] = {
+        "determinism": check_determinism,
+        "global-random": check_global_random,
+        "output": check_output,
+        "warnings": check_warnings,
+        "surroundings": check_surroundings,
+    }
+    return found | ({"memory": check_memory} if growth_bytes else {})
+
+
+USES = 5
+"""How often something is used to see whether memory grows."""
+
+
+def faults_by(checks: Mapping[str, Check], of: Any) -> list[Fault]:
+    """The promises that a class breaks; where the interface itself is broken nothing else is tried."""
+    found = []
+    for name, check in checks.items():
+        try:
+            with warnings.catch_warnings(), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                if name != "warnings":
+                    warnings.simplefilter("ignore")
+                check(of)
+        except BrokenError as broken:
+            found.append(Fault(name, str(broken)))
+            if name in FIRST:
+                break
+        except Exception as error:
+            found.append(Fault(name, f"it cannot be tried: {words(error)}"))
+    return found

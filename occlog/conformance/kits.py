@@ -1,0 +1,43 @@
+"""The kit of each kind of plug-in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from occlog.errors import UsageError
+from occlog.io.files.inputs import check_input
+from occlog.plugins.loading import DETECTOR, EXPORTER, METHOD, METRIC, READER, VIEW_TRACKER, Plugin
+
+from . import detectors, exporters, filters, metrics, view_trackers
+from .faults import Check
+from .readers import checks_with
+
+KITS: Mapping[str, Mapping[str, Check]] = {
+    METHOD: filters.CHECKS,
+    VIEW_TRACKER: view_trackers.CHECKS,
+    DETECTOR: detectors.CHECKS,
+    METRIC: metrics.CHECKS,
+    EXPORTER: exporters.CHECKS,
+}
+"""Checks by kind; those of readers need a file."""
+
+
+def kit_of(plugin: Plugin, sample: Path | None) -> Mapping[str, Check]:
+    """The checks of a plug-in.
+
+    Args:
+        plugin: the plug-in.
+        sample: a file for a reader; None: not given.
+
+    Raises:
+        UsageError: a reader without a sample, or a sample for something else.
+        InputError: the sample is not there, or is empty.
+    """
+    if plugin.kind != READER:
+        if sample is not None:
+            raise UsageError(f"--sample is for readers; {plugin.name} is a {plugin.kind}, leave it out")
+        return KITS[plugin.kind]
+    if sample is None:
+        raise UsageError(f"{plugin.name} is a reader: give a good file for it to read (--sample FILE)")
+    return checks_with(check_input(sample, f"a file that {plugin.name} reads"))

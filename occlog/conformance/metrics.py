@@ -1,0 +1,170 @@
+"""The kit of metrics: each check tries one promise with a short walk of two people."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from occlog.evaluate.by_plugin import fault_of
+from occlog.plugins.interface import Compared
+
+from .faults import FIRST, BrokenError, Check, called, defaults, manners
+from .samples import START_NS, compared, errors
+
+GROWTH_BYTES = 2_000
+"""Memory that a comparison may leave behind."""
+CLOSE = 1e-6
+"""Relative difference of figures that are the same."""
+POWERS = {"length": 1, "length^2": 2, "length2": 2, "length/s": 1}
+"""Powers of length in units."""
+
+
+def figures(of: Any, given: Compared, what: str = "figures") -> Mapping[str, float]:
+    """What a metric says; BrokenError where it fails, or gives what cannot be."""
+    with called(what):
+        found = of(defaults(of, given.length_unit)).figures(given)
+    wrong = fault_of(found, of.units)
+    if wrong is not None:
+        raise BrokenError(wrong if what == "figures" else f"{what}: {wrong}")
+    return found  # type: ignore[no-any-return]
+
+
+def use(of: Any) -> list[tuple[str, str]]:
+    """The figures of the plain walk."""
+    return [(name, repr(float(value))) for name, value in sorted(figures(of, compared()).items())]
+
+
+def _alike(of: Any, other: Compared, what: str, scale: float = 1.0) -> None:
+    """BrokenError unless figures of another walk are those of the plain one; lengths times a scale."""
+    plain, found = figures(of, compared()), figures(of, other, what)
+    for name, value in plain.items():
+        want = float(value) * scale ** POWERS.get(of.units[name], 0)
+        if not math.isclose(want, float(found[name]), rel_tol=CLOSE, abs_tol=CLOSE) and not (
+            math.isnan(want) and math.isnan(float(found[name]))
+        ):
+            raise BrokenError(f"{what}: {name} is {float(found[name]):.6g}; {want:.6g} was expected")
+
+
+def check_units(of: Any) -> None:
+    """Units are declared for figures whose names are words."""
+    if not isinstance(of.units, Mapping) or not of.units:
+        raise BrokenError("units must be a mapping of names to units, with one figure at least")
+    for name, unit in of.units.items():
+        if not re.fullmatch(r"[a-z][a-z0-9_]*", str(name)):
+            raise BrokenError(f"figure {name!r} must be named by small letters, digits and _")
+        if not isinstance(unit, str) or re.search(r"\s", unit):
+            raise BrokenError(f"the unit of {name} is {unit!r}; want a text without blanks, as 'length', 's' or '1'")
+
+
+def check_figures(of: Any) -> None:
+    """All figures that units declares are given, as numbers, and no others."""
+    figures(of, compared())
+
+
+def check_known(of: Any) -> None:
+    """Of an ordinary walk some figure is a number."""
+    if all(math.isnan(value) for value in figures(of, compared()).values()):
+        raise BrokenError("all figures of an ordinary walk are NaN")
+
+
+def check_inputs(of: Any) -> None:
+    """The tables stay as they are."""
+    given = compared()
+    tables = (given.tracks, given.truth, given.errors)
+    before = [{c.name: getattr(table, c.name).tobytes() for c in table.columns()} for table in tables]
+    figures(of, given)
+    for table, was in zip(tables, before, strict=True):
+        changed = [name for name, data in was.items() if getattr(table, name).tobytes() != data]
+        if changed:
+            raise BrokenError(f"figures changes {changed[0]} of the {table.NAME} that it is given; copy it")
+
+
+def check_reuse(of: Any) -> None:
+    """A metric can compare several times."""
+    own = of(defaults(of))
+    with called("figures"):
+        first, second = dict(own.figures(compared())), dict(own.figures(compared()))
+    if repr(first) != repr(second):
+        raise BrokenError("a second comparison by the same object differs; keep nothing of the first")
+
+
+def check_no_tracks(of: Any) -> None:
+    """There may be no tracks."""
+    given = compared()
+    nothing = slice(0, 0)
+    figures(of, given._replace(tracks=given.tracks.take(nothing), errors=given.errors.take(nothing)), "without tracks")
+
+
+def check_no_truth(of: Any) -> None:
+    """There may be no truth."""
+    given = compared()
+    figures(of, given._replace(truth=given.truth.take(slice(0, 0)), errors=given.errors.take(slice(0, 0))), "no truth")
+
+
+def check_no_pairs(of: Any) -> None:
+    """No estimate may have a truth."""
+    given = compared()
+    figures(of, given._replace(errors=given.errors.take(slice(0, 0))), "tracks and truth of other people")
+
+
+def check_one_row(of: Any) -> None:
+    """There may be a single estimate."""
+    given = compared()
+    first = given.tracks.take(slice(0, 1))
+    figures(of, Compared(first, given.truth, errors(first, given.truth), "m"), "a single estimate")
+
+
+def check_no_covariance(of: Any) -> None:
+    """Covariances, velocities and NEES may be NaN."""
+    given = compared()
+    columns = {c.name: getattr(given.tracks, c.name) for c in given.tracks.columns()}
+    for name in ("vx", "vy", "cov_xx", "cov_xy", "cov_yy"):
+        if next(c for c in given.tracks.columns() if c.name == name).nan is not None:
+            columns[name] = np.full(len(given.tracks), np.nan)
+    left = {c.name: getattr(given.errors, c.name) for c in given.errors.columns()}
+    left["nees"] = np.full(len(given.errors), np.nan)
+    bare = given._replace(tracks=type(given.tracks).of(**columns), errors=type(given.errors).of(**left))
+    figures(of, bare, "tracks without covariances")
+
+
+def check_numbers(of: Any) -> None:
+    """What targets are called does not matter."""
+    given = compared()
+
+    def renamed(table: Any) -> Any:
+        columns = {c.name: getattr(table, c.name) for c in table.columns()}
+        return type(table).of(**{**columns, "target_id": np.where(table.target_id == 3, 40, 7).astype(np.int32)})
+
+    other = Compared(renamed(given.tracks), renamed(given.truth), renamed(given.errors), "m")
+    _alike(of, other, "with other numbers of targets")
+
+
+def check_shift(of: Any) -> None:
+    """The origin can be anywhere."""
+    _alike(of, compared(shift=(1000.0, -2000.0)), "in a world shifted by 2 km")
+
+
+def check_unit(of: Any) -> None:
+    """Lengths can be in centimetres; those of figures are then, too."""
+    _alike(of, compared(scale=100.0, unit="cm"), "in centimetres", 100.0)
+
+
+def check_epoch(of: Any) -> None:
+    """Times can count from 1970 or from a recording's start."""
+    _alike(of, compared(start_ns=START_NS % 10**9), "with times that begin near 0")
+
+
+CHECKS: dict[str, Check] = {
+    **FIRST,
+    **{
+        name.removeprefix("check_").replace("_", "-"): check
+        for name, check in list(globals().items())
+        if name.startswith("check_")
+    },
+    **manners(use, "figures", growth_bytes=GROWTH_BYTES),
+}
+"""Every check by its name."""

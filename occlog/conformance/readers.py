@@ -1,0 +1,190 @@
+"""The kit of readers: each check tries one promise with a sample file, and says in a sentence how it is broken."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from occlog.errors import InputError
+from occlog.io.files.by_reader import as_text, fault_of
+from occlog.io.files.csv_rows import first_line
+from occlog.io.foreign.source import Source
+from occlog.io.foreign.table import ForeignTable, best_fit
+from occlog.plugins.interface import Columns
+from occlog.records.tables import TABLES
+
+from .faults import FIRST, BrokenError, Check, called, defaults, manners
+
+REFUSALS = (ValueError, OSError)
+"""What a reader may raise for a damaged file."""
+GROWTH_BYTES = 2_000
+"""Memory that a reading may leave behind."""
+SHARES, LAST = (0.9, 0.5, 0.1), range(1, 9)
+"""Where the end of the sample is cut off: shares that are left, and bytes that are missing."""
+
+
+def checks_with(sample: Path) -> dict[str, Check]:
+    """The checks of readers, with a sample of their files."""
+
+    def read(of: Any, path: Path = sample) -> Columns:
+        with called("read"):
+            found = of(defaults(of)).read(path)
+        wrong = fault_of(found)
+        if wrong is not None:
+            raise BrokenError(wrong)
+        return found  # type: ignore[no-any-return]
+
+    def text(of: Any, path: Path = sample) -> str:
+        return as_text({name: np.asarray(values) for name, values in read(of, path).items()})
+
+    def check_endings(of: Any) -> None:
+        """Endings begin with a point, are in lower case, and the sample has one of them."""
+        endings = of.endings
+        if not isinstance(endings, tuple) or not endings:
+            raise BrokenError("endings must be a tuple of texts, as ('.xyz',)")
+        for ending in endings:
+            if not isinstance(ending, str) or not ending.startswith(".") or ending != ending.lower():
+                raise BrokenError(f"ending {ending!r} must begin with a point, in lower case")
+        if not sample.name.lower().endswith(endings):
+            raise BrokenError(f"the sample's name, {sample.name}, ends in none of {', '.join(endings)}")
+
+    def check_table(of: Any) -> None:
+        """The table is one of this program's."""
+        if of.table not in TABLES:
+            raise BrokenError(f"table is {of.table!r}; want one of {', '.join(TABLES)}")
+
+    def check_columns(of: Any) -> None:
+        """Columns have names and one length."""
+        if not len(next(iter(read(of).values()))):  # type: ignore[arg-type]
+            raise BrokenError("the sample gives no rows; give one that has some")
+
+    @contextmanager
+    def laid_out(of: Any) -> Iterator[ForeignTable]:
+        """The columns as the table that the reader says; BrokenError where they, or rows, are none."""
+        found = text(of)
+        with TemporaryDirectory() as other:
+            path = Path(other) / "as_read.csv"
+            path.write_text(found, encoding="utf-8")
+            try:
+                source = Source(path, "CSV", tuple(first_line(path, "columns")))
+                yield ForeignTable(source, best_fit(source, [TABLES[of.table]]))
+            except InputError as error:
+                reason = str(error).replace(f"{path}: ", "")
+                raise BrokenError(f"columns or rows are none of {of.table}: {reason}") from error
+
+    def check_fits(of: Any) -> None:
+        """The columns make the table that the reader says."""
+        if of.table in TABLES:
+            with laid_out(of) as table:
+                list(table.rows(TABLES[of.table]))
+
+    def check_used(of: Any) -> None:
+        """No column is there that the table does not know."""
+        if of.table in TABLES:
+            with laid_out(of) as table:
+                used = {spelled.name for spelled in table.layout.columns}
+                left = [name for name in table.source.names if name not in used]
+            if left:
+                raise BrokenError(f"column {left[0]} is none of {of.table}; leave it out, or name it as the table does")
+
+    def check_place(of: Any) -> None:
+        """The name and the folder of a file do not matter."""
+        with TemporaryDirectory() as other:
+            path = Path(other) / f"ein Ort, naïve'{sample.suffix}"
+            shutil.copy(sample, path)
+            if text(of, path) != text(of):
+                raise BrokenError("a copy of the file with another name is read differently")
+
+    def check_unchanged(of: Any) -> None:
+        """A file that is read stays as it is, and nothing appears beside it."""
+        with TemporaryDirectory() as other:
+            path = Path(other) / sample.name
+            shutil.copy(sample, path)
+            before = path.read_bytes()
+            read(of, path)
+            if path.read_bytes() != before or len(list(Path(other).iterdir())) != 1:
+                raise BrokenError("read changes the file, or leaves another one beside it")
+
+    def check_closed(of: Any) -> None:
+        """Files are closed."""
+        opened = Path("/proc/self/fd")
+        if not opened.is_dir():
+            return
+        kept = of(defaults(of))
+        before = len(list(opened.iterdir()))
+        with called("read"):
+            kept.read(sample)
+        if len(list(opened.iterdir())) > before:
+            raise BrokenError("read leaves a file open; open it in a with statement")
+
+    def check_reuse(of: Any) -> None:
+        """A reader can read several files."""
+        own = of(defaults(of))
+        with called("read"):
+            first, second = own.read(sample), own.read(sample)
+        if fault_of(first) is None and fault_of(second) is None:
+            both = [as_text({n: np.asarray(v) for n, v in found.items()}) for found in (first, second)]
+            if both[0] != both[1]:
+                raise BrokenError("a second file read by the same object is read differently")
+
+    def damaged(of: Any, what: str, data: bytes, *, refused: bool = False) -> None:
+        with TemporaryDirectory() as other:
+            path = Path(other) / sample.name
+            path.write_bytes(data)
+            try:
+                with called(f"{what}: read", *REFUSALS):
+                    found = of(defaults(of)).read(path)
+            except REFUSALS as error:
+                if not str(error).strip() or "\n" in str(error).strip():
+                    raise BrokenError(f"{what}: {type(error).__name__} must say in one line what is wrong") from error
+                return
+        if refused:
+            raise BrokenError(f"{what} is read as if nothing were wrong; raise a ValueError")
+        wrong = fault_of(found)
+        if wrong is not None:
+            raise BrokenError(f"{what}: {wrong}")
+
+    def check_absent(of: Any) -> None:
+        """A file that is not there is an OSError."""
+        with TemporaryDirectory() as other:
+            try:
+                with called("a file that is not there: read", OSError):
+                    of(defaults(of)).read(Path(other) / sample.name)
+            except OSError:
+                return
+        raise BrokenError("a file that is not there is read as if it were")
+
+    def check_cut(of: Any) -> None:
+        """A file whose end is cut off is refused by a ValueError, or read as far as it goes."""
+        data = sample.read_bytes()
+        for size in (*(int(share * len(data)) for share in SHARES), *(len(data) - n for n in LAST)):
+            damaged(of, f"a file of {len(data)} bytes cut to {size}", data[: max(size, 1)])
+
+    def check_garbage(of: Any) -> None:
+        """Bytes of another format are refused."""
+        damaged(of, "a file of other bytes", np.random.default_rng(3).bytes(2_000), refused=True)
+
+    def check_flipped(of: Any) -> None:
+        """Single bytes that are wrong are refused by a ValueError, or do no harm."""
+        data, rng = sample.read_bytes(), np.random.default_rng(4)
+        for _ in range(20):
+            broken = bytearray(data)
+            broken[int(rng.integers(len(data)))] ^= int(rng.integers(1, 256))
+            damaged(of, "a file with a wrong byte", bytes(broken))
+
+    def check_size(of: Any) -> None:
+        """A file whose content is there twice is refused, or has more rows."""
+        damaged(of, "a file whose content is there twice", 2 * sample.read_bytes())
+
+    own: dict[str, Callable[[Any], None]] = {
+        name.removeprefix("check_").replace("_", "-"): check
+        for name, check in locals().items()
+        if name.startswith("check_")
+    }
+    return {**FIRST, **own, **manners(text, "read", growth_bytes=GROWTH_BYTES)}

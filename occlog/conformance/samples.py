@@ -1,0 +1,206 @@
+"""Small tables that plug-ins are tried with: two people who walk past two cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from occlog.array_types import NS
+from occlog.plugins.interface import Compared
+from occlog.records.columns import Table
+from occlog.records.scene import MicrophoneArray, Scene
+from occlog.records.tables import Bearings, Boxes, Errors, Tracks, Truth, Views
+from occlog.records.views import ViewTracks
+
+T = TypeVar("T", bound=Table)
+START_NS = 1_790_000_000 * NS + 123_456_000
+STEP_NS = NS // 4
+MOMENTS = 30
+SCENE = Scene(arrays=(MicrophoneArray("north", np.array([0.0, 40.0, 0.0]), planar=True),))
+
+
+def _moments(start_ns: int) -> tuple[Any, Any]:
+    """Times and identities of rows: two targets at each time."""
+    times = start_ns + STEP_NS * np.arange(MOMENTS, dtype=np.int64)
+    return np.repeat(times, 2), np.tile([3, 8], MOMENTS)
+
+
+def _places(target: Any, seconds: Any) -> Any:
+    """(n, 2) true places [m]."""
+    return np.column_stack([-6.0 + 0.8 * seconds + 0.1 * target, 4.0 + np.sin(seconds) - target])
+
+
+def _rows(table: type[T], **values: Any) -> T:
+    """A table, NaN or empty in the columns that are not given."""
+    count = len(values["t_ns"])
+    for c in table.columns():
+        if c.name not in values and not c.optional:
+            absent: Any = "" if c.kind == "U" else np.nan if c.dtype.kind == "f" else 0
+            shape = (count, c.width) if c.width > 0 else (count,)
+            values[c.name] = np.full(shape, absent)
+    return table.of(**values)
+
+
+def truth(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Truth:
+    """True places of both."""
+    t_ns, target = _moments(start_ns)
+    xy = scale * (_places(target, (t_ns - start_ns) / NS) + shift)
+    return _rows(Truth, t_ns=t_ns, target_id=target, role=np.full(len(t_ns), "target"), x=xy[:, 0], y=xy[:, 1])
+
+
+def tracks(start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Tracks:
+    """Estimates of both, some decimetres off; the second one is missing for a while."""
+    t_ns, target = _moments(start_ns)
+    xy = _places(target, (t_ns - start_ns) / NS) + np.random.default_rng(1).normal(0.0, 0.3, (len(t_ns), 2)) + shift
+    variance = np.full(len(t_ns), 0.09 * scale**2)
+    whole = _rows(
+        Tracks,
+        t_ns=t_ns,
+        target_id=target,
+        x=scale * xy[:, 0],
+        y=scale * xy[:, 1],
+        vx=np.full(len(t_ns), 0.8 * scale),
+        vy=np.zeros(len(t_ns)),
+        cov_xx=variance,
+        cov_yy=variance,
+        cov_xy=np.zeros(len(t_ns)),
+    )
+    return whole.take((target == 3) | (np.arange(len(t_ns)) // 2 % 10 < 7))
+
+
+def errors(found: Tracks, true: Truth) -> Errors:
+    """Estimate minus truth, paired by identity."""
+    place = {(t, k): n for n, (t, k) in enumerate(zip(true.t_ns.tolist(), true.target_id.tolist(), strict=True))}
+    pairs = zip(found.t_ns.tolist(), found.target_id.tolist(), strict=True)
+    row = np.array([place[pair] for pair in pairs], dtype=np.int64)
+    off = np.column_stack([found.x - true.x[row], found.y - true.y[row]])
+    return _rows(
+        Errors,
+        t_ns=found.t_ns,
+        target_id=found.target_id,
+        x=found.x,
+        y=found.y,
+        truth_x=true.x[row],
+        truth_y=true.y[row],
+        error_x=off[:, 0],
+        error_y=off[:, 1],
+        error=np.hypot(*off.T),
+        nees=(off**2).sum(axis=1) / found.cov_xx,
+    )
+
+
+def compared(
+    start_ns: int = START_NS, *, scale: float = 1.0, shift: tuple[float, float] = (0.0, 0.0), unit: str = "m"
+) -> Compared:
+    """Tracks, truth and errors."""
+    found, true = tracks(start_ns, scale=scale, shift=shift), truth(start_ns, scale=scale, shift=shift)
+    return Compared(found, true, errors(found, true), unit)
+
+
+def _bearings() -> Bearings:
+    t_ns, target = _moments(START_NS)
+    seen = np.arange(len(t_ns)) % 7 != 0
+    angle = np.where(seen, 0.01 * np.arange(len(t_ns)) - 0.2, np.nan)
+    sigma = np.where(seen, 0.02, np.nan)
+    sensor = np.full(len(t_ns), "north")
+    return _rows(Bearings, t_ns=t_ns, sensor=sensor, target_id=target, seen=seen, bearing=angle, sigma=sigma)
+
+
+def _image_rows(table: type[T], **values: Any) -> T:
+    t_ns, target = _moments(START_NS)
+    number = np.tile([0, 1], MOMENTS)
+    return _rows(
+        table, t_ns=t_ns, sensor=np.full(len(t_ns), "cam1"), frame=np.repeat(np.arange(MOMENTS), 2), target_id=target,
+        **{name: value(number, np.repeat(np.arange(MOMENTS), 2)) for name, value in values.items()},
+    )  # fmt: skip
+
+
+EDGES: Mapping[str, Callable[[Any, Any], Any]] = {
+    "left_px": lambda number, frame: 40.0 + 200.0 * number + 3.0 * frame,
+    "top_px": lambda number, frame: 100.0 + 5.0 * number + 0.5 * frame,
+    "width_px": lambda number, frame: 40.0 + 0.0 * number + 0.1 * frame,
+    "height_px": lambda number, frame: 110.0 + 2.0 * number + 0.2 * frame,
+}
+
+
+def _boxes() -> Boxes:
+    return _image_rows(Boxes, box=lambda number, _: number, confidence=lambda number, _: 0.9 - 0.1 * number, **EDGES)
+
+
+def _views() -> Views:
+    return _image_rows(
+        Views,
+        cluster=lambda number, _: number,
+        x_px=lambda number, frame: 60.0 + 200.0 * number + 3.0 * frame,
+        y_px=lambda number, frame: 155.0 + 5.0 * number + 0.5 * frame,
+        cov_xx_px=lambda number, _: 100.0 + 0.0 * number,
+        cov_xy_px=lambda number, _: 0.0 * number,
+        cov_yy_px=lambda number, _: 700.0 + 0.0 * number,
+        area_px=lambda number, _: 4000.0 + 0.0 * number,
+        **EDGES,
+    )
+
+
+def _view_tracks() -> ViewTracks:
+    return _image_rows(
+        ViewTracks,
+        x_px=lambda number, frame: 60.0 + 200.0 * number + 3.0 * frame,
+        y_px=lambda number, frame: 155.0 + 5.0 * number + 0.5 * frame,
+        a_px=lambda number, _: 20.0 + number,
+        b_px=lambda number, _: 55.0 + number,
+        rho=lambda number, _: 0.1 * number,
+        cov_xx_px=lambda number, _: 4.0 + 0.0 * number,
+        cov_xy_px=lambda number, _: 0.0 * number,
+        cov_yy_px=lambda number, _: 4.0 + 0.0 * number,
+    )
+
+
+SAMPLES: dict[str, Callable[[], Table]] = {
+    "tracks": tracks,
+    "truth": truth,
+    "bearings": _bearings,
+    "boxes": _boxes,
+    "views": _views,
+    "view_tracks": _view_tracks,
+}
+"""A maker of each table by its name."""
+
+
+def with_gaps(rows: T) -> T:
+    """The rows with NaN in every column of numbers that may have it."""
+    columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
+    for c in rows.columns():
+        if c.nan is not None and c.dtype.kind == "f" and rows.NAME != "boxes":
+            columns[c.name] = np.full_like(columns[c.name], np.nan)
+    if isinstance(rows, Bearings):
+        columns["seen"] = np.zeros(len(rows), dtype=np.bool_)
+    if isinstance(rows, Boxes):
+        columns["confidence"] = np.full(len(rows), np.nan)
+    return type(rows).of(**columns)
+
+
+def moved(rows: T, row: int) -> T:
+    """The rows, one of which measured something else."""
+    columns = {c.name: np.array(getattr(rows, c.name)) for c in rows.columns()}
+    for c in rows.columns():
+        if c.unit in ("m", "px", "rad") and not c.width:
+            columns[c.name][row] += 0.01 if c.unit == "rad" else 0.5
+    return type(rows).of(**columns)
+
+
+def with_names(rows: T, name: str) -> T:
+    """The rows of a sensor of another name."""
+    columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
+    return type(rows).of(**{**columns, "sensor": np.full(len(rows), name)})
+
+
+def in_unit(rows: T, factor: float) -> T:
+    """The rows with lengths in another unit, of which a metre has so many."""
+    powers = {"m": 1, "m^2": 2, "m/s": 1, "m^2/s": 2, "m^2/s^2": 2}
+    columns = {c.name: getattr(rows, c.name) for c in rows.columns()}
+    for c in rows.columns():
+        if c.unit in powers:
+            columns[c.name] = columns[c.name] * factor ** powers[c.unit]
+    return type(rows).of(**columns)

@@ -1,0 +1,260 @@
+"""The kit of trackers of one camera: each check tries one promise with boxes of two people who walk."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from occlog.array_types import NS, Floats, Ints
+from occlog.plugins.interface import BoxesInFrame
+from occlog.track.single_view.stage import fault_of
+
+from .faults import FIRST, BrokenError, Check, called, defaults, manners
+
+START_NS = 1_790_000_000 * NS
+STEP_NS = NS // 25
+FRAMES = 40
+SETTLED = 10
+"""From this frame on a tracker has had time to believe in somebody."""
+GROWTH_BYTES = 300
+"""Memory that a frame may leave behind."""
+
+
+def edges(k: int) -> Floats:
+    """(2, 4) boxes of the k-th frame: two people who walk side by side, never near each other."""
+    rng = np.random.default_rng(k)
+    way = float(k % 400) if k % 800 < 400 else 400.0 - k % 400
+    boxes = np.array([[100.0 + 2.0 * way, 200.0, 60.0, 160.0], [100.0 + 2.0 * way, 600.0, 70.0, 180.0]])
+    return np.asarray(boxes + rng.normal(0.0, 1.0, (2, 4)))
+
+
+def frame(k: int, boxes: Floats | None = None, *, t_ns: int | None = None) -> BoxesInFrame:
+    """The k-th frame."""
+    there = edges(k) if boxes is None else boxes
+    return BoxesInFrame(
+        t_ns=START_NS + k * STEP_NS if t_ns is None else t_ns,
+        frame=k,
+        boxes=there.copy(),
+        scores=np.full(len(there), 0.9),
+        embeddings=np.zeros((len(there), 0), dtype=np.float32),
+    )
+
+
+def start(of: Any, seed: int = 1) -> Any:
+    """A new tracker with its defaults."""
+    with called("a new tracker"):
+        return of(defaults(of), np.random.default_rng(seed))
+
+
+def step(own: Any, found: BoxesInFrame, what: str = "step") -> Ints:
+    """The identities of a frame; BrokenError where the tracker fails, or gives back what none can be."""
+    with called(what):
+        ids = own.step(found)
+    wrong = fault_of(ids, len(found.boxes))
+    if wrong is not None:
+        raise BrokenError(wrong if what == "step" else f"{what}: {wrong}")
+    return np.array(ids, dtype=np.int64).reshape(-1)
+
+
+def run(of: Any, frames: Iterable[BoxesInFrame], what: str = "step") -> list[list[int]]:
+    """The identities of all frames."""
+    own = start(of)
+    return [step(own, each, what).tolist() for each in frames]
+
+
+def walk(count: int = FRAMES) -> list[BoxesInFrame]:
+    """Frames of the plain walk."""
+    return [frame(k) for k in range(count)]
+
+
+def use(of: Any) -> list[list[int]]:
+    """The identities of a short walk."""
+    return run(of, walk(15))
+
+
+def _renamed(ids: Iterable[Iterable[int]]) -> list[list[int]]:
+    """Identities by the order in which they come."""
+    known: dict[int, int] = {}
+    return [[-1 if k < 0 else known.setdefault(k, len(known)) for k in each] for each in ids]
+
+
+def _raw(of: Any, wanted: Callable[[str], bool]) -> None:
+    try:
+        own = start(of)
+        found = [(own.step(each), len(each.boxes)) for each in walk()]
+    except Exception:
+        return
+    for ids, count in found:
+        wrong = fault_of(ids, count)
+        if wrong is not None and wanted(wrong):
+            raise BrokenError(wrong)
+
+
+def check_shape(of: Any) -> None:
+    """A whole number for each box is given back."""
+    _raw(of, lambda wrong: wrong.startswith("step gives"))
+
+
+def check_numbers(of: Any) -> None:
+    """Identities are at least 0, or -1."""
+    _raw(of, lambda wrong: "must be at least 0" in wrong)
+
+
+def check_once(of: Any) -> None:
+    """Nobody is twice in one frame."""
+    _raw(of, lambda wrong: "twice" in wrong)
+
+
+def check_follows(of: Any) -> None:
+    """Somebody whom the detector finds in every frame is followed, with one identity."""
+    late = run(of, walk())[SETTLED:]
+    for person in (0, 1):
+        own = {ids[person] for ids in late}
+        if own == {-1}:
+            raise BrokenError(f"somebody who is in all frames has no identity after {SETTLED} of them")
+        if len(own) > 1:
+            raise BrokenError(f"somebody who is in all frames has {len(own)} identities; one was expected")
+
+
+def check_apart(of: Any) -> None:
+    """Two people who are far from each other have different identities."""
+    late = run(of, walk())[SETTLED:]
+    if {ids[0] for ids in late} & {ids[1] for ids in late} - {-1}:
+        raise BrokenError("two people who are never near each other have had one identity")
+
+
+def check_newcomer(of: Any) -> None:
+    """Somebody who comes later has an identity that nobody had."""
+    newcomer = np.array([[1500.0, 300.0, 50.0, 150.0]])
+    frames = [frame(k, np.concatenate([edges(k), newcomer + 0.5 * k]) if k >= 20 else None) for k in range(FRAMES)]
+    ids = run(of, frames)
+    before = {k for each in ids[:20] for k in each} - {-1}
+    if before & {each[2] for each in ids[20:]}:
+        raise BrokenError("somebody who comes later has the identity of somebody who was there before")
+
+
+def check_order(of: Any) -> None:
+    """The order of the boxes does not matter."""
+    plain = _renamed(run(of, walk()))
+    turned = run(of, [each._replace(boxes=each.boxes[:: 1 - each.frame % 2 * 2].copy()) for each in walk()])
+    back = _renamed(ids[:: 1 - k % 2 * 2] for k, ids in enumerate(turned))
+    if back[SETTLED:] != plain[SETTLED:]:
+        raise BrokenError("boxes in another order have other identities")
+
+
+def check_independent(of: Any) -> None:
+    """A tracker does not know of other cameras."""
+    alone, first, second = run(of, walk(15)), start(of), start(of)
+    both = []
+    for each in walk(15):
+        both.append(step(first, each).tolist())
+        step(second, each._replace(boxes=each.boxes + 300.0))
+    if _renamed(alone) != _renamed(both):
+        raise BrokenError("identities depend on another camera's tracker; keep state in the object")
+
+
+def check_inputs(of: Any) -> None:
+    """What is given stays as it is."""
+    own = start(of)
+    for each in walk(15):
+        before = [np.array(value) for value in each[2:]]
+        step(own, each)
+        for name, was, now in zip(BoxesInFrame._fields[2:], before, each[2:], strict=True):
+            if was.tobytes() != np.asarray(now).tobytes():
+                raise BrokenError(f"step changes {name} of the frame that it is given; copy it")
+
+
+def check_results(of: Any) -> None:
+    """What was given back stays as it was."""
+    own, kept = start(of), []
+    for k in range(15):
+        each = frame(k, edges(k)[: 1 + k % 2])
+        with called("step"):
+            ids = own.step(each)
+        kept.append((ids, np.array(ids).tolist()))
+    if any(np.array(ids).tolist() != was for ids, was in kept):
+        raise BrokenError("identities change after they were given back; give back copies")
+
+
+def check_memory(of: Any) -> None:
+    """Memory does not grow with the length of a recording."""
+    own, size = start(of), 0
+    tracemalloc.start()
+    try:
+        for n in range(400):
+            step(own, frame(n))
+            if n == 199:
+                gc.collect()
+                size = tracemalloc.get_traced_memory()[0]
+        gc.collect()
+        grown = (tracemalloc.get_traced_memory()[0] - size) / 200
+    finally:
+        tracemalloc.stop()
+    if grown > GROWTH_BYTES:
+        raise BrokenError(f"each frame leaves {grown:.0f} bytes behind (allowed: {GROWTH_BYTES}); keep no history")
+
+
+def check_empty(of: Any) -> None:
+    """Frames without a box can come first, and in between."""
+    nobody = np.zeros((0, 4))
+    gone = (0, 1, 8, 9)
+    run(of, [frame(k, nobody if k in gone else None) for k in range(15)], "frames without a box: step")
+
+
+def check_crowd(of: Any) -> None:
+    """Many can come at once, and go."""
+    rng = np.random.default_rng(2)
+    many = np.column_stack([rng.uniform(0, 1900, 60), rng.uniform(0, 1000, 60), np.full(60, 20.0), np.full(60, 50.0)])
+    run(of, [*walk(5), *(frame(k, many + k) for k in range(5, 9)), *(frame(k) for k in range(9, 15))], "a crowd: step")
+
+
+def check_same_box(of: Any) -> None:
+    """A detector can report one box twice."""
+    run(of, [frame(k, edges(k)[[0, 0, 1]]) for k in range(15)], "a box that is there twice: step")
+
+
+def check_unknown_scores(of: Any) -> None:
+    """Scores can be unknown."""
+    frames = [each._replace(scores=np.full(2, np.nan)) for each in walk(15)]
+    run(of, frames, "scores that are NaN: step")
+
+
+def check_embeddings(of: Any) -> None:
+    """Embeddings can be there, and NaN for some boxes."""
+    vectors = np.array([[0.6, 0.8, 0.0], [np.nan, np.nan, np.nan]], dtype=np.float32)
+    run(of, [each._replace(embeddings=vectors.copy()) for each in walk(15)], "embeddings: step")
+
+
+def check_gap(of: Any) -> None:
+    """After an hour without a frame the tracker goes on."""
+    hour = 3600 * NS
+    later = [frame(k + 90_000, edges(k), t_ns=START_NS + hour + k * STEP_NS) for k in range(15, 25)]
+    run(of, [*walk(15), *later], "an hour without a frame: step")
+
+
+def check_same_time(of: Any) -> None:
+    """Two frames can have the same time."""
+    run(of, [frame(k, t_ns=START_NS + k // 2 * STEP_NS) for k in range(15)], "two frames of one time: step")
+
+
+def check_epoch(of: Any) -> None:
+    """Times can count from a recording's start, numbers of frames from anywhere."""
+    early = [each._replace(t_ns=each.t_ns - START_NS, frame=each.frame + 5000) for each in walk()]
+    if _renamed(run(of, early)) != _renamed(run(of, walk())):
+        raise BrokenError("times that begin at 0, or other numbers of frames, give other identities")
+
+
+CHECKS: dict[str, Check] = {
+    **FIRST,
+    **{
+        name.removeprefix("check_").replace("_", "-"): check
+        for name, check in list(globals().items())
+        if name.startswith("check_")
+    },
+    **manners(use, "step"),
+}
+"""Every check by its name."""

@@ -1,0 +1,191 @@
+"""Files in formats that readers of plug-ins know: read as a text table with a header, wherever such tables are read.
+
+A reader is used for files whose names end as it says, if that is no ending of ours, or if the user names the reader.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from occlog.errors import InputError, PluginError, UsageError
+from occlog.plugins.chosen import Chosen
+from occlog.plugins.interface import Reader
+from occlog.plugins.loading import READER, Plugin, installed, said_by
+
+from .inputs import STANDARD_INPUT, check_input
+from .provenance import READERS_USED
+
+OURS = (
+    *(".csv", ".tsv", ".txt", ".dat", ".gz", ".parquet", ".pq", ".arrow", ".feather", ".json", ".jsonl", ".xml"),
+    *(".yaml", ".yml", ".ini", ".toml", ".npz", ".npy", ".mat", ".mcap", ".db3", ".bag", ".onnx", ".html", ".wav"),
+    *(
+        ".mp4",
+        ".avi",
+        ".mkv",
+        ".webm",
+        ".mov",
+        ".tum",
+        ".trc",
+        ".geojson",
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".bmp",
+        ".tif",
+        ".tiff",
+    ),
+)
+"""Endings of names for which no plug-in is looked for."""
+UNIT = "m"
+"""Unit of lengths among the settings of readers."""
+
+
+class NamedReader:
+    """The reader that the user names, and whether a file had a use for it."""
+
+    def __init__(self, chosen: Chosen) -> None:
+        """No file has been read yet."""
+        self.chosen, self.used = chosen, False
+
+    @property
+    def endings(self) -> tuple[str, ...]:
+        """Of the names of its files."""
+        return tuple(self.chosen.plugin.load().endings)
+
+
+_NAMED: ContextVar[NamedReader | None] = ContextVar("NAMED_READER", default=None)
+
+
+@contextmanager
+def named_reader(chosen: Chosen) -> Iterator[NamedReader]:
+    """Let a reader hold for the files that are opened meanwhile."""
+    named = NamedReader(chosen)
+    token = _NAMED.set(named)
+    try:
+        yield named
+    finally:
+        _NAMED.reset(token)
+
+
+def reader_of(path: Path) -> Chosen | None:
+    """The reader of a file; None where there is none, or the file is none of a plug-in's.
+
+    Raises:
+        UsageError: several readers know such files.
+    """
+    named, low = _NAMED.get(), path.name.lower()
+    if named is not None and (low == STANDARD_INPUT or low.endswith(named.endings)):
+        named.used = True
+        return named.chosen
+    if not path.suffix or path.suffix.lower() in OURS:
+        return None
+    found = []
+    for plugin in installed(READER):
+        try:
+            endings = tuple(plugin.load().endings)
+        except PluginError:
+            continue
+        if low.endswith(endings):
+            found.append(plugin)
+    if len(found) > 1:
+        raise UsageError(
+            f"{path}: readers {' and '.join(p.name for p in found)} both read such files; name one (reader)"
+        )
+    return Chosen(found[0], {}) if found else None
+
+
+def table_of(path: Path) -> str:
+    """Name of the table that a file of a reader holds; empty: no reader reads it."""
+    chosen = reader_of(path)
+    return "" if chosen is None else str(chosen.plugin.load().table)
+
+
+def text_of(path: Path, what: str) -> str | None:
+    """A file as text with a header line; None where no reader reads it.
+
+    Raises:
+        InputError: the reader says that the file is damaged.
+        PluginError: the reader fails, or gives what no table can be.
+    """
+    chosen = reader_of(path)
+    if chosen is None:
+        return None
+    status = check_input(path, what).stat()
+    text = _text(chosen.plugin, tuple(sorted(chosen.values.items())), path, (status.st_mtime_ns, status.st_size))
+    READERS_USED[path.name] = chosen.provenance(UNIT)
+    return text
+
+
+@lru_cache(maxsize=4)
+def _text(plugin: Plugin, values: tuple[tuple[str, object], ...], path: Path, state: tuple[int, int]) -> str:  # noqa: ARG001
+    """The text of a file in a state."""
+    return as_text(columns_of(Chosen(plugin, dict(values)), path))
+
+
+def columns_of(chosen: Chosen, path: Path) -> dict[str, NDArray[np.generic]]:
+    """The columns that a reader finds in a file; errors as in `text_of`."""
+    reader: Reader = chosen.make(UNIT)
+    label = f"{path}: "
+    with said_by(chosen.plugin):
+        try:
+            found = reader.read(path)
+        except (ValueError, OSError) as error:
+            reason = " ".join(str(error).split())[:200].removeprefix(label)
+            raise InputError(f"{label}{reason} (reader {chosen.plugin.name}, {chosen.plugin.origin})") from error
+        wrong = fault_of(found)
+        if wrong is not None:
+            raise PluginError(f"{chosen.plugin.label}: {path}: {wrong}")
+        return {name: np.asarray(values) for name, values in found.items()}
+
+
+def fault_of(columns: object) -> str | None:
+    """What is wrong with what a reader gave back, in words; None: nothing."""
+    if not isinstance(columns, Mapping):
+        return f"read gives a {type(columns).__name__}; a mapping of names to columns was expected"
+    if not columns:
+        return "read gives no columns"
+    rows = -1
+    for name, values in columns.items():
+        if not isinstance(name, str) or not name.strip() or "\n" in name:
+            return f"{name!r} is no name of a column"
+        try:
+            column = np.asarray(values)
+        except ValueError:
+            return f"column {name} is no list of single values"
+        if column.ndim != 1 or column.dtype.kind not in "biufUOM":
+            return (
+                f"column {name} is of the shape {column.shape} and kind {column.dtype}; numbers or texts were expected"
+            )
+        rows = len(column) if rows < 0 else rows
+        if len(column) != rows:
+            return f"column {name} has {len(column)} rows, those before it {rows}"
+    return None
+
+
+def as_text(columns: Mapping[str, NDArray[np.generic]]) -> str:
+    """Columns as a text table; numbers keep all their digits."""
+    file = io.StringIO()
+    writer = csv.writer(file, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
+    writer.writerow(list(columns))
+    cells = [[_cell(value) for value in column.tolist()] for column in columns.values()]
+    writer.writerows(zip(*cells, strict=True))
+    return file.getvalue()
+
+
+def _cell(value: object) -> object:
+    """A cell; nothing where there is no value."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return " ".join(value.split()) if isinstance(value, str) else value
