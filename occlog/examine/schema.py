@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,6 +74,7 @@ AROUND_METHODS = (
     "occlog.measure.scans.config:MeasuredConfig",
 )
 """Settings that several methods of `track` share."""
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NAMES = {"epipolar": "epipolar-settings"}
 """Verbs whose name is that of a file's schema."""
 
@@ -103,7 +104,7 @@ def settings_schema(verb: str) -> dict[str, object]:
     from occlog.settings import json_schema
 
     parts = {name: json_schema(of) for name, of in settings_of(verb).items()}
-    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"occlog {verb}: settings"}
+    head = {"$schema": DRAFT, "title": f"occlog {verb}: settings"}
     if len(parts) == 1:
         return head | next(iter(parts.values()))
     definitions = {part_key(name): part for name, part in parts.items()}
@@ -129,7 +130,8 @@ def command(name: str | None, output: Path | None, overwrite: bool, as_json: boo
     """Print the schema NAME as JSON, or list the names.
 
     Tables are column definitions (type, unit, meaning); messages, file formats and settings are JSON Schemas.
-    The settings of a verb have its name; those of each tracking method are a definition in `track`.
+    The settings of a verb have its name; those of each tracking method are a definition in `track`. The settings
+    of a plug-in are printed for its name.
 
     \b
       occlog schema bearings | jq -r '.columns[] | [.name, .unit, .description] | @tsv'
@@ -147,6 +149,27 @@ def command(name: str | None, output: Path | None, overwrite: bool, as_json: boo
     if name is None:
         click.echo(json.dumps(names) if as_json else "\n".join(names))
     elif name not in names:
-        raise UsageError(f"no schema {name!r}; {did_you_mean(name, names)}")
+        click.echo(json.dumps(_of_plugin(name, names), indent=2))
     else:
         click.echo((PUBLISHED / f"{name}.json").read_text(encoding="utf-8"), nl=False)
+
+
+def _of_plugin(name: str, names: Sequence[str]) -> dict[str, object]:
+    """JSON Schema of the settings of a plug-in; of several with one name a definition for each kind.
+
+    Args:
+        name: of the plug-in.
+        names: of our schemas, for a hint where there is no plug-in of that name either.
+    """
+    from occlog.plugins.loading import installed
+    from occlog.settings import json_schema
+
+    found = [plugin for plugin in installed() if plugin.name == name]
+    if not found:
+        raise UsageError(f"no schema {name!r}; {did_you_mean(name, [*names, *(p.name for p in installed())])}")
+    parts = {part_key(plugin.kind): json_schema(plugin.load().settings) for plugin in found}
+    title = f"{found[0].label}: settings" if len(found) == 1 else f"plug-ins {name}: settings"
+    head: dict[str, object] = {"$schema": DRAFT, "title": title}
+    if len(parts) == 1:
+        return head | next(iter(parts.values()))
+    return head | {"anyOf": [{"$ref": f"#/$defs/{kind}"} for kind in parts], "$defs": parts}

@@ -72,7 +72,7 @@ FAULTS = {
     "finite": changed(lambda self, image, found: found._replace(boxes=found.boxes * np.nan)),
     "sizes": changed(lambda self, image, found: found._replace(boxes=-found.boxes)),
     "scores": changed(lambda self, image, found: found._replace(scores=100.0 * found.scores)),
-    "inside": changed(lambda self, image, found: found._replace(boxes=found.boxes + (640.0, 0.0, 0.0, 0.0))),
+    "inside": changed(lambda self, image, found: found._replace(boxes=np.add(found.boxes, (640.0, 0.0, 0.0, 0.0)))),
     "embeddings": changed(
         lambda self, image, found: found._replace(
             embeddings=np.ones((len(found.boxes), 2 + int(image[60, :, 0].argmax()) % 5))

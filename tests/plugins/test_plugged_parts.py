@@ -353,6 +353,14 @@ def test_plug_ins_are_listed_by_kind_and_checked(folder: Path, capsys: pytest.Ca
     assert "figures: figures gives b, which units does not declare" in capsys.readouterr().out
 
 
+def test_settings_of_a_plug_in_have_a_schema(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = json.loads(called("schema", "bright").stdout)
+    assert found["title"] == "plug-in bright (occlog-own-parts 1.0): settings"
+    assert found["properties"]["threshold"]["maximum"] == 255
+    code, said = failed(capsys, "schema", "brigth")
+    assert (code, "did you mean 'bright'" in said) == (2, True)
+
+
 def test_no_plug_in_is_looked_for_where_all_names_are_ours(folder: Path) -> None:
     code = (
         "import sys; from occlog.cli.main import run; import importlib.metadata as m\n"
