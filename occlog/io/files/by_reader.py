@@ -28,22 +28,7 @@ from .provenance import READERS_USED
 OURS = (
     *(".csv", ".tsv", ".txt", ".dat", ".gz", ".parquet", ".pq", ".arrow", ".feather", ".json", ".jsonl", ".xml"),
     *(".yaml", ".yml", ".ini", ".toml", ".npz", ".npy", ".mat", ".mcap", ".db3", ".bag", ".onnx", ".html", ".wav"),
-    *(
-        ".mp4",
-        ".avi",
-        ".mkv",
-        ".webm",
-        ".mov",
-        ".tum",
-        ".trc",
-        ".geojson",
-        ".png",
-        ".jpg",
-        ".jpeg",
-        ".bmp",
-        ".tif",
-        ".tiff",
-    ),
+    *(".tum", ".trc", ".geojson", ".mp4", ".avi", ".mkv", ".webm", ".mov", ".png", ".jpg", ".jpeg", ".bmp", ".tif"),
 )
 """Endings of names for which no plug-in is looked for."""
 UNIT = "m"
