@@ -106,9 +106,6 @@ WITH_NETWORKS = ("bits", "sigma_px", "sigma_scale", "min_confidence")
 @add_options(OF_NETWORKS)
 @click.option("--fuse", is_flag=True, help="Fuse the detections of the cameras: remove false, recover missed.")
 @add_options(OF_FUSION)
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, help="With --method: seed of its random numbers. [default: 0]"
-)
 @options.workers_opt
 @options.overwrite_opt
 @options.quiet_opt
