@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from occlog.cli import options
@@ -15,6 +15,7 @@ from .sources import Inputs, SceneSource, Source
 
 if TYPE_CHECKING:
     from occlog.evaluate.inputs import Paths
+    from occlog.plugins.chosen import Chosen
 
 SOURCES = ("tracks", "truth", "bearings", "doa", "views", "cooperation", "diagnostics")
 TABLES = ("errors", "bound")
@@ -35,6 +36,7 @@ def evaluate(
     scene: SceneSource | None = None,
     frames: tuple[int, int] | None = None,
     also: tuple[str, ...] = (),
+    metrics: Sequence[str] | Mapping[str, Mapping[str, Setting]] = (),
     **settings: Setting,
 ) -> EvaluateResult:
     """Compare tracks with the truth, with the Cramer-Rao bound, and with their bearings, as `occlog evaluate` does.
@@ -53,6 +55,7 @@ def evaluate(
         scene: where the sensors are; None: that of the recording with the truth or the bearings.
         frames: only frames first <= number < stop.
         also: more tables, of many targets: failures, counts (on the ground).
+        metrics: names of metrics of plug-ins, or their settings by these names; for tracks on the ground with truth.
         **settings: by the names of the options: `match`, `held_out`, `sigma_v`, `match_distance` and the others.
 
     Returns:
@@ -74,6 +77,7 @@ def evaluate(
     from occlog.evaluate.run import run_evaluate
     from occlog.settings import configure
 
+    plugged = _chosen(metrics)
     if isinstance(tracks, TrackResult):
         diagnostics = tracks.tables.get("diagnostics") if diagnostics is None else diagnostics
         tracks = tracks.tracks
@@ -93,14 +97,15 @@ def evaluate(
         on_ground = GROUND if tracks is not None and truth is not None else OTHERS
         told = [n for n, value in {**given, "scene": scene, "frames": frames}.items() if value is not None]
         kind = IMAGES if pictured else on_ground
-        check_kind(command.params, [*told, *settings, *also, *(["doa_labels"] if doa_labels else [])], kind)
+        flags = [name for name, value in (("doa_labels", doa_labels), ("metrics", plugged)) if value]
+        check_kind(command.params, [*told, *settings, *also, *flags], kind)
         paths = _with_outputs(paths, home, also if pictured else (*TABLES, *also))
         if pictured:
             config = configure(EvaluateConfig(), chosen)
             more = {} if frames is None else {"frames": frames}
             result = run_evaluate_many(paths, config.box_overlap, {**many, **more})
         else:
-            result, _ = run_evaluate(paths, chosen, many, frames)
+            result, _ = run_evaluate(paths, chosen, many, frames, plugged)
         lines = [inputs.in_words_of_python(text) for text in (*notes, *result.notes)]
         found = result.findings or ()
         lines += [inputs.in_words_of_python(f"{f.severity}: {f.sentence}") for f in found]
@@ -112,6 +117,21 @@ def evaluate(
     return EvaluateResult(
         summary=figures, tables=tables, losses=losses, warnings=said, notes=rest, metrics=dict(result.metrics)
     )
+
+
+def _chosen(metrics: Sequence[str] | Mapping[str, Mapping[str, Setting]]) -> list[Chosen]:
+    """Metrics of plug-ins with their settings."""
+    from occlog.cli.plugged import wanted
+    from occlog.plugins.chosen import Chosen
+    from occlog.plugins.loading import METRIC
+
+    given = metrics if isinstance(metrics, Mapping) else {name: {} for name in metrics}
+    found = []
+    for name, values in given.items():
+        plugin = wanted(name, METRIC, "metrics")
+        (config,) = settings_by_class(f"metric {name}", dict(values), [("", plugin.load().settings)], ())
+        found.append(Chosen(plugin, config))
+    return found
 
 
 def _with_outputs(paths: Paths, home: Folder, names: tuple[str, ...]) -> Paths:

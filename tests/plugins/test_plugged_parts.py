@@ -252,6 +252,9 @@ def test_a_metric_of_others_is_a_figure(folder: Path, capsys: pytest.CaptureFixt
     assert stored["gaps_longest_s"] == 0.5
     assert stored["_provenance"]["parameters"]["metrics"] == [{"name": "gaps", "package": "occlog-own-parts 1.0"}]
     assert "gaps_longest_s" in called(*args).output
+    assert occlog.evaluate(tracks, folder / "truth.csv", metrics=["gaps"])["gaps_longest_s"] == 0.5
+    with pytest.raises(occlog.UsageError, match="gaps has no setting 'x'"):
+        occlog.evaluate(tracks, folder / "truth.csv", metrics={"gaps": {"x": 1}})
     assert run([str(a) for a in (*args, "--fail-if", "gaps_longest_s>0.4")]) == 6
     code, said = failed(capsys, *args, "--fail-if", "gaps_shortest_s>0.4")
     assert (code, "did you mean" in said, "gaps_longest_s" in said) == (2, True, True)
