@@ -79,6 +79,7 @@ def simulate(
         else:
             from occlog.simulate.config import (
                 FieldConfig,
+                MeasureConfig,
                 ObserveConfig,
                 PeopleConfig,
                 ReadConfig,
@@ -96,11 +97,12 @@ def simulate(
                 ("", ObserveConfig),
                 ("", SoundConfig),
                 ("", ReadConfig),
+                ("", MeasureConfig),
                 (RENDER, RenderConfig),
                 ("", StoreConfig),
                 *([("", PeopleConfig)] if kind == "people" else []),
             ]
-            world, field, observe, sound, reads, images, store, *people = settings_by_class(
+            world, field, observe, sound, reads, measure, images, store, *people = settings_by_class(
                 "simulate", settings, classes, ARGUMENTS
             )
             request = SimulateRequest(
@@ -115,6 +117,7 @@ def simulate(
                 observe=observe,
                 sound=sound,
                 reads=reads,
+                measure=measure,
                 video=render or kind == "people",
                 render=images,
                 store=store,

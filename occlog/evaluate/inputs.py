@@ -131,7 +131,7 @@ def _measured(path: Path, tracks: Opened | None, scene: Scene) -> tuple[Measurem
         raise UsageError(f"{path}: stations have no places without a scene; give one")
     if opened.made_in_a_scene:
         check_unit(opened, scene.length_unit, error=InputError)
-    if opened.has(Reads):
+    if opened.has(Reads) and not opened.has(Measurements):
         table = Measurements.concat(measurements_of_reads(opened.rows(Reads)))
     else:
         table = opened.read(Measurements)

@@ -18,6 +18,7 @@ from occlog.errors import UsageError
 from .balls.config import BallsConfig
 from .config import (
     FieldConfig,
+    MeasureConfig,
     ObserveConfig,
     PeopleConfig,
     ReadConfig,
@@ -69,6 +70,7 @@ def _sensing() -> list[click.Option]:
         *options_of(ObserveConfig),
         *options_of(SoundConfig),
         *options_of(ReadConfig),
+        *options_of(MeasureConfig),
         click.Option(
             ["--render"], is_flag=True, help="Add video of every camera, true boxes, and the targets' appearance."
         ),
@@ -190,7 +192,8 @@ def command(
     Objects walk to random places of the room and go around each other and the static
     occluders (Ercan et al. 2013, Sec. 6).  The recording holds their true paths and what
     cameras measure of the targets (Eqs. 1-4), microphone arrays hear and readers of tags
-    read of them; with --render it holds video instead, for `occlog detect`.  With --paths
+    read of them, with --measure also ranges, differences of ranges and strengths of signals;
+    with --render it holds video instead, for `occlog detect`.  With --paths
     objects do what the file says.
 
     With --scene a video comes from no file: `balls` is that of Qu et al. 2007, Sec. 4.1, six
@@ -232,6 +235,7 @@ def command(
         observe=given(ObserveConfig, own),
         sound=given(SoundConfig, own),
         reads=given(ReadConfig, own),
+        measure=given(MeasureConfig, own),
         video=kind == "people" or own["render"],
         render=given(RenderConfig, own, prefix=RENDER_PREFIX),
         store=store,

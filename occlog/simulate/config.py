@@ -237,6 +237,82 @@ class ReadConfig(Settings):
     )
 
 
+KINDS = ("range", "difference", "strength")
+"""What stations can measure."""
+
+
+@dataclass(frozen=True)
+class MeasureConfig(Settings):
+    """What cameras and arrays measure of distances; every target says who it is.
+
+    Strengths have the path loss, noise and shadowing of reads of tags; readers make these and nothing else.
+    """
+
+    OWNER: ClassVar[str] = "measure"
+
+    measure: str | None = setting(
+        None,
+        "What cameras and arrays measure beside directions: range, difference (of ranges, to the first of them), "
+        "strength, or several, separated by commas.",
+        option="--measure",
+        metavar="KINDS",
+        nothing="directions alone",
+    )
+    measure_rate_hz: float | None = setting(
+        None, "How often they do.", unit="Hz", above=0, option="--measure-rate", metavar="HZ", nothing="at every step"
+    )
+    range_noise: float = setting(
+        0.1,
+        "Standard deviation of ranges.",
+        unit="length",
+        people=0.1,
+        above=0,
+        option="--range-noise",
+        metavar="LENGTH",
+    )
+    difference_noise: float = setting(
+        0.1,
+        "Standard deviation of differences of ranges.",
+        unit="length",
+        people=0.1,
+        above=0,
+        option="--difference-noise",
+        metavar="LENGTH",
+    )
+    measure_miss: float = setting(0.0, "Probability that a value is not measured.", option="--measure-miss", **SHARE)
+    measure_false: float = setting(
+        0.0,
+        "Probability that a value is false: drawn uniformly from those that are possible in the scene.",
+        option="--measure-false",
+        **SHARE,
+    )
+    measure_late: float = setting(
+        0.0,
+        "Probability that a signal comes by a detour (no line of sight), so that its range is too long.",
+        option="--measure-late",
+        **SHARE,
+    )
+    detour: float = setting(
+        1.0,
+        "Mean length of a detour, which is exponential.",
+        unit="length",
+        people=1.0,
+        above=0,
+        option="--detour",
+        metavar="LENGTH",
+    )
+
+    def rules(self) -> Iterable[tuple[str, bool, str]]:
+        """Kinds are known."""
+        known = self.measure is None or (bool(self.kinds) and set(self.kinds) <= set(KINDS))
+        yield "measure", known, f"one or several of {', '.join(KINDS)}, separated by commas"
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What is measured."""
+        return () if self.measure is None else tuple(part.strip() for part in self.measure.split(","))
+
+
 @dataclass(frozen=True)
 class RenderConfig(Settings):
     """How the video looks."""

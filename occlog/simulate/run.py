@@ -34,12 +34,14 @@ from occlog.simulate.render.target_colours import reference_appearances
 from occlog.simulate.sensors.arrays import observe_arrays
 from occlog.simulate.sensors.cameras import observe
 from occlog.simulate.sensors.readers import observe_readers
+from occlog.simulate.sensors.stations import observe_stations
 from occlog.simulate.world.people_room import CLEARANCE, people_apart, people_room
 from occlog.simulate.world.scripted_paths import check_inside, grid_truth, silences, simulate_paths
 from occlog.simulate.world.truth_grid import truth_grid
 
 from .config import (
     FieldConfig,
+    MeasureConfig,
     ObserveConfig,
     PeopleConfig,
     ReadConfig,
@@ -73,6 +75,7 @@ class SimulateRequest:
         observe: fields of `ObserveConfig`.
         sound: fields of `SoundConfig`.
         reads: fields of `ReadConfig`.
+        measure: fields of `MeasureConfig`.
         video: whether video is rendered.
         render: fields of `RenderConfig`.
         store: fields of `StoreConfig`.
@@ -91,6 +94,7 @@ class SimulateRequest:
     observe: Mapping[str, object] = field(default_factory=dict)
     sound: Mapping[str, object] = field(default_factory=dict)
     reads: Mapping[str, object] = field(default_factory=dict)
+    measure: Mapping[str, object] = field(default_factory=dict)
     video: bool = False
     render: Mapping[str, object] = field(default_factory=dict)
     store: Mapping[str, object] = field(default_factory=dict)
@@ -139,6 +143,7 @@ def make_setup(scene: Scene, request: SimulateRequest, script: Script | None = N
         field=fields if world.motion == "field" else None,
         people=_people(scene, request, world),
         reads=configure(ReadConfig(), request.reads),
+        measure=configure(MeasureConfig.in_unit(scene.length_unit), request.measure),
     )
 
 
@@ -165,9 +170,19 @@ def _check_request(scene: Scene, request: SimulateRequest) -> None:
     if request.sound and not scene.arrays:
         flag = flag_of(SoundConfig, next(iter(request.sound)))
         raise UsageError(f"{flag} is about microphone arrays, but the scene has none")
-    if request.reads and not scene.readers:
+    kinds = configure(MeasureConfig(), request.measure).kinds
+    if request.reads and not scene.readers and "strength" not in kinds:
         flag = flag_of(ReadConfig, next(iter(request.reads)))
         raise UsageError(f"{flag} is about readers of tags, but the scene has none")
+    if request.measure and not kinds:
+        flag = flag_of(MeasureConfig, next(iter(request.measure)))
+        raise UsageError(f"{flag} is about measurements of distances; add --measure range, difference or strength")
+    stations = sum(c.placed for c in scene.cameras) + len(scene.arrays)
+    if kinds and stations < (2 if kinds == ("difference",) else 1):
+        raise UsageError(
+            f"--measure {request.measure['measure']} wants cameras or arrays with a place, of differences two; "
+            f"the scene has {stations}"
+        )
     if request.seconds is not None and "steps" in request.world:
         raise UsageError("--seconds and --steps both say how long the recording is; give one")
 
@@ -262,8 +277,10 @@ def _parameters(setup: Setup) -> dict[str, object]:
         values["field"] = asdict(setup.field)
     if setup.sound != SoundConfig(step_s=setup.sound.step_s, heights=setup.sound.heights):
         values["sound"] = asdict(setup.sound)
-    if setup.scene.readers:
+    if setup.scene.readers or "strength" in setup.measure.kinds:
         values["reads"] = asdict(setup.reads)
+    if setup.measure.kinds:
+        values["measure"] = asdict(setup.measure)
     values["rates_hz"] = {c.name: c.rate_hz for c in setup.scene.cameras}
     return values
 
@@ -296,13 +313,14 @@ def _recorded(
     writer: RecordingWriter, setup: Setup, seed: int, start: Floats | None, counts: Counter[str]
 ) -> Iterator[Truth | Grid]:
     """The chunks of truth, each written, with what the sensors say of it, when it is passed on."""
-    truth, seen, heard, read = itertools.tee(_truth(setup, seed, start), 4)
+    truth, seen, heard, read, ranged = itertools.tee(_truth(setup, seed, start), 5)
     bearings = observe(setup.scene, seen, setup.observe or ObserveConfig(), seed)
     silent = silences(setup.script, setup.world.start_ns) if setup.script is not None else {}
     sounds = observe_arrays(
         setup.scene, heard, setup.observe or ObserveConfig(), seed, sound=setup.sound, silent=silent
     )
     reads = observe_readers(setup.scene, read, setup.reads, seed)
+    distances = observe_stations(setup.scene, ranged, setup.measure, setup.reads, seed)
     for chunk in truth:
         if setup.people is not None:
             counts["contacts"] += _contacts(truth_grid(chunk), setup.people, setup.world)
@@ -325,6 +343,12 @@ def _recorded(
             counts["reads"] += len(signals)
         else:
             next(read)
+        if setup.measure.kinds:
+            measured = next(distances)
+            writer.table(measured)
+            counts["measurements"] += len(measured)
+        else:
+            next(ranged)
         yield chunk
 
 
@@ -357,6 +381,8 @@ def _summary(setup: Setup, output: Path, seed: int, counts: Counter[str]) -> dic
         summary["doa"] = counts["doa"]
     if setup.scene.readers:
         summary["reads"] = counts["reads"]
+    if setup.measure.kinds:
+        summary["measurements"] = counts["measurements"]
     if setup.render is not None:
         summary |= {n: counts[n] for n in ("frames", "boxes", "video_bytes")}
     return summary

@@ -21,7 +21,16 @@ from occlog.records.tables import Truth
 from occlog.simulate.render.light import grey
 from occlog.simulate.render.people import Rendered, render
 
-from .config import FieldConfig, ObserveConfig, ReadConfig, RenderConfig, SoundConfig, StoreConfig, WorldConfig
+from .config import (
+    FieldConfig,
+    MeasureConfig,
+    ObserveConfig,
+    ReadConfig,
+    RenderConfig,
+    SoundConfig,
+    StoreConfig,
+    WorldConfig,
+)
 
 
 @dataclass(frozen=True)
@@ -40,6 +49,7 @@ class Setup:
         field: how walkers avoid what is in their way, where motion is `field`.
         people: who walk as they did and are avoided; None: nobody.
         reads: what readers of tags read.
+        measure: what cameras and arrays measure of distances.
     """
 
     scene: Scene
@@ -53,6 +63,7 @@ class Setup:
     field: FieldConfig | None = None
     people: Moving | None = None
     reads: ReadConfig = ReadConfig()
+    measure: MeasureConfig = MeasureConfig()
 
 
 def video_paths(setup: Setup, output: Path) -> dict[str, Path]:

@@ -31,6 +31,9 @@ class Stage(IntEnum):
     READER_NOISE = 21  # of the strengths: one item a reader, as for the next two
     READER_SHADOW = 22
     READER_CHANCE = 23  # which tags are read
+    STATION_NOISE = 24  # of ranges, differences and strengths: one item a station, as for the next two
+    STATION_CHANCE = 25  # which are missed, false or late
+    STATION_SHADOW = 26
 
 
 def generator(seed: int, stage: Stage, *items: int, run: int = 0) -> np.random.Generator:

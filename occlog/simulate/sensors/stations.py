@@ -1,0 +1,160 @@
+"""True paths to what stations measure of them: ranges, differences of ranges, strengths of signals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from occlog.array_types import Bools, Floats, Ints
+from occlog.core.numerics.seeds import Stage, generator
+from occlog.core.numerics.time_grid import Grid, SensorFrames, looks
+from occlog.core.sight.path_loss import received_power
+from occlog.records.measurements import Measurements
+from occlog.records.scene import Reader, Scene
+from occlog.records.tables import Truth
+from occlog.settings import METRES
+from occlog.simulate.config import MeasureConfig, ReadConfig
+from occlog.simulate.world.truth_grid import truth_grid
+
+from .readers import SimulatedReader
+
+
+class Station(NamedTuple):
+    """A sensor with a place that measures distances, and its own random numbers."""
+
+    name: str
+    place: Floats  # (3,)
+    noise: np.random.Generator  # of ranges, differences, strengths
+    chance: np.random.Generator  # of what is missed, false, or comes by a detour
+    signal: SimulatedReader  # the shadowing of each target
+
+
+def stations_of(scene: Scene, seed: int) -> list[Station]:
+    """Cameras and arrays that have a place, in the order of the scene; readers have reads of their own."""
+    named = [(c.name, c.position) for c in scene.cameras if c.placed] + [(a.name, a.position) for a in scene.arrays]
+    return [
+        Station(
+            name,
+            np.asarray(place, dtype=np.float64),
+            noise=generator(seed, Stage.STATION_NOISE, i),
+            chance=generator(seed, Stage.STATION_CHANCE, i),
+            signal=SimulatedReader(
+                Reader(name, place),
+                noise=generator(seed, Stage.STATION_NOISE, i, 1),
+                chance=generator(seed, Stage.STATION_CHANCE, i, 1),
+                shadow=generator(seed, Stage.STATION_SHADOW, i),
+            ),
+        )
+        for i, (name, place) in enumerate(named)
+    ]
+
+
+def observe_stations(
+    scene: Scene, truth_chunks: Iterable[Truth | Grid], config: MeasureConfig, radio: ReadConfig, seed: int
+) -> Iterator[Measurements]:
+    """Simulate what the stations of a scene measure of the targets; `MeasureConfig` says how.
+
+    Distances are in space; a target whose height is not known is on the floor.  A difference is of each station but the
+    first to the first.  Walls and people hide nothing: what they do is `measure_late`, the detours of signals.
+
+    Args:
+        scene: cameras and arrays are the stations.
+        truth_chunks: true paths, in time order, as tables or grids.
+        config: what is measured, and how well.
+        radio: path loss and shadowing of strengths.
+        seed: of all random numbers; each station has its own.
+
+    Returns:
+        One table for every chunk.
+    """
+    stations = stations_of(scene, seed)
+    metre = 1.0 / METRES.get(scene.length_unit, 1.0)
+    places = np.array([s.place for s in stations])
+    corners = np.concatenate([scene.surroundings, places[:, :2]])
+    reach = float(np.hypot(*np.ptp(corners, axis=0)))
+    for grid, (look,) in looks(map(truth_grid, truth_chunks), [config.measure_rate_hz]):
+        columns = np.flatnonzero(grid.target)
+        xyz = look.xyz[:, columns]
+        ids = grid.ids[columns]
+        parts = []
+        for n, own in enumerate(stations):
+            reference = (stations[0].name, places[0] if "difference" in config.kinds and n else None)
+            parts.append(_measured(own, reference, look, xyz, ids, reach, metre, config, radio))
+        yield Measurements.merge(parts)
+
+
+def _measured(
+    own: Station,
+    reference: tuple[str, Floats | None],
+    look: SensorFrames,
+    xyz: Floats,
+    ids: Ints,
+    reach: float,
+    metre: float,
+    config: MeasureConfig,
+    radio: ReadConfig,
+) -> Measurements:
+    """One station's rows.
+
+    Args:
+        own: the station.
+        reference: name of the first station, and its place (3,); None: no difference to it is measured.
+        look: its T times.
+        xyz: (T, n, 3) places of the targets at these times; NaN: not there.
+        ids: (n,) their numbers.
+        reach: largest distance in the scene, up to which false ranges are drawn.
+        metre: in units of length.
+        config: what is measured, and how well.
+        radio: path loss and shadowing.
+    """
+    shape = xyz.shape[:2]
+    there: Bools = np.isfinite(xyz[..., 0])
+    distance = _distance(xyz, own.place)
+    # The same random numbers are drawn whatever is measured, so that a kind more changes no other
+    noise, chance = own.noise.standard_normal((*shape, 3)), own.chance.random((*shape, 10))
+    shadow = own.signal.shadowing(look.t_ns, ids, radio)
+    detours = -config.detour * np.log1p(-chance[..., 6:8]) * (chance[..., 8:10] < config.measure_late)
+    missing = np.full(shape, np.nan)
+    range_, difference, rssi = missing, missing, missing
+    first, place = reference
+    if "range" in config.kinds:
+        true = distance + config.range_noise * noise[..., 0] + detours[..., 0]
+        range_ = np.where(chance[..., 0] < config.measure_false, reach * chance[..., 1], np.maximum(true, 0.0))
+    if place is not None:
+        longer = detours[..., 0] - detours[..., 1]
+        true = distance - _distance(xyz, place) + config.difference_noise * noise[..., 1] + longer
+        base = float(np.linalg.norm(own.place - place))
+        difference = np.where(chance[..., 2] < config.measure_false, base * (2.0 * chance[..., 3] - 1.0), true)
+    if "strength" in config.kinds:
+        true = received_power(radio.power, radio.exponent, np.where(there, distance, 1.0) / metre) + shadow
+        near, far = received_power(radio.power, radio.exponent, np.array([1.0, max(reach / metre, 1.0)])).tolist()
+        rssi = np.where(
+            chance[..., 4] < config.measure_false,
+            far + (near - far) * chance[..., 5],
+            true + radio.noise_db * noise[..., 2],
+        )
+    values = np.stack([range_, difference, rssi])
+    lost = own.chance.random((3, *shape)) < config.measure_miss
+    values[lost | ~there] = np.nan
+    step, column = np.nonzero(np.isfinite(values).any(axis=0))
+    ranged, differs, strength = values[:, step, column]
+    return Measurements.of(
+        t_ns=look.t_ns[step],
+        sensor=np.full(len(step), own.name),
+        target_id=ids[column].astype(np.int32),
+        range=ranged,
+        sigma_range=np.where(np.isfinite(ranged), config.range_noise, np.nan),
+        rssi=strength,
+        sigma_rssi=np.full(len(step), np.nan),
+        reference=np.where(np.isfinite(differs), first, ""),
+        range_difference=differs,
+        sigma_range_difference=np.where(np.isfinite(differs), config.difference_noise, np.nan),
+    )
+
+
+def _distance(xyz: Floats, place: Floats) -> Floats:
+    """(T, n) distances in space of (T, n, 3) places; those without a height are on the floor."""
+    up = np.where(np.isnan(xyz[..., 2]), 0.0, xyz[..., 2]) - place[2]
+    return np.asarray(np.sqrt((xyz[..., 0] - place[0]) ** 2 + (xyz[..., 1] - place[1]) ** 2 + up**2))
