@@ -73,21 +73,17 @@ def run_track_single_view(
     provenance = Provenance("track", parameters, request.seed, hash_inputs(request.paths), opened.losses)
     trackers = Trackers(chosen.plugin, make)
     rows = opened.rows(Boxes) if opened.has(Boxes) else opened.rows(Views)
-    frames = boxes = alone = 0
     with TableWriter(output, Boxes, provenance, overwrite=overwrite, length_unit=unit) as writer:
         for part in follow(options.progress(rows, "track", quiet=quiet), trackers, used):
             writer.write(part)
-            frames += len(set(zip(part.t_ns.tolist(), part.sensor.tolist(), strict=True)))
-            boxes += int((part.box >= 0).sum())
-            alone += int(((part.box >= 0) & (part.target_id < 0)).sum())
         for name in (*request.only, *request.without):
             if name not in seen:
                 raise UsageError(f"no camera {name!r} in {request.boxes}; there are {', '.join(sorted(seen))}")
         if not trackers.cameras:
             raise InputError(f"{request.boxes}: no camera is left to track in; use at least one")
     summary: dict[str, object] = {"tracks": str(output), "method": request.method, "plugin": chosen.plugin.origin}
-    summary |= {"cameras": trackers.cameras, "frames": frames, "boxes": boxes, "boxes_of_nobody": alone}
-    return summary | {"identities": len(trackers.numbers)}, opened.losses
+    summary |= {"cameras": trackers.cameras, "frames": trackers.frames, "boxes": trackers.boxes}
+    return summary | {"left_out": trackers.of_nobody, "identities": len(trackers.numbers)}, opened.losses
 
 
 def _plugin(method: str) -> Plugin:

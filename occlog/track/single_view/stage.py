@@ -27,6 +27,7 @@ class Trackers:
         self._plugin, self._make = plugin, make
         self._own: dict[str, ViewTracker] = {}
         self.numbers: dict[tuple[str, int], int] = {}
+        self.frames = self.boxes = self.of_nobody = 0
 
     @property
     def cameras(self) -> list[str]:
@@ -46,7 +47,10 @@ class Trackers:
         wrong = fault_of(ids, len(found.boxes))
         if wrong is not None:
             raise PluginError(f"{self._plugin.label}: camera {camera}: frame {found.frame}: {wrong}")
-        return np.array([self._number(camera, k) for k in np.asarray(ids).tolist()], dtype=np.int64)
+        found_ids = np.array([self._number(camera, k) for k in np.asarray(ids).tolist()], dtype=np.int64)
+        self.frames, self.boxes = self.frames + 1, self.boxes + len(found_ids)
+        self.of_nobody += int(np.count_nonzero(found_ids < 0))
+        return found_ids
 
     def _number(self, camera: str, own: int) -> int:
         """The number of an identity, counted in the order in which they come."""
@@ -75,7 +79,9 @@ def fault_of(ids: object, count: int) -> str | None:
 
 
 def follow(chunks: Iterable[Boxes | Views], trackers: Trackers, cameras: Callable[[str], bool]) -> Iterator[Boxes]:
-    """Boxes with the identities that trackers give them.
+    """Boxes with the identities that trackers give them; those of nobody are left out.
+
+    A frame without any other has a row that says that nobody is there.
 
     Args:
         chunks: in the order of time.
@@ -104,8 +110,15 @@ def follow(chunks: Iterable[Boxes | Views], trackers: Trackers, cameras: Callabl
                 embeddings=vectors[there],
             )
             target[there] = trackers.step(str(boxes.sensor[first]), found)
-        columns = {c.name: getattr(boxes, c.name) for c in Boxes.columns()}
-        yield Boxes.of(**{**columns, "target_id": target.astype(np.int32)})
+        kept = target >= 0
+        empty = np.array([first for first, stop in pairwise(starts) if not kept[first:stop].any()], dtype=np.int64)
+        kept[empty] = True
+        columns = {c.name: np.array(getattr(boxes, c.name)) for c in Boxes.columns()}
+        columns["target_id"] = target.astype(np.int32)
+        columns["box"][empty] = -1
+        for name in ("left_px", "top_px", "width_px", "height_px", "confidence"):
+            columns[name][empty] = np.nan
+        yield Boxes.of(**{name: values[kept] for name, values in columns.items()})
 
 
 def _whole_times(chunks: Iterable[Boxes | Views]) -> Iterator[Boxes | Views]:
