@@ -315,7 +315,7 @@ def make_measured(request: TrackRequest, inputs: Inputs) -> tuple[MeasuredFeed |
     radio = None if request.path_loss is None else radio_of(request, inputs.scene)
     name = None if request.path_loss is None else request.path_loss.name
     said = {"measurements": {**asdict(config), "path_loss": name, "radio": None if radio is None else _told(radio)}}
-    return MeasuredFeed(inputs.measurements, inputs.scene, config, radio), said
+    return MeasuredFeed(inputs.measurements, inputs.scene, config, radio, moments=request.method == "fix"), said
 
 
 def _told(radio: Radio) -> dict[str, Any]:

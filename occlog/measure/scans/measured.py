@@ -87,7 +87,13 @@ class MeasuredFeed:
     """Packs measurements, and joins them with the scans of directions, in the order of time."""
 
     def __init__(
-        self, chunks: Iterable[Measurements], scene: Scene, config: MeasuredConfig, radio: Radio | None = None
+        self,
+        chunks: Iterable[Measurements],
+        scene: Scene,
+        config: MeasuredConfig,
+        radio: Radio | None = None,
+        *,
+        moments: bool = False,
     ) -> None:
         """Nothing is read yet.
 
@@ -96,7 +102,9 @@ class MeasuredFeed:
             scene: must have the stations.
             config: what the table does not say.
             radio: a fitted path loss; None: as the scene and the settings say.
+            moments: each scan stands alone, so that it does not matter how long shadowing lasts.
         """
+        self._moments = moments
         self._chunks, self._config, self._radio = chunks, config, radio
         self._stations = make_stations(scene, config, radio)
         self.names = self._stations.names
@@ -140,7 +148,7 @@ class MeasuredFeed:
     ) -> Iterator[Scan]:
         """Scans of measurements alone."""
         rest: Measurements | None = None
-        last: LastReads = {}
+        last: LastReads | None = None if self._moments else {}
         for chunk in self._chunks:
             if rest is not None and len(rest) and len(chunk) and chunk.t_ns[0] < rest.t_ns[-1]:
                 raise InputError(f"measurements: time {chunk.t_ns[0]} ns comes after {rest.t_ns[-1]} ns; sort by t_ns")
@@ -173,7 +181,9 @@ class MeasuredFeed:
             yield Scan.of(int(table.t_ns[last - 1]), [])._replace(measured=measured)
 
 
-def with_strengths(table: Measurements, config: MeasuredConfig, radio: Radio | None, last: LastReads) -> Measurements:
+def with_strengths(
+    table: Measurements, config: MeasuredConfig, radio: Radio | None, last: LastReads | None
+) -> Measurements:
     """The table, in which all signal strengths have a standard deviation; `last` as `with_sigmas` has it."""
     if config.sigma_rssi is not None:
         own = np.where(np.isfinite(table.rssi), _filled(table.sigma_rssi, config.sigma_rssi), table.sigma_rssi)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from occlog.array_types import NS, Floats
+from occlog.array_types import NS, Floats, Ints
 from occlog.core.sight.usual_radio import NOISE_DB, SHADOW_DB, SHADOW_S
 from occlog.records.measurements import Measurements
 
@@ -45,17 +45,25 @@ def sigmas(shadowing: Shadowing, since_s: Floats) -> Floats:
     return np.asarray(np.sqrt(shadowing.noise_db**2 + shadowing.shadow_db**2 / np.tanh(share)))
 
 
-def with_sigmas(table: Measurements, shadowing: Shadowing, last: LastReads) -> Measurements:
+def with_sigmas(table: Measurements, shadowing: Shadowing, last: LastReads | None) -> Measurements:
     """The table with a standard deviation for each strength that has none.
 
     Args:
         table: in the order of time.
         shadowing: how errors are.
-        last: last reads of earlier parts of the table; those of this part are put in.
+        last: last reads of earlier parts of the table; those of this part are put in.  None: every read counts in full.
     """
     own = np.flatnonzero(np.isfinite(table.rssi))
     if not len(own):
         return table
+    since = np.full(len(own), np.inf) if last is None else _since(table, own, last)
+    sigma = table.sigma_rssi.copy()
+    sigma[own] = np.where(np.isfinite(sigma[own]), sigma[own], sigmas(shadowing, since))
+    return replace(table, sigma_rssi=sigma)
+
+
+def _since(table: Measurements, own: Ints, last: LastReads) -> Floats:
+    """(n,) times since the last strength of the same station and target [s]; inf: there was none."""
     since = np.full(len(own), np.inf)
     names, station = np.unique(table.sensor[own], return_inverse=True)
     order = np.lexsort((table.t_ns[own], table.target_id[own], station))
@@ -67,6 +75,4 @@ def with_sigmas(table: Measurements, shadowing: Shadowing, last: LastReads) -> M
         since[order[k]] = np.inf if earlier is None else (int(t_ns[k]) - earlier) / NS
     for k in np.flatnonzero(np.append(fresh[1:], True)).tolist():
         last[str(names[key[k, 0]]), int(key[k, 1])] = int(t_ns[k])
-    sigma = table.sigma_rssi.copy()
-    sigma[own] = np.where(np.isfinite(sigma[own]), sigma[own], sigmas(shadowing, since))
-    return replace(table, sigma_rssi=sigma)
+    return since

@@ -51,6 +51,8 @@ def test_time_is_since_the_same_station_read_the_same_target_however_tables_are_
         wanted = sigmas(how, np.array([whole.t_ns[k] / NS - before.get(key, -np.inf)]))[0]
         assert found.sigma_rssi[k] == pytest.approx(7.0 if told[k] == 7.0 else wanted, rel=1e-6)
         before[key] = whole.t_ns[k] / NS
+    alone = with_sigmas(whole, how, None).sigma_rssi
+    np.testing.assert_allclose(alone[np.isnan(told)], np.hypot(how.noise_db, how.shadow_db))
     last: dict[tuple[str, int], int] = {}
     parts = [with_sigmas(whole.take(slice(k, k + 7)), how, last) for k in range(0, 60, 7)]
     np.testing.assert_array_equal(Measurements.concat(parts).sigma_rssi, found.sigma_rssi)
