@@ -27,6 +27,8 @@ from .rows import MomentTables
 from .sizes import odd_cameras
 from .stage import Follower, Tabulator, follow
 
+DOUBTFUL, MUCH_DOUBTED = 0.2, 0.5
+"""Exchanges of identities expected of each person that a user must know, and that speak against the identities."""
 LOST = 0.2
 """Share of a camera's boxes that were left out before, as they lie outside its image, that matters."""
 
@@ -54,7 +56,7 @@ class PeopleSummary:
         self.inputs, self.agreement = inputs, agreement
         self.people: set[int] = set()
         self.rows = self.unseen = 0
-        self.existence = 0.0
+        self.existence = self.exchanges = 0.0
         self.times = 0
         self.events: Counter[str] = Counter()
 
@@ -66,14 +68,17 @@ class PeopleSummary:
         self.unseen += int(np.count_nonzero(np.char.startswith(part.tracks.doubt, UNSEEN)))
         self.existence += float(part.tracks.existence.sum())
         self.events.update(part.events.kind.tolist())
+        # Both of the two have a row
+        self.exchanges += 0.5 * float(np.nansum(part.events.probability[part.events.kind == "doubt"]))
 
     def figures(self) -> dict[str, object]:
         """The figures.
 
         people, rows: of the tracks.  people_at_a_time: mean, of the times that have any.  unseen: share of the rows of
-        whom no camera has a box.  boxes: of each camera, those in use, those that people explain, and those that
-        nobody does; expected of all of them, since a box may be of several people.  sees: share of the people whom
-        another camera sees and the camera should see plainly that it does see.
+        whom no camera has a box.  exchanges_expected: of identities, the sum of the doubts' probabilities.  boxes: of
+        each camera, those in use, those that people explain, and those that nobody does; expected of all of them, since
+        a box may be of several people.  sees: share of the people whom another camera sees and the camera should see
+        plainly that it does see.
         """
         tally, used = self.inputs.tally, self.agreement.used
         boxes = {
@@ -99,6 +104,7 @@ class PeopleSummary:
             "births": self.events["birth"],
             "deaths": self.events["death"],
             "doubts": self.events["doubt"],
+            "exchanges_expected": round(self.exchanges, 1),
             "frames": dict(zip(self.inputs.names, self.inputs.tally.frames.tolist(), strict=True)),
             "boxes": boxes,
             **({"sees": sees} if sees else {}),
@@ -107,7 +113,7 @@ class PeopleSummary:
 
     def findings(self) -> tuple[Finding, ...]:
         """What speaks against the tracks, and what else a user must know."""
-        found = [*self.agreement.findings(self.inputs.tally), *self._lost(), *self._tall()]
+        found = [*self.agreement.findings(self.inputs.tally), *self._lost(), *self._tall(), *self._doubtful()]
         if self.inputs.regions_smoothed and self.rows:
             says = (
                 "the boxes are regions of video, whose errors go on from frame to frame: where people meet, "
@@ -135,6 +141,18 @@ class PeopleSummary:
                     f"recording was made (allowed: {LOST:.0%}); is the calibration for another size of the image, or "
                     "are the boxes another camera's?",
                 )
+
+    def _doubtful(self) -> Iterator[Finding]:
+        """Identities that may have been exchanged where people met."""
+        each = self.exchanges / (self.rows / self.times) if self.rows else 0.0
+        if each >= DOUBTFUL:
+            yield Finding(
+                "identities-doubtful",
+                "warning" if each >= MUCH_DOUBTED else "note",
+                f"where people met identities may have been exchanged, some {self.exchanges:.1f} times ({each:.2f} for "
+                f"each person who is there at a time; a warning from {MUCH_DOUBTED:g} on): places hold, who is who may "
+                "not; --events says who, when and how probably",
+            )
 
     def _tall(self) -> Iterator[Finding]:
         """Cameras in which people are taller or shorter than in the others."""

@@ -15,6 +15,7 @@ from occlog.track.jipda.interface import Directions, Look, Moment
 
 from .agreement import Agreement
 from .boxes_by_moment import FrameLook
+from .meetings import Meetings
 from .rows import EverybodyInViews, MomentTables, SeenMoment, events_of, support_of, tracks_of
 
 State = TypeVar("State")
@@ -66,8 +67,11 @@ def follow(
     """
     held: list[SeenMoment] = []
     rows = 0
+    meetings = Meetings(config)
     steps = _steps(moments, scene, follower.begin(scene, cameras, config), follower, heard)
-    for each in _reported(steps, follower, config, seed):
+    for said in _reported(steps, follower, config, seed):
+        doubts = meetings.add(said.moment)
+        each = said._replace(moment=said.moment._replace(events=(*said.moment.events, *doubts)))
         held.append(each)
         # Even a moment without anybody is kept with its looks
         rows += 1 + len(each.moment.support.row) + len(each.moment.ids) * (1 + len(each.looks))

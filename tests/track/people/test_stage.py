@@ -20,9 +20,9 @@ def everywhere(people: int) -> Follower[None, None]:
     def step(state: None, looks: object) -> tuple[None, Moment]:
         ids = np.arange(people)
         covariance = np.tile(np.eye(6), (people, 1, 1))
-        return None, Moment(
-            0, ids, np.zeros((people, 6)), covariance, np.ones(people), np.ones((people, 2)), no_support(), ()
-        )
+        mean = np.zeros((people, 6))
+        mean[:, 0] = 5.0 * ids
+        return None, Moment(0, ids, mean, covariance, np.ones(people), np.ones((people, 2)), no_support(), ())
 
     return Follower(begin=lambda scene, cameras, config: None, step=step)
 

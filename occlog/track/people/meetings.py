@@ -1,0 +1,171 @@
+"""Where two people met, and may have been taken for each other when they parted.
+
+A tracker that follows two people through a place where no camera tells them apart can leave it with their identities
+exchanged, and nothing in its states says so.  Two things that the tracks do say tell how likely that is:
+
+* how near they came, in standard deviations of their places: the smallest distance over its spread;
+* how much likelier the tracks are than the exchanged ones, from the last moment at which a camera had a box of each
+  of them alone to the next such moment: the smallest log likelihood ratio of their states, with people who turn.
+
+The probability of an exchange is a logistic function of the logarithms of both.  Its numbers were fitted to meetings
+with known truth (docs/people.md); where boxes are better or worse than those, it is too high or too low.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from occlog.array_types import NS, Floats
+from occlog.core.numerics.jit import kernel
+from occlog.track.jipda.config import JipdaConfig
+from occlog.track.jipda.interface import STATE, VX, VY, Event, Moment, Support, X, Y
+
+NEAR, PARTED = 1.5, 2.2
+"""Two people met who come nearer than the first, and have parted beyond the second; in mean widths of a person."""
+TWO_PLACES = 0.55
+"""Nearer than this many widths one person's boxes are not told from the other's."""
+TOLD_APART = 1.0
+"""Cameras, in sum of probabilities, that must have a box of each of the two alone."""
+LEAST = 0.2
+"""Less probable exchanges are not named."""
+CONSTANT: Final = 2.30
+BY_DISTANCE: Final = -1.04
+BY_RATIO: Final = -0.57
+"""Numbers of the logistic function, fitted."""
+LEAST_DISTANCE = 0.3
+"""Smaller distances [standard deviations] count as this."""
+MOST_RATIO = 100.0
+"""Larger log likelihood ratios count as this, negative ones as 0."""
+
+
+def exchange_probability(distance: float, ratio: float) -> float:
+    """Probability that two people were exchanged at a meeting.
+
+    Args:
+        distance: smallest, in standard deviations of their places, >= 0.
+        ratio: smallest log likelihood ratio of the tracks to the exchanged ones.
+    """
+    near, clear = np.log(max(distance, LEAST_DISTANCE)), np.log1p(min(max(ratio, 0.0), MOST_RATIO))
+    return float(1.0 / (1.0 + np.exp(-(CONSTANT + BY_DISTANCE * near + BY_RATIO * clear))))
+
+
+@dataclass
+class _Meeting:
+    """Two people who are near each other."""
+
+    t_ns: int  # when they were last told apart
+    means: Floats  # (2, 6) their states then
+    covariances: Floats  # (2, 6, 6)
+    near: bool = False  # they have met
+    named: bool = False  # the method itself has a doubt of theirs
+    distance: float = np.inf  # the smallest [standard deviations]
+    ratio: float = np.inf  # the smallest
+
+
+class Meetings:
+    """Who is near whom, while moments stream by; memory is that of those who are near each other now."""
+
+    def __init__(self, config: JipdaConfig) -> None:
+        """Nobody has met; `config` says how wide people are, and how they turn."""
+        self._width, self._manoeuvre = config.width, config.manoeuvre
+        self._going_on: dict[tuple[int, int], _Meeting] = {}
+
+    def add(self, moment: Moment) -> tuple[Event, ...]:
+        """Take in one more moment; two events for each two people who part and may have been exchanged."""
+        n = len(moment.ids)
+        near = _pairs(moment.mean[:, [X, Y]], PARTED * self._width)
+        now = {(int(moment.ids[i]), int(moment.ids[j])): (i, j) for i, j in near}
+        at = {int(k): i for i, k in enumerate(moment.ids)}
+        events: list[Event] = []
+        for pair in [p for p in self._going_on if p not in now]:
+            meeting = self._going_on.pop(pair)
+            if meeting.near and not meeting.named and pair[0] in at and pair[1] in at:
+                self._compare(meeting, moment, [at[k] for k in pair])
+                events += _doubts(pair, exchange_probability(meeting.distance, meeting.ratio))
+        doubted = {(min(e.id, e.other), max(e.id, e.other)) for e in moment.events if e.kind == "doubt"}
+        alone = _alone(moment.support, n) if now else np.zeros((n, 0))
+        for pair, (i, j) in now.items():
+            both = [i, j]
+            apart = float(np.hypot(*(moment.mean[i] - moment.mean[j])[[X, Y]]))
+            if pair not in self._going_on:
+                self._going_on[pair] = _Meeting(moment.t_ns, moment.mean[both], moment.covariance[both])
+            meeting = self._going_on[pair]
+            spread = np.sqrt(0.5 * np.trace(moment.covariance[both][:, :2, :2], axis1=1, axis2=2).sum())
+            meeting.distance = min(meeting.distance, apart / spread)
+            meeting.near |= apart < NEAR * self._width
+            meeting.named |= pair in doubted
+            if apart > TWO_PLACES * self._width and np.minimum(alone[i], alone[j]).sum() >= TOLD_APART:
+                self._compare(meeting, moment, both)
+        return tuple(events)
+
+    def _compare(self, meeting: _Meeting, moment: Moment, both: list[int]) -> None:
+        """Compare the tracks of two who are told apart again with the exchanged ones."""
+        means, covariances = moment.mean[both], moment.covariance[both]
+        passed = (moment.t_ns - meeting.t_ns) / NS
+        if passed > 0:
+            ratio = log_ratio(meeting.means, meeting.covariances, means, covariances, passed, self._manoeuvre)
+            meeting.ratio = min(meeting.ratio, ratio)
+        meeting.t_ns, meeting.means, meeting.covariances = moment.t_ns, means, covariances
+
+
+def _pairs(places: Floats, apart: float) -> list[tuple[int, int]]:
+    """Those of (m, 2) places that are at most so far apart, i < j, in the order of i and j."""
+    if len(places) < 2:
+        return []
+    found = cKDTree(places).query_pairs(apart, output_type="ndarray")
+    return sorted((int(i), int(j)) for i, j in found)
+
+
+def _doubts(pair: tuple[int, int], probability: float) -> list[Event]:
+    """The doubt of either of two people, if it is worth naming."""
+    if probability < LEAST:
+        return []
+    return [Event("doubt", a, b, probability) for a, b in (pair, pair[::-1])]
+
+
+def _alone(support: Support, people: int) -> Floats:
+    """(m, C) probability that a camera has a box of a person alone."""
+    cameras = int(support.camera.max(initial=-1)) + 1
+    out = np.zeros((people, cameras))
+    np.add.at(out, (support.person, support.camera), support.probability - support.joint)
+    return out
+
+
+@kernel
+def log_ratio(
+    before: Floats, cov_before: Floats, after: Floats, cov_after: Floats, passed: float, manoeuvre: float
+) -> float:
+    """Log likelihood ratio of two people's later states going on from their earlier ones to those exchanged.
+
+    Args:
+        before: (2, 6) earlier states.
+        cov_before: (2, 6, 6) their covariances.
+        after: (2, 6) later states.
+        cov_after: (2, 6, 6) their covariances.
+        passed: time between [s], > 0.
+        manoeuvre: spectral density of the acceleration, per axis.
+    """
+    total = 0.0
+    for i in range(2):
+        mean, cov = before[i].copy(), cov_before[i].copy()
+        # Walk on: F cov F^T + Q for each axis
+        step = np.eye(STATE)
+        for place, speed in ((X, VX), (Y, VY)):
+            step[place, speed] = passed
+        mean = step @ mean
+        cov = step @ cov @ step.T
+        for place, speed in ((X, VX), (Y, VY)):
+            cov[place, place] += manoeuvre * passed**3 / 3.0
+            cov[place, speed] += manoeuvre * passed**2 / 2.0
+            cov[speed, place] += manoeuvre * passed**2 / 2.0
+            cov[speed, speed] += manoeuvre * passed
+        for j in range(2):
+            spread = cov + cov_after[j]
+            off = after[j] - mean
+            size = -0.5 * (off @ np.linalg.solve(spread, off) + np.linalg.slogdet(spread)[1])
+            total += size if i == j else -size
+    return total
