@@ -100,6 +100,10 @@ def _log_ratios(law: Law, value: Floats) -> Floats:
     return out
 
 
+SUM_SLACK = 0.01
+"""Sums of histograms are 1 to this."""
+
+
 def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
     """Vectors (.., K) of length 1 whose products are likenesses: roots of histograms, or the vectors; NaN: none."""
     out = np.sqrt(appearance) if histograms else appearance
@@ -108,14 +112,21 @@ def unit_vectors(appearance: Floats, histograms: bool) -> Floats:
 
 
 def are_histograms(*appearance: Floats) -> bool:
-    """Whether no number is negative."""
-    return not any(np.nanmin(each, initial=0.0) < 0.0 for each in appearance)
+    """Whether no number is negative and the numbers of each (.., K) vector sum to 1; NaN: none, which may be either.
+
+    Embeddings of networks have length 1 instead, and may have no negative number, either.
+    """
+    for each in appearance:
+        sums = each.sum(axis=-1)
+        if np.nanmin(each, initial=0.0) < 0.0 or np.nanmax(np.abs(sums - 1.0), initial=0.0) > SUM_SLACK:
+            return False
+    return True
 
 
 def likeness(gallery: Floats, boxes: Floats) -> Floats:
     """(N, M) likeness of (N, K) appearances of people to (M, K) of boxes; NaN: one of them has none.
 
-    Bhattacharyya's coefficient of histograms (nothing negative), the cosine of other vectors.
+    Bhattacharyya's coefficient of histograms, the cosine of other vectors.
     """
     if gallery.shape[1] == 0:
         return np.full((len(gallery), len(boxes)), np.nan)

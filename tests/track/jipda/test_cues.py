@@ -39,6 +39,10 @@ def test_likeness_is_bhattacharyyas_of_histograms_and_the_cosine_of_vectors() ->
     p, q = np.array([[0.5, 0.5, 0.0]]), np.array([[0.5, 0.0, 0.5], [0.5, 0.5, 0.0]])
     np.testing.assert_allclose(likeness(p, q), [[0.5, 1.0]])
     np.testing.assert_allclose(likeness(np.array([[1.0, -1.0]]), np.array([[-2.0, 2.0]])), [[-1.0]])
+    # An embedding without negative numbers has length 1, not a sum of 1; a box without any changes nothing
+    unit, none = np.array([[0.6, 0.8]]), np.full((1, 2), np.nan)
+    np.testing.assert_allclose(likeness(unit, np.concatenate([unit[:, ::-1], none])), [[0.96, np.nan]])
+    np.testing.assert_allclose(likeness(np.array([[0.25, 0.75]]), none), [[np.nan]])
 
 
 def test_hints_go_with_the_person_who_had_them() -> None:
