@@ -9,6 +9,8 @@ from pathlib import Path
 
 LISTENER: ContextVar[Callable[[str], None] | None] = ContextVar("LISTENER", default=None)
 """Who is told of details; None: nobody."""
+COMPILING: list[Callable[[], None]] = []
+"""Who is told, in whatever thread, that this process compiles kernels and takes long; nobody twice."""
 
 
 class Plan:
@@ -38,6 +40,12 @@ def tell(text: str) -> None:
     listener = LISTENER.get()
     if listener is not None:
         listener(text)
+
+
+def tell_of_compiling() -> None:
+    """Tell, once, that compilation takes long."""
+    while COMPILING:
+        COMPILING.pop()()
 
 
 @contextmanager

@@ -106,9 +106,11 @@ class LazyGroup(click.Group):
     def invoke(self, ctx: click.Context) -> object:
         """Call the command, and check what is left when it is done."""
         from .common import check_common
+        from .first_run import announced
 
         try:
-            result = super().invoke(ctx)
+            with announced(ctx):
+                result = super().invoke(ctx)
         except NothingIsWritten:
             _show_plan("--json" in ctx.meta.get(WORDS, ()))
             result = ExitCode.DONE

@@ -25,6 +25,7 @@ import click
 from occlog.details import begin_work, note_files, tell
 from occlog.errors import ExitCode, UsageError
 
+from .first_run import note_quiet
 from .interrupts import INTERRUPTS
 from .standard_input import Input, named
 
@@ -48,7 +49,9 @@ SCENE_HELP = "Scene file (YAML), a recording that holds one, or a text table of 
 scene_opt = click.option("--scene", type=INPUT, default=None, help=SCENE_HELP)
 STRICT_HELP = "Exit code 6 if warnings say that the estimates are not plausible. Outputs are written all the same."
 strict_opt = click.option("--strict", is_flag=True, help=STRICT_HELP)
-quiet_opt = click.option("-q", "--quiet", is_flag=True, help="No progress and no notes on standard error.")
+quiet_opt = click.option(
+    "-q", "--quiet", is_flag=True, callback=note_quiet, help="No progress and no notes on standard error."
+)
 workers_opt = click.option(
     "--workers",
     type=click.IntRange(min=1),

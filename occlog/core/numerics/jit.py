@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 from occlog import __version__
+from occlog.details import tell_of_compiling
 
 F = TypeVar("F", bound=Callable[..., Any])
+PATIENCE_S = 2.0
+"""Compilation that takes longer in all [s] is told of."""
 
 
 def kernel(function: F) -> F:
@@ -61,3 +66,39 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         except (AttributeError, ImportError):
             self.flush()
             return None
+
+
+class Stopwatch(event.Listener):  # type: ignore[misc]
+    """Adds up how long this process compiles; what comes from the cache takes no time.
+
+    Kernels are compiled one at a time, those that a kernel calls meanwhile: each of these is an occasion to look at the
+    clock.  A thread that waits would need none, but numba keeps it from running.
+    """
+
+    def __init__(self, told: Callable[[], None]) -> None:
+        """Call `told` whenever more than `PATIENCE_S` has been found to have passed."""
+        self._told = told
+        self._depth = 0
+        self._begin = 0.0
+        self._before = 0.0
+
+    def on_start(self, event: event.Event) -> None:  # noqa: ARG002
+        """A kernel begins."""
+        if self._depth == 0:
+            self._begin = time.perf_counter()
+        self._depth += 1
+        self._look()
+
+    def on_end(self, event: event.Event) -> None:  # noqa: ARG002
+        """A kernel is compiled."""
+        self._look()
+        self._depth -= 1
+        if self._depth == 0:
+            self._before += time.perf_counter() - self._begin
+
+    def _look(self) -> None:
+        if self._before + time.perf_counter() - self._begin > PATIENCE_S:
+            self._told()
+
+
+event.register("numba:compile", Stopwatch(tell_of_compiling))

@@ -1,4 +1,4 @@
-"""Compiled kernels after an upgrade: what an older version left in the cache is not used."""
+"""Compiled kernels: what an older version left in the cache is not used, and long compilation is told of."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from numba.core.event import Event, EventStatus
+
+from occlog.core.numerics import jit
 
 pytestmark = pytest.mark.jit
 
@@ -34,11 +37,11 @@ def called(value):
 """
 
 
-def run(folder: Path, name: str, factor: float, version: str = "1") -> list[str]:
+def run(folder: Path, name: str, factor: float, version: str = "1", before: str = "") -> list[str]:
     """Result of a kernel that takes a tuple and calls one of another file, and how often it came from the cache."""
     (folder / "calling.py").write_text(KERNEL.format(name=name))
     (folder / "called.py").write_text(CALLED.format(factor=factor))
-    code = f"import occlog; occlog.__version__ = {version!r}; import calling"
+    code = f"import occlog; occlog.__version__ = {version!r}; {before}import calling"
     path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     own = {"PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "NUMBA_CACHE_DIR": "", "NUMBA_DISABLE_JIT": "0"}
     environment = {**os.environ, **own}
@@ -47,9 +50,30 @@ def run(folder: Path, name: str, factor: float, version: str = "1") -> list[str]
     return done.stdout.split()
 
 
-def test_a_kernel_is_taken_from_the_cache(tmp_path: Path) -> None:
-    assert run(tmp_path, "Given", 3.0) == ["6.0", "0"]
-    assert run(tmp_path, "Given", 3.0) == ["6.0", "1"]
+def test_a_kernel_is_taken_from_the_cache_and_only_compilation_is_told(tmp_path: Path) -> None:
+    impatient = "from occlog.core.numerics import jit; jit.PATIENCE_S = 0.0; "
+    told = "from occlog.details import COMPILING; COMPILING.append(lambda: print('compiling')); "
+    assert run(tmp_path, "Given", 3.0, before=impatient + told) == ["compiling", "6.0", "0"]
+    assert run(tmp_path, "Given", 3.0, before=impatient + told) == ["6.0", "1"]
+
+
+@pytest.mark.parametrize(
+    ("steps", "told_at"),
+    [
+        ([(0.0, "start"), (1.9, "end"), (50.0, "start"), (50.2, "end")], 50.2),  # in all; waiting in between is free
+        ([(0.0, "start"), (1.0, "start"), (2.5, "end"), (9.0, "end")], 2.5),  # inside a kernel that takes long
+        ([(0.0, "start"), (1.0, "start"), (1.1, "end"), (1.9, "end")], None),  # what is inside counts once
+    ],
+)
+def test_long_compilation_is_told_as_soon_as_a_kernel_begins_or_ends(
+    steps: list[tuple[float, str]], told_at: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, told = {"now": 0.0}, []
+    monkeypatch.setattr(jit.time, "perf_counter", lambda: clock["now"])
+    watch = jit.Stopwatch(lambda: told.append(clock["now"]))
+    for clock["now"], kind in steps:
+        watch.notify(Event("numba:compile", EventStatus.START if kind == "start" else EventStatus.END))
+    assert (told[0] if told else None) == told_at
 
 
 def test_an_index_that_names_a_type_that_is_gone_counts_as_empty(tmp_path: Path) -> None:
