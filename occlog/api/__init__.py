@@ -5,11 +5,11 @@ from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.settings import SettingError
 
-from .detection import detect, fuse, label
+from .detection import detect, fuse, fuse_tracks, label
 from .evaluation import evaluate
-from .pages import report
+from .pages import overlay, report
 from .recordings import Recording, Sensor, open, read, read_scene
-from .results import DetectResult, EvaluateResult, OcclogWarning, ReportResult, Result, TrackResult
+from .results import DetectResult, EvaluateResult, OcclogWarning, OverlayResult, ReportResult, Result, TrackResult
 from .simulation import simulate
 from .tables import Table
 from .tracking import track
@@ -23,6 +23,7 @@ __all__ = [
     "OcclogWarning",
     "OutputError",
     "OutputExistsError",
+    "OverlayResult",
     "PluginError",
     "Recording",
     "ReportResult",
@@ -36,8 +37,10 @@ __all__ = [
     "detect",
     "evaluate",
     "fuse",
+    "fuse_tracks",
     "label",
     "open",
+    "overlay",
     "read",
     "read_scene",
     "report",

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from occlog.cli import options
+from occlog.errors import UsageError
+from occlog.measure.detect.config import DetectConfig
+from occlog.measure.fuse.config import FuseConfig
 
+from .detectors import Network, Where, detector_of, run_detector
 from .folders import Folder
 from .keywords import Setting, names_of, settings_by_class
-from .results import DetectResult, sentences, tables_in, warn
+from .results import DetectResult, TrackResult, sentences, tables_in, warn
 from .sources import Inputs, SceneSource, Source
 
 
@@ -23,11 +28,18 @@ def detect(
     near: Source | None = None,
     learn: bool = True,
     fuse: Mapping[str, Setting] | bool = False,
+    onnx: str | os.PathLike[str] | None = None,
+    classes: Sequence[str] = (),
+    names: str | os.PathLike[str] | None = None,
+    embed: str | os.PathLike[str] | None = None,
+    bearings: bool = False,
     workers: int | None = None,
     progress: bool = False,
     **settings: Setting,
 ) -> DetectResult:
     """Reduce the frames of a recording to bearings of its targets, as `occlog detect` does.
+
+    With `onnx` a network finds boxes, with `method="NAME"` a detector of a plug-in: the result has their views.
 
     Args:
         recording: with video, with boxes of a detector, or with simulated bearings.
@@ -38,49 +50,67 @@ def detect(
         near: tracks around which targets are looked for.
         learn: look through the recording first, for what it shows when nobody is there.
         fuse: fuse the detections of the cameras; settings of the fusion, or True for its defaults.
+        onnx: detect with this network (ONNX).
+        classes: with `onnx`: what to look for, by name or number; empty: people, or the only class.
+        names: with `onnx`: file with the names of its classes, one a line.
+        embed: with `onnx`: describe who is in each box with this network (ONNX).
+        bearings: with `onnx` or a plug-in: also a candidate bearing for each box.
         workers: threads; None: one a processor. The result is the same.
         progress: show a bar on standard error, if it is a terminal.
-        **settings: of detection, by their names in docs/settings.md, in their units.
+        **settings: of detection, of networks or of the plug-in, by their names in docs/settings.md, in their units.
 
     Returns:
-        Bearings of the targets, and every region of the size of a person.
+        Bearings of the targets, and every region of the size of a person; of a network or plug-in the boxes as views.
 
     Raises:
         UsageError: a setting that there is not, or arguments that contradict each other.
         InputError: an input is missing, damaged, or says something that cannot be.
+        PluginError: a plug-in fails.
 
     Warns:
         OcclogWarning: frames were lost, or the world seems not to be upright.
     """
-    from occlog.measure.detect.config import DetectConfig
     from occlog.measure.detect.run import DetectRequest, run_detect
-    from occlog.measure.fuse.config import FuseConfig
 
-    (chosen,) = settings_by_class("detect", settings, [("", DetectConfig)], ("scene", "cameras", "target", "near"))
-    fusion = None
-    if fuse is not False:
-        (fusion,) = settings_by_class("fuse", {} if fuse is True else fuse, [("", FuseConfig)], ())
-    home = Folder()
+    background = {"target": target, "target_boxes": target_boxes or None, "near": near, "fuse": fuse or None}
+    alien = [name for name, value in background.items() if value is not None] + ([] if learn else ["learn"])
+    detector = detector_of(Network(onnx, classes, names, embed), bearings, settings, alien)
+    home, threads = Folder(), workers or os.cpu_count() or 1
     with Inputs() as inputs, options.notes_kept() as notes:
-        request = DetectRequest(
-            recording=inputs.rows(recording, "recording"),
-            scene=inputs.scene(scene),
-            only=names_of(cameras),
-            references=inputs.optional(target, "target"),
-            boxes=tuple(target_boxes),
-            learn=learn,
-            settings=chosen,
-            workers=workers or os.cpu_count() or 1,
-            near=inputs.optional(near, "near"),
-            fusion=fusion,
-        )
-        bearings, views = home.file("bearings.parquet"), home.file("views.parquet")
-        summary, losses = run_detect(request, bearings, views, False, not progress)
+        path, place, only = inputs.rows(recording, "recording"), inputs.scene(scene), names_of(cameras)
+        if detector is not None:
+            where = Where(path, place, only, home, bearings)
+            summary, losses = run_detector(detector, where, settings, threads, progress)
+        else:
+            request = DetectRequest(
+                recording=path,
+                scene=place,
+                only=only,
+                references=inputs.optional(target, "target"),
+                boxes=tuple(target_boxes),
+                learn=learn,
+                settings=_of_background(settings),
+                workers=threads,
+                near=inputs.optional(near, "near"),
+                fusion=None if fuse is False else _of_fusion({} if fuse is True else fuse),
+            )
+            files = home.file("bearings.parquet"), home.file("views.parquet")
+            summary, losses = run_detect(request, *files, False, not progress)
         said = [inputs.in_words_of_python(text) for text in notes]
     told, rest = sentences(said)
     warn(told, losses, stacklevel=2)
     tables = tables_in(home, ("bearings", "views"))
     return DetectResult(home.without_paths(summary), tables, tuple(losses), told, rest)
+
+
+def _of_background(settings: Mapping[str, Setting]) -> dict[str, object]:
+    (chosen,) = settings_by_class("detect", settings, [("", DetectConfig)], ("scene", "cameras", "target", "near"))
+    return chosen
+
+
+def _of_fusion(settings: Mapping[str, Setting]) -> dict[str, object]:
+    (chosen,) = settings_by_class("fuse", settings, [("", FuseConfig)], ("views", "scene"))
+    return chosen
 
 
 def fuse(
@@ -105,10 +135,9 @@ def fuse(
     Warns:
         OcclogWarning: input was lost, or the fusion cannot be believed.
     """
-    from occlog.measure.fuse.config import FuseConfig
     from occlog.measure.fuse.run import FuseFiles, run_fuse
 
-    (chosen,) = settings_by_class("fuse", settings, [("", FuseConfig)], ("views", "scene"))
+    chosen = _of_fusion(settings)
     home = Folder()
     with Inputs() as inputs, options.notes_kept() as notes:
         files = FuseFiles(
@@ -124,6 +153,48 @@ def fuse(
     told, rest = sentences(said)
     warn(told, losses, stacklevel=2)
     return DetectResult(home.without_paths(summary), tables_in(home, ("bearings", "views")), tuple(losses), told, rest)
+
+
+def fuse_tracks(tracks: Sequence[Source | TrackResult], **settings: Setting) -> TrackResult:
+    """Fuse the tracks of several groups of cameras, as `occlog fuse --with` does: one track, one identity a person.
+
+    Args:
+        tracks: of each group, two or more, in one world.
+        **settings: of the fusion of tracks, by their names in docs/settings.md.
+
+    Returns:
+        The fused tracks; `events` are births, deaths and doubtful identities.
+
+    Raises:
+        UsageError: a setting that there is not, or fewer than two groups.
+        InputError: an input is missing, damaged, or in another unit.
+
+    Warns:
+        OcclogWarning: input was lost, or groups do not agree.
+    """
+    from occlog.measure.fuse.tracks.config import TrackFusionConfig
+    from occlog.measure.fuse.tracks.run import TrackFiles, run_fuse_tracks
+
+    if isinstance(tracks, str | os.PathLike) or len(tracks) < 2:
+        raise UsageError("fuse_tracks: give the tracks of two or more groups of cameras in a list")
+    (chosen,) = settings_by_class("fuse_tracks", settings, [("", TrackFusionConfig)], ())
+    home = Folder()
+    with Inputs() as inputs, options.notes_kept() as notes:
+        paths = []
+        for place, given in enumerate(tracks):
+            of_result = given.tracks if isinstance(given, TrackResult) else given
+            path = inputs.rows(of_result, f"tracks[{place}]")
+            paths.append(path if isinstance(of_result, str | os.PathLike) else inputs.called(path, f"tracks[{place}]"))
+        files = TrackFiles(tuple(paths), home.file("tracks.parquet"), home.file("events.parquet"), False)
+        summary, losses = run_fuse_tracks(files, chosen, True)
+        said = [inputs.in_words_of_python(text) for text in notes]
+    told, rest = sentences(said)
+    warn(told, losses, stacklevel=2)
+    shown = home.without_paths(summary)
+    called = [Path(t).name if isinstance(t, str | os.PathLike) else f"tracks[{k}]" for k, t in enumerate(tracks)]
+    if len(set(called)) == len(called):
+        shown["groups"] = dict(zip(called, shown["groups"].values(), strict=True))
+    return TrackResult(shown, tables_in(home, ("tracks", "events")), losses, told, rest)
 
 
 def label(

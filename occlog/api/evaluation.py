@@ -14,10 +14,12 @@ from .results import EvaluateResult, TrackResult, sentences, tables_in, warn
 from .sources import Inputs, SceneSource, Source
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from occlog.evaluate.inputs import Paths
     from occlog.plugins.chosen import Chosen
 
-SOURCES = ("tracks", "truth", "bearings", "doa", "views", "cooperation", "diagnostics")
+SOURCES = ("tracks", "truth", "bearings", "doa", "measurements", "views", "cooperation", "diagnostics")
 TABLES = ("errors", "bound")
 OF_MANY = ("failures", "counts")
 """Tables on request, of many targets."""
@@ -30,6 +32,9 @@ def evaluate(
     bearings: Source | None = None,
     doa: Source | None = None,
     doa_labels: bool = False,
+    truth_azimuths: Source | None = None,
+    doa_gate_deg: float | None = None,
+    measurements: Source | None = None,
     views: Source | None = None,
     cooperation: Source | None = None,
     diagnostics: Source | None = None,
@@ -49,6 +54,9 @@ def evaluate(
         bearings: for detections, bound and sight lines.
         doa: directions of arrival to use along with the bearings.
         doa_labels: identities in the log of directions are those of targets.
+        truth_azimuths: true directions, to compare `doa` with and nothing else.
+        doa_gate_deg: a direction further from the true one is false, and the true one missed; None: 10.
+        measurements: ranges, signal strengths and time differences: for the bound.
         views: to compare with true boxes; with `held_out` views or boxes of all people.
         cooperation: what cameras were asked.
         diagnostics: how the filter fared.
@@ -70,7 +78,7 @@ def evaluate(
     """
     from occlog.evaluate.command import command
     from occlog.evaluate.inputs import Paths, provenance_of
-    from occlog.evaluate.matching.config import GROUND, IMAGES, OTHERS, EvaluateConfig
+    from occlog.evaluate.matching.config import AZIMUTHS, GROUND, IMAGES, OTHERS, EvaluateConfig
     from occlog.evaluate.mot.config import ManyConfig
     from occlog.evaluate.mot.run import in_images, run_evaluate_many
     from occlog.evaluate.options import check_kind
@@ -81,9 +89,8 @@ def evaluate(
     if isinstance(tracks, TrackResult):
         diagnostics = tracks.tables.get("diagnostics") if diagnostics is None else diagnostics
         tracks = tracks.tracks
-    given: dict[str, Source | None] = dict(
-        zip(SOURCES, (tracks, truth, bearings, doa, views, cooperation, diagnostics), strict=True)
-    )
+    sources = (tracks, truth, bearings, doa, measurements, views, cooperation, diagnostics)
+    given: dict[str, Source | None] = dict(zip(SOURCES, sources, strict=True))
     classes = [("", EvaluateConfig), ("", ManyConfig)]
     chosen, many = settings_by_class("evaluate", settings, classes, (*SOURCES, "scene", "frames"))
     for name in also:
@@ -93,17 +100,21 @@ def evaluate(
     with Inputs() as inputs, options.notes_kept() as notes:
         files: dict[str, Any] = {name: inputs.optional(value, name) for name, value in given.items()}
         paths = Paths(scene=inputs.scene(scene), doa_labels=doa_labels, **files)
-        pictured = in_images(paths.tracks)
+        azimuths = inputs.optional(truth_azimuths, "truth_azimuths")
+        pictured = azimuths is None and in_images(paths.tracks)
         on_ground = GROUND if tracks is not None and truth is not None else OTHERS
-        told = [n for n, value in {**given, "scene": scene, "frames": frames}.items() if value is not None]
-        kind = IMAGES if pictured else on_ground
+        more = {"scene": scene, "frames": frames, "truth_azimuths": azimuths, "doa_gate_deg": doa_gate_deg}
+        told = [n for n, value in {**given, **more}.items() if value is not None]
+        kind = AZIMUTHS if azimuths is not None else IMAGES if pictured else on_ground
         flags = [name for name, value in (("doa_labels", doa_labels), ("metrics", plugged)) if value]
         check_kind(command.params, [*told, *settings, *also, *flags], kind)
+        if azimuths is not None:
+            return _of_directions(paths, azimuths, doa_gate_deg, configure(EvaluateConfig(), chosen).bridge_s)
         paths = _with_outputs(paths, home, also if pictured else (*TABLES, *also))
         if pictured:
             config = configure(EvaluateConfig(), chosen)
-            more = {} if frames is None else {"frames": frames}
-            result = run_evaluate_many(paths, config.box_overlap, {**many, **more})
+            of_frames = {} if frames is None else {"frames": frames}
+            result = run_evaluate_many(paths, config.box_overlap, {**many, **of_frames})
         else:
             result, _ = run_evaluate(paths, chosen, many, frames, plugged)
         lines = [inputs.in_words_of_python(text) for text in (*notes, *result.notes)]
@@ -117,6 +128,17 @@ def evaluate(
     return EvaluateResult(
         summary=figures, tables=tables, losses=losses, warnings=said, notes=rest, metrics=dict(result.metrics)
     )
+
+
+def _of_directions(paths: Paths, truth: Path, gate_deg: float | None, max_gap_s: float) -> EvaluateResult:
+    """Directions of arrival against true ones."""
+    from occlog.evaluate.run import run_evaluate_doa
+
+    gate = 10.0 if gate_deg is None else gate_deg
+    if not 0.0 <= gate <= 180.0:
+        raise UsageError(f"doa_gate_deg: {gate}: must be from 0 to 180")
+    figures = run_evaluate_doa(paths, truth, gate, max_gap_s)
+    return EvaluateResult(summary=figures, metrics=figures)
 
 
 def _chosen(metrics: Sequence[str] | Mapping[str, Mapping[str, Setting]]) -> list[Chosen]:

@@ -1,15 +1,18 @@
-"""`report` in Python: a run as one page."""
+"""`report` in Python: a run as one page, or tracks drawn over the images."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from occlog.cli import options
+from occlog.errors import UsageError
 from occlog.track.plausibility.verdict import figures
 
 from .folders import Folder
-from .results import ReportResult, TrackResult, sentences, warn
+from .keywords import names_of
+from .results import OverlayResult, ReportResult, TrackResult, sentences, warn
 from .sources import Inputs, SceneSource, Source
 
 SOURCES = ("tracks", "truth", "bearings", "errors", "bound", "diagnostics", "events", "occluders")
@@ -88,4 +91,89 @@ def report(
         notes=rest,
         html=page.read_text(encoding="utf-8"),
         png=paths.png.read_bytes() if paths.png is not None else None,
+    )
+
+
+def overlay(
+    tracks: Source | TrackResult | None = None,
+    *,
+    recording: Source,
+    truth: Source | None = None,
+    failures: Source | None = None,
+    fundamental: Source | None = None,
+    scene: SceneSource | None = None,
+    video: str | os.PathLike[str] | None = None,
+    frame: int | None = None,
+    frames: tuple[int, int] | None = None,
+    cameras: str | Sequence[str] = (),
+    scale: float | None = None,
+    fps: float | None = None,
+    overwrite: bool = False,
+    progress: bool = False,
+) -> OverlayResult:
+    """Draw tracks in images and true boxes over the frames of a recording, as `occlog report --recording` does.
+
+    Args:
+        tracks: tracks in images; None: the truth alone is drawn.
+        recording: with video.
+        truth: true boxes.
+        failures: of `evaluate`, drawn in red.
+        fundamental: geometry of the views as the tracker had it; None: that of the recording.
+        scene: where the cameras are; None: the recording holds it.
+        video: file of the video to make (.mp4, .avi).
+        frame: number, in the first camera, of the frame whose picture is made.
+        frames: video of frames first <= number < stop of the first camera only.
+        cameras: only these, the first of which counts the frames; empty: all.
+        scale: images are enlarged by this, 0.05 to 16; None: to a height of about 480 px.
+        fps: frames a second of the video, 0.1 to 1000; None: those of the recording.
+        overwrite: a video that is there may be replaced.
+        progress: show a bar on standard error, if it is a terminal.
+
+    Returns:
+        The picture of `frame`, which a notebook shows, and what was drawn.
+
+    Raises:
+        UsageError: there is nothing to draw, or neither `video` nor `frame` is given.
+        InputError: an input is missing, damaged, or of another recording.
+        OutputExistsError: the video is there, and may not be replaced.
+
+    Warns:
+        OcclogWarning: the tracks are of another recording's video.
+    """
+    from occlog.report.overlay.command import Asked, run_overlay
+
+    for name, value, low, high in (("scale", scale, 0.05, 16), ("fps", fps, 0.1, 1000), ("frame", frame, 0, 2**31)):
+        if value is not None and not low <= value <= high:
+            raise UsageError(f"{name}: {value}: must be from {low} to {high}")
+    if frames is not None and not 0 <= frames[0] < frames[1]:
+        raise UsageError(f"frames: {frames}: must be first < stop, from 0")
+    if video is None and frame is None:
+        raise UsageError("no output: give video (a file to make), frame (a number), or both")
+    home = Folder()
+    picture = None if frame is None else home.file("frame.png")
+    with Inputs() as inputs, options.notes_kept() as notes:
+        asked = Asked(
+            recording=inputs.rows(recording, "recording"),
+            tracks=inputs.optional(tracks.tracks if isinstance(tracks, TrackResult) else tracks, "tracks"),
+            truth=inputs.optional(truth, "truth"),
+            failures=inputs.optional(failures, "failures"),
+            fundamental=inputs.optional(fundamental, "fundamental"),
+            scene=inputs.scene(scene),
+            video=None if video is None else Path(video),
+            png=picture,
+            frame=frame,
+            frames=frames,
+            cameras=names_of(cameras),
+            scale=scale,
+            fps=fps,
+            overwrite=overwrite,
+        )
+        summary = run_overlay(asked, quiet=not progress)
+        told, rest = sentences(inputs.in_words_of_python(text) for text in notes)
+    warn(told, (), stacklevel=2)
+    return OverlayResult(
+        summary=home.without_paths(summary),
+        warnings=told,
+        notes=rest,
+        png=None if picture is None else picture.read_bytes(),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from base64 import b64encode
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from html import escape
@@ -124,12 +125,12 @@ class DetectResult(Result):
     @property
     def bearings(self) -> Table:
         """Bearings, also those of looks in which nothing was seen."""
-        return self.tables["bearings"]
+        return self["bearings"]
 
     @property
     def views(self) -> Table:
         """Regions of the size of people in every frame."""
-        return self.tables["views"]
+        return self["views"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -172,6 +173,23 @@ class ReportResult(Result):
         """The page in a frame of its own, without scripts of the notebook's."""
         page = escape(self.html, quote=True)
         return f'<iframe srcdoc="{page}" sandbox="allow-scripts" style="width:100%;height:48em;border:0"></iframe>'
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class OverlayResult(Result):
+    """Tracks drawn over images.
+
+    Attributes:
+        png: the picture of one frame; None: it was not asked for.
+    """
+
+    png: bytes | None = None
+
+    def _picture(self) -> str:
+        """The picture of the frame."""
+        if self.png is None:
+            return ""
+        return f'<img src="data:image/png;base64,{b64encode(self.png).decode()}" style="max-width:100%">'
 
 
 def tables_in(folder: Folder, names: Iterable[str]) -> dict[str, Table]:

@@ -285,6 +285,13 @@ def test_a_detector_of_others_finds_boxes_and_a_tracker_follows_them(folder: Pat
     assert made == {"name": "bright", "package": "occlog-own-parts 1.0", "threshold": 200, "least_px": 30}
     done("detect", recording, "--method", "bright", "-o", folder / "w.parquet", "--bearings", folder / "b.parquet")
     assert (folder / "b.parquet").is_file()
+    same = occlog.detect(recording, method="bright", threshold=200)
+    same.views.save(folder / "same.parquet")
+    assert (folder / "same.parquet").read_bytes() == views.read_bytes()
+    with pytest.raises(occlog.UsageError, match="fuse is not for detection by a plug-in"):
+        occlog.detect(recording, method="bright", fuse=True)
+    with pytest.raises(occlog.UsageError, match="bright has no setting 'treshold'; did you mean 'threshold'"):
+        occlog.detect(recording, method="bright", treshold=200)
     assert "--bright-threshold" in called("detect", "--method", "bright", "--help").output
     said = done("track", views, "--method", "overlap", "-o", folder / "boxes.parquet")
     assert (said["identities"], said["frames"], said["left_out"]) == (4, 16, 0)

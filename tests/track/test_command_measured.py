@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import occlog
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.io.files.parquet import read_provenance, read_table
@@ -98,6 +99,9 @@ def test_a_log_of_five_columns_becomes_a_track(
     assert run([*compare, "-o", str(tmp_path / "m.json")]) == ExitCode.DONE
     metrics = json.loads((tmp_path / "m.json").read_text())
     assert 0.0 < metrics["bound_rmse_m"] < most
+    given = {"scene": tmp_path / "stations.csv", "measurements": tmp_path / f"{log}.csv"}
+    same = occlog.evaluate(tmp_path / "t.parquet", truth_of(tmp_path), **given)
+    assert same["bound_rmse_m"] == metrics["bound_rmse_m"]
     assert read_provenance(tmp_path / "t.parquet").parameters["measurements"]["propagation"] == (
         "sound" if log == "tdoa" else None
     )

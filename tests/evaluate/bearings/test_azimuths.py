@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import occlog
 from occlog.cli.main import run
 from occlog.errors import ExitCode
 from occlog.evaluate.bearings.azimuths import doa_metrics, paired
@@ -110,6 +111,7 @@ def test_six_algorithms_on_real_recordings(
             run(["evaluate", "--doa", out, "--truth-azimuths", str(tmp_path / "truth.csv"), "--json"]) == ExitCode.DONE
         )
         got = json.loads(capsys.readouterr().out)
+        assert occlog.evaluate(doa=out, truth_azimuths=tmp_path / "truth.csv").metrics == got
         assert got["doa_sets"] == 63
         assert got["doa_sets_without_truth"] == 29
         assert got["doa_true"] == got["doa_found"] == 154

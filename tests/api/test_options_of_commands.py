@@ -1,0 +1,81 @@
+"""Every option of a command is an argument or a setting of its function, or docs/python.md says that it is not."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+
+import click
+import pytest
+from places import ROOT
+
+import occlog
+from occlog.cli.main import cli
+from occlog.cli.setting_options import CHOSEN, SettingOption, VariantCommand
+
+PRINTED = {"overwrite", "quiet", "as_json", "strict", "dry_run", "verbose", "_click_default_help"}
+"""What is printed, checked and replaced: of a command line, not of a function."""
+CALLED = {
+    "only": "cameras",
+    "references": "target",
+    "boxes": "target_boxes",
+    "method": "settings",
+    "turn": "in_turn",
+    "others": "tracks",
+    "size": "settings",
+}
+"""Options whose arguments have other names."""
+FUNCTIONS: dict[str, tuple[Callable[..., object], ...]] = {
+    "detect": (occlog.detect,),
+    "fuse": (occlog.fuse, occlog.fuse_tracks),
+    "label": (occlog.label,),
+    "track": (occlog.track,),
+    "evaluate": (occlog.evaluate,),
+    "simulate": (occlog.simulate,),
+    "report": (occlog.report, occlog.overlay),
+}
+TABLES = {
+    "detect": {"output", "views"},
+    "fuse": {"output", "fused_views", "events"},
+    "label": {"output"},
+    "track": {
+        *("output", "diagnostics", "residuals", "support", "events"),
+        *("calibration", "cooperation", "view_tracks", "virtual_sensors", "world"),
+    },
+    "evaluate": {"output", "errors", "bound", "failures", "counts"},
+    "simulate": set[str](),
+    "report": set[str](),
+}
+"""Outputs that are tables of the result."""
+MISSING = {
+    "label": {"--gallery", "--images", "--labelled", "--named"},
+    "evaluate": {"--write-scene", "--fail-if", "--mot"},
+}
+EVERYWHERE = {"--input-units", "--reader"}
+"""Options that have no argument on purpose."""
+
+
+def options_of(name: str) -> list[click.Parameter]:
+    """All parameters of a command and of its variants that are no settings."""
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    found = {}
+    for variant in [None, *(command.variants if isinstance(command, VariantCommand) else ())]:
+        context = click.Context(command, info_name=name)
+        if variant is not None:
+            context.meta[CHOSEN] = variant
+        found |= {str(p.name): p for p in command.get_params(context) if not isinstance(p, SettingOption)}
+    return list(found.values())
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_what_a_command_takes_its_function_takes(name: str) -> None:
+    arguments = set[str]().union(*(inspect.signature(f).parameters for f in FUNCTIONS[name]))
+    lacking = {
+        param.opts[0]
+        for param in options_of(name)
+        if CALLED.get(str(param.name), str(param.name)) not in arguments | PRINTED | TABLES[name]
+    }
+    assert lacking == MISSING.get(name, set()) | EVERYWHERE
+    page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+    assert [flag for flag in sorted(lacking) if f"`{flag}`" not in page] == []
