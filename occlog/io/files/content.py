@@ -24,12 +24,17 @@ class Content(Enum):
 
 MADE_BY_INGEST = "make a recording of it by `occlog ingest -o OUT.mcap --video CAMERA={name}`"
 OF_A_FOLDER = "make a recording of its folder by `occlog ingest -o OUT.mcap --images CAMERA=FOLDER`"
+XML_BY_INGEST = (
+    "true boxes and calibrations in XML go into a recording by `occlog ingest -o OUT.mcap --truth CAMERA={name}`, with "
+    "the video, boxes or calibration of CAMERA, and `--fps RATE` where nothing else gives times"
+)
 _OTHERS = (
     (4, b"ftyp", f"a video (MP4); {MADE_BY_INGEST}"),
     (0, b"\x1a\x45\xdf\xa3", f"a video (Matroska or WebM); {MADE_BY_INGEST}"),
     (8, b"AVI ", f"a video (AVI); {MADE_BY_INGEST}"),
     (8, b"WAVE", "sound (WAV); find directions in it by `occlog listen`"),
-    (0, b"<?xml", "XML; true boxes and calibrations in XML go into a recording by `occlog ingest`"),
+    (0, b"<?xml", f"XML; {XML_BY_INGEST}"),
+    (0, b"<dataset", f"XML; {XML_BY_INGEST}"),
     (0, b"\x89PNG", f"an image (PNG); {OF_A_FOLDER}"),
     (0, b"\xff\xd8\xff", f"an image (JPEG); {OF_A_FOLDER}"),
 )

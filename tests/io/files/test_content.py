@@ -23,6 +23,7 @@ from occlog.records.tables import Tracks, Truth
             "is a video .MP4.; make a recording of it by `occlog ingest -o OUT.mcap --video CAMERA=",
         ),
         (b"RIFF\0\0\0\0AVI LIST", "is a video .AVI."),
+        (b"<dataset name='S2L1'>", "is XML; true boxes and calibrations in XML go into a recording"),
         (b"<?xml version='1.0'?><dataset/>", "is XML; true boxes and calibrations in XML go into a recording"),
         (b"RIFF\0\0\0\0WAVEfmt ", "is sound .WAV.; find directions in it by `occlog listen`"),
     ],
