@@ -24,7 +24,7 @@ from occlog.evaluate.bearings.held_out_boxes import held_out_box_metrics
 from occlog.evaluate.bearings.meeting import meeting_metrics
 from occlog.evaluate.bearings.noise import noise_metrics
 from occlog.evaluate.errors.bound import Measured, bound_metrics, compute_bound
-from occlog.evaluate.errors.on_ground import compare, error_metrics, settled
+from occlog.evaluate.errors.on_ground import compare, error_metrics, gaps_note, settled
 from occlog.evaluate.figures import UNITS
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.matching.looks import SensorLooks
@@ -167,9 +167,12 @@ def evaluate(
     metrics: dict[str, float] = {}
     errors, bound, pairs = Errors.empty(), Bound.empty(), dict[int, int]()
     looks: dict[str, SensorLooks] = {}
+    notes: list[str] = []
     if tracks is not None and truth is not None:
         matched = compare(tracks, truth, config)
         errors, pairs = matched.errors, matched.pairs
+        gaps = gaps_note(tracks, truth, pairs, config)
+        notes += [] if gaps is None else [gaps]
         metrics |= matched.counts | error_metrics(errors, scene.length_unit)
         if np.isnan(tracks.cov_xx).any():
             metrics = {name: value for name, value in metrics.items() if not name.startswith("nees_")}
@@ -195,7 +198,10 @@ def evaluate(
         raise InputError(
             "evaluate: a held-out sensor needs tracks made without it, and bearings or boxes that include it"
         )
-    metrics |= _without_truth(tracks, bearings, scene, config)
+    compared = _without_truth(tracks, bearings, scene, config)
+    if tracks is not None and bearings is not None and truth is None and not compared:
+        notes.append(_no_meeting(bearings, config))
+    metrics |= compared
     if found is not None and isinstance(tracks, PeopleTracks):
         metrics |= held_out_box_metrics(tracks, found, scene, config)
     if views is not None and truth_boxes is not None:
@@ -203,7 +209,20 @@ def evaluate(
     if cooperation is not None:
         metrics |= cooperation_figures(cooperation, tracks)
     figures = {name: float(value) for name, value in metrics.items()}
-    return Evaluation(figures, errors, bound, looks=looks)
+    return Evaluation(figures, errors, bound, looks=looks, notes=tuple(notes))
+
+
+def _no_meeting(bearings: Bearings, config: EvaluateConfig) -> str:
+    """Why no track was compared with where sight lines meet, and what to do."""
+    if np.any(bearings.seen & (bearings.target_id >= 0)):
+        return (
+            f"warning: at no time bearings of one target come from {config.lines_min_sensors} sensors within "
+            f"{config.lines_window_s:g} s, so that the tracks are compared with nothing; widen it (lines_window)"
+        )
+    return (
+        "warning: no bearing says which target it is of, so that the tracks are compared with nothing; label them with "
+        "`occlog label`, or take the numbers of sources for targets (doa_labels)"
+    )
 
 
 def _without_truth(

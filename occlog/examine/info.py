@@ -72,7 +72,7 @@ def describe(path: Path, rows: int) -> Description:
     mistaken = mistaken_for(path)
     if mistaken is not None:
         raise InputError(f"{path}: is {mistaken}")
-    known = "scenes (.yaml), recordings (.mcap) and tables (.parquet, .arrow, .csv)"
+    known = "scenes (.yaml), recordings (.mcap) and tables (.parquet, .arrow, .csv, .tum, .trc, .geojson)"
     raise InputError(f"{path}: occlog info knows {known}, not {kind or 'files without an ending'!r}")
 
 

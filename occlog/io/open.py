@@ -154,6 +154,10 @@ def open_input(path: Path, *wants: type[Table], remedy: str = REMEDY) -> Opened:
         mistaken = mistaken_for(path)
         if mistaken is not None:
             raise InputError(f"{path}: is {mistaken}")
+        if path.suffix.lower() == ".json":
+            raise InputError(
+                f"{path}: is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`"
+            )
         # The reader of the kind that the name says explains what is wrong with the content
         opened = _recording(path) if names_recording(path) else _table(path)
     if wants:

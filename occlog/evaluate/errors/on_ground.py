@@ -6,6 +6,7 @@ stand beside them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -133,6 +134,28 @@ def _some(numbers: list[int]) -> str:
 def _squares(path: Path, target: Path, config: EvaluateConfig) -> Floats:
     true, good = target.at(path.t_ns, config.limit_ns)
     return np.asarray(np.sum((path.xy[good] - true[good]) ** 2, axis=1))
+
+
+def gaps_note(tracks: Tracks, truth: Truth, pairs: Mapping[int, int], config: EvaluateConfig) -> str | None:
+    """A line where most of the estimates during the truth fall into gaps of it that are not bridged; else None."""
+    targets = paths_of(truth, "target")
+    inside = missed = 0
+    widest = 0.0
+    for track, target in pairs.items():
+        path = targets[target]
+        t_ns = tracks.t_ns[tracks.target_id == track]
+        t_ns = t_ns[(t_ns >= path.t_ns[0]) & (t_ns <= path.t_ns[-1])]
+        unknown = int(np.count_nonzero(~path.at(t_ns, config.limit_ns)[1]))
+        inside, missed = inside + len(t_ns), missed + unknown
+        if unknown:
+            widest = max(widest, (path.usual_gap_ns if config.limit_ns is None else config.limit_ns) / NS)
+    if 2 * missed <= inside:
+        return None
+    return (
+        f"warning: {missed} of {inside} estimates fall into gaps of the truth that are wider than {widest:.3g} s, "
+        "which are not bridged: no figure knows of their errors; where the truth holds still or runs straight "
+        "over such a gap, bridge it (max_gap)"
+    )
 
 
 def compare(tracks: Tracks, truth: Truth, config: EvaluateConfig) -> Matched:

@@ -17,6 +17,7 @@ from occlog.errors import InputError, UsageError
 from occlog.evaluate.inputs import Paths, Tables, provenance_of
 from occlog.evaluate.matching.config import EvaluateConfig
 from occlog.evaluate.stage import Evaluation
+from occlog.io.boxes.kitti import is_kitti
 from occlog.io.boxes.mot_challenge import MotSequence, SequenceInfo, write_layout
 from occlog.io.boxes.mot_classes import DISTRACTORS, has_classes, read_marks
 from occlog.io.boxes.reader import BoxFile, BoxOptions, read_boxes, survey_boxes
@@ -195,7 +196,10 @@ def _read_text(path: Path, camera: str, table: type[B], last: int | None = None,
     if is_blank(path):
         empty = fill_frames(iter(()), table, [camera], 0, 0 if last is None else last + 1, times)
         return table.concat(empty) if last is not None else table.empty()
-    if is_header(first_line(path, "MOTChallenge text")):
+    head = first_line(path, "MOTChallenge text")
+    if is_kitti(head):
+        raise InputError(f"{path}: is KITTI text, not MOTChallenge text; ingest it (--boxes CAMERA={path.name})")
+    if is_header(head):
         raise InputError(f"{path}: begins with a header, which MOTChallenge text has not; ingest other tables of boxes")
     file, how = [BoxFile(path, camera)], BoxOptions(drop_zero=marked, use_confidence=marked)
     survey = survey_boxes(file, (), how)

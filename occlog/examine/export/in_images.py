@@ -44,7 +44,7 @@ def of_camera(boxes: Boxes, camera: str | None) -> Boxes:
     """The boxes of one camera; UsageError where there are several and none is named, or that one is not there."""
     cameras = np.unique(boxes.sensor).tolist()
     if camera is None and len(cameras) > 1:
-        raise UsageError(f"the text holds one camera, and there are {', '.join(cameras)}; choose one")
+        raise UsageError(f"the text holds one camera, and there are {', '.join(cameras)}; choose one (camera)")
     if camera is not None and camera not in cameras:
         raise InputError(f"no boxes of camera {camera!r}; there are: {', '.join(cameras) or 'none'}")
     return boxes if camera is None else boxes.take(boxes.sensor == camera)

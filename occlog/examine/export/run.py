@@ -100,11 +100,11 @@ def run_export(request: ExportRequest) -> tuple[dict[str, object], tuple[Loss, .
         else:
             rows = opened.read(table)
             try:
-                text = _text(name, rows, request, unit, scene)
+                text, written = _text(name, rows, request, unit, scene)
             except (InputError, UsageError) as error:
                 raise type(error)(f"{request.input}: {error}") from None
             file.write(text.encode())
-            summary["rows"] = len(rows)
+            summary["rows"] = written
             if info is not None and isinstance(rows, Boxes | Views | ViewTracks):
                 try:
                     about = sequence_info(rows, request.camera, info.resolve().parent.name, scene)
@@ -144,7 +144,9 @@ def _check_request(request: ExportRequest, name: str, form: Format) -> None:
         if request.camera is not None and form.tables != FORMATS["mot"].tables:
             raise UsageError(f"camera: format {name} has no images; leave it out")
     if (request.origin is not None) != (name == "geojson"):
-        said = "wants the place of the scene's origin on earth" if name == "geojson" else "takes none"
+        said = (
+            "wants the place of the scene's origin on earth, as 52.5163,13.3777" if name == "geojson" else "takes none"
+        )
         raise UsageError(f"origin: format {name} {said}")
 
 
@@ -167,24 +169,29 @@ def _widest(opened: Opened, table: type[Table]) -> type[Table]:
     return next((each for each in wider if {c.name for c in each.columns()} <= names), table)
 
 
-def _text(name: str, rows: Table, request: ExportRequest, unit: str, scene: Scene | None) -> str:
-    """The whole text of a format that is not written row by row."""
+def _text(name: str, rows: Table, request: ExportRequest, unit: str, scene: Scene | None) -> tuple[str, int]:
+    """The whole text of a format that is not written row by row, and how many rows are in it."""
     if isinstance(rows, Tracks | Truth):
         places = places_of(rows, request.targets)
         if name == "geojson" and request.origin is not None:
-            return geojson_text(places, request.origin, unit)
-        if name == "trc":
-            return trc_text(places, unit, request.output.name)
-        return mot3d_text(places) if name == "mot3d" else tum_text(places)
+            text = geojson_text(places, request.origin, unit)
+        elif name == "trc":
+            text = trc_text(places, unit, request.output.name)
+        else:
+            text = mot3d_text(places) if name == "mot3d" else tum_text(places)
+        return text, len(places.t_ns)
     if not isinstance(rows, Boxes | Views | ViewTracks):
         raise InputError(f"format {name} takes no {rows.NAME}")
     boxes = boxes_of(rows)
+    if name != "coco" or request.camera is not None:
+        boxes = of_camera(boxes, request.camera)
     if name == "coco":
-        return coco_text(boxes if request.camera is None else of_camera(boxes, request.camera), scene)
-    boxes = of_camera(boxes, request.camera)
-    if name == "kitti":
-        return kitti_text(boxes)
-    return mot_text(request.output, boxes, "tracks" if isinstance(rows, ViewTracks) else "detections")
+        text = coco_text(boxes, scene)
+    elif name == "kitti":
+        text = kitti_text(boxes)
+    else:
+        text = mot_text(request.output, boxes, "tracks" if isinstance(rows, ViewTracks) else "detections")
+    return text, len(boxes)
 
 
 @contextmanager

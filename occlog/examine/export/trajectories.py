@@ -71,7 +71,8 @@ def tum_text(places: Places) -> str:
     """
     names = np.unique(places.identity).tolist()
     if len(names) > 1:
-        raise UsageError(f"TUM text holds one target, and there are {', '.join(map(str, names))}; choose one")
+        few = ", ".join(map(str, names[:10])) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
+        raise UsageError(f"TUM text holds one target, and there are {few}; choose one (target)")
     heading = np.arctan2(places.velocity[:, 1], places.velocity[:, 0])
     half = np.where(np.isnan(heading), 0.0, 0.5 * heading)
     rows = zip(places.t_ns.tolist(), places.xyz.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True)

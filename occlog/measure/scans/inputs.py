@@ -123,6 +123,8 @@ def _opened(path: Path | None) -> list[Opened]:
 
 def _remedy(measured: Opened) -> str:
     """What to do about a recording without measurements."""
+    if measured.recording is not None and measured.has(Reads):
+        return "track the reads of its tags with method rssi or virtual"
     if measured.recording is not None and measured.recording.cameras:
         return "make bearings with `occlog detect`, or track in its images with method bmct"
     return "make them with `occlog detect` or `occlog listen`"

@@ -125,7 +125,7 @@ class PeopleInput:
         low = [c.name for c in chosen if c.placed and not c.has_height]
         left = [c.name for c in chosen if not c.placed]
         if not used:
-            remedy = "give a scene with calibrated cameras"
+            remedy = "give a scene with calibrated cameras, or a calibration to ingest"
             if low:
                 which = f"{', '.join(low)} {'is' if len(low) == 1 else 'are'} on the floor (z = 0)"
                 which += f", {', '.join(left)} without a pose in space" if left else ""

@@ -79,8 +79,15 @@ def test_only_tracks_near_in_time_of_the_same_identity_are_compared() -> None:
 
 
 def test_nothing_to_meet_gives_no_figures() -> None:
-    m = evaluate(tracks(T5, [10, 10]), None, pixels(EAST, T5, [0] * 5), PLACE).metrics
-    assert m == {"tracks": 1.0, "estimates_without_truth": 5.0}
+    alone = evaluate(tracks(T5, [10, 10]), None, pixels(EAST, T5, [0] * 5), PLACE)
+    assert alone.metrics == {"tracks": 1.0, "estimates_without_truth": 5.0}
+    assert "come from 2 sensors within" in alone.notes[0]
+
+
+def test_bearings_of_nobody_in_particular_compare_with_nothing_and_a_line_says_so() -> None:
+    nameless = both(pixels(EAST, T5, [0] * 5, target=-1), pixels(NORTH, T5, [0] * 5, target=-1))
+    assert "no bearing says which target it is of" in evaluate(tracks(T5, [10, 10]), None, nameless, PLACE).notes[0]
+    assert not evaluate(tracks(T5, [10, 10]), None, rows_to([10] * 5, [10] * 5), PLACE).notes
 
 
 def test_scans_within_a_window_hold_each_sensor_once() -> None:

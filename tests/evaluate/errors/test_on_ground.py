@@ -80,6 +80,19 @@ def test_estimates_at_the_times_of_the_truth_need_no_interpolation() -> None:
     assert evaluate(tracks(T5, [0, 0]), truth(T5, [0, 0]), None, scene()).metrics["estimates_interpolated_truth"] == 0
 
 
+def test_a_line_says_that_most_estimates_are_in_gaps_of_the_truth() -> None:
+    """The truth holds still from 4 s to 20 s, and nobody has written that down."""
+    sampled = truth([*T5, 20.0, 21.0], [0, 0])
+    found = tracks([3.0, 4.0, 6.0, 7.0, 8.0, 30.0], [0, 0])
+    result = evaluate(found, sampled, None, scene())
+    assert [note.split(" that")[0] for note in result.notes] == [
+        "warning: 3 of 5 estimates fall into gaps of the truth"
+    ]
+    assert "wider than 1 s" in result.notes[0]
+    assert not evaluate(found.take(found.t_ns < seconds([8.0])[0]), sampled, None, scene()).notes
+    assert not evaluate(found, sampled, None, scene(), EvaluateConfig(max_gap_s=16.0)).notes
+
+
 def test_truth_that_covers_no_estimate_is_an_error() -> None:
     with pytest.raises(InputError, match=r"covers the time of no estimate.*max_gap"):
         evaluate(tracks([100, 101], [0, 0]), truth(T5, [0, 0]), None, scene())

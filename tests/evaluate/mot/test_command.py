@@ -272,6 +272,7 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
         (["evaluate", "broken.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "broken.txt: line 2"),
         (["evaluate", "short.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "3 columns"),
         (["evaluate", "header.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "begins with a header"),
+        (["evaluate", "kitti.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "is KITTI text"),
         (["evaluate", "twice.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "frame 2: target 1 twice"),
         (["evaluate", "twice.txt", "--truth", "recording.mcap"], 2, "--camera"),
         (["evaluate", "late.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "frames (99 to 99) are none"),
@@ -291,6 +292,7 @@ def test_bad_input(
 ) -> None:
     (folder / "broken.txt").write_text("1,1,10,10,20,20,1\n2,1,ten,10,20,20,1\n")
     (folder / "short.txt").write_text("1,1,10\n")
+    (folder / "kitti.txt").write_text("0 1 Pedestrian 0 0 -10 10 10 20 20 -1 -1 -1 -1000 -1000 -1000 -10\n")
     (folder / "header.txt").write_text("frame,id,left,top,width,height,conf\n1,1,10,10,20,20,1\n")
     (folder / "twice.txt").write_text("3,1,10,10,20,20,1\n3,1,50,10,20,20,1\n")
     (folder / "far.txt").write_text("90000000,1,10,10,20,20,1\n")

@@ -37,6 +37,14 @@ def test_a_video_and_sound_are_told_where_they_go(tmp_path: Path, head: bytes, w
         open_recording(path)
 
 
+def test_json_is_no_damaged_parquet(tmp_path: Path) -> None:
+    (tmp_path / "coco.json").write_text('{"images": [], "annotations": []}')
+    with pytest.raises(
+        InputError, match="is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`"
+    ):
+        open_input(tmp_path / "coco.json")
+
+
 def test_tracks_in_place_of_the_truth_may_be_swapped(tmp_path: Path) -> None:
     write_table(tmp_path / "tracks.parquet", Tracks.empty(), Provenance("test"))
     with pytest.raises(InputError, match="holds tracks; want truth; are the files of tracks and truth swapped"):

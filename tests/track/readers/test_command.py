@@ -195,14 +195,14 @@ def test_one_reader_and_one_tag_can_be_chosen(folder: Path) -> None:
     ("options", "code", "says"),
     [
         (["--method", "virtual"], ExitCode.BAD_INPUT, "how far reader r0 reads is not known"),
-        (["--method", "virtual", "--set", "range=-2"], ExitCode.USAGE, "range is -2.0, must be above 0"),
+        (["--method", "virtual", "--set", "range=-2"], ExitCode.USAGE, "--set range=-2: must be above 0"),
         (["--method", "virtual", "--set", "range=4", "--window", "0"], ExitCode.USAGE, "window above 0 s"),
         (["--method", "rssi", "--cameras", "r44"], ExitCode.USAGE, "no reader 'r44'"),
         (["--method", "rssi", "--target", "5"], ExitCode.BAD_INPUT, "no reads of the chosen tags"),
         (["--method", "virtual", "--set", "range=4", "--set", "threshold=20"], ExitCode.BAD_INPUT, "threshold; lower"),
-        (["--method", "rssi", "--set", "stray=0.96"], ExitCode.USAGE, "stray is 0.96, must be below detection"),
+        (["--method", "rssi", "--set", "stray=0.96"], ExitCode.USAGE, "--set stray=0.96: must be below detection"),
         (["--method", "rssi", "--path-loss", "LOSS", "--set", "exponent=3"], ExitCode.USAGE, "say the same"),
-        (["--method", "apf"], ExitCode.BAD_INPUT, "holds no bearings"),
+        (["--method", "apf"], ExitCode.BAD_INPUT, "track the reads of its tags with method rssi or virtual"),
     ],
 )
 def test_wrong_options_are_one_line(
