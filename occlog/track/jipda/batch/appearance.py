@@ -1,20 +1,20 @@
 """What the appearance of boxes says of tracks: how alike the boxes of a track are.
 
 The appearance of a box is a vector of length 1, so that the likeness of two boxes, Bhattacharyya's coefficient or the
-cosine, is their product.  With S the sum over the n boxes of a track, the likeness of a box to the mean of the others
-is on average
+cosine, is their product.  With S the sum over the n boxes of a track, the mean likeness of its pairs is
 
-    (|S|^2 / n - 1) / sqrt(|S|^2 (1 - 2 / n) + 1),
+    (|S|^2 - n) / (n (n - 1)).
 
-exactly for two boxes, and as far as all boxes are as like S for more.  All boxes but one count the log of the ratio of
-the likelihoods that this likeness has if they are the same person's and if they are others', the filter's (`cues`).
-Since that depends on n and S alone, sums up to each place and from it on make a proposal of the chain cost one product,
-whatever the length of the tracks.
+The filter (`cues`) knows the likenesses s of boxes to the mean of their own person, and o to that of others.  Means are
+less noisy than boxes: pairs of one person's boxes have the likeness s^2, pairs of two people's s o.  Where the mean of
+the pairs lies between tells the share of pairs that are one person's; a track of two people in equal parts, whose boxes
+are all rather alike its mean, has half of them.  All boxes but one count, in that share, the log of the ratio of the
+likelihoods at s and, in the rest, at o.  Since that depends on n and S alone, sums up to each place and from it on make
+a proposal of the chain cost one product, whatever the length of the tracks.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,10 @@ import numpy as np
 from occlog.array_types import Floats, Ints
 from occlog.core.numerics.jit import kernel
 
-from ..cues import Law, log_ratio_at
+from ..cues import OTHER, SAME, Law, log_ratio_at
+
+LEAST_DIFFERENCE = 0.01
+"""Of the mean likenesses to the same person and to others, for looks to count."""
 
 
 class Alike(NamedTuple):
@@ -54,8 +57,12 @@ def worth(law: Law, count: float, square: float) -> float:
     """Log likelihood ratio of so many boxes whose vectors' sum has this squared length being one person's."""
     if count < 2.0:
         return 0.0
-    likeness = (square / count - 1.0) / math.sqrt(max(square * (1.0 - 2.0 / count) + 1.0, 1e-12))
-    return (count - 1.0) * log_ratio_at(law, likeness)
+    same, other = law.mean[SAME], law.mean[OTHER]
+    if same - other < LEAST_DIFFERENCE:
+        return 0.0  # they tell nobody apart
+    alike = (square - count) / (count * (count - 1.0))
+    share = (alike / same - other) / (same - other)
+    return float((count - 1.0) * (share * log_ratio_at(law, same) + (1.0 - share) * log_ratio_at(law, other)))
 
 
 @kernel

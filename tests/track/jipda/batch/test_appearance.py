@@ -8,7 +8,7 @@ from floor_places import WALK, chain_with, places_at
 
 from occlog.track.jipda.batch.appearance import sum_up, worth
 from occlog.track.jipda.batch.chains import NONE, candidates, nothing_known, renew_all, sweep, total
-from occlog.track.jipda.cues import law_of, likeness, log_ratio
+from occlog.track.jipda.cues import law_of, log_ratio
 
 SUMS = np.array([[200.0, 180.0, 162.5], [300.0, 180.0, 111.0]])
 """Likenesses of 0.9 +- 0.05 to the same person, of 0.6 +- 0.1 to others."""
@@ -21,24 +21,42 @@ def vectors(n, K, rng, person=None):
     return np.sqrt(np.array([rng.dirichlet(30.0 * clothes[p] + 0.05) for p in person]))
 
 
-def test_two_boxes_are_worth_what_the_filter_says_and_one_nothing():
-    a, b = vectors(2, 6, np.random.default_rng(0))
-    law = law_of(SUMS)
-    expected = log_ratio(SUMS, likeness(a[None] ** 2, b[None] ** 2))[0, 0]
-    assert worth(law, 2.0, float((a + b) @ (a + b))) == pytest.approx(expected)
-    assert worth(law, 1.0, 1.0) == worth(law, 0.0, 0.0) == 0.0
+def plain(sums, looks):
+    """The same from all pairs of looks (n, K)."""
+    n = len(looks)
+    if n < 2:
+        return 0.0
+    same, other = sums[:, 1] / sums[:, 0]
+    pairs = np.mean([one @ two for one, two in itertools.combinations(looks, 2)])
+    # Of one person's boxes the pairs are as alike as `same` squared, of two people's as the product
+    share = (pairs - same * other) / (same**2 - same * other)
+    of_one, of_others = log_ratio(sums, np.array([same, other]))
+    return (n - 1.0) * (share * of_one + (1.0 - share) * of_others)
 
 
-@pytest.mark.parametrize("person", [[0] * 8, [0, 0, 0, 0, 1, 1, 1, 1]], ids=["one person", "two people"])
-def test_the_likeness_of_a_track_is_about_that_of_its_boxes_to_the_mean_of_the_others(person):
+@pytest.mark.parametrize("person", [[0], [0, 0], [0, 1], [0] * 8, [0, 0, 0, 0, 1, 1, 1, 1]], ids=str)
+def test_boxes_are_worth_what_their_pairs_say(person):
     v = vectors(8, 6, np.random.default_rng(1), person)
     S = v.sum(axis=0)
-    others = S - v
-    each = (v * others).sum(axis=1) / np.linalg.norm(others, axis=1)
-    # So wide that the ratio is nearly linear, and not at its bound
-    wide = np.array([[1e9, 0.8e9, (0.64 + 0.25) * 1e9], [1e9, 0.6e9, (0.36 + 0.25) * 1e9]])
-    expected = 7.0 * log_ratio(wide, each).mean()
-    assert worth(law_of(wide), 8.0, float(S @ S)) == pytest.approx(expected, abs=7.0 * 0.8 * 0.02)
+    assert worth(law_of(SUMS), float(len(v)), float(S @ S)) == pytest.approx(plain(SUMS, v), abs=1e-9)
+    assert worth(law_of(SUMS), 0.0, 0.0) == 0.0
+
+
+def test_a_track_of_two_people_in_equal_parts_is_worth_half_of_either_kind():
+    """All its boxes are rather like its mean, and none like half of the others."""
+    sums = np.array([[400.0, 384.0, 370.0], [400.0, 0.0, 4.0]])
+    same, other = log_ratio(sums, np.array([0.96, 0.0]))
+    n, pairs = 40, 0.96**2
+    pure = n + n * (n - 1) * pairs
+    mixed = n + 2 * (n // 2) * (n // 2 - 1) * pairs
+    assert worth(law_of(sums), float(n), pure) == pytest.approx((n - 1) * same)
+    # Of 39 others 19 are the same person's
+    assert worth(law_of(sums), float(n), mixed) == pytest.approx(19 * same + 20 * other)
+
+
+def test_looks_that_tell_nobody_apart_are_worth_nothing():
+    alike = np.array([[400.0, 240.0, 150.0], [400.0, 240.0, 150.0]])
+    assert worth(law_of(alike), 10.0, 80.0) == 0.0
 
 
 def coloured(rng, moments=6, bare=3):
@@ -61,8 +79,10 @@ def textbook(look, count, after, used):
             track.append(after[track[-1]])
         n, S = count[track].sum(), look[track].sum(axis=0)
         if n >= 2.0:
-            mean = (S @ S / n - 1.0) / np.sqrt(S @ S * (1.0 - 2.0 / n) + 1.0)
-            out += (n - 1.0) * log_ratio(SUMS, np.array([mean]))[0]
+            same, other = SUMS[:, 1] / SUMS[:, 0]
+            share = ((S @ S - n) / (n * (n - 1.0)) / same - other) / (same - other)
+            of_one, of_others = log_ratio(SUMS, np.array([same, other]))
+            out += (n - 1.0) * (share * of_one + (1.0 - share) * of_others)
     return out
 
 
