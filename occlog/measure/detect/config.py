@@ -39,8 +39,9 @@ class DetectConfig(Settings):
 
     method: str = setting(
         "em",
-        "Foreground to regions: mixture of person-shaped Gaussians, or connected blobs.",
-        choices=("em", "components"),
+        "Foreground to regions: mixture of person-shaped Gaussians, the same with outlines of people where several "
+        "touch, or connected blobs.",
+        choices=("em", "outlines", "components"),
         option="--method",
     )
     background: str = setting("mog2", "Background model.", choices=("mog2", "knn"), option="--background")

@@ -125,8 +125,9 @@ def _look(state: CameraState, setup: CameraSetup, frame: Frame, image: Image) ->
     if share > MAX_FOREGROUND:
         return f"foreground covers more than {MAX_FOREGROUND:.0%} of the image (light, or the camera moved)", None
     # Find people-sized regions
-    if c.method == "em":
-        regions = cluster_regions(image, mask, setup.side, setup.prior)
+    if c.method in ("em", "outlines"):
+        outlines = c.method == "outlines"
+        regions = cluster_regions(image, mask, setup.side, setup.prior, outlines=outlines)
     else:
         regions = component_regions(image, mask, setup.sizes.width_px, setup.prior)
     return "", enlarge(regions, setup.shrink)
