@@ -9,7 +9,7 @@ import pickle
 import random
 import tracemalloc
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -78,6 +78,21 @@ def check_settings(of: Any) -> None:
             raise BrokenError(f"the defaults for lengths in {unit} are refused: {error}") from error
 
 
+def bytes_left(steps: Iterable[object], first: int) -> float:
+    """Bytes of memory that each step leaves behind, of those after the first ones, on average."""
+    size, count = 0, 0
+    tracemalloc.start()
+    try:
+        for count, _ in enumerate(steps, start=1):
+            if count == first:
+                gc.collect()
+                size = tracemalloc.get_traced_memory()[0]
+        gc.collect()
+        return (tracemalloc.get_traced_memory()[0] - size) / (count - first)
+    finally:
+        tracemalloc.stop()
+
+
 FIRST: dict[str, Check] = {"interface": check_interface, "settings": check_settings}
 """Where one of these finds a fault, nothing else is tried."""
 
@@ -130,18 +145,7 @@ def manners(use: Callable[[Any], object], what: str, *, growth_bytes: int = 0) -
             raise BrokenError("the working folder, the environment or NumPy's error state is changed")
 
     def check_memory(of: Any) -> None:
-        use(of)
-        use(of)
-        tracemalloc.start()
-        try:
-            gc.collect()
-            before = tracemalloc.get_traced_memory()[0]
-            for _ in range(USES):
-                use(of)
-            gc.collect()
-            grown = (tracemalloc.get_traced_memory()[0] - before) / USES
-        finally:
-            tracemalloc.stop()
+        grown = bytes_left((use(of) for _ in range(2 + USES)), 2)
         if grown > growth_bytes:
             raise BrokenError(f"each use leaves {grown:.0f} bytes behind (allowed: {growth_bytes}); keep nothing")
 

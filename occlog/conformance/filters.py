@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import tracemalloc
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -13,7 +11,7 @@ from occlog.errors import OcclogError
 from occlog.plugins.interface import Filter, Moment, Place
 from occlog.track.plugged import fault_of
 
-from .faults import FIRST, BrokenError, Check, manners, words
+from .faults import FIRST, BrokenError, Check, bytes_left, manners, words
 from .walk import FEW, MOMENTS, PLAIN, SIGMA_RAD, Walk, blind, later, nobody
 
 SETTLED = MOMENTS // 2
@@ -178,18 +176,8 @@ def check_results(of: Of) -> None:
 
 def check_memory(of: Of) -> None:
     """Memory does not grow with the length of a walk."""
-    own, size = start(of), 0
-    tracemalloc.start()
-    try:
-        for n, moment in enumerate(replace(PLAIN, moments=400)):
-            step(own, moment)
-            if n == 199:
-                gc.collect()
-                size = tracemalloc.get_traced_memory()[0]
-        gc.collect()
-        grown = (tracemalloc.get_traced_memory()[0] - size) / 200
-    finally:
-        tracemalloc.stop()
+    own = start(of)
+    grown = bytes_left((step(own, moment) for moment in replace(PLAIN, moments=400)), 200)
     if grown > GROWTH_BYTES:
         raise BrokenError(f"each moment leaves {grown:.0f} bytes behind (allowed: {GROWTH_BYTES}); keep no history")
 

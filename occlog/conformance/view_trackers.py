@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import tracemalloc
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -13,7 +11,7 @@ from occlog.array_types import NS, Floats, Ints
 from occlog.plugins.interface import BoxesInFrame
 from occlog.track.single_view.stage import fault_of
 
-from .faults import FIRST, BrokenError, Check, called, defaults, manners
+from .faults import FIRST, BrokenError, Check, bytes_left, called, defaults, manners
 
 START_NS = 1_790_000_000 * NS
 STEP_NS = NS // 25
@@ -182,18 +180,8 @@ def check_results(of: Any) -> None:
 
 def check_memory(of: Any) -> None:
     """Memory does not grow with the length of a recording."""
-    own, size = start(of), 0
-    tracemalloc.start()
-    try:
-        for n in range(400):
-            step(own, frame(n))
-            if n == 199:
-                gc.collect()
-                size = tracemalloc.get_traced_memory()[0]
-        gc.collect()
-        grown = (tracemalloc.get_traced_memory()[0] - size) / 200
-    finally:
-        tracemalloc.stop()
+    own = start(of)
+    grown = bytes_left((step(own, frame(n)) for n in range(400)), 200)
     if grown > GROWTH_BYTES:
         raise BrokenError(f"each frame leaves {grown:.0f} bytes behind (allowed: {GROWTH_BYTES}); keep no history")
 
