@@ -253,7 +253,7 @@ def test_settings_go_to_the_method(folder):
         (["--without", ",".join([*(f"cam{i}" for i in range(1, 9)), "array"])], ExitCode.USAGE, "no sensor is left"),
         (["--set", "sigmav=1"], ExitCode.USAGE, "no setting 'sigmav'; did you mean 'sigma_v'?"),
         (["--set", "sigma_v"], ExitCode.USAGE, "--set sigma_v: want NAME=VALUE"),
-        (["--set", "phi=2"], ExitCode.USAGE, "apf: phi is 2.0, must be at least 0 and at most 1"),
+        (["--set", "phi=2"], ExitCode.USAGE, "--set phi=2: must be at least 0 and at most 1"),
         (["--start", "1"], ExitCode.USAGE, "--start 1: want X,Y or X,Y,SIGMA"),
         (["--start", "1,2", "--set", "start=1,2,3"], ExitCode.USAGE, "give one of them"),
         (["--start", "1,2"], ExitCode.USAGE, "choose one target, e.g. 3"),

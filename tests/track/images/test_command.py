@@ -103,7 +103,7 @@ def test_settings_and_particles(balls, tmp_path, capsys):
     assert "has no setting 'birth_frame'" in refused(
         capsys, track(balls, tmp_path, "--set", "birth_frame=2"), ExitCode.USAGE
     )
-    assert "birth_frames is -1, must be at least 0" in refused(
+    assert "birth_frames=-1: must be at least 0" in refused(
         capsys, track(balls, tmp_path, "--set", "birth_frames=-1"), ExitCode.USAGE
     )
 

@@ -106,7 +106,7 @@ def test_starts_of_several_targets(folder, capsys):
             ExitCode.USAGE,
             "--select is an option of --method apf, direct3d, pps, not of --method imm",
         ),
-        (["--set", "detection=2"], ExitCode.USAGE, "imm: detection is 2.0, must be above 0 and at most 1"),
+        (["--set", "detection=2"], ExitCode.USAGE, "--set detection=2: must be above 0 and at most 1"),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(folder, capsys, more, code, said):

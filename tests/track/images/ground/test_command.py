@@ -118,8 +118,16 @@ def test_frames_are_brought_together_as_when_they_were_tracked(folder, capsys):
         (["views.parquet", "--scene", "unplaced.yaml"], ExitCode.BAD_INPUT, "camera c has no pose"),
         (["views.parquet", "--scene", "scene.yaml", "--cameras", "a,z"], ExitCode.USAGE, "the scene has a, b, c"),
         (["views.parquet", "--scene", "scene.yaml", "--set", "hight=1"], ExitCode.USAGE, "did you mean 'height'"),
-        (["views.parquet", "--scene", "scene.yaml", "--set", "gate=2"], ExitCode.USAGE, "gate is 2"),
-        (["views.parquet", "--scene", "scene.yaml", "--set", "height=nan"], ExitCode.USAGE, "height is nan"),
+        (
+            ["views.parquet", "--scene", "scene.yaml", "--set", "gate=2"],
+            ExitCode.USAGE,
+            "gate=2: must be above 0 and below 1",
+        ),
+        (
+            ["views.parquet", "--scene", "scene.yaml", "--set", "height=nan"],
+            ExitCode.USAGE,
+            "height=nan: must be finite",
+        ),
         (["views.parquet", "--scene", "scene.yaml", "--window", "nan"], ExitCode.USAGE, "nan is not a finite number"),
         (["one.parquet", "--scene", "own.yaml"], ExitCode.BAD_INPUT, "has a place at any time (one view 200)"),
         (["none.parquet", "--scene", "scene.yaml"], ExitCode.BAD_INPUT, "has no rows of these cameras"),
