@@ -46,10 +46,6 @@ if TYPE_CHECKING:
     from occlog.track.drivers.rows import Solve, Tracked
 
 
-GAPS = 0.8
-"""Share of rows after a gap from which the unit of times is doubted."""
-
-
 class TrackSummary:
     """Figures of the whole run, gathered while tables stream by."""
 
@@ -286,12 +282,6 @@ def run_track(
                     why = "no moment of the chosen targets and stations gives a position; a fix wants three ranges, or "
                     why += "as many other measurements, at one time (--window)"
             raise InputError(f"{request.bearings}: {why}")
-    gaps = summary.evidence.fallbacks.get("gap", 0)
-    if gaps > 2 and gaps >= GAPS * summary.evidence.rows:
-        options.note(
-            f"warning: {gaps} of {summary.evidence.rows} rows come after a gap, and the filter begins anew there; if "
-            "times are in another unit, state it by --input-units ms"
-        )
     options.note_findings(summary.findings(), quiet)
     return {"tracks": str(wanted.tracks), "method": request.method, **summary.figures()}, losses
 

@@ -143,6 +143,8 @@ def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
         ("ranges", "map", ["--set", "solver=clarabel"], "solver clarabel takes bearings alone"),
         ("ranges", "map", ["--occluders", "OCCLUDERS"], "do not go together"),
         ("ranges", "fix", ["--without", "e"], "no sensor 'e'"),
+        ("ranges", "fix", ["--measured-late", "1"], "'--measured-late': 1.0 is not in the range"),
+        ("bearings", "fix", ["--detour", "2"], "--detour goes with ranges"),
     ],
 )
 def test_what_cannot_be_says_why(

@@ -220,7 +220,8 @@ def pack(
     reference[differs] = _numbers(table.reference[differs], at, "reference")
     height = config.tag_height if config.tag_height is not None or radio is None else radio.height
     rise2 = _rise2(at, station, reference, height)
-    parts, rows = [nothing(config.measured_bend)], [np.empty(0, dtype=np.int64)]
+    how = (config.measured_bend, config.measured_late, math.nan if config.detour is None else config.detour)
+    parts, rows = [nothing(*how)], [np.empty(0, dtype=np.int64)]
     for name in ("range", "rssi", "tdoa", "range_difference"):
         own = np.flatnonzero(np.isfinite(getattr(table, name)))
         if not len(own):
@@ -244,7 +245,9 @@ def pack(
                 other=at.place[other, :2],
                 other_rise2=rise2[other],
                 station=station[own],
-                bend=config.measured_bend,
+                bend=how[0],
+                late=how[1],
+                detour=how[2],
             )
         )
         rows.append(own)
