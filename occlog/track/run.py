@@ -35,6 +35,7 @@ from occlog.track.imm.config import START_NUMBERS, ImmConfig
 
 from .catalogue import METHODS, settings_of, tracker
 from .interface import AnyMethod, Batch, Joint, Online
+from .plausibility.compass import Compass
 from .plausibility.sight import Compared
 from .plausibility.verdict import Evidence, Finding, figures
 from .smoothing_and_lag import SmoothingConfig
@@ -61,6 +62,7 @@ class TrackSummary:
         self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
         self.evidence = Evidence(distances=distances)
+        self.compass = Compass(scene)
         self.messages = Messages()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
@@ -118,7 +120,7 @@ class TrackSummary:
                 "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
             )
             return (Finding("no-target", "note", text),)
-        return self.evidence.findings(one_target=not self.joint, smoothed=self.smoothed)
+        return (*self.compass.findings(), *self.evidence.findings(one_target=not self.joint, smoothed=self.smoothed))
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
@@ -230,6 +232,10 @@ def run_track(
         window_ns=request.window_ns,
         selection=selection,
     )
+    joint = isinstance(tracker(request.method), Joint)
+    smoothed = isinstance(config, SmoothingConfig) and config.smoothed
+    summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, distances=measured is not None)
+    chunks = summary.compass.watch(chunks)
     tracked = track(chunks, inputs.scene, tracking, inputs.occluders, measured)
     parameters = {
         "method": request.method,
@@ -255,9 +261,6 @@ def run_track(
         (wanted.cooperation, Cooperation),
         (wanted.residuals, Residuals),
     ]
-    joint = isinstance(tracker(request.method), Joint)
-    smoothed = isinstance(config, SmoothingConfig) and config.smoothed
-    summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, distances=measured is not None)
     with ExitStack() as stack:
         writers = [
             None

@@ -227,8 +227,8 @@ class Evidence:
                 "warning",
                 f"{gaps} of {self.rows} rows come after a gap, and the filter begins anew there: the rows of a target "
                 f"are {apart:.3g} s apart on average, so that nothing is filtered; take each moment alone (fix), or "
-                "allow longer gaps (max_gap_s) with a motion that holds for so long; if these times are not right, "
-                "state their unit",
+                "allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
+                "another unit, state it by --input-units ms",
             )
         if beyond(self.blind, self.selected, BLIND):
             yield Finding(
