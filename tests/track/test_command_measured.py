@@ -159,6 +159,25 @@ def test_what_cannot_be_says_why(
     assert "Traceback" not in said
 
 
+@pytest.mark.parametrize(
+    ("head", "line", "more", "message"),
+    [
+        ("range_m,sigma_range_m", "{t},{s},-3.0,0.1", [], "standard deviations below 0; a range is a distance"),
+        ("range_m,sigma_range_m", "{t},{s},5.0,0.1\n{t},{s},5.0,0.1", [], "is there twice, and would count as two"),
+        ("rssi_dbm", "{t},{s},70", [], "received signals are below 20; are signs missing?"),
+        ("reference,tdoa_us", "{t},{s},d,9000", ["--propagation", "light"], "longer than their stations are apart"),
+    ],
+)
+def test_measurements_that_cannot_be_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], head: str, line: str, more: list[str], message: str
+) -> None:
+    files(tmp_path)
+    rows = [line.format(t=t, s=s) for t in range(6) for s in "abc"]
+    (tmp_path / "wrong.csv").write_text("\n".join([f"time,sensor,{head}", *rows]) + "\n")
+    assert track(tmp_path, "wrong", "fix", "--sigma-difference", "0.1", *more) == ExitCode.BAD_INPUT
+    assert message in capsys.readouterr().err
+
+
 def test_a_range_log_with_heights_wants_that_of_the_tag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files(tmp_path)
     (tmp_path / "high.csv").write_text("name,x,y,z\na,0,0,2\nb,10,0,2\nc,0,8,2\nd,10,8,2\n")

@@ -26,6 +26,7 @@ from occlog.settings import METRES
 
 from .config import MeasuredConfig
 from .grouping import nearest
+from .impossible import refuse_impossible
 from .scan import Measured, Scan, sensor_names
 from .shadowing import LastReads, Shadowing, with_sigmas
 
@@ -253,7 +254,9 @@ def pack(
         rows.append(own)
     row = np.concatenate(rows)
     order = np.argsort(row, kind="stable")
-    return row[order], concat(parts).take(order)
+    packed = concat(parts).take(order)
+    refuse_impossible(table, row[order], packed)
+    return row[order], packed
 
 
 def _as_length(
