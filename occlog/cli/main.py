@@ -72,6 +72,8 @@ def load_command(name: str) -> click.Command:
     return command
 
 
+DEBUG = "OCCLOG_DEBUG"
+"""Variable of the environment that shows the traceback of a bug."""
 WORDS = "occlog.words"
 """Key of the words of the command line in the metadata of click's context."""
 EPILOG = """\b
@@ -191,6 +193,24 @@ def run(args: list[str] | None = None) -> int:
     except MemoryError:
         remedy = "use fewer particles, a shorter --lag or smaller images, or free memory"
         return _fail(f"out of memory; {remedy}", ExitCode.BAD_INPUT, words)
+    except Exception as error:
+        if os.environ.get(DEBUG):
+            raise
+        return _fail(_bug(error), ExitCode.BUG, words)
+
+
+def _bug(error: Exception) -> str:
+    """What to tell of an error that occlog did not raise on purpose: what it is, where, and what to send."""
+    import traceback
+
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f"{os.sep}occlog{os.sep}" in f.filename]
+    place = frames[-1] if frames else None
+    where = f" ({place.filename.rpartition(f'{os.sep}occlog{os.sep}')[2]}:{place.lineno})" if place else ""
+    text = " ".join(str(error).split())[:200]
+    return (
+        f"a bug of occlog {__version__}: {type(error).__name__}: {text}{where}; report it with this line, the command "
+        f"and the output of the same command with {DEBUG}=1"
+    )
 
 
 def _show_plan(as_json: bool) -> None:

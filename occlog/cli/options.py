@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -185,11 +186,11 @@ def check_outputs(inputs: Iterable[Path | None], outputs: Iterable[Path | None],
 
     wanted = [Path(p) for p in outputs if p is not None]
     read = [Path(p) for p in inputs if p is not None]
-    used = {p.resolve() for p in read}
+    used = {os.path.realpath(p) for p in read}  # Path.resolve fails on a link to itself
     for n, path in enumerate(wanted):
-        if path.resolve() in used:
+        if os.path.realpath(path) in used:
             raise UsageError(f"{path}: is an input too; give the output another name")
-        if path.resolve() in {p.resolve() for p in wanted[:n]}:
+        if os.path.realpath(path) in {os.path.realpath(p) for p in wanted[:n]}:
             raise UsageError(f"{path}: is named for two outputs; give each its own name")
         check_writable(path, overwrite)
     note_files(read, wanted)

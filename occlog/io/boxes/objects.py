@@ -8,7 +8,6 @@ by frames   a list of lists of such objects, or one list a line, frame by frame 
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -21,6 +20,7 @@ from occlog.array_types import Ints
 from occlog.errors import InputError
 from occlog.io.files.csv_rows import Rows
 from occlog.io.files.inputs import check_input
+from occlog.io.files.json_file import parse_json
 
 from .columns import BOX, CLASS_KEYS, COLUMNS, EDGES, IGNORED, WHAT, BoxSource, check_columns, rows_of
 
@@ -74,20 +74,12 @@ def _load(path: Path) -> Any:
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {WHAT} was expected") from None
     try:
-        return json.loads(text)
-    except RecursionError:
-        raise InputError(f"{path}: lists within lists without end; {WHAT} was expected") from None
-    except json.JSONDecodeError as error:
-        if not error.msg.startswith("Extra data"):
-            raise InputError(f"{path}: line {error.lineno}: not valid JSON: {error.msg}; write it again") from None
-    values = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip():
-            try:
-                values.append(json.loads(line))
-            except (json.JSONDecodeError, RecursionError) as error:
-                raise InputError(f"{path}: line {number}: not valid JSON ({error}); write one value a line") from None
-    return values
+        return parse_json(text, path, WHAT)
+    except InputError as error:
+        if "Extra data" not in str(error):
+            raise
+    lines = enumerate(text.splitlines(), start=1)
+    return [parse_json(line, f"{path}: record in line {number}", WHAT) for number, line in lines if line.strip()]
 
 
 def _rows(

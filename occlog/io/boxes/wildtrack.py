@@ -10,7 +10,6 @@ in which the person is not.  A position p is a point of a grid: x = -3 m + 2.5 c
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -22,6 +21,7 @@ from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.csv_rows import Rows
 from occlog.io.files.inputs import check_input
+from occlog.io.files.json_file import parse_json
 from occlog.io.files.sensor_names import match_sensor, natural_sorted
 
 from .columns import BoxSource, rows_of
@@ -101,10 +101,7 @@ def read_people(file: Path) -> list[Person]:
     check_input(file, "annotations of a frame")
     if file.stat().st_size > MAX_BYTES:
         raise InputError(f"{file}: {file.stat().st_size} bytes; annotations of at most {MAX_BYTES} were expected")
-    try:
-        value = json.loads(file.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"{file}: not valid JSON ({error}); fetch it again") from None
+    value = parse_json(file.read_bytes(), file, "annotations of a frame")
     if not isinstance(value, list):
         raise InputError(f"{file}: a list of people was expected, with personID, positionID and views")
     return [_person(file, n, person) for n, person in enumerate(value, start=1)]

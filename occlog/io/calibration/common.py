@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import yaml
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.inputs import check_input
 from occlog.io.files.sensor_names import safe_name
+from occlog.io.files.yaml_nodes import yaml_documents
 from occlog.records.scene import Camera, camera_fov
 
 from .lens import fit_rational
@@ -126,12 +125,10 @@ def numbers(value: object, what: str) -> Floats:
 
 def yaml_values(text: str, path: Path) -> dict[str, object]:
     """The values of a YAML file that has names at its top; InputError for anything else."""
-    try:
-        values = yaml.safe_load(re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text))
-    except (yaml.YAMLError, RecursionError) as error:
-        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())[:100]})") from None
+    documents = yaml_documents(text, path, WHAT)
+    values = documents[0] if len(documents) == 1 else None
     if not isinstance(values, dict):
-        raise InputError(f"{path}: names no values; {WHAT} was expected")
+        raise InputError(f"{path}: names no values in one document; {WHAT} was expected")
     return {str(key): value for key, value in values.items()}
 
 

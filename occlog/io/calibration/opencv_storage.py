@@ -7,21 +7,19 @@ known.  Xc = R Xw + t; the unit is not stated: metres unless told.
 
 from __future__ import annotations
 
-import json
-import re
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
+from occlog.io.files.json_file import parse_json
 from occlog.io.files.xml_file import parse_xml
 from occlog.records.scene import Camera
 
-from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
+from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of, yaml_values
 from .opencv_toml import rotation_from_vector
 
 MATRIX = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "k", "m", "matrix")
@@ -30,18 +28,6 @@ ROTATION = ("r", "rotation", "rotation_matrix", "rvec", "rotation_vector")
 TRANSLATION = ("t", "tvec", "translation", "translation_vector")
 SIZE = (("image_width", "image_height"), ("width", "height"))
 MAX_NUMBERS = 10_000
-
-
-class _Loader(yaml.SafeLoader):
-    """Safe loader that knows OpenCV's matrices."""
-
-
-def _node(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, object]:
-    return loader.construct_mapping(node, deep=True)
-
-
-for _tag in ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-matrix", "!opencv-matrix"):
-    _Loader.add_constructor(_tag, _node)
 
 
 def detect(text: str) -> bool:
@@ -98,23 +84,14 @@ def storage_values(text: str, path: Path) -> dict[str, object]:
 
 
 def _from_json(text: str, path: Path) -> dict[str, object]:
-    try:
-        values = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: not JSON ({error}); an OpenCV calibration was expected") from None
+    values = parse_json(text, path, "an OpenCV calibration")
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: names no values; an OpenCV calibration was expected")
     return {str(key).lower(): value for key, value in values.items()}
 
 
 def _from_yaml(text: str, path: Path) -> dict[str, object]:
-    # `%YAML:1.0` (OpenCV 3 and 4) is not a directive of YAML; `%YAML 1.2` (OpenCV 5) is.
-    body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
-    try:
-        values = yaml.load(body, _Loader)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())[:100]})") from None
-    if not isinstance(values, dict):
-        raise InputError(f"{path}: names no values; an OpenCV calibration was expected")
-    return {str(key).lower(): value for key, value in values.items()}
+    return {key.lower(): value for key, value in yaml_values(text, path).items()}
 
 
 def _from_xml(text: str, path: Path) -> dict[str, object]:
@@ -142,7 +119,7 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
     shape = None
     if isinstance(value, dict):
         rows, columns = str(value.get("rows")), str(value.get("cols"))
-        shape = (int(rows), int(columns)) if rows.isdigit() and columns.isdigit() else _sizes(value.get("sizes"))
+        shape = (int(rows), int(columns)) if rows.isdecimal() and columns.isdecimal() else _sizes(value.get("sizes"))
         value = value.get("data")
     try:
         array = np.array(value, dtype=np.float64)
@@ -156,7 +133,7 @@ def matrix_of(values: dict[str, object], names: tuple[str, ...], where: str) -> 
 def _sizes(value: object) -> tuple[int, ...] | None:
     """Shape of a matrix of OpenCV 5 (`sizes`); None where it is not stated."""
     cells = value.split() if isinstance(value, str) else value if isinstance(value, list) else []
-    return tuple(int(cell) for cell in cells) if cells and all(str(cell).isdigit() for cell in cells) else None
+    return tuple(int(cell) for cell in cells) if cells and all(str(cell).isdecimal() for cell in cells) else None
 
 
 def size_of(values: Mapping[str, Any]) -> tuple[int, int] | None:

@@ -8,24 +8,24 @@ The files do not state their unit: metres unless told.
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
+from occlog.io.files.toml_file import toml_values
 from occlog.records.scene import Camera
 
-from .common import CalibrationOptions, Pose, build_camera, read_text, scale_of
+from .common import WHAT, CalibrationOptions, Pose, build_camera, read_text, scale_of
 
 
 def detect(text: str) -> bool:
     """Whether a text is a TOML calibration."""
     try:
-        return any(True for _ in _tables(tomllib.loads(text)))
-    except (tomllib.TOMLDecodeError, RecursionError):
+        return any(True for _ in _tables(toml_values(text, "calibration", WHAT)))
+    except InputError:
         return False
 
 
@@ -33,15 +33,12 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
     """The cameras of the file that are not marked `ignore`, named by `name` or by their table."""
     cameras = []
     for path in paths:
-        try:
-            root = tomllib.loads(read_text(path))
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise InputError(f"{path}: not TOML ({error}); correct this line") from None
+        root = toml_values(read_text(path), path, WHAT)
         cameras += [_camera(key, table, path, options) for key, table in _tables(root) if not table.get("ignore")]
     return tuple(cameras)
 
 
-def _tables(root: dict[str, object]) -> Iterator[tuple[str, dict[str, object]]]:
+def _tables(root: Mapping[str, object]) -> Iterator[tuple[str, dict[str, object]]]:
     """Name and content of every table that describes a camera, at the top or one level down."""
     for key, value in root.items():
         if not isinstance(value, dict):

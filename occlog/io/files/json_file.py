@@ -13,9 +13,11 @@ import msgspec
 from occlog.errors import InputError
 
 from .atomic import write_bytes
-from .inputs import check_input
+from .guard import check_text, guarded, read_configuration
 
 S = TypeVar("S", bound=msgspec.Struct)
+MAX_JSON_BYTES = 64_000_000
+"""Size of a JSON file that occlog or a person wrote; metrics may hold a value for each moment."""
 
 
 def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = False) -> None:
@@ -25,16 +27,39 @@ def write_json(path: Path, values: Mapping[str, object], *, overwrite: bool = Fa
 
 def read_json(path: Path) -> dict[str, Any]:
     """The object in a JSON file; InputError names the line of what is wrong."""
-    check_input(path, "a JSON file")
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start}: not UTF-8 text") from error
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: line {error.lineno}: not valid JSON: {error.msg}") from error
+    values = parse_json(read_configuration(path, "a JSON file", limit=MAX_JSON_BYTES), path, "a JSON file")
     if not isinstance(values, dict):
         raise InputError(f"{path}: want a JSON object, got {type(values).__name__}")
     return values
+
+
+def parse_json(text: str | bytes, where: Path | str, what: str) -> Any:
+    """The value of a JSON text.
+
+    Args:
+        text: a whole text, as characters or in UTF-8.
+        where: the file, and the place in it.
+        what: what was expected.
+
+    Raises:
+        InputError: it is not JSON, nested too deeply, or holds half of a pair of surrogates.
+    """
+    with guarded(where, what):
+        try:
+            value = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise InputError(
+                f"{where}: line {error.lineno}: not valid JSON: {error.msg}; {what} was expected"
+            ) from error
+        if _may_have_surrogates(text):
+            check_text(json.dumps(value, ensure_ascii=False), where)
+        return value
+
+
+def _may_have_surrogates(text: str | bytes) -> bool:
+    if isinstance(text, bytes):
+        return b"\\ud" in text or b"\\uD" in text
+    return "\\ud" in text or "\\uD" in text
 
 
 def struct_of(values: object, kind: type[S], *, key: str, source: Path | str, otherwise: str) -> S:

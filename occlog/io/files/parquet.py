@@ -324,14 +324,14 @@ def read_header(path: Path) -> Header:
     """The header of a table; InputError for files that occlog did not write."""
     with _open(path) as file:
         metadata = _metadata(file)
-        unit, made = metadata.get(b"occlog.length_unit", b"m"), metadata.get(PROVENANCE_KEY.encode(), b"{}")
-        return Header(_schema_name(path, file.schema_arrow), unit.decode(), provenance_from_json(made.decode()))
+        unit, made = metadata.get(b"occlog.length_unit", b"m"), metadata.get(PROVENANCE_KEY.encode(), b"")
+        return Header(_schema_name(path, file.schema_arrow), unit.decode(), provenance_from_json(made, path))
 
 
 def read_provenance(path: Path) -> Provenance:
     """How the file was made."""
     with _open(path) as file:
-        return provenance_from_json(_metadata(file).get(PROVENANCE_KEY.encode(), b"{}").decode())
+        return provenance_from_json(_metadata(file).get(PROVENANCE_KEY.encode(), b""), path)
 
 
 def _metadata(file: pq.ParquetFile) -> dict[bytes, bytes]:
@@ -364,6 +364,8 @@ def describe(path: Path) -> TableDescription:
             for f in schema
         ]
         metadata = _metadata(file)
+        made = metadata.get(PROVENANCE_KEY.encode(), b"")
+        provenance_from_json(made, path)
         return {
             "schema": name,
             "version": int((schema.metadata or {})[SCHEMA_KEY.encode()].decode().partition("/")[2] or 0),
@@ -371,7 +373,7 @@ def describe(path: Path) -> TableDescription:
             "length_unit": metadata.get(b"occlog.length_unit", b"m").decode(),
             "columns": columns,
             "time_ns": _time_span(file),
-            "provenance": json.loads(metadata.get(PROVENANCE_KEY.encode(), b"{}")),
+            "provenance": json.loads(made) if made else {},
         }
 
 

@@ -66,8 +66,15 @@ class Provenance:
         return json.dumps(self.as_dict(), sort_keys=True, default=str)
 
 
-def provenance_from_json(text: str) -> Provenance:
-    """Provenance as written by `Provenance.json`; empty where the text is not one."""
+def provenance_from_json(text: str | bytes, where: Path) -> Provenance:
+    """Provenance as written by `Provenance.json`; `unknown` for an empty text, which files of others have.
+
+    Raises:
+        InputError: the text of the file `where` is not one.  What was lost in earlier stages stands there, so that a
+            table whose provenance is damaged would look as if nothing had been.
+    """
+    if not text:
+        return Provenance("unknown", input_units=(), readers=())
     try:
         raw = json.loads(text)
         inputs = tuple((str(i["name"]), str(i["sha256"])) for i in raw.get("inputs", ()))
@@ -75,8 +82,11 @@ def provenance_from_json(text: str) -> Provenance:
         units = tuple(str(text) for text in raw.get("input_units", ()))
         readers = tuple(dict(each) for each in raw.get("readers", ()))
         return Provenance(str(raw["command"]), dict(raw["parameters"]), raw.get("seed"), inputs, losses, units, readers)
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return Provenance("unknown", input_units=(), readers=())
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(
+            f"{where}: its provenance is damaged ({type(error).__name__}), so that nobody knows what was lost on the "
+            "way; make it again"
+        ) from error
 
 
 def hash_file(path: Path) -> str:

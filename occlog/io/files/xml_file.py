@@ -9,15 +9,20 @@ from xml.etree.ElementTree import Element
 
 from occlog.errors import InputError
 
+from .guard import guarded
+
 
 def parse_xml(text: str, path: Path) -> Element:
     """The root element; InputError with the line where the text is not XML, or declares entities."""
     if "<!ENTITY" in text:
         raise InputError(f"{path}: declares XML entities; remove them")
-    try:
-        return ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again") from None
+    with guarded(path, "XML"):
+        try:
+            return ElementTree.fromstring(text)
+        except ElementTree.ParseError as error:
+            raise InputError(
+                f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again"
+            ) from None
 
 
 def required(parent: Element, name: str, where: str) -> Element:

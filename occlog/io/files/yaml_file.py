@@ -15,9 +15,10 @@ import yaml
 from occlog.errors import InputError
 
 from .content import Content, content_of, mistaken_for
+from .guard import FAILURES, guarded, read_configuration
 from .inputs import check_input
+from .yaml_nodes import compose_yaml
 
-MAX_NODES = 200_000
 T = TypeVar("T")
 
 
@@ -32,15 +33,33 @@ _Loader.add_implicit_resolver(
 )
 
 
+class _Constructor(_Loader):
+    """Makes values of nodes, and names the line of one that its tag or its form does not allow."""
+
+    def __init__(self, text: str, source: str) -> None:
+        """As the loader; `source` names the file in messages."""
+        super().__init__(text)
+        self._source = source
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """The value of a node; InputError where a scalar is not what it looks like, such as a date 2001-99-99."""
+        try:
+            return super().construct_object(node, deep)
+        except FAILURES:
+            if not isinstance(node, yaml.ScalarNode):
+                raise
+            kind = node.tag.rpartition(":")[2]
+            raise InputError(
+                f"{self._source}: line {node.start_mark.line + 1}: {node.value[:40]!r} cannot be read as {kind}; "
+                "correct it, or put it in quotes"
+            ) from None
+
+
 def read_yaml(path: Path, kind: type[T], what: str) -> T:
     """The file as an instance of a msgspec type; InputError with line and nearest valid key where it does not fit."""
     path = check_input(path, what)
     _refuse_binary(path, what)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start}: not UTF-8 text; {what} was expected") from error
-    return parse_yaml(text, str(path), kind)
+    return parse_yaml(read_configuration(path, what), str(path), kind)
 
 
 def _refuse_binary(path: Path, what: str) -> None:
@@ -56,21 +75,20 @@ def _refuse_binary(path: Path, what: str) -> None:
 
 def lines_of(path: Path) -> dict[str, int]:
     """Line of every value in a file that `read_yaml` takes, by its place: `$.track.set.sigma_v`, `$.cases[0]`."""
-    node = yaml.compose(path.read_text(encoding="utf-8"), Loader=_Loader)
+    node = compose_yaml(read_configuration(path, "YAML of occlog"), path, _Loader)
     return {} if node is None else dict(_lines(node, "$", str(path)))
 
 
 def parse_yaml(text: str, source: str, kind: type[T]) -> T:
     """As `read_yaml`, from text; `source` names it in messages."""
     try:
-        node = yaml.compose(text, Loader=_Loader)
-        lines = dict(_lines(node, "$", source)) if node is not None else {}
-        raw = _Loader(text).construct_document(node) if node is not None else None
+        node = compose_yaml(text, source, _Loader)
+        with guarded(source, "YAML of occlog"):
+            lines = dict(_lines(node, "$", source)) if node is not None else {}
+            raw = _Constructor(text, source).construct_document(node) if node is not None else None
+            _check_finite(raw, "$", lines, source)
     except yaml.YAMLError as error:
         raise InputError(f"{source}: {_yaml_problem(error)}") from error
-    except RecursionError:
-        raise InputError(f"{source}: nested too deeply to be what it should") from None
-    _check_finite(raw, "$", lines, source)
     if not isinstance(raw, dict):
         raise InputError(f"{source}: want keys and values at the top level, got {type(raw).__name__}")
     try:
@@ -85,12 +103,8 @@ def _yaml_problem(error: yaml.YAMLError) -> str:
     return f"line {mark.line + 1}: not valid YAML: {problem}" if mark else f"not valid YAML: {problem}"
 
 
-def _lines(node: yaml.Node, place: str, source: str, count: list[int] | None = None) -> Iterator[tuple[str, int]]:
-    """(path, line) of every node; repeated keys and documents blown up by aliases are errors."""
-    count = [0] if count is None else count
-    count[0] += 1
-    if count[0] > MAX_NODES:
-        raise InputError(f"{source}: more than {MAX_NODES} entries with its aliases expanded; write it out plainly")
+def _lines(node: yaml.Node, place: str, source: str) -> Iterator[tuple[str, int]]:
+    """(path, line) of every node; repeated keys are errors."""
     yield place, node.start_mark.line + 1
     if isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
@@ -98,10 +112,10 @@ def _lines(node: yaml.Node, place: str, source: str, count: list[int] | None = N
             if key.value in seen:
                 raise InputError(f"{source}: line {key.start_mark.line + 1}: key {key.value!r} appears twice; keep one")
             seen.add(key.value)
-            yield from _lines(value, f"{place}.{key.value}", source, count)
+            yield from _lines(value, f"{place}.{key.value}", source)
     elif isinstance(node, yaml.SequenceNode):
         for index, value in enumerate(node.value):
-            yield from _lines(value, f"{place}[{index}]", source, count)
+            yield from _lines(value, f"{place}[{index}]", source)
 
 
 def _check_finite(raw: object, place: str, lines: dict[str, int], source: str) -> None:

@@ -14,13 +14,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import yaml
 import zstandard
 
 from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC
+from occlog.io.files.guard import read_configuration
 from occlog.io.files.inputs import check_input
 from occlog.io.files.sensor_names import natural_key
+from occlog.io.files.yaml_nodes import yaml_documents
 from occlog.io.recording.mcap_errors import MAX_CHUNK_BYTES
 from occlog.records.losses import Loss
 
@@ -30,7 +31,6 @@ from .sqlite_file import SqliteFile
 METADATA = "metadata.yaml"
 SUFFIXES = (".mcap", ".db3")
 PACKED = (".zstd", ".zst")
-MAX_METADATA = 16 * 2**20
 WHAT = "a bag (MCAP or ROS 2)"
 
 
@@ -216,14 +216,8 @@ def _listed(path: Path, bag: Bag) -> list[Path]:
 
 def _information(path: Path) -> dict[str, object]:
     """The content of a metadata file."""
-    check_input(path, "the metadata of a ROS 2 bag")
-    if path.stat().st_size > MAX_METADATA:
-        raise InputError(f"{path}: {path.stat().st_size} bytes; metadata have at most {MAX_METADATA}")
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        reason = " ".join(str(error).split())[:100]
-        raise InputError(f"{path}: not YAML ({reason}); remove it to take all files of the folder") from None
+    documents = yaml_documents(read_configuration(path, "the metadata of a ROS 2 bag"), path, "metadata of a ROS 2 bag")
+    content = documents[0] if len(documents) == 1 else None
     found = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
     if not isinstance(found, dict):
         raise InputError(f"{path}: not metadata of a ROS 2 bag; remove it to take all files of the folder")

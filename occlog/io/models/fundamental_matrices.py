@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
-from occlog.io.files.json_file import read_json, struct_of, write_json
+from occlog.io.files.json_file import parse_json, read_json, struct_of, write_json
 from occlog.io.files.provenance import Provenance
 from occlog.io.open import open_if_ours
 from occlog.io.recording.reader import Recording
@@ -75,11 +75,7 @@ def attached_epipolar(recording: Recording) -> ViewPairs | None:
     if raw is None:
         return None
     where = f"{recording.path}: {EPIPOLAR_ATTACHMENT}"
-    try:
-        values = json.loads(raw)
-    except ValueError as error:
-        raise InputError(f"{where}: not valid JSON; attach it again with `occlog epipolar`") from error
-    return _pairs(values, where)
+    return _pairs(parse_json(raw, where, "epipolar geometry"), where)
 
 
 def write_epipolar(path: Path, pairs: ViewPairs, provenance: Provenance, *, overwrite: bool = False) -> None:

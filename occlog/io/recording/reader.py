@@ -11,15 +11,15 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-import cv2
 import msgspec
-import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.message import DecodeError
 
 from occlog.errors import InputError
+from occlog.io.files.content import Content, content_of
 from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_file, provenance_from_json
+from occlog.io.frames.codec import decode_image
 from occlog.io.frames.decode import Picture, VideoFile, decode, examine, quiet
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.records.columns import Table
@@ -69,6 +69,15 @@ def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> Li
         raise InputError(f"{where}: {path} is not the video that was ingested (its content changed); ingest it again")
     quiet()
     return LinkedVideo(path, where, examine(path))
+
+
+def linked_files(path: Path) -> list[Path]:
+    """The videos that a file links to, there or not; none where it is no recording that can be read."""
+    try:
+        videos = open_recording(path).videos if content_of(path) is Content.RECORDING else {}
+    except InputError:  # whoever reads it says so
+        return []
+    return [path.parent / link["path"] for _, link in sorted(videos.items()) if "path" in link]
 
 
 T = TypeVar("T", bound=Table)
@@ -170,7 +179,7 @@ class Recording:
                 linked[sensor] = open_linked(self.path, sensor, self.videos.get(sensor))
             return t_ns, partial(linked[sensor].read, index)
         stamp, image = _parse_image(topic.encoding, data, where)
-        return stamp or t_ns, partial(_decode, image, where)
+        return stamp or t_ns, partial(decode_image, image, where)
 
     def _messages(self, topics: list[str]) -> Iterator[tuple[str, int, bytes, int]]:
         """(topic, log time, data, sequence) in the order of time."""
@@ -215,20 +224,13 @@ class _JsonImage(msgspec.Struct):
     data: bytes
 
 
-def _decode(data: bytes, where: str) -> Image:
-    try:
-        image: Image | None = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
-    except cv2.error as error:
-        raise InputError(f"{where}: the image cannot be decoded ({error.err})") from error
-    if image is None:
-        raise InputError(f"{where}: the image cannot be decoded ({len(data)} bytes)")
-    return image
-
-
 def open_recording(path: Path) -> Recording:
     """The recording in an MCAP file; InputError where the file is damaged."""
     path = Path(path)
     with open_mcap(path) as (reader, summary):
+        if summary is None or not (summary.channels or summary.statistics):
+            # Read by its index it would look as if it were empty
+            raise InputError(f"{path}: has no index, as what was not closed; write one with `mcap recover`")
         channels = summary.channels if summary else {}
         counts = summary.statistics.channel_message_counts if summary and summary.statistics else {}
         schemas = summary.schemas if summary else {}
@@ -250,7 +252,7 @@ def open_recording(path: Path) -> Recording:
         path=path,
         scene=None,
         topics=topics,
-        provenance=provenance_from_json(own.get("provenance", "")) if own else Provenance("unknown"),
+        provenance=provenance_from_json(own.get("provenance", ""), path) if own else Provenance("unknown"),
         attachments=attachments,
         videos={n.removeprefix(VIDEO_METADATA): m for n, m in metadata.items() if n.startswith(VIDEO_METADATA)},
         time_ns=span,

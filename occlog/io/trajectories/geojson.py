@@ -6,7 +6,6 @@ tell no place in the scene.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError
 from occlog.io.files.csv_rows import Rows
+from occlog.io.files.json_file import parse_json
 
 from .earth import FARTHEST, Origin, places_of_degrees
 
@@ -29,10 +29,7 @@ KEYS = ("latitude", "longitude", "turned_deg")
 
 def read_geojson(path: Path) -> Iterator[Rows]:
     """Rows of all targets; InputError, with the number of the feature, for what is not such a collection."""
-    try:
-        value = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: damaged or not GeoJSON ({error}); make it again") from None
+    value = parse_json(path.read_bytes(), path, "GeoJSON")
     features = value.get("features") if isinstance(value, dict) else None
     if not isinstance(features, list) or value.get("type") != COLLECTION:
         raise InputError(f"{path}: is no {COLLECTION}; GeoJSON with a list of features was expected")

@@ -13,6 +13,7 @@ from occlog.errors import InputError
 from occlog.io.boxes.reader import BoxOptions
 from occlog.io.boxes.rows import FRAMES_PER_CHUNK, BoxRows, fill_frames
 from occlog.io.files.frame_times import FrameTimes
+from occlog.io.files.guard import guarded
 from occlog.io.files.inputs import check_input
 from occlog.io.files.xml_file import number, required
 from occlog.records.tables import TruthBoxes
@@ -69,22 +70,33 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
     """Frame number (from 0) and rows of every frame, in rising order."""
     last = -1
     found = False
-    try:
-        for _, element in ElementTree.iterparse(check_input(path, "ground truth (XML)")):
-            if element.tag != "frame":
-                continue
-            frame = _whole(element, "number", str(path)) - first_number
-            if frame <= last:
-                raise InputError(
-                    f"{path}: frame {frame + first_number} does not come after the one before it; sort them"
-                )
-            yield frame, _objects(element, frame, f"{path}: frame {frame + first_number}")
-            last, found = frame, True
-            element.clear()
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again") from None
+    for element in _elements(path):
+        if element.tag != "frame":
+            continue
+        frame = _whole(element, "number", str(path)) - first_number
+        if frame <= last:
+            raise InputError(f"{path}: frame {frame + first_number} does not come after the one before it; sort them")
+        yield frame, _objects(element, frame, f"{path}: frame {frame + first_number}")
+        last, found = frame, True
+        element.clear()
     if not found:
         raise InputError(f"{path}: has no <frame>; frames with objects and boxes were expected")
+
+
+def _elements(path: Path) -> Iterator[Element]:
+    """Every element when it ends; InputError where the text is not XML."""
+    ends = iter(ElementTree.iterparse(check_input(path, "ground truth (XML)")))
+    while True:
+        with guarded(path, "ground truth (XML)"):
+            try:
+                end = next(ends, None)
+            except ElementTree.ParseError as error:
+                raise InputError(
+                    f"{path}: line {error.position[0]}: not XML ({error}); correct or export it again"
+                ) from None
+        if end is None:
+            return
+        yield end[1]
 
 
 def _objects(frame: Element, number_of_frame: int, where: str) -> list[Row]:

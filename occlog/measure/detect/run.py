@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -15,6 +14,7 @@ from occlog.array_types import Floats
 from occlog.cli import options
 from occlog.errors import InputError, UsageError
 from occlog.io.files.inputs import FOREIGN_BAG, check_input
+from occlog.io.files.json_file import parse_json
 from occlog.io.files.parquet import TableWriter
 from occlog.io.files.provenance import Provenance, hash_inputs
 from occlog.io.open import open_input
@@ -245,7 +245,7 @@ def _references(request: DetectRequest, recording: Recording) -> tuple[Target, .
         return ()
     try:
         found: dict[int, list[list[float]]] = {}
-        for entry in json.loads(raw):
+        for entry in parse_json(raw, where, "appearances of targets"):
             found.setdefault(int(entry["target_id"]), []).append(entry["appearance"])
         return tuple(Target(i, np.array(rows, dtype=np.float64)) for i, rows in sorted(found.items()))
     except (ValueError, KeyError, TypeError) as error:

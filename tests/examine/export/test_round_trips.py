@@ -211,7 +211,7 @@ def geojson(**changes: object) -> str:
             "one for each of its 1 corners",
         ),
         (geojson(features=[FEATURE | {"properties": {"t_ns": [0]}}]), "has no whole number target_id"),
-        (geojson()[:-3], "damaged or not GeoJSON"),
+        (geojson()[:-3], "not valid JSON: Expecting"),
     ],
 )
 def test_damage_is_named(tmp_path: Path, text: str, message: str) -> None:

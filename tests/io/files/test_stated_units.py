@@ -37,7 +37,7 @@ def test_a_column_is_stated_by_its_name(bearings: Path) -> None:
     with stated_units(["Azimuth=deg,time=us"]):
         rows = open_input(bearings, Bearings).read(Bearings)
         assert Provenance("test").input_units == ("azimuth=deg", "time=us")
-        again = provenance_from_json(Provenance("test").json())
+        again = provenance_from_json(Provenance("test").json(), Path("t.parquet"))
     assert (rows.t_ns[0], rows.bearing[0]) == (1_500_000, math.radians(2))
     assert again.input_units == ("azimuth=deg", "time=us")
     assert "input_units" not in Provenance("test").as_dict()

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from occlog.errors import InputError
-from occlog.io.files.yaml_file import MAX_NODES, parse_yaml, read_yaml
+from occlog.io.files.yaml_file import parse_yaml, read_yaml
+from occlog.io.files.yaml_nodes import MAX_NODES
 
 
 def test_a_document_has_at_most_so_many_entries_with_its_aliases_expanded() -> None:

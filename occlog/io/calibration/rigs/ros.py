@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import yaml
 
 from occlog.array_types import Floats
 from occlog.errors import InputError
+from occlog.io.files.yaml_nodes import yaml_documents
 from occlog.records.scene import Camera
 
-from ..common import CalibrationOptions, Lens, build_camera, lens_pose, numbers, read_text, scale_of
+from ..common import WHAT, CalibrationOptions, Lens, build_camera, lens_pose, numbers, read_text, scale_of
 
 LENSES = {"plumb_bob": "brown", "rational_polynomial": "rational", "equidistant": "equidistant", "": "brown"}
 """Models of lenses by their names in ROS."""
@@ -73,10 +73,7 @@ def read(paths: list[Path], options: CalibrationOptions) -> tuple[Camera, ...]:
 
 
 def _documents(path: Path) -> Iterator[dict[str, object]]:
-    try:
-        parts = [part for part in yaml.safe_load_all(read_text(path)) if part is not None]
-    except (yaml.YAMLError, RecursionError) as error:
-        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())[:100]})") from None
+    parts = [part for part in yaml_documents(read_text(path), path, WHAT) if part is not None]
     for part in parts:
         for value in part if isinstance(part, list) else [part]:
             if not isinstance(value, dict):

@@ -1,0 +1,28 @@
+"""TOML of other programs: a text of bounded keys to its values."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from occlog.errors import InputError
+
+from .guard import guarded
+
+MAX_KEY_PARTS = 100
+"""Parts of a dotted key in TOML; its parser takes the square of their number."""
+_LONG_KEY = re.compile(rf"^[^=#\n]*(?:\.[^=#\n.]*){{{MAX_KEY_PARTS},}}", re.MULTILINE)
+
+
+def toml_values(text: str, where: Path | str, what: str) -> Mapping[str, Any]:
+    """The values of a TOML text; InputError for anything else."""
+    if _LONG_KEY.search(text):
+        raise InputError(f"{where}: a key of more than {MAX_KEY_PARTS} parts; {what} was expected")
+    with guarded(where, what):
+        try:
+            return tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{where}: not TOML ({error}); correct this line") from None

@@ -1,0 +1,84 @@
+"""YAML before it becomes values: a bounded number of nodes, names as keys, whole characters."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from occlog.errors import InputError
+
+from .guard import check_text, guarded
+
+MAX_NODES = 200_000
+"""Values of a YAML text at most, those of aliases counted each time."""
+
+
+def compose_yaml(text: str, where: Path | str, loader: type[yaml.SafeLoader]) -> yaml.Node | None:
+    """The nodes of one document of YAML, at most `MAX_NODES`; None for an empty one.
+
+    Raises:
+        yaml.YAMLError: it is not YAML.
+        InputError: it is too large with its aliases written out, nested too deeply, or an alias holds itself.
+    """
+    with guarded(where, "YAML"):
+        node = yaml.compose(text, Loader=loader)
+        if node is not None:
+            _check_nodes(node, where)
+        return node
+
+
+def _check_nodes(root: yaml.Node, where: Path | str) -> None:
+    count = 0
+    waiting = [root]
+    while waiting:
+        node = waiting.pop()
+        count += 1
+        if count > MAX_NODES:
+            raise InputError(f"{where}: more than {MAX_NODES} entries with its aliases expanded; write it out plainly")
+        if isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                if not isinstance(key, yaml.ScalarNode):
+                    line = key.start_mark.line + 1
+                    raise InputError(f"{where}: line {line}: a list or a mapping cannot be a key; give a name")
+                check_text(key.value, f"{where}: line {key.start_mark.line + 1}")
+                waiting.append(value)
+        elif isinstance(node, yaml.SequenceNode):
+            waiting.extend(node.value)
+        elif isinstance(node, yaml.ScalarNode):
+            check_text(node.value, f"{where}: line {node.start_mark.line + 1}")
+
+
+class _Unknowing(yaml.SafeLoader):
+    """Safe loader that takes the matrices of OpenCV for plain mappings."""
+
+
+def _plain_mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, object]:
+    return loader.construct_mapping(node, deep=True)
+
+
+for _tag in ("tag:yaml.org,2002:opencv-matrix", "tag:yaml.org,2002:opencv-nd-matrix", "!opencv-matrix"):
+    _Unknowing.add_constructor(_tag, _plain_mapping)
+
+
+def yaml_documents(text: str, where: Path | str, what: str) -> list[Any]:
+    """The values of every document of a YAML text that another program wrote; InputError for anything else.
+
+    `%YAML:1.0`, as OpenCV 3 and 4 begin their files, is no directive of YAML and is left out.
+    """
+    body = re.sub(r"\A%YAML[^\n]*\n(---[^\n]*\n)?", "", text)
+    try:
+        with guarded(where, what):
+            loader = _Unknowing(body)
+            found = []
+            while loader.check_node():
+                node = loader.get_node()
+                if node is not None:
+                    _check_nodes(node, where)
+                    found.append(loader.construct_document(node))
+            return found
+    except yaml.YAMLError as error:
+        raise InputError(f"{where}: not YAML ({' '.join(str(error).split())[:100]}); {what} was expected") from None

@@ -1,0 +1,251 @@
+"""The zoo: broken and hostile files, each with the exit code and the words that its reader must answer with."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from mcap.writer import IndexType, Writer
+from places import ROOT
+
+from occlog.cli.main import DEBUG, LazyGroup, run
+from occlog.errors import ExitCode
+from occlog.io.files.guard import MAX_CONFIGURATION_BYTES
+
+SCENE = """occlog_scene: 1
+room: [[0, 0], [8, 0], [8, 6], [0, 6]]
+cameras:
+- {name: a, position: [0, 0, 1.5], yaw_deg: 40, focal_px: 60, image_size_px: [64, 48]}
+- {name: b, position: [8, 0, 1.5], yaw_deg: 140, focal_px: 60, image_size_px: [64, 48]}
+"""
+SIMULATE = ("simulate", "{file}", "-o", "new.mcap", "--steps", "3")
+TRACK = ("track", "{file}", "--scene", "scene.yaml", "-o", "new.parquet", "--particles", "5")
+INFO = ("info", "{file}")
+BOXES = ("ingest", "--boxes", "a={file}", "--scene", "scene.yaml", "--fps", "10", "-o", "new.mcap")
+CALIBRATE = ("ingest", "--boxes", "a=boxes.csv", "--calibration", "{file}", "--fps", "10", "-o", "new.mcap")
+REPORT = ("report", "t.parquet", "--scene", "scene.yaml", "--metrics", "{file}", "-o", "new.html")
+
+
+class Case(NamedTuple):
+    """A kind of file: its name, how it is made, what reads it, and words of the one line that comes of it."""
+
+    name: str
+    make: Callable[[Path], object]
+    command: tuple[str, ...]
+    words: str
+
+
+def text(content: str) -> Callable[[Path], object]:
+    return lambda path: path.write_text(content, encoding="utf-8")
+
+
+def metadata(key: bytes, value: bytes) -> Callable[[Path], object]:
+    """A good table of which one entry of the footer is another."""
+
+    def make(path: Path) -> None:
+        table = pq.read_table(path.parent / "b.parquet")
+        pq.write_table(table.replace_schema_metadata({**table.schema.metadata, key: value}), path)
+
+    return make
+
+
+LAUGHS = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
+    f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 8)
+)
+VALUES = ("2001-99-99", "!!int abc", "!!int 0b", "!!float abc", "!!bool foo", "!!timestamp foo", "9" * 5000)
+MADE = b"occlog.provenance"
+CASES = [
+    *[Case(f"yaml value {v[:16]}", text(f"{SCENE}x: {v}\n"), SIMULATE, "line 6") for v in VALUES],
+    Case("yaml list as key", text(f"{SCENE}? [a, b]\n: 1\n"), SIMULATE, "cannot be a key"),
+    Case("yaml mapping as key", text(f"{SCENE}? {{a: 1}}\n: 1\n"), SIMULATE, "cannot be a key"),
+    Case("yaml surrogate", text(SCENE.replace("name: a", r'name: "\ud800"')), SIMULATE, "half a character"),
+    Case("yaml depth", text("[" * 1500), SIMULATE, "nested too deeply"),
+    Case("yaml laughs", text(LAUGHS), SIMULATE, "aliases expanded"),
+    Case("yaml that holds itself", text(f"{SCENE}x: &x [*x]\n"), SIMULATE, "aliases expanded"),
+    Case("yaml size", text(SCENE + "#" * MAX_CONFIGURATION_BYTES), SIMULATE, "of at most"),
+    Case("yaml unknown tag", text(f"{SCENE}x: !!python/object:os.system 1\n"), SIMULATE, "line 6"),
+    Case("json depth", text("[" * 100_000), REPORT, "nested too deeply"),
+    Case("json digits", text(f'{{"rmse_m": {"9" * 5000}}}'), REPORT, "cannot be read"),
+    Case("json surrogate", text('{"camera": "\\ud800"}'), REPORT, "half a character"),
+    Case("json list", text("[1]"), REPORT, "want a JSON object"),
+    Case("json not utf-8", lambda p: p.write_bytes(b'{"a": "\xff"}'), REPORT, "not UTF-8"),
+    Case("boxes depth", text("[" * 100_000), BOXES, "nested too deeply"),
+    Case("boxes digits", text(f"[{'9' * 5000}]"), BOXES, "cannot be read"),
+    Case("opencv laughs", text("%YAML:1.0\n---\nk: !!opencv-matrix\n" + LAUGHS), CALIBRATE, "aliases"),
+    Case("opencv aliases", text("%YAML:1.0\n---\n" + LAUGHS + "k: !!opencv-matrix {}\n"), CALIBRATE, "aliases"),
+    Case("opencv depth", text("%YAML:1.0\n---\nk: !!opencv-matrix " + "[" * 1500), CALIBRATE, "nested too deeply"),
+    Case("opencv json list", text('{"k": "opencv-matrix"' + "}" * 2), CALIBRATE, "not valid JSON"),
+    Case(
+        "opencv rows",
+        text(
+            "<opencv_storage><k type_id='opencv-matrix'><rows>³</rows><cols>3</cols><data>1 0 0 0 1 0 0 0 1</data></k>"
+            "<rvec>0 0 0</rvec><tvec>0 0 0</tvec></opencv_storage>"
+        ),
+        CALIBRATE,
+        "want a 3 x 3 camera matrix",
+    ),
+    Case("xml entities", text('<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage>opencv-&b;'), CALIBRATE, "entities"),
+    Case("provenance list", metadata(MADE, b"[1]"), TRACK, "provenance is damaged"),
+    Case("provenance flip", metadata(MADE, b'{"command": "det'), TRACK, "provenance is damaged"),
+    Case("provenance bytes", metadata(MADE, b"\xff\xfe\x00"), TRACK, "provenance is damaged"),
+    Case("provenance loss", metadata(MADE, b'{"command": "x", "parameters": {}, "losses": [1]}'), TRACK, "damaged"),
+    Case("info of provenance list", metadata(MADE, b"[1]"), INFO, "provenance is damaged"),
+    *[
+        Case(f"{kind} as {command[0]}", make, command, words)
+        for kind, make, words in (
+            ("pipe", os.mkfifo, "is a pipe"),
+            ("device", lambda p: p.symlink_to("/dev/zero"), "is a device"),
+            ("link to itself", lambda p: p.symlink_to(p), "cannot be read"),
+            ("link to nothing", lambda p: p.symlink_to(p.parent / "nothing"), "no such file"),
+        )
+        for command in (SIMULATE, TRACK, BOXES, CALIBRATE, REPORT)
+    ],
+]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a good scene, bearings and boxes."""
+    folder = tmp_path_factory.mktemp("zoo")
+    (folder / "scene.yaml").write_text(SCENE)
+    (folder / "boxes.csv").write_text("frame,left,top,width,height\n0,1,2,3,4\n")
+    for name, short in (("bearings", "b"), ("tracks", "t")):
+        shutil.copy(ROOT / f"tests/golden/expected/simulated/{name}.parquet", folder / f"{short}.parquet")
+    return folder
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_what_cannot_be_read_is_one_line(
+    case: Case, made: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(made)
+    file = made / f"cage{'.parquet' if case.command[0] == 'track' else '.yaml'}"
+    case.make(file)
+    before = sorted(made.iterdir())
+    code = run([word.format(file=file.name) for word in case.command])
+    told = capfd.readouterr().err.splitlines()
+    assert sorted(made.iterdir()) == before
+    file.unlink()
+    assert code == ExitCode.BAD_INPUT, told
+    assert len(told) == 1, told
+    assert file.name in told[0]
+    assert case.words in told[0]
+
+
+TOML = [
+    ("dotted key", ".".join(["a"] * 20_000) + " = 1\n"),
+    ("table name", "[" + ".".join(["a"] * 50_000) + "]\n"),
+    ("digits", "matrix = " + "9" * 5000),
+    ("depth", "a = " + "[" * 5000),
+    ("key without a value", "[cam]\nmatrix\n"),
+]
+
+
+@pytest.mark.parametrize(("name", "content"), TOML, ids=[name for name, _ in TOML])
+def test_toml_that_cannot_be_read_is_one_line(
+    name: str, content: str, made: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(made)
+    file = made / "cage.toml"
+    file.write_text(content)
+    code = run([word.format(file=file.name) for word in CALIBRATE] + ["--calibration-format", "opencv-toml"])
+    told = capfd.readouterr().err.splitlines()
+    assert code == ExitCode.BAD_INPUT, told
+    assert len(told) == 1, told
+    assert "cage.toml" in told[0]
+
+
+def test_an_image_of_many_pixels_in_a_recording_is_not_decoded(tmp_path: Path) -> None:
+    from occlog.errors import InputError
+    from occlog.io.files.provenance import Provenance
+    from occlog.io.recording.reader import open_recording
+    from occlog.io.recording.writer import RecordingWriter
+
+    data = cv2.imencode(".png", np.zeros((4, 4), np.uint8))[1].tobytes()
+    with RecordingWriter(tmp_path / "r.mcap", None, Provenance("test")) as writer:
+        writer.image("a", 10**9, 0, data[:16] + (30_000).to_bytes(4, "big") * 2 + data[24:], "png")
+        writer.image("a", 10**9 + 1, 1, data.replace(b"IDAT", b"IDAT\0\0"), "png")
+    large, flipped = open_recording(tmp_path / "r.mcap").frames()
+    with pytest.raises(InputError, match="30000 x 30000 px; the limit is"):
+        large.decode()
+    with pytest.raises(InputError, match="wrong check sum of PNG part"):
+        flipped.decode()
+
+
+def test_a_recording_without_an_index_is_not_taken_for_an_empty_one(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "r.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, use_statistics=False, index_types=IndexType.NONE, repeat_channels=False)
+        writer.start()
+        schema = writer.register_schema("occlog.Bearings", "jsonschema", b"{}")
+        writer.add_message(writer.register_channel("/bearings/a", "json", schema), 1, b"{}", 1)
+        writer.finish()
+    args = ["detect", str(path), "-o", str(tmp_path / "b.parquet")]
+    assert run(args) == ExitCode.BAD_INPUT
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "has no index" in line
+
+
+def test_a_bug_says_that_it_is_one_and_what_to_send(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("of\ntwo lines")
+
+    monkeypatch.setattr(LazyGroup, "invoke", broken)
+    monkeypatch.delenv(DEBUG, raising=False)
+    assert run(["info", "x"]) == ExitCode.BUG
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "a bug of occlog" in line
+    assert "ZeroDivisionError: of two lines" in line
+    assert DEBUG in line
+    monkeypatch.setenv(DEBUG, "1")
+    with pytest.raises(ZeroDivisionError):
+        run(["info", "x"])
+
+
+BORDER = {
+    "json.loads": {
+        "files/json_file.py",
+        "files/provenance.py",
+        "files/parquet.py",
+        "frames/process.py",
+        "messages/decoding.py",
+    },
+    "json.load": {"frames/process_main.py"},  # of the program itself
+    "yaml.load": set(),
+    "yaml.safe_load": set(),
+    "yaml.safe_load_all": set(),
+    "yaml.compose": {"files/yaml_nodes.py"},
+    "tomllib.loads": {"files/toml_file.py"},
+    "tomllib.load": set(),
+    "ElementTree.fromstring": {"files/xml_file.py"},
+    "ElementTree.parse": set(),
+    "ElementTree.iterparse": {"truth/xml_boxes.py"},
+    "cv2.imdecode": {"frames/codec.py"},
+    "cv2.imread": set(),
+    "cv2.FileStorage": set(),
+    "pq.ParquetFile": {"files/parquet.py", "foreign/source.py"},
+    "sqlite3.connect": {"messages/sqlite_file.py"},
+}
+"""Every parser of foreign bytes, and the modules that may call it: each looks at sizes, and turns what it raises."""
+
+
+def test_no_parser_is_called_beside_the_border() -> None:
+    root = ROOT / "occlog" / "io"
+    found: dict[str, set[str]] = {name: set() for name in BORDER}
+    for path in root.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and (name := ast.unparse(node.func)) in found:
+                found[name].add(path.relative_to(root).as_posix())
+    assert found == BORDER
