@@ -193,3 +193,21 @@ def test_columns_that_say_too_little_are_refused(
     (tmp_path / "stations.csv").write_text("name,x,y\na,0,0\nb,1,0\n")
     assert track(tmp_path, "m", "fix") == ExitCode.BAD_INPUT
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("method", "message"), [("apf", "and use method jipda"), ("jipda", "or a calibration to ingest\n")]
+)
+def test_advice_on_boxes_without_a_calibration_leads_to_a_calibration(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str, message: str
+) -> None:
+    (tmp_path / "det.txt").write_text("".join(f"{n},1,{10 * n},20,30,80,0.9,-1,-1,-1\n" for n in range(1, 6)))
+    walk = str(tmp_path / "walk.mcap")
+    given = ["--boxes", f"cam1={tmp_path / 'det.txt'}", "--fps", "25", "--allow-uncalibrated", "-q"]
+    assert run(["ingest", "-o", walk, *given]) == ExitCode.DONE
+    assert run(["detect", walk, "-o", str(tmp_path / "b.parquet")]) == ExitCode.DONE
+    assert "no camera has a pose in space" in capsys.readouterr().err
+    assert run(["track", walk, "--method", method, "-o", str(tmp_path / "t.parquet")]) == ExitCode.BAD_INPUT
+    said = capsys.readouterr().err
+    assert message in said
+    assert "bmct" not in said

@@ -98,6 +98,12 @@ def run_detect(
         for writer in (rows, regions):
             if writer is not None:
                 writer.annotate(final)
+    if tally["regions"] and not any(c.placed for c in scene.cameras):
+        options.note(
+            "warning: no camera has a pose in space, so that there are no bearings; ingest with a calibration, or "
+            "give a scene (--scene)",
+            quiet,
+        )
     summary: dict[str, object] = {"bearings": str(output), **_figures(tally)}
     if request.fusion is not None:
         fused.warn(quiet)

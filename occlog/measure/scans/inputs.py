@@ -11,7 +11,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.open import Opened, check_unit, losses_of, open_input
 from occlog.records.columns import Table
 from occlog.records.measurements import Measurements
-from occlog.records.tables import Bearings, Doa, Hulls, Occluders, Reads, Truth
+from occlog.records.tables import Bearings, Boxes, Doa, Hulls, Occluders, Reads, Truth
 
 from .measured import measurements_of_reads
 from .occluder_priors import known_positions
@@ -127,6 +127,10 @@ def _remedy(measured: Opened) -> str:
         return "track the reads of its tags with method rssi or virtual"
     if measured.recording is not None and measured.recording.cameras:
         return "make bearings with `occlog detect`, or track in its images with method bmct"
+    if measured.recording is not None and measured.has(Boxes):
+        if measured.scene is not None and any(c.placed for c in measured.scene.cameras):
+            return "follow everybody by its boxes with method jipda, or make bearings with `occlog detect`"
+        return "its boxes are of cameras without a pose: ingest them with a calibration, and use method jipda"
     return "make them with `occlog detect` or `occlog listen`"
 
 

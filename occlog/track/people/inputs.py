@@ -133,10 +133,10 @@ class PeopleInput:
             else:
                 which = f"of {', '.join(left)} none has" if left else "no camera is left that has"
                 which += " a pose in space"
-            raise InputError(
-                f"{self.request.boxes}: {which}, so no place on the floor can be found; {remedy}, or follow people in "
-                "the images (method bmct)"
-            )
+            recording = self.opened.recording
+            seen = recording is not None and recording.cameras
+            images = ", or follow people in the images (method bmct)" if seen else ""
+            raise InputError(f"{self.request.boxes}: {which}, so no place on the floor can be found; {remedy}{images}")
         if left:
             self.notes.append(
                 f"warning: without a pose in space, and not used: {', '.join(left)}; calibrate "

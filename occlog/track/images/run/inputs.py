@@ -17,7 +17,7 @@ from occlog.measure.epipolar.matrices import known_geometry
 from occlog.measure.scans.grouping import nearest
 from occlog.records.losses import Loss
 from occlog.records.scene import Camera, Scene
-from occlog.records.tables import Boxes, TruthBoxes, Views
+from occlog.records.tables import Bearings, Boxes, TruthBoxes, Views
 from occlog.records.views import ViewTracks
 from occlog.track.images.births.background import BackgroundModel, background_models
 from occlog.track.images.births.config import ViewsConfig
@@ -208,9 +208,11 @@ def open_video(request: ViewsRequest) -> tuple[Opened, Recording]:
         )
     recording = opened.recording
     if not recording.cameras:
+        other = "track its bearings with another method, for example apf"
+        if recording.has(Boxes) and not recording.has(Bearings):
+            other = "follow everybody by its boxes with method jipda, which wants cameras with a calibration"
         raise InputError(
-            f"{path}: holds no images; method {method} tracks in images: give a recording with video, or track its "
-            "bearings with another method, for example apf"
+            f"{path}: holds no images; method {method} tracks in images: give a recording with video, or {other}"
         )
     return opened, recording
 
