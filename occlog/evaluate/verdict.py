@@ -20,7 +20,7 @@ from occlog.records.scene import Scene
 from occlog.records.tables import Bearings, Diagnostics, Errors, Tracks
 from occlog.track.catalogue import smooths
 from occlog.track.plausibility.sight import whole
-from occlog.track.plausibility.verdict import CHANCE, FEWEST, Evidence, Finding, beyond
+from occlog.track.plausibility.verdict import CHANCE, FEWEST, NIS_HIGH, NOT_BELIEVED, Evidence, Finding, beyond
 
 from .errors.on_ground import in_space
 from .mot.config import ManyConfig
@@ -33,6 +33,8 @@ SINGULAR = 0.01
 """Share of estimates with a singular covariance that matters."""
 DETECTED = 0.3
 """Share of visible targets seen where they are, below which bearings are not of the targets of the truth."""
+ASIDE = 4.0
+"""Normalised squared residual of bearings at the true places, above which these may be of something else."""
 FAR_FROM_BOUND = 5.0
 """RMSE over the bound that is worth a word."""
 
@@ -107,7 +109,24 @@ def judge(
     if np.isnan(tracks.cov_xx).any():
         unknown = "estimates have no covariance, so that nothing is said of whether errors are as large as they say"
         return (*said, Finding("no-covariance", "note", unknown), *_of_figures(metrics or {}))
-    return (*said, *_against_truth(errors), *_of_figures(metrics or {}))
+    against = tuple(_against_truth(errors))
+    if any(f.code == "nees-large" for f in against):
+        against += tuple(_of_something_else(found, metrics or {}))
+    return (*said, *against, *_of_figures(metrics or {}))
+
+
+def _of_something_else(found: Evidence, metrics: Mapping[str, object]) -> Iterator[Finding]:
+    """Whether bearings agree with tracks that are far from the truth, and not with the truth."""
+    nis, there = found.agreements.nis, _number(metrics, "bearing_nis")
+    if there > ASIDE and nis.value <= NIS_HIGH and found.agreements.doubted <= NOT_BELIEVED:
+        yield Finding(
+            "something-else",
+            "warning",
+            f"the bearings agree with the tracks (NIS {nis.value:.2g}) and not with the truth (NIS {there:.2g}, "
+            f"allowed up to {ASIDE:.0f}): they are of something else than the truth, such as a person who carries what "
+            "the truth is of, or the truth has other clocks or another frame; compare with a truth of what was "
+            "detected",
+        )
 
 
 def _on_their_targets(errors: Errors, scene: Scene) -> Errors:

@@ -167,7 +167,8 @@ class Diagnostics(Table):
         "holds were left out, with what was seen then), `wall` (no way around a wall was found), `unfinished` (the "
         "search did not converge) or `doubted` (fewer than half of the bearings are believed); of `fix` `pair` (two "
         "lines, whose spread is as stated), `stated` (the spread was not found), `ambiguous` (measurements fit several "
-        "places) or `unchecked` (two measurements tell the place, and none of the others agrees); of `ekf`, `ukf` and "
+        "places), `unchecked` (two measurements tell the place, and none of the others agrees) or `contested` (one "
+        "that is believed may be false: another place is possible, or they scatter too much); of `ekf`, `ukf` and "
         "`iekf` `widened` (most bearings disagreed with the prediction, which was made wider), `discarded` (no sigma "
         "point was left) or `stuck` (the search ended where cameras cannot see)",
     )

@@ -42,6 +42,8 @@ MEASURED = (
     "rssi_power",
     "rssi_exponent",
     "measured_bend",
+    "measured_late",
+    "detour",
 )
 """Options of methods that take ranges, signal strengths and time differences."""
 IN_IMAGES = ("initial", "detections", "fundamental", "world")

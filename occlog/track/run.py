@@ -35,6 +35,7 @@ from occlog.track.imm.config import START_NUMBERS, ImmConfig
 
 from .catalogue import METHODS, settings_of, tracker
 from .interface import AnyMethod, Batch, Joint, Online
+from .plausibility.compass import Compass
 from .plausibility.sight import Compared
 from .plausibility.verdict import Evidence, Finding, figures
 from .smoothing_and_lag import SmoothingConfig
@@ -44,10 +45,6 @@ if TYPE_CHECKING:
     from occlog.records.losses import Loss
     from occlog.records.scene import Scene
     from occlog.track.drivers.rows import Solve, Tracked
-
-
-GAPS = 0.8
-"""Share of rows after a gap from which the unit of times is doubted."""
 
 
 class TrackSummary:
@@ -65,6 +62,7 @@ class TrackSummary:
         self.scene, self.joint, self.smoothed = scene, joint, smoothed
         self.targets: set[int] = set()
         self.evidence = Evidence(distances=distances)
+        self.compass = Compass(scene)
         self.messages = Messages()
         self.solves: list[Solve] = []
         self.asked: Counter[str] = Counter()
@@ -122,7 +120,7 @@ class TrackSummary:
                 "no target was heard often enough to be reported; see the settings of births (birth, confirm, clutter)"
             )
             return (Finding("no-target", "note", text),)
-        return self.evidence.findings(one_target=not self.joint, smoothed=self.smoothed)
+        return (*self.compass.findings(), *self.evidence.findings(one_target=not self.joint, smoothed=self.smoothed))
 
     def _particles(self) -> dict[str, Any]:
         """Mean effective number of particles, of a method that has some."""
@@ -234,6 +232,10 @@ def run_track(
         window_ns=request.window_ns,
         selection=selection,
     )
+    joint = isinstance(tracker(request.method), Joint)
+    smoothed = isinstance(config, SmoothingConfig) and config.smoothed
+    summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, distances=measured is not None)
+    chunks = summary.compass.watch(chunks)
     tracked = track(chunks, inputs.scene, tracking, inputs.occluders, measured)
     parameters = {
         "method": request.method,
@@ -259,9 +261,6 @@ def run_track(
         (wanted.cooperation, Cooperation),
         (wanted.residuals, Residuals),
     ]
-    joint = isinstance(tracker(request.method), Joint)
-    smoothed = isinstance(config, SmoothingConfig) and config.smoothed
-    summary = TrackSummary(inputs.scene, joint=joint, smoothed=smoothed, distances=measured is not None)
     with ExitStack() as stack:
         writers = [
             None
@@ -286,12 +285,6 @@ def run_track(
                     why = "no moment of the chosen targets and stations gives a position; a fix wants three ranges, or "
                     why += "as many other measurements, at one time (--window)"
             raise InputError(f"{request.bearings}: {why}")
-    gaps = summary.evidence.fallbacks.get("gap", 0)
-    if gaps > 2 and gaps >= GAPS * summary.evidence.rows:
-        options.note(
-            f"warning: {gaps} of {summary.evidence.rows} rows come after a gap, and the filter begins anew there; if "
-            "times are in another unit, state it by --input-units ms"
-        )
     options.note_findings(summary.findings(), quiet)
     return {"tracks": str(wanted.tracks), "method": request.method, **summary.figures()}, losses
 

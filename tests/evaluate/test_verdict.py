@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from occlog.core.metrics.consistency import Ratio
 from occlog.core.metrics.errors import CHI2_95_2D
 from occlog.evaluate.verdict import DETECTED, FAR_FROM_BOUND, NEES_HIGH, OUTSIDE, Made, judge
 from occlog.io.files.provenance import Provenance
 from occlog.records.tables import Errors, Tracks
+from occlog.track.plausibility.agreement import Agreements
 from occlog.track.plausibility.verdict import FEWEST
 
 N = 1000
@@ -85,6 +87,24 @@ def test_singular_covariances_are_said() -> None:
 def test_bearings_that_are_not_of_the_truth_are_said(rate: float, said: list[str]) -> None:
     assert codes(detection_rate=rate, visible=500.0) == said
     assert codes(detection_rate=rate, visible=2.0) == []
+
+
+@pytest.mark.parametrize(
+    ("nees", "there", "own", "said"),
+    [
+        (9.0, 9.0, 1.0, True),
+        (1.0, 9.0, 1.0, False),  # errors are as large as they say
+        (9.0, 3.0, 1.0, False),  # bearings agree with the truth, too
+        (9.0, 9.0, 9.0, False),  # bearings do not agree with the tracks either
+    ],
+)
+def test_bearings_that_agree_with_the_tracks_and_not_with_the_truth_are_of_something_else(
+    monkeypatch: pytest.MonkeyPatch, nees: float, there: float, own: float, said: bool
+) -> None:
+    monkeypatch.setattr(Agreements, "nis", Ratio(own, 0.1))
+    monkeypatch.setattr(Agreements, "doubted", 0.0)
+    found = judge(tracks(), None, Made(), errors=errors(chi_square(nees)), metrics={"bearing_nis": there})
+    assert ("something-else" in {f.code for f in found}) == said
 
 
 @pytest.mark.parametrize(("ratio", "said"), [(FAR_FROM_BOUND, []), (FAR_FROM_BOUND + 0.01, ["far-from-bound"])])

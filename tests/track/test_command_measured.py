@@ -143,6 +143,8 @@ def test_two_ranges_are_flagged_as_ambiguous(tmp_path: Path) -> None:
         ("ranges", "map", ["--set", "solver=clarabel"], "solver clarabel takes bearings alone"),
         ("ranges", "map", ["--occluders", "OCCLUDERS"], "do not go together"),
         ("ranges", "fix", ["--without", "e"], "no sensor 'e'"),
+        ("ranges", "fix", ["--measured-late", "1"], "'--measured-late': 1.0 is not in the range"),
+        ("bearings", "fix", ["--detour", "2"], "--detour goes with ranges"),
     ],
 )
 def test_what_cannot_be_says_why(
@@ -155,6 +157,25 @@ def test_what_cannot_be_says_why(
     said = capsys.readouterr().err
     assert message in said
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("head", "line", "more", "message"),
+    [
+        ("range_m,sigma_range_m", "{t},{s},-3.0,0.1", [], "standard deviations below 0; a range is a distance"),
+        ("range_m,sigma_range_m", "{t},{s},5.0,0.1\n{t},{s},5.0,0.1", [], "is there twice, and would count as two"),
+        ("rssi_dbm", "{t},{s},70", [], "received signals are below 20; are signs missing?"),
+        ("reference,tdoa_us", "{t},{s},d,9000", ["--propagation", "light"], "longer than their stations are apart"),
+    ],
+)
+def test_measurements_that_cannot_be_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], head: str, line: str, more: list[str], message: str
+) -> None:
+    files(tmp_path)
+    rows = [line.format(t=t, s=s) for t in range(6) for s in "abc"]
+    (tmp_path / "wrong.csv").write_text("\n".join([f"time,sensor,{head}", *rows]) + "\n")
+    assert track(tmp_path, "wrong", "fix", "--sigma-difference", "0.1", *more) == ExitCode.BAD_INPUT
+    assert message in capsys.readouterr().err
 
 
 def test_a_range_log_with_heights_wants_that_of_the_tag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

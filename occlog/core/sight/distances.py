@@ -11,11 +11,7 @@ Distances are in space, |x - p|^2 = (x - p_x)^2 + (y - p_y)^2 + h^2, with h the 
 A signal strength P - 10 n log10(d) [dBm] has the mean (ln 10 / 10 n) (P - rssi) of log d, and a standard deviation
 scaled alike (`occlog.core.sight.path_loss.log_distance`), so that its likelihood is exact.
 
-Some measurements are of no use (reflections, another's pulse).  As bearings of method `map` they are true or false:
-
-    f(z | x) = N(r; 0, 1) + N(k; 0, 1),   r = (z - m(x)) / sigma,
-
-next to a Gaussian below k standard deviations and flat beyond (`Distances.bend`).
+Residuals r = (z - m(x)) / sigma have the density of `occlog.core.sight.distance_errors`: Gaussian, late, or false.
 """
 
 from __future__ import annotations
@@ -27,11 +23,13 @@ import numpy as np
 
 from occlog.array_types import Bools, Floats, Ints
 
+from .distance_errors import LOG_ROOT_2PI, Errors, log_density
+from .usual_radio import DETOUR
+
 RANGE, LOGARITHM, DIFFERENCE = 0, 1, 2
 """Kinds of measurements."""
 NEAREST = 1e-9
 """Squares of distances are not below this, so that a place at a station gives finite numbers."""
-LOG_ROOT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 class Distances(NamedTuple):
@@ -46,10 +44,26 @@ class Distances(NamedTuple):
     other_rise2: Floats  # (m,)
     station: Ints  # (m,) number of the station
     bend: float = 3.7  # standard deviations at which a measurement is as likely false as true
+    late: float = 0.0  # share of signals that come by a detour, 0 to 1
+    detour: float = math.nan  # mean length of detours; NaN: `DETOUR` standard deviations of each measurement
 
     def take(self, rows: Bools | Ints | slice) -> Distances:
         """Some of the measurements."""
-        return Distances._make((*(column[rows] for column in self[:-1]), self.bend))
+        own = (self.kind, self.value, self.sigma, self.place, self.rise2, self.other, self.other_rise2, self.station)
+        return Distances._make((*(column[rows] for column in own), *self[COLUMNS:]))
+
+    @property
+    def errors(self) -> Errors:
+        """How the measurements err: strengths cannot be late, and a difference may be too long or too short."""
+        differs = self.kind == DIFFERENCE
+        either = 0.5 * self.late * (2.0 - self.late)
+        late = np.where(differs, either, np.where(self.kind == LOGARITHM, 0.0, self.late))
+        rate = np.full(len(self.kind), 1.0 / DETOUR) if math.isnan(self.detour) else self.sigma / self.detour
+        return Errors(np.full(len(self.kind), self.bend), late, np.where(differs, either, 0.0), rate)
+
+
+COLUMNS = 8
+"""Fields of `Distances` that have a value for each measurement."""
 
 
 class Linear(NamedTuple):
@@ -60,15 +74,15 @@ class Linear(NamedTuple):
 
 
 def concat(parts: list[Distances]) -> Distances:
-    """All measurements of several sets, at least one; the bend is that of the last."""
-    columns = (np.concatenate(column) for column in zip(*(part[:-1] for part in parts), strict=True))
-    return Distances._make((*columns, parts[-1].bend))
+    """All measurements of several sets, at least one; how they err is as in the last."""
+    columns = (np.concatenate(column) for column in zip(*(part[:COLUMNS] for part in parts), strict=True))
+    return Distances._make((*columns, *parts[-1][COLUMNS:]))
 
 
-def nothing(bend: float) -> Distances:
+def nothing(bend: float, late: float = 0.0, detour: float = math.nan) -> Distances:
     """No measurements."""
     none, no_place, whole = np.empty(0), np.empty((0, 2)), np.empty(0, dtype=np.int64)
-    return Distances(whole, none, none, no_place, none, no_place, none, whole, bend)
+    return Distances(whole, none, none, no_place, none, no_place, none, whole, bend, late, detour)
 
 
 def linearise(rows: Distances, xy: Floats) -> Linear:
@@ -83,15 +97,9 @@ def residuals(rows: Distances, xy: Floats) -> Floats:
 
 
 def log_likelihood(rows: Distances, xy: Floats) -> Floats:
-    """(L,) log of the product of f(z | x) / sigma at (L, 2) places: of Gaussian densities, but for false ones."""
-    r = residuals(rows, xy)
-    each = np.logaddexp(-0.5 * r**2, -0.5 * rows.bend**2) - LOG_ROOT_2PI - np.log(rows.sigma)
+    """(L,) log of the product of f(r) / sigma at (L, 2) places."""
+    each = log_density(residuals(rows, xy), rows.errors) - LOG_ROOT_2PI - np.log(rows.sigma)
     return np.asarray(each.sum(axis=1))
-
-
-def beliefs(residual: Floats, bend: float) -> Floats:
-    """Probability that measurements with such residuals are true; 1/2 at `bend`."""
-    return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - bend**2), 700.0))))
 
 
 def at_own(rows: Distances, xy: Floats) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""Path loss of radio tags where nothing is known of a place: for filters, and for simulated recordings."""
+"""Signals of radio and sound where nothing is known of a place: for filters, and for simulated recordings."""
 
 POWER_DBM = -60.0
 """Strength of a tag's signal at a distance of 1 m [dBm]."""
@@ -10,3 +10,5 @@ SHADOW_DB = 3.0
 """Standard deviation of the shadowing [dB]."""
 SHADOW_S = 5.0
 """Time in which shadowing is forgotten [s]."""
+DETOUR = 10.0
+"""Mean length of a detour of a signal, in standard deviations of the range."""

@@ -3,6 +3,7 @@
 A name may end in the unit: `bearing_deg`, `x_cm`, `cov_xx_cm2`, `vx_cm_s`, `t_ms`.  Without an ending lengths are in
 the unit of the scene.  An angle without one is in radians where the table's own column of times, `t_ns`, is there as
 well; in any other table it might be in degrees, so that it is refused.  So is a time difference (`tdoa_s`, `tdoa_us`).
+An angle `compass_deg` is clockwise from north (+y); all others are from +x towards +y.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from occlog.settings import METRES
 TIME = "t_ns"
 _IDENTITY = tuple(dict.fromkeys((*POSITIONS["id"], *BOXES["id"])))
 _SENSOR = tuple(dict.fromkeys((*DIRECTIONS["sensor"], *BOXES["camera"], *READS["reader"])))
+COMPASS = "compass"
+"""What a bearing is called that is clockwise from north (+y), without the ending of its unit."""
 SIGMAS = (
     *("sigma_bearing", *ANGLES["sigma_azimuth"], "bearing_sigma", "azimuth_sigma", "std", "sd", "stddev"),
     *(f"{angle}_{word}" for angle in ANGLES["azimuth"] for word in ("std", "sd")),
@@ -38,8 +41,8 @@ ALIASES: Mapping[str, Sequence[str]] = {
     "target_id": _IDENTITY,
     "occluder_id": _IDENTITY,
     "source_id": tuple(DIRECTIONS["id"]),
-    "bearing": ANGLES["azimuth"],
-    "azimuth": ANGLES["azimuth"],
+    "bearing": (*ANGLES["azimuth"], COMPASS),
+    "azimuth": (*ANGLES["azimuth"], COMPASS),
     "elevation": ANGLES["elevation"],
     "sigma": SIGMAS,
     "sigma_azimuth": SIGMAS,
@@ -113,6 +116,11 @@ class Spelling(NamedTuple):
     name: str  # of the file's column
     unit: str  # that the name ends in: `ns`, `deg`, `cm`, ...; empty: the table's own
     edge: bool = False  # the column has the far edge of a box instead of its size
+
+    @property
+    def compass(self) -> bool:
+        """Whether it is an angle clockwise from north, not from +x towards +y."""
+        return self.column.unit == "rad" and self.name.strip().lower().startswith(COMPASS)
 
 
 class Layout(NamedTuple):

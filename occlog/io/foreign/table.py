@@ -143,9 +143,11 @@ class ForeignTable:
             return cells.ints(s.name, blank=default if isinstance(default, int) and default < 0 else None)
         values = cells.floats(s.name, blank=c.nan is not None or c.optional)
         if s.unit == "deg":
-            return np.radians(values)
-        if c.unit == "rad":
+            values = np.radians(values)
+        elif c.unit == "rad":
             _refuse(cells, values, np.abs(values) > FARTHEST_RAD, f"{s.name} is", " rad; is it in degrees? Name it so")
+        if s.compass:
+            return 0.5 * np.pi - values
         if c.unit == "s" and s.unit in SECONDS:
             return values * SECONDS[s.unit]
         if c.unit in POWERS and s.unit and self.wanted_unit is not None:

@@ -16,7 +16,6 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.message import DecodeError
 
 from occlog.errors import InputError
-from occlog.io.files.content import Content, content_of
 from occlog.io.files.inputs import check_input
 from occlog.io.files.provenance import Provenance, hash_file, provenance_from_json
 from occlog.io.frames.codec import decode_image
@@ -69,15 +68,6 @@ def open_linked(recording: Path, sensor: str, link: dict[str, str] | None) -> Li
         raise InputError(f"{where}: {path} is not the video that was ingested (its content changed); ingest it again")
     quiet()
     return LinkedVideo(path, where, examine(path))
-
-
-def linked_files(path: Path) -> list[Path]:
-    """The videos that a file links to, there or not; none where it is no recording that can be read."""
-    try:
-        videos = open_recording(path).videos if content_of(path) is Content.RECORDING else {}
-    except InputError:  # whoever reads it says so
-        return []
-    return [path.parent / link["path"] for _, link in sorted(videos.items()) if "path" in link]
 
 
 T = TypeVar("T", bound=Table)

@@ -6,6 +6,7 @@ silhouettes are explained by outlines of people (`outlines`), whose boxes go on 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -31,6 +32,26 @@ AROUND = 0.5
 """Heights of a person by which the surroundings of a silhouette count."""
 LEAST_OWN = 0.05
 """A cell is nobody's that everybody covers with a lower probability."""
+WHOLE = 0.5
+"""Pixels, relative to a person in full view, from which a silhouette of its own is a person who was seen apart."""
+APART_FRAMES = 5
+"""Frames with two people apart after which silhouettes may hold several."""
+
+
+@dataclass
+class SeenApart:
+    """Whether a camera has seen several people apart: one person with arms and legs spread is like two who touch.
+
+    Attributes:
+        frames: in which at least two people had silhouettes of their own.
+    """
+
+    frames: int = 0
+
+    @property
+    def several(self) -> bool:
+        """Whether there is more than one person, as far as this camera has seen."""
+        return self.frames >= APART_FRAMES
 
 
 class Crowds(NamedTuple):
@@ -40,8 +61,8 @@ class Crowds(NamedTuple):
     boxes: Floats  # (K, 4) left, top, width, height [px] of people in crowds; NaN: their pixels say it
 
 
-def find_people(cells: Floats, corners: Ints, side: int, prior: Prior, clusters: Clusters) -> Crowds:
-    """Put people in the place of clusters where a silhouette is larger than one person.
+def find_people(cells: Floats, corners: Ints, side: int, prior: Prior, clusters: Clusters, apart: SeenApart) -> Crowds:
+    """Put people in the place of clusters where a silhouette is larger than one person, once several were seen apart.
 
     Args:
         cells: (N, 6) cell table.
@@ -49,6 +70,7 @@ def find_people(cells: Floats, corners: Ints, side: int, prior: Prior, clusters:
         side: of the cells [px].
         prior: of the camera.
         clusters: of the frame.
+        apart: of the camera; brought up to date.
     """
     column, row = (corners // side).T
     grid = np.zeros((-(-prior.height // side), -(-prior.width // side)))
@@ -63,11 +85,14 @@ def find_people(cells: Floats, corners: Ints, side: int, prior: Prior, clusters:
     inside = shared > DIVIDED * shared.sum(axis=1, keepdims=True)
     divided = inside[inside.sum(axis=1) > 1].any(axis=0)
     labels, gone = clusters.labels.copy(), np.zeros(len(clusters.mass), dtype=np.bool_)
+    heights = [expected_height(prior, float(x), float(y), side) for x, y in middles]
+    large = [k for k in range(1, count) if _may_be_several(boxes[k], heights[k], int(inside[:, k].sum()))]
+    one = inside[:, np.setdiff1d(np.arange(1, count), large)] & (clusters.fill >= WHOLE)[:, None]
+    apart.frames += int(one.any(axis=0).sum() > 1)
     found: list[Floats] = []
-    for k in range(1, count):
-        height = expected_height(prior, float(middles[k, 0]), float(middles[k, 1]), side)
-        members = np.flatnonzero(inside[:, k])
-        if divided[k] or not _may_be_several(boxes[k], height, len(members)):
+    for k in large if apart.several else ():
+        height, members = heights[k], np.flatnonzero(inside[:, k])
+        if divided[k]:
             continue
         people = _people_in(grid, parts == k, boxes[k], height, prior, side)
         if len(people) < max(len(members), 2):
@@ -134,7 +159,8 @@ def _together(
     rank[order] = np.arange(len(order))
     person, expected = person_at(means[order], np.zeros(len(order)), prior)
     return Crowds(
-        Clusters(means[order], covs[order], mass[order], mass[order] / expected, person, rank[labels]), boxes[order]
+        Clusters(means[order], covs[order], mass[order], mass[order] / expected, person, rank[labels]),
+        boxes[order],
     )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from occlog.core.sight.upright import seems_upright
 from occlog.errors import InputError
+from occlog.measure.clusters.crowds import SeenApart
 from occlog.measure.clusters.person_size import Prior, SizeMap, constant_sizes, make_prior, sizes_from_camera
 from occlog.measure.clusters.stage import cell_side
 from occlog.measure.detections import PERSON_HEIGHT
@@ -59,6 +60,7 @@ class CameraState:
     setup: CameraSetup | None = None
     seen: int = 0  # frames given to the background model
     memory: TargetMemory = field(default_factory=TargetMemory)
+    apart: SeenApart = field(default_factory=SeenApart)
     near: Near | None = None  # where targets are thought to be; None: they are looked for everywhere
 
 
@@ -126,8 +128,8 @@ def _look(state: CameraState, setup: CameraSetup, frame: Frame, image: Image) ->
         return f"foreground covers more than {MAX_FOREGROUND:.0%} of the image (light, or the camera moved)", None
     # Find people-sized regions
     if c.method in ("em", "outlines"):
-        outlines = c.method == "outlines"
-        regions = cluster_regions(image, mask, setup.side, setup.prior, outlines=outlines)
+        apart = state.apart if c.method == "outlines" else None
+        regions = cluster_regions(image, mask, setup.side, setup.prior, apart)
     else:
         regions = component_regions(image, mask, setup.sizes.width_px, setup.prior)
     return "", enlarge(regions, setup.shrink)

@@ -16,7 +16,7 @@ import numpy as np
 from occlog.array_types import Bytes, Floats, Ints
 from occlog.core.image.histogram_bins import N_BINS, as_colour, pixel_bin
 from occlog.core.numerics.jit import kernel
-from occlog.measure.clusters.crowds import find_people
+from occlog.measure.clusters.crowds import SeenApart, find_people
 from occlog.measure.clusters.person_size import Prior
 from occlog.measure.clusters.stage import Clusters, find_clusters
 
@@ -95,7 +95,7 @@ class Regions(NamedTuple):
     appearance: Floats  # (K, 72) histograms, NaN where not measured
 
 
-def cluster_regions(image: Bytes, mask: Bytes, side: int, prior: Prior, *, outlines: bool = False) -> Regions:
+def cluster_regions(image: Bytes, mask: Bytes, side: int, prior: Prior, apart: SeenApart | None = None) -> Regions:
     """The people-sized clusters of a frame by EM (`occlog.measure.clusters.stage`).
 
     Args:
@@ -103,13 +103,14 @@ def cluster_regions(image: Bytes, mask: Bytes, side: int, prior: Prior, *, outli
         mask: (height, width), non-zero on the foreground.
         side: of the cells [px].
         prior: of the camera.
-        outlines: people of a silhouette of several are found by their outlines (`occlog.measure.clusters.crowds`).
+        apart: of the camera: people of a silhouette of several are found by their outlines
+            (`occlog.measure.clusters.crowds`); None: by EM alone.
     """
     cells, corners = gather(mask, side)
     clusters = find_clusters(cells, corners, side, prior)
     whole = np.full((len(clusters.mass), 4), np.nan)
-    if outlines:
-        clusters, whole = find_people(cells, corners, side, prior, clusters)
+    if apart is not None:
+        clusters, whole = find_people(cells, corners, side, prior, clusters, apart)
     boxes, counts = _measure(as_colour(image), mask, corners, side, cells, clusters)
     boxes = np.where(np.isnan(whole), boxes, whole)
     return Regions(

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from occlog.core.sight.usual_radio import EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
+from occlog.core.sight.usual_radio import DETOUR, EXPONENT, NOISE_DB, POWER_DBM, SHADOW_DB, SHADOW_S
 from occlog.settings import Settings, setting
 
 SPEEDS = {"sound": 343.0, "light": 299_792_458.0}
@@ -68,6 +68,21 @@ class MeasuredConfig(Settings):
         "Standard deviations at which a range, strength or difference is as likely false as true.",
         above=0,
         option="--measured-bend",
+    )
+    measured_late: float = setting(
+        0.05,
+        "Share of signals that come by a detour, so that a range is too long; 0: none. Strengths have no detours.",
+        at_least=0,
+        below=1,
+        option="--measured-late",
+    )
+    detour: float | None = setting(
+        None,
+        "Mean length of such detours.",
+        unit="length",
+        above=0,
+        option="--detour",
+        nothing=f"{DETOUR:g} standard deviations of each measurement",
     )
 
     def rules(self) -> Iterable[tuple[str, bool, str]]:

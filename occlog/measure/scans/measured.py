@@ -26,6 +26,7 @@ from occlog.settings import METRES
 
 from .config import MeasuredConfig
 from .grouping import nearest
+from .impossible import refuse_impossible
 from .scan import Measured, Scan, sensor_names
 from .shadowing import LastReads, Shadowing, with_sigmas
 
@@ -220,7 +221,8 @@ def pack(
     reference[differs] = _numbers(table.reference[differs], at, "reference")
     height = config.tag_height if config.tag_height is not None or radio is None else radio.height
     rise2 = _rise2(at, station, reference, height)
-    parts, rows = [nothing(config.measured_bend)], [np.empty(0, dtype=np.int64)]
+    how = (config.measured_bend, config.measured_late, math.nan if config.detour is None else config.detour)
+    parts, rows = [nothing(*how)], [np.empty(0, dtype=np.int64)]
     for name in ("range", "rssi", "tdoa", "range_difference"):
         own = np.flatnonzero(np.isfinite(getattr(table, name)))
         if not len(own):
@@ -244,13 +246,17 @@ def pack(
                 other=at.place[other, :2],
                 other_rise2=rise2[other],
                 station=station[own],
-                bend=config.measured_bend,
+                bend=how[0],
+                late=how[1],
+                detour=how[2],
             )
         )
         rows.append(own)
     row = np.concatenate(rows)
     order = np.argsort(row, kind="stable")
-    return row[order], concat(parts).take(order)
+    packed = concat(parts).take(order)
+    refuse_impossible(table, row[order], packed)
+    return row[order], packed
 
 
 def _as_length(

@@ -19,8 +19,6 @@ from occlog.cli import options
 from occlog.errors import ExitCode, InputError, OutputError, UsageError
 from occlog.io.files.json_file import read_json, write_json
 from occlog.io.files.provenance import hash_file
-from occlog.io.recording.reader import linked_files
-from occlog.pipeline.program import identity
 
 from .stages import Stage, check_settings, plan, read_config, refused_in
 
@@ -144,25 +142,23 @@ def _do(stage: Stage) -> int:
 
 
 def _key(stage: Stage, folder: Path) -> str:
-    """Hash all that the stage's outputs depend on: program, arguments, content of inputs and of what they link to."""
-    digest = hashlib.sha256(f"{identity()}\0{stage.name}\0".encode())
+    """Hash everything that the stage's outputs depend on: program, arguments, and content of the inputs."""
+    digest = hashlib.sha256(f"{__version__}\0{stage.name}\0".encode())
     for text in stage.args:
         path = Path(text.split("=", 1)[-1])
         shown = text.replace(str(folder), "RUN")
         digest.update(f"{shown}\0".encode())
         if text in stage.output_paths:
             continue
-        for given in [path] if path.is_file() else sorted(path.rglob("*")) if path.is_dir() else []:
-            for file in (given, *linked_files(given)):
-                content = hash_file(file) if file.is_file() else ""
-                digest.update(f"{file.name}\0{content}\0".encode())
+        for file in [path] if path.is_file() else sorted(path.rglob("*")) if path.is_dir() else []:
+            if file.is_file():
+                digest.update(f"{file.name}\0{hash_file(file)}\0".encode())
     return digest.hexdigest()
 
 
 def _hashes(stage: Stage, folder: Path) -> dict[str, str]:
-    written = (Path(p) for p in stage.output_paths if Path(p).is_file())
-    paths = (file for path in written for file in (path, *linked_files(path)))
-    return {str(p.relative_to(folder)): hash_file(p) for p in paths if p.is_relative_to(folder) and p.is_file()}
+    paths = (Path(p) for p in stage.output_paths)
+    return {str(p.relative_to(folder)): hash_file(p) for p in paths if p.is_file()}
 
 
 def _is_current(outcome: Outcome | None, key: str, folder: Path) -> bool:

@@ -20,8 +20,8 @@ from io import BufferedWriter
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from occlog import __version__
 from occlog.errors import InputError, OcclogError, OutputError, UsageError
-from occlog.pipeline.program import identity
 
 from .trial import Spec, run_trial
 
@@ -33,8 +33,8 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_
 
 
 def key_of(spec: Spec, run: Trial = run_trial) -> str:
-    """Hash what identifies a trial: the program, the function that runs it, and its description."""
-    text = json.dumps([identity(), run.__module__, run.__qualname__, spec], sort_keys=True, separators=(",", ":"))
+    """Hash what identifies a trial: the version of the program, the function that runs it, and its description."""
+    text = json.dumps([__version__, run.__module__, run.__qualname__, spec], sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 

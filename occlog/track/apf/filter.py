@@ -26,7 +26,8 @@ from occlog.array_types import NS, Bools, Floats
 from occlog.core.filter.likelihood import PackedScan, agreement
 from occlog.core.filter.particles import effective_size, mean_and_covariance
 from occlog.core.occlusion.priors import Priors, without_own
-from occlog.core.sight.distances import Distances, beliefs, linearise, residuals
+from occlog.core.sight.distance_errors import direct
+from occlog.core.sight.distances import Distances, linearise, residuals
 from occlog.errors import InputError
 from occlog.measure.scans.scan import Scan
 from occlog.records.scene import Scene
@@ -192,7 +193,7 @@ def _astray(state: ApfState, draw: Draw, looks: PackedScan) -> int:
     agree = agreement(here, looks, model.sensors, model.noise, model.detection)
     against = int(np.count_nonzero(reports & ~agree))
     if model.measured is not None:
-        against += int(np.count_nonzero(np.abs(residuals(model.measured, here)) > model.measured.bend))
+        against += int(np.count_nonzero(direct(residuals(model.measured, here)[0], model.measured.errors) < 0.5))
     return max(0, state.astray + max(-2, min(2, 2 * against - count)))
 
 
@@ -232,7 +233,7 @@ def _with_distances(estimate: Estimate, measured: Distances) -> Estimate:
     told = linearise(measured, estimate.xy[None])
     residual, gradient = told.residual[0], told.gradient[0]
     spread = np.einsum("ni,ij,nj->n", gradient, estimate.covariance, gradient)
-    believed = beliefs(residual / np.sqrt(1.0 + spread), measured.bend)
+    believed = direct(residual / np.sqrt(1.0 + spread), measured.errors.widened(1.0 + spread))
     looked = np.unique([*estimate.used, *measured.station.tolist()])
     saw = np.unique([*(estimate.seen_by or ()), *measured.station[believed >= 0.5].tolist()])
     return estimate._replace(

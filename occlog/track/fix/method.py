@@ -24,13 +24,13 @@ from occlog.track.interface import Estimate, Fit, Online
 
 from .config import BENDS, MIXTURE, FixConfig
 from .estimators import Fix, fix
-from .mixed import SECOND, Lines, measured_at, modes_of
-from .mixture import modes, pooled_factor, spread_of
+from .mixed import SECOND, Lines, contested, measured_at, modes_of
+from .mixture import Modes, modes, pooled_factor, spread_of
 from .repeated_median import crossings
 
 MOST_PAIRS = 40_000
 """Pairs of candidates that are tried; beyond, the least certain candidates are left out."""
-STATED, PAIR, AMBIGUOUS, UNCHECKED = "stated", "pair", "ambiguous", "unchecked"
+STATED, PAIR, AMBIGUOUS, UNCHECKED, CONTESTED = "stated", "pair", "ambiguous", "unchecked", "contested"
 
 
 class FixState(NamedTuple):
@@ -117,7 +117,6 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: Distances) -> Est
     score = -0.5 * found.residual[0] ** 2 - np.log(sigma * math.sqrt(2.0 * math.pi))
     sensor = np.concatenate([scan.sensor[rows], distances.station])
     used = np.unique(sensor)
-    several = len(found.xy) > 1 and found.probability[1] >= SECOND
     return Estimate(
         xy=found.xy[0],
         velocity=np.full(2, np.nan),
@@ -126,7 +125,7 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: Distances) -> Est
         log_likelihood=float(score.sum()),
         n_looked=len(np.unique(np.concatenate([scan.sensor, distances.station]))),
         n_seen=len(used),
-        fallback=AMBIGUOUS if several else _scarcity(believed, config.spread),
+        fallback=_doubt(found, config.spread),
         used=tuple(used.tolist()),
         seen_by=tuple(np.unique(sensor[believed >= 0.5]).tolist()),
         fit=Fit(
@@ -139,11 +138,16 @@ def _mixed(state: FixState, scan: Scan, rows: Ints, distances: Distances) -> Est
     )
 
 
-def _scarcity(believed: Floats, spread: str) -> str:
-    """What is to be said of a place that two measurements tell: that no third agrees, or that there is none."""
-    if len(believed) > 2:
-        return UNCHECKED if (believed >= 0.5).sum() <= 2 else ""
-    return PAIR if spread != "stated" else ""
+def _doubt(found: Modes, spread: str) -> str:
+    """What is to be said of a place: several fit, two measurements alone tell it, or one of more may be false."""
+    if len(found.xy) > 1 and found.probability[1] >= SECOND:
+        return AMBIGUOUS
+    believed = found.believed[0]
+    if len(believed) == 2:
+        return PAIR if spread != "stated" else ""
+    if np.count_nonzero(believed >= 0.5) <= 2:
+        return UNCHECKED
+    return CONTESTED if contested(found) else ""
 
 
 def _estimated(config: FixConfig, places: Floats, bearings: Floats, sigma: Floats) -> Fix | None:

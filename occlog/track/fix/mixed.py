@@ -16,9 +16,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtrc
 
 from occlog.array_types import Bools, Floats, Ints
 from occlog.core.plane.polygons import distance_to_boundary, inside_polygon
+from occlog.core.sight.distance_errors import MOST, Errors, log_density, pull, without_detours
 from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, Distances, linearise
 
 from .mixture import FLAT, HALVINGS, ITERATIONS, RARE, SAME, TIGHT, Modes
@@ -36,6 +38,10 @@ SHORTER = 8
 """How often such a grid is tried, each time with a quarter of the length where it is too coarse."""
 SECOND = 0.05
 """Another mode at least so probable makes a position ambiguous."""
+RIVALS, SCATTERED = 0.005, 0.01
+"""Where a measurement is not believed others may be false, too: other places with at least this share of the
+likelihood contest a position (where all are believed, with `SECOND`), and so do residuals of what is believed whose sum
+of squares is passed with a smaller probability than this."""
 
 
 class Lines(NamedTuple):
@@ -62,23 +68,25 @@ def modes_of(lines: Lines, distances: Distances, room: Floats | None = None) -> 
         distances: m measurements of distances; together with the lines at least two.
         room: (K, 2) corners of the room that the target is in; None: it may be anywhere.
     """
-    bend = np.concatenate([np.full(len(lines.sigma), lines.bend), np.full(len(distances.kind), distances.bend)])
+    sights = without_detours(np.full(len(lines.sigma), lines.bend))
+    errors = Errors(*(np.concatenate(both) for both in zip(sights, distances.errors, strict=True)))
     scale = _extent(lines, distances)
-    exact, grid, cell, own = _starts(lines, distances, bend, scale)
+    exact, grid, cell, own = _starts(lines, distances, errors, scale)
     for share in COARSE:
         # From the grid with standard deviations that are no narrower than where the search still may be
-        grid = _climbed(grid, lines, distances, bend, scale, share * cell, own)
-    xy = _climbed(np.concatenate([exact, grid]), lines, distances, bend, scale)
+        grid = _climbed(grid, lines, distances, errors, scale, share * cell, own)
+    xy = _climbed(np.concatenate([exact, grid]), lines, distances, errors, scale)
     at = measured_at(lines, distances, xy)
-    believed = _beliefs(at.residual, bend)
-    information = np.einsum("mn,mni,mnj->mij", believed, at.gradient, at.gradient)
+    there = pull(at.residual, errors)
+    believed = there.direct
+    information = np.einsum("mn,mni,mnj->mij", there.weight, at.gradient, at.gradient)
     size = np.linalg.eigvalsh(information)
     near = np.abs(xy - _middle(lines, distances)).max(axis=1) < (1.0 + 2.0 * REACH) * scale
     good = np.isfinite(xy).all(axis=1) & (size[:, 0] > FLAT * size[:, 1]) & (believed.sum(axis=1) > 1.5) & near
     if not good.any():
         return None
     xy, residual, believed, information = xy[good], at.residual[good], believed[good], information[good]
-    log = -_cost(residual, bend) + _log_inside(xy, information, room, bend)
+    log = log_density(residual, errors).sum(axis=1) + _log_inside(xy, information, room, errors)
     kept: list[int] = []
     for m in np.argsort(-log, kind="stable").tolist():
         if all(np.hypot(*(xy[m] - xy[k])) > SAME * scale for k in kept):
@@ -87,9 +95,24 @@ def modes_of(lines: Lines, distances: Distances, room: Floats | None = None) -> 
     chosen = np.array(kept)[weight / weight.sum() >= RARE]
     weight = weight[: len(chosen)]
     narrow = np.linalg.inv(information[chosen])
-    moments = zip(xy[chosen], believed[chosen], narrow, strict=True)
-    covariance = np.array([_moment(lines, distances, place, weights, c) for place, weights, c in moments])
-    return Modes(xy[chosen], covariance, believed[chosen], residual[chosen], weight / weight.sum())
+    volume = log[kept] - 0.5 * np.linalg.slogdet(information[kept])[1]
+    elsewhere = 1.0 - 1.0 / float(np.exp(np.minimum(volume - volume[0], MOST)).sum())
+    moments = zip(xy[chosen], narrow, strict=True)
+    covariance = np.array([_moment(lines, distances, errors, place, c) for place, c in moments])
+    return Modes(xy[chosen], covariance, believed[chosen], residual[chosen], weight / weight.sum(), elsewhere)
+
+
+def contested(found: Modes) -> bool:
+    """Whether a false measurement may be among those that are believed at the first mode.
+
+    Two tests: whether other places, at which fewer agree, are possible; and the sum of squares of the residuals, which
+    is chi-squared with a degree of freedom for each measurement that is believed but the two that fix a place.
+    """
+    believed = found.believed[0] >= 0.5
+    spare = int(np.count_nonzero(believed)) - 2
+    squares = float((found.residual[0, believed] ** 2).sum())
+    most = SECOND if believed.all() else RIVALS
+    return found.elsewhere >= most or (spare > 0 and float(chdtrc(spare, squares)) < SCATTERED)
 
 
 def measured_at(lines: Lines, distances: Distances, xy: Floats) -> Both:
@@ -103,19 +126,22 @@ def measured_at(lines: Lines, distances: Distances, xy: Floats) -> Both:
     return Both(np.concatenate([turned, told.residual], axis=1), np.concatenate([across, told.gradient], axis=1))
 
 
-def _moment(lines: Lines, distances: Distances, xy: Floats, believed: Floats, narrow: Floats) -> Floats:
-    """(2, 2) second moment about a mode of the likelihood of what is believed there, by a grid.
+def _moment(lines: Lines, distances: Distances, errors: Errors, xy: Floats, narrow: Floats) -> Floats:
+    """(2, 2) second moment about a mode of the likelihood of what is not false there, by a grid.
 
     The grid is even in the coordinates of the Gaussian of the mode, whose covariance is `narrow`.  Where circles touch,
     that Gaussian is much longer than the likelihood, of which the grid would see one row: then it is made shorter.
     """
+    told = measured_at(lines, distances, xy[None]).residual[0]
+    believed = 1.0 - np.exp(np.minimum(-0.5 * errors.bend**2 - log_density(told, errors), 0.0))
+    true = errors._replace(bend=np.full_like(errors.bend, np.inf))
     size, axes = np.linalg.eigh(narrow)
     reach = np.sqrt(size)
     ticks = np.linspace(-WIDE, WIDE, ACROSS)
     grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     for _ in range(SHORTER):
         away = grid * reach @ axes.T
-        log = -0.5 * (measured_at(lines, distances, xy + away).residual ** 2 @ believed)
+        log = log_density(measured_at(lines, distances, xy + away).residual, true) @ believed
         weight = np.exp(log - log.max())
         weight /= weight.sum()
         seen = np.sqrt(weight @ grid**2)
@@ -125,7 +151,7 @@ def _moment(lines: Lines, distances: Distances, xy: Floats, believed: Floats, na
     return np.asarray((away * weight[:, None]).T @ away)
 
 
-def _starts(lines: Lines, distances: Distances, bend: Floats, scale: float) -> tuple[Floats, Floats, float, Bools]:
+def _starts(lines: Lines, distances: Distances, errors: Errors, scale: float) -> tuple[Floats, Floats, float, Bools]:
     """Where to begin.
 
     Returns:
@@ -146,11 +172,12 @@ def _starts(lines: Lines, distances: Distances, bend: Floats, scale: float) -> t
     grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2) + _middle(lines, distances)
     at = measured_at(lines, distances, grid)
     cell = side[1] - side[0]
-    soft = at.residual * _softened(at, 0.5 * cell)
-    best = _local_minima(_cost(soft, bend).reshape(GRID, GRID), BEST)
+    variance = _widened(at, 0.5 * cell)
+    soft = at.residual / np.sqrt(variance)
+    best = _local_minima(_cost(soft, errors.widened(variance)).reshape(GRID, GRID), BEST)
     differs = np.concatenate([np.zeros(len(lines.sigma), dtype=np.bool_), distances.kind == DIFFERENCE])
     met = [(pair, _meetings(soft[:, pair])) for pair in _pairs(differs)]
-    own = np.zeros((len(best) + sum(len(places) for _, places in met), len(bend)), dtype=np.bool_)
+    own = np.zeros((len(best) + sum(len(places) for _, places in met), len(errors.bend)), dtype=np.bool_)
     own[: len(best)] = True
     first = len(best)
     for pair, places in met:
@@ -172,9 +199,9 @@ def _meetings(soft: Floats) -> Ints:
     return np.asarray(low[(np.abs(soft[low]) <= FITTING).all(axis=1)])
 
 
-def _softened(at: Both, wide: float) -> Floats:
-    """(M, n) factors of residuals whose standard deviations also hold an error of so much of the place."""
-    return np.asarray(1.0 / np.sqrt(1.0 + wide**2 * np.sum(at.gradient**2, axis=2)))
+def _widened(at: Both, wide: float) -> Floats:
+    """(M, n) variances of residuals that also hold an error of so much of the place."""
+    return np.asarray(1.0 + wide**2 * np.sum(at.gradient**2, axis=2))
 
 
 def _local_minima(cost: Floats, most: int) -> Ints:
@@ -226,7 +253,7 @@ def _climbed(
     xy: Floats,
     lines: Lines,
     distances: Distances,
-    bend: Floats,
+    errors: Errors,
     scale: float,
     wide: float = 0.0,
     own: Bools | None = None,
@@ -237,7 +264,7 @@ def _climbed(
         xy: (K, 2) starts.
         lines: of sight.
         distances: measurements of them.
-        bend: (n,) of all.
+        errors: of all n.
         scale: size of the place.
         wide: error of the place that standard deviations hold besides; 0 in the end.
         own: (K, n) which measurements each start counts; None: all.
@@ -245,21 +272,23 @@ def _climbed(
     xy = xy.copy()
     for _ in range(ITERATIONS):
         at = measured_at(lines, distances, xy)
-        soft = _softened(at, wide) if own is None else _softened(at, wide) * own
+        variance = _widened(at, wide)
+        soft = 1.0 / np.sqrt(variance) if own is None else own / np.sqrt(variance)
+        blunt = errors.widened(variance)
         at = Both(at.residual * soft, at.gradient * soft[..., None])
-        believed = _beliefs(at.residual, bend)
-        information = np.einsum("mn,mni,mnj->mij", believed, at.gradient, at.gradient)
+        pulled = pull(at.residual, blunt)
+        information = np.einsum("mn,mni,mnj->mij", pulled.weight, at.gradient, at.gradient)
         ridge = 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
-        slope = np.einsum("mn,mn,mni->mi", believed, at.residual, at.gradient)
+        slope = np.einsum("mn,mni->mi", pulled.slope, at.gradient)
         step = np.linalg.solve(information + ridge, slope[..., None])[..., 0]
         # No step is longer than the place is wide: far from a station circles are nearly lines
         length = np.hypot(*step.T)
         step *= np.minimum(1.0, 0.5 * scale / np.maximum(length, 1e-300))[:, None]
-        here = _cost(at.residual, bend)
+        here = _cost(at.residual, blunt)
         share = np.ones(len(xy))
         for _ in range(HALVINGS):
             ahead = measured_at(lines, distances, xy + share[:, None] * step).residual
-            worse = _cost(ahead * soft, bend) > here + 1e-12
+            worse = _cost(ahead * soft, blunt) > here + 1e-12
             if not worse.any():
                 break
             share[worse] *= 0.5
@@ -272,7 +301,7 @@ def _climbed(
     return xy
 
 
-def _log_inside(xy: Floats, information: Floats, room: Floats | None, bend: Floats) -> Floats:
+def _log_inside(xy: Floats, information: Floats, room: Floats | None, errors: Errors) -> Floats:
     """(M,) log of how well places fit a room, which counts as one measurement more: it may be false, too.
 
     Its residual is the distance from the room over the largest standard deviation of the place.
@@ -284,18 +313,13 @@ def _log_inside(xy: Floats, information: Floats, room: Floats | None, bend: Floa
     beyond = np.array(
         [distance_to_boundary(x, y, room) if o else 0.0 for (x, y), o in zip(xy.tolist(), out, strict=True)]
     )
-    most = float(bend.max())
+    most = float(errors.bend.max())
     return np.asarray(np.logaddexp(-0.5 * np.minimum(beyond * narrow, 1e6) ** 2, -0.5 * most**2))
 
 
-def _beliefs(residual: Floats, bend: Floats) -> Floats:
-    """(M, n) probability that each measurement is true."""
-    return np.asarray(1.0 / (1.0 + np.exp(np.minimum(0.5 * (residual**2 - bend**2), 700.0))))
-
-
-def _cost(residual: Floats, bend: Floats) -> Floats:
+def _cost(residual: Floats, errors: Errors) -> Floats:
     """(M,) negative log likelihoods, up to a constant."""
-    return np.asarray(-np.logaddexp(-0.5 * residual**2, -0.5 * bend**2).sum(axis=1))
+    return np.asarray(-log_density(residual, errors).sum(axis=1))
 
 
 def _places(lines: Lines, distances: Distances) -> Floats:

@@ -41,6 +41,7 @@ class Modes(NamedTuple):
     believed: Floats  # (M, n) probability that each bearing is true
     residual: Floats  # (M, n) in standard deviations
     probability: Floats  # (M,) sum 1
+    elsewhere: float = 0.0  # share of the likelihood, volumes and rare modes included, that is not about the first
 
 
 def pooled_factor(squares: float, freedom: float) -> float:

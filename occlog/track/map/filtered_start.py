@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from occlog.array_types import NS, Floats, Ints
+from occlog.core.sight.distance_errors import Errors, direct, log_density, without_detours
 from occlog.core.sight.distances import Distances, linearise
 from occlog.track.map.kernels.problem import Problem
 
@@ -106,9 +107,9 @@ def _begun(rows: Rows, record: Record, pending: Pending) -> Bank:
         dt = (t_ns - int(record.t_ns[0])) / NS
         if counted and (dt > FIRST_S or counted > FIRST):
             break
-        residual, gradient, bend = _seen(rows, t, grid)
+        residual, gradient, errors = _seen(rows, t, grid)
         wide = 1.0 + (0.5 * cell + min(speed, pending.config.speed) * dt) ** 2 * (gradient**2).sum(axis=2)
-        cost -= np.logaddexp(-0.5 * residual**2 / wide, -0.5 * bend**2).sum(axis=1)
+        cost -= log_density(residual / np.sqrt(wide), errors.widened(wide)).sum(axis=1)
         counted += residual.shape[1]
     padded = np.pad(cost.reshape(GRID, GRID), 1, constant_values=np.inf)
     beside = [(i, j) for i in (0, 1, 2) for j in (0, 1, 2) if (i, j) != (1, 1)]
@@ -121,13 +122,13 @@ def _begun(rows: Rows, record: Record, pending: Pending) -> Bank:
     return Bank(x, np.tile(spread, (len(chosen), 1, 1)), np.zeros(len(chosen)))
 
 
-def _seen(rows: Rows, t: int, xy: Floats) -> tuple[Floats, Floats, Floats]:
-    """What is measured at a state: residuals (H, n), gradients (H, n, 2) at (H, 2) places, and bends (n,)."""
-    told = linearise(rows.distances.take(slice(*rows.distance_first[t : t + 2].tolist())), xy)
-    bends = np.full(told.residual.shape[1], rows.distances.bend)
+def _seen(rows: Rows, t: int, xy: Floats) -> tuple[Floats, Floats, Errors]:
+    """What is measured at a state: residuals (H, n), gradients (H, n, 2) at (H, 2) places, and how these n err."""
+    own = rows.distances.take(slice(*rows.distance_first[t : t + 2].tolist()))
+    told = linearise(own, xy)
     lines = rows.lines[slice(*rows.line_first[t : t + 2].tolist())]
     if not len(lines):
-        return told.residual, told.gradient, bends
+        return told.residual, told.gradient, own.errors
     away = xy[:, None] - lines[:, :2]
     across = lines[:, 2] * away[..., 1] - lines[:, 3] * away[..., 0]
     along = lines[:, 2] * away[..., 0] + lines[:, 3] * away[..., 1]
@@ -135,8 +136,9 @@ def _seen(rows: Rows, t: int, xy: Floats) -> tuple[Floats, Floats, Floats]:
     sigma = np.sqrt(lines[:, 4] + lines[:, 5] / d2)
     gradient = np.stack([-away[..., 1], away[..., 0]], axis=2) / (d2 * sigma)[..., None]
     residual = np.concatenate([-np.arctan2(across, along) / sigma, told.residual], axis=1)
-    bends = np.concatenate([np.full(len(lines), BEND["mixture"]), bends])
-    return residual, np.concatenate([gradient, told.gradient], axis=1), bends
+    sights = without_detours(np.full(len(lines), BEND["mixture"]))
+    errors = Errors(*(np.concatenate(both) for both in zip(sights, own.errors, strict=True)))
+    return residual, np.concatenate([gradient, told.gradient], axis=1), errors
 
 
 def _predicted(bank: Bank, A: Floats, sigma: Floats) -> Bank:
@@ -145,7 +147,7 @@ def _predicted(bank: Bank, A: Floats, sigma: Floats) -> Bank:
 
 def _updated(bank: Bank, rows: Rows, t: int) -> Bank:
     """The filters with what is measured at a state; what is more probably false than true is passed over."""
-    residual, gradient, bend = _seen(rows, t, bank.x[:, ::2])
+    residual, gradient, errors = _seen(rows, t, bank.x[:, ::2])
     n = residual.shape[1]
     if not n:
         return bank
@@ -153,9 +155,8 @@ def _updated(bank: Bank, rows: Rows, t: int) -> Bank:
     cross = gradient @ bank.P[:, ::2, :]  # (H, n, 4)
     whole = cross[..., ::2] @ gradient.transpose(0, 2, 1)
     variance = 1.0 + whole[:, np.arange(n), np.arange(n)]
-    true = -0.5 * residual**2 / variance - 0.5 * np.log(variance)
-    log = bank.log + np.logaddexp(true, -0.5 * bend**2).sum(axis=1)
-    used = (residual**2 < bend**2 * variance).astype(np.float64)
+    log = bank.log + log_density(residual, errors, variance).sum(axis=1)
+    used = (direct(residual / np.sqrt(variance), errors.widened(variance)) > 0.5).astype(np.float64)
     # Kalman update with those that are believed
     whole = whole * used[:, :, None] * used[:, None, :] + np.eye(n)
     cross = cross * used[..., None]

@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import bdtrc
 
+from occlog.array_types import NS
 from occlog.core.metrics.consistency import Ratio
 from occlog.records.scene import Scene
 from occlog.records.tables import Diagnostics, Tracks
@@ -36,10 +37,14 @@ DEPLETED = 0.25
 """Share of rows with too few effective particles that matters."""
 DEPLETED_BEFORE = 0.02
 """The same where estimates are smoothed: all before a depleted row come from its few particles, too."""
+GAPS, FEWEST_GAPS = 0.8, 3
+"""Share of rows after a gap from which nothing is filtered, and the fewest such rows of which something is said."""
 RESTARTS = 0.01
 """Share of rows with a restart that matters: one in a hundred."""
 DOUBTED = 0.05
 """Share of rows with a doubt, or of doubted rows, that matters."""
+CONTEST = 0.1
+"""Share of rows that are contested that matters."""
 NOT_BELIEVED = 0.25
 """Share of bearings not believed that matters."""
 UNCONFIRMED = 0.02
@@ -64,6 +69,12 @@ OFTEN = {
     "which the covariance does not say; add stations, or follow the target over time (apf, map)",
 }
 """Values of `fallback` that single false bearings make, and of which a verdict speaks from a share of the rows on."""
+CONTESTED = {
+    "contested": "a measurement that is believed may be false: another place is possible where fewer agree, or they "
+    "scatter more than stated, which the covariance does not say; leave these rows out, add stations, or follow the "
+    "target over time (apf, map)",
+}
+"""Values of `fallback` that some rows of honest data have, too."""
 HONEST = {
     "unobservable": "what was seen does not tell the position, and the covariance says so; add sensors",
     "ambiguous": "measurements fit several places, of which the row has the most probable, and the covariance holds "
@@ -109,6 +120,8 @@ class Evidence:
         rows: estimates.
         fallbacks: rows by the value of `fallback`.
         doubts: rows by the value of `doubt`.
+        targets: whose rows they are.
+        span_ns: first and last time.
         selected: rows for which at least two cameras were selected.
         blind: of these, rows in which fewer than two sensors saw the target.
         particles: effective numbers.
@@ -122,6 +135,8 @@ class Evidence:
     rows: int = 0
     fallbacks: Counter[str] = field(default_factory=Counter)
     doubts: Counter[str] = field(default_factory=Counter)
+    targets: set[int] = field(default_factory=set)
+    span_ns: tuple[int, int] | None = None
     selected: int = 0
     blind: int = 0
     particles: Particles = field(default_factory=Particles)
@@ -134,6 +149,11 @@ class Evidence:
     def fared(self, part: Diagnostics) -> None:
         """Count rows of diagnostics."""
         self.rows += len(part)
+        self.targets.update(part.target_id.tolist())
+        if len(part):
+            first, last = int(part.t_ns.min()), int(part.t_ns.max())
+            before = self.span_ns or (first, last)
+            self.span_ns = min(first, before[0]), max(last, before[1])
         self.fallbacks.update(f for f in part.fallback.tolist() if f)
         self.doubts.update(d for text in part.doubt.tolist() if text for d in text.split(","))
         several = np.char.find(part.selected, ",") >= 0
@@ -199,6 +219,17 @@ class Evidence:
                 "the motion or the noise that is stated is wrong, or the bearings are not of one target",
             )
 
+        gaps = self.fallbacks["gap"]
+        if self.span_ns is not None and gaps >= FEWEST_GAPS and gaps >= GAPS * self.rows:
+            apart = (self.span_ns[1] - self.span_ns[0]) / NS * len(self.targets) / self.rows
+            yield Finding(
+                "gaps",
+                "warning",
+                f"{gaps} of {self.rows} rows come after a gap, and the filter begins anew there: the rows of a target "
+                f"are {apart:.3g} s apart on average, so that nothing is filtered; take each moment alone (fix), or "
+                "allow longer gaps (max_gap_s) with a motion that holds for so long; if times are in "
+                "another unit, state it by --input-units ms",
+            )
         if beyond(self.blind, self.selected, BLIND):
             yield Finding(
                 "selection",
@@ -213,6 +244,7 @@ class Evidence:
         for words, found, least, severity in (
             (WORDS, self.doubts, DOUBTED, "warning"),
             (OFTEN, self.fallbacks, DOUBTED, "warning"),
+            (CONTESTED, self.fallbacks, CONTEST, "warning"),
             (ROWS, self.fallbacks, 0.0, "warning"),
             (HONEST, self.fallbacks, 0.0, "note"),
         ):

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from occlog.core.sight.distance_errors import direct
 from occlog.core.sight.distances import (
     DIFFERENCE,
     LOGARITHM,
     RANGE,
     Distances,
-    beliefs,
     concat,
     information,
     linearise,
@@ -80,8 +80,9 @@ def test_the_density_of_a_value_integrates_to_one_and_its_information_is_the_var
 
 
 def test_at_the_bend_a_value_is_as_likely_false_as_true() -> None:
-    assert beliefs(np.array([3.7]), 3.7)[0] == 0.5
-    assert beliefs(np.array([3.6]), 3.7)[0] > 0.5 > beliefs(np.array([3.8]), 3.7)[0]
+    own = rows(bend=3.7).take(slice(1)).errors
+    assert direct(np.array([3.7]), own)[0] == pytest.approx(0.5)
+    assert direct(np.array([3.6]), own)[0] > 0.5 > direct(np.array([3.8]), own)[0]
     far = rows()._replace(value=np.array([1e3, 1e3, 1e3]))
     np.testing.assert_allclose(*log_likelihood(far, np.array([[1.0, 2.0], [5.0, 5.0]])), rtol=1e-12)
 

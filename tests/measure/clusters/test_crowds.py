@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.measure.clusters.crowds import Crowds, find_people
+from occlog.measure.clusters.crowds import APART_FRAMES, Crowds, SeenApart, find_people
 from occlog.measure.clusters.person_size import constant_sizes, make_prior
 from occlog.measure.clusters.stage import find_clusters
 from occlog.measure.regions.regions import gather
@@ -19,9 +19,28 @@ def person(mask: np.ndarray, x: int, y: int) -> None:
         mask[((u - x - du) / ru) ** 2 + ((v - y - dv) / rv) ** 2 <= 1.0] = 255
 
 
-def crowds(mask: np.ndarray) -> Crowds:
+def crowds(mask: np.ndarray, apart: SeenApart | None = None) -> Crowds:
+    """What a camera makes of a frame that has seen several people apart, unless told otherwise."""
     cells, corners = gather(mask, SIDE)
-    return find_people(cells, corners, SIDE, PRIOR, find_clusters(cells, corners, SIDE, PRIOR))
+    apart = SeenApart(APART_FRAMES) if apart is None else apart
+    return find_people(cells, corners, SIDE, PRIOR, find_clusters(cells, corners, SIDE, PRIOR), apart)
+
+
+def test_silhouettes_hold_several_once_several_were_seen_apart() -> None:
+    touching, apart, alone = (np.zeros((240, 320), dtype=np.uint8) for _ in range(3))
+    for mask, places in ((touching, ((150, 120), (168, 104))), (apart, ((80, 120), (200, 120))), (alone, ((80, 120),))):
+        for place in places:
+            person(mask, *place)
+    seen = SeenApart()
+    for _ in range(2 * APART_FRAMES):  # one person, and two who touch, were never seen apart
+        crowds(alone, seen)
+        assert len(crowds(touching, seen).boxes) == 1
+    assert seen.frames == 0
+    for _ in range(APART_FRAMES - 1):
+        crowds(apart, seen)
+    assert len(crowds(touching, seen).boxes) == 1
+    crowds(apart, seen)
+    assert len(crowds(touching, seen).boxes) == 2
 
 
 def test_people_of_whom_one_hides_the_half_of_another_are_two_with_boxes() -> None:

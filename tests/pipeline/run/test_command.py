@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -90,48 +89,6 @@ def test_a_change_that_leaves_outputs_the_same_stops_early(config: Path, capsys:
     assert again["simulate"] == "done"
     # Its provenance names the changed scene file, so the recording differs; the bearings' rows do not.
     assert again["report"] in ("done", "up to date")
-
-
-def test_a_linked_video_that_changed_is_noticed(config: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene = re.sub(r"position: .(\d), (\d).", r"position: [\1, \2, 2]", SCENE)
-    (config.parent / "room.yaml").write_text(scene.replace("focal_px: 300", "focal_px: 60, image_size_px: [96, 64]"))
-    config.write_text(
-        "occlog_run: 1\nsimulate: {scene: room.yaml, steps: 3, render: true, store: ffv1}\ntrack: {particles: 20}\n"
-    )
-    folder, linked = config.parent / "out", config.parent / "linked.yaml"
-    stages(config, capsys)
-    linked.write_text("occlog_run: 1\nrecording: out/recording.mcap\ntrack: {particles: 20}\n")
-    args = ["run", str(linked), "-o", str(config.parent / "second"), "-q"]
-    assert run(args) == ExitCode.DONE
-    capsys.readouterr()
-    video = next(folder.glob("*.avi"))
-    good = video.read_bytes()
-
-    video.write_bytes(good + b"more")  # what was simulated is made again
-    assert stages(config, capsys, "--dry-run")["simulate"] == "would run"
-    capsys.readouterr()
-    assert run(args) == ExitCode.BAD_INPUT  # and what links to it is not "up to date"
-    assert "is not the video that was ingested (its content changed)" in capsys.readouterr().err
-    video.unlink()
-    assert stages(config, capsys, "--dry-run")["simulate"] == "would run"
-    assert run(args) == ExitCode.BAD_INPUT
-    assert f"{video}: no such file" in capsys.readouterr().err
-
-    assert stages(config, capsys)["simulate"] == "done"
-    assert video.read_bytes() == good
-    capsys.readouterr()
-    assert run([*args, "--json"]) == ExitCode.DONE
-    assert set(json.loads(capsys.readouterr().out)["stages"].values()) == {"up to date"}
-
-
-def test_another_program_makes_everything_again(
-    config: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    config.write_text(CONFIG.replace("30", "3"))
-    stages(config, capsys)
-    assert set(stages(config, capsys).values()) == {"up to date"}
-    monkeypatch.setattr("occlog.pipeline.run.run.identity", lambda: "of other dependencies")
-    assert set(stages(config, capsys, "--dry-run").values()) == {"would run"}
 
 
 def test_missed_threshold_is_told_after_all_was_made(config: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, nothing, residuals
-from occlog.track.fix.mixed import Lines, modes_of
-from occlog.track.fix.mixture import modes, spread_of
+from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, information, nothing, residuals
+from occlog.track.fix.mixed import Lines, contested, modes_of
+from occlog.track.fix.mixture import Modes, modes, spread_of
 
 BEND = 3.7
 PLACES = np.array([[0.0, 0.0], [10.0, 0.0], [0.0, 8.0], [10.0, 8.0]])
@@ -144,3 +144,44 @@ def test_where_circles_nearly_touch_the_spread_is_that_of_the_likelihood(aside: 
     weight = np.exp(-0.5 * (residuals(rows, at) ** 2).sum(axis=1))
     wanted = weight @ (at - found.xy[0]) ** 2 / weight.sum()
     np.testing.assert_allclose(np.diag(found.covariance[0]), wanted, rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("residual", "believed", "elsewhere", "said"),
+    [
+        ([0.5, -0.5, 0.8, 0.1], [1, 1, 1, 1], 0.0, False),
+        ([0.5, -0.5, 0.8, 0.1], [1, 1, 1, 1], 0.02, False),
+        ([0.5, -0.5, 0.8, 0.1], [1, 1, 1, 1], 0.06, True),
+        ([0.5, -9.0, 0.8, 0.1], [1, 0, 1, 1], 0.02, True),
+        ([2.3, -2.0, 0.8, 0.1], [1, 1, 1, 1], 0.0, True),  # 9.9 of two degrees of freedom
+        ([2.3, -2.0, 0.8, 0.1], [1, 0, 1, 1], 0.0, False),  # 5.9 of one: passed by 1.5 %
+        ([2.6, -2.0, 0.8, 0.1], [1, 0, 1, 1], 0.0, True),
+        ([9.0, 9.0, 0.0, 0.0], [0, 0, 1, 1], 0.0, False),  # nothing is left to test
+    ],
+)
+def test_other_places_and_a_large_scatter_contest_a_place(
+    residual: list[float], believed: list[int], elsewhere: float, said: bool
+) -> None:
+    one = np.zeros((1, 2)), np.eye(2)[None], np.array([believed], dtype=float), np.array([residual]), np.ones(1)
+    assert contested(Modes(*one, elsewhere)) == said
+
+
+def test_with_a_false_range_of_four_rows_that_nothing_contests_are_near_the_bound() -> None:
+    rng, sigma = np.random.default_rng(11), 0.5
+    squares, bounds, flags = [], [], []
+    for trial in range(40):
+        xy = rng.uniform([1, 1], [9, 7])
+        rows = measured(RANGE, xy, sigma)
+        rows.value[:] += sigma * rng.standard_normal(4)
+        rows.value[trial % 4] = rng.uniform(0.0, 20.0)
+        found = modes_of(NO_LINES, rows)
+        squares.append(((found.xy[0] - xy) ** 2).sum())
+        flags.append(contested(found) or (found.believed[0] >= 0.5).sum() <= 2 or found.probability[1:2].sum() > 0.05)
+        true = np.delete(np.arange(4), trial % 4)
+        bounds.append(np.trace(np.linalg.inv(information(rows.take(true), np.tile(xy, (3, 1))).sum(axis=0))))
+    good = ~np.array(flags)
+    ratio = np.sqrt(np.mean(np.array(squares)[good]) / np.mean(np.array(bounds)[good]))
+    everything = np.sqrt(np.mean(squares) / np.mean(bounds))
+    assert good.sum() >= 6
+    assert ratio < 1.4
+    assert everything > 2.0

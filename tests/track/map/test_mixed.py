@@ -8,9 +8,12 @@ import pytest
 from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances, log_likelihood
 from occlog.measure.scans.scan import Measured, Scan
 from occlog.records.scene import MicrophoneArray, Scene
+from occlog.track.map import mixed
 from occlog.track.map.config import MapConfig
 from occlog.track.map.filtered_start import filtered_start
-from occlog.track.map.mixed import local, terms
+from occlog.track.map.kernels.newton_search import covariance
+from occlog.track.map.kernels.problem import Problem
+from occlog.track.map.mixed import local, mixed_search, terms
 from occlog.track.map.pending import begin, problem_of
 from occlog.track.map.record import after, fill, join, record_of
 
@@ -68,3 +71,64 @@ def test_a_search_begins_near_the_path_although_ranges_fit_other_places_at_first
     found = local(record.measured, pending.origin)
     X = filtered_start(problem_of(pending, record), record, pending, found)
     assert np.hypot(*(X[:, ::2] + pending.origin - path).T).max() < 0.2
+
+
+CORNERS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0]])
+
+
+def walk(seed: int, *, late: float, told: float, n: int = 60) -> tuple[list[Scan], np.ndarray]:
+    """Scans of ranges at 5 Hz, noise of 0.1 m, detours of 2 m, and the path; `told`: what is stated of detours."""
+    rng, zero = np.random.default_rng([seed, 5]), np.zeros(4, dtype=np.int32)
+    turn = 0.25 * 0.2 * np.arange(n)[:, None] + rng.uniform(0.0, 6.0, 2)
+    path = np.array([5.0, 4.0]) + [3.0, 2.0] * np.sin(turn)
+    exact = np.hypot(*(path[:, None] - CORNERS).transpose(2, 0, 1))
+    by = 0.1 * rng.standard_normal(exact.shape)
+    by += np.where(rng.random(exact.shape) < late, rng.exponential(2.0, exact.shape), 0.0)
+    blank, own = np.zeros(4), np.full(4, RANGE)
+    rows = [
+        Distances(own, z, np.full(4, 0.1), CORNERS, blank, CORNERS, blank, np.arange(4), late=told) for z in exact + by
+    ]
+    return [Scan.of(round(0.2 * k * NS), [])._replace(measured=Measured(zero, row)) for k, row in enumerate(rows)], path
+
+
+def solved(given: list[Scan]) -> tuple[np.ndarray, np.ndarray]:
+    """The trajectory (T, 2) and its covariances (T, 2, 2)."""
+    arrays = tuple(MicrophoneArray(f"s{i}", np.append(p, 0.0)) for i, p in enumerate(CORNERS))
+    room = np.array([[-5.0, -5.0], [15.0, -5.0], [15.0, 13.0], [-5.0, 13.0]])
+    pending = begin(Scene(arrays=arrays, room=room), MapConfig(acceleration=0.3, speed=0.7))
+    X = mixed_search(pending, record_of(given), (), None).mode
+    return X.solution.X[:, ::2] + pending.origin, covariance(X.problem, X.solution.X)[:, ::2, ::2]
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize(("late", "better"), [(0.5, 0.92), (0.0, 1.06)])
+def test_late_signals_that_are_expected_do_less_harm_and_none_where_there_are_none(late: float, better: float) -> None:
+    figures = []
+    for told in (0.0, 0.05):
+        squares, nees = [], []
+        for seed in range(3):
+            given, path = walk(seed, late=late, told=told)
+            xy, spread = solved(given)
+            away = xy - path
+            squares.append((away**2).sum(axis=1).mean())
+            nees.append(np.einsum("ni,nij,nj->n", away, np.linalg.inv(spread), away).mean())
+        figures.append((np.sqrt(np.mean(squares)), np.mean(nees)))
+    (rmse, nees), (expected_rmse, expected_nees) = figures
+    assert expected_rmse < better * rmse
+    assert expected_nees < better * nees
+    assert expected_nees < 3.0
+
+
+@pytest.mark.jit
+def test_a_path_that_the_filter_lost_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    given, path = walk(3, late=0.1, told=0.05)
+
+    def astray(problem: Problem, *_: object) -> np.ndarray:
+        X = np.zeros((len(path), 4))
+        X[:, ::2] = path - np.array([5.0, 4.0])
+        X[35:, ::2] += np.linspace(0.0, 4.0, len(path) - 35)[:, None] * [0.8, -0.6]
+        return X
+
+    monkeypatch.setattr(mixed, "filtered_start", astray)
+    found, _ = solved(given)
+    assert np.hypot(*(found - path).T).max() < 0.4

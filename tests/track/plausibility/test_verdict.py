@@ -14,6 +14,7 @@ from occlog.track.plausibility.particles import FEW
 from occlog.track.plausibility.sight import Compared, Frames
 from occlog.track.plausibility.verdict import (
     BLIND,
+    CONTEST,
     CROWDED,
     DEPLETED,
     DOUBTED,
@@ -136,6 +137,19 @@ def test_an_honest_covariance_needs_care_and_is_plausible() -> None:
     found = said(diagnostics=fared(fallback=("unobservable", N)))
     assert [(f.code, f.severity) for f in found] == [("unobservable", "note")]
     assert plausible(found)
+
+
+def test_a_filter_that_begins_anew_in_nearly_every_row_says_how_far_apart_rows_are() -> None:
+    minutes = np.arange(N) * 60_000_000_000
+    (found,) = said(diagnostics=replace(fared(fallback=("gap", round(0.9 * N))), t_ns=minutes))
+    assert found.code == "gaps"
+    assert "60 s apart on average" in found.sentence
+    assert said(diagnostics=replace(fared(fallback=("gap", round(0.5 * N))), t_ns=minutes)) == ()
+
+
+def test_places_that_are_contested_are_said_beyond_one_row_in_ten() -> None:
+    assert codes(diagnostics=fared(fallback=("contested", round(CONTEST * N)))) == []
+    assert codes(diagnostics=fared(fallback=("contested", round(CONTEST * N) + 1))) == ["contested"]
 
 
 @pytest.mark.parametrize("code", ["contradiction", "wall", "unfinished"])

@@ -118,10 +118,14 @@ def with_distances(first: Ints, rows: Floats, measured: Distances) -> tuple[Ints
     m = len(measured.kind)
     out = np.zeros((m, rows.shape[1]))
     out[:, KIND] = FAR + measured.kind
-    out[:, VALUE], out[:, READ], out[:, SCALE] = measured.value, measured.sigma**2, 1.0
+    errors = measured.errors
+    tail = errors.late + errors.early
+    out[:, VALUE], out[:, READ], out[:, SCALE] = measured.value, measured.sigma**2, 1.0 - tail
     out[:, [X0, Y0]], out[:, [X1, Y1]] = measured.place, measured.other
     out[:, RISE2], out[:, OTHER_RISE2] = measured.rise2, measured.other_rise2
-    out[:, RIVAL] = np.maximum(math.exp(-0.5 * measured.bend**2) / (ROOT_2PI * measured.sigma), LEAST_RIVAL)
+    # The tail of late signals counts as if it were flat: what that leaves out is in the weights
+    rival = np.exp(-0.5 * errors.bend**2) / ROOT_2PI + tail * errors.rate
+    out[:, RIVAL] = np.maximum(rival / measured.sigma, LEAST_RIVAL)
     return np.concatenate([first, first[-1] + 1 + np.arange(m)]), np.concatenate([rows, out])
 
 

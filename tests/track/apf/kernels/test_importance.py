@@ -10,6 +10,8 @@ from scipy.stats import multivariate_normal, norm
 from tracker_scenes import SECOND, room100, scan, true_u, with_array
 
 from occlog.core.filter.likelihood import factors
+from occlog.core.sight import distances
+from occlog.core.sight.distance_errors import log_density
 from occlog.measure.scans.scan import Scan
 from occlog.track.apf.config import ApfConfig
 from occlog.track.apf.kernels import importance
@@ -291,3 +293,18 @@ def test_the_ratio_of_a_drawn_place_is_that_of_the_densities(defensive):
     # The mean of prior over importance density is 1, the prior's whole (heavy tails without a defensive share)
     if defensive >= 0.05:
         assert np.exp(ratio).mean() == pytest.approx(1.0, abs=5 * np.exp(ratio).std() / np.sqrt(n))
+
+
+def test_late_signals_share_the_factor_of_a_distance_with_false_ones():
+    """The tail counts as if it were flat: exact where it begins, and above the likelihood elsewhere."""
+    blank, place = np.zeros(3), np.zeros((3, 2))
+    kinds = np.array([distances.RANGE, distances.LOGARITHM, distances.DIFFERENCE])
+    rows = distances.Distances(kinds, blank, np.full(3, 0.5), place, blank, place, blank, np.arange(3), late=0.1)
+    first, packed = importance.with_distances(np.zeros(1, dtype=np.int64), np.empty((0, 12)), rows)
+    assert first.tolist() == [0, 1, 2, 3]
+    np.testing.assert_allclose(packed[:, importance.SCALE], [0.9, 1.0, 0.81])
+    u = np.array([3.0, 0.0, 3.0])  # a residual that only a detour or a false value explains
+    whole = np.exp(log_density(u, rows.errors)) / np.sqrt(2.0 * np.pi) / 0.5
+    told = packed[:, importance.SCALE] * norm.pdf(u) / 0.5 + packed[:, importance.RIVAL]
+    assert (told >= whole * 0.999).all()
+    assert (told <= 2.5 * whole).all()

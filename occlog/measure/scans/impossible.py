@@ -1,0 +1,76 @@
+"""Measurements of distances that cannot be: negative ranges, too strong signals, too long differences, copies."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from occlog.array_types import Ints
+from occlog.core.sight.distances import DIFFERENCE, LOGARITHM, RANGE, Distances
+from occlog.errors import InputError
+from occlog.records.measurements import Measurements
+
+BELOW = 5.0
+"""Standard deviations by which noise may bring a range below 0, or a difference beyond the distance of its stations."""
+STRONGEST_DBM = 20.0
+"""Nothing that is received is stronger."""
+FEWEST, MOST = 5, 0.5
+"""Fewest differences that tell, and the share of them that may be beyond their stations: single ones are false."""
+
+
+def refuse_impossible(table: Measurements, row: Ints, packed: Distances) -> None:
+    """InputError, with the station and the time, for measurements from which only a wrong place could come.
+
+    Args:
+        table: the measurements.
+        row: (m,) rows of the table that the packed measurements are of.
+        packed: m measurements.
+    """
+
+    def where(n: int) -> str:
+        return f"of {str(table.sensor[n])!r} at {table.t_ns[n]} ns"
+
+    with np.errstate(invalid="ignore"):
+        strong = np.flatnonzero(table.rssi > STRONGEST_DBM)
+    if len(strong):
+        raise InputError(
+            f"measurements: the signal strength {where(int(strong[0]))} is {table.rssi[strong[0]]:g} dBm, and received "
+            f"signals are below {STRONGEST_DBM:g}; are signs missing?"
+        )
+    low = np.flatnonzero((packed.kind == RANGE) & (packed.value < -BELOW * packed.sigma))
+    if len(low):
+        n = int(low[0])
+        raise InputError(
+            f"measurements: the range {where(int(row[n]))} is {packed.value[n]:g}, "
+            f"{-packed.value[n] / packed.sigma[n]:.0f} standard deviations below 0; a range is a "
+            "distance (range_difference is a difference)"
+        )
+    differs = packed.kind == DIFFERENCE
+    rise = np.sqrt(packed.rise2) + np.sqrt(packed.other_rise2)
+    apart = np.hypot(*(packed.place - packed.other).T) + rise
+    beyond = np.flatnonzero(differs & (np.abs(packed.value) > apart + BELOW * packed.sigma))
+    if np.count_nonzero(differs) >= FEWEST and len(beyond) > MOST * np.count_nonzero(differs):
+        n = int(beyond[0])
+        raise InputError(
+            f"measurements: {len(beyond)} of {np.count_nonzero(differs)} differences are longer than their stations "
+            f"are apart: that {where(int(row[n]))} is {packed.value[n]:.4g}, and these are {apart[n]:.4g} apart; "
+            "check the unit of times, propagation, and the unit of the stations"
+        )
+    _refuse_copies(table, row, packed)
+
+
+def _refuse_copies(table: Measurements, row: Ints, packed: Distances) -> None:
+    """InputError for a range or difference that is there twice: it would count as two that agree."""
+    exact = np.flatnonzero(packed.kind != LOGARITHM)  # of whole dBm two may well be alike
+    own = row[exact]
+    keys = (table.t_ns[own], packed.station[exact], table.target_id[own], packed.kind[exact], packed.value[exact])
+    keys = (*keys, *packed.other[exact].T)
+    order = np.lexsort(keys)
+    same = np.ones(max(len(order) - 1, 0), dtype=np.bool_)
+    for key in keys:
+        same &= key[order][1:] == key[order][:-1]
+    if same.any():
+        n = int(own[order][1:][same][0])
+        raise InputError(
+            f"measurements: a value of {str(table.sensor[n])!r} at {table.t_ns[n]} ns is there twice, and would count "
+            "as two that agree; remove one of the rows"
+        )
