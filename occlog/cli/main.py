@@ -59,6 +59,7 @@ COMMANDS = {
         "occlog.examine.diff.command", "Say whether two outputs are the same, and where they first differ."
     ),
     "info": Command("occlog.examine.info", "Print what a scene, a recording or a table holds."),
+    "recover": Command("occlog.examine.recover", "Salvage what is whole in a recording that was cut off or damaged."),
     "export": Command("occlog.examine.export.command", "Write a table in a format of other programs."),
     "plugin": Command("occlog.conformance.command", "List plug-ins of others, and check them."),
     "schema": Command("occlog.examine.schema", "Print the schema of a table, a message, a file format or settings."),

@@ -11,6 +11,7 @@ import click
 
 from occlog.cli import options
 from occlog.errors import InputError
+from occlog.io.files.utc import utc
 
 if TYPE_CHECKING:
     from occlog.io.foreign.table import ForeignTable
@@ -116,7 +117,7 @@ def _describe_bag(path: Path) -> Description:
         seconds = 0.0 if span is None else (span[1] - span[0]) / 1e9
         total = sum(t.messages or 0 for t in topics.values())
         lines = [f"bag of another program, {len(bag.files)} files, {total} messages"]
-        lines += [] if span is None else [f"time      {_utc(span[0])} to {_utc(span[1])}, {seconds:.3f} s"]
+        lines += [] if span is None else [f"time      {utc(span[0])} to {utc(span[1])}, {seconds:.3f} s"]
         for t in topics.values():
             rate = f", {(t.messages - 1) / seconds:.3g} Hz" if t.messages and t.messages > 1 and seconds else ""
             lines.append(f"topic     {t.name}: {t.messages} x {t.kind or '(no type)'} ({t.encoding or '?'}){rate}")
@@ -247,7 +248,7 @@ def _describe_recording(recording: Recording) -> Description:
     span = recording.time_ns
     lines = [f"recording, {sum(t.messages for t in recording.topics)} messages"]
     if span is not None:
-        lines.append(f"time      {_utc(span[0])} to {_utc(span[1])}, {(span[1] - span[0]) / 1e9:.3f} s")
+        lines.append(f"time      {utc(span[0])} to {utc(span[1])}, {(span[1] - span[0]) / 1e9:.3f} s")
     lines += [f"topic     {t.name}: {t.messages} x {t.schema or '(no schema)'}" for t in recording.topics]
     lines += [f"attached  {name}" for name in recording.attachments]
     lines += [f"epipolar  {line}" for line in _epipolar_lines(recording)]
@@ -276,18 +277,6 @@ def _epipolar_lines(recording: Recording) -> Iterator[str]:
         yield f"{pair.a}, {pair.b}: from {pair.source}{error}"
 
 
-def _utc(t_ns: int) -> str:
-    """Write a time in ISO format to the millisecond, computed from the integer."""
-    import datetime
-
-    seconds, rest = divmod(t_ns, 1_000_000_000)
-    try:
-        stamp = datetime.datetime.fromtimestamp(seconds, datetime.UTC)
-    except (OverflowError, ValueError, OSError):
-        return f"{t_ns} ns"
-    return f"{stamp:%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"
-
-
 def _provenance_lines(p: Mapping[str, Any]) -> list[str]:
     seed = "" if p.get("seed") is None else f", seed {p['seed']}"
     lines = [f"made by   {p.get('program', '?')} {p.get('version', '?')} {p.get('command', '?')}{seed}"]
@@ -302,7 +291,7 @@ def _describe_table(path: Path, rows: int) -> Description:
     lines = [f"table {found['schema']}, {found['rows']} rows"]
     if found["time_ns"]:
         start, end = found["time_ns"]
-        lines.append(f"time      {_utc(start)} to {_utc(end)}, {(end - start) / 1e9:.3f} s")
+        lines.append(f"time      {utc(start)} to {utc(end)}, {(end - start) / 1e9:.3f} s")
     lines += _provenance_lines(found["provenance"]) if found["provenance"] else []
     lines += [
         f"lost      {loss['source']}: {loss['place']}: {loss['what']}" for loss in found["provenance"].get("losses", ())

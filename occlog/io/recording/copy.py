@@ -7,15 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from mcap.reader import McapReader
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import Writer
 
-from occlog import __version__
 from occlog.io.files.atomic import open_output
 from occlog.io.files.provenance import Provenance
 
 from .mcap_errors import open_mcap
 from .reader import Recording
-from .writer import FORMAT, METADATA, VIDEO_METADATA
+from .writer import FORMAT, METADATA, VIDEO_METADATA, begin_mcap
 
 
 def copy_recording(
@@ -39,15 +38,7 @@ def copy_recording(
         overwrite: replace a file that exists.
     """
     with open_output(path, overwrite) as file:
-        writer = Writer(
-            file,
-            chunk_size=1024 * 1024,
-            compression=CompressionType.ZSTD,
-            index_types=IndexType.ALL,
-            enable_crcs=True,
-            enable_data_crcs=True,
-        )
-        writer.start(profile="", library=f"occlog {__version__}")
+        writer = begin_mcap(file)
         # A file without an index can be gone through only once each time it is opened.
         with open_mcap(source.path) as (reader, _):
             for each in reader.iter_attachments():
@@ -59,7 +50,7 @@ def copy_recording(
             messages = _copy_messages(reader, writer)
         with open_mcap(source.path) as (reader, _):
             for record in reader.iter_metadata():
-                values = _metadata(record.name, dict(record.metadata), source, path, provenance)
+                values = moved_metadata(record.name, dict(record.metadata), source.path, path, provenance)
                 writer.add_metadata(record.name, values)
         writer.finish()
     return messages
@@ -82,13 +73,13 @@ def _copy_messages(reader: McapReader, writer: Writer) -> int:
     return count
 
 
-def _metadata(
-    name: str, values: dict[str, str], source: Recording, path: Path, provenance: Provenance
+def moved_metadata(
+    name: str, values: dict[str, str], source: Path, path: Path, provenance: Provenance
 ) -> dict[str, str]:
-    """A metadata record as it has to be in the copy."""
+    """A metadata record of a recording as it has to be in its copy: links to videos hold from the new folder."""
     if name == METADATA:
         return {"format": FORMAT, "provenance": provenance.json()}
     if name.startswith(VIDEO_METADATA) and "path" in values:
-        video = source.path.resolve().parent / values["path"]
+        video = source.resolve().parent / values["path"]
         return {**values, "path": Path(os.path.relpath(video, path.resolve().parent)).as_posix()}
     return values

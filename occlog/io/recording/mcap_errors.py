@@ -31,6 +31,8 @@ FOOTER_BYTES = 9 + 20
 MAX_CHUNK_BYTES = 512 * 1024 * 1024
 """A chunk may not unpack to more than this: ours are 1 MiB plus one image."""
 KNOWN_COMPRESSION = ("", "zstd", "lz4")
+SALVAGE = "`occlog recover {path} -o OUT.mcap`"
+"""What to do with a damaged recording that cannot be copied again."""
 
 _FAILURES = (
     McapError,
@@ -62,7 +64,7 @@ def translate_mcap(path: Path, file: IO[bytes] | None = None) -> Iterator[None]:
         place = f"near byte {file.tell()}: " if file is not None and not file.closed else ""
         raise InputError(
             f"{path}: {place}damaged MCAP file ({type(error).__name__}: {reason}); "
-            "copy it again, or salvage it with `mcap recover`"
+            f"copy it again, or salvage it: {SALVAGE.format(path=path)}"
         ) from error
 
 
@@ -71,8 +73,7 @@ def open_mcap(path: Path) -> Iterator[tuple[SeekingReader | NonSeekingReader, Su
     """Reader with CRC checks on, and the checked summary; None where the file has no index."""
     check_input(path, "an MCAP recording")
     with path.open("rb") as file, translate_mcap(path, file):
-        _check_ends(path, file)
-        _check_summary_crc(path, file)
+        check_summary(path, file)
         file.seek(0)
         seeking = SeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES)
         summary = seeking.get_summary()
@@ -82,6 +83,12 @@ def open_mcap(path: Path) -> Iterator[tuple[SeekingReader | NonSeekingReader, Su
             return
         _check_chunks(path, file, summary)
         yield seeking, summary
+
+
+def check_summary(path: Path, file: IO[bytes]) -> None:
+    """Raise InputError unless an MCAP file has its end and the index before it has the right check sum."""
+    _check_ends(path, file)
+    _check_summary_crc(path, file)
 
 
 def _check_ends(path: Path, file: IO[bytes]) -> None:
@@ -94,7 +101,7 @@ def _check_ends(path: Path, file: IO[bytes]) -> None:
     if size < 2 * 8 + FOOTER_BYTES or file.read(8) != RECORDING_MAGIC:
         raise InputError(
             f"{path}: truncated: the MCAP end mark is missing after {size} bytes; "
-            "copy it again, or salvage it with `mcap recover`"
+            f"copy it again, or salvage it: {SALVAGE.format(path=path)}"
         )
 
 
@@ -153,4 +160,4 @@ def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> by
     return bytes(stream.read(stream.read8()))
 
 
-__all__ = ["open_mcap", "read_attachment", "translate_mcap"]
+__all__ = ["check_summary", "open_mcap", "read_attachment", "translate_mcap"]

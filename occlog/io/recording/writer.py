@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import IO, Self
 
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.writer import CompressionType, IndexType, Writer
@@ -39,6 +39,20 @@ VIDEO_FRAME_SCHEMA = {
 }
 
 
+def begin_mcap(file: IO[bytes]) -> Writer:
+    """Begin the MCAP file of a recording: chunks of 1 MiB, with all indexes and check sums."""
+    writer = Writer(
+        file,
+        chunk_size=1024 * 1024,
+        compression=CompressionType.ZSTD,
+        index_types=IndexType.ALL,
+        enable_crcs=True,
+        enable_data_crcs=True,
+    )
+    writer.start(profile="", library=f"occlog {__version__}")
+    return writer
+
+
 class RecordingWriter:
     """Context manager; the file appears when the block ends without an error.
 
@@ -69,15 +83,7 @@ class RecordingWriter:
 
     def __enter__(self) -> Self:
         """Open the output and write the scene."""
-        self._writer = Writer(
-            self._output.__enter__(),
-            chunk_size=1024 * 1024,
-            compression=CompressionType.ZSTD,
-            index_types=IndexType.ALL,
-            enable_crcs=True,
-            enable_data_crcs=True,
-        )
-        self._writer.start(profile="", library=f"occlog {__version__}")
+        self._writer = begin_mcap(self._output.__enter__())
         if self._scene is not None:
             self.attach(SCENE_ATTACHMENT, "application/yaml", scene_to_yaml(self._scene).encode())
         return self
