@@ -26,7 +26,7 @@ from occlog.records.frames import Frame, Image
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 
-from .mcap_errors import open_mcap, read_attachment
+from .mcap_errors import SALVAGE, open_mcap, read_attachment
 from .rows import RowCollector, schema_of
 from .writer import METADATA, SCENE_ATTACHMENT, VIDEO_FRAME, VIDEO_METADATA
 
@@ -220,7 +220,7 @@ def open_recording(path: Path) -> Recording:
     with open_mcap(path) as (reader, summary):
         if summary is None or not (summary.channels or summary.statistics):
             # Read by its index it would look as if it were empty
-            raise InputError(f"{path}: has no index, as what was not closed; write one with `mcap recover`")
+            raise InputError(f"{path}: has no index, as what was not closed: {SALVAGE.format(path=path)}")
         channels = summary.channels if summary else {}
         counts = summary.statistics.channel_message_counts if summary and summary.statistics else {}
         schemas = summary.schemas if summary else {}

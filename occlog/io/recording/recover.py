@@ -210,8 +210,9 @@ class _Salvage:
 
     def _provenance_before(self) -> Provenance:
         """How the recording was made, with what was lost then; a loss where that itself is lost."""
-        text = self._metadata.get(OURS, {}).get("provenance", "")
-        before = provenance_from_json(text)
+        before = Provenance("unknown", input_units=(), readers=())
+        with suppress(InputError):
+            before = provenance_from_json(self._metadata.get(OURS, {}).get("provenance", ""), self._source)
         if before.command == "unknown":
             self._lose("its end", "how it was made, and what was lost then, is not known any more")
         return before
