@@ -41,7 +41,7 @@ def command(
     kept in the folder; after an interruption the same command goes on where it stopped.
     Results do not depend on the number of workers.  The folder gets trials.csv (a row a
     trial), summary.csv (mean, standard deviation, standard error and 95 % confidence interval
-    of every figure and setting) and sweep.json (how it was made).
+    of every figure and setting), timings.csv and sweep.json (how it was made).
 
     \b
       occlog sweep examples/sweep.yaml -o sweep/

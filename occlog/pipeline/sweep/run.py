@@ -36,7 +36,9 @@ CONFIDENCE = 0.95
 """Probability of the intervals of means."""
 STORE = "trials.jsonl"
 MADE = "sweep.json"
-RESULTS = ("trials.csv", "summary.csv")
+RESULTS = ("trials.csv", "summary.csv", "timings.csv")
+TIMINGS = ("track_seconds",)
+"""Figures that differ from run to run; the other files of a sweep have the same bytes each time."""
 Row = dict[str, object]
 
 
@@ -80,9 +82,12 @@ def run_sweep(
         results = run_all(trials, workers, scheduler, folder / STORE, progress)
     unknown = [name for name in figures if name not in results[0]]
     summary = summary_rows(settings, results)
-    rows = [row.as_row() for row in summary]
-    write_bytes(folder / "trials.csv", to_csv(trial_rows(settings, results)), overwrite=True)
+    rows = [row.as_row() for row in summary if row.figure not in TIMINGS]
+    figures_of = [{k: v for k, v in result.items() if k not in TIMINGS} for result in results]
+    times_of = [{k: result[k] for k in TIMINGS} for result in results]
+    write_bytes(folder / "trials.csv", to_csv(trial_rows(settings, figures_of)), overwrite=True)
     write_bytes(folder / "summary.csv", to_csv(rows), overwrite=True)
+    write_bytes(folder / "timings.csv", to_csv(trial_rows(settings, times_of)), overwrite=True)
     if unknown:
         raise UsageError(f"--figures: no figure {unknown[0]!r}; there are: {', '.join(results[0])}")
     if as_json:

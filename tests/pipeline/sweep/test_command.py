@@ -45,6 +45,21 @@ def test_a_sweep_writes_its_tables_and_can_be_repeated(tmp_path):
     assert mean == sum(float(r["rmse"]) for r in rows[:2]) / 2
 
 
+def test_files_of_results_have_the_same_bytes_whoever_makes_them(tmp_path):
+    found = []
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        assert sweep(tmp_path / name).exception is None
+        out = tmp_path / name / "out"
+        found.append([(out / n).read_bytes() for n in ("trials.csv", "summary.csv", "sweep.json")])
+        with (out / "timings.csv").open() as file:
+            times = list(csv.DictReader(file))
+        assert [(t["cameras"], t["run"]) for t in times] == [("2", "0"), ("2", "1"), ("3", "0"), ("3", "1")]
+        assert all(float(t["track_seconds"]) > 0 for t in times)
+    assert found[0] == found[1]
+    assert b"track_seconds" not in b"".join(found[0])
+
+
 def test_another_sweep_is_not_overwritten_unless_asked(tmp_path):
     sweep(tmp_path)
     other = TEXT.replace("steps: 8", "steps: 9")
