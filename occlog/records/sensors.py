@@ -72,6 +72,9 @@ class Bearings(Table):
     def check(self) -> None:
         """Times in order, angles wrapped, measurements complete where seen and absent where not."""
         check_order(self)
+        if (wrong := self.target_id < -1).any():
+            row = first_row(wrong)
+            raise InputError(f"Bearings: row {row}: target_id {self.target_id[row]} must be at least -1")
         value = np.isfinite(self.bearing) & np.isfinite(self.sigma)
         if (wrong := value != self.seen).any():
             row = first_row(wrong)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from mcap.writer import IndexType, Writer
@@ -30,6 +31,8 @@ SIMULATE = ("simulate", "{file}", "-o", "new.mcap", "--steps", "3")
 TRACK = ("track", "{file}", "--scene", "scene.yaml", "-o", "new.parquet", "--particles", "5")
 INFO = ("info", "{file}")
 BOXES = ("ingest", "--boxes", "a={file}", "--scene", "scene.yaml", "--fps", "10", "-o", "new.mcap")
+BOXED = ("ingest", "--boxes", "a=boxes.csv", "--scene", "scene.yaml", "-q", "-o", "new.mcap", "--fps", "10")
+TIMED = (*BOXED[:-2], "--timestamps")
 CALIBRATE = ("ingest", "--boxes", "a=boxes.csv", "--calibration", "{file}", "--fps", "10", "-o", "new.mcap")
 REPORT = ("report", "t.parquet", "--scene", "scene.yaml", "--metrics", "{file}", "-o", "new.html")
 
@@ -53,6 +56,19 @@ def metadata(key: bytes, value: bytes) -> Callable[[Path], object]:
     def make(path: Path) -> None:
         table = pq.read_table(path.parent / "b.parquet")
         pq.write_table(table.replace_schema_metadata({**table.schema.metadata, key: value}), path)
+
+    return make
+
+
+def changed(column: str, values: pa.Array) -> Callable[[Path], object]:
+    """A good table of which one column has other values."""
+
+    def make(path: Path) -> None:
+        table = pq.read_table(path.parent / "b.parquet")
+        many = pa.concat_arrays([values] * len(table))
+        place = table.schema.get_field_index(column)
+        field = pa.field(column, values.type, nullable=False)
+        pq.write_table(table.set_column(place, field, many).replace_schema_metadata(table.schema.metadata), path)
 
     return make
 
@@ -97,6 +113,12 @@ CASES = [
     Case("provenance flip", metadata(MADE, b'{"command": "det'), TRACK, "provenance is damaged"),
     Case("provenance bytes", metadata(MADE, b"\xff\xfe\x00"), TRACK, "provenance is damaged"),
     Case("provenance loss", metadata(MADE, b'{"command": "x", "parameters": {}, "losses": [1]}'), TRACK, "damaged"),
+    Case(
+        "target below -1", changed("target_id", pa.array([-7], pa.int32())), TRACK, "target_id -7 must be at least -1"
+    ),
+    Case("times as dates", changed("t_ns", pa.array([7], pa.timestamp("us"))), TRACK, "column t_ns is timestamp[us]"),
+    Case("sidecar without a row", text("time\n"), (*TIMED, "a={file}"), "holds a header and no row"),
+    Case("truth without a row", text("t,x,y\n"), (*BOXED, "--truth", "{file}"), "holds a header and no row"),
     Case("info of provenance list", metadata(MADE, b"[1]"), INFO, "provenance is damaged"),
     *[
         Case(f"{kind} as {command[0]}", make, command, words)
@@ -161,6 +183,17 @@ def test_toml_that_cannot_be_read_is_one_line(
     assert code == ExitCode.BAD_INPUT, told
     assert len(told) == 1, told
     assert "cage.toml" in told[0]
+
+
+def test_times_of_another_program_are_described(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(made)
+    changed("t_ns", pa.array([7], pa.timestamp("us")))(made / "dates.parquet")
+    assert run(["info", "dates.parquet"]) == ExitCode.DONE
+    told = capsys.readouterr().out
+    assert "table bearings" in told
+    assert "\ntime " not in told
 
 
 def test_an_image_of_many_pixels_in_a_recording_is_not_decoded(tmp_path: Path) -> None:

@@ -386,6 +386,8 @@ def first_rows(path: Path, rows: int) -> dict[str, list[object]]:
 
 
 def _time_span(file: pq.ParquetFile) -> list[int] | None:
+    if not pa.types.is_integer(file.schema_arrow.field(0).type):  # times of another program
+        return None
     groups = (file.metadata.row_group(i).column(0).statistics for i in range(file.num_row_groups))
     spans = [(s.min, s.max) for s in groups if s is not None and s.has_min_max]
     return [min(s[0] for s in spans), max(s[1] for s in spans)] if spans else None

@@ -103,6 +103,8 @@ def read_sidecar(path: Path, cameras: Sequence[str]) -> dict[str, Ints]:
     """
     header = is_header_line(path)
     parts = list(read_rows(path, _COLUMNS, WHAT, ignored=("sync_index",)) if header else read_plain(path, WHAT))
+    if not parts:
+        raise InputError(f"{path}: holds a header and no row; {WHAT} was expected")
     rows = Rows(
         path,
         np.concatenate([p.lines for p in parts]),

@@ -135,6 +135,8 @@ def _row_times(rows: Rows, options: TruthOptions) -> Ints:
 
 def _gather(path: Path, parts: list[Positions]) -> Truth:
     """All positions in the order of time; InputError where a target is at two places at once."""
+    if not parts:
+        raise InputError(f"{path}: holds a header and no row; true positions were expected")
     p = Positions._make(np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((p.target_id, p.t_ns))
     p = Positions._make(column[order] for column in p)
