@@ -27,7 +27,9 @@ class WorldConfig(Settings):
 
     OWNER: ClassVar[str] = "world"
 
-    steps: int = setting(4000, "Time steps, the start included.", people=600, at_least=1, option="--steps")
+    steps: int = setting(
+        4000, "Time steps, the start included.", people=600, at_least=1, at_most=10_000_000, option="--steps"
+    )
     step_s: float = setting(1.0, "Time between two steps.", unit="s", people=0.1, at_least=1e-6)
     targets: int = setting(1, "Targets.", at_least=0, option="--targets")
     occluders: int = setting(0, "Other moving objects.", at_least=0, option="--occluders")
@@ -387,7 +389,7 @@ class PeopleConfig(Settings):
     OWNER: ClassVar[str] = "people"
 
     people: int = setting(4, "How many, all targets in the same clothes.", at_least=1, option="--people")
-    frames: int = setting(400, "Of each camera.", at_least=1, option="--frames")
+    frames: int = setting(400, "Of each camera.", at_least=1, at_most=10_000_000, option="--frames")
     views: int = setting(3, "Cameras.", at_least=1, at_most=6, option="--views")
     width: int = setting(640, "Of the images.", unit="px", at_least=64, at_most=8192)
     height: int = setting(480, "Of the images.", unit="px", at_least=64, at_most=8192)

@@ -113,6 +113,8 @@ CASES = [
     Case("provenance flip", metadata(MADE, b'{"command": "det'), TRACK, "provenance is damaged"),
     Case("provenance bytes", metadata(MADE, b"\xff\xfe\x00"), TRACK, "provenance is damaged"),
     Case("provenance loss", metadata(MADE, b'{"command": "x", "parameters": {}, "losses": [1]}'), TRACK, "damaged"),
+    Case("camera named ..", text(SCENE.replace("name: a", "name: ..")), SIMULATE, "cameras[0].name"),
+    Case("camera named by an escape", text(SCENE.replace("name: a", 'name: "\\e[2J"')), SIMULATE, "cameras[0].name"),
     Case(
         "target below -1", changed("target_id", pa.array([-7], pa.int32())), TRACK, "target_id -7 must be at least -1"
     ),

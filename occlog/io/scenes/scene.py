@@ -22,7 +22,7 @@ from occlog.io.files.yaml_file import parse_yaml, read_yaml
 from occlog.records.scene import Camera, Clock, MicrophoneArray, Occluder, Reader, Scene, camera_fov, camera_rotation
 
 Positive = Annotated[float, Meta(gt=0)]
-Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[^\s,/=:]+$")]
+Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^(?!\.{1,2}$)[^\s,/=:\x00-\x1f\x7f]+$")]
 Point2 = tuple[float, float]
 Place = Annotated[list[float], Meta(min_length=2, max_length=3)]
 Corners = Annotated[list[Point2], Meta(min_length=3)]
