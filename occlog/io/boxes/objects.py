@@ -157,6 +157,12 @@ def _coco(path: Path, value: Record, camera: str | None) -> BoxSource:
         key = (cells.get("camera", ""), cells["frame"])
         if image.get("id") in images or key in seen:
             other = image["id"] if image["id"] in images else seen[key]
+            several = sorted({_camera_of(each) for each in value["images"] if isinstance(each, dict)} - {""})
+            if camera is not None and len(several) > 1:
+                raise InputError(
+                    f"{path}: image {n}: has the number of image {other}, since the file holds images of several "
+                    f"cameras ({', '.join(several[:4])}); leave out {camera}=, so that each has its own"
+                )
             raise InputError(f"{path}: image {n}: is the same image or frame as image {other}; keep one")
         images[image["id"]], seen[key] = cells, image["id"]
     annotations = value.get("annotations")
@@ -192,11 +198,16 @@ def _image(path: Path, n: int, image: object, camera: str | None) -> dict[str, s
         raise InputError(f"{path}: image {n}: neither frame nor file_name {name!r} has the number of its frame")
     out = {"frame": str(int(image[key] if key else found.group(1) if found else 0))}
     if camera is None:
-        label = image.get("camera") or Path(name.replace("\\", "/")).parent.name
-        if not label:
+        out["camera"] = _camera_of(image)
+        if not out["camera"]:
             raise InputError(f"{path}: image {n}: {name!r} names no camera (CAMERA/{name}); give CAMERA={path.name}")
-        out["camera"] = str(label)
     return out
+
+
+def _camera_of(image: Record) -> str:
+    """The camera that an image of COCO names, or the folder that it lies in; empty: neither."""
+    folder = Path(str(image.get("file_name", "")).replace("\\", "/")).parent.name
+    return str(image.get("camera") or folder)
 
 
 def _annotation(path: Path, n: int, annotation: Record, names: Mapping[object, str]) -> dict[str, str]:

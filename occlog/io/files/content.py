@@ -41,10 +41,20 @@ _OTHERS = (
 """Place and bytes by which files are known that commands are given by mistake, what they are, and what to do."""
 
 
+ODAS = (b'"timeStamp"', b'"src"')
+"""What an object of a stream of ODAS holds."""
+ODAS_BYTES = 512
+ODAS_BY_INGEST = (
+    "a stream of directions (ODAS); make a recording of it by `occlog ingest --doa ARRAY={name} --hop SECONDS`"
+)
+
+
 def mistaken_for(path: Path) -> str | None:
     """What a file is that is neither a recording nor a table, and what to do with it; None: not known."""
     with path.open("rb") as file:
-        head = file.read(32)
+        head = file.read(ODAS_BYTES)
+    if head.lstrip().startswith(b"{") and all(mark in head for mark in ODAS):
+        return ODAS_BY_INGEST.format(name=path.name)
     found = next((words for place, mark, words in _OTHERS if head[place:].startswith(mark)), None)
     return None if found is None else found.replace("{name}", path.name)
 

@@ -17,7 +17,7 @@ from typing import Self
 import zstandard
 
 from occlog.errors import InputError
-from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC
+from occlog.io.files.content import RECORDING_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC, mistaken_for
 from occlog.io.files.guard import read_configuration
 from occlog.io.files.inputs import check_input
 from occlog.io.files.sensor_names import natural_key
@@ -163,7 +163,9 @@ def _add(bag: Bag, path: Path) -> None:
         unpacked = bag.unpack(path) if kind == "zstd" else path
         kind = _kind(unpacked) if kind == "zstd" else kind
         if kind not in ("mcap", "sqlite"):
-            raise InputError(f"{path}: neither an MCAP file nor a .db3 file of ROS 2; {WHAT} was expected")
+            mistaken = mistaken_for(path)
+            what = "neither an MCAP file nor a .db3 file of ROS 2" if mistaken is None else f"is {mistaken}"
+            raise InputError(f"{path}: {what}; {WHAT} was expected")
         bag.files.append(McapFile(unpacked, path.name) if kind == "mcap" else SqliteFile(unpacked, path.name))
     except InputError as error:
         if len(bag.paths) == 1 and not bag.paths[0].is_dir():

@@ -56,7 +56,7 @@ def read_odas(path: Path, options: DoaOptions, losses: list[Loss]) -> Iterator[D
         raise UsageError(f"{path}: does not name its array; give it as ARRAY={path.name}")
     if options.hop is None:
         raise UsageError(
-            f"{path}: its timeStamp counts hops; state the hop [s], hopSize / fS of ODAS' configuration, "
+            f"{path}: its timeStamp counts hops; state the hop [s] (--hop), hopSize / fS of ODAS' configuration, "
             "for example 0.008 or 128/16000"
         )
     rows: list[tuple[int, int, int, float, float, float]] = []

@@ -209,6 +209,14 @@ def test_coco_images_name_frame_and_camera_and_may_be_empty(tmp_path: Path) -> N
     assert survey.classes == {("1", "person"): 2}
 
 
+def test_coco_of_several_cameras_is_not_one_camera_s(tmp_path: Path) -> None:
+    images = [{"id": n, "file_name": f"{camera}/000001.jpg"} for n, camera in enumerate("ab")]
+    path = saved(tmp_path / "c.json", {**COCO, "images": images, "annotations": []})
+    with pytest.raises(InputError, match=r"image 2: .* holds images of several cameras \(a, b\); leave out cam1="):
+        read(BoxFile(path, "cam1"))
+    assert read(BoxFile(path, None))[1].cameras == ("a", "b")
+
+
 def test_coco_results_take_the_image_for_the_frame(tmp_path: Path) -> None:
     results = [{"image_id": n, "category_id": 1, "bbox": [1, 2, 3, 4], "score": 0.25} for n in (4, "img_7")]
     boxes, _ = read(BoxFile(saved(tmp_path / "r.json", results), "a"))

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from occlog.errors import InputError
+from occlog.cli.main import run
+from occlog.errors import ExitCode, InputError
 from occlog.io.files.csv_rows import LONGEST_LINE, first_line
 from occlog.io.files.parquet import write_table
 from occlog.io.files.provenance import Provenance
@@ -43,6 +44,15 @@ def test_json_is_no_damaged_parquet(tmp_path: Path) -> None:
         InputError, match="is JSON by its name; boxes in JSON go into a recording by `occlog ingest --boxes`"
     ):
         open_input(tmp_path / "coco.json")
+
+
+@pytest.mark.parametrize("args", [["track"], ["ingest"]])
+def test_a_stream_of_odas_is_told_where_it_goes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], args: list[str]
+) -> None:
+    (tmp_path / "sst.json").write_text('{"timeStamp": 1, "src": [{"id": 1, "x": 1, "y": 0, "z": 0, "activity": 1}]}\n')
+    assert run([*args, str(tmp_path / "sst.json"), "-o", str(tmp_path / "out.x")]) == ExitCode.BAD_INPUT
+    assert "is a stream of directions (ODAS); make a recording of it by `occlog ingest --doa" in capsys.readouterr().err
 
 
 def test_tracks_in_place_of_the_truth_may_be_swapped(tmp_path: Path) -> None:
