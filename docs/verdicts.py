@@ -26,7 +26,7 @@ FIELDS = ("id", "statement", "place", "page", "paper", "measured", "error_bar", 
 """What is kept of a verdict."""
 DIGITS = 6
 """Significant digits that are kept."""
-CURVE = 10
+CURVE = 13
 """A series of more points is a curve, whose points are not kept."""
 
 

@@ -80,7 +80,7 @@ def outputs(folder: Path, **changes: object) -> None:
     (folder / "fig5.json").write_text(json.dumps({**found, "verdicts": [verdict], **changes}))
     with (folder / "fig5.csv").open("w", newline="") as file:
         head = ["series", "x", "runs", "mean", "sd", "standard_error", "values"]
-        curve = [["curve", k, 50, k, "", "", ""] for k in range(11)]
+        curve = [["curve", k, 50, k, "", "", ""] for k in range(14)]
         csv.writer(file).writerows([head, ["free", "", 50, 1.5, 1, 0.25, "1 2"], *curve])
 
 
