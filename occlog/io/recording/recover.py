@@ -103,8 +103,7 @@ class _Salvage:
 
     def damaged(self, at: int, what: str) -> None:
         """Note damage at a byte of the file."""
-        until = "" if self._span is None else f"; the last message before it is of {utc(self._span[1])}"
-        self._lose(f"byte {at}", f"{what}{until}")
+        self._lose(f"byte {at}", what)
         self._open = set(self._last)
 
     def define(self, record: Record) -> None:
@@ -200,7 +199,14 @@ class _Salvage:
         self._attached.add(a.name)
 
     def _count_missing(self) -> None:
-        """List the messages that the index counts and that were neither found nor are listed."""
+        """List messages that the index counts and that are neither found nor listed; without it, where each topic ends.
+
+        A topic without a message since the last damage may have had more.
+        """
+        for channel_id in sorted(self._open if self._counts is None else ()):
+            topic = self._channels[channel_id].topic
+            place = f"after {utc(self._last[channel_id][1])}"
+            self._losses[Loss(_source_of(topic), place, f"messages of {topic}, if there were more")] = None
         for channel_id, count in sorted((self._counts or {}).items()):
             missing = count - self._messages.get(channel_id, 0) - self._told.get(channel_id, 0)
             if missing > 0 and channel_id in self._channels:
@@ -239,12 +245,16 @@ class _Salvage:
 
     def _missing(self, channel_id: int, place: str, count: int) -> None:
         topic = self._channels[channel_id].topic
-        source = sensor_of(topic) if topic.startswith("/camera/") else topic
-        self._losses[Loss(source, place, f"messages of {topic} in what is damaged", count)] = None
+        self._losses[Loss(_source_of(topic), place, f"messages of {topic} in what is damaged", count)] = None
         self._told[channel_id] = self._told.get(channel_id, 0) + count
 
     def _lose(self, place: str, what: str) -> None:
         self._losses[Loss(self._source.name, place, what)] = None
+
+
+def _source_of(topic: str) -> str:
+    """What losses call a topic: the camera, or the topic of a table."""
+    return sensor_of(topic) if topic.startswith("/camera/") else topic
 
 
 def _stream(record: Record) -> ReadDataStream:

@@ -93,6 +93,9 @@ def test_every_complete_message_before_a_cut_comes_back(whole: Path, tmp_path: P
         assert len(got) >= min(complete, len(all_of_it))
         if len(got) < len(all_of_it):
             assert any("the file is cut" in str(loss) for loss in found.losses)
+            last = max(n for topic, n, _, _ in got if topic == "/camera/a/image")
+            place = f"after 2023-11-14T22:13:2{last // 10}.{last % 10}00Z"
+            assert Loss("a", place, "messages of /camera/a/image, if there were more") in found.losses
         assert open_recording(out).losses == found.losses
 
 
