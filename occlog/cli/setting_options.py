@@ -374,7 +374,7 @@ class VariantCommand(SettingsCommand):
             raise click.UsageError(self._refusal(error, name or self.default), ctx) from error
 
     def _refusal(self, error: click.NoSuchOption, name: str) -> str:
-        """Which variants have the option; click's own message if none has."""
+        """Which variants have the option, and what to do; click's own message if none has."""
         owners = [
             other
             for other, variant in self.variants.items()
@@ -382,7 +382,8 @@ class VariantCommand(SettingsCommand):
         ]
         if not owners:
             return error.format_message()
-        return f"{error.option_name} is an option of {self._named(owners)}, not of {self.called(name)}"
+        said = f"{error.option_name} is an option of {self._named(owners)}, not of {self.called(name)}"
+        return f"{said}; leave it out, or choose one that has it"
 
     def classes(self, ctx: click.Context) -> Sequence[type[Settings]]:
         """The classes of the settings that --set takes: those of the variant."""

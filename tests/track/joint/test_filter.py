@@ -91,6 +91,12 @@ def test_the_command_tracks_and_refuses_what_others_have(tmp_path: Path, capsys)
     command = ["track", seen, "--scene", scene, "--method", "joint", "-o", out, "-q"]
     assert run([*command, "--occluders", seen]) == ExitCode.USAGE
     assert "--occluders is an option of" in capsys.readouterr().err
+    for option in (["--smooth"], ["--lag", "2"], ["--start", "1,1"], ["--select", "greedy"]):
+        assert run([*command, *option]) == ExitCode.USAGE
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"{option[0]} is an option of" in line
+        assert "not of --method joint; leave it out, or choose one that has it" in line
+        assert not Path(out).exists()
     assert run([*command, "--particles", "100"]) == ExitCode.DONE
     assert len(read_table(Path(out), Tracks)) == 3 * 40
 

@@ -100,11 +100,19 @@ def test_the_command_tracks_and_smooths(command: list[str]) -> None:
     assert len(read_table(Path(command[5]), Tracks)) == STEPS
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_selection_is_refused_in_one_line_that_says_what_to_do(command: list[str], method: str, capsys) -> None:
+    assert run([*command, "--method", method, "--select", "greedy"]) == ExitCode.USAGE
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"not of --method {method}; leave it out, or choose one that has it" in line
+    assert "--method apf" in line
+    assert not Path(command[5]).exists()
+
+
 @pytest.mark.parametrize(
     ("option", "said"),
     [
         (["--occluders", "seen.parquet"], "--occluders is an option of"),
-        (["--select", "greedy"], "--select is an option of"),
         (["--particles", "100"], "--particles is an option of"),
         (["--set", "points=visible"], "points"),
     ],
