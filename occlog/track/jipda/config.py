@@ -24,6 +24,14 @@ class JipdaConfig(LagConfig):
     )
     sigma_width: float = setting(0.12, "Its standard deviation.", unit="length", above=0)
 
+    apart: float = setting(
+        0.22,
+        "People do not walk through one another: two stand at a distance d with a probability that is multiplied by "
+        "1 - exp(-d^2 / (2 apart^2)); 0: they may.",
+        unit="length",
+        at_least=0,
+    )
+
     # Motion
     acceleration: float = setting(
         0.06,

@@ -42,7 +42,7 @@ from .kernels.body_box import Views, pack_views
 from .kernels.disagreement import disagreement
 from .kernels.joint import Boxes, update
 from .kernels.newborn import Arrival, newborn
-from .people import People, born, corrected, doubles, join, nobody, predict, shown_covariance, take
+from .people import People, born, corrected, doubles, join, kept_apart, nobody, predict, shown_covariance, take
 from .place_map import SMOOTH, PlaceMap, arrivals, first_velocity, leaving_at, no_map, watch
 
 BORDER_PX = 3.0
@@ -63,6 +63,8 @@ LEAST_BOXES = 1.5
 """Nobody is confirmed by fewer boxes."""
 LEAST_SUPPORT = 0.05
 """Boxes that are somebody's with a lower probability are not named."""
+APART_NS = 50_000_000
+"""People are kept apart once in so long [ns] at most: cameras that look one after another tell nothing anew of it."""
 NEW_SHARE = 0.1
 """Boxes of people who are not tracked, against those of nobody, before births are looked at."""
 
@@ -83,6 +85,7 @@ class State:
     cues: Cues
     places: PlaceMap
     nobodys: tuple[Nobodys, ...]  # of each camera's last look
+    apart_ns: int | None  # when people were kept apart last; None: never
 
 
 def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State:
@@ -115,6 +118,7 @@ def begin(scene: Scene, cameras: Sequence[Camera], config: JipdaConfig) -> State
         cues=no_cues(len(cameras)),
         places=no_map(metre),
         nobodys=(no_box(),) * len(cameras),
+        apart_ns=None,
     )
 
 
@@ -137,6 +141,9 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         turning=turning_rate(state.counts),
         config=config,
     )
+    apart_ns = state.apart_ns
+    if config.apart > 0.0 and (apart_ns is None or t_ns - apart_ns >= APART_NS):
+        people, apart_ns = kept_apart(people, config.apart), t_ns
     # Associate and update
     boxes = pack(state, looks, t_ns)
     looked, interval = state.looked.copy(), np.full(len(state.looked), np.inf)
@@ -249,6 +256,7 @@ def step(state: State, looks: Sequence[Look]) -> tuple[State, Moment]:
         cues=cues,
         places=places,
         nobodys=tuple(nobodys),
+        apart_ns=apart_ns,
     ), moment
 
 

@@ -16,6 +16,7 @@ from occlog.array_types import NS, Bools, Floats, Ints
 
 from .config import JipdaConfig
 from .interface import HEIGHT, NOBODY, STATE, WIDTH, X, Y
+from .kernels.exclusion import exclude
 
 CALM, TURNING = 0, 1
 GROWTH = 0.01
@@ -168,6 +169,22 @@ def shown_covariance(people: People, sway: float) -> Floats:
     out = people.covariance.copy()
     out[:, [X, Y], [X, Y]] += sway
     return out
+
+
+def kept_apart(people: People, s: float) -> People:
+    """The people, nobody where another one is (`kernels.exclusion`).
+
+    Args:
+        people: predicted.
+        s: standard deviation of the distance at which two people do not stand, > 0.
+    """
+    if len(people.key) < 2:
+        return people
+    model, means, covariances = people.model.copy(), people.means.copy(), people.covariances.copy()
+    place, spread = people.mean[:, [X, Y]], people.covariance[:, :2, :2].copy()
+    exclude(means, covariances, model, place, spread, people.existence, s)
+    model /= model.sum(axis=1, keepdims=True)
+    return _merged(replace(people, model=model, means=means, covariances=covariances))
 
 
 def _transitions(dt: float, begin: float, end: float) -> Floats:

@@ -8,7 +8,7 @@ from crowds import Crowd, crowd
 from scipy.optimize import linear_sum_assignment
 
 from occlog.track.jipda.config import JipdaConfig
-from occlog.track.jipda.filter import begin, step
+from occlog.track.jipda.filter import APART_NS, begin, step
 from occlog.track.jipda.interface import NOBODY, Look, Moment
 
 pytestmark = pytest.mark.jit
@@ -173,3 +173,15 @@ def test_a_camera_that_did_not_look_says_nothing_of_visibility() -> None:
     assert len(last.ids)
     assert np.isnan(last.visibility[:, 2]).all()
     assert np.isfinite(last.visibility[:, :2]).any()
+
+
+def test_people_are_kept_apart_once_in_a_while_however_often_cameras_look() -> None:
+    made = crowd(people=2, frames=12, seed=7)
+    state = begin(made.scene, made.scene.cameras, JipdaConfig())
+    kept = []
+    for t_ns in (0, APART_NS - 1, APART_NS, APART_NS + 1, 2 * APART_NS):
+        state, _ = step(state, [look._replace(t_ns=t_ns) for look in made.moments[0]])
+        kept.append(state.apart_ns)
+    assert kept == [0, 0, APART_NS, APART_NS, 2 * APART_NS]
+    state = begin(made.scene, made.scene.cameras, JipdaConfig(apart=0.0))
+    assert step(state, made.moments[0])[0].apart_ns is None

@@ -19,6 +19,7 @@ from occlog.track.jipda.people import (
     born,
     corrected,
     doubles,
+    kept_apart,
     predict,
     take,
 )
@@ -145,3 +146,33 @@ def test_confirmed_people_are_doubles_when_they_have_been_together_for_long() ->
     np.testing.assert_array_equal(doubles(people, last)[1], [False, True, False])
     doubtful = replace(people, existence=np.array([0.9 * RIVAL - 0.01, 0.9, 0.9]))
     np.testing.assert_array_equal(doubles(doubtful, last)[1], [True, False, False])
+
+
+def head_on() -> People:
+    """Two people who walk up to each other, 0.8 m apart."""
+    mean = np.array([[0.0, 0.0, 1.0, 0.0, 1.7, 0.5], [0.8, 0.0, -1.0, 0.0, 1.7, 0.5]])
+    matrix = np.diag([0.02, 0.02, 0.1, 0.1, 0.01, 0.01])
+    return born(mean, np.stack([matrix, matrix]), np.full(2, 0.95), np.full(2, 5.0), 0, 0)
+
+
+def test_who_would_walk_through_somebody_is_expected_to_stop_or_to_turn() -> None:
+    config, people = JipdaConfig(), head_on()
+    free = people
+    for _ in range(4):
+        free = predict(free, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, config=config)
+        people = kept_apart(predict(people, 0, dt=0.1, leaving=np.zeros(2), turning=0.1, config=config), config.apart)
+    # Where they would have met they are still before each other, and slower
+    np.testing.assert_allclose(free.mean[:, 0], 0.4, atol=1e-9)
+    assert people.mean[1, 0] - people.mean[0, 0] > 0.5 * config.apart
+    np.testing.assert_allclose(free.mean[:, 2], [1.0, -1.0], atol=1e-9)
+    assert people.mean[0, 2] < 0.95
+    # Who manoeuvres could have got out of the way; both alike
+    assert (people.model[:, TURNING] > free.model[:, TURNING]).all()
+    np.testing.assert_allclose(people.mean[0, :2] + people.mean[1, :2], [0.8, 0.0], atol=1e-9)
+    assert (np.linalg.eigvalsh(people.covariance) > 0.0).all()
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_nobody_keeps_apart_from_nobody(n: int) -> None:
+    people = some(n)
+    assert kept_apart(people, 0.22) is people

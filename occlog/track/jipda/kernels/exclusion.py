@@ -1,0 +1,100 @@
+"""People do not walk through one another: where two may be at one time.
+
+The density of two people's places is multiplied by
+
+    psi(d) = 1 - exp(-d^2 / (2 s^2)),
+
+d their distance: a Markov random field as the prior of motion (Khan, Balch and Dellaert 2005, IEEE T-PAMI 27(11),
+Sec. 4), here with its moments in closed form.  psi times a Gaussian is the difference of two Gaussians, and the rest
+of a state follows its place by linear regression.  Two people who walk up to each other and turn round are so told from
+two who pass: the latter would have to go through one another.
+"""
+
+from __future__ import annotations
+
+import math
+
+from occlog.array_types import Floats
+from occlog.core.numerics.jit import kernel
+
+REACH2 = 16.0
+"""Pairs are passed over whose squared distance is more than so many times the variances that it has together."""
+
+
+@kernel
+def exclude(
+    mean: Floats, covariance: Floats, weight: Floats, place: Floats, spread: Floats, existence: Floats, s: float
+) -> None:
+    """Multiply the densities of states by the probability that nobody else is there; in place.
+
+    Args:
+        mean: (N, A, 6) states of N people by A models, place (x, y) first.
+        covariance: (N, A, 6, 6).
+        weight: (N, A) factors, multiplied by the share of the density that is left.
+        place: (N, 2) of the same people, of all models together.
+        spread: (N, 2, 2) its covariance.
+        existence: (N,) probability that a person is there, < 1.
+        s: standard deviation of the distance at which two people do not stand, > 0; in the unit of the places.
+    """
+    s2 = s * s
+    for i in range(place.shape[0]):
+        for j in range(place.shape[0]):
+            square = (place[i, 0] - place[j, 0]) ** 2 + (place[i, 1] - place[j, 1]) ** 2
+            variance = spread[i, 0, 0] + spread[i, 1, 1] + spread[j, 0, 0] + spread[j, 1, 1] + s2
+            if i == j or square > REACH2 * variance:
+                continue
+            for a in range(mean.shape[1]):
+                weight[i, a] *= _without(mean[i, a], covariance[i, a], place[j], spread[j], existence[j], s2)
+
+
+@kernel
+def _without(mean: Floats, covariance: Floats, place: Floats, spread: Floats, existence: float, s2: float) -> float:
+    """Multiply one state's density by 1 - p exp(-d^2 / (2 s^2)), d the distance to another; return what is left.
+
+    Args:
+        mean: (6,), changed in place.
+        covariance: (6, 6), changed in place.
+        place: (2,) of the other.
+        spread: (2, 2) its covariance.
+        existence: p, probability that the other is there.
+        s2: square of s.
+    """
+    # r = x_i - x_j: mean (x, y), covariance P; times exp(-r^2 / 2 s^2): mean s^2 G r, covariance s^2 G P, G = (P + s^2)^-1
+    x, y = mean[0] - place[0], mean[1] - place[1]
+    xx, xy, yy = (
+        covariance[0, 0] + spread[0, 0],
+        covariance[0, 1] + spread[0, 1],
+        covariance[1, 1] + spread[1, 1],
+    )
+    det = (xx + s2) * (yy + s2) - xy * xy
+    g_xx, g_xy, g_yy = (yy + s2) / det, -xy / det, (xx + s2) / det
+    Z = existence * s2 / math.sqrt(det) * math.exp(-0.5 * (g_xx * x * x + 2.0 * g_xy * x * y + g_yy * y * y))
+    near_x, near_y = s2 * (g_xx * x + g_xy * y), s2 * (g_xy * x + g_yy * y)
+    near_xx = s2 * (g_xx * xx + g_xy * xy)
+    near_xy = s2 * (g_xx * xy + g_xy * yy)
+    near_yy = s2 * (g_xy * xy + g_yy * yy)
+    # The difference: 1 - Z of the density is left
+    left = 1.0 - Z
+    to_x, to_y = (x - Z * near_x) / left, (y - Z * near_y) / left
+    d_xx = (xx + x * x - Z * (near_xx + near_x * near_x)) / left - to_x * to_x - xx
+    d_xy = (xy + x * y - Z * (near_xy + near_x * near_y)) / left - to_x * to_y - xy
+    d_yy = (yy + y * y - Z * (near_yy + near_y * near_y)) / left - to_y * to_y - yy
+    # Regression of the state on r: K = C[:, :2] P^-1
+    det = xx * yy - xy * xy
+    i_xx, i_xy, i_yy = yy / det, -xy / det, xx / det
+    n = mean.shape[0]
+    for row in range(n):
+        across, down = covariance[row, 0], covariance[row, 1]
+        mean[row] += (across * i_xx + down * i_xy) * (to_x - x) + (across * i_xy + down * i_yy) * (to_y - y)
+    gain = covariance[:, :2].copy()
+    for row in range(n):
+        across, down = gain[row, 0], gain[row, 1]
+        gain[row, 0], gain[row, 1] = across * i_xx + down * i_xy, across * i_xy + down * i_yy
+    for row in range(n):
+        for column in range(row, n):
+            total = gain[row, 0] * (d_xx * gain[column, 0] + d_xy * gain[column, 1])
+            total += gain[row, 1] * (d_xy * gain[column, 0] + d_yy * gain[column, 1])
+            covariance[row, column] += total
+            if column > row:
+                covariance[column, row] = covariance[row, column]
+    return left

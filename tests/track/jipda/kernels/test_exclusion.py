@@ -1,0 +1,95 @@
+"""Where two people may be: against weighted samples, and what must not change."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from occlog.array_types import Floats
+from occlog.track.jipda.kernels.exclusion import exclude
+
+S = 0.22
+
+
+def normal(rng: np.random.Generator, n: int) -> Floats:
+    """(n, n) covariance of some decimetres."""
+    half = rng.normal(size=(n, n + 2))
+    return 0.01 * half @ half.T
+
+
+def one_of(
+    mean: Floats, covariance: Floats, place: Floats, spread: Floats, existence: float
+) -> tuple[Floats, Floats, float]:
+    """Mean, covariance and share of the first of two people."""
+    means, covariances = np.zeros((2, 1, 6)), np.tile(np.eye(6), (2, 1, 1, 1))
+    means[0, 0], covariances[0, 0], weight = mean, covariance, np.ones((2, 1))
+    places, spreads = np.array([mean[:2], place]), np.array([covariance[:2, :2], spread])
+    means[1, 0, :2], covariances[1, 0, :2, :2] = place, spread
+    exclude(means, covariances, weight, places, spreads, np.array([0.3, existence]), S)
+    return means[0, 0], covariances[0, 0], float(weight[0, 0])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_moments_are_those_of_weighted_samples(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mean, covariance, spread = rng.normal(0.0, 0.3, 6), normal(rng, 6), normal(rng, 2)
+    place, existence = mean[:2] + rng.normal(0.0, 0.2, 2), rng.uniform(0.3, 1.0)
+    N = 200_000
+    states = rng.multivariate_normal(mean, covariance, N)
+    apart = states[:, :2] - rng.multivariate_normal(place, spread, N)
+    left = 1.0 - existence * np.exp(-0.5 * (apart**2).sum(axis=1) / S**2)
+    got, got_covariance, share = one_of(mean, covariance, place, spread, existence)
+    # The error of a weighted mean over N samples, from the samples
+    assert abs(share - left.mean()) < 5.0 * left.std() / np.sqrt(N)
+    wanted = left @ states / left.sum()
+    off = (states - wanted) * left[:, None] / left.mean()
+    assert (abs(got - wanted) < 5.0 * off.std(axis=0) / np.sqrt(N)).all()
+    each = (states - wanted)[:, :, None] * (states - wanted)[:, None, :]
+    wanted_covariance = np.einsum("n,nij->ij", left, each) / left.sum()
+    off = (each - wanted_covariance) * left[:, None, None] / left.mean()
+    assert (abs(got_covariance - wanted_covariance) < 5.0 * off.std(axis=0) / np.sqrt(N)).all()
+
+
+def test_nobody_there_and_nobody_near_change_nothing() -> None:
+    rng = np.random.default_rng(0)
+    mean, covariance, spread = rng.normal(size=6), normal(rng, 6), normal(rng, 2)
+    for place, existence in ((mean[:2] + 0.1, 0.0), (mean[:2] + 50.0, 1.0)):
+        got, got_covariance, share = one_of(mean, covariance, place, spread, existence)
+        np.testing.assert_allclose(got, mean, atol=1e-12)
+        np.testing.assert_allclose(got_covariance, covariance, atol=1e-12)
+        assert share == 1.0
+
+
+@pytest.mark.parametrize("sigma", [1e-4, 1e-2, 1.0])
+def test_two_at_one_place_stay_where_they_are_and_their_places_are_less_sure(sigma: float) -> None:
+    covariance, spread = sigma**2 * np.eye(6), sigma**2 * np.eye(2)
+    got, got_covariance, share = one_of(np.zeros(6), covariance, np.zeros(2), spread, 1.0 - 1e-6)
+    np.testing.assert_allclose(got, 0.0, atol=1e-12)
+    assert 0.0 < share < 1.0
+    assert (np.linalg.eigvalsh(got_covariance) > 0.0).all()
+    assert got_covariance[0, 0] > covariance[0, 0]
+
+
+def test_who_walks_up_to_somebody_slows_down() -> None:
+    # Place and velocity go together, as after a prediction
+    covariance = np.diag([0.02, 0.02, 0.2, 0.2, 0.01, 0.01])
+    covariance[0, 2] = covariance[2, 0] = 0.04
+    mean = np.array([-0.2, 0.0, 1.0, 0.0, 1.7, 0.5])
+    got, _, share = one_of(mean, covariance, np.zeros(2), 0.02 * np.eye(2), 1.0)
+    assert got[0] < mean[0] - 0.03
+    assert got[2] < mean[2] - 0.06
+    np.testing.assert_allclose(got[[1, 3, 4, 5]], mean[[1, 3, 4, 5]], atol=1e-12)
+    assert share < 0.9
+
+
+def test_the_order_of_two_people_does_not_matter() -> None:
+    rng = np.random.default_rng(3)
+    means, covariances = rng.normal(0.0, 0.2, (2, 2, 6)), np.array([[normal(rng, 6) for _ in "ab"] for _ in "ab"])
+    place, spread, existence = means[:, 0, :2].copy(), covariances[:, 0, :2, :2].copy(), np.array([0.9, 0.6])
+    a, A, w = means.copy(), covariances.copy(), np.full((2, 2), 0.5)
+    exclude(a, A, w, place, spread, existence, S)
+    b, B, v = means[::-1].copy(), covariances[::-1].copy(), np.full((2, 2), 0.5)
+    exclude(b, B, v, place[::-1].copy(), spread[::-1].copy(), existence[::-1].copy(), S)
+    np.testing.assert_allclose(a, b[::-1])
+    np.testing.assert_allclose(A, B[::-1])
+    np.testing.assert_allclose(w, v[::-1])
