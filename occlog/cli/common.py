@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from copy import copy
-from functools import partial
+from functools import partial, wraps
 from typing import Any
 
 import click
 
 from occlog.details import dry_run, told_to
 
+from .input_paths import Input, check_there, named
 from .setting_options import SettingOption, value_after
-from .standard_input import Input, named
 
 
 def add_common(command: click.Command) -> None:
@@ -26,12 +26,29 @@ def add_common(command: click.Command) -> None:
     reads = any(isinstance(param.type, Input) for param in command.params)
     if reads and "input_units" not in there:
         command.params.append(_input_units())
+        if command.callback is not None:
+            command.callback = _after_a_look(command.callback)
     if (reads or command.name == "ingest") and "reader" not in there:
         command.params.append(_reader())
     if (there & {"output", "png"}) and "dry_run" not in there and command.name not in WITHOUT_DRY_RUN:
         command.params.append(_flag("--dry-run", _dry_run, DRY_RUN_HELP))
     if "verbose" not in there:
         command.params.append(_flag("-v", _tell_details, VERBOSE_HELP, "--verbose"))
+
+
+def _after_a_look(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """The callback of a command, after a look whether its inputs are there.
+
+    What is wrong in the command line is said first: settings of `--set` are looked at by the callback.
+    """
+
+    @wraps(callback)
+    def checked(*args: Any, **values: Any) -> Any:
+        if not values.get("settings"):
+            check_there(click.get_current_context())
+        return callback(*args, **values)
+
+    return checked
 
 
 WITHOUT_DRY_RUN = ("reproduce", "schema")

@@ -216,8 +216,8 @@ def _bug(error: Exception) -> str:
 
 def _show_plan(as_json: bool) -> None:
     """Say what a dry run would have done."""
+    from .input_paths import named
     from .options import echo_summary
-    from .standard_input import named
 
     plan = DRY_RUN.get() or Plan()
     replaced = [path for path in plan.writes if path.exists()]
@@ -227,7 +227,7 @@ def _show_plan(as_json: bool) -> None:
 
 def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
     """Say on standard error what went wrong: in a line, or where `--json` was given as one JSON object."""
-    from .standard_input import named
+    from .input_paths import named
 
     one_line = named(" ".join(message.split()))
     if "--json" in words:
@@ -241,7 +241,7 @@ def _fail(message: str, code: ExitCode, words: Sequence[str]) -> int:
 
 def _as_object(message: str, code: ExitCode, words: Sequence[str]) -> dict[str, object]:
     """Cut an error into its parts: messages begin with the file and end with a hint after a semicolon."""
-    from .standard_input import NAME
+    from .input_paths import NAME
 
     before = [message[:n] for n in range(len(message)) if message.startswith(": ", n)]
     typed = {part for word in words for part in (word, word.partition("=")[2]) if Path(part).suffix or "/" in part}

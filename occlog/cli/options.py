@@ -27,8 +27,8 @@ from occlog.details import begin_work, note_files, tell
 from occlog.errors import ExitCode, UsageError
 
 from .first_run import note_quiet
+from .input_paths import Input, named
 from .interrupts import INTERRUPTS
-from .standard_input import Input, named
 
 if TYPE_CHECKING:
     from occlog.records.losses import Loss

@@ -186,6 +186,7 @@ def test_exit_code_2_for_a_condition_that_is_none_before_any_work(
     ],
 )
 def test_exit_code_2_for_nothing_to_compare(folder: Path, args: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "views.parquet").touch()
     assert run(["evaluate", *args]) == ExitCode.USAGE
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -316,6 +317,7 @@ def test_a_prior_that_is_no_covariance_is_an_error_of_usage(capsys: pytest.Captu
 def test_options_of_another_kind_of_input_are_refused(
     folder: Path, args: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    (folder / "a.csv").touch()
     assert run(args) == ExitCode.USAGE
     assert words in capsys.readouterr().err
 

@@ -167,6 +167,8 @@ def test_faults_are_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "truth.csv").write_text("time,azimuth_deg\n0,1\n")
+    for name in ("tracks.parquet", "doa.parquet"):
+        (tmp_path / name).touch()
     assert run(["evaluate", "--truth-azimuths", "truth.csv", *args]) == code
     error = capsys.readouterr().err
     assert message in error

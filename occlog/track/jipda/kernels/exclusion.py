@@ -59,7 +59,7 @@ def _without(mean: Floats, covariance: Floats, place: Floats, spread: Floats, ex
         existence: p, probability that the other is there.
         s2: square of s.
     """
-    # r = x_i - x_j: mean (x, y), covariance P; times exp(-r^2 / 2 s^2): mean s^2 G r, covariance s^2 G P, G = (P + s^2)^-1
+    # r = x_i - x_j has mean (x, y) and covariance P; times exp(-r^2 / 2 s^2): s^2 G r and s^2 G P, G = (P + s^2)^-1
     x, y = mean[0] - place[0], mean[1] - place[1]
     xx, xy, yy = (
         covariance[0, 0] + spread[0, 0],

@@ -1,4 +1,7 @@
-"""Standard input as an input file: `-` is kept in a temporary file, since readers look at a file more than once."""
+"""Input files on the command line: they are there, and `-` is standard input.
+
+Standard input is kept in a temporary file, since readers look at a file more than once.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,8 @@ from occlog.errors import InputError, OutputError
 from occlog.io.files.inputs import STANDARD_INPUT
 
 NAME = "standard input"
+MOST_NAMES = 10_000
+"""So many names of a folder are looked at for one that is like a missing one."""
 KEPT = "occlog.standard_input"
 """Key of the temporary file in the metadata of click's context."""
 
@@ -20,7 +25,7 @@ class Input(click.Path):
     """The path of an input; `-` is standard input."""
 
     def __init__(self) -> None:
-        """A path; whoever reads the file says whether it is there."""
+        """A path; whoever reads the file says whether it can be read, `check_there` before that whether it is there."""
         super().__init__(path_type=Path, allow_dash=True)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
@@ -32,6 +37,44 @@ class Input(click.Path):
             self.fail("standard input (-) is an input already; name a file.", param, ctx)
         root.meta[KEPT] = _keep(root)
         return Path(root.meta[KEPT])
+
+
+def check_there(ctx: click.Context) -> None:
+    """InputError, with the nearest name in the folder, if an input of the command is missing.
+
+    Said before the command's modules are loaded, since that takes longer than anything else.
+    """
+    for param in ctx.command.get_params(ctx):
+        if not isinstance(param.type, Input) or param.name is None:
+            continue
+        value = ctx.params.get(param.name)
+        for path in value if isinstance(value, tuple) else (value,):
+            if isinstance(path, Path) and _is_missing(path):
+                raise InputError(f"{path}: no such file{_nearest(path)}")
+
+
+def _is_missing(path: Path) -> bool:
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except OSError:
+        # Its reader says why it cannot be read
+        return False
+    return False
+
+
+def _nearest(path: Path) -> str:
+    """Words that name the file beside a path whose name is like it."""
+    import difflib
+    import itertools
+
+    try:
+        names = [entry.name for entry in itertools.islice(path.parent.iterdir(), MOST_NAMES)]
+    except OSError:
+        names = []
+    near = difflib.get_close_matches(path.name, names, n=1)
+    return f"; did you mean {path.with_name(near[0])}?" if near else "; check the name and the folder"
 
 
 def _keep(root: click.Context) -> Path:

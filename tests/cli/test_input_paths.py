@@ -1,9 +1,10 @@
-"""Standard input as an input: `-` for any one input file."""
+"""Input files on the command line: missing ones, and `-` for standard input."""
 
 from __future__ import annotations
 
 import io
 import json
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -82,3 +83,30 @@ def test_provenance_has_the_digest_of_what_was_piped(
     args = ["priors", "kalman", "-", "--scene", str(scene), "-o", str(out), "--measured"]
     assert piped(rows, args, monkeypatch) == ExitCode.DONE
     assert read_provenance(out).inputs[0][0] == "-"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("berings.parquet", "berings.parquet: no such file; did you mean {}/bearings.parquet?"),
+        ("tracks.csv", "tracks.csv: no such file; check the name and the folder"),
+        ("bearings.parquet/a", "a: no such file; check the name and the folder"),
+    ],
+)
+def test_a_missing_input_is_told_with_the_nearest_name(name: str, said: str, tmp_path: Path, capsys: Any) -> None:
+    (tmp_path / "bearings.parquet").write_bytes(b"PAR1")
+    assert run(["evaluate", str(tmp_path / name)]) == ExitCode.BAD_INPUT
+    assert said.format(tmp_path) in capsys.readouterr().err
+
+
+def test_a_missing_input_is_told_before_anything_heavy_is_loaded(tmp_path: Path) -> None:
+    code = """
+import sys
+from occlog.cli.main import run
+for args in (["track", "a.csv", "-o", "t.csv"], ["detect", "a.mcap", "-o", "b.csv"], ["evaluate", "a.csv"]):
+    assert run(args) == 4, args
+print([name for name in ("numba", "scipy", "pyarrow", "pandas", "cv2") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+    assert done.stderr.count("no such file") == 3
