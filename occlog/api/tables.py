@@ -15,6 +15,7 @@ from occlog.errors import InputError, UsageError
 from occlog.io.files.atomic import check_writable, write_bytes
 from occlog.io.files.parquet import describe
 from occlog.records.losses import Loss
+from occlog.words import counted, noun
 
 from .folders import Folder
 
@@ -188,7 +189,9 @@ class Table:
 
     def __repr__(self) -> str:
         lengths = f", lengths in {self.length_unit}" if any("m" in unit for unit in self.units.values()) else ""
-        return f"<occlog table {self.name}: {len(self)} rows, {len(self.columns)} columns{lengths}>"
+        return (
+            f"<occlog table {self.name}: {counted(len(self), 'row')}, {counted(len(self.columns), 'column')}{lengths}>"
+        )
 
     def _repr_html_(self) -> str:
         """The first rows, with units, for a notebook."""
@@ -202,8 +205,10 @@ class Table:
         body = "".join(
             "<tr>" + "".join(f"<td>{escape(in_words(row[c]))}</td>" for c in self.columns) + "</tr>" for row in rows
         )
-        rest = f"<p>{len(self) - len(rows)} more rows</p>" if len(self) > len(rows) else ""
-        words = f"{self.name}: {len(self)} rows"
+        rest = (
+            f"<p>{len(self) - len(rows)} more {noun(len(self) - len(rows), 'row')}</p>" if len(self) > len(rows) else ""
+        )
+        words = f"{self.name}: {counted(len(self), 'row')}"
         return f"<table><caption>{escape(words)}</caption><tr>{head}</tr>{body}</table>{rest}"
 
 

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeGuard, TypeVar
 
 import click
 
@@ -127,7 +127,22 @@ def echo_summary(summary: Mapping[str, object], as_json: bool) -> None:
     for key, value in shown.items():
         if isinstance(value, list | tuple | dict) and not value:
             continue
-        click.echo(f"{key.replace('_', ' ') + ':':<{width + 2}}{_shown(value)}")
+        # Mappings of mappings, of each camera for instance, take a line each
+        lines = [f"{k}: {_in_words(v)}".rstrip() for k, v in value.items()] if _nested(value) else [_shown(value)]
+        for n, line in enumerate(lines):
+            head = "" if n else f"{key.replace('_', ' ')}:"
+            click.echo(f"{head:<{width + 2}}{line}")
+
+
+def _nested(value: object) -> TypeGuard[dict[object, object]]:
+    return isinstance(value, dict) and any(isinstance(each, dict) for each in value.values())
+
+
+def _in_words(figures: object) -> str:
+    """What is said of one of many; the keys are our words."""
+    if not isinstance(figures, dict):
+        return _shown(figures)
+    return ", ".join(f"{str(key).replace('_', ' ')} {_shown(value)}" for key, value in figures.items())
 
 
 def _shown(value: object) -> str:

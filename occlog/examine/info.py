@@ -12,6 +12,7 @@ import click
 from occlog.cli import options
 from occlog.errors import InputError
 from occlog.io.files.utc import utc
+from occlog.words import counted
 
 if TYPE_CHECKING:
     from occlog.io.foreign.table import ForeignTable
@@ -116,7 +117,7 @@ def _describe_bag(path: Path) -> Description:
         topics, span = bag.topics(), bag.span()
         seconds = 0.0 if span is None else (span[1] - span[0]) / 1e9
         total = sum(t.messages or 0 for t in topics.values())
-        lines = [f"bag of another program, {len(bag.files)} files, {total} messages"]
+        lines = [f"bag of another program, {counted(len(bag.files), 'file')}, {counted(total, 'message')}"]
         lines += [] if span is None else [f"time      {utc(span[0])} to {utc(span[1])}, {seconds:.3f} s"]
         for t in topics.values():
             rate = f", {(t.messages - 1) / seconds:.3g} Hz" if t.messages and t.messages > 1 and seconds else ""
@@ -246,7 +247,7 @@ def _camera_lines(scene: Scene) -> Iterator[str]:
 def _describe_recording(recording: Recording) -> Description:
     topics = [{"topic": t.name, "schema": t.schema, "messages": t.messages} for t in recording.topics]
     span = recording.time_ns
-    lines = [f"recording, {sum(t.messages for t in recording.topics)} messages"]
+    lines = [f"recording, {counted(sum(t.messages for t in recording.topics), 'message')}"]
     if span is not None:
         lines.append(f"time      {utc(span[0])} to {utc(span[1])}, {(span[1] - span[0]) / 1e9:.3f} s")
     lines += [f"topic     {t.name}: {t.messages} x {t.schema or '(no schema)'}" for t in recording.topics]
@@ -288,7 +289,7 @@ def _describe_table(path: Path, rows: int) -> Description:
     from occlog.io.files.parquet import describe as describe_parquet
 
     found = describe_parquet(path)
-    lines = [f"table {found['schema']}, {found['rows']} rows"]
+    lines = [f"table {found['schema']}, {counted(found['rows'], 'row')}"]
     if found["time_ns"]:
         start, end = found["time_ns"]
         lines.append(f"time      {utc(start)} to {utc(end)}, {(end - start) / 1e9:.3f} s")

@@ -18,6 +18,7 @@ from occlog.io.frames.folder import are_times, list_images, numbers_of
 from occlog.records.losses import OUTSIDE_IMAGE, Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes
+from occlog.words import counted
 
 from .plan import IngestPlan
 
@@ -30,11 +31,14 @@ def survey(plan: IngestPlan, scene: Scene, note: Note) -> BoxSurvey | None:
     if not plan.boxes:
         return None
     found = survey_boxes(box_files(plan), known_cameras(plan, scene), box_options(plan))
-    said = [" and ".join(found.kinds), f"{found.rows} boxes of {len(found.cameras)} cameras"]
+    said = [
+        " and ".join(found.kinds),
+        f"{counted(found.rows, 'box', 'boxes')} of {counted(len(found.cameras), 'camera')}",
+    ]
     if not found.rows and not found.beyond and found.cameras:
         said.append(f"every frame of {', '.join(found.cameras)} is a look at nobody")
     if found.beyond:
-        said.append(f"left out: {found.beyond} boxes of other frames")
+        said.append(f"left out: {counted(found.beyond, 'box', 'boxes')} of other frames")
     if found.classes and any(found.classes):
         said.append(f"class {in_words(found.classes)}")
     if found.left_out:

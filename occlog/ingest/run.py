@@ -32,6 +32,7 @@ from occlog.records.columns import Table
 from occlog.records.losses import Loss
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, Reads, Truth, TruthBoxes
+from occlog.words import counted
 
 from .agreement import checked
 from .bag import Placement, Taking, check_plan, check_truth_frames, look_into, place_cameras
@@ -92,7 +93,7 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
             _write_bag(bag, plan, scene, turn, writer, done, quiet, note)
         done.times.update({name: t.source for name, t in times.items() if name not in done.times})
         for name, source in sorted(done.times.items()):
-            count = f"{done.frames[name]} frames, " if name in done.frames else ""
+            count = f"{counted(done.frames[name], 'frame')}, " if name in done.frames else ""
             note(f"camera {name}: {count}times from {source}")
         parameters = {**settings, "time_sources": dict(sorted(done.times.items()))}
         writer.annotate(replace(provenance, parameters=parameters, losses=tuple(done.losses)))

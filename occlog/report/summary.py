@@ -11,11 +11,12 @@ from occlog.records.tables import Bound, Errors, PeopleTracks
 from occlog.report.content.metrics_in_words import Figure, number
 from occlog.report.content.model import ReportInput
 from occlog.report.plots.peopleplot import crowd
+from occlog.words import noun
 
 
 def plural(count: int, what: str) -> str:
     """`1 target`, `2 targets`."""
-    return f"{number(count)} {what}{'' if count == 1 else 's'}"
+    return f"{number(count)} {noun(count, what)}"
 
 
 def headline(data: ReportInput) -> list[Figure]:

@@ -10,6 +10,7 @@ import pytest
 from places import ROOT
 
 from occlog.cli.main import run
+from occlog.cli.options import echo_summary
 from occlog.errors import ExitCode
 
 GOLDEN = ROOT / "tests" / "golden" / "expected" / "simulated"
@@ -64,3 +65,15 @@ def test_details_say_what_inputs_are_taken_for_and_what_was_written(
     assert f"wrote a.csv ({(tmp_path / 'a.csv').stat().st_size} bytes)" in err
     assert run([*CASES["export"], "--overwrite"]) == ExitCode.DONE
     assert capsys.readouterr().err == ""
+
+
+def test_figures_of_each_of_many_take_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:
+    echo_summary(
+        {"rows": 3, "boxes": {"cam_1": {"not_explained": 2, "seen": 1.5}, "cam_2": {}}, "sees": {"a": 1}}, False
+    )
+    assert capsys.readouterr().out.splitlines() == [
+        "rows:  3",
+        "boxes: cam_1: not explained 2, seen 1.5",
+        "       cam_2:",
+        "sees:  a 1",
+    ]

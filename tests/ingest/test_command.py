@@ -407,7 +407,7 @@ def test_a_choice_of_frames_cuts_true_positions_and_counts_the_boxes_that_are_ta
     given += ["--truth", str(place / "t.csv")]
     assert run(["ingest", "-o", str(place / "out.mcap"), *given, "--frames", "2:10"]) == ExitCode.DONE
     said = capsys.readouterr().err
-    assert "7 boxes of 1 cameras, left out: 22 boxes of other frames; frames 2 to 9" in said
+    assert "7 boxes of 1 camera, left out: 22 boxes of other frames; frames 2 to 9" in said
     assert "boxes: 7; 1 more row is of frames in which a camera saw nobody" in said
     # Frames 2 to 9 are at 0.2 to 0.9 s; half a frame more belongs to the first and the last one.
     assert "truth: 183 of 200 true positions are of other frames than 2:10, and left out" in said

@@ -16,6 +16,7 @@ import numpy as np
 from occlog.array_types import Floats
 from occlog.errors import InputError, UsageError
 from occlog.records.scene import Camera
+from occlog.words import counted
 
 from . import opencv_storage, opencv_toml, projection, qualisys, tsai
 from .common import CalibrationOptions, read_text
@@ -137,7 +138,7 @@ def describe(calibration: Calibration) -> str:
     cameras = calibration.cameras
     centres = ", ".join(f"{c.name} ({c.position[0]:.2f}, {c.position[1]:.2f}, {c.position[2]:.2f})" for c in cameras)
     unit = calibration.unit if calibration.unit == "m" else f"{calibration.unit} -> m"
-    text = f"calibration: {calibration.format}, {unit}, right-handed, {len(cameras)} cameras at {centres}"
+    text = f"calibration: {calibration.format}, {unit}, right-handed, {counted(len(cameras), 'camera')} at {centres}"
     if len(cameras) < 2:
         return text
     point, distance = meeting_point(cameras)
