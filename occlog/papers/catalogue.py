@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 
 from occlog.errors import UsageError
 from occlog.papers.ercan import accuracy, baselines, joint_states, recorded_figures, selection, speed, square
+from occlog.papers.ercan import equations as ercan_equations
 from occlog.papers.ercan import statements as ercan_statements
+from occlog.papers.lee import equations as lee_equations
 from occlog.papers.lee import statements as lee_statements
 from occlog.papers.lee.appearance.coefficient import COEFFICIENT
 from occlog.papers.lee.appearance.faces import FACES
@@ -42,6 +44,7 @@ from occlog.papers.qu.experiments import (
     table3,
     unseen,
 )
+from occlog.papers.rahimi import equations as rahimi_equations
 from occlog.papers.rahimi import results, search, trust
 from occlog.papers.rahimi import statements as rahimi_statements
 from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
@@ -49,6 +52,7 @@ from occlog.papers.verdicts.source import Sources, attributed
 
 PAPERS: dict[str, tuple[Experiment, ...]] = {
     "ercan": (
+        ercan_equations.EQUATIONS,
         baselines.BASELINES,
         joint_states.JOINT_STATES,
         *square.EXPERIMENTS,
@@ -58,8 +62,9 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
         selection.FIG15,
         accuracy.FIG17,
     ),
-    "rahimi": (search.FIG3, results.FIG4, results.FIG5, trust.FALSE, trust.COVARIANCE),
+    "rahimi": (rahimi_equations.EQUATIONS, search.FIG3, results.FIG4, results.FIG5, trust.FALSE, trust.COVARIANCE),
     "lee": (
+        lee_equations.EQUATIONS,
         # Chapter 2
         variances.VARIANCES,
         weight_sums.FIG2_7,

@@ -12,6 +12,17 @@ IMPROVE = (
 )
 
 SOURCES: Sources = {
+    "eq2": Source("Eq. 2, Sec. 3.1"),
+    "appendix-b": Source("App. B"),
+    "sec4.2-dependent": Source("Sec. 4.2", "it is more likely that the other one also cannot see it"),
+    "eq9": Source("Eqs. 8 and 9, Sec. 4.2", "we can approximate this term using recursion"),
+    "sec4.2-product": Source(
+        "Eqs. 8 and 9, Sec. 4.2", "cannot simply be expressed as a product, as the occlusions are not independent"
+    ),
+    "sec6.1-vertices": Source("Fig. 5, Sec. 6.1", "because their fields of view have better coverage of the room"),
+    "sec6.1-orthogonal": Source(
+        "Fig. 5, Sec. 6.1", "cameras that are placed orthogonally are used for better triangulation"
+    ),
     "baselines-ekf": Source("Sec. 4", "using an extended kalman filter (EKF) ... is not very successful"),
     "baselines-ukf": Source("Sec. 4", "the use of an unscented Kalman filter (UKF) is more promising"),
     "baselines-ukf-constraints": Source(

@@ -25,6 +25,25 @@ NOISIER = Source(
     "Fig. 3-4, Sec. 3.3.1", "As the noise variance increases, the estimation has a higher Root-Mean-Square", 58
 )
 SOURCES: Sources = {
+    "eq2.13": Source("Eq. 2.13, Sec. 2.1.4", "", 18),
+    "eq2.14": Source("Eqs. 2.14 and 3.13, Secs. 2.1.4 and 3.3.1", "the clockwise coordinated turn (CT) model", 18),
+    "eq2.15": Source("Eq. 2.15, Sec. 2.1.4", "Constant Acceleration (CA) model", 18),
+    "eq2.24": Source("Eqs. 2.22 to 2.24, Sec. 2.2.3", "The data conversion", 27),
+    "eq2.30": Source("Eqs. 2.30 and 2.39, Sec. 2.3.2", "we can assume that J_0 is the zero matrix", 37),
+    "eq2.32": Source("Eqs. 2.30, 2.32, 2.33 and 2.39, Secs. 2.3.1 and 2.3.2", "", 34),
+    "eq2.36": Source("Eqs. 2.36 to 2.38, Sec. 2.3.1", "", 34),
+    "eq3.10": Source("Eqs. 3.7 to 3.11, Sec. 3.2.1", "", 48),
+    "eq3.12": Source("Eq. 3.12, Sec. 3.3.1", "", 56),
+    "eq4.4": Source("Eqs. 4.3 and 4.4, Sec. 4.3.1", "", 86),
+    "eq4.11": Source("Eq. 4.11, Sec. 4.3.1", "", 86),
+    "fig2.9-lowest": Source(
+        "Fig. 2-9, Sec. 2.4.4", "the projected measurement with the lowest variance is [...] yz-plane from sensor 1", 41
+    ),
+    "fig2.9-second": Source("Fig. 2-9, Sec. 2.4.4", "the second lowest variance is with yz-plane from sensor 2", 41),
+    "fig2.9-later": Source(
+        "Fig. 2-9, Sec. 2.4.4", "zx-plane from sensor 1 and yz-plane from sensor 2 are selected", 41
+    ),
+    "sec2.2.2": Source("Tables 2.1 and 2.2, Sec. 2.2.2", "", 24),
     # Chapter 2
     "variances-first": Source("Figs. 2-2 and 2-3", "", 13),
     "variances-yz": Source("Eqs. 2.1 and 2.2", "", 12),
@@ -146,5 +165,12 @@ SOURCES: Sources = {
     "refine-depth": Source("Eqs. 5.39 and 5.40, Sec. 5.2.3"),
     "refine-tail": Source("Eqs. 5.39 and 5.40, Sec. 5.2.3"),
     "refine-rays": OWN,
+    "hops": Source("Figs. 5-45b and 5-46b, Sec. 5.2.3", "", 144),
+    "hops-2-visual": Source(
+        "Figs. 5-45b and 5-46b, Sec. 5.2.3", "delay of visual sensing in RBVC is larger than that of SBVC", 144
+    ),
+    "hops-3-visual": Source(
+        "Figs. 5-45b and 5-46b, Sec. 5.2.3", "delay of visual sensing in RBVC is larger than that of SBVC", 144
+    ),
     "traffic": Source("Sec. 5.2.3, traffic of RBVC and SBVC", page=144),
 }

@@ -26,6 +26,19 @@ SOURCES: Sources = {
         "Fig. 5, Sec. 6", "The field of view constraints are critical in recovering the trajectories"
     ),
     "fig5-room": Source("Sec. 8", "known obstacles in the environment can provide helpful information"),
+    "fig1-scale": Source(
+        "Fig. 1a, Sec. 1", "location can only be determined up to a scale factor with a single camera"
+    ),
+    "fig1-speed": Source("Fig. 1a, Sec. 1", "its location can be fully recovered by matching its speed"),
+    "fig1-two": Source("Fig. 1b, Sec. 1", "its trajectory can be estimated with two non-overlapping cameras"),
+    "sec7-same-bearing": Source(
+        "Fig. 7, Sec. 7", "It was impossible [...] because the subject moved along the same bearing"
+    ),
+    "eq1": Source("Eq. 1, Sec. 3", "adds the velocities in x_t to the positions in x_t"),
+    "eq2": Source("Eq. 2, Sec. 3", "where Lambda_X^-1 is tri-diagonal"),
+    "eq3": Source("Eq. 3, Sec. 3"),
+    "eq3-inverse": OWN,
+    "sec5-sparse": Source("Sec. 5", "with exactly 2 non-zero elements in each row"),
     "false": OWN,
     "covariance": OWN,
 }

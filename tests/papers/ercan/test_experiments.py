@@ -19,7 +19,7 @@ from occlog.papers.verdicts.model import Experiment, Size
 from occlog.papers.verdicts.verdicts import find
 from occlog.pipeline.sweep.engine import run_all
 
-ERCAN = ["baselines", "joint", "fig6", "fig7", "fig8", "fig9", "fig10", "fig12", "fig14", "fig15", "fig17"]
+ERCAN = ["equations", "baselines", "joint", "fig6", "fig7", "fig8", "fig9", "fig10", "fig12", "fig14", "fig15", "fig17"]
 
 
 @pytest.mark.parametrize(
