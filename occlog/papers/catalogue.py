@@ -39,6 +39,7 @@ from occlog.papers.qu.experiments import (
     mechanisms,
     motion,
     rooms,
+    sweeps,
     table1,
     table2,
     table3,
@@ -92,6 +93,7 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
         *TRAFFIC_EXPERIMENTS,
     ),
     "qu": (
+        sweeps.SWEEPING,
         table1.TABLE1,
         table2.TABLE2,
         failures.FAILURES,

@@ -116,6 +116,9 @@ SOURCES: Sources = {
     "fig3.14-thesis-spread": OWN,
     "fig3.14-joint": OWN,
     "table3.1": Source("Table 3.1", "", 72),
+    "table3.1-period": Source(
+        "Table 3.1, Sec. 3.3.4", "visual sensor's sampling time T_v is approximately 4.55 T_s", 70
+    ),
     "fig3.18": Source("Fig. 3-18, Sec. 3.4.3", "", 77),
     "fig3.19": Source("Fig. 3-19, Sec. 3.4.3", "", 78),
     "fig3.19-silence": Source(

@@ -17,6 +17,7 @@ WRONG_TARGETS = "the trackers may attach to wrong targets, and thus lose the cor
 CLUTTER = "Background subtraction is used to decrease the clutter and enhance the performance"
 
 SOURCES: Sources = {
+    "sweeps": Source("Sec. 3.2", "we iterate several times (usually twice is enough) between different views"),
     "table1-collaboration": Source(
         "Table 1, Sec. 4.4.1", "the computational cost required for camera collaboration is negligible"
     ),

@@ -25,6 +25,7 @@ QUICK_GRID = (2.0, 6.0, 20.0, 100.0)
 SPREADS = (0.5, 1.0, 2.0)
 MEAN = "mean of the objects"
 NONE, PRINTED, EDGE, SPREAD, PERIODIC = "none", "printed triggers", "count change", "spread", "periodic"
+STEPS_BETWEEN = "steps between requests"
 FIGURES = ("frames", "requests", "fixes", "period")
 RESAMPLES = 1000
 VARIANCES = (0.0, 0.5, 1.5, 5.0)
@@ -43,6 +44,8 @@ CONDITIONS = {
 """Equation of each printed trigger by its cause, and the id of the verdict that it fires where the others do not."""
 TABLE = {1: (7.54, 1.38), 2: (3.70, 0.24), 3: (5.54, 0.32)}
 """RMS errors of Table 3.1 [m] without cameras and with the printed triggers."""
+BETWEEN = 4.55
+"""Average time between requests of the printed triggers, Table 3.1(b) [steps]."""
 AVERAGE = 5.59
 """Average RMS error without cameras, Table 3.1 [m]."""
 
@@ -221,7 +224,8 @@ def by_object(size: Size, execute: Execute) -> Table:
         own = results[n * size.runs : (n + 1) * size.runs]
         extra = {f: _mean([r[f] for r in own]) for f in FIGURES}
         rows += [Row(name, float(k), tuple(r[f"rmse_{k}"] for r in own if f"rmse_{k}" in r), extra) for k in TABLE]
-    return rows
+    asked = tuple(size.steps / r["requests"] for r in results[size.runs :] if r["requests"])
+    return [*rows, Row(STEPS_BETWEEN, math.nan, asked, plotted=False)]
 
 
 def judge_object(table: Table) -> list[Verdict]:
@@ -233,6 +237,10 @@ def judge_object(table: Table) -> list[Verdict]:
             if row is not None and row.values and not math.isnan(row.mean):
                 said = f"RMS error of object {k} {text} [m]."
                 out.append(v.stated(f"table3.1-{k}-{n}", said, values[n], mean_of(row)))
+    between = v.find(table, STEPS_BETWEEN)
+    if between is not None:
+        said = "Average time between requests of the printed triggers, of any object [steps]."
+        out.append(v.stated("table3.1-period", said, BETWEEN, mean_of(between)))
     return out
 
 

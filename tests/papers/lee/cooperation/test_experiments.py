@@ -109,8 +109,11 @@ def test_frames_saved_are_those_of_the_period_of_equal_error():
 @pytest.mark.jit
 def test_small_forms_of_the_figures_are_judged():
     table = field.by_object(SIZE, execute)
-    assert {r.series for r in table} == {field.NONE, field.PRINTED}
-    assert [v.id for v in field.judge_object(table)][:2] == ["table3.1-1-0", "table3.1-2-0"]
+    assert {r.series for r in table} == {field.NONE, field.PRINTED, field.STEPS_BETWEEN}
+    judged = field.judge_object(table)
+    assert [v.id for v in judged][:2] == ["table3.1-1-0", "table3.1-2-0"]
+    assert judged[-1].id == "table3.1-period"
+    assert all(1.0 <= x <= SIZE.steps for r in table if r.series == field.STEPS_BETWEEN for x in r.values)
     shares = walls.shares(0, 50)(SIZE, execute)
     assert len(shares) == 4
     assert all(0.0 <= x <= 1.0 for r in shares for x in r.values)

@@ -9,7 +9,7 @@ import pytest
 
 from occlog.papers.qu import variants
 from occlog.papers.qu.common import METHODS, PARTS, everywhere, ordered, seed_of, spec_of
-from occlog.papers.qu.experiments import fig7, loop, motion, table1, table3
+from occlog.papers.qu.experiments import fig7, loop, motion, sweeps, table1, table3
 from occlog.papers.qu.experiments.fig7 import fig7_shots
 from occlog.papers.qu.experiments.table3 import RATES
 from occlog.papers.verdicts import verdicts as v
@@ -236,3 +236,22 @@ def test_the_cost_grows_with_targets_and_views_as_a_power(experiment) -> None:
         found = variants._cost(experiment, rows(power))
         assert (found.id, found.verdict) == (f"{experiment.item}-cost", word)
         assert found.measured == pytest.approx(power, abs=0.1)
+
+
+def test_two_sweeps_are_compared_with_one_and_with_four() -> None:
+    def words(once: float, often: float) -> dict[str, str]:
+        def trials(specs):
+            share = {1: once, 2: 0.05, 4: often}
+            assert [s["methods"]["bmct 4"]["set"] for s in specs] == [{"sweeps": 4}] * len(specs)
+            out = []
+            for s in specs:
+                more = 0.001 * math.sin(s["seed"])
+                rates = {f"bmct {n}.{r}": x + n * more for n, x in share.items() for r in ("fr_p", "fr_l")}
+                kept = {f"bmct {n}.{f}": 1.0 for n in share for f in ("idf1", "hota", "mota", "frame_ms", "particles")}
+                out.append(rates | kept | {f"bmct {n}.{f}": 0.0 for n in share for f in ("left", "lost")})
+            return out
+
+        return found(sweeps.SWEEPING.judge(sweeps.SWEEPING.compute(Size(12, 40), trials)))
+
+    assert set(words(0.2, 0.049).values()) == {v.REPRODUCED}
+    assert set(words(0.05, 0.01).values()) == {v.NOT}
