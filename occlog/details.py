@@ -9,8 +9,10 @@ from pathlib import Path
 
 LISTENER: ContextVar[Callable[[str], None] | None] = ContextVar("LISTENER", default=None)
 """Who is told of details; None: nobody."""
-COMPILING: list[Callable[[], None]] = []
-"""Who is told, in whatever thread, that this process compiles kernels and takes long; nobody twice."""
+COMPILING: list[Callable[[bool], None]] = []
+"""Who is told, in whatever thread, that this process compiles kernels and takes long, and whether they are kept for
+later ones; nobody twice."""
+_UNCACHED: list[bool] = []
 
 
 class Plan:
@@ -42,10 +44,15 @@ def tell(text: str) -> None:
         listener(text)
 
 
+def note_uncached() -> None:
+    """Remember that a compiled kernel cannot be kept for later processes."""
+    _UNCACHED[:] = [True]
+
+
 def tell_of_compiling() -> None:
     """Tell, once, that compilation takes long."""
     while COMPILING:
-        COMPILING.pop()()
+        COMPILING.pop()(not _UNCACHED)
 
 
 @contextmanager

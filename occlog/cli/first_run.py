@@ -11,15 +11,20 @@ from occlog.details import COMPILING
 
 QUIET = "occlog.quiet"
 """Key of `--quiet` in the metadata of click's context."""
+KEPT = "once for this command and its method; later runs start at once"
+NOT_KEPT = (
+    "in every run, since neither the folder of the program nor the user's cache folder can be written; set "
+    "NUMBA_CACHE_DIR to a folder that can"
+)
 
 
 @contextmanager
 def announced(root: click.Context) -> Iterator[None]:
     """Say once that kernels are compiled, if that takes long meanwhile and the command of this context is not quiet."""
 
-    def say() -> None:
+    def say(kept: bool) -> None:
         if not root.meta.get(QUIET):
-            click.echo("occlog: compiling, once for this command and its method; later runs start at once", err=True)
+            click.echo(f"occlog: compiling, {KEPT if kept else NOT_KEPT}", err=True)
 
     COMPILING.append(say)
     try:

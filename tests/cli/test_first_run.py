@@ -7,9 +7,10 @@ from typing import Any
 import click
 import pytest
 
+from occlog import details
 from occlog.cli.first_run import announced
 from occlog.cli.options import quiet_opt
-from occlog.details import COMPILING, tell_of_compiling
+from occlog.details import COMPILING, note_uncached, tell_of_compiling
 
 
 @click.command()
@@ -40,3 +41,13 @@ def test_compilation_is_told_once_unless_the_command_that_was_called_is_quiet(
     assert said.err.startswith("occlog: compiling, once") == bool(lines)
     assert said.out == ""
     assert not COMPILING
+
+
+def test_where_nothing_can_be_kept_the_line_says_what_to_set(capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(details, "_UNCACHED", [])
+    note_uncached()
+    with stage.make_context("occlog", []) as ctx, announced(ctx):
+        stage.invoke(ctx)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "in every run" in line
+    assert "NUMBA_CACHE_DIR" in line

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeVar, cast
 
 import numba
@@ -11,7 +12,7 @@ from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 from occlog import __version__
-from occlog.details import tell_of_compiling
+from occlog.details import note_uncached, tell_of_compiling
 
 F = TypeVar("F", bound=Callable[..., Any])
 PATIENCE_S = 2.0
@@ -40,8 +41,13 @@ def array_kernel(function: F) -> F:
 
 def _cached(function: F, compiled: Any) -> F:
     if compiled is not function:  # not with NUMBA_DISABLE_JIT=1
-        compiled._cache = KernelCache(function)
+        with suppress(NoCacheError):
+            compiled._cache = KernelCache(function)
     return cast(F, compiled)
+
+
+class NoCacheError(Exception):
+    """No folder for compiled kernels can be written: they are compiled in each process."""
 
 
 class KernelCache(FunctionCache):  # type: ignore[misc]
@@ -54,8 +60,16 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        """Look for the cache beside the function's file, or where numba is told to."""
-        super().__init__(function)
+        """Look for the cache beside the function's file, or where numba is told to, or in the user's cache folder.
+
+        Raises:
+            NoCacheError: none of these can be written, as in a container that is read-only.
+        """
+        try:
+            super().__init__(function)
+        except RuntimeError as error:
+            note_uncached()
+            raise NoCacheError from error
         stamp = (self._impl.locator.get_source_stamp(), __version__)
         self._cache_file = IndexDataCacheFile(self.cache_path, self._impl.filename_base, stamp)
 
@@ -66,6 +80,13 @@ class KernelCache(FunctionCache):  # type: ignore[misc]
         except (AttributeError, ImportError):
             self.flush()
             return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled kernel; where that fails, as on a full disk, it serves this process alone."""
+        try:
+            super().save_overload(sig, data)
+        except OSError:
+            note_uncached()
 
 
 class Stopwatch(event.Listener):  # type: ignore[misc]

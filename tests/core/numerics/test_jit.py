@@ -37,14 +37,14 @@ def called(value):
 """
 
 
-def run(folder: Path, name: str, factor: float, version: str = "1", before: str = "") -> list[str]:
+def run(folder: Path, name: str, factor: float, version: str = "1", before: str = "", **variables: str) -> list[str]:
     """Result of a kernel that takes a tuple and calls one of another file, and how often it came from the cache."""
     (folder / "calling.py").write_text(KERNEL.format(name=name))
     (folder / "called.py").write_text(CALLED.format(factor=factor))
     code = f"import occlog; occlog.__version__ = {version!r}; {before}import calling"
     path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
     own = {"PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "NUMBA_CACHE_DIR": "", "NUMBA_DISABLE_JIT": "0"}
-    environment = {**os.environ, **own}
+    environment = {**os.environ, **own, **variables}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout.split()
@@ -52,7 +52,7 @@ def run(folder: Path, name: str, factor: float, version: str = "1", before: str 
 
 def test_a_kernel_is_taken_from_the_cache_and_only_compilation_is_told(tmp_path: Path) -> None:
     impatient = "from occlog.core.numerics import jit; jit.PATIENCE_S = 0.0; "
-    told = "from occlog.details import COMPILING; COMPILING.append(lambda: print('compiling')); "
+    told = "from occlog.details import COMPILING; COMPILING.append(lambda _: print('compiling')); "
     assert run(tmp_path, "Given", 3.0, before=impatient + told) == ["compiling", "6.0", "0"]
     assert run(tmp_path, "Given", 3.0, before=impatient + told) == ["6.0", "1"]
 
@@ -85,3 +85,14 @@ def test_an_index_that_names_a_type_that_is_gone_counts_as_empty(tmp_path: Path)
 def test_a_new_version_compiles_what_calls_a_changed_kernel_of_another_file(tmp_path: Path) -> None:
     run(tmp_path, "Given", 3.0)
     assert run(tmp_path, "Given", 5.0, version="2") == ["10.0", "0"]
+
+
+def test_where_no_folder_can_be_written_kernels_run_uncached(tmp_path: Path) -> None:
+    kept = "from occlog.core.numerics import jit; jit.PATIENCE_S = 0.0; "
+    kept += "from occlog.details import COMPILING; COMPILING.append(lambda kept: print('kept', kept)); "
+    (tmp_path / "__pycache__").write_text("a file where a folder would be, which root cannot write into either")
+    blocked = {"HOME": str(tmp_path / "__pycache__"), "XDG_CACHE_HOME": str(tmp_path / "__pycache__")}
+    assert run(tmp_path, "Given", 3.0, before=kept, **blocked) == ["kept", "False", "6.0", "0"]
+    blocked["XDG_CACHE_HOME"] = str(tmp_path / "user")
+    assert run(tmp_path, "Given", 3.0, before=kept, **blocked) == ["kept", "True", "6.0", "0"]
+    assert any((tmp_path / "user").rglob("*.nbc"))
