@@ -68,6 +68,7 @@ def track(
     fundamental: Source | None = None,
     path_loss: Source | None = None,
     sights: Source | None = None,
+    gallery: Source | None = None,
     also: Sequence[str] = (),
     progress: bool = False,
     **settings: Setting,
@@ -100,6 +101,7 @@ def track(
         fundamental: file of fundamental matrices.
         path_loss: file of `occlog fit-readers`.
         sights: bearings of cameras that refine the tracks of tags.
+        gallery: how people look, for the tracks of everybody: a table or a file of `occlog appearance learn`.
         also: more tables of the method: calibration, cooperation, view_tracks, virtual_sensors, world.
         progress: show a bar on standard error, if it is a terminal.
         **settings: of the method and of measurements of distances, by the names that `--set` takes or of options, in
@@ -126,6 +128,7 @@ def track(
         "fundamental": fundamental,
         "path_loss": path_loss,
         "sights": sights,
+        "gallery": gallery,
     }
     more = {
         "targets": tuple(targets),
@@ -240,7 +243,13 @@ def _from_boxes(asked: _Asked, tracks: Path) -> Done:
     from occlog.track.people.inputs import PeopleRequest
     from occlog.track.people.run import PeopleFiles, run_track_people
 
-    request = PeopleRequest(boxes=asked.measured, doa=asked.files["doa"], window_ns=asked.window_ns, **asked.shared)
+    request = PeopleRequest(
+        boxes=asked.measured,
+        doa=asked.files["doa"],
+        window_ns=asked.window_ns,
+        gallery=asked.files["gallery"],
+        **asked.shared,
+    )
     files = PeopleFiles(tracks, **asked.tables("support", "events", "view_tracks"))
     return run_track_people(request, files, False, asked.quiet)
 

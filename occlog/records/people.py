@@ -18,7 +18,7 @@ from .columns import Table, check_order, column, first_row
 from .tracks import Tracks
 from .views import ViewTracks
 
-KINDS = ("birth", "death", "doubt")
+KINDS = ("birth", "death", "doubt", "named")
 """`kind` of an event."""
 UNSEEN, ONE_VIEW, EXCHANGE, CONTRADICTION = "unseen", "one-view", "exchange", "contradiction"
 """Words of the column `doubt`, in the order in which they stand there."""
@@ -127,11 +127,15 @@ class Events(Table):
     kind: Strings = column(
         "U",
         "1",
-        "`birth` (reported from here on), `death` (no longer), `doubt` (may have been exchanged with another one)",
+        "`birth` (reported from here on), `death` (no longer), `doubt` (may have been exchanged with another one), "
+        "`named` (is this person of the gallery from here on)",
     )
     other_id: Ints32 = column("i4", "1", "doubt: the other identity; else -1")
     probability: Floats = column(
-        "f8", "1", "birth, death: that the person is there; doubt: that the two were exchanged", nan="not known"
+        "f8",
+        "1",
+        "birth, death: that the person is there; doubt: that the two were exchanged; named: that it is this person",
+        nan="not known",
     )
 
     @classmethod

@@ -48,7 +48,7 @@ MEASURED = (
 """Options of methods that take ranges, signal strengths and time differences."""
 IN_IMAGES = ("initial", "detections", "fundamental", "world")
 """Options of all methods that track in images."""
-OF_EVERYBODY = ("support", "events", "view_tracks", "doa", "strict")
+OF_EVERYBODY = ("support", "events", "view_tracks", "doa", "gallery", "strict")
 """Options of all methods that follow everybody."""
 OF_TAGS = ("targets", "path_loss", "sights", "strict")
 """Options of all methods that take reads of tags."""

@@ -207,6 +207,7 @@ def command(
             without=parse_names(without),
             window_ns=None if window is None else parse_window(window),
             seed=seed,
+            gallery=own["gallery"],
         )
         people = PeopleFiles(output, own["support"], own["events"], own["view_tracks"])
         options.check_outputs(crowd.paths, people.paths, overwrite)

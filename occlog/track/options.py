@@ -147,6 +147,13 @@ LISTED: tuple[click.Option, ...] = (
         help="Births, deaths, and identities that may have been exchanged (Parquet).",
     ),
     click.Option(
+        ["--gallery"],
+        type=INPUT,
+        default=None,
+        help="How people look (Parquet, of `occlog appearance learn`): tracks get its identities, and parts of "
+        "somebody who was lost and found are one track.",
+    ),
+    click.Option(
         ["--view-tracks"],
         type=PATH,
         default=None,

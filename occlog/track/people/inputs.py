@@ -56,11 +56,12 @@ class PeopleRequest:
     without: tuple[str, ...]
     window_ns: int | None
     seed: int
+    gallery: Path | None = None  # how people look; None: their names are the tracker's
 
     @property
     def paths(self) -> list[Path]:
         """All inputs, each once."""
-        return list(dict.fromkeys(p for p in (self.boxes, self.scene, self.doa) if p is not None))
+        return list(dict.fromkeys(p for p in (self.boxes, self.scene, self.doa, self.gallery) if p is not None))
 
 
 class PeopleInput:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from occlog.track.plausibility.verdict import Finding, figures
 
 from .agreement import Agreement
 from .inputs import PeopleInput, PeopleRequest
+from .named.by_gallery import ByGallery
 from .rows import MomentTables
 from .sizes import odd_cameras
 from .stage import Follower, Tabulator, follow
@@ -173,6 +174,7 @@ def run_track_people(
     inputs = PeopleInput(request)
     for line in inputs.notes:
         options.note(line, quiet)
+    names = None if request.gallery is None else ByGallery(request.gallery, inputs)
     follower: Follower[object, object] = load(METHODS[request.method].method)
     moments = options.progress(inputs.moments, "track", quiet=quiet)
     seen = follow(moments, inputs.scene, inputs.cameras, inputs.config, follower, request.seed, inputs.heard())
@@ -183,6 +185,7 @@ def run_track_people(
         "cameras": list(inputs.names),
         "window_ns": inputs.window_ns,
         **asdict(inputs.config),
+        **({} if names is None else names.parameters),
     }
     provenance = Provenance("track", parameters, request.seed, hash_inputs(request.paths), inputs.losses)
     summary = PeopleSummary(inputs, tabulator.agreement)
@@ -209,11 +212,21 @@ def run_track_people(
             )
             for path, table in outputs
         ]
-        for part in map(tabulator.tables, seen):
+        parts = ((some, tabulator.tables(some)) for some in seen)
+        for part in (part for _, part in parts) if names is None else names.named(parts):
             for writer, table in zip(writers, part, strict=True):
                 if writer is not None and table is not None:
                     writer.write(table)
             summary.add(part)
+        losses = inputs.losses
+        if names is not None and names.losses:
+            losses = tuple(dict.fromkeys((*losses, *names.losses)))
+            for writer in writers:
+                if writer is not None:
+                    writer.annotate(replace(provenance, losses=losses))
+    for line in () if names is None else names.notes():
+        options.note(line, quiet)
     options.note_findings(summary.findings(), quiet)
     written = {name: str(path) for name, path in asdict(wanted).items() if path is not None}
-    return {**written, "method": request.method, **summary.figures()}, inputs.losses
+    told = {} if names is None else names.figures()
+    return {**written, "method": request.method, **summary.figures(), **told}, losses

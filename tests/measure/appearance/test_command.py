@@ -132,12 +132,17 @@ def refused(capsys, code, message):
         (["--levels", "16"], ExitCode.USAGE, "--levels"),
         (["--levels", "1"], ExitCode.USAGE, "--levels"),
         (["--least-samples", "1000"], ExitCode.BAD_INPUT, "no side of anybody was seen in 1000 boxes"),
-        (["--boxes", "a", "--views", "b"], ExitCode.USAGE, "two sources of boxes"),
         (["--tracks", "nothing.parquet"], ExitCode.BAD_INPUT, "nothing.parquet"),
     ],
 )
 def test_options_that_make_no_sense_are_one_line(folder, capsys, args, code, message):
     assert learn(folder, *args) == refused(capsys, code, message)
+    assert not (folder / "gallery.parquet").exists()
+
+
+def test_two_sources_of_boxes_are_one_line(folder, capsys):
+    both = [f"--{name}={folder / 'boxes.mcap'}" for name in ("boxes", "views")]
+    assert learn(folder, *both) == refused(capsys, ExitCode.USAGE, "two sources of boxes")
     assert not (folder / "gallery.parquet").exists()
 
 

@@ -1,0 +1,1 @@
+"""Tracks of everybody under the identities of a gallery of how people look."""

@@ -1,0 +1,94 @@
+"""`occlog track --method jipda --gallery`: tracks under the identities of a gallery."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import two_coloured as people
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode
+from occlog.io.files.parquet import read_provenance, read_table, write_table
+from occlog.io.files.provenance import Provenance
+from occlog.records.tables import Events, Gallery, PeopleTracks, PeopleViews, Support
+
+pytestmark = pytest.mark.jit
+STEPS = 60
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("gallery")
+    people.write(out / "true.mcap", STEPS)
+    people.write(out / "boxes.mcap", STEPS, true=False, identity=(-1, -1))
+    assert run(["appearance", "learn", str(out / "true.mcap"), "-o", str(out / "gallery.parquet"), "-q"]) == 0
+    table = read_table(out / "gallery.parquet", Gallery)
+    values = {c.name: getattr(table, c.name) for c in Gallery.columns()}
+    write_table(out / "g.parquet", Gallery(**values | {"target_id": table.target_id + np.int32(40)}), Provenance("t"))
+    return out
+
+
+def track(folder, *args, source="boxes.mcap", gallery="g.parquet"):
+    tables = [f"--{n}={folder / n}.parquet" for n in ("support", "events", "view-tracks")]
+    given = [] if gallery is None else ["--gallery", str(folder / gallery)]
+    out = ["-o", str(folder / "t.parquet"), "--overwrite", "--json"]
+    return run(["track", str(folder / source), "--method", "jipda", *given, *tables, *out, *args])
+
+
+def test_all_tables_have_the_names_of_the_gallery(folder, capsys):
+    assert track(folder, gallery=None) == ExitCode.DONE
+    plain = read_table(folder / "t.parquet", PeopleTracks)
+    capsys.readouterr()
+    assert track(folder) == ExitCode.DONE
+    summary = json.loads(capsys.readouterr().out)
+    rows = read_table(folder / "t.parquet", PeopleTracks)
+    assert len(rows) == len(plain)
+    assert set(rows.target_id.tolist()) == {40, 41}
+    assert (summary["gallery"]["people_named"], summary["people"]) == (2, 2)
+    # Each is who they look like
+    true = people.truth(STEPS)
+    for name in (0, 1):
+        own, place = rows.take(rows.target_id == 40 + name), true.take(true.target_id == name)
+        at = np.searchsorted(place.t_ns, own.t_ns)
+        assert np.median(np.hypot(own.x - place.x[at], own.y - place.y[at])) < 0.5
+    for name, table in (("support", Support), ("view-tracks", PeopleViews), ("events", Events)):
+        assert set(read_table(folder / f"{name}.parquet", table).target_id.tolist()) == {40, 41}
+    events = read_table(folder / "events.parquet", Events)
+    named = events.take(events.kind == "named")
+    assert len(named) == summary["gallery"]["pieces_named"]
+    assert (named.probability > 0.9).all()
+    made = read_provenance(folder / "t.parquet")
+    assert made.parameters["gallery"]["least_likeness"] == 0.8
+    assert any("g.parquet" in str(each) for each in made.inputs)
+
+
+def test_the_same_gallery_gives_the_same_bytes(folder):
+    files = []
+    for _ in range(2):
+        assert track(folder, "-q", "--smooth") == ExitCode.DONE
+        files.append([(folder / f"{n}.parquet").read_bytes() for n in ("t", "support", "events", "view-tracks")])
+    assert files[0] == files[1]
+
+
+@pytest.mark.parametrize(
+    ("images", "gallery", "message"),
+    [
+        (False, "g.parquet", "there are no images, and the boxes bring no colours"),
+        (True, "other.parquet", "holds support"),
+        (True, "nobody.parquet", "gallery: has no rows"),
+    ],
+)
+def test_what_a_gallery_needs_is_asked_for_before_anything_is_tracked(
+    folder, tmp_path, capsys, images, gallery, message
+):
+    people.write(tmp_path / "boxes.mcap", 4, true=False, images=images)
+    write_table(tmp_path / "g.parquet", read_table(folder / "g.parquet", Gallery), Provenance("t"))
+    write_table(tmp_path / "nobody.parquet", Gallery.empty(), Provenance("t"))
+    write_table(tmp_path / "other.parquet", Support.empty(), Provenance("t"))
+    assert track(tmp_path, "-q", gallery=gallery) == ExitCode.BAD_INPUT
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "t.parquet").exists()
