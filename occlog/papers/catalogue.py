@@ -46,7 +46,7 @@ from occlog.papers.qu.experiments import (
     unseen,
 )
 from occlog.papers.rahimi import equations as rahimi_equations
-from occlog.papers.rahimi import results, search, trust
+from occlog.papers.rahimi import results, search, trust, walk
 from occlog.papers.rahimi import statements as rahimi_statements
 from occlog.papers.verdicts.model import Execute, Experiment, Size, Table, Verdict
 from occlog.papers.verdicts.source import Sources, attributed
@@ -63,7 +63,15 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
         selection.FIG15,
         accuracy.FIG17,
     ),
-    "rahimi": (rahimi_equations.EQUATIONS, search.FIG3, results.FIG4, results.FIG5, trust.FALSE, trust.COVARIANCE),
+    "rahimi": (
+        rahimi_equations.EQUATIONS,
+        search.FIG3,
+        results.FIG4,
+        results.FIG5,
+        walk.FIG7,
+        trust.FALSE,
+        trust.COVARIANCE,
+    ),
     "lee": (
         lee_equations.EQUATIONS,
         # Chapter 2

@@ -26,6 +26,16 @@ SOURCES: Sources = {
         "Fig. 5, Sec. 6", "The field of view constraints are critical in recovering the trajectories"
     ),
     "fig5-room": Source("Sec. 8", "known obstacles in the environment can provide helpful information"),
+    "fig7-depths": Source(
+        "Fig. 7, Sec. 7", "The forward and backward legs in this loop are correctly found to be at different depths"
+    ),
+    "fig7-loop": Source("Fig. 7, Sec. 7", "the loop seen by camera 1 was successfully recovered"),
+    "fig7-legs": Source("Fig. 7, Sec. 7", "The long legs towards and away from camera 3 are not correctly recovered"),
+    "fig7-through": Source("Fig. 7, Sec. 7", "goes through a wall between camera 3 and 4"),
+    "fig7-walls": Source(
+        "Fig. 7, Sec. 7",
+        "Had we encoded these walls [...], the legs through camera 3 might have been correctly estimated",
+    ),
     "fig1-scale": Source(
         "Fig. 1a, Sec. 1", "location can only be determined up to a scale factor with a single camera"
     ),

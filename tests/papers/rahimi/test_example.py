@@ -241,9 +241,9 @@ def test_a_covariance_with_a_large_error_bar_is_not_decided() -> None:
 
 def test_experiments_are_listed_in_order_with_their_pictures() -> None:
     chosen = catalogue.choose("rahimi", [], everything=True)
-    assert [e.item for e in chosen] == ["equations", "fig3", "fig4", "fig5", "false", "covariance"]
-    assert all((e.runs, e.steps) == (50, 200) for e in chosen[1:])
-    assert [list(e.plans) for e in chosen] == [[], ["iterations"], ["problems"], ["constraints"], [], []]
+    assert [e.item for e in chosen] == ["equations", "fig3", "fig4", "fig5", "fig7", "false", "covariance"]
+    assert all((e.runs, e.steps) == (50, 200) for e in chosen if e.item not in ("equations", "fig7"))
+    assert [list(e.plans) for e in chosen] == [[], ["iterations"], ["problems"], ["constraints"], [], [], []]
 
 
 def test_pictures_show_the_refinement() -> None:
