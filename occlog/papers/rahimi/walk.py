@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -113,7 +114,7 @@ def walk_trial(spec: Spec) -> dict[str, float]:
     first, back = (by[0] & (part == k) for k in (1, len(LOOP) - 1))
     legs = by[1] & (part >= len(LOOP) + 2) & (part < len(LOOP) + 1 + len(LEGS))
     wall = np.array(WALL)
-    crossed = any(sight_blocked(a, b[None], wall)[0] for a, b in zip(at[:-1], at[1:], strict=True))
+    crossed = any(sight_blocked(a, b[None], wall)[0] for a, b in pairwise(at))
     return {
         "loop": _root_mean(away2, first | back),
         "legs": _root_mean(away2, legs),
@@ -239,7 +240,7 @@ FIG7 = Experiment(
     quick=(3, 240),
     compute=fig7,
     judge=judge7,
-    note="Recording and floor plan of Sec. 7 are lost: a building of this project. A walk takes about a minute, whatever "
-    "--steps says.",
+    note="Recording and floor plan of Sec. 7 are lost: a building of this project. A walk takes about a minute, "
+    "whatever --steps says.",
     trial=walk_trial,
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -24,7 +26,7 @@ def test_a_walk_is_as_the_paper_tells() -> None:
     assert times.max() == 1  # views do not overlap
     assert set(table.sensor[table.seen].tolist()) == {"cam1", "cam2", "cam3", "cam4"}
     wall = np.array(walk.WALL)
-    assert not any(walk.sight_blocked(a, b[None], wall)[0] for a, b in zip(xy[:-1], xy[1:], strict=True))
+    assert not any(walk.sight_blocked(a, b[None], wall)[0] for a, b in pairwise(xy))
     assert walk.sight_blocked(np.array([12.5, 5.0]), np.array([[15.0, 5.0]]), wall)[0]
 
 
