@@ -10,9 +10,11 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from occlog.array_types import Bools, Ints
+from occlog.array_types import Bools, Floats, Ints
 from occlog.errors import InputError
 
+ROUNDING, TINY = 5e-10, 1e-150
+"""By how much, in parts and absolutely, the covariance of x and y may exceed the product of their deviations."""
 ANY = -1
 """Width of a column whose rows are vectors of one length, whatever it is; 0 where nobody gave any."""
 
@@ -142,6 +144,13 @@ def as_column(c: Column, values: object) -> NDArray[np.generic]:
     if array.dtype.kind == "f" and c.dtype.kind in "iu":
         raise InputError(f"{c.name}: fractional numbers where whole ones ({c.kind}) are declared")
     return np.asarray(array.astype(c.dtype, casting="same_kind", copy=False))
+
+
+def semidefinite(xx: Floats, xy: Floats, yy: Floats) -> Bools:
+    """Which 2 x 2 covariances are positive semi-definite up to rounding, whatever their size; NaN is not."""
+    with np.errstate(invalid="ignore"):
+        most = np.sqrt(np.maximum(xx, 0.0)) * np.sqrt(np.maximum(yy, 0.0))
+        return np.asarray((xx >= 0.0) & (yy >= 0.0) & (np.abs(xy) <= most * (1.0 + ROUNDING) + TINY))
 
 
 def check_columns(record: Table) -> None:

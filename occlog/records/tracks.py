@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
 
-from .columns import Table, check_order, column, first_row
+from .columns import Table, check_order, column, first_row, semidefinite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,11 +60,8 @@ class Tracks(Table):
     def check(self) -> None:
         """Times in order, covariances positive semi-definite up to rounding."""
         check_order(self)
-        det = self.cov_xx * self.cov_yy - self.cov_xy**2
-        slack = 1e-9 * (self.cov_xx * self.cov_yy + 1e-300)
         unknown = np.isnan(self.cov_xx) & np.isnan(self.cov_xy) & np.isnan(self.cov_yy)
-        right = unknown | ((self.cov_xx >= 0) & (self.cov_yy >= 0) & (det >= -slack))
-        bad = ~right | (self.cov_zz < 0)
+        bad = ~(unknown | semidefinite(self.cov_xx, self.cov_xy, self.cov_yy)) | (self.cov_zz < 0)
         if bad.any():
             raise InputError(f"Tracks: row {first_row(bad)}: the covariance is not positive semi-definite")
 

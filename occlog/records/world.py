@@ -10,7 +10,7 @@ import numpy as np
 from occlog.array_types import Bools, Floats, Ints, Ints32, Strings
 from occlog.errors import InputError
 
-from .columns import Table, check_order, column, first_row
+from .columns import Table, check_order, column, first_row, semidefinite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,9 +39,7 @@ class Occluders(Table):
         check_order(self)
         there: Bools = np.isfinite(self.x + self.y + self.cov_xx + self.cov_xy + self.cov_yy)
         _check_there(self, self.occluder_id, there)
-        with np.errstate(invalid="ignore"):
-            det = self.cov_xx * self.cov_yy - self.cov_xy**2
-            bad = (self.cov_xx < 0) | (self.cov_yy < 0) | (det < -1e-9 * (self.cov_xx * self.cov_yy + 1e-300))
+        bad = there & ~semidefinite(self.cov_xx, self.cov_xy, self.cov_yy)
         if bad.any():
             raise InputError(f"Occluders: row {first_row(bad)}: the covariance is not positive semi-definite")
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from random_tables import random_table
 
 from occlog.array_types import NS
 from occlog.cli.main import run
@@ -24,9 +25,10 @@ from occlog.io.open import check_unit, of_others, open_input
 from occlog.io.trajectories.earth import Origin, degrees_of, places_of_degrees
 from occlog.io.truth.reader import TruthOptions, read_truth
 from occlog.records.columns import Table
-from occlog.records.tables import Boxes, Tracks, Truth
+from occlog.records.tables import TABLES, Boxes, Tracks, Truth
 
 EPOCH = 1_714_564_800 * NS
+NARROW = [table for table in TABLES.values() if not any(c.width and c.nan is None for c in table.columns())]
 FEW = settings(max_examples=15, deadline=None, phases=(Phase.explicit, Phase.generate))
 NUMBER = st.floats(-1e4, 1e4, allow_nan=False).map(float)
 
@@ -164,6 +166,48 @@ def test_boxes_are_the_same(wanted: Boxes, form: tuple[str, str]) -> None:
         atol = 1e-12 * 2500 if form[0] == "kitti" else 0.0
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=0.0, atol=atol)
     np.testing.assert_array_equal(found.confidence, wanted.confidence)
+
+
+TEXT = st.text(st.one_of(st.characters(exclude_categories=("Cs", "Cc")), st.sampled_from("\t,;\"'#")), max_size=12)
+"""Without white space around it, which text of other programs may have."""
+
+
+@st.composite
+def odd_cells(draw: st.DrawFn) -> tuple[Table, str, str]:
+    """A table with values in one column that are as odd as the column takes, that column, and how it is written."""
+    made = random_table(draw(st.sampled_from(NARROW)), 6).sorted()
+    named = draw(st.sampled_from([c for c in made.columns() if not c.width and c.name not in ("t_ns", *made.KEY)]))
+    kinds = {
+        "f": st.floats(allow_nan=named.nan is not None, allow_infinity=False, width=8 * named.dtype.itemsize),
+        "i": st.integers(np.iinfo(np.int32).min, np.iinfo(np.int32).max),
+        "b": st.booleans(),
+        "U": TEXT.map(str.strip),
+    }
+    values = draw(st.lists(kinds[named.dtype.kind], min_size=len(made), max_size=len(made)))
+    columns = {c.name: getattr(made, c.name) for c in made.columns()}
+    try:
+        odd = type(made).of(**{**columns, named.name: values})
+    except InputError:
+        odd = made  # the column does not take them, its table says so
+    return odd, named.name, draw(st.sampled_from([".csv", ".csv.gz", "-plain.parquet"]))
+
+
+@settings(FEW, max_examples=40)
+@given(odd_cells())
+def test_text_and_plain_parquet_are_the_same_or_refused_by_the_column(drawn: tuple[Table, str, str]) -> None:
+    wanted, odd, ending = drawn
+    with TemporaryDirectory() as folder:
+        source, out = Path(folder) / "in.parquet", Path(folder) / f"out{ending}"
+        write_table(source, wanted, Provenance("test"))
+        assert run(["export", str(source), "-o", str(out)]) == ExitCode.DONE
+        try:
+            found = open_input(out, type(wanted)).read(type(wanted))
+        except InputError as error:
+            assert f": {odd}" in str(error).replace(": column ", ": ")
+            return
+    for c in wanted.columns():
+        if not c.width:
+            np.testing.assert_array_equal(getattr(found, c.name), getattr(wanted, c.name), err_msg=c.name)
 
 
 def test_lengths_are_converted_to_the_unit_of_the_scene(tmp_path: Path) -> None:
