@@ -30,6 +30,8 @@ TABLES_OR_RECORDINGS = (".mcap", ".parquet", ".csv", ".tsv", ".gz", ".arrow", ".
 def command(path: Path, rows: int, as_json: bool) -> None:
     """Print what PATH holds: a scene (YAML), a recording (MCAP), a bag of ROS 2 or a table (Parquet, Arrow, CSV).
 
+    Of a folder that is no bag it prints a line for each file that occlog reads.
+
     Of a table that another program made it prints what each column is read as, of a bag (a folder,
     .mcap, .db3) its topics and what `occlog ingest` would take of it.
 
@@ -37,6 +39,7 @@ def command(path: Path, rows: int, as_json: bool) -> None:
       occlog info run/recording.mcap
       occlog info tracks.parquet --rows 20
       occlog info scene.yaml --json | jq .cameras
+      occlog info run/
     """
     described = describe(path, rows)
     if as_json:
@@ -57,7 +60,11 @@ def describe(path: Path, rows: int) -> Description:
     from occlog.io.files.content import mistaken_for
     from occlog.io.open import open_if_ours, open_input
 
+    from .folder import describe_folder, is_one_bag
+
     kind = path.suffix.lower()
+    if path.is_dir() and not is_one_bag(path):
+        return Description(*describe_folder(path, lambda file: describe(file, 0)))
     if _is_foreign_bag(path):
         return _describe_bag(path)
     opened = open_if_ours(path, "a scene (.yaml), a recording (.mcap) or a table (.parquet, .arrow, .csv)")
