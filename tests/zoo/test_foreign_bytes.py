@@ -270,7 +270,8 @@ BORDER = {
     "cv2.imdecode": {"frames/codec.py"},
     "cv2.imread": set(),
     "cv2.FileStorage": set(),
-    "pq.ParquetFile": {"files/parquet.py", "foreign/source.py"},
+    "pq.ParquetFile": {"files/parquet.py"},
+    "open_parquet": {"files/parquet.py", "foreign/source.py"},
     "sqlite3.connect": {"messages/sqlite_file.py"},
 }
 """Every parser of foreign bytes, and the modules that may call it: each looks at sizes, and turns what it raises."""

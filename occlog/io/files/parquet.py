@@ -29,6 +29,11 @@ from .provenance import PROVENANCE_KEY, Provenance, provenance_from_json
 SCHEMA_KEY = "occlog.schema"
 ROWS_PER_GROUP = 65_536
 BYTES_PER_GROUP = 4 * 1024 * 1024
+FREE_ROWS, MAX_ROWS_PER_BYTE = 1_000_000, 20
+"""Rows that any file may promise, and above that for each of its bytes: a row of measured numbers takes 2 bytes or
+more, however well it is packed."""
+FREE_BYTES, MAX_GROWTH = 128 * 1024 * 1024, 1000
+"""Unpacked bytes of a group of rows that any file may promise, and above that for each of its bytes."""
 NAMED_OTHERWISE = (
     *(".csv", ".tsv", ".txt", ".json", ".jsonl", ".geojson", ".xlsx", ".feather", ".arrow", ".npz", ".mat"),
     *(".yaml", ".yml", ".html", ".png", ".svg", ".mcap", ".mp4", ".gz"),
@@ -247,8 +252,28 @@ def _translate(path: Path) -> Iterator[None]:
 @contextmanager
 def _open(path: Path) -> Iterator[pq.ParquetFile]:
     check_input(path, "a Parquet file")
-    with _translate(path), pq.ParquetFile(path, page_checksum_verification=True) as file:
+    with _translate(path), open_parquet(path) as file:
         yield file
+
+
+def open_parquet(path: Path) -> pq.ParquetFile:
+    """A Parquet file with its check sums verified.
+
+    Raises:
+        InputError: its footer promises more than a file of its size can hold, so that reading it would fill the memory.
+        pyarrow.ArrowException, OSError: it is damaged.
+    """
+    size = path.stat().st_size
+    file = pq.ParquetFile(path, page_checksum_verification=True)
+    told = file.metadata
+    groups = [told.row_group(number) for number in range(told.num_row_groups)]
+    rows, large = max(FREE_ROWS, MAX_ROWS_PER_BYTE * size), max(FREE_BYTES, MAX_GROWTH * size)
+    unpacked = max((group.total_byte_size for group in groups), default=0)
+    fault = f"{told.num_rows} rows" if told.num_rows > rows else f"{unpacked} bytes at once" if unpacked > large else ""
+    if fault:
+        file.close()
+        raise InputError(f"{path}: promises {fault} in a file of {size} bytes, which no measurements fit into")
+    return file
 
 
 def is_ours(path: Path) -> bool:

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from occlog.errors import InputError
 from occlog.io.files.by_reader import table_of
 from occlog.io.files.content import PARQUET_MAGIC
 from occlog.io.files.csv_rows import GZIP_MAGIC, first_line, is_header, read_rows
 from occlog.io.files.inputs import STANDARD_INPUT, check_input
-from occlog.io.files.parquet import SCHEMA_KEY
+from occlog.io.files.parquet import SCHEMA_KEY, open_parquet
 from occlog.io.files.timestamps import TIME_COLUMNS
 from occlog.io.trajectories.reader import Trajectories, find_trajectories
 
@@ -73,7 +72,7 @@ def find_source(path: Path) -> Source | None:
     with path.open("rb") as file:
         head = file.read(8)
     if head.startswith(PARQUET_MAGIC):
-        with _translated(path, "Parquet"), pq.ParquetFile(path) as file:
+        with _translated(path, "Parquet"), open_parquet(path) as file:
             schema = file.schema_arrow
         return None if SCHEMA_KEY.encode() in (schema.metadata or {}) else Source(path, "Parquet", tuple(schema.names))
     if head.startswith(ARROW_MAGIC) or head.startswith(STREAM_MAGIC):
@@ -110,7 +109,7 @@ def _open_arrow(path: Path) -> pa.ipc.RecordBatchFileReader | pa.ipc.RecordBatch
 def _batches(path: Path, kind: str, names: list[str]) -> Iterator[pa.RecordBatch]:
     """Batches of some columns of at most `ROWS` rows."""
     if kind == "Parquet":
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        with open_parquet(path) as file:
             yield from file.iter_batches(batch_size=ROWS, columns=names)
         return
     reader = _open_arrow(path)

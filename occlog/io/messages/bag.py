@@ -22,7 +22,7 @@ from occlog.io.files.guard import read_configuration
 from occlog.io.files.inputs import check_input
 from occlog.io.files.sensor_names import natural_key
 from occlog.io.files.yaml_nodes import yaml_documents
-from occlog.io.recording.mcap_errors import MAX_CHUNK_BYTES
+from occlog.io.recording.chunks import MAX_CHUNK_BYTES
 from occlog.records.losses import Loss
 
 from .mcap_file import McapFile, Message, Topic
@@ -32,6 +32,8 @@ METADATA = "metadata.yaml"
 SUFFIXES = (".mcap", ".db3")
 PACKED = (".zstd", ".zst")
 WHAT = "a bag (MCAP or ROS 2)"
+MAX_GROWTH = 1000
+"""A file that is compressed as a whole may unpack to this many times its size: recordings come to ten times."""
 
 
 @dataclass
@@ -116,10 +118,16 @@ class Bag:
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="occlog-bag-")
         out = Path(self._folder.name) / f"{len(self.files)}-{path.stem}"
+        limit = MAX_CHUNK_BYTES + MAX_GROWTH * path.stat().st_size
         with path.open("rb") as source, out.open("wb") as target:
             try:
                 for piece in zstandard.ZstdDecompressor().read_to_iter(source):
                     target.write(piece)
+                    if target.tell() > limit:
+                        raise InputError(
+                            f"{path}: unpacks to more than {MAX_GROWTH} times its size, as no recording does; unpack "
+                            "it with zstd -d if it is one"
+                        )
             except zstandard.ZstdError as error:
                 self._losses.append(Loss(path.name, f"after {target.tell()} unpacked bytes", f"damaged zstd ({error})"))
         return out

@@ -15,7 +15,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, NamedTuple
 
-import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -24,14 +23,14 @@ from mcap.summary import Summary
 
 from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC as MAGIC
-from occlog.io.recording.mcap_errors import KNOWN_COMPRESSION, MAX_CHUNK_BYTES, open_mcap
+from occlog.io.recording.chunks import MAX_CHUNK_BYTES, chunk_head, unpacked
+from occlog.io.recording.mcap_errors import open_mcap
 from occlog.records.losses import Loss
 
 SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END, FOOTER = 3, 4, 5, 6, 15, 2
 MAX_DEFINITION = 16 * 2**20
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_CHUNK = struct.Struct("<QQQI")
 _DAMAGE = (McapError, struct.error, ValueError, RuntimeError, EOFError, MemoryError, zstandard.ZstdError)
 
 
@@ -196,12 +195,9 @@ class McapFile:
 
     def _unpack(self, data: bytes, topics: Collection[str] | None, found: list[tuple[int, int, bytes]]) -> None:
         """Add the messages of a chunk whose check sum is right."""
-        _, _, declared, crc = _CHUNK.unpack_from(data)
-        (n,) = struct.unpack_from("<I", data, _CHUNK.size)
-        begin = _CHUNK.size + 4 + n + 8
-        compression = data[_CHUNK.size + 4 : _CHUNK.size + 4 + n].decode()
-        records = unpacked(data[begin:], compression, declared)
-        if crc and zlib.crc32(records) != crc:
+        head = chunk_head(data)
+        records = unpacked(data[head.begin :], head.compression, head.declared)
+        if head.crc and zlib.crc32(records) != head.crc:
             raise ValueError("wrong check sum")
         at = 0
         while at < len(records):
@@ -229,25 +225,3 @@ class McapFile:
                 self._lose(f"channel {channel_id}", "its messages were left out: the channel's definition is lost")
             elif topics is None or self._channels[channel_id].topic in topics:
                 found.append((channel_id, log_ns, data[_MESSAGE.size :]))
-
-
-def unpacked(data: bytes, compression: str, declared: int) -> bytes:
-    """Unpacked records of a chunk; ValueError where they are more than is declared or may be."""
-    if compression not in KNOWN_COMPRESSION:
-        raise ValueError(f"unknown compression {compression!r}")
-    if not compression:
-        return data
-    if compression == "zstd":
-        told = max(zstandard.frame_content_size(data), 0)
-    else:
-        told = int(lz4.frame.get_frame_info(data)["content_size"])
-    if max(told, declared) > MAX_CHUNK_BYTES:
-        raise ValueError(f"unpacks to {max(told, declared)} bytes; the limit is {MAX_CHUNK_BYTES}")
-    if compression == "zstd":
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=declared)
-    return bytes(lz4.frame.decompress(data)) if told else _lz4(data, declared)
-
-
-def _lz4(data: bytes, declared: int) -> bytes:
-    """An LZ4 frame that does not state its size, unpacked up to the size that the chunk states."""
-    return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=declared))

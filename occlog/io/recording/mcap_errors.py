@@ -14,12 +14,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
-from mcap.records import ChunkIndex
 from mcap.stream_reader import CRCValidationError
 from mcap.summary import Summary
 
@@ -27,10 +25,9 @@ from occlog.errors import InputError, OcclogError
 from occlog.io.files.content import RECORDING_MAGIC, mistaken_for
 from occlog.io.files.inputs import check_input
 
+from .chunks import MAX_CHUNK_BYTES, check_chunk
+
 FOOTER_BYTES = 9 + 20
-MAX_CHUNK_BYTES = 512 * 1024 * 1024
-"""A chunk may not unpack to more than this: ours are 1 MiB plus one image."""
-KNOWN_COMPRESSION = ("", "zstd", "lz4")
 SALVAGE = "`occlog recover {path} -o OUT.mcap`"
 """What to do with a damaged recording that cannot be copied again."""
 
@@ -81,7 +78,8 @@ def open_mcap(path: Path) -> Iterator[tuple[SeekingReader | NonSeekingReader, Su
             file.seek(0)
             yield NonSeekingReader(file, validate_crcs=True, record_size_limit=MAX_CHUNK_BYTES), summary
             return
-        _check_chunks(path, file, summary)
+        for index in summary.chunk_indexes:
+            check_chunk(path, file, index)
         yield seeking, summary
 
 
@@ -118,33 +116,6 @@ def _check_summary_crc(path: Path, file: IO[bytes]) -> None:
     found = zlib.crc32(file.read(size - 8 - 4 - start))
     if found != crc:
         raise InputError(f"{path}: damaged MCAP file: the index from byte {start} on has a wrong check sum")
-
-
-def _check_chunks(path: Path, file: IO[bytes], summary: Summary) -> None:
-    """Refuse chunks that would unpack to more memory than any honest file needs, before they are unpacked."""
-    for index in summary.chunk_indexes:
-        if index.compression not in KNOWN_COMPRESSION:
-            raise InputError(
-                f"{path}: chunk at byte {index.chunk_start_offset}: unknown compression {index.compression!r}"
-            )
-        declared = max(index.uncompressed_size, _packed_size(file, index))
-        if declared > MAX_CHUNK_BYTES:
-            raise InputError(
-                f"{path}: chunk at byte {index.chunk_start_offset} unpacks to {declared} bytes; "
-                f"the limit is {MAX_CHUNK_BYTES}"
-            )
-
-
-def _packed_size(file: IO[bytes], index: ChunkIndex) -> int:
-    """Size that the compressed frame itself declares; the chunk's own figure is not binding."""
-    if not index.compression:
-        return int(index.compressed_size)
-    # Chunk header: opcode, length, start, end, size, CRC, then the compression's name and the data's length.
-    file.seek(index.chunk_start_offset + 9 + 8 + 8 + 8 + 4 + 4 + len(index.compression) + 8)
-    head = file.read(32)
-    if index.compression == "zstd":
-        return max(int(zstandard.frame_content_size(head)), 0)
-    return int(lz4.frame.get_frame_info(head)["content_size"])
 
 
 def read_attachment(path: Path, file: IO[bytes], offset: int, length: int) -> bytes:

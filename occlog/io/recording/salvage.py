@@ -23,13 +23,14 @@ from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC
 from occlog.io.files.inputs import check_input
 
-from .mcap_errors import FOOTER_BYTES, KNOWN_COMPRESSION, MAX_CHUNK_BYTES, check_summary
+from .chunks import CHUNK as CHUNK_HEAD
+from .chunks import KNOWN_COMPRESSION, MAX_CHUNK_BYTES, ChunkHead, chunk_head
+from .mcap_errors import FOOTER_BYTES, check_summary
 
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, STATISTICS, METADATA, DATA_END = 2, 3, 4, 5, 6, 9, 11, 12, 15
 LAST_CODE = DATA_END
 """Codes of records that the format defines go up to this one."""
 _HEAD = struct.Struct("<BQ")
-_CHUNK = struct.Struct("<QQQI")
 _LENGTH = struct.Struct("<I")
 _MARKS = tuple(_LENGTH.pack(len(name)) + name.encode() for name in KNOWN_COMPRESSION if name)
 """The name of the compression as it stands in the head of a chunk."""
@@ -124,9 +125,9 @@ def _one(file: IO[bytes], at: int, code: int, length: int, damaged: Tell) -> Ite
         yield Record(code, data, at)
         return
     try:
-        packed, compression, declared, crc = _chunk(data)
-        records = _unpacked(packed, compression, declared)
-        if len(records) != declared or (crc and zlib.crc32(records) != crc):
+        head = chunk_head(data)
+        records = _unpacked(data, head)
+        if len(records) != head.declared or (head.crc and zlib.crc32(records) != head.crc):
             raise ValueError("wrong check sum")
     except FAILURES as error:
         reason = " ".join(str(error).split())[:80] or "data end early"
@@ -139,24 +140,17 @@ def _cut_chunk(file: IO[bytes], at: int, size: int, damaged: Tell) -> Iterator[R
     """The complete records of a chunk in which the file was cut."""
     file.seek(at + _HEAD.size)
     try:
-        packed, compression, declared, _ = _chunk(file.read(min(size - at, MAX_CHUNK_BYTES)))
-        records = _unpacked(packed, compression, declared)
+        data = file.read(min(size - at, MAX_CHUNK_BYTES))
+        records = _unpacked(data, chunk_head(data))
     except FAILURES:
         records = b""
     yield from _split(records, at)
     damaged(at, "the file is cut within a chunk; what is complete before the cut is kept, without a check sum")
 
 
-def _chunk(data: bytes) -> tuple[bytes, str, int, int]:
-    """Packed records, their compression, their declared size and check sum of a chunk."""
-    _, _, declared, crc = _CHUNK.unpack_from(data)
-    (n,) = _LENGTH.unpack_from(data, _CHUNK.size)
-    begin = _CHUNK.size + _LENGTH.size
-    return data[begin + n + 8 :], data[begin : begin + n].decode(), declared, crc
-
-
-def _unpacked(packed: bytes, compression: str, declared: int) -> bytes:
-    """As much of the declared records as the packed bytes hold, and no more; ValueError: too much is declared."""
+def _unpacked(data: bytes, head: ChunkHead) -> bytes:
+    """As much of the declared records as a chunk's data hold, and no more; ValueError: too much is declared."""
+    packed, compression, declared = data[head.begin :], head.compression, head.declared
     if compression not in KNOWN_COMPRESSION:
         raise ValueError(f"unknown compression {compression!r}")
     if declared > MAX_CHUNK_BYTES:
@@ -191,7 +185,7 @@ def _split(records: bytes, at: int) -> Iterator[Record]:
 
 def _next_chunk(file: IO[bytes], at: int, size: int) -> int | None:
     """Where the next record begins that looks like a whole compressed chunk; None: there is none."""
-    before = _HEAD.size + _CHUNK.size  # of the name of the compression
+    before = _HEAD.size + CHUNK_HEAD.size  # of the name of the compression
     longest = max(map(len, _MARKS))
     begin = at
     while begin < size:

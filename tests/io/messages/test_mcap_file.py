@@ -12,8 +12,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from occlog.io.messages.bag import is_bag, open_bag
-from occlog.io.messages.mcap_file import McapFile, unpacked
-from occlog.io.recording.mcap_errors import MAX_CHUNK_BYTES
+from occlog.io.messages.mcap_file import McapFile
+from occlog.io.recording.chunks import MAX_CHUNK_BYTES, unpacked
 
 
 def write(path: Path, compression: CompressionType = CompressionType.ZSTD, *, chunks: bool = True) -> Path:

@@ -10,7 +10,8 @@ from mcap.writer import CompressionType, Writer
 
 from occlog.errors import InputError
 from occlog.io.files.content import RECORDING_MAGIC
-from occlog.io.recording.mcap_errors import FOOTER_BYTES, MAX_CHUNK_BYTES, open_mcap, read_attachment
+from occlog.io.recording.chunks import MAX_CHUNK_BYTES
+from occlog.io.recording.mcap_errors import FOOTER_BYTES, open_mcap, read_attachment
 
 NOTE = b"what the attachment says"
 
@@ -58,7 +59,8 @@ def test_a_chunk_may_declare_so_many_bytes_and_no_more(tmp_path: Path) -> None:
     declared = data.rindex(b"zstd") + 4 + 8  # behind the compressed size of the index entry
     with open_mcap(patched(path, data, declared, struct.pack("<Q", MAX_CHUNK_BYTES))) as (_, summary):
         assert summary is not None
-    with pytest.raises(InputError, match=f"unpacks to {MAX_CHUNK_BYTES + 1} bytes; the limit is {MAX_CHUNK_BYTES}"):
+    refused = f"unpacks to {MAX_CHUNK_BYTES + 1} bytes or more; the limit is {MAX_CHUNK_BYTES}"
+    with pytest.raises(InputError, match=refused):
         messages(patched(path, data, declared, struct.pack("<Q", MAX_CHUNK_BYTES + 1)))
 
 

@@ -1,0 +1,114 @@
+"""Chunks of MCAP files: what they unpack to, bounded by the bytes that come out and not by what somebody declares.
+
+Three places state a size: the index, the head of the chunk and the head of the packed data.  Each may lie, and
+LZ4 need not state any.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.records import ChunkIndex
+
+from occlog.errors import InputError
+
+MAX_CHUNK_BYTES = 128 * 1024 * 1024
+"""A chunk may not unpack to more than this: ours are 1 MiB plus one image, those of other recorders a few MiB."""
+KNOWN_COMPRESSION = ("", "zstd", "lz4")
+_RECORD = struct.Struct("<BQ")
+CHUNK = struct.Struct("<QQQI")
+"""Times of a chunk, the size of its records and their check sum, before the name of the compression."""
+_LENGTH = struct.Struct("<I")
+_LZ4_GROWTH = 255
+"""LZ4 unpacks to at most so many times its size: a byte stands for 255 bytes of a match that goes on."""
+_PART = 1 << 16
+_FRAME_HEAD = 32
+"""Bytes that are enough for the head of packed data."""
+
+
+class ChunkHead(NamedTuple):
+    """What a chunk says of itself.
+
+    Attributes:
+        declared: size of its records, unpacked [bytes].
+        crc: check sum of the unpacked records; 0: none.
+        compression: one of `KNOWN_COMPRESSION`, or another word.
+        begin: where the packed records begin, counted from the chunk's data.
+    """
+
+    declared: int
+    crc: int
+    compression: str
+    begin: int
+
+
+def chunk_head(data: bytes) -> ChunkHead:
+    """The head of a chunk's data; struct.error or UnicodeDecodeError where there is none."""
+    _, _, declared, crc = CHUNK.unpack_from(data)
+    (n,) = _LENGTH.unpack_from(data, CHUNK.size)
+    name = CHUNK.size + _LENGTH.size
+    return ChunkHead(declared, crc, data[name : name + n].decode(), name + n + 8)
+
+
+def unpacked(data: bytes, compression: str, declared: int) -> bytes:
+    """Unpacked records of a chunk; ValueError where they are more than is declared or may be."""
+    told = max(declared, stated_size(data, compression))
+    if told > MAX_CHUNK_BYTES:
+        raise ValueError(f"unpacks to {told} bytes; the limit is {MAX_CHUNK_BYTES}")
+    if not compression:
+        return data
+    if compression == "zstd":
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=declared)
+    out = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=declared + 1))
+    if len(out) > declared:
+        raise ValueError(f"unpacks to more than the {declared} bytes that it declares")
+    return out
+
+
+def stated_size(data: bytes, compression: str) -> int:
+    """Size that packed data state of themselves [bytes], 0 where they do not; ValueError for another compression."""
+    if compression == "zstd":
+        return max(int(zstandard.frame_content_size(data)), 0)
+    if compression == "lz4":
+        return int(lz4.frame.get_frame_info(data)["content_size"])
+    if compression:
+        raise ValueError(f"unknown compression {compression!r}")
+    return len(data)
+
+
+def check_chunk(path: Path, file: IO[bytes], index: ChunkIndex) -> None:
+    """InputError for a chunk that would unpack to more memory than any honest file needs, before it is unpacked.
+
+    LZ4 that is large enough to hold more than the limit is unpacked in parts, of which none is kept.
+    """
+    where = f"{path}: chunk at byte {index.chunk_start_offset}"
+    file.seek(index.chunk_start_offset + _RECORD.size)
+    start = file.read(CHUNK.size + _LENGTH.size + max(map(len, KNOWN_COMPRESSION)) + 8 + _FRAME_HEAD)
+    head = chunk_head(start)
+    for name in (index.compression, head.compression):
+        if name not in KNOWN_COMPRESSION:
+            raise InputError(f"{where}: unknown compression {name!r}")
+    (packed,) = struct.unpack_from("<Q", start, head.begin - 8)
+    size = max(index.uncompressed_size, head.declared)
+    size = max(size, stated_size(start[head.begin :], head.compression) if head.compression else packed)
+    if head.compression == "lz4" and size <= MAX_CHUNK_BYTES < packed * _LZ4_GROWTH:
+        file.seek(index.chunk_start_offset + _RECORD.size + head.begin)
+        size = _lz4_size(file, packed)
+    if size > MAX_CHUNK_BYTES:
+        raise InputError(f"{where} unpacks to {size} bytes or more; the limit is {MAX_CHUNK_BYTES}")
+
+
+def _lz4_size(file: IO[bytes], packed: int) -> int:
+    """Bytes that come of LZ4 that begins here; counting stops beyond the limit."""
+    unpacker, size = lz4.frame.LZ4FrameDecompressor(), 0
+    while packed > 0 and not unpacker.eof and size <= MAX_CHUNK_BYTES:
+        part = file.read(min(_PART, packed))
+        if not part:
+            break
+        packed -= len(part)
+        size += len(unpacker.decompress(part))
+    return size
