@@ -8,7 +8,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from occlog.errors import UsageError
-from occlog.papers.ercan import accuracy, baselines, joint_states, recorded_figures, selection, speed, square
+from occlog.papers.ercan import (
+    accuracy,
+    baselines,
+    joint_states,
+    recorded_figures,
+    selection,
+    selection_period,
+    speed,
+    square,
+)
 from occlog.papers.ercan import equations as ercan_equations
 from occlog.papers.ercan import statements as ercan_statements
 from occlog.papers.lee import equations as lee_equations
@@ -56,6 +65,7 @@ PAPERS: dict[str, tuple[Experiment, ...]] = {
         ercan_equations.EQUATIONS,
         baselines.BASELINES,
         joint_states.JOINT_STATES,
+        selection_period.SELECTION_PERIOD,
         *square.EXPERIMENTS,
         speed.FIG10,
         selection.FIG12,

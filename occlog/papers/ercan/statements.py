@@ -38,6 +38,10 @@ SOURCES: Sources = {
     "baselines-sharp": OWN,
     "baselines-false": OWN,
     "baselines-priors": OWN,
+    "selection-period": Source(
+        "Sec. 5",
+        "a smaller T would result in a more up-to-date set of cameras [...], hence a better tracking performance",
+    ),
     "joint": Source("Sec. 4.4", "becomes computationally prohibitive for a large number of objects"),
     "joint-error": OWN,
     "fig6": Source("Fig. 6, Sec. 6.1"),

@@ -10,6 +10,7 @@ import pytest
 from occlog.errors import UsageError
 from occlog.io.scenes.scene import scene_from_yaml
 from occlog.papers import catalogue
+from occlog.papers.ercan import selection_period
 from occlog.papers.ercan.accuracy import fig17, judge17
 from occlog.papers.ercan.blocking import FORMS
 from occlog.papers.ercan.scenes import L_ORDER, LAB_ORDER, LAB_SIZE, SQUARE_ORDER, l_room, lab, square_room
@@ -19,7 +20,8 @@ from occlog.papers.verdicts.model import Experiment, Size
 from occlog.papers.verdicts.verdicts import find
 from occlog.pipeline.sweep.engine import run_all
 
-ERCAN = ["equations", "baselines", "joint", "fig6", "fig7", "fig8", "fig9", "fig10", "fig12", "fig14", "fig15", "fig17"]
+ERCAN = ["equations", "baselines", "joint", "selection-period", "fig6", "fig7", "fig8", "fig9", "fig10", "fig12"]
+ERCAN += ["fig14", "fig15", "fig17"]
 
 
 @pytest.mark.parametrize(
@@ -103,3 +105,15 @@ def test_small_fig17() -> None:
     assert errors[0] < 0.07
     assert errors[1] < 0.025
     assert {x.verdict for x in judge17(table)} == {"reproduced"}
+
+
+@pytest.mark.parametrize(("slope", "word"), [(0.01, "reproduced"), (0.0, "not reproduced"), (-0.01, "not reproduced")])
+def test_selections_are_compared_by_the_time_between_them(slope: float, word: str) -> None:
+    def trials(specs):
+        assert {s["select"]["count"] for s in specs} == {selection_period.COUNT}
+        return [{"rmse": 3.0 + slope * s["select"]["every"] + 0.001 * (s["run"] % 3)} for s in specs]
+
+    table = selection_period.by_period(Size(10, 40), trials)
+    assert [r.x for r in table] == list(selection_period.PERIODS)
+    (found,) = selection_period.judge(table)
+    assert (found.verdict, found.measured) == (word, pytest.approx(12.0 * slope))
