@@ -41,7 +41,8 @@ COMPARED = (
     input_option(
         "--truth",
         kinds=(IMAGES, GROUND, OTHERS),
-        help="True positions or boxes: a recording or a table, or MOTChallenge text.",
+        help="True positions or boxes: a recording or a table; for tracks in images also MOTChallenge text, XML "
+        "(PETS), VATIC's or KITTI's text.",
     ),
     input_option("--bearings", kinds=WORLD, help="Bearings: for detections, bound, sight lines."),
     input_option(

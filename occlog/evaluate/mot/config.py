@@ -156,6 +156,24 @@ class ManyConfig(Settings):
         shown="all",
         kinds=(IMAGES,),
     )
+    fps: float | None = setting(
+        None,
+        "Frame rate of a truth that counts frames (XML, VATIC, KITTI, MOTChallenge text), for times in tables.",
+        above=0,
+        at_most=1e6,
+        option="--fps",
+        metavar="RATE",
+        nothing="that of the tracks, or 25",
+        kinds=(IMAGES,),
+    )
+    first_number: int | None = setting(
+        None,
+        "Number of frame 0 in true boxes in XML.",
+        at_least=0,
+        option="--first-number",
+        nothing="0",
+        kinds=(IMAGES,),
+    )
     frames: tuple[int, int] | None = setting(
         None, "First frame to compare, and the one after the last.", counts=(2,), kinds=(IMAGES,)
     )

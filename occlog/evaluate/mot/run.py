@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from fractions import Fraction
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,7 +25,6 @@ from occlog.io.files.csv_rows import first_line, is_header
 from occlog.io.files.frame_times import FrameTimes
 from occlog.io.files.json_file import write_json
 from occlog.io.files.parquet import write_table
-from occlog.io.frames.video_stream import rate_times
 from occlog.io.open import of_others, open_if_ours, open_input
 from occlog.records.scene import Scene
 from occlog.records.tables import Boxes, TruthBoxes
@@ -34,6 +32,14 @@ from occlog.records.views import ViewTracks, boxes_of_ellipses
 from occlog.settings import configure
 from occlog.track.images.run.provenance import born_from_detections, other_video, own_notes
 
+from .annotations import (
+    MAX_FRAMES,
+    annotation_format,
+    check_counted,
+    frame_times,
+    read_annotation,
+    timed_like,
+)
 from .apart import line_of_errors_apart
 from .classes import pedestrians
 from .config import ManyConfig
@@ -43,10 +49,6 @@ from .truth_and_tracks import TruthAndTracks, boxes_in_true_frames, frame_rate, 
 
 B = TypeVar("B", bound=Boxes)
 TEXT = (".txt", ".csv")
-RATE = Fraction(25)
-"""Frames a second of MOTChallenge text, which has no times."""
-MAX_FRAMES = 2_000_000
-"""Most frames of text; the truth has a row for each of them."""
 
 
 def in_images(path: Path | None) -> bool:
@@ -89,20 +91,25 @@ def compared_boxes(
     """
     if paths.tracks is None or paths.truth is None:
         raise UsageError("tracks in images need --truth: a recording or a table with true boxes, or MOTChallenge text")
-    text = _is_text(paths.tracks)
+    text, counted = _is_text(paths.tracks), annotation_format(paths.truth)
     ours = None if text else open_input(paths.tracks)
     named = ours is not None and ours.has(ViewTracks)
     born = born_from_detections(paths.tracks)
     own = "label" if named and not born else "start"
     config = configure(ManyConfig(), {"own": own, "overlap": overlap, **given})
-    by_number = text or _is_text(paths.truth)
+    in_text = counted is None and _is_text(paths.truth)
+    by_number = text or in_text or counted is not None
+    check_counted(paths.truth, counted, in_text, config)
     if config.gospa_cutoff is not None and config.gospa_cutoff > 1:
         raise UsageError(
             f"--gospa-cutoff {config.gospa_cutoff:g}: boxes are at most 1 apart (1 - IoU); in pixels "
             "there is --gospa-px"
         )
-    rule = _benchmark(paths.truth, config)
-    tracks, truth, scene = _read_both(paths.tracks, paths.truth, config, rule)
+    rule = _benchmark(paths.truth, config, in_text)
+    if counted is None:
+        tracks, truth, scene = _read_both(paths.tracks, paths.truth, config, rule)
+    else:
+        (tracks, truth), scene = _read_annotated(paths.tracks, paths.truth, config, counted), None
     with _named({"tracks": paths.tracks, "truth": paths.truth}):
         looked = _strings(ours.provenance.parameters.get("cameras")) if named and ours is not None else ()
         compared = boxes_in_true_frames(tracks, truth, config, by_number=by_number, looked=looked)
@@ -111,9 +118,9 @@ def compared_boxes(
     return compared, config, scene
 
 
-def _benchmark(truth: Path, config: ManyConfig) -> str:
-    """The rules for classes: as asked for, or as the columns of the truth want them."""
-    classes = _is_text(truth) and not is_blank(truth) and has_classes(truth)
+def _benchmark(truth: Path, config: ManyConfig, text: bool) -> str:
+    """The rules for classes: as asked for, or as the columns of the truth want them if it is MOTChallenge text."""
+    classes = text and not is_blank(truth) and has_classes(truth)
     if config.benchmark == "auto":
         return "mot17" if classes else "mot15"
     if config.benchmark in DISTRACTORS and not classes:
@@ -156,16 +163,28 @@ def _read_both(tracks: Path, truth: Path, config: ManyConfig, rule: str) -> tupl
     """Tracks and truth; text is of the camera that the other file has.  With classes the truth has all its rows."""
     if not _is_text(truth):
         boxes, scene = _read_truth(truth)
-        ours = _read_text(tracks, _sole_camera(truth, boxes, config), Boxes) if _is_text(tracks) else None
+        ours = _read_text(tracks, _sole_camera(truth, boxes, config), Boxes, config) if _is_text(tracks) else None
         return _read_tracks(tracks) if ours is None else ours, boxes, scene
-    if _is_text(tracks):
-        name = config.cameras[0] if config.cameras else "view"
-        found = _read_text(tracks, name, Boxes)
-    else:
-        found = _read_tracks(tracks)
-        name = _sole_camera(tracks, found, config)
+    found, name = _tracks_of_one(tracks, config)
     last = int(found.frame[found.sensor == name].max(initial=-1))
-    return found, _read_text(truth, name, TruthBoxes, last, marked=rule not in DISTRACTORS), None
+    boxes = _read_text(truth, name, TruthBoxes, config, last, marked=rule not in DISTRACTORS)
+    return found, boxes if _is_text(tracks) else timed_like(boxes, found, name, config, truth), None
+
+
+def _read_annotated(tracks: Path, truth: Path, config: ManyConfig, counted: str) -> tuple[Boxes, TruthBoxes]:
+    """Tracks, and truth in a format of an annotation tool, which is of one camera of theirs."""
+    found, name = _tracks_of_one(tracks, config)
+    boxes = read_annotation(truth, counted, name, config)
+    return found, boxes if _is_text(tracks) else timed_like(boxes, found, name, config, truth)
+
+
+def _tracks_of_one(path: Path, config: ManyConfig) -> tuple[Boxes, str]:
+    """Tracks, and the camera that a truth of one camera without its name is of."""
+    if not _is_text(path):
+        found = _read_tracks(path)
+        return found, _sole_camera(path, found, config)
+    name = config.cameras[0] if config.cameras else "view"
+    return _read_text(path, name, Boxes, config), name
 
 
 def _read_tracks(path: Path) -> Boxes:
@@ -187,12 +206,14 @@ def _sole_camera(path: Path, boxes: Boxes, config: ManyConfig) -> str:
     return str(names[0])
 
 
-def _read_text(path: Path, camera: str, table: type[B], last: int | None = None, *, marked: bool = False) -> B:
+def _read_text(
+    path: Path, camera: str, table: type[B], config: ManyConfig, last: int | None = None, *, marked: bool = False
+) -> B:
     """MOTChallenge text; rows that are marked as not to be counted (0) are left out if `marked`.
 
     The truth knows of all frames from the first one on, also of those up to `last` that come after its rows.
     """
-    times: dict[str, FrameTimes] = {camera: rate_times(RATE, "assumed")}
+    times: dict[str, FrameTimes] = {camera: frame_times(config)}
     if is_blank(path):
         empty = fill_frames(iter(()), table, [camera], 0, 0 if last is None else last + 1, times)
         return table.concat(empty) if last is not None else table.empty()

@@ -74,6 +74,8 @@ def _frames(path: Path, first_number: int) -> Iterator[tuple[int, list[Row]]]:
         if element.tag != "frame":
             continue
         frame = _whole(element, "number", str(path)) - first_number
+        if frame < 0:
+            raise InputError(f"{path}: frame {frame + first_number} is before the first number, {first_number}")
         if frame <= last:
             raise InputError(f"{path}: frame {frame + first_number} does not come after the one before it; sort them")
         yield frame, _objects(element, frame, f"{path}: frame {frame + first_number}")

@@ -99,6 +99,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 EVALUATE = ["evaluate", "view_tracks.parquet", "--truth", "recording.mcap"]
+XML = ["evaluate", "view_tracks.parquet", "--truth", "boxes.xml", "--camera", "east"]
 
 
 def figures(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, float]:
@@ -155,6 +156,56 @@ def test_files_of_other_programs_give_the_same_figures(folder: Path, capsys: pyt
     # Names of another program are of no target: each track belongs to the first that it is on.
     got = figures(["evaluate", text, "--truth", true], capsys)
     assert got["label_failures"] == own["label_failures"]
+
+
+def annotated(folder: Path, first: int = 0) -> dict[str, Path]:
+    """True boxes of `east` as annotation tools write them; XML counts frames from `first`."""
+    boxes = true_boxes()
+    boxes = boxes.take(boxes.sensor == "east")
+    xml, vatic, kitti = ["<dataset>"], [], []
+    for number in range(FRAMES):
+        xml.append(f'<frame number="{number + first}"><objectlist>')
+        for k in np.flatnonzero(boxes.frame == number).tolist():
+            who, left, top = int(boxes.target_id[k]), float(boxes.left_px[k]), float(boxes.top_px[k])
+            xml.append(f'<object id="{who}"><box xc="{left + 15}" yc="{top + 10}" w="30" h="20"/></object>')
+            edges = f"{left:g} {top:g} {left + 30:g} {top + 20:g}"
+            vatic.append(f'{who} {edges} {number} 0 0 0 "PERSON"')
+            kitti.append(f"{number} {who} Pedestrian 0 0 -10 {edges} -1 -1 -1 -1000 -1000 -1000 -10")
+        xml.append("</objectlist></frame>")
+    made = {"boxes.xml": [*xml, "</dataset>"], "vatic.txt": vatic, "kitti.txt": kitti}
+    for name, lines in made.items():
+        (folder / name).write_text("\n".join(lines) + "\n")
+    return {name: folder / name for name in made}
+
+
+@pytest.mark.parametrize("name", ["boxes.xml", "vatic.txt", "kitti.txt"])
+def test_truth_of_annotation_tools_gives_the_figures_of_a_recording(
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    annotated(folder)
+    one = ["--camera", "east"]
+    own = figures([*EVALUATE, *one, "--failures", "of_recording.parquet"], capsys)
+    assert own["id_switches"] == 2
+    asked = ["evaluate", "view_tracks.parquet", "--truth", name, *one]
+    assert figures([*asked, "--fps", "25", "--failures", "f.parquet"], capsys) == own
+    found, wanted = (read_table(folder / f, Failures) for f in ("f.parquet", "of_recording.parquet"))
+    assert np.array_equal(found.t_ns, wanted.t_ns)
+    assert np.array_equal(found.target_id, wanted.target_id)
+    assert run([*EVALUATE, "--mot", "mot", "-q"]) == ExitCode.DONE
+    capsys.readouterr()
+    text = ["evaluate", "mot/trackers/MOT17-train/view_tracks/data/east.txt", "--truth", name, "--own", "label"]
+    assert figures([*text, "--fps", "7", "--mot", "of_text"], capsys) == own
+    assert "frameRate=7" in (folder / "of_text/gt/MOT17-train/view/seqinfo.ini").read_text()
+    part = ["--frames", "0:6"]
+    assert figures([*asked, *part], capsys) == figures([*EVALUATE, *one, *part], capsys)
+
+
+def test_the_first_number_of_xml(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = figures([*EVALUATE, "--camera", "east"], capsys)
+    annotated(folder, first=1)
+    asked = ["evaluate", "view_tracks.parquet", "--truth", "boxes.xml", "--camera", "east"]
+    assert figures([*asked, "--first-number", "1"], capsys) == own
+    assert figures(asked, capsys) != own
 
 
 def test_text_with_any_confidence_and_truth_that_does_not_count(
@@ -260,7 +311,7 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
         ([*EVALUATE, "--gospa-px", "nan"], 2, "nan is not a finite number"),
         ([*EVALUATE, "--gospa-p", "inf"], 2, "inf is not a finite number"),
         ([*EVALUATE, "--box-overlap", "nan"], 2, "nan is not a finite number"),
-        ([*EVALUATE, "--bearings", "b.parquet"], 2, "--bearings is for TRACKS on the ground"),
+        ([*EVALUATE, "--bearings", "truth.parquet"], 2, "--bearings is for TRACKS on the ground"),
         ([*EVALUATE, "--match-distance", "1"], 2, "--match-distance is for TRACKS on the ground"),
         ([*EVALUATE, "--gospa-cutoff", "3"], 2, "at most 1 apart"),
         ([*EVALUATE, "--camera", "west"], 4, "recording.mcap: no camera west; there is east, north"),
@@ -273,6 +324,15 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
         (["evaluate", "short.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "3 columns"),
         (["evaluate", "header.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "begins with a header"),
         (["evaluate", "kitti.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "is KITTI text"),
+        ([*EVALUATE, "--fps", "25"], 2, "--fps is for a truth that counts frames"),
+        ([*EVALUATE, "--first-number", "1"], 2, "--first-number is for true boxes in XML"),
+        ([*XML, "--fps", "7"], 2, "--fps 7: the tracks have 25 frames a second"),
+        ([*XML, "--first-number", "4"], 4, "boxes.xml: frame 3 is before the first number, 4"),
+        ([*XML, "--frames", "90:99"], 4, "boxes.xml: has no true box in frames 90:99"),
+        (XML[:-2], 2, "has cameras east, north; say with --camera"),
+        (["evaluate", "twice.txt", "--truth", "far.xml"], 4, "twice.txt: their frames (2 to 2) are none"),
+        ([*XML[:3], "far.xml", *XML[4:]], 4, "far.xml: frame 90000000; there may be 2000000 frames"),
+        ([*XML[:3], "cut.xml", *XML[4:]], 4, "cut.xml: line 1: not XML"),
         (["evaluate", "twice.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "frame 2: target 1 twice"),
         (["evaluate", "twice.txt", "--truth", "recording.mcap"], 2, "--camera"),
         (["evaluate", "late.txt", "--truth", "recording.mcap", "--camera", "east"], 4, "frames (99 to 99) are none"),
@@ -290,6 +350,10 @@ def test_tables_are_shown_and_compared(folder: Path, capsys: pytest.CaptureFixtu
 def test_bad_input(
     folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: str
 ) -> None:
+    frame = '<frame number="{}"><object id="1"><box xc="9" yc="9" w="4" h="4"/></object></frame>'
+    (folder / "boxes.xml").write_text(f"<dataset>{frame.format(3)}</dataset>")
+    (folder / "far.xml").write_text(f"<dataset>{frame.format(90000000)}</dataset>")
+    (folder / "cut.xml").write_text(f"<dataset>{frame.format(3)}")
     (folder / "broken.txt").write_text("1,1,10,10,20,20,1\n2,1,ten,10,20,20,1\n")
     (folder / "short.txt").write_text("1,1,10\n")
     (folder / "kitti.txt").write_text("0 1 Pedestrian 0 0 -10 10 10 20 20 -1 -1 -1 -1000 -1000 -1000 -10\n")
