@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from occlog.papers.catalogue import SOURCES
 from occlog.papers.ercan import equations as ercan
 from occlog.papers.lee import equations as lee
 from occlog.papers.rahimi import equations as rahimi
 from occlog.papers.verdicts.model import Experiment, Size
+from occlog.papers.verdicts.source import source_of
 from occlog.papers.verdicts.verdicts import find
 
 NOT, DONE = "not reproduced", "reproduced"
@@ -49,6 +51,12 @@ def test_rahimi_open_dimensions(speed: bool, cameras: int, left: int) -> None:
 @pytest.fixture(scope="module")
 def ercan_table() -> list[ercan.Row]:
     return ercan.equations(Size(4, 12), lambda specs: [{} for _ in specs])
+
+
+def test_every_statement_has_its_place(ercan_table: list[ercan.Row]) -> None:
+    ids = {"lee": lee.STATEMENTS, "rahimi": rahimi.STATEMENTS, "ercan": [x.id for x in ercan.judge(ercan_table)]}
+    for paper, keys in ids.items():
+        assert [key for key in keys if source_of(key, SOURCES[paper]) is None] == []
 
 
 def test_ercan_noise_and_cameras(ercan_table: list[ercan.Row]) -> None:

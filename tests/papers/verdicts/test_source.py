@@ -28,4 +28,5 @@ def test_every_experiment_of_the_papers_on_cameras_has_places() -> None:
     for paper in ("ercan", "rahimi", "qu"):
         begins = {key.split("-")[0] for key in SOURCES[paper]}
         for e in PAPERS[paper]:
-            assert e.item.split("-")[0] in begins, (paper, e.item)
+            # Ids of printed equations have the equation's number, and no name of an experiment
+            assert e.item == "equations" or e.item.split("-")[0] in begins, (paper, e.item)
