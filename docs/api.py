@@ -22,7 +22,9 @@ def api_page() -> str:
         "# The Python API\n\nMade by `make docs` from the docstrings; [python.md](python.md) shows how it is used. "
         "Everything here is a name of `occlog`\nafter `import occlog`; what is not here may change. A `Source` is a "
         "path, a `Table`, a `Recording`, a DataFrame of pandas or polars, anything\nelse that speaks the Arrow "
-        "PyCapsule interface, or a dict of columns; a `SceneSource` is one of these or a `Scene`.\n",
+        "PyCapsule interface, or a dict of columns; a `SceneSource` is one of these or a `Scene`.\nA "
+        "`File` is a path; `Files` are one, several, or a dict of paths by the names of cameras or arrays;\n`Times` "
+        "are a number or a text, or a dict of these by such names.\n",
         "## Functions\n",
         *(f"### {name}\n\n{_signature(f'occlog.{name}', f)}\n\n{_text(f)}" for name, f in functions.items()),
         "## Classes\n",

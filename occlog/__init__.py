@@ -8,7 +8,7 @@ __version__ = "0.1.0"
 
 # Folders that are called like functions of the API: Python makes a folder an attribute of its package when it is loaded
 # first, here, so that it cannot replace the function later
-for _name in ("evaluate", "report", "simulate", "track"):
+for _name in ("evaluate", "ingest", "report", "simulate", "track"):
     __import__(f"{__name__}.{_name}")
     del globals()[_name]
 del _name

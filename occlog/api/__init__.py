@@ -7,6 +7,7 @@ from occlog.settings import SettingError
 
 from .detection import detect, fuse, fuse_tracks, label
 from .evaluation import evaluate
+from .ingestion import ingest
 from .pages import overlay, report
 from .recordings import Recording, Sensor, open, read, read_scene
 from .results import DetectResult, EvaluateResult, OcclogWarning, OverlayResult, ReportResult, Result, TrackResult
@@ -38,6 +39,7 @@ __all__ = [
     "evaluate",
     "fuse",
     "fuse_tracks",
+    "ingest",
     "label",
     "open",
     "overlay",

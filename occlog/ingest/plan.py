@@ -290,12 +290,17 @@ def _plain(value: object) -> object:
     return [_plain(v) for v in value] if isinstance(value, tuple) else value
 
 
+def is_name(text: str) -> bool:
+    """Whether a text can be the name of a sensor before `=`."""
+    return _NAME.match(text) is not None
+
+
 def pairs(values: Iterable[str], kind: Callable[[str], T]) -> tuple[tuple[str | None, T], ...]:
     """`NAME=VALUE` or `VALUE`: what stands before = is a name unless the whole is a file."""
     out: list[tuple[str | None, T]] = []
     for text in values:
         name, mark, value = text.partition("=")
-        if mark and value and _NAME.match(name) and not Path(text).exists():
+        if mark and value and is_name(name) and not Path(text).exists():
             out.append((name, kind(value)))
         else:
             out.append((None, kind(text)))
