@@ -78,6 +78,12 @@ TIMES = (
         metavar="[CAM=]TIME",
         help="Date and time (ISO 8601, UTC) or seconds since 1970 of the origin of the times. [default: 0]",
     ),
+    click.option(
+        "--offset",
+        multiple=True,
+        metavar="SENSOR=SECONDS",
+        help="Added to the times of a sensor whose clock is off: cam2=-0.4s where it is 0.4 s ahead.",
+    ),
     click.option("--fps", multiple=True, metavar="[CAM=]RATE", help="Frame rate, where no sidecar gives times."),
     click.option(
         "--frames",

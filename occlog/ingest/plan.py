@@ -15,6 +15,7 @@ from occlog.errors import UsageError
 from occlog.settings import Settings, setting
 
 from .layouts import laid_out
+from .offsets import offsets_of
 
 T = TypeVar("T")
 _NAME = re.compile(r"^[^\s,/=:]{1,64}$")
@@ -81,6 +82,7 @@ class IngestPlan(Settings):
     reads: tuple[Path, ...]
     start_time: tuple[tuple[str | None, str], ...]
     fps: tuple[tuple[str | None, str], ...]
+    offset: dict[str, int]  # ns
     frames: tuple[int, int] | None
 
     stamp: str = setting(
@@ -218,6 +220,7 @@ class IngestPlan(Settings):
             "boxes": (*pairs(values["boxes"], Path), *mot.items()),
             **{key: pairs(values[key], Path) for key in ("doa", "truth", "timestamps", "arrays")},
             **{key: pairs(values[key], str) for key in ("start_time", "fps", "topic")},
+            "offset": offsets_of(values["offset"]),
         }
         plan = cls(output=output, **taken, **settings)
         plan.check()

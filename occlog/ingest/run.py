@@ -38,6 +38,7 @@ from .agreement import checked
 from .bag import Placement, Taking, check_plan, check_truth_frames, look_into, place_cameras
 from .boxes import box_files, box_options, inside, known_cameras, truth_options
 from .boxes import survey as survey_of
+from .offsets import with_offsets
 from .plan import IngestPlan, files_in
 from .scene import Sized, add_bag_cameras, base_scene, fit_sizes, match_cameras
 from .sources import Failures, clock_of, open_sources, read_sidecars, start_of, sync_times, times_of
@@ -74,6 +75,7 @@ def run_ingest(plan: IngestPlan, *, overwrite: bool, quiet: bool) -> tuple[dict[
         in_bag = bag.found.map.cameras if bag else ()
         wanted = list(dict.fromkeys([*plan.video, *plan.images, *in_bag, *(survey.cameras if survey else ())]))
         scene = match_cameras(scene, wanted, plan, bag.placement.reasons if bag else {})
+        scene = with_offsets(scene, plan.offset)
         sources = open_sources(plan, scene, wanted, stack, done)
         if done.failures and not sources:
             raise done.failures[0]

@@ -12,6 +12,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from occlog import __version__
+from occlog.array_types import NS
+from occlog.errors import InputError
 from occlog.io.files.atomic import Together, open_output
 from occlog.io.files.provenance import Provenance
 from occlog.io.scenes.scene import scene_to_yaml
@@ -73,7 +75,8 @@ class RecordingWriter:
         With `together` the file, and those written with the attribute of this name, appear at its end.
         """
         self.together = together
-        self._output = open_output(Path(path), overwrite, together)
+        self._path = Path(path)
+        self._output = open_output(self._path, overwrite, together)
         self._scene, self._provenance = scene, provenance
         self._videos: dict[str, dict[str, str]] = {}
         self._channels: dict[str, int] = {}
@@ -134,6 +137,11 @@ class RecordingWriter:
         return self._channels[topic]
 
     def _add(self, channel: int, t_ns: int, data: bytes, sequence: int) -> None:
+        if t_ns < 0:
+            raise InputError(
+                f"{self._path}: a time of {t_ns / NS:.6g} s is before 1970, which a recording cannot hold; give the "
+                "origin of the times (ingest --start-time), or later times"
+            )
         self._writer.add_message(channel, log_time=t_ns, publish_time=t_ns, sequence=sequence, data=data)
         self.messages += 1
 

@@ -1,0 +1,94 @@
+"""`occlog ingest --offset`: times of sensors whose clocks are off."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from occlog.cli.main import run
+from occlog.errors import ExitCode, UsageError
+from occlog.ingest.offsets import MOST_S, offsets_of, with_offsets
+from occlog.io.recording.reader import open_recording
+from occlog.records.scene import Clock, MicrophoneArray, Scene
+from occlog.records.tables import Boxes, Doa
+
+SCENE = """occlog_scene: 1
+cameras:
+- {name: cam1, position: [0, 0, 3], yaw_deg: 45, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
+- {name: cam2, position: [9, 0, 3], yaw_deg: 135, focal_px: 320, image_size_px: [640, 480], noise: {read_px: 2}}
+microphone_arrays:
+- {name: mic, position: [5, 5], yaw_deg: 90}
+"""
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    """A scene, boxes of two cameras at 10 frames a second, and directions."""
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    rows = [f"{k},{name},10,20,30,60" for k in range(4) for name in ("cam1", "cam2")]
+    (tmp_path / "b.csv").write_text("frame,camera,left,top,width,height\n" + "\n".join(rows) + "\n")
+    (tmp_path / "d.csv").write_text("time,sensor,azimuth_deg\n1,mic,10\n3,mic,10\n")
+    return tmp_path
+
+
+def ingest(place: Path, *offsets: str) -> int:
+    given = ["--scene", str(place / "scene.yaml"), "--boxes", str(place / "b.csv"), "--fps", "10"]
+    given += ["--start-time", "1"]
+    given += ["--doa", str(place / "d.csv"), *(word for text in offsets for word in ("--offset", text))]
+    return run(["ingest", "-o", str(place / "out.mcap"), "--overwrite", "-q", *given])
+
+
+def test_offsets_are_added_and_recorded(place: Path) -> None:
+    assert ingest(place, "cam2=-0.4s", "mic=250ms") == ExitCode.DONE
+    recording = open_recording(place / "out.mcap")
+    boxes, doa = recording.read(Boxes), recording.read(Doa)
+    assert np.unique(boxes.t_ns[boxes.sensor == "cam1"]).tolist() == [
+        1_000_000_000,
+        1_100_000_000,
+        1_200_000_000,
+        1_300_000_000,
+    ]
+    late = boxes.t_ns[boxes.sensor == "cam2"]
+    assert np.unique(late).tolist() == [600_000_000, 700_000_000, 800_000_000, 900_000_000]
+    assert doa.t_ns.tolist() == [2_250_000_000, 4_250_000_000]
+    assert recording.provenance is not None
+    assert recording.provenance.parameters["offset"] == {"cam2": -400_000_000, "mic": 250_000_000}
+
+
+def test_an_offset_adds_to_the_clock_of_the_scene() -> None:
+    array = MicrophoneArray("mic", np.zeros(3), clock="late")
+    scene = with_offsets(Scene(arrays=(array,), clocks=(Clock("late", 5, 7.0),)), {"mic": 20})
+    named = {clock.name: clock for clock in scene.clocks}
+    own = named[str(scene.arrays[0].clock)]
+    assert (own.offset_ns, own.drift_ppm) == (-15, 7.0)
+    assert named["late"].offset_ns == 5
+
+
+@pytest.mark.parametrize(
+    ("text", "ns"),
+    [("a=1", 10**9), ("a=-.5", -5 * 10**8), ("a=2ms", 2 * 10**6), ("a=3us", 3000), (f"a={MOST_S:g}", 10**18)],
+)
+def test_units_of_time(text: str, ns: int) -> None:
+    assert offsets_of([text]) == {"a": ns}
+
+
+@pytest.mark.parametrize("text", ["a", "=1", "a=", "a=nan", "a=inf", "a=1h", "a=1.1e9", "1"])
+def test_what_is_no_offset_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="want SENSOR=SECONDS"):
+        offsets_of([text])
+
+
+def test_sensors_are_named_once_and_are_there(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ingest(place, "cam1=1", "cam1=2") == ExitCode.USAGE
+    assert "given twice" in capsys.readouterr().err
+    assert ingest(place, "cam3=1") == ExitCode.USAGE
+    assert "no sensor 'cam3'; did you mean 'cam" in capsys.readouterr().err
+    assert not (place / "out.mcap").exists()
+
+
+def test_times_before_1970_are_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ingest(place, "cam2=-1s") == ExitCode.DONE
+    assert ingest(place, "cam2=-1001ms") == ExitCode.BAD_INPUT
+    assert "a time of -0.001 s is before 1970, which a recording cannot hold" in capsys.readouterr().err
